@@ -20,6 +20,8 @@ pub struct PointCloud {
     pub colors: Option<Vec<[f32; 3]>>,
     /// Alpha in [0, 1].
     pub alphas: Option<Vec<f32>>,
+    /// Radii that the file gives its points; what isn't positive and finite means unknown.
+    pub radii: Option<Vec<f32>>,
     /// The row of the input that each point came from, before any was dropped; `None` where none was.
     pub rows: Option<Vec<u32>>,
     /// Properties that Surfel doesn't interpret.
@@ -62,6 +64,7 @@ impl PointCloud {
             ("normals", self.normals.as_ref().map(Column3::len)),
             ("colors", self.colors.as_ref().map(Vec::len)),
             ("alphas", self.alphas.as_ref().map(Vec::len)),
+            ("radii", self.radii.as_ref().map(Vec::len)),
             ("rows", self.rows.as_ref().map(Vec::len)),
             ("extras", self.extras.iter().map(|e| e.values.len()).find(|&n| n != expected)),
         ];
@@ -137,6 +140,9 @@ impl PointCloud {
             retain(c, keep);
         }
         if let Some(c) = &mut self.alphas {
+            retain(c, keep);
+        }
+        if let Some(c) = &mut self.radii {
             retain(c, keep);
         }
         for e in &mut self.extras {

@@ -52,7 +52,7 @@ pub use mesh::{
 };
 pub use options::{PointOptions, PointReport};
 pub use outliers::outliers;
-pub use points::splats_from_points;
+pub use points::{MOST_SPACINGS, OF_POINTS, splats_from_points};
 pub use progress::{NoProgress, Progress};
 #[cfg(feature = "sharp")]
 pub use sharp::{SharpErrors, SharpOptions, SharpPointsReport, SharpReport, sharp_splats_from_mesh, sharpen_points};

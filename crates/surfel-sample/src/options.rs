@@ -58,6 +58,11 @@ pub struct PointReport {
     pub normals_given: usize,
     /// Points whose normal was estimated.
     pub normals_estimated: usize,
+    /// Splats whose radius is the one that the file gives the point.
+    pub radii_given: usize,
+    /// Median of the radii that the file gives, over the cloud's spacing, where they are too large to be radii of
+    /// splats: they are a column of the splats then.
+    pub radii_too_large: Option<f64>,
     /// Points that coincide with an earlier one.
     pub duplicates: usize,
     /// How many of these are left out, because there are more in their place, to 2⁻³⁰ of the extent, than the options

@@ -14,13 +14,20 @@ use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud,
 /// Radius of a cloud that has no spacing (one point, or all of them in one place), in object units.
 const LONE_RADIUS: f64 = 1.0;
 
+/// Comment of a cloud whose splats were points: which axis is up is judged as of points.
+pub const OF_POINTS: &str = "made of points";
+
+/// Largest median of radii that a file gives its points, in spacings of the cloud: beyond it they are no splats' radii.
+pub const MOST_SPACINGS: f64 = 5.0;
+
 /// Makes a splat of each point.
 ///
 /// Normals that are there (finite, not zero) are kept; others are estimated from neighbours and oriented as
 /// [`PointOptions::viewpoint`] says; isolated points face it, or up: their neighbours are on no surface with them.
 /// Those among foliage, where neighbours lie in no surface either, face away from the middle of what is around them.
-/// Radii come from the local spacing, so that the surface closes; where sampling is stretched (scan lines) splats are
-/// ellipses, and the whole cloud then is [`Shape::Ellipses`]. Order, origin, colours, alphas, extras, up and comments
+/// Radii are those that the points have, unless their median exceeds [`MOST_SPACINGS`]. Others come from the local
+/// spacing, so that the surface closes; where sampling is stretched (scan lines) splats are ellipses, and the whole
+/// cloud then is [`Shape::Ellipses`]. Order, origin, colours, alphas, extras, up and comments
 /// carry over, and the cloud's `interior_weight` is set. It is declared oriented if no normal is given: estimated ones
 /// all point out of the same surface.
 ///
@@ -70,6 +77,9 @@ pub fn splats_from_points(
         }
     }
     let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
+    // One place alone has no spacing.
+    let spacing = if slots > 1 { sizes.typical * sorted.step } else { f64::INFINITY };
+    let given_radii = points.radii.as_deref().and_then(|radii| GivenRadii::new(radii, spacing, options, &mut report));
     let slot_of = sorted.into_slots();
 
     let mut source = Cow::Borrowed(points);
@@ -88,7 +98,7 @@ pub fn splats_from_points(
     }
     report.splats = source.len();
     report.ellipses = sizes.stretched;
-    let made = Made { slot_of, kept, oriented, given, scale };
+    let made = Made { slot_of, kept, oriented, given, given_radii, scale };
     if options.level_where_scattered {
         let is_level = |i: &u32| made.oriented[made.place(*i as usize).1].is_level();
         report.level = (0..report.splats as u32).filter(is_level).collect();
@@ -130,6 +140,32 @@ impl GivenNormals<'_> {
     }
 }
 
+/// A file's radii, where they are radii of splats.
+struct GivenRadii<'a> {
+    radii: &'a [f32],
+    scale: f64,
+}
+
+impl<'a> GivenRadii<'a> {
+    /// Radii of points that are this far apart; `None` where none is a radius, or they are too large.
+    fn new(radii: &'a [f32], spacing: f64, options: &PointOptions, report: &mut PointReport) -> Option<Self> {
+        let is_radius = |r: f32| r > 0.0 && r.is_finite();
+        let value = |i: usize| if is_radius(radii[i]) { radii[i] } else { 0.0 };
+        let times = f64::from(usual::median_of(radii.len(), value)?) / spacing;
+        if times > MOST_SPACINGS {
+            report.radii_too_large = Some(times);
+            return None;
+        }
+        Some(Self { radii, scale: options.radius_scale })
+    }
+
+    /// The radius of a point, scaled, if it has one.
+    fn get(&self, i: usize) -> Option<f32> {
+        let radius = self.radii.get(i).copied().filter(|r| *r > 0.0 && r.is_finite())?;
+        Some(assemble::radius32(f64::from(radius) * self.scale))
+    }
+}
+
 /// A unit normal for each slot: given where one of its points has one, else estimated and oriented.
 fn complete_normals(
     given: &GivenNormals,
@@ -158,6 +194,7 @@ struct Made<'a> {
     kept: Option<Vec<u32>>,
     oriented: Vec<Oriented>,
     given: GivenNormals<'a>,
+    given_radii: Option<GivenRadii<'a>>,
     /// Object units of a step, times what radii are to be multiplied by.
     scale: f64,
 }
@@ -172,8 +209,14 @@ impl Made<'_> {
     /// The shape column of all splats. Sizes are given up before their normals are laid out beside the radii.
     fn shape(self, sizes: Sizes, report: &mut PointReport) -> Shape {
         let count = report.splats;
-        let radius = |i: usize| assemble::radius32(sizes.radius(self.place(i).1) * self.scale);
-        if sizes.stretched == 0 {
+        let given_radius = |i: usize| self.given_radii.as_ref()?.get(self.place(i).0);
+        if self.given_radii.is_some() {
+            report.radii_given = (0..count).filter(|i| given_radius(*i).is_some()).count();
+        }
+        let estimated = |i: usize| assemble::radius32(sizes.radius(self.place(i).1) * self.scale);
+        let radius = |i: usize| given_radius(i).unwrap_or_else(|| estimated(i));
+        if sizes.stretched == 0 || self.given_radii.is_some() {
+            report.ellipses = 0;
             let radii = map_each(count, &NoProgress, || (), |(), i| radius(i));
             drop(sizes);
             report.median_radius = usual::median_of(count, |i| radii[i]).map_or(0.0, f64::from);

@@ -350,3 +350,36 @@ fn scattered_points_are_level_where_asked_and_close_from_above() {
     let (_, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
     assert!(report.level.is_empty());
 }
+
+#[test]
+fn given_radii_are_splats_up_to_five_spacings() {
+    // A grid of spacing 0.25, whose area per point is 0.0625.
+    let grid: Vec<DVec3> = (0..900).map(|i| DVec3::new(f64::from(i % 30), f64::from(i / 30), 0.0) * 0.25).collect();
+    let made = |radii: Vec<f32>, scale: f64| {
+        let cloud = PointCloud { radii: Some(radii), ..points(&grid, None) };
+        let options = PointOptions { radius_scale: scale, ..PointOptions::default() };
+        splats_from_points(&cloud, &options, &NoProgress).unwrap()
+    };
+    let (estimated, _) = splats_from_points(&points(&grid, None), &PointOptions::default(), &NoProgress).unwrap();
+    // Each as it is, also where they differ; what is no radius is estimated.
+    let own: Vec<f32> = (0..900).map(|i| [0.1, 0.2, 0.9, -1.0, f32::NAN, 0.0][i % 6]).collect();
+    let (cloud, report) = made(own, 1.0);
+    assert_eq!((report.radii_given, report.radii_too_large, report.normals_estimated), (450, None, 900));
+    assert!(matches!(cloud.data().shape, Shape::Disks { .. }));
+    for i in 0..900 {
+        let expected = [0.1_f32, 0.2, 0.9].get(i % 6).map_or(estimated.radius_max(i), |r| f64::from(*r));
+        assert_eq!(cloud.radius_max(i), expected, "{i}");
+        assert!(cloud.normal(i).z.abs() > 0.999);
+    }
+    assert_eq!(made(vec![0.5; 900], 3.0).0.radius_max(7), 1.5);
+    // The median counts, in spacings of the cloud.
+    assert_eq!(made(vec![1.2; 900], 1.0).0.radius_max(450), f64::from(1.2_f32));
+    let (cloud, report) = made(vec![1.3; 900], 1.0);
+    assert_eq!((report.radii_given, cloud), (0, estimated.clone()));
+    assert!((5.0..5.4).contains(&report.radii_too_large.unwrap()), "{:?}", report.radii_too_large);
+    let (cloud, report) = made(vec![0.0; 900], 1.0);
+    assert_eq!((report.radii_given, report.radii_too_large, cloud), (0, None, estimated));
+    // One place has no spacing that could say so.
+    let one = PointCloud { radii: Some(vec![40.0]), ..points(&[DVec3::ONE], None) };
+    assert_eq!(splats_from_points(&one, &PointOptions::default(), &NoProgress).unwrap().0.radius_max(0), 40.0);
+}
