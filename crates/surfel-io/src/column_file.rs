@@ -16,6 +16,7 @@ use crate::files::{Siblings, most_unpacked};
 use crate::format::Format;
 use crate::gzip;
 use crate::ply;
+use crate::ply::colors::FloatColors;
 use crate::point_columns::{Named, Roles};
 use crate::strided::{NumberType, Place, Strided};
 use glam::DVec3;
@@ -43,6 +44,8 @@ pub(crate) struct ColumnFile {
     /// Where the one scanner stood that all points were seen from.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
+    /// The meaning of float colours where types state what colours count to.
+    pub(crate) float_colors: FloatColors,
     /// Where the columns are, if not in the file itself.
     unpacked: Option<Arc<OpenFile>>,
 }
@@ -169,9 +172,11 @@ impl ColumnFile {
         let mut out = Unnamed::new(folder);
         // What E57 alone says.
         let (mut viewpoint, mut crs) = (None, Crs::default());
+        let mut float_colors = FloatColors::Linear;
         let (columns, mut roles) = match format {
             Format::Ply => {
                 let Some(vertices) = ply::points::Vertices::of(bytes)? else { return Ok(None) };
+                float_colors = vertices.float_colors();
                 let is_unpacked = vertices.unpack(bytes, &mut out)?;
                 vertices.columns(if is_unpacked { out.written()? } else { bytes }, is_unpacked)?
             }
@@ -223,11 +228,22 @@ impl ColumnFile {
             is_four_bytes
         });
         let unpacked = out.finished.map(Arc::new);
-        Ok(Some(Self { format, names, places, roles, rows, notes: context.notes, viewpoint, crs, unpacked }))
+        Ok(Some(Self {
+            format,
+            names,
+            places,
+            roles,
+            rows,
+            notes: context.notes,
+            viewpoint,
+            crs,
+            float_colors,
+            unpacked,
+        }))
     }
 
-    /// True where types say what colours count to, floats to 1 as linear light, and coordinates keep their digits, as
-    /// in a PLY file and in what is made of E57. Elsewhere colours are sRGB-encoded and count to what they need.
+    /// True where types state what colours count to, and coordinates keep their digits, as in a PLY file and in what is
+    /// made of E57. Elsewhere colours are sRGB-encoded and count to what they need.
     pub(crate) fn is_typed(&self) -> bool {
         matches!(self.format, Format::Ply | Format::E57)
     }

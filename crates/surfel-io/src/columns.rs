@@ -1,7 +1,6 @@
 //! Conversion of scalars as files store them, of any type, to the model's columns of positions, vectors and colours.
 
-use crate::color::{linear_of_8_bit, linear_of_16_bit};
-use crate::strided::{self, NumberType, Strided, combined, vectors_f32};
+use crate::strided::{self, NumberType, Strided, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraValues};
 
@@ -13,11 +12,26 @@ pub(crate) enum Numbers<'a> {
 }
 
 impl Numbers<'_> {
-    pub(crate) fn is_float(&self) -> bool {
+    /// The type that the file has.
+    pub(crate) fn kind(&self) -> NumberType {
         match self {
-            Self::Held(values) => matches!(values, ExtraValues::F32(_) | ExtraValues::F64(_)),
-            Self::Stored(column) => !column.kind().is_integer(),
+            Self::Held(values) => number_type(values),
+            Self::Stored(column) => column.kind(),
         }
+    }
+}
+
+/// The type of numbers.
+pub(crate) fn number_type(values: &ExtraValues) -> NumberType {
+    match values {
+        ExtraValues::I8(_) => NumberType::I8,
+        ExtraValues::U8(_) => NumberType::U8,
+        ExtraValues::I16(_) => NumberType::I16,
+        ExtraValues::U16(_) => NumberType::U16,
+        ExtraValues::I32(_) => NumberType::I32,
+        ExtraValues::U32(_) => NumberType::U32,
+        ExtraValues::F32(_) => NumberType::F32,
+        ExtraValues::F64(_) => NumberType::F64,
     }
 }
 
@@ -114,54 +128,31 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
+/// Largest share of their extent by which a note is due that coordinates are rounded.
+const ROUNDED_SHARE: f64 = 1.0 / 50_000.0;
+
+/// The note about 32-bit coordinates between these, if they are so far from the origin that they are rounded.
+pub(crate) fn rounding_note(min: DVec3, max: DVec3) -> Option<String> {
+    rounding_note_of_step(f32_step(min.abs().max(max.abs()).max_element()), min, max)
+}
+
+/// The distance between the largest 32-bit floats that are no larger than this.
+pub(crate) fn f32_step(largest: f64) -> f64 {
+    let largest = largest as f32;
+    if largest > 0.0 && largest.is_finite() { f64::from(largest) - f64::from(largest.next_down()) } else { 0.0 }
+}
+
+/// The note about coordinates between these that are rounded to a step, if that is much of their extent.
+pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
+    let extent = (max - min).max_element();
+    (extent > 0.0 && step > extent * ROUNDED_SHARE).then(|| {
+        format!("its coordinates are 32-bit floats far from the origin: they are rounded to steps of {step} there")
+    })
+}
+
 /// True if f32 holds measured points between these: at 32 times the extent it still resolves 1/500,000 of it.
-#[cfg(any(
-    feature = "gltf",
-    feature = "laz",
-    feature = "npy",
-    feature = "obj",
-    feature = "off",
-    feature = "pcd",
-    feature = "points"
-))]
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
-}
-
-/// Stored colours as linear RGB: `uchar` and `ushort` are sRGB-encoded, floats are linear, other integers are
-/// sRGB-encoded levels from 0 to 255.
-pub(crate) fn colors(values: [Numbers<'_>; 3]) -> Vec<[f32; 3]> {
-    let values = match stored(values) {
-        Ok(columns) if columns.iter().all(|c| c.kind() == NumberType::U8) => {
-            let table = linear_of_8_bit();
-            return combined(columns, |levels| levels.map(|level| table[level as usize]));
-        }
-        Ok(columns) => columns.map(|column| column.values()),
-        Err(values) => values,
-    };
-    if let [ExtraValues::U8(r), ExtraValues::U8(g), ExtraValues::U8(b)] = &values {
-        let table = linear_of_8_bit();
-        return zip3(r, g, b, |r, g, b| [r, g, b].map(|c| table[usize::from(c)]));
-    }
-    let [r, g, b] = values.map(linear);
-    zip3(&r, &g, &b, |r, g, b| [r, g, b])
-}
-
-fn linear(values: ExtraValues) -> Vec<f32> {
-    match values {
-        ExtraValues::U16(v) => v.iter().map(|&c| linear_of_16_bit()[usize::from(c)]).collect(),
-        ExtraValues::F32(_) | ExtraValues::F64(_) => to_f32(values),
-        other => to_f64(&other).iter().map(|c| linear_of_8_bit()[c.clamp(0.0, 255.0) as usize]).collect(),
-    }
-}
-
-/// Stored alpha as a fraction: `ushort` counts to 65535, other integers to 255.
-pub(crate) fn alphas(values: impl Into<ExtraValues>) -> Vec<f32> {
-    match values.into() {
-        ExtraValues::U16(v) => v.iter().map(|&a| f32::from(a) / 65_535.0).collect(),
-        values @ (ExtraValues::F32(_) | ExtraValues::F64(_)) => to_f32(values),
-        other => to_f64(&other).iter().map(|a| (a / 255.0).clamp(0.0, 1.0) as f32).collect(),
-    }
 }
 
 /// The value of an IEEE 754 half.

@@ -1,13 +1,18 @@
 //! What every reader is given: the options, the files beside its own, and a place for its notes. The checks that all
 //! splats, points and meshes go through are here, too.
 
+use crate::columns::rounding_note;
 use crate::content::{Content, LoadOptions};
 use crate::error::{Fault, Problem};
 use crate::files::{self, Siblings};
 use crate::images::texture::TextureDecoder;
 use crate::words::counted;
+use glam::Vec3;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
+
+/// The note about alphas that are all 0.
+pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
 
 /// What readers share while one file is loaded.
 pub(crate) struct Context<'a> {
@@ -35,9 +40,29 @@ impl<'a> Context<'a> {
         }
     }
 
+    /// Notes that these positions, which a file has as 32-bit floats, are rounded, if they are.
+    pub(crate) fn note_rounding(&mut self, positions: &[Vec3]) {
+        let finite = positions.iter().filter(|p| p.is_finite());
+        let ends = finite.fold(None, |ends: Option<(Vec3, Vec3)>, p| {
+            ends.map_or(Some((*p, *p)), |(lo, hi)| Some((lo.min(*p), hi.max(*p))))
+        });
+        let note = ends.and_then(|(lo, hi)| rounding_note(lo.as_dvec3(), hi.as_dvec3()));
+        note.into_iter().for_each(|note| self.note(note));
+    }
+
+    /// Leaves out alphas that are all 0: tools write those that leave the alpha unset, and nobody stores what can't be
+    /// seen.
+    fn leave_out_zero_alphas(&mut self, alphas: &mut Option<Vec<f32>>) {
+        if alphas.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|a| *a == 0.0)) {
+            *alphas = None;
+            self.note(ZERO_ALPHAS.into());
+        }
+    }
+
     /// Validates splats, or drops the invalid ones.
-    pub(crate) fn splats(&mut self, data: CloudData) -> Result<Content, Fault> {
+    pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
+        self.leave_out_zero_alphas(&mut data.alphas);
         let (cloud, repaired) = SplatCloud::new(data, on_invalid)?;
         if let Some((index, problem)) = repaired.first {
             self.note(format!("dropped {} invalid splats; the first was splat {index}: {problem}", repaired.dropped));
@@ -48,6 +73,7 @@ impl<'a> Context<'a> {
     /// Drops points whose position isn't finite.
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
+        self.leave_out_zero_alphas(&mut points.alphas);
         let dropped = points.drop_non_finite();
         if dropped > 0 {
             self.note(format!("dropped {} whose coordinates are not finite", counted(dropped as u64, "points")));
@@ -57,11 +83,12 @@ impl<'a> Context<'a> {
 
     /// Validates a mesh and gives it the texture of the options, if it wants one.
     pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
+        self.leave_out_zero_alphas(&mut mesh.alphas);
         mesh.validate()?;
         let untextured = mesh.uvs.is_some() && mesh.textures().next().is_none();
         if let Some(path) = self.options.texture.as_ref().filter(|_| untextured) {
             let texture = files::read(path, 1 << 30).map_err(|e| e.to_string());
-            let texture = texture.and_then(|bytes| self.textures.decode(&bytes));
+            let texture = texture.and_then(|bytes| self.textures.decode(&bytes, &path.to_string_lossy()));
             let texture =
                 texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.display())))?;
             let texture = Arc::new(texture);

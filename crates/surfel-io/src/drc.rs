@@ -39,6 +39,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     };
     let positions = mesh.named_attribute(GeometryAttributeType::Position).map(floats);
     let positions = positions.ok_or_else(|| Problem::new("has no positions").expected("an attribute of positions"))?;
+    context.note_rounding(&positions);
     let normals = mesh.named_attribute(GeometryAttributeType::Normal).map(floats);
     let (mut colors, mut alphas) = (None, None);
     if let Some(attribute) = mesh.named_attribute(GeometryAttributeType::Color) {

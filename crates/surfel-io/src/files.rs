@@ -127,9 +127,31 @@ impl Siblings {
         }
     }
 
+    /// True if there is such a file, which [`Self::read`] may read.
+    #[cfg(feature = "obj")]
+    pub(crate) fn has(&self, reference: &str) -> bool {
+        self.locate(reference).is_ok_and(|path| path.is_file())
+    }
+
     /// A referenced file, at most 1 GiB and regular (a device would never end), or why it can't be had.
     pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
-        let Self::Folder { path: folder, inside, asked } = self else {
+        let path = self.locate(reference)?;
+        if let Self::Folder { asked, .. } = self {
+            asked.borrow_mut().insert(path.clone());
+        }
+        let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
+        if !metadata.is_file() {
+            return Err("it is not a regular file".into());
+        }
+        read(&path, MAX_STREAM_BYTES).map_err(|e| match e {
+            IoError::System { source, .. } => source.to_string(),
+            other => other.to_string(),
+        })
+    }
+
+    /// The place of a referenced file, whether there is one or not, or why it may not be read.
+    fn locate(&self, reference: &str) -> Result<PathBuf, String> {
+        let Self::Folder { path: folder, inside, .. } = self else {
             return Err("files beside the data are not available here".into());
         };
         // Exporters on Windows write backslashes, which elsewhere are part of a name.
@@ -143,15 +165,7 @@ impl Siblings {
                 return Err(OUTSIDE.into());
             }
         }
-        asked.borrow_mut().insert(path.clone());
-        let metadata = std::fs::metadata(&path).map_err(|e| e.to_string())?;
-        if !metadata.is_file() {
-            return Err("it is not a regular file".into());
-        }
-        read(&path, MAX_STREAM_BYTES).map_err(|e| match e {
-            IoError::System { source, .. } => source.to_string(),
-            other => other.to_string(),
-        })
+        Ok(path)
     }
 }
 

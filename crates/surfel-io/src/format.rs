@@ -41,7 +41,7 @@ pub enum Format {
     Spz,
     /// Gaussian splats compressed as SOG.
     Sog,
-    /// Points of laser scanners: ASPRS LAS 1.0 to 1.4.
+    /// Points of laser scanners: ASPRS LAS 1.0 to 1.5.
     Las,
     /// LAS, compressed by LASzip.
     Laz,

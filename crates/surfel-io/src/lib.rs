@@ -38,6 +38,7 @@ mod drc;
 #[cfg(feature = "e57")]
 mod e57;
 mod error;
+mod face_colors;
 mod files;
 mod format;
 #[cfg(feature = "gltf")]
@@ -64,7 +65,6 @@ mod off;
 #[cfg(feature = "pcd")]
 mod pcd;
 mod ply;
-#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 mod point_columns;
 #[cfg(feature = "points")]
 mod points;

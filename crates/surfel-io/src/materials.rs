@@ -1,12 +1,16 @@
 //! One mesh of a file's parts and their materials. Base colours become colours of the vertices, of which each belongs
 //! to one material; textures and what alpha means stay the triangles' own.
 
+use crate::color::linear_of_8_bit;
 use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
+use crate::words::counted;
 use glam::DVec3;
+use std::collections::HashMap;
 use std::sync::Arc;
+use surfel_math::srgb::nearest_8_bit;
 use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, NormalMap, Texture, TriangleMaterials};
 
 /// Base colour of a part, and what its alpha means.
@@ -19,10 +23,137 @@ pub(crate) struct Material {
     pub(crate) alpha: AlphaMode,
     /// Index into the file's textures, and its scale.
     pub(crate) normal_map: Option<(usize, f32)>,
+    /// Linear RGB that is added to the colour, however it is lit.
+    pub(crate) emission: [f32; 3],
+    /// Index into the file's textures of what multiplies the emission.
+    pub(crate) emission_map: Option<usize>,
 }
 
 impl Material {
-    pub(crate) const WHITE: Self = Self { factor: [1.0; 4], texture: None, alpha: AlphaMode::Opaque, normal_map: None };
+    pub(crate) const WHITE: Self = Self {
+        factor: [1.0; 4],
+        texture: None,
+        alpha: AlphaMode::Opaque,
+        normal_map: None,
+        emission: [0.0; 3],
+        emission_map: None,
+    };
+
+    /// True if it leaves colours as they are.
+    pub(crate) fn is_plain(&self) -> bool {
+        self.factor == [1.0; 4] && self.emission == [0.0; 3]
+    }
+
+    fn is_black(&self) -> bool {
+        self.factor[..3] == [0.0; 3]
+    }
+}
+
+/// Adds what materials emit to their colours: by a texture of both where one of them is textured. What glows isn't lit,
+/// but images don't tell light from colour, so a note says so.
+pub(crate) fn add_emission<'a>(
+    materials: impl Iterator<Item = &'a mut Material>,
+    textures: &mut Vec<Arc<Texture>>,
+    context: &mut Context<'_>,
+) {
+    let (mut added, mut left_out) = (0_u64, 0_u64);
+    let mut known: HashMap<Emission, usize> = HashMap::new();
+    // Many materials may share a large texture.
+    let mut dark: HashMap<usize, bool> = HashMap::new();
+    for material in materials {
+        let is_dark = |i: usize| {
+            *dark.entry(i).or_insert_with(|| {
+                textures.get(i).is_none_or(|t: &Arc<Texture>| t.srgba8.iter().all(|t| t[..3] == [0; 3]))
+            })
+        };
+        if material.emission == [0.0; 3] || material.emission_map.is_some_and(is_dark) {
+            (material.emission, material.emission_map) = ([0.0; 3], None);
+            continue;
+        }
+        if material.is_black() && material.alpha == AlphaMode::Opaque {
+            material.texture = None;
+        }
+        // An untextured one is added where colours become those of vertices.
+        if material.texture.is_some() || material.emission_map.is_some() {
+            let emission = Emission::of(material);
+            let made = match known.get(&emission) {
+                Some(made) => Some(*made),
+                None => emission.texture(textures, context).map(|texture| {
+                    textures.push(Arc::new(texture));
+                    known.insert(emission, textures.len() - 1);
+                    textures.len() - 1
+                }),
+            };
+            (material.emission, material.emission_map) = ([0.0; 3], None);
+            let Some(made) = made else {
+                left_out += 1;
+                continue;
+            };
+            material.texture = Some(made);
+            material.factor = [1.0, 1.0, 1.0, material.factor[3]];
+        }
+        added += 1;
+    }
+    if added > 0 {
+        context.note(format!("added the emissive colours of {} to their base colours", counted(added, "materials")));
+    }
+    if left_out > 0 {
+        context.note(format!(
+            "left out the emissive colours of {}: its textures are too many",
+            counted(left_out, "materials")
+        ));
+    }
+}
+
+/// The sum of a textured colour and a textured emission.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Emission {
+    texture: Option<usize>,
+    /// The bits of the linear RGB that multiplies it.
+    factor: [u32; 3],
+    map: Option<usize>,
+    emission: [u32; 3],
+}
+
+impl Emission {
+    fn of(material: &Material) -> Self {
+        let [r, g, b, _] = material.factor;
+        Self {
+            texture: material.texture,
+            factor: [r, g, b].map(f32::to_bits),
+            map: material.emission_map,
+            emission: material.emission.map(f32::to_bits),
+        }
+    }
+
+    /// One texture of both, of the size of the larger; `None` where the file's textures may not have so many texels.
+    fn texture(self, textures: &[Arc<Texture>], context: &mut Context<'_>) -> Option<Texture> {
+        let [color, map] = [self.texture, self.map].map(|i| i.and_then(|i| textures.get(i)));
+        let size = |t: &&Arc<Texture>| u64::from(t.width) * u64::from(t.height);
+        let larger = [color, map].into_iter().flatten().max_by_key(size)?;
+        if !context.textures.spend(size(&larger)) {
+            return None;
+        }
+        let (width, height) = (larger.width, larger.height);
+        let level = linear_of_8_bit();
+        let texel = |of: Option<&Arc<Texture>>, x: u32, y: u32| {
+            let nearest = |at: u32, from: u32, to: u32| u64::from(at) * u64::from(to) / u64::from(from.max(1));
+            let at = |t: &Arc<Texture>| nearest(y, height, t.height) * u64::from(t.width) + nearest(x, width, t.width);
+            of.and_then(|t| t.srgba8.get(at(t) as usize).copied()).unwrap_or([255; 4])
+        };
+        let [factor, emission] = [self.factor, self.emission].map(|bits| bits.map(f32::from_bits));
+        let sum = |x: u32, y: u32| {
+            let (own, glow) = (texel(color, x, y), texel(map, x, y));
+            let linear = |k: usize| {
+                let part = |texel: [u8; 4], factor: [f32; 3]| level[usize::from(texel[k])] * factor[k];
+                part(own, factor) + part(glow, emission)
+            };
+            let [r, g, b] = [0, 1, 2].map(|k| nearest_8_bit(linear(k).min(1.0)));
+            [r, g, b, own[3]]
+        };
+        let srgba8 = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| sum(x, y)).collect();
+        Some(Texture { width, height, srgba8 })
+    }
 }
 
 /// Vertices and triangles with a material each; all columns have one value a vertex.
@@ -53,11 +184,14 @@ impl Context<'_> {
             index.and_then(|&i| materials.get(i as usize)).unwrap_or(&Material::WHITE)
         };
         let vertices = || 0..parts.positions.len() as u32;
-        let tinted = parts.colors.is_some() || vertices().any(|i| material_of(i).factor != [1.0; 4]);
+        let tinted = parts.colors.is_some() || vertices().any(|i| !material_of(i).is_plain());
         let colors: Option<Vec<[f32; 4]>> = tinted.then(|| {
             let tint = |i: u32| {
                 let (m, mut c) = (material_of(i), parts.colors.as_ref().map_or([1.0; 4], |c| c[i as usize]));
                 c.iter_mut().zip(m.factor).for_each(|(c, f)| *c *= f);
+                if m.emission != [0.0; 3] {
+                    c.iter_mut().zip(m.emission).for_each(|(c, e)| *c = (*c + e).min(1.0));
+                }
                 // What alpha says nothing about needs no column of it.
                 c[3] = if m.alpha == AlphaMode::Opaque { 1.0 } else { c[3].clamp(0.0, 1.0) };
                 c

@@ -157,7 +157,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
             t if t == SPLATS => cloud = Some(read_splats(section.bytes, context)?),
             t if t == MESH => mesh = Some(read_mesh(&mut section)?),
             t if t == TEXTURE => {
-                let decoded = context.textures.decode(section.bytes);
+                let decoded = context.textures.decode(section.bytes, "TEXR");
                 texture = Some(decoded.map_err(|why| Problem::new(format!("its texture can't be read: {why}")))?);
             }
             t if t == NODES => nodes = Some(read_nodes(&mut section)?),

@@ -6,6 +6,7 @@ use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
+use crate::face_colors;
 use crate::polygons::Cutter;
 use crate::words::counted;
 use glam::{DVec3, Vec3};
@@ -100,6 +101,8 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         })?;
     }
     let (mut triangles, mut skipped, mut colored) = (Vec::new(), 0_usize, false);
+    // As printed, one for each triangle.
+    let mut colors_of: Vec<Option<[f64; 4]>> = Vec::new();
     let mut cutter = Cutter::default();
     for _ in 0..face_count as u64 {
         let line = lines.next().ok_or_else(|| incomplete("faces"))?;
@@ -117,7 +120,12 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
                 .expected("the number of corners and as many indices")
                 .into());
         };
-        colored |= row.len() > corners + 1;
+        let color = match row[corners + 1..] {
+            [r, g, b] => Some([r, g, b, f64::NAN]),
+            [r, g, b, a] => Some([r, g, b, a]),
+            _ => None,
+        };
+        colored |= color.is_none() && row.len() > corners + 1;
         let index = |i: f64| if i >= 0.0 && i < vertex_count { Some(i as u32) } else { None };
         let polygon: Option<Vec<u32>> = row[1..=corners].iter().map(|&i| index(i)).collect();
         let polygon = polygon.ok_or_else(|| {
@@ -125,6 +133,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
             problem.at(Location::Line(line.0)).expected(format!("indices from 0 to {}", vertex_count - 1.0))
         })?;
         let cut = cutter.cut(&polygon, |i| vertices.positions.get(i as usize).copied());
+        colors_of.extend(cut.iter().map(|_| color));
         triangles.extend(cut.iter().map(|t| t.map(|place| polygon[place as usize])));
         skipped += usize::from(corners < 3);
     }
@@ -132,24 +141,42 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
     }
     if colored {
-        context.note("ignored the colours of faces".into());
+        context.note("ignored the colours of some faces: expected 3 or 4 numbers".into());
     }
-    finish(vertices, triangles, context)
+    finish(vertices, triangles, &colors_of, context)
 }
 
-fn finish(vertices: Vertices, triangles: Vec<[u32; 3]>, context: &mut Context<'_>) -> Result<Content, Fault> {
+/// What printed colours count to: 255 if any is above 1.
+fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Context<'_>) -> f64 {
+    let largest = printed.flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
+    let scale = if largest > 1.0 { 255.0 } else { 1.0 };
+    context.note(format!("took the colours as sRGB-encoded, from 0 to {scale}"));
+    scale
+}
+
+/// A printed colour that counts to `scale` as linear RGB and alpha.
+fn linear(c: &[f64; 4], scale: f64) -> [f32; 4] {
+    // Where there is no alpha it is NaN.
+    let alpha = if c[3].is_nan() { 1.0 } else { (c[3] / scale).clamp(0.0, 1.0) as f32 };
+    let [r, g, b] = [c[0], c[1], c[2]].map(|c| linear_of_unit(c / scale));
+    [r, g, b, alpha]
+}
+
+fn finish(
+    vertices: Vertices,
+    triangles: Vec<[u32; 3]>,
+    colors_of: &[Option<[f64; 4]>],
+    context: &mut Context<'_>,
+) -> Result<Content, Fault> {
     let n = vertices.positions.len();
     let (origin, positions) = measured_positions(&vertices.positions);
     let (mut colors, mut alphas) = (None, None);
     if n > 0 && vertices.colors.len() == n {
-        let largest = vertices.colors.iter().flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
-        let scale = if largest > 1.0 { 255.0 } else { 1.0 };
-        context.note(format!("took the colours as sRGB-encoded, from 0 to {scale}"));
-        let rgb = |c: &[f64; 4]| [c[0], c[1], c[2]].map(|c| linear_of_unit(c / scale));
-        colors = Some(vertices.colors.iter().map(rgb).collect());
-        // Where there is no alpha it is NaN.
+        let scale = color_scale(vertices.colors.iter(), context);
+        let all: Vec<[f32; 4]> = vertices.colors.iter().map(|c| linear(c, scale)).collect();
+        colors = Some(all.iter().map(|c| [c[0], c[1], c[2]]).collect());
         if vertices.colors.iter().all(|c| !c[3].is_nan()) {
-            alphas = Some(vertices.colors.iter().map(|c| (c[3] / scale).clamp(0.0, 1.0) as f32).collect());
+            alphas = Some(all.iter().map(|c| c[3]).collect());
         }
     }
     let normals = (n > 0 && vertices.normals.len() == n).then_some(vertices.normals);
@@ -158,7 +185,13 @@ fn finish(vertices: Vertices, triangles: Vec<[u32; 3]>, context: &mut Context<'_
         return context.points(PointCloud { origin, positions, normals, colors, alphas, ..PointCloud::default() });
     }
     let normals = normals.map(|n| n.iter().map(Vec3::to_array).collect());
-    context.mesh(Mesh { origin, positions, triangles, normals, colors, alphas, ..Mesh::default() })
+    let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, ..Mesh::default() };
+    if colors_of.iter().any(Option::is_some) {
+        let scale = color_scale(colors_of.iter().flatten(), context);
+        let of_triangle: Vec<_> = colors_of.iter().map(|c| c.as_ref().map(|c| linear(c, scale))).collect();
+        face_colors::show(&mut mesh, &of_triangle, context);
+    }
+    context.mesh(mesh)
 }
 
 /// All numbers of a line.

@@ -20,7 +20,7 @@ pub(crate) struct Named<'a> {
 }
 
 /// Names that columns go by, without case, units and quotes; of several sets that are there, the first counts.
-const POSITIONS: [[&str; 3]; 17] = [
+pub(crate) const POSITIONS: [[&str; 3]; 17] = [
     ["x", "y", "z"],
     ["x_coord", "y_coord", "z_coord"],
     ["xcoord", "ycoord", "zcoord"],
@@ -39,7 +39,7 @@ const POSITIONS: [[&str; 3]; 17] = [
     ["lon", "lat", "height"],
     ["lon", "lat", "elevation"],
 ];
-const COLORS: [[&str; 3]; 6] = [
+pub(crate) const COLORS: [[&str; 3]; 6] = [
     ["red", "green", "blue"],
     ["r", "g", "b"],
     ["diffuse_red", "diffuse_green", "diffuse_blue"],
@@ -47,7 +47,7 @@ const COLORS: [[&str; 3]; 6] = [
     ["rf", "gf", "bf"],
     ["scan_red", "scan_green", "scan_blue"],
 ];
-const NORMALS: [[&str; 3]; 5] = [
+pub(crate) const NORMALS: [[&str; 3]; 5] = [
     ["nx", "ny", "nz"],
     ["normal_x", "normal_y", "normal_z"],
     ["normalx", "normaly", "normalz"],
@@ -138,7 +138,7 @@ impl Roles {
 }
 
 /// A name in lower case, without quotes, unit and the signs that begin a comment.
-fn plain_name(name: &str) -> String {
+pub(crate) fn plain_name(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#'));
     let name = name.split(['[', '(']).next().unwrap_or(name).trim();
     name.to_ascii_lowercase().replace([' ', '-', '.'], "_")
@@ -215,6 +215,9 @@ pub(crate) fn build(
         context.note(format!("{what}; project it first, as by pdal translate"));
     }
     let (origin, positions) = positions(triple(roles.position));
+    if triple(roles.position).iter().all(|c| c.kind() == NumberType::F32) {
+        context.note_rounding(positions.high());
+    }
     let normals = roles.normal.map(|set| vectors_f32(triple(set)));
     let (mut colors, mut alphas) = (roles.color.map(|set| levels(triple(set), source, context)), None);
     if let Some(a) = roles.alpha {
@@ -232,9 +235,7 @@ pub(crate) fn build(
         let level = |bits: u32, shift: u32| table[(bits >> shift & 255) as usize];
         colors = Some(bits.map(|b| [16, 8, 0].map(|shift| level(b as u32, shift))));
         if alpha {
-            let stored = bits.map(|b| (b as u32 >> 24) as f32 / 255.0);
-            // Many writers leave the alpha of all points 0, which stands for nothing.
-            alphas = stored.iter().any(|a| *a != 0.0).then_some(stored);
+            alphas = Some(bits.map(|b| (b as u32 >> 24) as f32 / 255.0));
         }
     }
     let mut radii = None;
@@ -250,6 +251,8 @@ pub(crate) fn build(
             context.note("kept the radii as a column: some points have no valid position, normal or radius".into());
         }
     }
+    // Without normals it is a size, as far as it suits the points, and a column.
+    let sizes = roles.radius.filter(|_| normals.is_none()).map(|i| columns[i].values.map(|r| r as f32));
     let used = |i: usize| {
         roles.position.contains(&i)
             || roles.color.is_some_and(|s| s.contains(&i))
@@ -278,11 +281,17 @@ pub(crate) fn build(
             comments,
             ..CloudData::new(origin, positions, Shape::Disks { normals, radii })
         }),
-        (_, normals) => {
-            let points =
-                PointCloud { origin, positions, normals, colors, alphas, extras, comments, ..PointCloud::default() };
-            context.points(points)
-        }
+        (_, normals) => context.points(PointCloud {
+            origin,
+            positions,
+            normals,
+            colors,
+            alphas,
+            radii: sizes,
+            extras,
+            comments,
+            ..PointCloud::default()
+        }),
     }
 }
 

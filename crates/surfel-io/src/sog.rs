@@ -117,7 +117,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         let what = quote(name);
         let mut texels = context
             .textures
-            .decode(&pictures.read(name)?)
+            .decode(&pictures.read(name)?, name)
             .map_err(|why| {
                 let why: String = why.chars().take(200).filter(|c| !c.is_control()).collect();
                 Problem::new(format!("the picture {what} of the SOG file can't be read: {why}"))

@@ -1,9 +1,16 @@
 //! STL: loose triangles, text or binary. Corners at exactly the same place become one vertex.
+//!
+//! Binary triangles have two bytes for which two conventions exist. VisCAM and SolidView set bit 15 of a triangle with a
+//! colour, whose red is in the bits from 10 on. Materialise Magics states a colour for all in the header (`COLOR=` and
+//! four bytes), and clears bit 15 of a triangle with one of its own, whose red is in the lowest bits. Both are
+//! sRGB-encoded.
 
 use crate::ascii::{Lines, number_f32, words};
+use crate::color::linear_of_8_bit;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
+use crate::face_colors::{self, FaceColor};
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, Mesh};
@@ -40,8 +47,45 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     if corners.triangles.is_empty() {
         return Err(Problem::new("holds no triangle").expected("STL facets").into());
     }
+    if !is_text(bytes) {
+        context.note_rounding(&corners.positions);
+    }
     let positions = Column3::from_f32(corners.positions);
-    context.mesh(Mesh { origin: DVec3::ZERO, positions, triangles: corners.triangles, ..Mesh::default() })
+    let mut mesh = Mesh { origin: DVec3::ZERO, positions, triangles: corners.triangles, ..Mesh::default() };
+    if let Some((of_triangle, program)) = colors(bytes, mesh.triangles.len()).filter(|_| !is_text(bytes)) {
+        context.note(format!("took the two bytes of its triangles as their colours, as {program}"));
+        face_colors::show(&mut mesh, &of_triangle, context);
+    }
+    context.mesh(mesh)
+}
+
+/// Colours of a binary file's triangles, and the programs that write them so; `None` if it has none.
+fn colors(bytes: &[u8], count: usize) -> Option<(Vec<Option<FaceColor>>, &'static str)> {
+    let triangles = bytes.get(HEADER_BYTES..)?.chunks_exact(TRIANGLE_BYTES).take(count);
+    let attributes = triangles.map(|raw| u16::from_le_bytes([raw[48], raw[49]]));
+    let table = linear_of_8_bit();
+    // Five bits as eight.
+    let linear = |bits: u16| table[((u32::from(bits & 31) * 255 + 15) / 31) as usize];
+    let color = |bits: u16, red: u16, blue: u16| [linear(bits >> red), linear(bits >> 5), linear(bits >> blue), 1.0];
+    if let Some([r, g, b, a]) = color_of_all(bytes) {
+        let [r, g, b] = [r, g, b].map(|level| table[usize::from(level)]);
+        // Nobody states a colour that can't be seen.
+        let of_all = [r, g, b, if a == 0 { 1.0 } else { f32::from(a) / 255.0 }];
+        // A program that leaves all of these bytes 0 doesn't mean black.
+        let are_used = attributes.clone().any(|bits| bits != 0);
+        let own = |bits: u16| if are_used && bits & 0x8000 == 0 { color(bits, 0, 10) } else { of_all };
+        return Some((attributes.map(|bits| Some(own(bits))).collect(), "Materialise Magics writes them"));
+    }
+    let own: Vec<_> = attributes.map(|bits| (bits & 0x8000 != 0).then(|| color(bits, 10, 0))).collect();
+    own.iter().any(Option::is_some).then_some((own, "VisCAM and SolidView write them"))
+}
+
+/// Red, green, blue and alpha of all triangles that have no colour of their own, which Magics states in the header.
+fn color_of_all(bytes: &[u8]) -> Option<[u8; 4]> {
+    const KEY: &[u8] = b"COLOR=";
+    let header = &bytes[..HEADER_BYTES - 4];
+    let at = header.windows(KEY.len()).position(|word| word == KEY)? + KEY.len();
+    header.get(at..at + 4)?.try_into().ok()
 }
 
 #[derive(Default)]

@@ -145,10 +145,10 @@ fn obj_without_texture_keeps_its_vertices_as_they_are() {
 #[test]
 fn obj_faults_name_the_line() {
     for (text, expected) in [
-        ("v 0 0 0\nf 1 2 3\n", "a face refers to vertex '2' of 1 (line 2)"),
+        ("v 0 0 0\nf 1 2 3\nf 1 2 1\n", "a face refers to vertex '3' of 1 (line 2)"),
         ("v 0 0 0\nf 0 1 1\n", "a face refers to vertex '0' of 1 (line 2)"),
         ("v 0 0 0\nf 1 1 -2\n", "a face refers to vertex '-2' of 1 (line 2)"),
-        ("v 0 0 0\nf 1/1 1 1\n", "texture coordinate '1' of 0 (line 2)"),
+        ("v 0 0 0\nf 1/x 1 1\n", "a face refers to texture coordinate 'x' (line 2)"),
         ("v 0 zero 0\n", "found 'zero', which is not a number (line 1)"),
         ("v 0 0\n", "found 2 numbers (line 1)"),
         ("vn 0 0 1\n", "holds no vertex"),

@@ -779,3 +779,105 @@ fn gltf_meshopt_buffers_are_decompressed() {
         }
     }
 }
+
+/// A triangle of this material, with colours and texture coordinates.
+fn triangle(material: Value, colors: Option<[[f32; 4]; 3]>, more: Value) -> Value {
+    let mut document = Document::default();
+    let positions = document.floats(&[0., 0., 0., 1., 0., 0., 0., 1., 0.], "VEC3", 3);
+    let uvs = document.floats(&[0.25, 0.25, 0.75, 0.25, 0.25, 0.75], "VEC2", 3);
+    let mut attributes = json!({"POSITION": positions, "TEXCOORD_0": uvs});
+    if let Some(colors) = colors {
+        attributes["COLOR_0"] = json!(document.floats(colors.as_flattened(), "VEC4", 3));
+    }
+    let mut rest = json!({
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": attributes, "material": 0}]}],
+        "materials": [material],
+    });
+    rest.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+    document.with(rest)
+}
+
+fn data_uri(texels: &[[u8; 4]; 1]) -> String {
+    let mut bytes = Vec::new();
+    let mut encoder = png::Encoder::new(&mut bytes, 1, 1);
+    encoder.set_color(png::ColorType::Rgba);
+    encoder.write_header().unwrap().write_image_data(texels.as_flattened()).unwrap();
+    format!("data:image/png,{}", bytes.iter().map(|b| format!("%{b:02x}")).collect::<String>())
+}
+
+#[test]
+fn emissive_colors_are_added_to_base_colors() {
+    let read = |material: Value, more: Value| {
+        let loaded = load(&triangle(material, None, more));
+        let is_noted = loaded.notes.iter().any(|n| n.contains("added the emissive colours of 1 material"));
+        let found = mesh(loaded);
+        (found.colors.map(|all| all[0]), found.texture.map(|t| t.srgba8[0]), is_noted)
+    };
+    let black = |more: Value| {
+        let mut material = json!({"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 0, 1]}});
+        material.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        material
+    };
+    let none = || json!({});
+    assert_eq!(read(black(json!({"emissiveFactor": [1, 0.5, 0]})), none()), (Some([1.0, 0.5, 0.0]), None, true));
+    assert_eq!(read(black(json!({"emissiveFactor": [0, 0, 0]})), none()), (Some([0.0; 3]), None, false));
+    let grey =
+        json!({"pbrMetallicRoughness": {"baseColorFactor": [0.25, 0.25, 0.25, 1]}, "emissiveFactor": [0.5, 0, 1]});
+    assert_eq!(read(grey, none()), (Some([0.75, 0.25, 1.0]), None, true));
+    let strong = json!({"emissiveFactor": [0.25, 0, 0],
+        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 2}}});
+    assert_eq!(read(black(strong), none()), (Some([0.5, 0.0, 0.0]), None, true));
+    let unlit = json!({"emissiveFactor": [1, 0, 0], "extensions": {"KHR_materials_unlit": {}}});
+    assert_eq!(read(black(unlit), none()), (Some([0.0; 3]), None, false));
+    let images = json!({
+        "images": [{"uri": data_uri(&[[0, 255, 0, 255]])}, {"uri": data_uri(&[[255, 0, 0, 255]])}],
+        "textures": [{"source": 0}, {"source": 1}],
+    });
+    let glow = json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0}});
+    assert_eq!(read(black(glow.clone()), images.clone()), (None, Some([0, 255, 0, 255]), true));
+    let mut both = glow.clone();
+    both["pbrMetallicRoughness"] = json!({"baseColorTexture": {"index": 1}});
+    assert_eq!(read(both.clone(), images.clone()), (None, Some([255, 255, 0, 255]), true));
+    // Half of red, and a factor alone.
+    both["pbrMetallicRoughness"]["baseColorFactor"] = json!([0.215_860_5, 1, 1, 1]);
+    assert_eq!(read(both.clone(), images.clone()).1, Some([128, 255, 0, 255]));
+    let factor = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, "emissiveFactor": [0, 0, 1]});
+    assert_eq!(read(factor, images.clone()).1, Some([255, 0, 255, 255]));
+    // Other coordinates are left out, with a note.
+    both["emissiveTexture"]["texCoord"] = json!(1);
+    let loaded = load(&triangle(both, None, images));
+    assert!(loaded.notes.iter().any(|n| n.starts_with("left out an emissive texture")), "{:?}", loaded.notes);
+}
+
+#[test]
+fn vertex_colors_that_are_all_transparent_are_opaque() {
+    let read = |mode: &str, alphas: [f32; 3]| {
+        let colors = alphas.map(|a| [1.0, 0.5, 0.0, a]);
+        let loaded = load(&triangle(json!({"alphaMode": mode}), Some(colors), json!({})));
+        let is_noted = loaded.notes.iter().any(|n| n.contains("its alphas are all 0"));
+        (mesh(loaded).alphas, is_noted)
+    };
+    assert_eq!(read("BLEND", [0.0; 3]), (None, true));
+    assert_eq!(read("MASK", [0.0; 3]), (None, true));
+    assert_eq!(read("BLEND", [0.0, 0.5, 1.0]), (Some(vec![0.0, 0.5, 1.0]), false));
+    assert_eq!(read("OPAQUE", [0.0; 3]), (None, false));
+}
+
+#[test]
+fn rounded_coordinates_are_told_unless_a_node_moves_them() {
+    let read = |x: f32, translation: f64| {
+        let mut document = Document::default();
+        let positions = document.floats(&[x, 0., 0., x + 4., 0., 0., x, 4., 0.], "VEC3", 3);
+        let rest = json!({
+            "scenes": [{"nodes": [0]}],
+            "nodes": [{"mesh": 0, "translation": [translation, 0, 0]}],
+            "meshes": [{"primitives": [{"attributes": {"POSITION": positions}}]}],
+        });
+        load(&document.with(rest)).notes
+    };
+    assert!(read(0.0, 4e6).is_empty());
+    let notes = read(4e6, 0.0);
+    assert!(notes[0].contains("rounded to steps of 0.25 there"), "{notes:?}");
+}

@@ -12,6 +12,7 @@ mod numpy;
 mod octree;
 mod ply;
 mod point_formats;
+mod read_right;
 mod scans;
 mod support;
 mod tilesets;

@@ -92,7 +92,10 @@ fn splat_round_trip_loses_nothing_in_any_encoding() {
         let loaded = load(written(&cloud, encoding));
         assert_eq!(loaded.up, Up::MinusZ);
         let mut data = splats(loaded).into_data();
-        assert_eq!(data.comments.drain(2..).collect::<Vec<_>>(), ["up -z", "interior_weight 5.43", "oriented"]);
+        assert_eq!(
+            data.comments.drain(2..).collect::<Vec<_>>(),
+            ["up -z", "interior_weight 5.43", "oriented", "colors linear"]
+        );
         data.comments = cloud.data().comments.iter().map(|c| c.trim_end().to_owned()).collect();
         let mut expected = cloud.data().clone();
         expected.comments = data.comments.clone();
@@ -233,7 +236,7 @@ fn splat_partial_sets_name_found_and_missing() {
         ("float x,float y", "1 2", "have x y but lack z"),
         ("float a", "1", "lack x y z; they have a"),
         ("float x,float y,float z,float nx,float nz", "1 2 3 4 5", "have nx nz but lack ny"),
-        ("float x,float y,float z,float radius", "1 2 3 4", "have radius but lack nx ny nz"),
+        ("float x,float y,float z,float nx,float radius", "1 2 3 0 4", "have nx radius but lack ny nz"),
         ("float x,float y,float z,float su,float sv,float sw", "1 2 3 4 5 6", "have su sv sw but lack tu tv tw"),
         ("float x,float y,float z,uchar red", "1 2 3 4", "have red but lack green blue"),
         ("float x,float y,float z,float rot_0", "1 2 3 4", "looks like Gaussian splats, but its vertices have rot_0"),
@@ -325,35 +328,6 @@ fn points_keep_normals_and_extras_and_drop_what_is_nowhere() {
     let cloud = points(loaded);
     assert_eq!(cloud.len(), 1);
     assert_eq!(cloud.extras[0].values, ExtraValues::I32(vec![5]));
-}
-
-#[test]
-fn whole_float_colors_beyond_8_are_levels_but_in_splats() {
-    let file = |names: &str, row: &str, red: &str| {
-        let names: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
-        format!("ply\nformat ascii 1.0\nelement vertex 1\n{names}end_header\n{row} {red} 0\n")
-    };
-    let colors = |red: &str| {
-        let loaded = load(file("x y z red green blue", "1 2 3", red));
-        let Content::Points(points) = loaded.content else { panic!() };
-        (points.colors.unwrap()[0], loaded.notes.join("; "))
-    };
-    // Light may be brighter than white.
-    for (text, red, green) in [("1 0.25", 1.0, 0.25), ("8 1", 8.0, 1.0), ("200.5 3", 200.5, 3.0)] {
-        assert_eq!(colors(text), ([red, green, 0.0], String::new()));
-    }
-    // sRGB decodes 128 of 255 to 0.21586 (IEC 61966-2-1), f32 to 6e-8 of it.
-    let ([r, g, b], note) = colors("255 128");
-    assert!(r == 1.0 && b == 0.0 && (f64::from(g) - 0.215_860_500_113_899).abs() < 2e-8, "{r} {g}");
-    assert_eq!(note, "took the colours as sRGB-encoded, from 0 to 255");
-    let ([r, g, _], note) = colors("65535 32896");
-    assert!(
-        r == 1.0 && (f64::from(g) - 0.215_860_500_113_899).abs() < 2e-8 && note.contains("65535"),
-        "{r} {g} {note}"
-    );
-    let loaded = load(file("x y z nx ny nz radius red green blue", "1 2 3 0 0 1 1", "2 128"));
-    let Content::Splats(splats) = loaded.content else { panic!() };
-    assert_eq!(splats.data().colors.as_ref().unwrap()[0], [2.0, 128.0, 0.0]);
 }
 
 #[test]

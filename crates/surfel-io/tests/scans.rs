@@ -592,3 +592,55 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
         assert!(repaired(&good[..end]).is_err(), "{end}");
     }
 }
+
+#[test]
+fn las_1_5_is_read_as_1_4_in_formats_6_to_10() {
+    for format in 6..=10_u8 {
+        for packed in [false, true] {
+            // The crate writes no waveforms, which follow what formats 6 and 8 have.
+            let (like, waveform) = match format {
+                9 => (6, 29),
+                10 => (8, 29),
+                other => (other, 0),
+            };
+            if packed && waveform > 0 {
+                continue;
+            }
+            let mut older = las_file((4, like, 0, packed), Vec::new(), 0..300, |_| ());
+            if waveform > 0 {
+                let start = u32::from_le_bytes(older[96..100].try_into().unwrap()) as usize;
+                let size = usize::from(u16::from_le_bytes(older[105..107].try_into().unwrap()));
+                let rows = older.split_off(start);
+                rows.chunks_exact(size).for_each(|row| older.extend([row, &[0; 29]].concat()));
+                older[104] = format;
+                older[105..107].copy_from_slice(&(size as u16 + waveform).to_le_bytes());
+            }
+            let (_, expected) = read(&older);
+            let mut newer = older.clone();
+            newer[25] = 5;
+            // With the header of 1.5, which is 18 bytes longer, and without.
+            let start = u32::from_le_bytes(newer[96..100].try_into().unwrap());
+            let mut longer = newer.clone();
+            longer.splice(375..375, [0; 18]);
+            longer[94..96].copy_from_slice(&393_u16.to_le_bytes());
+            longer[96..100].copy_from_slice(&(start + 18).to_le_bytes());
+            if packed {
+                let at = start as usize + 18;
+                let table = i64::from_le_bytes(longer[at..at + 8].try_into().unwrap()) + 18;
+                longer[at..at + 8].copy_from_slice(&table.to_le_bytes());
+            }
+            for bytes in [newer, longer] {
+                let (loaded, points) = read(&bytes);
+                assert!(loaded.notes[0].contains("LAS 1.5"), "{:?}", loaded.notes);
+                assert_eq!(points, expected, "format {format}");
+            }
+        }
+    }
+    let mut old = las_file((3, 3, 0, false), Vec::new(), 0..10, |_| ());
+    old[25] = 5;
+    let error = try_read(&old).unwrap_err();
+    assert!(error.contains("is LAS 1.5 with points of format 3") && error.contains("formats 6 to 10"), "{error}");
+    let mut future = las_file((4, 6, 0, false), Vec::new(), 0..10, |_| ());
+    future[25] = 6;
+    assert!(try_read(&future).unwrap_err().contains("is LAS 1.6"));
+}

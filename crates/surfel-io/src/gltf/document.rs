@@ -30,6 +30,9 @@ const HARMLESS_PARTS: [&str; 3] = [MATERIAL, "_lights_", "_texture_"];
 const MATERIAL: &str = "_materials_";
 /// The older material model, whose diffuse colour is taken as the base colour.
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
+/// The factor of emissive colours, which are read.
+pub(super) const EMISSIVE_STRENGTH: &str = "KHR_materials_emissive_strength";
+pub(super) const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
 pub(super) const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
 pub(super) const GAUSSIANS: &str = "KHR_gaussian_splatting";
@@ -73,7 +76,12 @@ impl CheckedDocument {
 
     /// What a material says of its normal texture.
     pub(super) fn normal_texture(&self, material: usize) -> Option<&Value> {
-        self.raw.get("materials")?.get(material)?.get("normalTexture")
+        self.material(material)?.get("normalTexture")
+    }
+
+    /// A material as the document states it, unchecked.
+    pub(super) fn material(&self, material: usize) -> Option<&Value> {
+        self.raw.get("materials")?.get(material)
     }
 
     /// The names of a texture's extensions.
@@ -223,7 +231,8 @@ fn strip_material(material: &mut Map<String, Value>, ignored: &mut BTreeSet<Stri
 }
 
 fn note_ignored(extensions: &Map<String, Value>, ignored: &mut BTreeSet<String>) {
-    let names = extensions.keys().filter(|name| name.contains(MATERIAL) && *name != SPECULAR_GLOSSINESS);
+    let is_read = |name: &str| [SPECULAR_GLOSSINESS, EMISSIVE_STRENGTH].contains(&name);
+    let names = extensions.keys().filter(|name| name.contains(MATERIAL) && !is_read(name));
     ignored.extend(names.cloned());
 }
 

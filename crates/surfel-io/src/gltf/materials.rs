@@ -1,15 +1,15 @@
 //! Materials: the base colour, its texture, and how texture coordinates are moved for it.
 
 use super::buffers::Asset;
-use super::document::WEBP;
+use super::document::{EMISSIVE_STRENGTH, UNLIT, WEBP};
 use super::uri;
 use super::wrap::Wrap;
 use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
-use crate::materials::Material;
+use crate::materials::{Material, add_emission};
 use serde_json::Value;
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
@@ -63,6 +63,8 @@ impl Materials {
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
         let first_alike = first_alike(asset);
+        let primitives = asset.document.gltf.meshes().flat_map(|mesh| mesh.primitives());
+        let used: BTreeSet<usize> = primitives.filter_map(|primitive| primitive.material().index()).collect();
         let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_alike.len()];
         for (number, material) in asset.document.gltf.materials().enumerate() {
             let pbr = material.pbr_metallic_roughness();
@@ -78,7 +80,7 @@ impl Materials {
             if alpha == AlphaMode::Opaque {
                 factor[3] = 1.0;
             }
-            let material = Material { factor, texture: None, alpha, normal_map: None };
+            let material = Material { factor, alpha, ..Material::WHITE };
             let mut found = BaseColor { material, transform: None, set: 0, wrap: [Wrap::Repeat; 2] };
             // The first that can be had: a texture may come in a newer format with an older one to fall back to.
             let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
@@ -106,13 +108,27 @@ impl Materials {
                     found.set = t.tex_coord().unwrap_or(found.set);
                 }
             }
-            if let Some(normals) = asset.document.normal_texture(number).and_then(|v| NormalTexture::of(asset, v)) {
-                let has_own = found.material.texture.is_none();
-                if has_own {
-                    found.wrap = normals.wrap;
+            let shown = asset.document.material(number).filter(|_| used.contains(&number));
+            let emission = shown.map_or([0.0; 3], emission);
+            if emission != [0.0; 3] {
+                found.material.emission = emission;
+                let map =
+                    asset.document.material(number).and_then(|m| MapTexture::of(asset, m.get("emissiveTexture")?));
+                if let Some(map) = map {
+                    if found.may_show(&map) {
+                        found.material.emission_map = read_first(map.images, context);
+                    } else {
+                        let what = "left out an emissive texture whose coordinates aren't the colours'";
+                        context.note(what.to_owned());
+                    }
+                    // Without its image nothing is known of what glows.
+                    if found.material.emission_map.is_none() {
+                        found.material.emission = [0.0; 3];
+                    }
                 }
-                if has_own || (found.set, found.transform) == (normals.set, normals.transform) {
-                    (found.set, found.transform) = (normals.set, normals.transform);
+            }
+            if let Some(normals) = asset.document.normal_texture(number).and_then(|v| MapTexture::of(asset, v)) {
+                if found.may_show(&normals) {
                     let image = read_first(normals.images, context);
                     found.material.normal_map = image.map(|image| (image, normals.scale));
                 } else {
@@ -122,12 +138,36 @@ impl Materials {
             }
             read.all.push(found);
         }
+        let Self { all, textures } = &mut read;
+        add_emission(all.iter_mut().map(|base| &mut base.material), textures, context);
         read
     }
 }
 
-/// A material's normal texture.
-struct NormalTexture {
+impl BaseColor {
+    /// True if a further texture lies as the material's other textures do. If there is none yet, they lie as it does.
+    fn may_show(&mut self, map: &MapTexture) -> bool {
+        if self.material.texture.is_none() && self.material.emission_map.is_none() {
+            (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
+        }
+        (self.set, self.transform) == (map.set, map.transform)
+    }
+}
+
+/// The emissive colour of a material: a factor times its strength, linear. None where the material is unlit, whose
+/// colour is the base colour alone.
+fn emission(material: &Value) -> [f32; 3] {
+    let extension = |name: &str| material.get("extensions").and_then(|all| all.get(name));
+    if extension(UNLIT).is_some() {
+        return [0.0; 3];
+    }
+    let strength = extension(EMISSIVE_STRENGTH).and_then(|e| e.get("emissiveStrength")?.as_f64()).unwrap_or(1.0);
+    let factor = |k: usize| material.get("emissiveFactor").and_then(|all| all.get(k)?.as_f64()).unwrap_or(0.0);
+    [0, 1, 2].map(|k| factor(k) * strength).map(|c| if c.is_finite() { c.clamp(0.0, 1e6) as f32 } else { 0.0 })
+}
+
+/// A texture of a material besides the one of its base colour.
+struct MapTexture {
     images: Vec<usize>,
     scale: f32,
     set: u32,
@@ -135,7 +175,7 @@ struct NormalTexture {
     wrap: [Wrap; 2],
 }
 
-impl NormalTexture {
+impl MapTexture {
     /// As a document says it, unchecked; `None` if there is no such texture, or it has no image that is read.
     fn of(asset: &Asset<'_>, said: &Value) -> Option<Self> {
         let number = |of: &Value, key: &str| of.get(key).and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
@@ -183,18 +223,19 @@ fn why_empty(asset: &Asset<'_>, texture: usize) -> String {
 
 fn read_image(asset: &Asset<'_>, index: usize, context: &mut Context<'_>) -> Option<Texture> {
     let image = asset.document.gltf.as_json().images.get(index)?;
+    let name = image.uri.as_deref().filter(|u| !u.starts_with("data:"));
+    let name = name.map_or_else(|| format!("image {index}"), str::to_owned);
     let decoded = match (&image.uri, image.buffer_view) {
-        (Some(uri), _) => uri::read(uri, &context.siblings).and_then(|bytes| context.textures.decode(&bytes)),
+        (Some(uri), _) => uri::read(uri, &context.siblings).and_then(|bytes| context.textures.decode(&bytes, &name)),
         (None, Some(view)) => {
-            asset.view_at(view.value()).map_err(|p| p.what).and_then(|bytes| context.textures.decode(bytes))
+            asset.view_at(view.value()).map_err(|p| p.what).and_then(|bytes| context.textures.decode(bytes, &name))
         }
         (None, None) => Err("it has no data".into()),
     };
     match decoded {
         Ok(texture) => Some(texture),
         Err(why) => {
-            let name = image.uri.as_deref().filter(|u| !u.starts_with("data:"));
-            context.note(texture::missing(name.unwrap_or(&format!("image {index}")), &why));
+            context.note(texture::missing(&name, &why));
             None
         }
     }

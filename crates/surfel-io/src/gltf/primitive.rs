@@ -108,6 +108,11 @@ pub(super) struct Surface {
 }
 
 impl Surface {
+    /// Colours of its vertices, if it has any.
+    pub(super) fn colors(&self) -> Option<&[[f32; 4]]> {
+        self.colors.as_deref()
+    }
+
     /// All vertices in world space.
     pub(super) fn place(&self, pose: &Pose) -> Vertices {
         Vertices {

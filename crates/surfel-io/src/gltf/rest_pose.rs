@@ -32,6 +32,17 @@ pub(super) struct JointSet {
 }
 
 impl Pose {
+    /// The largest factor by which it scales lengths; 1 where joints move vertices.
+    pub(super) fn scale(&self) -> f64 {
+        match self {
+            Self::Rigid(world) => {
+                let m = world.matrix3;
+                [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
+            }
+            Self::Skinned(_) => 1.0,
+        }
+    }
+
     /// World from a vertex's own space.
     pub(super) fn of_vertex(&self, vertex: usize) -> DAffine3 {
         match self {

@@ -10,17 +10,20 @@ use super::primitive::{Attributes, Vertices, same_count, world_positions};
 use super::rest_pose::{JointSet, Pose, SkinnedPose, joints};
 use super::splats::GatheredSplats;
 use super::wrap;
+use crate::columns::{f32_step, rounding_note_of_step};
 use crate::content::Content;
-use crate::context::Context;
+use crate::context::{Context, ZERO_ALPHAS};
 use crate::error::{Fault, Problem};
 use crate::gathered_points::{GatheredPoints, PointsPart};
 use crate::materials::{Material, Parts};
 use crate::words::counted;
-use glam::DAffine3;
+use glam::{DAffine3, DVec3};
+use gltf::accessor::DataType;
 use gltf::mesh::Mode;
 use gltf::{Node, Primitive, Semantic};
 use std::collections::HashMap;
 use std::rc::Rc;
+use surfel_model::AlphaMode;
 
 /// Most vertices or corners of a scene, those of morph targets and joints counted: instances multiply what the file
 /// holds.
@@ -35,6 +38,10 @@ struct Gathered {
     vertices: usize,
     lines: usize,
     skinned: usize,
+    /// The largest step, in world space, that 32-bit coordinates are rounded to.
+    step: f64,
+    /// True if some vertex colour isn't transparent; `None` without vertex colours.
+    has_alpha: Option<bool>,
     /// Joints of each skin that has been used.
     joints: HashMap<usize, Rc<Vec<DAffine3>>>,
     /// Where the instances are of each node that has been drawn.
@@ -70,6 +77,8 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
         vertices: 0,
         lines: 0,
         skinned: 0,
+        step: 0.0,
+        has_alpha: None,
         joints: HashMap::new(),
         instances: HashMap::new(),
         compressed: HashMap::new(),
@@ -128,6 +137,11 @@ impl Gathered {
         let normals = attributes.at_rest(&mut positions, weights)?;
         let poses = self.poses(&attributes, nodes, node, n)?;
         self.spend(n.saturating_mul(poses.len().saturating_sub(1)))?;
+        if primitive.get(&Semantic::Positions).is_some_and(|a| a.data_type() == DataType::F32) {
+            let finite = positions.as_flattened().iter().copied().filter(|c| c.is_finite());
+            let step = f32_step(finite.fold(0.0, |most: f32, c| most.max(c.abs())).into());
+            self.step = poses.iter().fold(self.step, |most, pose| most.max(step * pose.scale()));
+        }
         if let Some(extension) = asset.document.primitive_extension(primitive, mesh.index(), GAUSSIANS) {
             for pose in &poses {
                 let world = pose.of_vertex(0);
@@ -138,6 +152,9 @@ impl Gathered {
         let material = primitive.material().index();
         let base = material.and_then(|m| self.materials.all.get(m));
         let surface = attributes.surface(positions, normals, base)?;
+        if let Some(colors) = surface.colors() {
+            self.has_alpha = Some(self.has_alpha == Some(true) || colors.iter().any(|c| c[3] != 0.0));
+        }
         if primitive.mode() == Mode::Points {
             for pose in &poses {
                 let Vertices { positions, normals, colors, .. } = surface.place(pose);
@@ -248,6 +265,10 @@ impl Gathered {
 
     fn finish(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (points, splats) = (self.points.positions.len(), self.splats.positions.len());
+        let places = [&self.parts.positions, &self.points.positions, &self.splats.positions].into_iter().flatten();
+        let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let (min, max) = places.filter(|p| p.is_finite()).fold(none, |(lo, hi), p| (lo.min(*p), hi.max(*p)));
+        rounding_note_of_step(self.step, min, max).into_iter().for_each(|note| context.note(note));
         if !self.parts.triangles.is_empty() {
             if points + splats > 0 {
                 context.note(format!(
@@ -257,6 +278,11 @@ impl Gathered {
                 ));
             }
             let Materials { mut all, mut textures } = self.materials;
+            let is_opaque = all.iter().all(|base| base.material.alpha == AlphaMode::Opaque);
+            if self.has_alpha == Some(false) && !is_opaque {
+                self.parts.colors.iter_mut().flatten().for_each(|c| c[3] = 1.0);
+                context.note(ZERO_ALPHAS.into());
+            }
             let left = wrap::resolve(&mut self.parts, &mut all, &mut textures);
             if left > 0 {
                 context.note(format!(

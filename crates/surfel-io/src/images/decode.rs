@@ -29,6 +29,30 @@ pub(super) fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8, 0xff])
 }
 
+/// True of a JPEG that ends within its pixels: before the marker that ends every image.
+pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
+    if !is_jpeg(bytes) {
+        return false;
+    }
+    let mut at = 2;
+    loop {
+        // Segments begin with 0xff, perhaps several; what else is there belongs to pixels or to nothing.
+        let Some(marker) = bytes.get(at..).and_then(|rest| rest.iter().position(|b| *b == 0xff)) else { return true };
+        at += marker;
+        let Some(code) = bytes[at..].iter().position(|b| *b != 0xff) else { return true };
+        at += code;
+        match bytes[at] {
+            0xd9 => return false,
+            // A byte of pixels, and markers without a segment.
+            0x00 | 0x01 | 0xd0..=0xd8 => at += 1,
+            _ => {
+                let Some(length) = bytes.get(at + 1..at + 3) else { return true };
+                at += 1 + usize::from(u16::from_be_bytes([length[0], length[1]])).max(2);
+            }
+        }
+    }
+}
+
 pub(super) fn is_webp(bytes: &[u8]) -> bool {
     bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
 }
@@ -260,6 +284,17 @@ mod tests {
         encoder.set_color(png::ColorType::Rgba);
         encoder.write_header().unwrap().write_image_data(texels.as_flattened()).unwrap();
         bytes
+    }
+
+    #[test]
+    fn a_jpeg_is_cut_off_that_lacks_the_marker_at_its_end() {
+        // A segment with an image's end in it, as of a thumbnail; pixels with a stuffed byte and a restart.
+        let head = b"\xff\xd8\xff\xe1\x00\x06\xff\xd8\xff\xd9\xff\xda\x00\x04\x01\x02";
+        let whole = [&head[..], b"\x12\xff\x00\x34\xff\xd0\x56\xff\xff\xd9 and more"].concat();
+        assert!(!is_cut_jpeg(&whole) && !is_cut_jpeg(b"no JPEG"));
+        for end in 3..whole.len() - 9 {
+            assert!(is_cut_jpeg(&whole[..end]), "{end}");
+        }
     }
 
     #[test]

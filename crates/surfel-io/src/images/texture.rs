@@ -1,6 +1,6 @@
 //! Base-colour textures and matcaps: PNG, JPEG or WebP as texels of 8 bits.
 
-use super::decode::{can_hold, decode_reduced, size_of};
+use super::decode::{can_hold, decode_reduced, is_cut_jpeg, size_of};
 use crate::error::{Fault, IoError, Problem, quote};
 use crate::files;
 use std::path::Path;
@@ -21,25 +21,33 @@ pub(crate) struct TextureDecoder {
     max_side: u32,
     /// How many were reduced, and the sizes of the first before and after.
     reduced: Option<(usize, [u32; 4])>,
+    /// How many are cut off and drawn all the same, and the name of the first.
+    cut: Option<(usize, String)>,
 }
 
 impl TextureDecoder {
     /// A decoder for one file's textures.
     pub(crate) fn new(max_side: Option<u32>) -> Self {
         let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
-        Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None }
+        Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
     }
 
-    /// What is to be said of the images that were reduced.
-    pub(crate) fn told(&self) -> Option<String> {
-        let (count, [w, h, to_w, to_h]) = self.reduced?;
-        let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
-        let limit = self.max_side;
-        Some(format!("reduced {which} of {w}x{h} texels to {to_w}x{to_h} (--max-texture {limit} texels a side)"))
+    /// Notes about the images that were decoded.
+    pub(crate) fn told(&self) -> Vec<String> {
+        let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
+            let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
+            let limit = self.max_side;
+            format!("reduced {which} of {w}x{h} texels to {to_w}x{to_h} (--max-texture {limit} texels a side)")
+        });
+        let cut = self.cut.as_ref().map(|(count, name)| match count {
+            1 => format!("the texture {} is cut off: the rest of it is filled up", quote(name)),
+            _ => format!("{count} textures are cut off, the first of them {}: the rest is filled up", quote(name)),
+        });
+        reduced.into_iter().chain(cut).collect()
     }
 
-    /// Decodes an image, or says why not.
-    pub(crate) fn decode(&mut self, bytes: &[u8]) -> Result<Texture, String> {
+    /// Decodes an image, whose name is for notes, or says why not.
+    pub(crate) fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
         if !can_hold(bytes, width, height) {
@@ -51,12 +59,23 @@ impl TextureDecoder {
         let factor = width.max(height).div_ceil(self.max_side).max(1);
         let texture = decode_reduced(bytes, MAX_BYTES, [width.div_ceil(factor), height.div_ceil(factor)])?;
         self.texels_left -= texels;
+        if is_cut_jpeg(bytes) {
+            let (count, first) = self.cut.take().unwrap_or_else(|| (0, name.to_owned()));
+            self.cut = Some((count + 1, first));
+        }
         if factor > 1 {
             let first = [width, height, texture.width, texture.height];
             let (count, first) = self.reduced.map_or((0, first), |(count, first)| (count, first));
             self.reduced = Some((count + 1, first));
         }
         Ok(texture)
+    }
+
+    /// True if a texture of so many texels may be made of others; it then counts among the file's.
+    pub(crate) fn spend(&mut self, texels: u64) -> bool {
+        let left = self.texels_left.checked_sub(texels);
+        self.texels_left = left.unwrap_or(self.texels_left);
+        left.is_some()
     }
 }
 
@@ -66,7 +85,11 @@ impl TextureDecoder {
 /// [`IoError`] if the file can't be read, holds no such image, or one without texels or of more than 2048 a side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = files::read(path, MAX_BYTES as u64)?;
-    let image = TextureDecoder::new(None).decode(&bytes).map_err(|why| {
+    let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {
+        true => Err("it is cut off".to_owned()),
+        false => Ok(image),
+    });
+    let image = image.map_err(|why| {
         Fault::from(Problem::new(format!("is no image: {why}")).expected("a PNG, JPEG or WebP of a lit sphere"))
             .of(path)
     })?;

@@ -1,4 +1,5 @@
-//! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15; 1.0 to 1.3 have less of it).
+//! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15; 1.0 to 1.3 have less of it, and
+//! what 1.5 adds after byte 375 says nothing about where points are).
 
 use crate::crs::Crs;
 use crate::error::{Location, Problem};
@@ -115,9 +116,9 @@ impl Header {
             return Err(Problem::new(what).expected("227 bytes at least"));
         }
         let (major, minor) = (bytes[24], bytes[25]);
-        if major != 1 || minor > 4 {
+        if major != 1 || minor > 5 {
             let what = format!("is LAS {major}.{minor}");
-            return Err(Problem::new(what).at(Location::Byte(24)).expected("LAS 1.0 to 1.4"));
+            return Err(Problem::new(what).at(Location::Byte(24)).expected("LAS 1.0 to 1.5"));
         }
         let header_bytes = u64::from(u16_at(&bytes, 94));
         let start = u64::from(u32_at(&bytes, 96));
@@ -126,8 +127,12 @@ impl Header {
         let record_bytes = usize::from(u16_at(&bytes, 105));
         let Some(&least) = POINT_BYTES.get(usize::from(format)) else {
             let what = format!("has points of format {format}");
-            return Err(Problem::new(what).at(Location::Byte(104)).expected("formats 0 to 10 of LAS 1.4"));
+            return Err(Problem::new(what).at(Location::Byte(104)).expected("formats 0 to 10"));
         };
+        if minor == 5 && format < 6 {
+            let what = format!("is LAS 1.5 with points of format {format}");
+            return Err(Problem::new(what).at(Location::Byte(104)).expected("formats 6 to 10, as LAS 1.5 has them"));
+        }
         if record_bytes < least {
             let what = format!("has points of {record_bytes} bytes in format {format}");
             return Err(Problem::new(what).at(Location::Byte(105)).expected(format!("{least} bytes at least")));

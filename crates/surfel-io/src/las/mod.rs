@@ -1,4 +1,4 @@
-//! LAS 1.0 to 1.4, LAZ and COPC: points of laser scanners. A COPC file is a LAZ file whose chunks are the nodes of an
+//! LAS 1.0 to 1.5, LAZ and COPC: points of laser scanners. A COPC file is a LAZ file whose chunks are the nodes of an
 //! octree; all of them together are its points.
 //!
 //! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are

@@ -1,17 +1,19 @@
 //! Wavefront OBJ with its MTL materials.
 //!
 //! Positions keep every decimal. Vertex colours (`v x y z r g b`) are what a program displayed, so they are
-//! sRGB-encoded; `Kd` is linear and multiplies the texture.
+//! sRGB-encoded, and count to 1 or, if they are larger, to 255; `Kd` is linear and multiplies the texture.
 
 mod mtl;
+mod names;
 
 use crate::ascii::{Lines, number, words};
-use crate::color::linear_of_unit;
+use crate::color::linear_of_level;
 use crate::columns::measured_positions;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
-use crate::materials::Parts;
+use crate::materials::{Material, Parts};
+use crate::ply::colors::{ColorScale, ColorType, FloatColors};
 use crate::polygons::Cutter;
 use crate::words::counted;
 use glam::DVec3;
@@ -32,14 +34,22 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 #[derive(Default)]
 struct Obj {
     positions: Vec<DVec3>,
-    /// As displayed; shorter than `positions` where only some vertices are coloured.
+    /// As printed, NaN where a vertex has none; shorter than `positions` where the last vertices have none.
+    printed_colors: Vec<[f64; 3]>,
+    /// Linear.
     colors: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// Position, texture coordinate, normal, material.
+    /// Position, texture coordinate, normal ([`NONE`] where it has none), material.
     corners: Vec<[u32; 4]>,
     /// Number of corners of each face.
     faces: Vec<u32>,
+    /// Corners that refer to a texture coordinate, or a normal, that the file lacks.
+    missing: [usize; 2],
+    /// The largest vertex that a face refers to before the file has it, where that is, and how it is written.
+    ahead: Option<(u32, usize, String)>,
+    /// The line that is being read.
+    line: usize,
     names: HashMap<String, u32>,
     material: u32,
     libraries: Vec<String>,
@@ -51,6 +61,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let mut obj = Obj::default();
     let mut joined: Vec<u8> = Vec::new();
     for (number, line) in Lines::new(bytes) {
+        obj.line = number;
         // A backslash joins a line to the next.
         if let Some(part) = line.strip_suffix(b"\\") {
             joined.extend_from_slice(part);
@@ -71,6 +82,8 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     if obj.lines_ignored > 0 {
         context.note(format!("ignored {} curves, lines or other elements that are not polygons", obj.lines_ignored));
     }
+    obj.decode_colors(context);
+    obj.check_corners(context)?;
     if obj.faces.is_empty() { obj.points(context) } else { obj.mesh(context) }
 }
 
@@ -119,45 +132,94 @@ impl Obj {
         }
         // One number more is a weight, which polygons don't have; three or four are a colour.
         if count >= 3 {
-            self.colors.resize(self.positions.len() - 1, [1.0; 3]);
-            self.colors.push([rest[0], rest[1], rest[2]].map(linear_of_unit));
+            self.printed_colors.resize(self.positions.len() - 1, [f64::NAN; 3]);
+            self.printed_colors.push([rest[0], rest[1], rest[2]]);
         }
         Ok(())
+    }
+
+    /// Makes colours linear, and vertices without one white.
+    fn decode_colors(&mut self, context: &mut Context<'_>) {
+        let mut printed = std::mem::take(&mut self.printed_colors);
+        if printed.is_empty() {
+            return;
+        }
+        let all = || printed.as_flattened().iter().copied().filter(|c| c.is_finite());
+        let largest = all().fold(0.0, f64::max);
+        let scale = ColorScale::of(ColorType::Float, largest, all().all(|c| c.fract() == 0.0), FloatColors::Displayed);
+        let most = if let ColorScale::Encoded(most) = scale { most } else { 1.0 };
+        if largest > 1.0 {
+            let beyond = if largest > most { ", and clamped larger ones" } else { "" };
+            context.note(format!("took the colours as sRGB-encoded, from 0 to {most}{beyond}"));
+        }
+        printed.resize(self.positions.len(), [f64::NAN; 3]);
+        let linear = |c: f64| if c.is_nan() { 1.0 } else { linear_of_level(c, most) };
+        self.colors = printed.into_iter().map(|c| c.map(linear)).collect();
     }
 
     fn face<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) -> Result<(), Problem> {
         let start = self.corners.len();
         for word in words {
             let mut parts = word.split(|&b| b == b'/');
-            let mut index = |count: usize, what: &str, needed: bool| {
+            // An index may refer to what comes later in the file.
+            let mut index = |count: usize| {
                 let text = parts.next().unwrap_or(b"");
-                if text.is_empty() && !needed {
-                    return Ok(NONE);
-                }
                 let value: Option<i64> = std::str::from_utf8(text).ok().and_then(|t| t.parse().ok());
                 let resolved = value.and_then(|v| if v < 0 { v.checked_add(count as i64) } else { v.checked_sub(1) });
-                match resolved.and_then(|i| usize::try_from(i).ok()).filter(|&i| i < count) {
-                    Some(i) => Ok(i as u32),
-                    None => Err(Problem::new(format!("a face refers to {what} {} of {count}", quote(text)))
-                        .expected(format!("1 to {count}, or -{count} to -1; declared before the face"))),
-                }
+                let resolved = resolved.and_then(|i| u32::try_from(i).ok()).filter(|i| *i != NONE);
+                (text, value.is_some() || text.is_empty(), resolved)
             };
-            let position = index(self.positions.len(), "vertex", true)?;
-            let uv = index(self.uvs.len(), "texture coordinate", false)?;
-            let normal = index(self.normals.len(), "normal", false)?;
-            self.corners.push([position, uv, normal, self.material]);
+            let count = self.positions.len();
+            let (text, _, Some(position)) = index(count) else {
+                let text = word.split(|&b| b == b'/').next().unwrap_or_default();
+                return Err(no_such_vertex(text, count));
+            };
+            if position as usize >= count && self.ahead.as_ref().is_none_or(|(last, ..)| *last < position) {
+                self.ahead = Some((position, self.line, String::from_utf8_lossy(text).into_owned()));
+            }
+            let (mut others, counts) = ([NONE; 2], [self.uvs.len(), self.normals.len()]);
+            for (kind, (other, count)) in others.iter_mut().zip(counts).enumerate() {
+                let (text, is_number, resolved) = index(count);
+                if !is_number {
+                    let what = format!("a face refers to {} {}", KINDS[kind], quote(text));
+                    return Err(Problem::new(what).expected("'V', 'V/VT', 'V//VN' or 'V/VT/VN', as whole numbers"));
+                }
+                *other = resolved.unwrap_or(NONE);
+                self.missing[kind] += usize::from(resolved.is_none() && !text.is_empty());
+            }
+            self.corners.push([position, others[0], others[1], self.material]);
         }
         self.faces.push((self.corners.len() - start) as u32);
         Ok(())
     }
 
-    fn points(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
+    /// Checks that there is what faces refer to. Corners whose texture coordinate or normal the file lacks have none.
+    fn check_corners(&mut self, context: &mut Context<'_>) -> Result<(), Problem> {
+        let count = self.positions.len();
+        if let Some((_, line, text)) = self.ahead.take().filter(|(last, ..)| *last as usize >= count) {
+            return Err(no_such_vertex(text.as_bytes(), count).at(Location::Line(line)));
+        }
+        let counts = [self.uvs.len(), self.normals.len()];
+        for corner in &mut self.corners {
+            for ((index, count), missing) in corner[1..3].iter_mut().zip(counts).zip(&mut self.missing) {
+                if *index != NONE && *index as usize >= count {
+                    (*index, *missing) = (NONE, *missing + 1);
+                }
+            }
+        }
+        for (kind, missing) in KINDS.iter().zip(self.missing) {
+            if missing > 0 {
+                let corners = counted(missing as u64, "corners");
+                context.note(format!("the file lacks the {kind}s of {corners}: faces are drawn without them"));
+            }
+        }
+        Ok(())
+    }
+
+    fn points(self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (origin, positions) = measured_positions(&self.positions);
         let n = positions.len();
-        let colors = (!self.colors.is_empty()).then(|| {
-            self.colors.resize(n, [1.0; 3]);
-            self.colors
-        });
+        let colors = (!self.colors.is_empty()).then(|| self.colors);
         // Without faces, normals belong to vertices by their order, as point exporters write them.
         let normals = (self.normals.len() == n)
             .then(|| surfel_model::Column3::from_f32(self.normals.iter().map(|&n| n.into()).collect()));
@@ -166,12 +228,11 @@ impl Obj {
     }
 
     fn mesh(mut self, context: &mut Context<'_>) -> Result<Content, Fault> {
-        let (materials, textures) = mtl::resolve(&self.libraries, &self.names, context);
+        let (mut materials, textures) = mtl::resolve(&self.libraries, &self.names, context);
         let has_uvs = self.corners.iter().any(|c| c[1] != NONE);
-        let with_normal = self.corners.iter().filter(|c| c[2] != NONE).count();
-        let has_normals = with_normal == self.corners.len();
-        if with_normal > 0 && !has_normals {
-            context.note("ignored the normals: some corners have none".into());
+        let has_normals = self.corners.iter().any(|c| c[2] != NONE);
+        if has_uvs {
+            self.leave_out_textures(&mut materials);
         }
         // Materials that all look alike need no vertices of their own.
         if materials.is_empty() {
@@ -185,7 +246,6 @@ impl Obj {
             parts.positions = self.positions;
             parts.materials_of = vec![0; n];
             if !self.colors.is_empty() {
-                self.colors.resize(n, [1.0; 3]);
                 parts.colors = Some(self.colors.iter().map(|c| [c[0], c[1], c[2], 1.0]).collect());
             }
         } else {
@@ -203,6 +263,29 @@ impl Obj {
             context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
         }
         context.parts(parts, &materials, &textures)
+    }
+
+    /// Gives faces of which a corner has no texture coordinate a material without textures.
+    fn leave_out_textures(&mut self, materials: &mut Vec<Material>) {
+        let mut plain: HashMap<u32, u32> = HashMap::new();
+        let mut rest = self.corners.as_mut_slice();
+        for &count in &self.faces {
+            let (face, after) = rest.split_at_mut(rest.len().min(count as usize));
+            rest = after;
+            let Some(material) = face.first().filter(|_| face.iter().any(|c| c[1] == NONE)).map(|c| c[3]) else {
+                continue;
+            };
+            let Some(textured) = materials.get(material as usize) else { continue };
+            if textured.texture.is_none() && textured.normal_map.is_none() {
+                continue;
+            }
+            let untextured = Material { texture: None, normal_map: None, ..textured.clone() };
+            let index = *plain.entry(material).or_insert_with(|| {
+                materials.push(untextured);
+                materials.len() as u32 - 1
+            });
+            face.iter_mut().for_each(|c| c[3] = index);
+        }
     }
 
     /// A vertex for each different corner, in order of first use.
@@ -236,6 +319,14 @@ impl Obj {
         parts.normals = has_normals.then_some(normals);
         parts.colors = (!self.colors.is_empty()).then_some(colors);
     }
+}
+
+/// What corners may refer to besides a vertex.
+const KINDS: [&str; 2] = ["texture coordinate", "normal"];
+
+fn no_such_vertex(text: &[u8], count: usize) -> Problem {
+    let expected = format!("1 to {count}, or -{count} to -1");
+    Problem::new(format!("a face refers to vertex {} of {count}", quote(text))).expected(expected)
 }
 
 /// The text after a keyword: names and paths may hold blanks.

@@ -1,11 +1,13 @@
 //! MTL material libraries: base colour, opacity and their textures, normal maps.
 
+use super::names;
 use crate::ascii::{Lines, number, words};
 use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
-use crate::materials::Material;
+use crate::materials::{Material, add_emission};
 use std::collections::HashMap;
+use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
@@ -18,6 +20,22 @@ struct Entry {
     map: Option<String>,
     opacity_map: Option<String>,
     bumps: Option<Bumps>,
+    emission: Option<[f32; 3]>,
+    emission_map: Option<String>,
+}
+
+impl Default for Entry {
+    fn default() -> Self {
+        Self {
+            color: [1.0; 3],
+            alpha: 1.0,
+            map: None,
+            opacity_map: None,
+            bumps: None,
+            emission: None,
+            emission_map: None,
+        }
+    }
 }
 
 /// A map of normals, or of what may be heights.
@@ -42,7 +60,7 @@ impl Maps<'_> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
             let result = if so_far < MAX_TEXTURES {
-                read(map, context).and_then(|bytes| context.textures.decode(&bytes))
+                read(map, context).and_then(|bytes| context.textures.decode(&bytes, map))
             } else {
                 Err(format!("there are more than {MAX_TEXTURES}"))
             };
@@ -99,17 +117,20 @@ pub(super) fn resolve(
     context: &mut Context<'_>,
 ) -> (Vec<Material>, Vec<Arc<Texture>>) {
     let mut entries: HashMap<String, Entry> = HashMap::new();
-    let mut known: Vec<&String> = Vec::new();
-    for library in libraries {
+    let mut known: Vec<String> = Vec::new();
+    let all: Vec<String> =
+        libraries.iter().flat_map(|statement| names::libraries(statement, &context.siblings)).collect();
+    for library in all {
         if known.contains(&library) || known.len() >= MAX_TEXTURES {
             continue;
         }
-        known.push(library);
-        match read(library, context) {
-            Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
+        let read = read(&library, context);
+        known.push(library.clone());
+        match read {
+            Ok(bytes) => parse(&bytes, folder_of(&library), &mut entries, context),
             Err(why) => context.note(format!(
                 "left out the material library {}, so that what it says of colours and textures is not drawn: {why}",
-                quote(library)
+                quote(&library)
             )),
         }
     }
@@ -141,14 +162,29 @@ pub(super) fn resolve(
             });
             Some((image?, bumps.scale))
         });
+        let emission_map = entry.emission_map.as_deref().filter(|_| entry.emission != Some([0.0; 3]));
+        let emission_map = emission_map.and_then(|map| {
+            *loaded.entry(Maps { color: Some(map), opacity: None }).or_insert_with(|| {
+                textures.push(Arc::new(Maps { color: Some(map), opacity: None }.read(textures.len(), context)?));
+                Some(textures.len() - 1)
+            })
+        });
+        // A map alone glows as it is; one that is missing doesn't glow.
+        let emission = match (&entry.emission_map, emission_map) {
+            (Some(_), None) => [0.0; 3],
+            (Some(_), Some(_)) => entry.emission.unwrap_or([1.0; 3]),
+            (None, _) => entry.emission.unwrap_or_default(),
+        };
         // Many exporters write a black Kd beside a texture and mean the texture.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
             let factor = [r, g, b, entry.alpha];
-            *material = Material { factor, texture: image, alpha: AlphaMode::Blend, normal_map };
+            let alpha = AlphaMode::Blend;
+            *material = Material { factor, texture: image, alpha, normal_map, emission, emission_map };
         }
     }
-    if materials.iter().all(|m| m.texture.is_none() && m.normal_map.is_none() && m.factor == [1.0; 4]) {
+    add_emission(materials.iter_mut(), &mut textures, context);
+    if materials.iter().all(|m| m.texture.is_none() && m.normal_map.is_none() && m.is_plain()) {
         materials.clear();
     }
     (materials, textures)
@@ -156,9 +192,9 @@ pub(super) fn resolve(
 
 /// A file by its name, or else by what the name is without percent-encoding, which some exporters write.
 fn read(name: &str, context: &Context<'_>) -> Result<Vec<u8>, String> {
-    context.siblings.read(name).or_else(|why| {
-        let decoded = percent_encoding::percent_decode_str(name).decode_utf8().unwrap_or_default();
-        if decoded.is_empty() || decoded == name { Err(why) } else { context.siblings.read(&decoded) }
+    context.siblings.read(name).or_else(|why| match names::decoded(name) {
+        Some(decoded) => context.siblings.read(&decoded),
+        None => Err(why),
     })
 }
 
@@ -167,37 +203,38 @@ fn folder_of(library: &str) -> &str {
     &library[..library.rfind(['/', '\\']).map_or(0, |at| at + 1)]
 }
 
-fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
+fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>, context: &mut Context<'_>) {
     let mut current: Option<String> = None;
     for (_, line) in Lines::new(bytes) {
         let mut words = words(line);
         let Some(keyword) = words.next() else { continue };
         let rest = super::rest_of(line, keyword);
         if keyword == b"newmtl" {
-            let entry = Entry { color: [1.0; 3], alpha: 1.0, map: None, opacity_map: None, bumps: None };
-            entries.insert(rest.clone(), entry);
+            entries.insert(rest.clone(), Entry::default());
             current = Some(rest);
             continue;
         }
         let Some(entry) = current.as_ref().and_then(|name| entries.get_mut(name)) else { continue };
         let mut fraction = || words.next().and_then(number).filter(|v| v.is_finite()).map(|v| v.clamp(0.0, 1.0) as f32);
         match keyword {
-            b"Kd" => {
+            b"Kd" | b"Ke" => {
                 if let Some(r) = fraction() {
                     // One number stands for three.
                     let g = fraction().unwrap_or(r);
-                    entry.color = [r, g, fraction().unwrap_or(g)];
+                    let color = [r, g, fraction().unwrap_or(g)];
+                    if keyword == b"Kd" { entry.color = color } else { entry.emission = Some(color) }
                 }
             }
             b"d" => entry.alpha = fraction().unwrap_or(1.0),
             // MeshLab and its like write the opacity there, and nobody stores what can't be seen.
             b"Tr" => entry.alpha = fraction().map(|tr| 1.0 - tr).filter(|alpha| *alpha > 0.0).unwrap_or(1.0),
-            b"map_Kd" => entry.map = Some(path_of(&rest, folder)),
-            b"map_d" => entry.opacity_map = Some(path_of(&rest, folder)),
+            b"map_Kd" => entry.map = Some(path_of(&rest, folder, context)),
+            b"map_d" => entry.opacity_map = Some(path_of(&rest, folder, context)),
+            b"map_Ke" => entry.emission_map = Some(path_of(&rest, folder, context)),
             // `norm` says what it is; where both are there, the other may be heights.
-            b"norm" | b"map_Norm" => entry.bumps = Some(bumps(&rest, folder, true)),
+            b"norm" | b"map_Norm" => entry.bumps = Some(bumps(&rest, folder, true, context)),
             b"map_Bump" | b"map_bump" | b"bump" if entry.bumps.as_ref().is_none_or(|b| !b.are_normals) => {
-                entry.bumps = Some(bumps(&rest, folder, false));
+                entry.bumps = Some(bumps(&rest, folder, false, context));
             }
             _ => {}
         }
@@ -205,33 +242,18 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>) {
 }
 
 /// A statement such as `map_Bump -bm 0.5 FILE`.
-fn bumps(statement: &str, folder: &str, are_normals: bool) -> Bumps {
+fn bumps(statement: &str, folder: &str, are_normals: bool, context: &mut Context<'_>) -> Bumps {
     let mut words = statement.split_whitespace().skip_while(|word| *word != "-bm").skip(1);
     let scale = words.next().and_then(|word| word.parse().ok()).filter(|scale: &f32| scale.is_finite());
-    Bumps { map: path_of(statement, folder), scale: scale.unwrap_or(1.0), are_normals }
+    Bumps { map: path_of(statement, folder, context), scale: scale.unwrap_or(1.0), are_normals }
 }
 
 /// The file of a map statement.
-fn path_of(statement: &str, folder: &str) -> String {
-    let map = without_options(statement);
-    if std::path::Path::new(&map).is_absolute() { map } else { format!("{folder}{map}") }
-}
-
-/// The file name of a map statement, which options such as `-s 1 1 1` may precede.
-fn without_options(statement: &str) -> String {
-    if !statement.starts_with('-') {
-        return statement.to_owned();
+fn path_of(statement: &str, folder: &str, context: &mut Context<'_>) -> String {
+    let path = |map: &str| if Path::new(map).is_absolute() { map.to_owned() } else { format!("{folder}{map}") };
+    let found = names::map(statement, |map| names::exists(&path(map), &context.siblings));
+    if let Some(moved) = found.moved {
+        context.note(format!("ignored {} of the texture {}", quote(&moved), quote(found.name)));
     }
-    let mut rest = statement;
-    while let Some(option) = rest.strip_prefix('-') {
-        rest = option.trim_start_matches(|c: char| !c.is_whitespace()).trim_start();
-        while let Some((word, after)) = rest.split_once(char::is_whitespace) {
-            let is_channel = matches!(word, "r" | "g" | "b" | "m" | "l" | "z");
-            if word.parse::<f64>().is_err() && word != "on" && word != "off" && !is_channel {
-                break;
-            }
-            rest = after.trim_start();
-        }
-    }
-    rest.to_owned()
+    path(found.name)
 }

@@ -19,13 +19,15 @@ pub(crate) enum Want {
     Nothing,
     /// All scalar properties.
     Scalars,
-    /// The integer lists of these names, and what textures a face: MeshLab's `texcoord` and `texnumber`.
+    /// The integer lists of these names, a face's colours, and what textures it: MeshLab's `texcoord` and `texnumber`.
     Lists(&'static [&'static str]),
 }
 
 /// u and v of each of a face's corners in turn, and the texture that they are of.
-const COORDINATES: &str = "texcoord";
+pub(super) const COORDINATES: &str = "texcoord";
 pub(super) const TEXTURE: &str = "texnumber";
+/// Numbers of a face that are read.
+const OF_FACES: [&str; 7] = [TEXTURE, "red", "green", "blue", "alpha", "rgb", "rgba"];
 
 /// Reads the wanted elements in the order of the file, and stops after the last of them.
 ///
@@ -81,7 +83,7 @@ enum Column<'a> {
 
 impl Column<'_> {
     fn new(kind: Kind, name: &str, want: Want) -> Self {
-        let is_wanted = want == Want::Scalars || (matches!(want, Want::Lists(_)) && name == TEXTURE);
+        let is_wanted = want == Want::Scalars || (matches!(want, Want::Lists(_)) && OF_FACES.contains(&name));
         match (kind, want) {
             (Kind::Scalar(t), _) if is_wanted => Self::Scalar(match t {
                 ScalarType::I8 => ExtraValues::I8(Vec::new()),
@@ -133,8 +135,8 @@ struct Cursor<'a> {
 
 impl Cursor<'_> {
     fn place(&self) -> String {
-        let property = self.element.properties.get(self.property).map_or("", |p| p.name.as_str());
-        format!("property {} of element {} number {}", quote(property), quote(&self.element.name), self.row)
+        let property = self.element.properties.get(self.property).map_or("", |p| p.in_file.as_str());
+        format!("property {} of element {} number {}", quote(property), quote(&self.element.in_file), self.row)
     }
 
     fn truncated(&self, needed: u64) -> Fault {
@@ -142,7 +144,7 @@ impl Cursor<'_> {
         let what = format!(
             "the file ends at byte {}, within element {} number {} of {count}",
             self.length,
-            quote(&self.element.name),
+            quote(&self.element.in_file),
             self.row
         );
         let expected = format!("at least {needed} more bytes there, as the header says");
@@ -422,7 +424,7 @@ fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault
         return Err(cursor.truncated(2 * values - 1));
     }
     if first && !new_line {
-        let (row, element) = (cursor.row.saturating_sub(1), quote(&cursor.element.name));
+        let (row, element) = (cursor.row.saturating_sub(1), quote(&cursor.element.in_file));
         let what = format!("element {element} number {row} has more values than the header has properties");
         let location = Location::Line(line_at(bytes, start));
         let expected = format!("{} values on a line", cursor.element.properties.len());

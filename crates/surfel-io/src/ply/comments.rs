@@ -1,4 +1,5 @@
-//! Comments with a meaning: which axis is up, the interior weight, and that normals are oriented.
+//! Comments with a meaning: which axis is up, the interior weight, that normals are oriented, and that float colours are
+//! linear.
 
 use crate::error::{Fault, Problem, quote};
 use surfel_model::Up;
@@ -34,4 +35,12 @@ pub(super) fn comment_interior_weight(comment: &str) -> Option<Result<f64, Probl
 /// True of the comment that says that all normals point out of the same surface.
 pub(super) fn is_oriented(comment: &str) -> bool {
     comment.trim() == "oriented"
+}
+
+/// True of the comment that says that float colours are linear.
+pub(super) fn are_colors_linear(comment: &str) -> bool {
+    let mut words = comment.split_ascii_whitespace().map(str::to_ascii_lowercase);
+    matches!(words.next().as_deref(), Some("colors" | "colours"))
+        && words.next().as_deref() == Some("linear")
+        && words.next().is_none()
 }

@@ -1,5 +1,6 @@
 //! Gaussian-splat PLY files, recognised by their properties (2DGS: two scales, 3DGS: three).
 
+use super::colors::{FloatColors, take_printed};
 use super::comments::interpret_comments;
 use super::table::{Table, require, take, take_positions};
 use crate::columns::{to_f32, to_f64};
@@ -9,8 +10,10 @@ use crate::error::Fault;
 use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DQuat, DVec3};
 
-const REQUIRED: [&str; 10] =
-    ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity", "f_dc_0", "f_dc_1", "f_dc_2"];
+const REQUIRED: [&str; 7] = ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"];
+const CONSTANT: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
+/// The standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF keep beside the scales.
+const FILTER: &str = "filter_3D";
 
 /// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is in Surfel's
 /// own profile.
@@ -18,7 +21,9 @@ pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);
     }
-    match require(table, &REQUIRED) {
+    // nerfstudio writes colours instead, on request.
+    let colors = if table.has("red") && !table.has("f_dc_0") { ["red", "green", "blue"] } else { CONSTANT };
+    match require(table, &[&REQUIRED[..], &colors].concat()) {
         Ok(()) => Ok(true),
         Err(Fault::Problem(mut problem)) => {
             problem.what = format!("looks like Gaussian splats, but {}", problem.what);
@@ -31,29 +36,56 @@ pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
 
 pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let (up, _) = interpret_comments(&comments)?;
-    let (origin, centers) = take_positions(&mut table)?;
+    let (origin, centers) = take_positions(&mut table, context)?;
     let third = table.take("scale_2").map(|v| to_f64(&v.into()));
-    let [s0, s1, r0, r1, r2, r3, opacity, red, green, blue] = take(&mut table, REQUIRED)?;
-    let [s0, s1, w, x, y, z, opacity] = [s0, s1, r0, r1, r2, r3, opacity].map(|v| to_f64(&v.into()));
-    let [red, green, blue] = [red, green, blue].map(to_f32);
+    let kind = if third.is_some() { Kind::Solid } else { Kind::Flat };
+    let filter = table.take(FILTER).map(|v| to_f64(&v.into()));
+    let scales = take(&mut table, REQUIRED)?;
+    let [s0, s1, w, x, y, z, opacity] = scales.map(|v| to_f64(&v.into()));
     let n = centers.len();
+    let (display_colors, linear_colors) = if table.has(CONSTANT[0]) {
+        let [red, green, blue] = take(&mut table, CONSTANT)?.map(to_f32);
+        let display = |dc: f32| 0.5 + SH_C0 * f64::from(dc);
+        ((0..n).map(|i| [display(red[i]), display(green[i]), display(blue[i])]).collect(), false)
+    } else {
+        take_printed(&mut table, FloatColors::of_comments(&comments), context)?
+    };
     let harmonics = harmonics(&mut table, n, context);
-    let display = |dc: f32| 0.5 + SH_C0 * f64::from(dc);
+    let sigma = |i: usize| DVec3::new(s0[i].exp(), s1[i].exp(), third.as_ref().map_or(0.0, |s| s[i].exp()));
+    let mut sigmas: Vec<DVec3> = (0..n).map(sigma).collect();
+    let mut alphas: Vec<f32> = opacity.iter().map(|o| (1.0 / (1.0 + (-o).exp())) as f32).collect();
+    if let Some(filter) = filter {
+        for ((sigma, alpha), filter) in sigmas.iter_mut().zip(&mut alphas).zip(filter) {
+            let share;
+            (*sigma, share) = smoothed(*sigma, filter, kind);
+            *alpha *= share as f32;
+        }
+        context.note("applied the 3D smoothing filter that the file has beside the scales".into());
+    }
     context.gaussians(Gaussians {
         origin,
         centers,
-        kind: if third.is_some() { Kind::Solid } else { Kind::Flat },
-        sigmas: (0..n)
-            .map(|i| DVec3::new(s0[i].exp(), s1[i].exp(), third.as_ref().map_or(0.0, |s| s[i].exp())))
-            .collect(),
+        kind,
+        sigmas,
         rotations: (0..n).map(|i| DQuat::from_xyzw(x[i], y[i], z[i], w[i])).collect(),
-        alphas: opacity.iter().map(|o| (1.0 / (1.0 + (-o).exp())) as f32).collect(),
-        display_colors: (0..n).map(|i| [display(red[i]), display(green[i]), display(blue[i])]).collect(),
+        alphas,
+        display_colors,
         harmonics,
-        linear_colors: false,
+        linear_colors,
         up,
         comments,
     })
+}
+
+/// The standard deviations of a Gaussian that a filter of this one has smoothed, and what its opacity is multiplied by
+/// (Yu et al., Mip-Splatting, 2024, equation 9).
+fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
+    // The third one of a flat Gaussian isn't used.
+    let own = if kind == Kind::Flat { sigma.with_z(0.0) } else { sigma };
+    let wide = (own * own + filter * filter).map(f64::sqrt);
+    let ratio = own / wide;
+    let ratio = if kind == Kind::Flat { ratio.x * ratio.y } else { ratio.x * ratio.y * ratio.z };
+    if filter == 0.0 { (sigma, 1.0) } else { (if kind == Kind::Flat { wide.with_z(0.0) } else { wide }, ratio) }
 }
 
 /// The columns `f_rest_N`: all coefficients of red, then of green, then of blue.

@@ -1,6 +1,7 @@
 //! PLY headers: elements, properties and comments, before any data is touched.
 
 use super::encoding::PlyEncoding;
+use super::names;
 use crate::error::{Fault, Location, Problem, quote};
 
 /// Longest header, in bytes. Bounds the number of properties, too.
@@ -21,7 +22,10 @@ pub(crate) struct Header {
 /// An element: a table's name, length and columns.
 #[derive(Debug)]
 pub(crate) struct ElementDef {
+    /// The profile's name where the file has another for it.
     pub(crate) name: String,
+    /// The file's name, for messages.
+    pub(crate) in_file: String,
     /// As the header says; nothing is allocated by it alone.
     pub(crate) count: u64,
     pub(crate) properties: Vec<PropertyDef>,
@@ -36,8 +40,17 @@ impl ElementDef {
 
 #[derive(Debug)]
 pub(crate) struct PropertyDef {
+    /// The profile's name where the file has another for it.
     pub(crate) name: String,
+    /// The file's name, for messages.
+    pub(crate) in_file: String,
     pub(crate) kind: Kind,
+}
+
+impl PropertyDef {
+    fn new(name: &str, kind: Kind) -> Self {
+        Self { name: name.into(), in_file: name.into(), kind }
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -127,7 +140,12 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
                     let what = format!("the number of {} elements is {}", quote(name), quote(count));
                     Problem::new(what).at(at).expected("a whole number, at least 0")
                 })?;
-                header.elements.push(ElementDef { name: name.into(), count, properties: Vec::new() });
+                header.elements.push(ElementDef {
+                    name: name.into(),
+                    in_file: name.into(),
+                    count,
+                    properties: Vec::new(),
+                });
             }
             ["property", ref rest @ ..] => {
                 let property = parse_property(rest).map_err(|p| p.at(at))?;
@@ -149,8 +167,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         Problem::new("the PLY header has no format line")
             .expected("'format ascii 1.0', 'format binary_little_endian 1.0' or 'format binary_big_endian 1.0'")
     })?;
-    for element in &mut header.elements {
-        call_diffuse_colors_colors(element);
+    for element in &header.elements {
         let mut names: Vec<&str> = element.properties.iter().map(|p| p.name.as_str()).collect();
         names.sort_unstable();
         if let Some(pair) = names.windows(2).find(|w| w[0] == w[1]) {
@@ -158,6 +175,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
             return Err(Problem::new(what).expected("a different name for each").into());
         }
     }
+    names::make_canonical(&mut header.elements);
     header.body = lines.position;
     Ok(header)
 }
@@ -178,18 +196,6 @@ fn parse_format(name: &str, version: &str) -> Result<PlyEncoding, Problem> {
     }
 }
 
-/// PMVS and older tools call colours by the part of the material that they are.
-fn call_diffuse_colors_colors(element: &mut ElementDef) {
-    const NAMES: [&str; 3] = ["red", "green", "blue"];
-    let has = |name: &str| element.properties.iter().any(|p| p.name == name);
-    if NAMES.iter().all(|name| has(&format!("diffuse_{name}")) && !has(name)) {
-        for property in &mut element.properties {
-            let name = property.name.strip_prefix("diffuse_").filter(|name| NAMES.contains(name)).map(str::to_owned);
-            property.name = name.unwrap_or_else(|| std::mem::take(&mut property.name));
-        }
-    }
-}
-
 fn parse_property(words: &[&str]) -> Result<PropertyDef, Problem> {
     let types = "char uchar short ushort int uint float double (or int8 … float64)";
     let scalar = |word: &str| {
@@ -202,9 +208,9 @@ fn parse_property(words: &[&str]) -> Result<PropertyDef, Problem> {
                 return Err(Problem::new(format!("the list {} is counted by a float", quote(name)))
                     .expected("an integer type, such as uchar"));
             }
-            Ok(PropertyDef { name: (*name).into(), kind: Kind::List { count, item: scalar(item)? } })
+            Ok(PropertyDef::new(name, Kind::List { count, item: scalar(item)? }))
         }
-        [kind, name] => Ok(PropertyDef { name: (*name).into(), kind: Kind::Scalar(scalar(kind)?) }),
+        [kind, name] => Ok(PropertyDef::new(name, Kind::Scalar(scalar(kind)?))),
         _ => Err(Problem::new(format!("the property line has {} words", words.len() + 1))
             .expected("'property TYPE NAME' or 'property list TYPE TYPE NAME'")),
     }
@@ -277,18 +283,55 @@ mod tests {
         }
     }
 
+    fn named(element: &str, names: &[&str]) -> Vec<String> {
+        let properties: String = names.iter().map(|name| format!("property uchar {name}\n")).collect();
+        let text = format!("ply\nformat ascii 1.0\nelement {element} 2\n{properties}end_header\n");
+        let header = parse(text.as_bytes()).unwrap();
+        assert!(header.elements[0].properties.iter().zip(names).all(|(p, name)| p.in_file == *name));
+        header.elements[0].properties.iter().map(|p| p.name.clone()).collect()
+    }
+
     #[test]
-    fn diffuse_colors_are_colors_where_there_are_no_others() {
-        let named = |names: &[&str]| -> Vec<String> {
-            let properties: String = names.iter().map(|name| format!("property uchar {name}\n")).collect();
-            let text = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
-            parse(text.as_bytes()).unwrap().elements[0].properties.iter().map(|p| p.name.clone()).collect()
-        };
+    fn other_names_of_properties_are_those_of_the_profile_where_it_lacks_them() {
+        let named = |names: &[&str]| named("vertex", names);
         let diffuse = ["diffuse_red", "diffuse_green", "diffuse_blue", "diffuse_x"];
         assert_eq!(named(&diffuse), ["red", "green", "blue", "diffuse_x"]);
         assert_eq!(named(&diffuse[1..]), diffuse[1..]);
         let both = ["red", "diffuse_red", "diffuse_green", "diffuse_blue"];
         assert_eq!(named(&both), both);
+        let short = ["x", "y", "z", "r", "g", "b", "a", "label"];
+        assert_eq!(named(&short), ["x", "y", "z", "red", "green", "blue", "alpha", "label"]);
+        let large = ["X", "Y", "Z", "NX", "NY", "NZ", "Red", "Green", "Blue", "Alpha", "Radius"];
+        let small = ["x", "y", "z", "nx", "ny", "nz", "red", "green", "blue", "alpha", "radius"];
+        assert_eq!(named(&large), small);
+        for normal in
+            [["normal_x", "normal_y", "normal_z"], ["normalx", "normaly", "normalz"], ["NormalX", "NormalY", "NormalZ"]]
+        {
+            assert_eq!(named(&normal), ["nx", "ny", "nz"]);
+        }
+        // An alpha without colours, half a set, what Gaussians are made of, and degrees stay.
+        for others in [vec!["a", "b"], vec!["nx", "normal_x"], vec!["scale_0", "rot_0"], vec!["lon", "lat", "z"]] {
+            assert_eq!(named(&others), others);
+        }
+    }
+
+    #[test]
+    fn other_names_of_elements_are_vertex_and_face() {
+        for (element, expected) in [
+            ("point", "vertex"),
+            ("Points", "vertex"),
+            ("VERTEX", "vertex"),
+            ("vertices", "vertex"),
+            ("faces", "face"),
+            ("edge", "edge"),
+        ] {
+            let text = format!("ply\nformat ascii 1.0\nelement {element} 2\nproperty int x\nend_header\n");
+            let header = parse(text.as_bytes()).unwrap();
+            assert_eq!((header.elements[0].name.as_str(), header.elements[0].in_file.as_str()), (expected, element));
+        }
+        let text = "ply\nformat ascii 1.0\nelement point 2\nproperty int x\nelement vertex 2\nend_header\n";
+        let names: Vec<String> = parse(text.as_bytes()).unwrap().elements.into_iter().map(|e| e.name).collect();
+        assert_eq!(names, ["point", "vertex"]);
     }
 
     #[test]

@@ -1,13 +1,15 @@
 //! PLY meshes: polygons and triangle strips.
 
 use super::body::TEXTURE;
+use super::colors::{FloatColors, take_alphas, take_colors};
 use super::comments::interpret_comments;
-use super::table::{Lists, Table, take_colors, take_positions, take_set};
+use super::table::{Lists, Table, take_positions, take_set};
 use super::wedges::Wedges;
 use crate::columns;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, list};
+use crate::face_colors::{self, FaceColor};
 use crate::images::texture;
 use crate::polygons::Cutter;
 use crate::words::counted;
@@ -21,15 +23,37 @@ pub(super) struct Faces {
     coordinates: Option<Lists<f32>>,
     /// The texture of each.
     textures: Option<Vec<f64>>,
+    /// The colour of each.
+    colors: Option<Vec<FaceColor>>,
 }
 
 impl Faces {
     /// `None` without polygons.
-    pub(super) fn of(mut table: Table<'_>) -> Option<Self> {
+    pub(super) fn of(
+        mut table: Table<'_>,
+        comments: &[String],
+        context: &mut Context<'_>,
+    ) -> Result<Option<Self>, Fault> {
         let textures = table.take(TEXTURE).map(|numbers| columns::to_f64(&numbers.into()));
-        let coordinates = table.coordinates.filter(|lists| !lists.items.is_empty());
-        let (_, corners) = table.lists.into_iter().next().filter(|(_, lists)| !lists.lengths.is_empty())?;
-        Some(Self { corners, coordinates, textures })
+        let coordinates = table.coordinates.take().filter(|lists| !lists.items.is_empty());
+        let colors = match take_colors(&mut table, FloatColors::of_comments(comments), context)? {
+            Some(colors) => {
+                let alphas = take_alphas(&mut table, false, context);
+                let alphas = alphas.filter(|all| all.iter().any(|a| *a != 0.0));
+                let alpha = |i: usize| alphas.as_ref().map_or(1.0, |all| all[i]);
+                Some(colors.iter().enumerate().map(|(i, [r, g, b])| [*r, *g, *b, alpha(i)]).collect())
+            }
+            None => None,
+        };
+        let corners = table.lists.into_iter().next().filter(|(_, lists)| !lists.lengths.is_empty());
+        Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors }))
+    }
+
+    /// The colour of each triangle that the polygons were cut into: of a polygon of n corners there are n − 2.
+    fn triangle_colors(&self) -> Option<Vec<Option<FaceColor>>> {
+        let colors = self.colors.as_ref()?;
+        let each = self.corners.lengths.iter().zip(colors);
+        Some(each.flat_map(|(n, color)| std::iter::repeat_n(Some(*color), (*n as usize).saturating_sub(2))).collect())
     }
 }
 
@@ -41,10 +65,11 @@ pub(super) fn build(
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let (up, _) = interpret_comments(&comments)?;
-    let (origin, positions) = take_positions(&mut table)?;
+    let (origin, positions) = take_positions(&mut table, context)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(|n| to_arrays(n.map(columns::to_f32)));
-    let colors = take_colors(&mut table, context)?;
-    let alphas = table.take("alpha").map(columns::alphas);
+    let floats = FloatColors::of_comments(&comments);
+    let colors = take_colors(&mut table, floats, context)?;
+    let alphas = take_alphas(&mut table, false, context);
     let uv_names = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
     let uvs = match uv_names.into_iter().find(|names| names.iter().all(|n| table.has(n))) {
         // PLY has v upwards, as OpenGL; the model has it downwards, as images.
@@ -65,23 +90,28 @@ pub(super) fn build(
         let of = |lists| Wedges::new((&faces.corners, &positions), lists, faces.textures.as_deref());
         wedges = faces.coordinates.as_ref().map(of);
     }
+    let face_colors = faces.as_ref().and_then(Faces::triangle_colors);
     if let Some(strips) = strips {
         unroll(&strips, &mut triangles);
     }
     let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, uvs, up, comments, ..Mesh::default() };
     let names = mesh.comments.iter().filter_map(|c| c.trim().strip_prefix("TextureFile").map(|n| n.trim().to_owned()));
     let names: Vec<String> = names.collect();
-    let mut read = |name: &String| match context.siblings.read(name).and_then(|bytes| context.textures.decode(&bytes)) {
-        Ok(texture) => Some(Arc::new(texture)),
-        Err(why) => {
-            context.note(texture::missing(name, &why));
-            None
-        }
-    };
+    let mut read =
+        |name: &String| match context.siblings.read(name).and_then(|bytes| context.textures.decode(&bytes, name)) {
+            Ok(texture) => Some(Arc::new(texture)),
+            Err(why) => {
+                context.note(texture::missing(name, &why));
+                None
+            }
+        };
     if let Some(wedges) = wedges.filter(|_| !names.is_empty()) {
         wedges.split(&mut mesh, &names.iter().map(&mut read).collect::<Vec<_>>());
     } else if let (Some(name), true) = (names.first(), mesh.uvs.is_some()) {
         mesh.texture = read(name);
+    }
+    if let Some(of_triangle) = face_colors {
+        face_colors::show(&mut mesh, &of_triangle, context);
     }
     context.mesh(mesh)
 }

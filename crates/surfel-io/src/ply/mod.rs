@@ -1,12 +1,14 @@
 //! PLY: Surfel's splat profile, point clouds, meshes, and Gaussian splats.
 
 mod body;
+pub(crate) mod colors;
 mod comments;
 mod compressed;
 pub(crate) mod encoding;
 mod gaussians;
 mod header;
 mod mesh;
+mod names;
 #[cfg(feature = "laz")]
 pub(crate) mod points;
 mod splats;
@@ -51,12 +53,12 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
         match name.as_str() {
             "vertex" => vertices = Some(table),
             "chunk" => chunks = Some(table),
-            "face" => faces = Faces::of(table),
+            "face" => faces = Faces::of(table, &header.comments, context)?,
             _ => strips = table.lists.into_iter().next().map(|(_, lists)| lists),
         }
     }
     let Some(vertices) = vertices else {
-        let names: Vec<&str> = header.elements.iter().map(|e| e.name.as_str()).collect();
+        let names: Vec<&str> = header.elements.iter().map(|e| e.in_file.as_str()).collect();
         let what = format!("the PLY file has no 'vertex' element; it has {}", list(&names));
         return Err(Problem::new(what).expected("'element vertex N' with properties x y z").into());
     };

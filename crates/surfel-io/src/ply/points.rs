@@ -1,6 +1,7 @@
 //! The vertices of a PLY file of points alone, for what reads them block by block.
 
 use super::body::{number_type, push_word};
+use super::colors::{self, FloatColors};
 use super::comments::interpret_comments;
 use super::encoding::PlyEncoding;
 use super::header::{self, ElementDef, Header, Kind, ScalarType};
@@ -8,7 +9,7 @@ use crate::ascii::{each_line, words};
 use crate::bytes::Bytes;
 use crate::error::{Fault, Location, Problem, quote, unwritable};
 use crate::point_columns::{Named, Roles};
-use crate::strided::Strided;
+use crate::strided::{NumberType, Strided};
 use std::io::Write;
 use surfel_model::Up;
 
@@ -77,9 +78,15 @@ impl Vertices {
         interpret_comments(&self.header.comments).ok()?.0
     }
 
+    /// The meaning of float colours.
+    pub(crate) fn float_colors(&self) -> FloatColors {
+        FloatColors::of_comments(&self.header.comments)
+    }
+
     fn cut(&self, bytes: Bytes<'_>, whole: u64) -> Problem {
         let count = self.points();
-        let what = format!("the file ends at byte {}, within element 'vertex' number {whole} of {count}", bytes.len());
+        let (end, name) = (bytes.len(), quote(&self.vertices().in_file));
+        let what = format!("the file ends at byte {end}, within element {name} number {whole} of {count}");
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     }
 
@@ -102,12 +109,13 @@ impl Vertices {
                 let kind = scalar(property.kind);
                 let word = words.next().unwrap_or_default();
                 push_word(kind, word, &mut row).ok_or_else(|| {
-                    let what = format!("found {} as {} of vertex {rows}", quote(word), quote(&property.name));
+                    let what = format!("found {} as {} of vertex {rows}", quote(word), quote(&property.in_file));
                     wrong(what).expected("a number of the type that the header gives, and a line for each vertex")
                 })?;
             }
             if words.next().is_some() {
-                let what = format!("element 'vertex' number {rows} has more values than the header has properties");
+                let name = quote(&self.vertices().in_file);
+                let what = format!("element {name} number {rows} has more values than the header has properties");
                 return Err(wrong(what).expected(format!("{} values on a line", properties.len())).into());
             }
             rows += 1;
@@ -134,10 +142,21 @@ impl Vertices {
         // By exactly these names, as where all is read at once.
         let find = |name: &str| columns.iter().position(|c| c.name == name);
         let set = |[a, b, c]: [&str; 3]| Some([find(a)?, find(b)?, find(c)?]);
+        let is_packed = |i: &usize| {
+            let values = &columns[*i].values;
+            let rows = values.len();
+            let some = (0..rows).step_by(rows.div_ceil(1000).max(1));
+            match values.kind() {
+                NumberType::F32 => some.map(|row| values.at(row)).all(|v| colors::is_packed(v as f32)),
+                kind => matches!(kind, NumberType::I32 | NumberType::U32),
+            }
+        };
+        let packed = ["rgb", "rgba"].into_iter().find_map(find).filter(is_packed).map(|i| (i, false));
         let roles = Roles {
             position: set(["x", "y", "z"]).unwrap_or_default(),
             color: set(["red", "green", "blue"]),
             normal: set(["nx", "ny", "nz"]),
+            packed_color: packed.filter(|_| find("red").is_none()),
             alpha: find("alpha"),
             ..Roles::default()
         };

@@ -1,34 +1,36 @@
 //! Splats and points of the PLY profile.
 
+use super::colors::{FloatColors, take_alphas, take_colors};
 use super::comments::{interpret_comments, is_oriented};
-use super::table::{Table, require, take, take_colors, take_positions, take_set};
-use crate::columns;
+use super::table::{Table, require, take, take_positions, take_set};
+use crate::columns::{self, Numbers};
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Problem};
-use surfel_model::{ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraColumn, NO_LINE, PointCloud, Shape};
+use surfel_model::{
+    ClipColumns, ClipCurve, ClipLine, ClipMode, CloudData, ExtraColumn, ExtraValues, NO_LINE, PointCloud, Shape,
+};
 
 const AXES: [&str; 6] = ["su", "sv", "sw", "tu", "tv", "tw"];
 const CURVE: [&str; 5] = ["clip_theta1", "clip_theta3", "clip_u", "clip_v", "clip_w"];
 
 pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let axes = AXES.iter().any(|n| table.has(n));
-    let radius = table.has("radius");
+    // Without normals it is of points, which stay points: how their splats lie is estimated.
+    let radius = table.has("radius") && table.has("nx");
     let (up, interior_weight) = interpret_comments(&comments)?;
     if axes {
         require(&table, &AXES)?;
     } else if radius {
         require(&table, &["nx", "ny", "nz", "radius"])?;
     }
-    let (origin, centers) = take_positions(&mut table)?;
+    let (origin, centers) = take_positions(&mut table, context)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(columns::vectors);
     // Splats are of the profile, whose floats are linear also beyond 1.
-    let colors = if axes || radius {
-        take_set(&mut table, ["red", "green", "blue"])?.map(columns::colors)
-    } else {
-        take_colors(&mut table, context)?
-    };
-    let alphas = table.take("alpha").map(columns::alphas);
+    let is_profile = axes || radius;
+    let floats = if is_profile { FloatColors::Linear } else { FloatColors::of_comments(&comments) };
+    let colors = take_colors(&mut table, floats, context)?;
+    let alphas = take_alphas(&mut table, is_profile, context);
     let clips = take_clips(&mut table)?;
     let (shape, shading_normals) = if axes {
         let [su, sv, sw, tu, tv, tw] = take(&mut table, AXES)?;
@@ -40,6 +42,11 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     } else {
         (None, normals)
     };
+    let is_points = shape.is_none();
+    let radii = table.take("radius").map(ExtraValues::from);
+    let points_radii = radii.clone().filter(|_| is_points).map(columns::to_f32);
+    let radii = radii.map(|values| ("radius".to_owned(), Numbers::Held(values)));
+    table.scalars.extend(radii);
     let extras = table.scalars.into_iter().map(|(name, values)| ExtraColumn { name, values: values.into() }).collect();
     let Some(shape) = shape else {
         if clips.is_some() {
@@ -53,6 +60,7 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
             normals,
             colors,
             alphas,
+            radii: points_radii,
             extras,
             up,
             comments,

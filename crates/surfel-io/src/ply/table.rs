@@ -1,10 +1,10 @@
 //! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
 
-use crate::color::linear_of_level;
 use crate::columns;
 use crate::columns::Numbers;
 use crate::context::Context;
 use crate::error::{Fault, Problem, list};
+use crate::strided::NumberType;
 use glam::DVec3;
 use surfel_model::Column3;
 
@@ -60,9 +60,15 @@ impl<T> Lists<T> {
     }
 }
 
-/// Takes x, y and z, whose presence has been checked.
-pub(super) fn take_positions(table: &mut Table<'_>) -> Result<(DVec3, Column3), Fault> {
-    take(table, ["x", "y", "z"]).map(columns::positions)
+/// Takes x, y and z, whose presence has been checked. A note says if they are rounded.
+pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<(DVec3, Column3), Fault> {
+    let columns = take(table, ["x", "y", "z"])?;
+    let are_rounded = columns.iter().all(|c| c.kind() == NumberType::F32);
+    let (origin, positions) = columns::positions(columns);
+    if are_rounded {
+        context.note_rounding(positions.high());
+    }
+    Ok((origin, positions))
 }
 
 /// Takes columns that have to be there.
@@ -78,26 +84,6 @@ pub(super) fn take_set<'a, const N: usize>(
     names: [&str; N],
 ) -> Result<Option<[Numbers<'a>; N]>, Fault> {
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
-}
-
-/// Brightest linear colour that whole numbers may be: up to there they could be light, beyond they are levels.
-const BRIGHTEST: f32 = 8.0;
-
-/// Takes red, green and blue. Floats are linear, but where all are whole and some beyond [`BRIGHTEST`], they are levels
-/// as a program displayed them, and a note says so.
-pub(super) fn take_colors(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<Option<Vec<[f32; 3]>>, Fault> {
-    let Some(columns) = take_set(table, ["red", "green", "blue"])? else { return Ok(None) };
-    let are_floats = columns.iter().all(Numbers::is_float);
-    let mut colors = columns::colors(columns);
-    let largest = colors.as_flattened().iter().copied().filter(|c| c.is_finite()).fold(0.0, f32::max);
-    let are_levels = largest > BRIGHTEST && colors.as_flattened().iter().all(|c| !c.is_finite() || c.fract() == 0.0);
-    if are_floats && are_levels {
-        let scale = if largest <= 255.0 { 255.0 } else { 65_535.0 };
-        let levels = colors.as_flattened_mut();
-        levels.iter_mut().for_each(|c| *c = linear_of_level(f64::from(*c), scale));
-        context.note(format!("took the colours as sRGB-encoded, from 0 to {scale}"));
-    }
-    Ok(Some(colors))
 }
 
 /// An error unless all of `names` are there.

@@ -1,6 +1,6 @@
 //! Writing splat clouds as PLY, from which the same cloud can be read again.
 
-use super::comments::{comment_interior_weight, comment_up, is_oriented};
+use super::comments::{are_colors_linear, comment_interior_weight, comment_up, is_oriented};
 use super::encoding::PlyEncoding;
 use crate::atomic;
 use crate::color::exact_8_bit;
@@ -9,7 +9,7 @@ use glam::DVec3;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::Path;
-use surfel_model::{ClipMode, CloudData, Column3, ExtraValues, Shape, SplatCloud};
+use surfel_model::{ClipMode, CloudData, Column3, ExtraColumn, ExtraValues, Shape, SplatCloud};
 
 /// Rows that are encoded at a time.
 const BLOCK_ROWS: usize = 4096;
@@ -17,8 +17,8 @@ const BLOCK_ROWS: usize = 4096;
 /// Writes a splat cloud in Surfel's PLY profile to a file that appears whole or not at all.
 ///
 /// Nothing is lost: positions and axes are `double` where the cloud holds more than f32 (then also with the
-/// origin added), else `float`; colours are linear `float`, unless all are exactly 8-bit sRGB levels, which are
-/// written as `uchar`; comments and properties that Surfel doesn't interpret are kept.
+/// origin added), else `float`; colours are linear `float`, as the comment `colors linear` says, unless all are exactly
+/// 8-bit sRGB levels, which are written as `uchar`; comments and properties that Surfel doesn't interpret are kept.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -76,6 +76,9 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
             }
             weight = None;
         }
+        if are_colors_linear(comment) {
+            continue;
+        }
         if is_oriented(comment) {
             if !data.oriented {
                 continue;
@@ -95,6 +98,9 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     }
     if oriented {
         text.push_str("comment oriented\n");
+    }
+    if columns.iter().any(|(name, values)| name == "red" && matches!(values, Values::F32(_))) {
+        text.push_str("comment colors linear\n");
     }
     let _ = writeln!(text, "element vertex {}", cloud.len());
     for (name, values) in columns {
@@ -203,7 +209,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
         columns.push(("alpha".into(), values));
     }
     clips(&mut columns, data);
-    for extra in &data.extras {
+    for extra in data.extras.iter().filter(|extra| !is_radius(extra, &data.shape)) {
         // A blank would end the name, and a name used twice would make the file unreadable.
         let blank = |c: char| c.is_whitespace() || c.is_control();
         let mut name: String = extra.name.chars().map(|c| if blank(c) { '_' } else { c }).take(200).collect();
@@ -213,6 +219,12 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
         columns.push((name, Values::Extra(&extra.values)));
     }
     columns
+}
+
+/// True of a column that says the radii of disks again.
+fn is_radius(extra: &ExtraColumn, shape: &Shape) -> bool {
+    let (Shape::Disks { radii, .. }, ExtraValues::F32(values)) = (shape, &extra.values) else { return false };
+    ["radius", "radii"].iter().any(|name| extra.name.eq_ignore_ascii_case(name)) && values == radii
 }
 
 fn vector<'a>(columns: &mut Vec<(String, Values<'a>)>, names: [&str; 3], column: &'a Column3, origin: DVec3) {

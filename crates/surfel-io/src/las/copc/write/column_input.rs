@@ -9,13 +9,15 @@ use super::extra_bytes::description;
 use super::inputs::{Stop, invalid};
 use crate::color::nearest_16_bit;
 use crate::column_file::ColumnFile;
-use crate::columns::f32_is_enough;
+use crate::columns::{f32_is_enough, rounding_note};
 use crate::crs::Crs;
 use crate::error::{IoError, Problem};
+use crate::format::Format;
 use crate::las::Sink;
 use crate::las::copc::output::Record;
 use crate::las::copc::{LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
 use crate::las::header::{ExtraField, Header, POINT_BYTES};
+use crate::ply::colors::{ColorScale, ColorType};
 use crate::strided::{NumberType, Strided, block_rows, read_rows};
 use crate::words::counted;
 use glam::DVec3;
@@ -125,6 +127,10 @@ pub(super) struct ColumnInput {
     file: Arc<ColumnFile>,
     measured: Measured,
     colors: Option<Colors>,
+    /// The assumption about what colours count to.
+    color_note: Option<String>,
+    /// The steps that coordinates are rounded to, if they are 32-bit floats far from the origin.
+    rounding_note: Option<String>,
     intensity: Option<usize>,
     extra: Vec<Extra>,
     names: Vec<String>,
@@ -146,7 +152,19 @@ impl ColumnInput {
         let (extra, names) = (Vec::new(), Vec::new());
         let (scale, offset, rounds) = (1.0, DVec3::ZERO, false);
         let file = Arc::new(file);
-        Ok(Some(Self { file, measured, colors: None, intensity: None, extra, names, scale, offset, rounds }))
+        Ok(Some(Self {
+            file,
+            measured,
+            colors: None,
+            color_note: None,
+            rounding_note: None,
+            intensity: None,
+            extra,
+            names,
+            scale,
+            offset,
+            rounds,
+        }))
     }
 
     /// Gives inputs that are written as one the same steps, and the same columns as far as they have them.
@@ -163,6 +181,9 @@ impl ColumnInput {
         let (scale, offset) = steps(&all);
         let [low, high] = all.ends();
         for input in inputs {
+            let are_rounded = input.file.roles.position.iter().all(|i| input.file.places[*i].kind == NumberType::F32);
+            let [low_of, high_of] = input.measured.ends();
+            input.rounding_note = if are_rounded { rounding_note(low_of, high_of) } else { None };
             (input.scale, input.offset) = (scale, offset);
             input.rounds = !input.file.is_typed() && f32_is_enough(low, high);
             let ranges: Vec<Range> = input.file.names.iter().map(|name| by_name[name]).collect();
@@ -176,20 +197,24 @@ impl ColumnInput {
         let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
         let largest = |set: [usize; 3]| set.iter().fold(0.0, |most: f64, i| most.max(ranges[*i].most));
         let whole = |set: [usize; 3]| set.iter().all(|i| ranges[*i].whole);
-        let are = |set: [usize; 3], fits: fn(NumberType) -> bool| set.iter().all(|i| fits(kind(*i)));
-        self.colors = roles.color.map(|set| match largest(set) {
-            _ if are(set, |kind| kind == NumberType::U8) => Colors::Levels(set, 255.0),
-            most if file.is_typed() => match () {
-                () if are(set, |kind| kind == NumberType::U16) => Colors::Levels(set, 65_535.0),
-                () if are(set, NumberType::is_integer) => Colors::Levels(set, 255.0),
-                // Whole numbers beyond any light are levels, as where all is read at once.
-                () if most > 8.0 && whole(set) => Colors::Levels(set, if most <= 255.0 { 255.0 } else { 65_535.0 }),
-                () => Colors::Linear(set),
-            },
-            most if most <= 1.0 && !are(set, NumberType::is_integer) => Colors::Levels(set, 1.0),
-            most if most <= 255.0 => Colors::Levels(set, 255.0),
-            _ => Colors::Levels(set, 65_535.0),
-        });
+        let kinds = |set: [usize; 3]| ColorType::of(set.map(kind));
+        (self.colors, self.color_note) = (None, None);
+        if let Some(set) = roles.color {
+            let (color_type, most) = (kinds(set), largest(set));
+            let scale = match () {
+                // Already spread over the whole range by the limits that the file states.
+                () if file.format == Format::E57 && color_type == ColorType::Short => ColorScale::Encoded(65_535.0),
+                () if file.is_typed() => ColorScale::of(color_type, most, whole(set), file.float_colors),
+                () if color_type == ColorType::Byte => ColorScale::Encoded(255.0),
+                () if most <= 1.0 && color_type == ColorType::Float => ColorScale::Encoded(1.0),
+                () => ColorScale::Encoded(if most <= 255.0 { 255.0 } else { 65_535.0 }),
+            };
+            self.color_note = if file.format == Format::Ply { scale.note(color_type, most) } else { None };
+            self.colors = Some(match scale {
+                ColorScale::Linear => Colors::Linear(set),
+                ColorScale::Encoded(most) => Colors::Levels(set, most),
+            });
+        }
         let packed = roles.packed_color.map(|(i, _)| i);
         self.colors = self.colors.or(packed.map(Colors::Packed));
         let used = |i: usize| {
@@ -263,7 +288,7 @@ impl ColumnInput {
         let crs = &self.file.crs;
         let unsaid = || format!("left out its system, {}: COPC takes well-known text alone", crs.words());
         let is_unsaid = *crs != Crs::default() && self.wkt().is_none();
-        let notes = self.file.notes.iter().cloned();
+        let notes = self.file.notes.iter().chain(&self.color_note).chain(&self.rounding_note).cloned();
         Header {
             minor: 4,
             software: String::new(),
@@ -592,6 +617,42 @@ mod tests {
 
     fn number(points: &PointCloud, i: usize) -> usize {
         points.extras.iter().find(|e| e.name == "number").unwrap().values.get(i) as usize
+    }
+
+    /// Colours are those of a file that is read at once, in the 16 bits of LAS, with the same notes.
+    #[test]
+    fn colors_of_ply_mean_the_same_where_points_are_read_block_by_block() {
+        let folder = folder("colors");
+        let cases: [(&str, &str, [&str; 3], [f64; 3]); 7] = [
+            ("", "ushort", ["red", "green", "blue"], [200.0, 100.0, 3.0]),
+            ("", "ushort", ["red", "green", "blue"], [60_000.0, 100.0, 3.0]),
+            ("", "float", ["red", "green", "blue"], [0.5, 0.25, 1.0]),
+            ("comment colors linear\n", "float", ["red", "green", "blue"], [0.5, 0.25, 1.0]),
+            ("", "float", ["R", "G", "B"], [128.0, 64.0, 0.0]),
+            ("", "int", ["Red", "Green", "Blue"], [255.0, 64.0, 0.0]),
+            ("", "uchar", ["diffuse_red", "diffuse_green", "diffuse_blue"], [255.0, 64.0, 0.0]),
+        ];
+        for (comment, kind, names, color) in cases {
+            let properties = names.map(|name| format!("property {kind} {name}\n")).concat();
+            let [r, g, b] = color;
+            let rows: String = (0..500).map(|i| format!("{} {} 5 {r} {g} {b}\n", i % 20, i / 20)).collect();
+            let head = format!("ply\nformat ascii 1.0\n{comment}element point 500\n");
+            let text =
+                format!("{head}property float X\nproperty float Y\nproperty float Z\n{properties}end_header\n{rows}");
+            let input = folder.join("a.ply");
+            std::fs::write(&input, &text).unwrap();
+            let at_once = crate::load(&input, &LoadOptions::default()).unwrap();
+            let (bytes, notes) = written(&input, LARGE).unwrap();
+            for note in &at_once.notes {
+                assert!(notes.iter().any(|n| n.contains(note)), "{kind}: {note:?} isn't in {notes:?}");
+            }
+            let Content::Points(at_once) = at_once.content else { panic!() };
+            let (expected, found) = (at_once.colors.unwrap()[0], loaded(&bytes).colors.unwrap()[0]);
+            for (found, expected) in found.iter().zip(expected) {
+                assert!((found - expected).abs() < 1e-4, "{kind} {color:?}: {found:?} {expected:?}");
+            }
+        }
+        std::fs::remove_dir_all(folder).unwrap();
     }
 
     #[test]

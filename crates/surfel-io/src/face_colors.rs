@@ -1,0 +1,56 @@
+//! Colours of faces: vertices are split where the faces that share them differ.
+
+use crate::context::Context;
+use std::collections::HashMap;
+use surfel_model::Mesh;
+
+/// Linear RGB and alpha.
+pub(crate) type FaceColor = [f32; 4];
+
+/// Shows triangles in the colours of their faces, unless the mesh's vertices have colours of their own. A triangle
+/// without one keeps those of its vertices.
+///
+/// `of_triangle` may be shorter than the mesh's triangles. A mesh whose corners are out of range stays as it is.
+pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: &mut Context<'_>) {
+    // Programs that colour faces write vertices of one colour beside them, if any.
+    if mesh.colors.as_ref().is_some_and(|all| all.windows(2).any(|pair| pair[0] != pair[1])) {
+        context.note("ignored the colours of its faces: its vertices have colours of their own".into());
+        return;
+    }
+    if mesh.triangles.iter().flatten().any(|i| *i as usize >= mesh.positions.len()) {
+        return;
+    }
+    let mut palette: Vec<FaceColor> = Vec::new();
+    let mut number_of: HashMap<[u32; 4], u32> = HashMap::new();
+    let mut known: HashMap<(u32, u32), u32> = HashMap::with_capacity(mesh.positions.len());
+    // The vertex that each new one is a copy of, and its colour's number.
+    let mut sources: Vec<(u32, u32)> = Vec::new();
+    for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
+        let number = of_triangle.get(i).copied().flatten().map_or(u32::MAX, |color| {
+            *number_of.entry(color.map(f32::to_bits)).or_insert_with(|| {
+                palette.push(color);
+                palette.len() as u32 - 1
+            })
+        });
+        for vertex in triangle {
+            *vertex = *known.entry((*vertex, number)).or_insert_with(|| {
+                sources.push((*vertex, number));
+                sources.len() as u32 - 1
+            });
+        }
+    }
+    let indices: Vec<u32> = sources.iter().map(|(vertex, _)| *vertex).collect();
+    mesh.positions = mesh.positions.select(&indices);
+    let of = |i: &u32| *i as usize;
+    mesh.normals = mesh.normals.as_ref().map(|all| indices.iter().map(|i| all[of(i)]).collect());
+    mesh.uvs = mesh.uvs.as_ref().map(|all| indices.iter().map(|i| all[of(i)]).collect());
+    let own = |vertex: usize| {
+        let [r, g, b] = mesh.colors.as_ref().map_or([1.0; 3], |all| all[vertex]);
+        [r, g, b, mesh.alphas.as_ref().map_or(1.0, |all| all[vertex])]
+    };
+    let color =
+        |(vertex, number): &(u32, u32)| palette.get(*number as usize).copied().unwrap_or_else(|| own(*vertex as usize));
+    let all: Vec<FaceColor> = sources.iter().map(color).collect();
+    mesh.colors = Some(all.iter().map(|c| [c[0], c[1], c[2]]).collect());
+    mesh.alphas = all.iter().any(|c| c[3] < 1.0).then(|| all.iter().map(|c| c[3]).collect());
+}

@@ -1,0 +1,209 @@
+//! Colours of vertices and faces: what their numbers count to, and whether they are linear.
+
+use super::table::{Table, take, take_set};
+use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_level};
+use crate::columns::{Numbers, number_type, to_f32, to_f64};
+use crate::context::Context;
+use crate::error::Fault;
+use crate::strided::{NumberType, combined};
+use surfel_model::ExtraValues;
+
+const RGB: [&str; 3] = ["red", "green", "blue"];
+/// Largest float that may be light, or a displayed colour that a computation put above 1: floats beyond are levels.
+const BRIGHTEST: f64 = 8.0;
+
+/// The meaning of float colours that a file doesn't state to be anything else.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum FloatColors {
+    /// Linear light: the splat profile's, and those of a file with the comment `colors linear`.
+    Linear,
+    /// As a program displays them, sRGB-encoded: those of points and meshes.
+    Displayed,
+}
+
+impl FloatColors {
+    /// Those of points and meshes with these comments.
+    pub(crate) fn of_comments(comments: &[String]) -> Self {
+        if comments.iter().any(|c| super::comments::are_colors_linear(c)) { Self::Linear } else { Self::Displayed }
+    }
+}
+
+/// The number type of three columns of colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ColorType {
+    Byte,
+    Short,
+    Whole,
+    Float,
+}
+
+impl ColorType {
+    pub(crate) fn of(kinds: [NumberType; 3]) -> Self {
+        let all = |f: fn(NumberType) -> bool| kinds.into_iter().all(f);
+        match () {
+            () if all(|kind| kind == NumberType::U8) => Self::Byte,
+            () if all(|kind| kind == NumberType::U16) => Self::Short,
+            () if all(NumberType::is_integer) => Self::Whole,
+            () => Self::Float,
+        }
+    }
+}
+
+/// What the numbers of colours mean.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum ColorScale {
+    Linear,
+    /// sRGB-encoded, from 0 to this.
+    Encoded(f64),
+}
+
+impl ColorScale {
+    /// The scale of colours by their type, the largest of their numbers, and whether all are whole.
+    pub(crate) fn of(kind: ColorType, largest: f64, whole: bool, floats: FloatColors) -> Self {
+        match kind {
+            ColorType::Byte => Self::Encoded(255.0),
+            ColorType::Short | ColorType::Whole if largest <= 255.0 => Self::Encoded(255.0),
+            ColorType::Short | ColorType::Whole => Self::Encoded(65_535.0),
+            ColorType::Float if floats == FloatColors::Linear => Self::Linear,
+            ColorType::Float if largest <= 1.0 || largest <= BRIGHTEST && !whole => Self::Encoded(1.0),
+            ColorType::Float => Self::Encoded(if largest <= 255.0 { 255.0 } else { 65_535.0 }),
+        }
+    }
+
+    /// The note about a scale that the type alone doesn't state.
+    pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
+        match (kind, self) {
+            (ColorType::Byte, _) | (_, Self::Linear) => None,
+            (ColorType::Short, Self::Encoded(255.0)) if largest > 0.0 => Some(EIGHT_BITS.into()),
+            (ColorType::Short, _) | (ColorType::Whole, Self::Encoded(255.0)) => None,
+            (_, Self::Encoded(scale)) => {
+                let beyond = if largest > scale { ", and clamped larger ones" } else { "" };
+                let remedy = if kind == ColorType::Float { "; a comment 'colors linear' says otherwise" } else { "" };
+                Some(format!("took the colours as sRGB-encoded, from 0 to {scale}{beyond}{remedy}"))
+            }
+        }
+    }
+}
+
+/// The note about colours of 16 bits that count to 255.
+pub(crate) const EIGHT_BITS: &str = "its colours count to 255 instead of 65535: taken as 8 bits";
+
+/// Takes red, green and blue as linear colours, and notes what was assumed of them.
+pub(super) fn take_colors(
+    table: &mut Table<'_>,
+    floats: FloatColors,
+    context: &mut Context<'_>,
+) -> Result<Option<Vec<[f32; 3]>>, Fault> {
+    let columns = match take_set(table, RGB)? {
+        Some([Numbers::Stored(r), Numbers::Stored(g), Numbers::Stored(b)])
+            if [r, g, b].iter().all(|c| c.kind() == NumberType::U8) =>
+        {
+            let bytes = linear_of_8_bit();
+            return Ok(Some(combined([r, g, b], |levels| levels.map(|level| bytes[level as usize]))));
+        }
+        Some(columns) => columns.map(ExtraValues::from),
+        None => return Ok(take_packed(table)),
+    };
+    let kind = ColorType::of([0, 1, 2].map(|k| number_type(&columns[k])));
+    if let [ExtraValues::U8(r), ExtraValues::U8(g), ExtraValues::U8(b)] = &columns {
+        let bytes = linear_of_8_bit();
+        return Ok(Some(zip(r, g, b, |level| bytes[usize::from(level)])));
+    }
+    if let [ExtraValues::U16(r), ExtraValues::U16(g), ExtraValues::U16(b)] = &columns {
+        let largest = [r, g, b].into_iter().flatten().copied().max().unwrap_or(0);
+        let scale = ColorScale::of(kind, largest.into(), true, floats);
+        scale.note(kind, largest.into()).into_iter().for_each(|note| context.note(note));
+        let table = if scale == ColorScale::Encoded(255.0) { linear_of_8_bit() } else { linear_of_16_bit() };
+        return Ok(Some(zip(r, g, b, |level| table[usize::from(level)])));
+    }
+    if kind == ColorType::Float && floats == FloatColors::Linear {
+        let [r, g, b] = columns.map(to_f32);
+        return Ok(Some(zip(&r, &g, &b, |c| c)));
+    }
+    let [r, g, b] = columns.map(|column| to_f64(&column));
+    let scale = Printed([&r, &g, &b]).scale(kind, floats, context);
+    let most = if let ColorScale::Encoded(most) = scale { most } else { 1.0 };
+    Ok(Some(zip(&r, &g, &b, |level| linear_of_level(level, most))))
+}
+
+/// Takes red, green and blue, which have to be there, as fractions of what they count to, and whether they are linear.
+pub(super) fn take_printed(
+    table: &mut Table<'_>,
+    floats: FloatColors,
+    context: &mut Context<'_>,
+) -> Result<(Vec<[f64; 3]>, bool), Fault> {
+    let columns = take(table, RGB)?.map(ExtraValues::from);
+    let kind = ColorType::of([0, 1, 2].map(|k| number_type(&columns[k])));
+    let [r, g, b] = columns.map(|column| to_f64(&column));
+    let scale = Printed([&r, &g, &b]).scale(kind, floats, context);
+    let most = if let ColorScale::Encoded(most) = scale { most } else { 1.0 };
+    let fraction = |((r, g), b): ((&f64, &f64), &f64)| [*r, *g, *b].map(|c| c / most);
+    Ok((r.iter().zip(&g).zip(&b).map(fraction).collect(), scale == ColorScale::Linear))
+}
+
+/// Three columns of colours as numbers.
+struct Printed<'a>([&'a [f64]; 3]);
+
+impl Printed<'_> {
+    /// What they count to, which is noted where their type doesn't state it.
+    fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
+        let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
+        let largest = all().fold(0.0, f64::max);
+        let scale = ColorScale::of(kind, largest, largest > 1.0 && all().all(|c| c.fract() == 0.0), floats);
+        scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
+        scale
+    }
+}
+
+fn zip<T: Copy>(r: &[T], g: &[T], b: &[T], linear: impl Fn(T) -> f32) -> Vec<[f32; 3]> {
+    r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()
+}
+
+/// Takes colours in the bits of one number, as PCL has them. Floats that aren't such bits stay.
+fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
+    let name = ["rgb", "rgba"].into_iter().find(|name| table.has(name))?;
+    let packed = match table.take(name).map(ExtraValues::from)? {
+        ExtraValues::U32(packed) => packed,
+        ExtraValues::I32(packed) => packed.into_iter().map(|v| v as u32).collect(),
+        ExtraValues::F32(packed) if packed.iter().all(|v| is_packed(*v)) => {
+            packed.iter().map(|v| v.to_bits()).collect()
+        }
+        other => {
+            table.scalars.push((name.into(), Numbers::Held(other)));
+            return None;
+        }
+    };
+    let bytes = linear_of_8_bit();
+    Some(packed.into_iter().map(|bits| [16, 8, 0].map(|shift| bytes[(bits >> shift & 255) as usize])).collect())
+}
+
+/// True of a float whose bits may be a colour with an alpha of 0, or of 255 or nearly.
+pub(super) fn is_packed(value: f32) -> bool {
+    value.is_nan() || value.abs() < 1e-37 || value < -1e37
+}
+
+/// Takes the alphas as fractions. Floats of points and meshes may count to 255; those of the splat profile don't.
+pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut Context<'_>) -> Option<Vec<f32>> {
+    let fraction = |a: f64, most: f64| (a / most).clamp(0.0, 1.0) as f32;
+    match table.take("alpha").map(ExtraValues::from)? {
+        ExtraValues::U16(v) => {
+            let are_bytes = v.iter().all(|a| *a <= 255);
+            if are_bytes && v.iter().any(|a| *a > 0) {
+                context.note("its alphas count to 255 instead of 65535: taken as 8 bits".into());
+            }
+            let most = if are_bytes { 255.0 } else { 65_535.0 };
+            Some(v.iter().map(|a| fraction((*a).into(), most)).collect())
+        }
+        values @ (ExtraValues::F32(_) | ExtraValues::F64(_)) => {
+            let mut v = to_f32(values);
+            let largest = v.iter().copied().filter(|a| a.is_finite()).fold(0.0, f32::max);
+            if !is_profile && f64::from(largest) > BRIGHTEST {
+                let most = if largest <= 255.0 { 255.0 } else { 65_535.0 };
+                context.note(format!("took the alphas as counting to {most}"));
+                v.iter_mut().for_each(|a| *a = (f64::from(*a) / most) as f32);
+            }
+            Some(v)
+        }
+        other => Some(to_f64(&other).iter().map(|a| fraction(*a, 255.0)).collect()),
+    }
+}

@@ -1,0 +1,83 @@
+//! Names that programs give to elements and properties, and the ones of the profile that they stand for.
+
+use super::header::{ElementDef, Kind, ScalarType};
+use super::{INDEX_LISTS, body};
+use crate::point_columns::{COLORS, NORMALS, POSITIONS, plain_name};
+
+/// Names of the vertices' element, without case; of several the first counts.
+const VERTICES: [&str; 4] = ["vertex", "vertices", "point", "points"];
+const FACES: [&str; 2] = ["face", "faces"];
+
+/// Gives elements and properties the names of the profile, as far as none is there already. Messages use the file's own
+/// names.
+pub(super) fn make_canonical(elements: &mut [ElementDef]) {
+    rename_element(elements, &VERTICES);
+    rename_element(elements, &FACES);
+    for element in elements {
+        match element.name.as_str() {
+            "vertex" => {
+                // Degrees aren't lengths: such vertices are refused, as they have no x y z.
+                let lengths: Vec<[&str; 3]> = POSITIONS.into_iter().filter(|set| !set[0].starts_with("lon")).collect();
+                rename_set(element, ["x", "y", "z"], &lengths);
+                rename_set(element, ["nx", "ny", "nz"], &NORMALS);
+                rename_colors(element);
+                rename_set(element, ["radius"], &[["radius"], ["radii"]]);
+            }
+            "face" => {
+                rename_colors(element);
+                rename_corners(element);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Gives the element that goes by one of these names the first of them.
+fn rename_element(elements: &mut [ElementDef], names: &[&str]) {
+    if elements.iter().any(|e| e.name == names[0]) {
+        return;
+    }
+    let found = names.iter().find_map(|name| elements.iter().position(|e| e.name.eq_ignore_ascii_case(name)));
+    if let Some(found) = found {
+        elements[found].name = names[0].into();
+    }
+}
+
+fn rename_colors(element: &mut ElementDef) {
+    let rgb = ["red", "green", "blue"];
+    rename_set(element, rgb, &COLORS);
+    let has_colors = rgb.iter().all(|name| element.properties.iter().any(|p| p.name == *name));
+    rename_set(element, ["alpha"], if has_colors { &[["alpha"], ["a"]] } else { &[["alpha"]] });
+}
+
+/// Gives the properties that go by the first of the sets of names that is there these `canonical` ones.
+fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], sets: &[[&str; N]]) {
+    let properties = &mut element.properties;
+    if canonical.iter().any(|name| properties.iter().any(|p| p.name == *name)) {
+        return;
+    }
+    let plain: Vec<String> = properties
+        .iter()
+        .map(|p| if matches!(p.kind, Kind::Scalar(_)) { plain_name(&p.name) } else { String::new() })
+        .collect();
+    let found = sets.iter().find_map(|set| {
+        let places = set.map(|name| plain.iter().position(|p| p == name));
+        places.iter().all(Option::is_some).then_some(places)
+    });
+    for (place, name) in found.into_iter().flatten().flatten().zip(canonical) {
+        properties[place].name = name.into();
+    }
+}
+
+/// Names the list of a face's corners: by its name without case, else as the only list of whole numbers.
+fn rename_corners(element: &mut ElementDef) {
+    let properties = &mut element.properties;
+    if properties.iter().any(|p| INDEX_LISTS.contains(&p.name.as_str())) {
+        return;
+    }
+    let is_list = |kind| matches!(kind, Kind::List { item, .. } if ScalarType::is_integer(item));
+    let mut lists = properties.iter_mut().filter(|p| is_list(p.kind) && p.name != body::COORDINATES);
+    if let (Some(only), None) = (lists.next(), lists.next()) {
+        only.name = INDEX_LISTS[0].into();
+    }
+}
