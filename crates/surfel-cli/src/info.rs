@@ -34,9 +34,13 @@ fn text(facts: &Value) -> String {
     let point = |value: &Value| value.as_array().into_iter().flatten().map(coordinate).collect::<Vec<_>>().join(", ");
     let counts = ["splats", "points", "vertices", "triangles", "nodes", "transitions"];
     let counts = counts.into_iter().filter_map(|name| Some(counted(facts[name].as_u64()?, name)));
+    let holds = match facts["harmonics_degree"].as_u64() {
+        Some(degree) => format!("{} Gaussians of degree {degree}", facts["splats"]),
+        None => counts.collect::<Vec<_>>().join(", "),
+    };
     let mut lines = vec![
         ("file", format!("{} ({}, {} bytes)", string(&facts["file"]), string(&facts["format"]), facts["file_bytes"])),
-        ("holds", counts.collect::<Vec<_>>().join(", ")),
+        ("holds", holds),
         ("up", format!("{} ({})", string(&facts["up"]), string(&facts["up_reason"]))),
         ("attributes", attributes(facts).map(|(name, _)| name.as_str()).collect::<Vec<_>>().join(", ")),
     ];

@@ -105,6 +105,24 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
 }
 
 #[test]
+fn info_counts_all_gaussians_and_says_their_degree() {
+    let f = Folder::new("faint");
+    // The first is so faint that no surface shows it.
+    let text = gaussians(Some("-2")).replacen(" 0 -1.2", " -5 -1.2", 1);
+    f.write("faint.ply", text);
+    let facts = f.run("info faint.ply --json").code(0).json();
+    assert_eq!((&facts["kind"], &facts["splats"]), (&json!("Gaussians"), &json!(4)));
+    assert_eq!(facts["harmonics_degree"], 1);
+    let near = |at: &serde_json::Value, expected: [f64; 3]| {
+        (0..3).all(|k| (at[k].as_f64().unwrap() - expected[k]).abs() < 1e-6)
+    };
+    let [low, high] = [&facts["bounds"][0], &facts["bounds"][1]];
+    assert!(near(low, [-0.3, -0.4, -0.2]) && near(high, [0.4, 0.3, 0.3]), "{facts}");
+    assert!(!facts["notes"].to_string().contains("ignored"), "{facts}");
+    assert!(f.run("info faint.ply").code(0).stdout().contains("4 Gaussians of degree 1"));
+}
+
+#[test]
 fn what_cannot_be_drawn_over_is_refused() {
     let f = Folder::new("refused");
     f.write("flat.ply", gaussians(None));

@@ -65,6 +65,37 @@ fn info_says_what_a_file_holds() {
 }
 
 #[test]
+fn radii_may_lack_normals_and_change_no_axis() {
+    let f = Folder::new("radii");
+    // Splats are seen as most files of splats are, unless they say that they were points.
+    for (comment, up) in [("", "+y"), ("comment made of points\n", "+z")] {
+        f.write("a.ply", ball().replace("element", &format!("{comment}element")));
+        let said = f.run("a.ply -o a.png --size 8x8 --force").code(0).stderr();
+        assert!(said.contains(&format!("up is {up}")), "{said}");
+    }
+    let bare = |radius: &str| {
+        let rows: String = points().lines().map(|at| format!("{at} {radius}\n")).collect();
+        let names: String = ["x", "y", "z", "radius"].map(|name| format!("property float {name}\n")).concat();
+        format!("ply\nformat ascii 1.0\nelement vertex 300\n{names}end_header\n{rows}")
+    };
+    // Three hundred points of a sphere are 0.2 apart.
+    f.write("small.ply", bare("0.25"));
+    f.write("large.ply", bare("5"));
+    let said = f.run("convert small.ply -o s.ply").code(0).stderr();
+    assert!(said.contains("normals estimated") && said.contains("radii as the file has them (median 0.25)"), "{said}");
+    let facts = f.run("info s.ply --json").code(0).json();
+    assert_eq!(facts["radii"]["min"], 0.25);
+    assert_eq!(facts["attributes"]["radius"], serde_json::json!({"min": 0.25, "max": 0.25}), "once");
+    assert_eq!(f.run("info small.ply --json").code(0).json()["radii"]["how"], "given");
+    let said = f.run("convert large.ply -o l.ply").code(0).stderr();
+    assert!(said.contains("left a column") && said.contains("expected at most 5"), "{said}");
+    assert!(f.run("info l.ply --json").code(0).json()["attributes"].to_string().contains("\"max\":5.0"));
+    let said = f.run("convert small.ply --max-points 100 -o t.ply").code(0).stderr();
+    assert!(said.contains("radii estimated") && said.contains("left the file's radii a column"), "{said}");
+    f.run("small.ply --where 'radius>1' -o n.png").fails(3, "none is left");
+}
+
+#[test]
 fn info_estimates_large_clouds_as_a_render_would() {
     let f = Folder::new("large");
     let grid = |n: usize| -> String { (0..n * n).map(|i| format!("{} {} 0\n", i % n, i / n)).collect() };

@@ -95,7 +95,6 @@ POINTS, COLORS = sphere(60)
         (lambda: surfel.scene(POINTS, normals=POINTS[:9]), surfel.InputError, "normals: 9 rows, expected 60"),
         (lambda: surfel.scene(POINTS, colors=COLORS[:, :2]), surfel.InputError, "colors: shape"),
         (lambda: surfel.scene(POINTS, colors=COLORS.astype(int)), surfel.InputError, "colors: dtype int64"),
-        (lambda: surfel.scene(POINTS, radii=0.1), surfel.UsageError, "radii: need normals"),
         (lambda: surfel.scene(POINTS, attributes={"x": POINTS[:, 0]}), surfel.UsageError, "attributes: 'x'"),
         (lambda: surfel.scene(POINTS, faces=[[0, 1, 60]]), surfel.InputError, "faces: from 0 to 60"),
         (lambda: surfel.scene(POINTS, sise=3), TypeError, "'sise': did you mean size"),

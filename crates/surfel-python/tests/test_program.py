@@ -57,8 +57,9 @@ def test_arrays_are_the_file_that_holds_them(program, data, tmp_path):
     image = surfel.scene(points + [1e5, 2e5, 3e3], colors=colors).render(size=(160, 120))
     program(data, "colored.ply", "--size=160x120", "-o", tmp_path / "a.png")
     assert np.array_equal(image.rgba, read(tmp_path / "a.png"))
-    disks = surfel.scene(points, normals=points, colors=colors, radii=0.05).render(size=(160, 120))
-    program(data, "disks.ply", "--size=160x120", "-o", tmp_path / "b.png")
+    # Files of splats mostly have y up, arrays of points z.
+    disks = surfel.scene(points, normals=points, colors=colors, radii=0.05, up="+y").render(size=(160, 120))
+    program(data, "disks.ply", "--up=+y", "--size=160x120", "-o", tmp_path / "b.png")
     assert np.array_equal(disks.rgba, read(tmp_path / "b.png"))
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6], [0, 2, 6],
@@ -66,6 +67,19 @@ def test_arrays_are_the_file_that_holds_them(program, data, tmp_path):
     box = surfel.scene(corners, faces=faces, splats=4000).render(size=(160, 120))
     program(data, "box.ply", "--splats=4000", "--size=160x120", "-o", tmp_path / "c.png")
     assert np.array_equal(box.rgba, read(tmp_path / "c.png"))
+
+
+def test_radii_are_splats_and_change_no_axis():
+    points, _ = conftest.sphere()
+    axes = set()
+    for radii, normals in [(None, None), (None, points), (0.1, None), (0.1, points), (9.0, None)]:
+        notes = surfel.scene(points * [1, 1, 2], normals=normals, radii=radii).render(size=(32, 32)).notes
+        axes.add(next(note.split()[2] for note in notes if note.startswith("up is")))
+        text = " ".join(notes)
+        if normals is None:
+            assert ("radii as the file has them" in text) == (radii == 0.1), text
+            assert ("left a column" in text) == (radii == 9.0), text
+    assert axes == {"+z"}
 
 
 def read(path):

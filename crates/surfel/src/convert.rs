@@ -197,6 +197,9 @@ pub(crate) fn points(
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
     let radii = levels::Radii::take(&mut points);
     // Radii close the surface of all points only.
+    if is_thinned && points.radii.take().is_some() {
+        notes.push("left the file's radii a column: they close the surface of all its points only".to_owned());
+    }
     if is_thinned || !radii.are_known(&points) {
         return splats_of_points(&points, None, path, options, notes, progress);
     }
@@ -418,11 +421,23 @@ fn points_note(report: &PointReport) -> String {
         (0, _) => "normals estimated from neighbours".to_owned(),
         (given, estimated) => format!("{given} normals kept, {estimated} estimated from neighbours"),
     };
+    let radii = match report.radii_given {
+        0 => "radii estimated from neighbours".to_owned(),
+        given if given == report.splats => "radii as the file has them".to_owned(),
+        given => format!("{given} radii as the file has them, {} estimated", report.splats - given),
+    };
     let mut note = format!(
-        "a point cloud: {}, {normals}, radii estimated from neighbours (median {})",
+        "a point cloud: {}, {normals}, {radii} (median {})",
         counted(report.splats as u64, "splats"),
         number(report.median_radius)
     );
+    if let Some(times) = report.radii_too_large {
+        note += &format!(
+            "; the file's radii are left a column: their median is {} spacings of the points, expected at most {}",
+            number(times),
+            surfel_sample::MOST_SPACINGS
+        );
+    }
     if report.isolated > 0 {
         note += &format!("; {} (--outliers drop leaves such out)", counted(report.isolated as u64, "isolated points"));
     }

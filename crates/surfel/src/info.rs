@@ -56,6 +56,8 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
     }
+    // As they were trained: all of them, and their harmonics.
+    let options = &LoadOptions { gaussians: true, ..options.clone() };
     let file_bytes = |path: &Path| std::fs::metadata(path).map(|m| m.len()).unwrap_or(0);
     let (loaded, file_bytes) = match stdin.filter(|_| is_stdin(path)) {
         Some(bytes) => (surfel_io::load_bytes(bytes, None, Path::new("stdin"), options)?, bytes.len() as u64),
@@ -155,6 +157,9 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
     facts["classes"] = attributes::class_counts(extras).map_or(Value::Null, |counts| attributes::classes(&counts));
     facts["crs"] = attributes::crs(comments);
     facts["kind"] = json!(kind);
+    if let Content::Gaussians(gaussians) = &loaded.content {
+        facts["harmonics_degree"] = json!(gaussians.data().degree);
+    }
     counts.into_iter().for_each(|(name, count)| facts[name] = json!(count));
     facts["bounds"] = bounds_json(bounds);
     facts["radii"] = radii_json(radii);
@@ -206,24 +211,25 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
     (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
 }
 
-/// Radii that the first `count` of points get.
-fn radii_among(points: &PointCloud, count: usize) -> Vec<f64> {
+/// Radii that the first `count` of points get, and whether these are the file's.
+fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
     let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
-    made.map(|(cloud, ..)| radii_of(&cloud, count).collect()).unwrap_or_default()
+    made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()
 }
 
 /// Radii of what is nearest to a place, among the points about it, the nearest first.
 pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
-    radii_among(near, PATCH.1)
+    radii_among(near, PATCH.1).0
 }
 
 /// Radii that a render would give the points: of all of them, or of patches of a large cloud.
 fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     if points.len() <= ALL {
-        return Radii::of(radii_among(points, points.len()), "estimated from neighbours");
+        let (radii, are_given) = radii_among(points, points.len());
+        return Radii::of(radii, if are_given { "given" } else { "estimated from neighbours" });
     }
     let positions = points.positions.high();
-    let mut radii = Vec::new();
+    let (mut radii, mut are_given) = (Vec::new(), false);
     for patch in 0..PATCHES {
         let middle = positions[(2 * patch + 1) * points.len() / (2 * PATCHES)];
         let mut near: Vec<(f32, u32)> =
@@ -236,11 +242,14 @@ fn radii_of_points(points: &PointCloud) -> Option<Radii> {
         let local = PointCloud {
             positions: points.positions.select(&indices),
             normals: points.normals.as_ref().map(|n| n.select(&indices)),
+            radii: points.radii.as_ref().map(|radii| indices.iter().map(|i| radii[*i as usize]).collect()),
             ..PointCloud::default()
         };
-        radii.extend(radii_of_patch(&local));
+        let (of_patch, given) = radii_among(&local, PATCH.1);
+        are_given |= given;
+        radii.extend(of_patch);
     }
-    Radii::of(radii, "estimated from neighbours, on a sample of the points")
+    Radii::of(radii, if are_given { "given" } else { "estimated from neighbours, on a sample of the points" })
 }
 
 /// Radii that a render would give a mesh's splats, from fewer of them where those are spread over the surface.

@@ -419,7 +419,8 @@ pub(crate) fn splats_of(
         let certain = options.up.or_else(|| up_reason.map(|_| loaded.up));
         let mut axis = certain.unwrap_or(loaded.up);
         if certain.is_none() && attribute.eq_ignore_ascii_case("height") {
-            let points = matches!(conversion, Conversion::Points(_));
+            let is_said = cloud.data().comments.iter().any(|c| c == surfel_sample::OF_POINTS);
+            let points = matches!(conversion, Conversion::Points(_)) || is_said;
             (cloud, axis) = convert::upright(cloud, UpConvention::of(points, loaded.up));
         }
         let by = ColorBy { attribute, map: options.colormap, range: options.range, up: axis.vector() };

@@ -241,7 +241,7 @@ pub fn load_objects(
                         } = splats_of(read, &path, options, progress)?;
                         loaded.beside.extend(beside);
                         loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
-                        let points = matches!(conversion, Conversion::Points(_));
+                        let is_of_points = matches!(conversion, Conversion::Points(_));
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
                             Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
@@ -252,6 +252,7 @@ pub fn load_objects(
                             Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == comment),
                             _ => false,
                         };
+                        let points = is_of_points || says(surfel_sample::OF_POINTS);
                         let of_mesh = !points && !matches!(conversion, Conversion::None);
                         let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
                         let (flat, fine) = (says(surfel_sample::FLAT_PARTS), says(surfel_sample::FINE_SPLATS));

@@ -72,8 +72,6 @@ def _ply_columns(points, normals, colors, radii, attributes):
     if normals is not None:
         normals = _rows("normals", normals, (3,), count)
         add(("nx", "ny", "nz"), normals, "f8" if normals.dtype.itemsize == 8 else "f4")
-    elif radii is not None:
-        raise UsageError("radii: need normals: give both for disks, or neither, so that both are estimated")
     if colors is not None:
         colors = _rows("colors", colors, (3, 4), count)
         kind = _kind(colors.dtype)
@@ -99,7 +97,11 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     import numpy as np
 
     columns, count = _ply_columns(points, normals, colors, radii, attributes)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
+    header = ["ply", "format binary_little_endian 1.0"]
+    if faces is None:
+        # Radii don't change which axis is up.
+        header.append("comment made of points")
+    header.append(f"element vertex {count}")
     header += [f"property {_TYPES[kind]} {name}" for name, kind, _ in columns]
     vertex = np.dtype([(name, "<" + kind) for name, kind, _ in columns])
     face = np.dtype([("n", "u1"), ("i", "<i4", 3)])
