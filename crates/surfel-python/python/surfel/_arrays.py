@@ -101,6 +101,8 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     if faces is None:
         # Radii don't change which axis is up.
         header.append("comment made of points")
+    if any(name == "red" and kind == "f4" for name, kind, _ in columns):
+        header.append("comment colors linear")
     header.append(f"element vertex {count}")
     header += [f"property {_TYPES[kind]} {name}" for name, kind, _ in columns]
     vertex = np.dtype([(name, "<" + kind) for name, kind, _ in columns])
