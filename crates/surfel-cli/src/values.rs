@@ -9,7 +9,7 @@ use surfel::model::{
 };
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
-    angle, background, bounds, condition, crop, cutoff, depth_tolerance, direction, epsg, fov, json_number, memory,
+    angle, background, bounds, columns, condition, crop, cutoff, depth_tolerance, direction, epsg, fov, json_number, memory,
     part, place, point, positive, prefilter, range, region, size, splat_count, transparency, view,
 };
 

@@ -360,7 +360,7 @@ fn mutations_of_what_is_written_by_levels() {
     let write = |name: &str, bytes: &[u8]| {
         let (input, output) = (folder.join(name), folder.join("out.copc.laz"));
         std::fs::write(&input, bytes).unwrap();
-        surfel_io::survey_points(&input);
+        surfel_io::survey_points(&input, None);
         if let Err(error) = save_copc(&[input], &output, &options, None, &|_, _, _| ()) {
             let text = error.to_string();
             let printable = text.chars().all(|c| c == '\n' || !c.is_control());
