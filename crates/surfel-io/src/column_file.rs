@@ -68,9 +68,8 @@ fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableC
             return Some(Format::Ptx);
         }
         let hint = Format::from_extension(path);
-        let is_colmap = || {
-            crate::colmap_points::looks_like(path, head) || crate::colmap_points::looks_like_binary(bytes)
-        };
+        let is_colmap =
+            || crate::colmap_points::looks_like(path, head) || crate::colmap_points::looks_like_binary(bytes);
         if matches!(hint, None | Some(Format::Xyz)) && columns.is_none() && is_colmap() {
             return Some(Format::Colmap);
         }
@@ -108,12 +107,7 @@ pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Surv
 }
 
 /// The same of a file, or of the start of one that is compressed, by how many bytes there are, about and at most.
-fn survey_of(
-    path: &Path,
-    bytes: Bytes<'_>,
-    [all, most]: [u64; 2],
-    columns: Option<&TableColumns>,
-) -> Option<Survey> {
+fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head, bytes, columns)?;
     let (points, least_bytes, up) = match format {
@@ -184,12 +178,7 @@ impl ColumnFile {
         Ok(opened.map(|opened| Self { unpacked: opened.unpacked.or(inside), ..opened }))
     }
 
-    fn of(
-        path: &Path,
-        bytes: Bytes<'_>,
-        folder: &Path,
-        columns: Option<&TableColumns>,
-    ) -> Result<Option<Self>, Fault> {
+    fn of(path: &Path, bytes: Bytes<'_>, folder: &Path, columns: Option<&TableColumns>) -> Result<Option<Self>, Fault> {
         let head = head_of(bytes);
         let Some(format) = format_of(path, &head, bytes, columns) else { return Ok(None) };
         let options = LoadOptions { columns: columns.cloned(), ..LoadOptions::default() };

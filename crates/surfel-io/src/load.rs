@@ -216,6 +216,11 @@ fn run(
 ) -> Result<Loaded, IoError> {
     let mut context = Context::new(options, siblings);
     let (format, content) = read(&mut context).map_err(|fault| fault.of(name))?;
+    let is_table = matches!(format, Format::Xyz | Format::Pts | Format::Npy | Format::Npz | Format::Raw);
+    if options.columns.is_some() && !is_table {
+        context
+            .note(format!("--columns has no effect: it names the columns of tables of numbers, and this is {format}"));
+    }
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();

@@ -109,10 +109,7 @@ impl Roles {
     ///
     /// # Errors
     /// [`Problem`] for columns that are no points.
-    pub(crate) fn by_content(
-        columns: &mut [Named<'_>],
-        numbers: &[usize],
-    ) -> Result<(Self, Vec<String>), Problem> {
+    pub(crate) fn by_content(columns: &mut [Named<'_>], numbers: &[usize]) -> Result<(Self, Vec<String>), Problem> {
         let values: Vec<Strided<'_>> = columns.iter().map(|c| c.values).collect();
         let layout = column_roles::choose(&values, numbers)?;
         let mut roles = Self { position: [0, 1, 2], ..Self::default() };

@@ -171,7 +171,8 @@ pub(crate) fn unpack(
         if let Some(word) = bad {
             if table.rows > 0 {
                 let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
-                return Err(problem.help(format!("a column of words is left out by _ in {NAME_THEM}")).into());
+                let help = "if the whole column holds words, leave it out: --columns x,y,z,_ and so on, where _ is that column";
+                return Err(problem.help(help).into());
             }
             before += 1;
             if named.is_some() {
@@ -222,7 +223,9 @@ pub(crate) fn unpack(
     }
     table.numbers = plan.numbers(cells);
     if let Some(columns) = &named {
-        table.names = Some(columns.columns().iter().filter_map(|column| column.name.as_deref().map(raw_rows::usual_name)).collect());
+        table.names = Some(
+            columns.columns().iter().filter_map(|column| column.name.as_deref().map(raw_rows::usual_name)).collect(),
+        );
     } else {
         plan.notes(header.as_deref().filter(|names| names.len() == cells)).into_iter().for_each(|n| context.note(n));
         table.names = header.map(|names| chosen(names, kept));

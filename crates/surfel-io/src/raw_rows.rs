@@ -1,5 +1,7 @@
 //! Binary files without a header: rows of numbers whose types and names `--columns` gives.
 
+#![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
+
 use crate::bytes::Bytes;
 use crate::content::Content;
 use crate::context::Context;
@@ -41,7 +43,9 @@ pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
 /// True if `--columns` gives types, and neither the name of a file nor its start says that it is anything else.
 pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -> bool {
     let hint = Format::from_extension(name);
-    columns.is_some_and(TableColumns::is_typed) && matches!(hint, None | Some(Format::Xyz | Format::Pts)) && is_binary(head)
+    columns.is_some_and(TableColumns::is_typed)
+        && matches!(hint, None | Some(Format::Xyz | Format::Pts))
+        && is_binary(head)
 }
 
 /// The name of a column as readers use it.

@@ -1,5 +1,7 @@
 //! Division of a text's lines into cells, and the choice of those columns that hold numbers.
 
+#![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
+
 use crate::ascii::{Lines, number};
 use crate::error::Problem;
 use crate::point_columns::Roles;
@@ -234,7 +236,8 @@ impl Plan {
         // Where semicolons or tabs divide, a comma between digits is a decimal point.
         for divider in [b';', b'\t'] {
             let decimal = Dialect { divider: Divider::Each(divider), has_decimal_commas: true };
-            let has_comma = |line: &&[u8]| decimal.words(line).any(|w| w.contains(&b',') && decimal.number(w).is_some());
+            let has_comma =
+                |line: &&[u8]| decimal.words(line).any(|w| w.contains(&b',') && decimal.number(w).is_some());
             let trial = Trial::of(decimal, body, None).filter(fits);
             if let Some(trial) = trial.filter(|_| body.iter().any(has_comma)) {
                 return Ok(trial.plan());
@@ -293,9 +296,12 @@ impl Plan {
                 format!("left out {what} {}: {} {}", shown.join(", "), ["it", "they"][plural], holds[plural])
             })
         };
+        // What follows a dividing character at the end of all lines is no column.
+        let is_named = |i: &usize| names.and_then(|names| names.get(i - 1)).is_some_and(|name| !name.is_empty());
+        let named: Vec<usize> = self.empty.iter().copied().filter(is_named).collect();
         let notes = [
             note(&self.words, ["holds words, not numbers", "hold words, not numbers"]),
-            note(&self.empty, ["is mostly empty", "are mostly empty"]),
+            note(&named, ["is mostly empty", "are mostly empty"]),
         ];
         notes.into_iter().flatten().collect()
     }
@@ -304,6 +310,10 @@ impl Plan {
 /// True if the words of all lines but the first few are numbers, as many in each, or fewer where a cell is empty.
 fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     let mut width = None;
+    // A table in which most rows have an empty cell has an empty column.
+    if rows.iter().filter(|line| dialect.has_empty_cell(line)).count() * 2 > rows.len() {
+        return false;
+    }
     for (i, line) in rows.iter().enumerate() {
         if !dialect.words(line).all(|word| dialect.number(word).is_some()) {
             if i == 0 {

@@ -14,4 +14,5 @@ mod ply;
 mod point_formats;
 mod scans;
 mod support;
+mod tables;
 mod tilesets;

@@ -84,7 +84,8 @@ impl LevelStore {
             if budget < self.least_memory || levels::has_levels(path) {
                 return Ok(None);
             }
-            let file = levels::save_temporary((path, options.columns.as_ref()), &large_files_folder(), budget, progress)?;
+            let file =
+                levels::save_temporary((path, options.columns.as_ref()), &large_files_folder(), budget, progress)?;
             *converted = Some(Converted { of, file: Arc::new(file) });
         }
         Ok(converted.as_ref().map(|Converted { file, .. }| {

@@ -184,7 +184,10 @@ pub(crate) fn read(
         !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
     let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
-    let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options(options))?;
+    // What was made of a table names its columns itself.
+    let names = options.columns.clone().filter(|_| path == copc_path);
+    let io_options = surfel_io::LoadOptions { columns: names, ..io_options(options) };
+    let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options)?;
     if let Content::Points(points) = &mut found.loaded.content {
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);

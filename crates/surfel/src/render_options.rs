@@ -238,8 +238,13 @@ impl RenderOptions {
 
     /// The first option that is given and that surfaces alone have a use for.
     pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
-        let convert =
-            ConvertOptions { repair: false, allow_outside: false, max_texture: None, columns: None, ..self.splats.convert.clone() };
+        let convert = ConvertOptions {
+            repair: false,
+            allow_outside: false,
+            max_texture: None,
+            columns: None,
+            ..self.splats.convert.clone()
+        };
         let given = [
             (self.composite == Some(Composite::Surface), "composite surface"),
             (self.shader.is_some(), "shader"),

@@ -132,7 +132,8 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     let of_block = |(bytes, numbers): &mut (Vec<u8>, Vec<Vec<f64>>), i: usize| -> Vec<Part> {
         let range = i * block..rows.min((i + 1) * block);
         read_rows(columns, range.clone(), bytes, numbers);
-        let of_column = |(values, (start, step)): (&Vec<f64>, &(f64, f64))| Part::of(values, range.start, *start, *step);
+        let of_column =
+            |(values, (start, step)): (&Vec<f64>, &(f64, f64))| Part::of(values, range.start, *start, *step);
         numbers.iter().zip(&lines).map(of_column).collect()
     };
     let blocks: Vec<Vec<Part>> = (0..rows.div_ceil(block)).into_par_iter().map_init(buffers, of_block).collect();
@@ -227,9 +228,10 @@ impl<'a> Triple<'a> {
 
     /// The scale that the values would have as colours; `None` if they are none.
     pub(super) fn color_scale(&self) -> Option<Scale> {
-        let [least, most] = self.columns.iter().fold([f64::INFINITY, 0.0_f64], |[least, most], c| {
-            [least.min(c.least), most.max(c.most)]
-        });
+        let [least, most] = self
+            .columns
+            .iter()
+            .fold([f64::INFINITY, 0.0_f64], |[least, most], c| [least.min(c.least), most.max(c.most)]);
         let is_whole = self.columns.iter().all(|c| c.is_whole);
         // Infinities where there is no finite value.
         let is_finite = self.columns.iter().all(|c| c.least.is_finite());

@@ -5,6 +5,8 @@
 //! columns, and by the role before it. The layout with the largest sum is chosen, and the reasons that decided are
 //! returned in words.
 
+#![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
+
 mod evidence;
 mod refused;
 
@@ -216,7 +218,14 @@ impl Choice<'_> {
                 let is_flag = |c: &Column| c.is_whole && c.least >= 0.0;
                 let are_flags = rows >= MANY_ROWS && self.columns[i..i + 3].iter().all(is_flag);
                 let after = if state.has(Role::Position) { 0.0 } else { -1.0 };
-                after + if are_flags { 3.0 } else if rows > 1 { 6.0 } else { 4.0 }
+                after
+                    + if are_flags {
+                        3.0
+                    } else if rows > 1 {
+                        6.0
+                    } else {
+                        4.0
+                    }
             }),
             Role::Color => {
                 let after = if state.has(Role::Position) { 0.0 } else { -1.5 };
@@ -256,10 +265,12 @@ impl Choice<'_> {
         if !column.is_whole || rows < 3 {
             return None;
         }
-        let next = self.columns.get(i + 1..i + 4).unwrap_or_default();
         if !is_first {
             return (column.step == Some(1.0) && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
         }
+        // A table that was saved twice with its index has it twice.
+        let is_twice = state.before.is_none() && self.columns[i + 1].counts() && column.counts();
+        let next = self.columns.get(i + 1 + usize::from(is_twice)..i + 4 + usize::from(is_twice))?;
         let fractional = next.iter().filter(|c| !c.is_whole).count();
         if rows < MANY_ROWS {
             let counts = column.step == Some(1.0) && (column.least == 0.0 || column.least == 1.0);

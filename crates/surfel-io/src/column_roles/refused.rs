@@ -88,7 +88,7 @@ pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
     triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
 }
 
-/// True if an array of rows is an image: its columns are alike, and many or each like the next.
+/// True if an array of rows is an image: neighbouring columns have the same range, and are many or nearly the same.
 #[cfg(feature = "npy")]
 pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());
@@ -96,23 +96,17 @@ pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
         return false;
     }
     let measured = super::measure(columns);
-    let ends = |f: fn(&Column) -> f64| {
-        let mut all: Vec<f64> = measured.iter().map(f).collect();
-        all.sort_unstable_by(f64::total_cmp);
-        all[width / 2]
-    };
-    let (least, most) = (ends(|c| c.least), ends(|c| c.most));
-    if !(least.is_finite() && most.is_finite()) {
-        return false;
-    }
-    // The share of two ranges that both have.
-    let is_alike = |c: &&Column| {
-        let both = c.most.min(most) - c.least.max(least);
-        let either = c.most.max(most) - c.least.min(least);
+    let least = measured.iter().fold(f64::INFINITY, |least, c| least.min(c.least));
+    let most = measured.iter().fold(f64::NEG_INFINITY, |most, c| most.max(c.most));
+    // Neighbours whose ranges are the same for the most part.
+    let is_alike = |pair: &&[Column]| {
+        let both = pair[0].most.min(pair[1].most) - pair[0].least.max(pair[1].least);
+        let either = pair[0].most.max(pair[1].most) - pair[0].least.min(pair[1].least);
         either == 0.0 || both >= 0.5 * either
     };
-    let alike = measured.iter().filter(is_alike).count();
-    if alike * 5 < width * 4 {
+    let alike = measured.windows(2).filter(is_alike).count();
+    let are_coordinates_alike = measured.windows(2).take(3).all(|pair| is_alike(&pair));
+    if !are_coordinates_alike || alike * 10 < (width - 1) * 9 {
         return false;
     }
     let sampled = measured[0].sample.len();
@@ -120,4 +114,3 @@ pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let mean = measured.windows(2).map(difference).sum::<f64>() / (sampled * (width - 1)) as f64;
     width >= WIDE || mean <= 0.15 * (most - least)
 }
-
