@@ -345,9 +345,9 @@ pub(crate) struct SplatArgs {
     /// Reduce textures to this many texels a side (default 8192).
     #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_768))]
     pub(crate) max_texture: Option<u32>,
-    /// Names of the columns of tables: text, NPY and NPZ (x,y,z,_,r,g,b, where _ leaves a column out). With types, which
-    /// hold until the next, also of binary files without a header (f4:x,y,z,intensity; little-endian): f4 f8 u1 i1 u2
-    /// i2 u4 i4 u8 i8.
+    /// Names of the columns of tables: text, NPY and NPZ (x,y,z,_,r,g,b; _ leaves a column out). With types, which hold
+    /// until the next, also of binary files without a header (f4:x,y,z,intensity; little-endian): f4 f8 u1 i1 u2 i2
+    /// u4 i4 u8 i8.
     #[arg(long, help_heading = "Splats", value_name = "NAME,...", value_parser = values::columns)]
     pub(crate) columns: Option<TableColumns>,
 }

@@ -1,5 +1,5 @@
-//! Sparse points of COLMAP: `points3D.txt` and `points3D.bin`. Positions, colours, reprojection errors and the lengths of
-//! tracks are read; identifiers and the tracks themselves aren't.
+//! Sparse points of COLMAP: `points3D.txt` and `points3D.bin`. Positions, colours, reprojection errors and the lengths
+//! of tracks are read; identifiers and the tracks themselves aren't.
 
 use crate::ascii::{Lines, each_line, number, words};
 use crate::bytes::Bytes;

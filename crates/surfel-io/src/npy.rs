@@ -396,7 +396,7 @@ fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>
         return Err(transposed(shape).into());
     }
     let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-    if columns.len() > 3 || shape.len() != 2 || shape[0] == columns.len() {
+    if columns.len() > 3 || shape.len() != 2 || shape[0] == columns.len() || !reasons.is_empty() {
         let what = format!("took the array of {} as points with the columns {}", shape_words(shape), list(&names));
         context.note(column_roles::as_note(&what, &reasons));
     }

@@ -68,7 +68,7 @@ impl Table {
             return Ok((columns, roles));
         }
         let (roles, reasons) = Roles::by_content(&mut columns, &self.numbers)?;
-        if self.width > 3 {
+        if self.width > 3 || !reasons.is_empty() {
             let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
             let named = self.names.as_ref().map(Vec::len);
             let why = named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
@@ -171,7 +171,7 @@ pub(crate) fn unpack(
         if let Some(word) = bad {
             if table.rows > 0 {
                 let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
-                let help = "if the whole column holds words, leave it out: --columns x,y,z,_ and so on, where _ is that column";
+                let help = "if the whole column holds words, leave it out by _, as in --columns x,y,z,_";
                 return Err(problem.help(help).into());
             }
             before += 1;

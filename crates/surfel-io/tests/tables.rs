@@ -342,7 +342,7 @@ fn columns_of_words_are_left_out() {
 fn names_of_other_programs_are_known() {
     let row = "0.6,0,0.8,1.5,2.5,3.5,10,20,30\n";
     for header in [
-        "\"Normals:0\",\"Normals:1\",\"Normals:2\",\"Points:0\",\"Points:1\",\"Points:2\",\"RGB:0\",\"RGB:1\",\"RGB:2\"",
+        "\"Normals:0\",\"Normals:1\",\"Normals:2\",\"Points:0\",\"Points:1\",\"Points:2\",\"RGB:0\",\"RGB:1\",RGB:2",
         "Normals_0,Normals_1,Normals_2,Points_0,Points_1,Points_2,colors_0,colors_1,colors_2",
         "Normals:X,Normals:Y,Normals:Z,Points:X,Points:Y,Points:Z,Color:R,Color:G,Color:B",
         "Normals_X,Normals_Y,Normals_Z,Points_m_XYZ:0,Points_m_XYZ:1,Points_m_XYZ:2,r,g,b",
@@ -546,8 +546,8 @@ fn colmap_binary(points: &[Point3D]) -> Vec<u8> {
 
 #[test]
 fn points_of_colmap_are_read_with_their_errors_and_tracks() {
-    let comment = "# 3D point list with one line of data per point:\n#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as \
-                   (IMAGE_ID, POINT2D_IDX)\n# Number of points: 60\n";
+    let comment = "# 3D point list with one line of data per point:\n#   POINT3D_ID, X, Y, Z, R, G, B, ERROR, \
+                   TRACK[] as (IMAGE_ID, POINT2D_IDX)\n# Number of points: 60\n";
     type Length = fn(usize) -> usize;
     let lengths: [Length; 3] = [|_| 2, |i| 2 + i % 5, |_| 0];
     for (k, length) in lengths.into_iter().enumerate() {

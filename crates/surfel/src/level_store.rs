@@ -16,7 +16,8 @@ use surfel_sample::Progress;
 /// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    /// By path and names of columns, each under a lock of its own, held while it is written: others are written meanwhile, and none twice.
+    /// Written files by path and names of columns, each under a lock of its own, held while the file is written: others
+    /// are written meanwhile, and none twice.
     converted: Mutex<BTreeMap<(PathBuf, Option<String>), Arc<Mutex<Option<Converted>>>>>,
     /// Memory that writing by levels takes.
     least_memory: u64,

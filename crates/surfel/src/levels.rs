@@ -664,8 +664,8 @@ pub fn save_copc(
     Ok(by_stages(progress, written)?)
 }
 
-/// Writes a file as [`save_copc`] does, by the names of its columns if these are given, in `folder`, for as long as it is
-/// held.
+/// Writes a file as [`save_copc`] does, by the names of its columns if these are given, in `folder`, for as long as it
+/// is held.
 pub(crate) fn save_temporary(
     (input, columns): (&Path, Option<&TableColumns>),
     folder: &Path,

@@ -1,7 +1,7 @@
 //! Roles of columns that no header names.
 //!
-//! Evidence, score, choice: many rows of each column are measured ([`evidence`]). A layout divides the columns, from the
-//! first to the last, into roles of one, two or three columns. Every role has a score by the measurements of its
+//! Evidence, score, choice: many rows of each column are measured ([`evidence`]). A layout divides the columns, from
+//! the first to the last, into roles of one, two or three columns. Every role has a score by the measurements of its
 //! columns, and by the role before it. The layout with the largest sum is chosen, and the reasons that decided are
 //! returned in words.
 
@@ -97,7 +97,8 @@ pub(crate) struct Layout {
     pub(crate) reasons: Vec<String>,
 }
 
-/// Chooses roles of three columns or more, of one row at least. `numbers` are the columns' places in their file, from 1.
+/// Chooses roles of three columns or more, of one row at least. `numbers` are the columns' places in their file,
+/// from 1.
 ///
 /// # Errors
 /// [`Problem`] for columns that are no points.
@@ -115,7 +116,11 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
         let intensity = parts.iter_mut().filter(|part| part.role == Role::Intensity);
         intensity.for_each(|part| part.role = Role::Unknown);
     }
-    let reasons = parts.iter().filter_map(|part| choice.reason(*part, numbers)).collect();
+    let mut reasons: Vec<String> = parts.iter().filter_map(|part| choice.reason(*part, numbers)).collect();
+    let counts = |c: &Column| c.step == Some(1.0) && c.sample.len() >= MANY_ROWS;
+    if columns.len() == 3 && counts(&measured[0]) {
+        reasons.push("x counts the rows, but there is no other column for it".to_owned());
+    }
     Ok(Layout { parts, reasons })
 }
 
