@@ -9,7 +9,7 @@ use std::path::PathBuf;
 use surfel::framing::ViewChoice;
 use surfel::model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Outliers, PointColors,
-    Returns, Shader, Sort, SplatCount, Transparency,
+    Returns, Shader, Sort, SplatCount, TableColumns, Transparency,
 };
 use surfel::{Preset, Region};
 
@@ -345,6 +345,11 @@ pub(crate) struct SplatArgs {
     /// Reduce textures to this many texels a side (default 8192).
     #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_768))]
     pub(crate) max_texture: Option<u32>,
+    /// Names of the columns of tables: text, NPY and NPZ (x,y,z,_,r,g,b; _ leaves a column out). With types, which hold
+    /// until the next, also of binary files without a header (f4:x,y,z,intensity; little-endian): f4 f8 u1 i1 u2 i2
+    /// u4 i4 u8 i8.
+    #[arg(long, help_heading = "Splats", value_name = "NAME,...", value_parser = values::columns)]
+    pub(crate) columns: Option<TableColumns>,
 }
 
 #[derive(Args, Debug)]
@@ -386,7 +391,7 @@ pub(crate) struct ConvertArgs {
     /// Splats of every size and the mesh's own polygons, in an octree: -o OUT.surfel.
     #[arg(long, conflicts_with_all = ["per_vertex", "per_face", "splats", "radius_scale", "max_points", "cull", "ascii",
         "repair", "colors", "color_by", "crop", "classes", "returns", "condition", "every", "all_points", "outliers",
-        "colorbar"])]
+        "colorbar", "columns"])]
     pub(crate) hybrid: bool,
     /// Write text instead of binary PLY.
     #[arg(long)]
@@ -462,6 +467,10 @@ pub(crate) struct InfoArgs {
     /// Reduce textures to this many texels a side (default 8192).
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=32_768))]
     pub(crate) max_texture: Option<u32>,
+    /// Names of the columns of a table, and types of those of a binary file without a header: x,y,z,_,r,g,b or
+    /// f4:x,y,z,intensity, as for `surfel render`.
+    #[arg(long, value_name = "NAME,...", value_parser = values::columns)]
+    pub(crate) columns: Option<TableColumns>,
 }
 
 #[derive(Args, Debug)]

@@ -117,7 +117,8 @@ fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Consol
     levels::check_copc(output, &options, args.ascii, shard)?;
     let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
     let progress = console.progress();
-    let request = CopcRequest { overwrite: args.force, memory: options.memory, resume: args.resume, shard };
+    let columns = options.convert.columns.clone();
+    let request = CopcRequest { overwrite: args.force, memory: options.memory, resume: args.resume, shard, columns };
     let saved = levels::save_copc(&inputs, output, &request, &progress);
     drop(progress);
     let folder = levels::resume_folder(output);

@@ -73,6 +73,7 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
         all_levels: false,
         allow_outside: args.allow_outside,
         max_texture: args.max_texture,
+        columns: args.columns.clone(),
     };
     options.cull = args.cull;
     options.memory = args.memory;

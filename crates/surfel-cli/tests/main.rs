@@ -13,4 +13,5 @@ mod planes;
 mod render;
 mod splats;
 mod strangers;
+mod tables;
 mod tools;

@@ -25,7 +25,7 @@ use std::fs::File;
 use std::io::{self, BufWriter, Write};
 use std::path::Path;
 use std::sync::Arc;
-use surfel_model::Up;
+use surfel_model::{TableColumns, Up};
 
 /// Most columns of such a file.
 const MAX_COLUMNS: usize = 128;
@@ -59,18 +59,26 @@ pub(crate) struct Survey {
     pub(crate) up: Option<Up>,
 }
 
-/// The format by the file's first bytes, and by its name where it is text.
-fn format_of(path: &Path, head: &[u8]) -> Option<Format> {
+/// The format by the file's first bytes, and by its name where it is text or, by `columns`, has no header.
+fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
     #[cfg(feature = "pcd")]
     let format = format.or(crate::pcd::looks_like(&head[..head.len().min(4096)]).then_some(Format::Pcd));
+    let format = format.or(crate::raw_rows::is_raw(path, head, columns).then_some(Format::Raw));
     #[cfg(feature = "points")]
     let format = format.or_else(|| {
         if crate::points::looks_like_ptx(head) {
             return Some(Format::Ptx);
         }
-        let named = Format::from_extension(path).filter(|f| matches!(f, Format::Xyz | Format::Pts))?;
-        crate::points::looks_like(head).then_some(named)
+        let hint = Format::from_extension(path);
+        let is_colmap =
+            || crate::colmap_points::looks_like(path, head) || crate::colmap_points::looks_like_binary(bytes);
+        if matches!(hint, None | Some(Format::Xyz)) && columns.is_none() && is_colmap() {
+            return Some(Format::Colmap);
+        }
+        let named = hint.filter(|f| matches!(f, Format::Xyz | Format::Pts))?;
+        let is_table = crate::text_rows::looks_like(head) || crate::text_rows::is_table(head);
+        (is_table || columns.is_some() && !crate::format::is_binary(head)).then_some(named)
     });
     format
 }
@@ -91,20 +99,20 @@ fn context(options: &LoadOptions) -> Context<'_> {
 }
 
 /// What the start of such a file says; `None` of others, and of those whose header can't be right.
-pub(crate) fn survey(path: &Path) -> Option<Survey> {
+pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Survey> {
     let file = OpenFile::open_any(path)?;
     let bytes = file.bytes();
-    if !gzip::is_gzip(&bytes.at_most(0, 2)) {
-        return survey_of(path, bytes, [bytes.len() as u64; 2]);
+    if !gzip::is_gzip(&bytes.at_most(0, 4)) {
+        return survey_of(path, bytes, [bytes.len() as u64; 2], columns);
     }
     let (head, all) = gzip::head(bytes, 4 * HEAD_BYTES);
-    survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())])
+    survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())], columns)
 }
 
 /// The same of a file, or of the start of one that is compressed, by how many bytes there are, about and at most.
-fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2]) -> Option<Survey> {
+fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
-    let format = format_of(path, &head)?;
+    let format = format_of(path, &head, bytes, columns)?;
     let (points, least_bytes, up) = match format {
         Format::Ply => {
             let vertices = ply::points::Vertices::of(bytes).ok()??;
@@ -125,8 +133,11 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2]) -> Option<Sur
         Format::Npz => (crate::npy::Members::of(bytes).ok()?.survey()?, 0, None),
         #[cfg(feature = "e57")]
         Format::E57 => (crate::e57::survey(&mut bytes.source()).ok()?, 0, None),
+        Format::Raw => (all / columns?.row_bytes().max(1) as u64, 0, None),
         #[cfg(feature = "points")]
-        Format::Xyz | Format::Pts | Format::Ptx => {
+        Format::Colmap if crate::format::is_binary(&head) => (crate::colmap_points::count(bytes)?, 0, None),
+        #[cfg(feature = "points")]
+        Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap => {
             // By lines at its start, in its middle and at its end.
             let places = [0, bytes.len() / 2, bytes.len().saturating_sub(HEAD_BYTES)];
             let (mut seen, mut lines) = (0, 1);
@@ -143,31 +154,37 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2]) -> Option<Sur
 
 impl ColumnFile {
     /// A file of points; `None` of any other. What has to be unpacked is, to a file in `folder`.
-    pub(crate) fn open(path: &Path, folder: &Path) -> Result<Option<Self>, IoError> {
+    pub(crate) fn open(path: &Path, folder: &Path, columns: Option<&TableColumns>) -> Result<Option<Self>, IoError> {
         let Some(file) = OpenFile::open_any(path) else { return Ok(None) };
-        let opened = Self::of_any(path, file.bytes(), folder).map_err(|fault| fault.of(path))?;
+        let opened = Self::of_any(path, file.bytes(), folder, columns).map_err(|fault| fault.of(path))?;
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         file.failure().map_or(Ok(opened), |source| Err(system(source)))
     }
 
-    fn of_any(path: &Path, bytes: Bytes<'_>, folder: &Path) -> Result<Option<Self>, Fault> {
-        if !gzip::is_gzip(&bytes.at_most(0, 2)) {
-            return Self::of(path, bytes, folder);
+    fn of_any(
+        path: &Path,
+        bytes: Bytes<'_>,
+        folder: &Path,
+        columns: Option<&TableColumns>,
+    ) -> Result<Option<Self>, Fault> {
+        if !gzip::is_gzip(&bytes.at_most(0, 4)) {
+            return Self::of(path, bytes, folder, columns);
         }
-        if format_of(path, &gzip::head(bytes, 4 * HEAD_BYTES).0).is_none() {
+        let (head, _) = gzip::head(bytes, 4 * HEAD_BYTES);
+        if format_of(path, &head, Bytes::Memory(&head), columns).is_none() {
             return Ok(None);
         }
         let mut out = Unnamed::new(folder);
         gzip::unpack(bytes, &mut out)?;
-        let opened = Self::of(path, out.written()?, folder)?;
+        let opened = Self::of(path, out.written()?, folder, columns)?;
         let inside = out.finished.map(Arc::new);
         Ok(opened.map(|opened| Self { unpacked: opened.unpacked.or(inside), ..opened }))
     }
 
-    fn of(path: &Path, bytes: Bytes<'_>, folder: &Path) -> Result<Option<Self>, Fault> {
+    fn of(path: &Path, bytes: Bytes<'_>, folder: &Path, columns: Option<&TableColumns>) -> Result<Option<Self>, Fault> {
         let head = head_of(bytes);
-        let Some(format) = format_of(path, &head) else { return Ok(None) };
-        let options = LoadOptions::default();
+        let Some(format) = format_of(path, &head, bytes, columns) else { return Ok(None) };
+        let options = LoadOptions { columns: columns.cloned(), ..LoadOptions::default() };
         let mut context = context(&options);
         let mut out = Unnamed::new(folder);
         // What E57 alone says.
@@ -201,13 +218,18 @@ impl ColumnFile {
                 (viewpoint, crs) = (table.viewpoint, table.crs.clone());
                 table.columns(out.written()?)
             }
+            Format::Raw => {
+                let Some(columns) = columns else { return Ok(None) };
+                crate::raw_rows::columns_in(bytes, columns)?
+            }
             #[cfg(feature = "points")]
-            Format::Xyz | Format::Pts | Format::Ptx => {
+            Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap => {
                 let table = match format {
+                    Format::Colmap => crate::colmap_points::unpack(bytes, &mut out)?,
                     Format::Ptx => crate::points::unpack_ptx(bytes, &mut out, None, &mut context)?,
                     _ => crate::points::unpack(bytes, format == Format::Pts, &mut out, &mut context)?,
                 };
-                table.columns(out.written()?, &mut context)
+                table.columns(out.written()?, &mut context)?
             }
             _ => return Ok(None),
         };
@@ -250,7 +272,7 @@ impl ColumnFile {
 
     /// True of printed numbers.
     pub(crate) fn is_text(&self) -> bool {
-        matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx)
+        matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap)
     }
 
     /// Hands over the columns of the file at `path`, which is the one that was opened.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 use std::sync::Arc;
-use surfel_model::{GaussianCloud, Mesh, Octree, PointCloud, Shape, SplatCloud, Up};
+use surfel_model::{GaussianCloud, Mesh, Octree, PointCloud, Shape, SplatCloud, TableColumns, Up};
 
 /// How to load.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -19,6 +19,8 @@ pub struct LoadOptions {
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
     pub max_texture: Option<u32>,
+    /// Names of the columns of text and of NumPy's arrays; with types, those of a binary file without a header.
+    pub columns: Option<TableColumns>,
 }
 
 /// What a file held.

@@ -53,13 +53,17 @@ pub enum Format {
     Tileset,
     /// A tile of points of 3D Tiles 1.0.
     Pnts,
+    /// Sparse points of COLMAP: `points3D.txt` or `points3D.bin`.
+    Colmap,
+    /// Rows of numbers without a header, whose columns the caller names ([`crate::LoadOptions::columns`]).
+    Raw,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
 /// What a file that is in none of the formats can be instead.
 pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, \
-     PTX, NPY, NPZ, 3D Tiles, SPLAT, SPZ or SOG";
+     PTX, NPY, NPZ, COLMAP's points3D, 3D Tiles, SPLAT, SPZ or SOG";
 
 /// First bytes of files that are not read: their names, and what to do.
 const UNREAD: &[(&[u8], &str, &str)] = &[
@@ -143,6 +147,8 @@ impl Format {
             Self::E57 => "E57",
             Self::Tileset => "3D Tiles",
             Self::Pnts => "PNTS",
+            Self::Colmap => "COLMAP points",
+            Self::Raw => "raw binary",
             Self::Surfel => "Surfel octree",
         }
     }
@@ -183,11 +189,12 @@ impl Format {
     pub(crate) fn default_up(self, holds_gaussians: bool) -> Up {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
-            Self::Splat | Self::Sog => Up::MinusY,
+            // The world of COLMAP is that of a camera, as in Gaussian splats that are trained from it.
+            Self::Splat | Self::Sog | Self::Colmap => Up::MinusY,
             Self::Ply | Self::Obj | Self::Off | Self::Gltf | Self::Glb | Self::Drc | Self::Spz | Self::Surfel => {
                 Up::PlusY
             }
-            Self::Stl | Self::Xyz | Self::Pts | Self::Ptx | Self::Pcd | Self::Npy | Self::Npz => Up::PlusZ,
+            Self::Stl | Self::Xyz | Self::Pts | Self::Ptx | Self::Pcd | Self::Npy | Self::Npz | Self::Raw => Up::PlusZ,
             Self::Las | Self::Laz | Self::Copc | Self::E57 | Self::Tileset | Self::Pnts => Up::PlusZ,
         }
     }
@@ -251,6 +258,11 @@ impl Format {
 
 fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
+}
+
+/// True if the start of a file holds other than text.
+pub(crate) fn is_binary(head: &[u8]) -> bool {
+    head.iter().any(|b| *b < b' ' && !b.is_ascii_whitespace() && !matches!(b, 0x0b | 0x1a | 0x1b))
 }
 
 /// What a file is that isn't recognised by its content, if its name says it.

@@ -7,7 +7,8 @@ use flate2::bufread::MultiGzDecoder;
 use std::io::{self, Write};
 
 pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"\x1f\x8b")
+    // Other methods than deflate don't exist, so that a third byte tells most other files apart.
+    bytes.starts_with(b"\x1f\x8b") && bytes.get(2).is_none_or(|method| *method == 8)
 }
 
 /// Writes the whole of what a gzip file holds, its members end to end.

@@ -24,9 +24,13 @@ mod ascii;
 pub mod atomic;
 mod bytes;
 pub mod cameras;
+#[cfg(feature = "points")]
+mod colmap_points;
 mod color;
 #[cfg(feature = "laz")]
 mod column_file;
+#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+mod column_roles;
 mod columns;
 mod content;
 mod context;
@@ -69,6 +73,8 @@ mod point_columns;
 #[cfg(feature = "points")]
 mod points;
 mod polygons;
+#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+mod raw_rows;
 mod rows;
 pub mod scene_file;
 #[cfg(feature = "gaussians")]
@@ -82,6 +88,8 @@ mod stl;
 mod strided;
 #[cfg(any(feature = "las", feature = "e57"))]
 mod survey;
+#[cfg(feature = "points")]
+mod text_rows;
 #[cfg(feature = "gltf")]
 mod tileset;
 mod wkt;
@@ -114,4 +122,6 @@ pub use load::{Loaded, PointSurvey, load, load_bytes, names_geometry, survey};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};
+#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+pub use raw_rows::check_columns;
 pub use words::counted;

@@ -2,6 +2,8 @@
 
 use crate::ascii;
 use crate::bytes::{Bytes, OpenFile};
+#[cfg(feature = "points")]
+use crate::colmap_points;
 use crate::content::{Content, LoadOptions};
 use crate::context::Context;
 #[cfg(feature = "draco")]
@@ -26,8 +28,12 @@ use crate::off;
 use crate::pcd;
 #[cfg(feature = "points")]
 use crate::points;
+#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+use crate::raw_rows;
 #[cfg(feature = "stl")]
 use crate::stl;
+#[cfg(feature = "points")]
+use crate::text_rows;
 #[cfg(feature = "gltf")]
 use crate::tileset;
 use crate::{octree, ply, scene_file};
@@ -72,7 +78,7 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
         return run(read, path, Siblings::of(path, options.allow_outside), options);
     }
-    if let Some((format, file)) = columns_file(path) {
+    if let Some((format, file)) = columns_file(path, options) {
         let read = |context: &mut Context<'_>| Ok((format, read_columns(format, file.bytes(), context)?));
         let loaded = run(read, path, Siblings::of(path, options.allow_outside), options);
         let failure = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
@@ -133,7 +139,7 @@ fn survey_file(path: &Path) -> Option<(Format, File)> {
 }
 
 /// A regular file of a format whose columns are read where they lie, so that they are in memory once.
-fn columns_file(path: &Path) -> Option<(Format, OpenFile)> {
+fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
     let file = OpenFile::open(path)?;
     let bytes = file.bytes();
@@ -142,7 +148,10 @@ fn columns_file(path: &Path) -> Option<(Format, OpenFile)> {
     let format = Format::from_signature(&ends, None).ok()?;
     #[cfg(feature = "pcd")]
     let format = format.or(pcd::looks_like(&ends[..ends.len().min(4096)]).then_some(Format::Pcd));
-    let format = format.filter(|f| matches!(f, Format::Ply | Format::Pcd | Format::Npy | Format::Npz))?;
+    #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+    let format = format.or(raw_rows::is_raw(path, &ends, options.columns.as_ref()).then_some(Format::Raw));
+    let is_read = |f: &Format| matches!(f, Format::Ply | Format::Pcd | Format::Npy | Format::Npz | Format::Raw);
+    let format = format.filter(is_read)?;
     Some((format, file))
 }
 
@@ -195,7 +204,7 @@ fn read_bytes(
     let as_text = matches!(hint, None | Some(Format::Xyz | Format::Pts));
     let decoded = if as_text { ascii::utf8_of_utf16(bytes) } else { None };
     let bytes = decoded.as_deref().unwrap_or(bytes);
-    let format = recognise(bytes, hint, name)?;
+    let format = recognise(bytes, hint, name, context.options)?;
     Ok((format, read_as(format, bytes, context)?))
 }
 
@@ -207,6 +216,11 @@ fn run(
 ) -> Result<Loaded, IoError> {
     let mut context = Context::new(options, siblings);
     let (format, content) = read(&mut context).map_err(|fault| fault.of(name))?;
+    let is_table = matches!(format, Format::Xyz | Format::Pts | Format::Npy | Format::Npz | Format::Raw);
+    if options.columns.is_some() && !is_table {
+        context
+            .note(format!("--columns has no effect: it names the columns of tables of numbers, and this is {format}"));
+    }
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();
@@ -215,11 +229,16 @@ fn run(
 }
 
 /// By the file's first bytes where they say it for certain, else by `hint`, else by a look at the content.
-fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, Problem> {
+#[allow(unused_variables, reason = "options matter to formats that may be left out")]
+fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Format, Problem> {
     if let Some(format) = Format::from_signature(bytes, hint)? {
         return Ok(format);
     }
     let head = &bytes[..bytes.len().min(4096)];
+    #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+    if raw_rows::is_raw(name, head, options.columns.as_ref()) {
+        return Ok(Format::Raw);
+    }
     #[cfg(feature = "pcd")]
     if pcd::looks_like(head) {
         return Ok(Format::Pcd);
@@ -227,6 +246,12 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, 
     #[cfg(feature = "points")]
     if points::looks_like_ptx(head) {
         return Ok(Format::Ptx);
+    }
+    #[cfg(feature = "points")]
+    if matches!(hint, None | Some(Format::Xyz)) && options.columns.is_none() {
+        if colmap_points::looks_like(name, head) || colmap_points::looks_like_binary(Bytes::Memory(bytes)) {
+            return Ok(Format::Colmap);
+        }
     }
     #[cfg(feature = "gaussians")]
     if matches!(hint, None | Some(Format::Sog)) && head.trim_ascii_start().starts_with(b"{") && sog::looks_like(bytes) {
@@ -258,16 +283,24 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path) -> Result<Format, 
         return Ok(Format::Obj);
     }
     #[cfg(feature = "points")]
-    if points::looks_like(head) {
+    if text_rows::looks_like(head) || options.columns.is_some() && !format::is_binary(head) {
         return Ok(Format::Xyz);
     }
     let found = quote(&head[..head.len().min(12)]);
-    Err(Problem::new(format!("is in no format that Surfel knows: it starts with {found}")).expected(KNOWN_FORMATS))
+    let problem = Problem::new(format!("is in no format that Surfel knows: it starts with {found}"));
+    let problem = problem.expected(KNOWN_FORMATS);
+    #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+    if format::is_binary(head) {
+        return Err(problem.help(raw_rows::RAW_HELP));
+    }
+    Err(problem)
 }
 
 fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     match format {
-        Format::Ply | Format::Pcd | Format::Npy | Format::Npz => read_columns(format, Bytes::Memory(bytes), context),
+        Format::Ply | Format::Pcd | Format::Npy | Format::Npz | Format::Raw => {
+            read_columns(format, Bytes::Memory(bytes), context)
+        }
         Format::Surfel => octree::read(bytes, context),
         #[cfg(feature = "obj")]
         Format::Obj => obj::read(bytes, context),
@@ -283,6 +316,8 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
         Format::Xyz | Format::Pts => points::read(bytes, format == Format::Pts, context),
         #[cfg(feature = "points")]
         Format::Ptx => points::read_ptx(bytes, context),
+        #[cfg(feature = "points")]
+        Format::Colmap => colmap_points::read(bytes, context),
         #[cfg(feature = "off")]
         Format::Off => off::read(bytes, context),
         #[cfg(feature = "draco")]
@@ -305,7 +340,9 @@ fn read_as(format: Format, bytes: &[u8], context: &mut Context<'_>) -> Result<Co
             Err(Problem::not_built(format.name(), "gltf").into())
         }
         #[cfg(not(feature = "points"))]
-        Format::Xyz | Format::Pts | Format::Ptx => Err(Problem::not_built(format.name(), "points").into()),
+        Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap => {
+            Err(Problem::not_built(format.name(), "points").into())
+        }
         #[cfg(not(feature = "off"))]
         Format::Off => Err(Problem::not_built(format.name(), "off").into()),
         #[cfg(not(feature = "draco"))]
@@ -323,6 +360,8 @@ fn read_columns(format: Format, bytes: Bytes<'_>, context: &mut Context<'_>) -> 
         Format::Npy => npy::read(bytes, context),
         #[cfg(feature = "npy")]
         Format::Npz => npy::read_archive(bytes, context),
+        #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+        Format::Raw => raw_rows::read(bytes, context),
         #[cfg(not(feature = "pcd"))]
         Format::Pcd => Err(Problem::not_built(format.name(), "pcd").into()),
         #[cfg(not(feature = "npy"))]

@@ -4,26 +4,30 @@
 //! names.
 
 use crate::bytes::Bytes;
+use crate::column_roles::{self, Matrix};
 use crate::content::Content;
 use crate::context::Context;
 use crate::depth_image;
 use crate::error::{Fault, Location, Problem, list, quote};
 use crate::files::pour;
 use crate::point_columns::{self, Named, Roles, Source};
+use crate::raw_rows;
 use crate::strided::{NumberType, Strided, combined};
 use crate::zip::{Archive, Content as Member};
 use glam::Vec3;
 use std::io::Write;
-use surfel_model::Mesh;
+use surfel_model::{Mesh, TableColumn, TableColumns};
 
 /// First bytes of a `.npy` file.
 pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
+/// Most numbers of a point, where rows and columns may be swapped.
+const WIDEST_POINT: usize = 16;
 /// Most columns that an array is split into.
 const MAX_COLUMNS: usize = 64;
 /// Deepest nesting in a header.
 const MAX_DEPTH: usize = 8;
 /// Names of the array that holds positions in an `.npz` file, the first of these that there is.
-const POSITIONS: [&str; 14] = [
+const POSITIONS: [&str; 20] = [
     "points",
     "positions",
     "position",
@@ -37,6 +41,12 @@ const POSITIONS: [&str; 14] = [
     "point_cloud",
     "pc",
     "pcd",
+    "means",
+    "means3d",
+    "means_3d",
+    "xyzs",
+    "points3d",
+    "locations",
     "arr_0",
 ];
 const TRIANGLES: [&str; 4] = ["faces", "triangles", "face", "tri"];
@@ -94,6 +104,9 @@ fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Name
     let by_axis = columns_of("", array, &mut columns)?;
     if columns.first().is_none_or(|c| c.values.len() == 0) {
         return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
+    }
+    if let Some(names) = context.options.columns.clone() {
+        return renamed(columns, &names);
     }
     let roles = if by_axis {
         guess(&mut columns, array, context)?
@@ -263,12 +276,10 @@ fn archive_columns<'a>(
     if rows == 0 {
         return Err(Problem::new("holds no point").expected("an array of N×3 numbers or more").into());
     }
-    if by_axis && columns.len() != 3 {
-        guess(&mut columns, &arrays[main].1, context)?;
+    if let Some(names) = context.options.columns.clone() {
+        columns = renamed(columns, &names)?.0;
     } else if by_axis {
-        for (column, name) in columns.iter_mut().zip(["x", "y", "z"]) {
-            column.name = name.into();
-        }
+        guess(&mut columns, &arrays[main].1, context)?;
     }
     let mut triangles = None;
     for (i, (name, array)) in arrays.iter().enumerate() {
@@ -334,19 +345,87 @@ fn no_position(columns: &[Named<'_>]) -> Problem {
     Problem::new(format!("its points have no position: they have {}", list(&names))).expected("fields x, y and z")
 }
 
-fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>) -> Result<Roles, Fault> {
-    let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
-    let shape = shape.join("×");
-    if columns.len() < 3 || columns.len() > MAX_COLUMNS {
-        let problem = Problem::new(format!("is an array of {shape} numbers"));
-        return Err(problem.expected("N×3, N×6 or their like: a row for each point").into());
+/// Columns by the names that the caller gives them, and their roles.
+fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+    raw_rows::check(names)?;
+    if names.is_typed() {
+        let problem = Problem::new("states the types of its numbers, and --columns gives types");
+        return Err(problem.expected("names alone, such as x,y,z,intensity").into());
     }
-    let roles = Roles::by_content(columns);
+    if names.columns().len() != columns.len() {
+        return Err(raw_rows::wrong_count(columns.len(), names).into());
+    }
+    let named = columns.into_iter().zip(names.columns());
+    let named = named.filter_map(|(column, TableColumn { name, .. })| {
+        Some(Named { name: raw_rows::usual_name(name.as_deref()?), ..column })
+    });
+    let columns: Vec<Named<'a>> = named.collect();
+    let roles = Roles::by_name(columns.iter().map(|c| c.name.as_str())).ok_or_else(|| no_position(&columns))?;
+    Ok((columns, roles))
+}
+
+/// A shape in words.
+fn shape_words(shape: &[usize]) -> String {
+    shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×")
+}
+
+/// The problem of an array that is no table of points, and what it is.
+fn no_table(shape: &[usize], is: &str) -> Problem {
+    let problem = Problem::new(format!("is an array of {} numbers{is}", shape_words(shape)));
+    problem.expected("N×3, N×6 or their like: a row for each point")
+}
+
+/// The problem of an array whose rows hold coordinates, and not points.
+fn transposed(shape: &[usize]) -> Problem {
+    let help = "transpose it: numpy.save('points.npy', points.T)";
+    no_table(shape, ", which is transposed: it has more columns than rows").help(help)
+}
+
+fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>) -> Result<Roles, Fault> {
+    let shape = &array.shape;
+    if columns.len() < 3 || columns.len() > MAX_COLUMNS {
+        return Err(no_table(shape, "").into());
+    }
+    let values: Vec<Strided<'_>> = columns.iter().map(|c| c.values).collect();
+    if let Some(problem) = not_points(&values, array) {
+        return Err(problem.into());
+    }
+    let (roles, reasons) = Roles::by_content(columns, &[])?;
+    let has_unknown = columns.iter().any(|c| c.name.starts_with("column_"));
+    if shape.len() == 2 && shape[0] == 3 && columns.len() > 3 && has_unknown {
+        return Err(transposed(shape).into());
+    }
     let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-    if columns.len() > 3 || array.shape.len() != 2 || array.shape[0] == columns.len() {
-        context.note(format!("took the array of {shape} as points with the columns {}", list(&names)));
+    if columns.len() > 3 || shape.len() != 2 || shape[0] == columns.len() || !reasons.is_empty() {
+        let what = format!("took the array of {} as points with the columns {}", shape_words(shape), list(&names));
+        context.note(column_roles::as_note(&what, &reasons));
     }
     Ok(roles)
+}
+
+/// The problem of an array of images or of matrices.
+fn not_points(columns: &[Strided<'_>], array: &Array<'_>) -> Option<Problem> {
+    const SIDE: usize = 8;
+    let shape = &array.shape[..];
+    if let [.., height @ (3 | 4), _] = *shape
+        && let Some(kind) = column_roles::matrix_kind(columns, height, array.fortran && shape.len() > 2)
+    {
+        return Some(match kind {
+            Matrix::Poses => no_table(shape, ", which are camera poses")
+                .help("the cameras' centres are points: numpy.save('points.npy', poses[..., :3, 3])"),
+            Matrix::Intrinsics => no_table(shape, ", which are cameras' intrinsics"),
+        });
+    }
+    let image = || no_table(shape, ", an image").help("surfel draws points, not images: unproject a depth image first");
+    if let [.., height, width, 3 | 4] = *shape
+        && height >= SIDE
+        && width >= SIDE
+        && (array.fields.iter().all(|field| matches!(field.kind, NumberType::U8 | NumberType::U16))
+            || column_roles::are_image_colors(&columns[..3]))
+    {
+        return Some(image());
+    }
+    column_roles::is_image(columns).then(image)
 }
 
 /// One column of an array.
@@ -389,18 +468,18 @@ fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, b
         }
     };
     let n = field.kind.bytes();
-    let (rows, width, transposed) = match array.shape[..] {
-        [] | [_] => (total, 1, false),
-        [3..=16, wide] if positions && wide > MAX_COLUMNS => (wide, array.shape[0], true),
-        [.., last] => (total.checked_div(last).unwrap_or(0), last, false),
+    let (rows, width) = match array.shape[..] {
+        [] | [_] => (total, 1),
+        [.., few @ 3..=WIDEST_POINT, many] if positions && many > WIDEST_POINT.max(few) => {
+            return Err(transposed(&array.shape).into());
+        }
+        [.., last] => (total.checked_div(last).unwrap_or(0), last),
     };
     if width > MAX_COLUMNS {
-        let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
-        let problem = Problem::new(format!("is an array of {} numbers", shape.join("×")));
-        return Err(problem.expected("N×3, N×6 or their like: a row for each point").into());
+        return Err(no_table(&array.shape, "").into());
     }
     // In Fortran's order the numbers of the first axis follow each other.
-    let together = array.fortran == transposed;
+    let together = !array.fortran;
     let unnamed = positions && (width > 1 || array_name.is_empty());
     let names = if unnamed { vec![String::new(); width] } else { expanded(array_name, width) };
     let part = |(i, name)| {
@@ -434,8 +513,7 @@ fn parse(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
 }
 
 fn too_few_bytes(array: &Array<'_>) -> Fault {
-    let shape: Vec<String> = array.shape.iter().map(usize::to_string).collect();
-    let (found, shape, item) = (array.data.len(), shape.join("×"), array.item_bytes);
+    let (found, shape, item) = (array.data.len(), shape_words(&array.shape), array.item_bytes);
     let what = format!("the file has {found} bytes for an array of {shape} elements of {item} bytes");
     Problem::new(what).help("copy or save the file again: it is incomplete").into()
 }

@@ -1,14 +1,15 @@
-//! Points from columns of numbers: which column is what, by its name or by what is in it.
+//! Points from columns of numbers, whose roles their names state; [`crate::column_roles`] finds those of others.
 //!
 //! Colours are what a program displayed, so they are sRGB-encoded whether they count to 255, to 65535 or to 1.
 
 #![cfg_attr(not(all(feature = "npy", feature = "pcd", feature = "points")), allow(dead_code))]
 
 use crate::color::{linear_of_8_bit, linear_of_level};
+use crate::column_roles::{self, Part, ROUNDED_ONE, Role};
 use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
-use crate::error::Fault;
+use crate::error::{Fault, Problem};
 use crate::strided::{self, NumberType, Strided, combined, ranges, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, PointCloud, Shape};
@@ -55,6 +56,23 @@ pub(crate) const NORMALS: [[&str; 3]; 5] = [
     ["n_x", "n_y", "n_z"],
 ];
 
+/// Names of vectors whose components are columns of their own.
+const POSITION_VECTORS: [&str; 11] = [
+    "points",
+    "point",
+    "points_m_xyz",
+    "points_xyz",
+    "xyz",
+    "coordinates",
+    "coords",
+    "position",
+    "positions",
+    "pose_position",
+    "center",
+];
+const COLOR_VECTORS: [&str; 7] = ["rgb", "rgba", "color", "colors", "colour", "colours", "rgb_color"];
+const NORMAL_VECTORS: [&str; 4] = ["normals", "normal", "point_normals", "n"];
+
 /// What columns hold, by their indices. All others are kept as they are.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Roles {
@@ -73,51 +91,49 @@ impl Roles {
         let names: Vec<String> = names.into_iter().map(plain_name).collect();
         let find = |name: &str| names.iter().position(|n| n == name);
         let set = |sets: &[[&str; 3]]| sets.iter().find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]));
-        let color = set(&COLORS);
+        let vectors = |bases: &[&str]| bases.iter().find_map(|base| numbered(&names, base));
+        let color = set(&COLORS).or_else(|| vectors(&COLOR_VECTORS));
         let packed = || find("rgb").map(|i| (i, false)).or_else(|| find("rgba").map(|i| (i, true)));
         Some(Self {
-            position: set(&POSITIONS)?,
+            position: set(&POSITIONS).or_else(|| vectors(&POSITION_VECTORS))?,
             color,
             packed_color: if color.is_none() { packed() } else { None },
-            normal: set(&NORMALS),
+            normal: set(&NORMALS).or_else(|| vectors(&NORMAL_VECTORS)),
             alpha: find("alpha").or_else(|| color.and_then(|_| find("a"))),
             radius: find("radius").or_else(|| find("radii")),
         })
     }
 
-    /// By the number of columns and what is in them: x y z, then triples that are normals if they have unit length,
-    /// else colours. One column more than triples is an intensity, before them or, where that
-    /// fits better, after them. All get names.
-    pub(crate) fn by_content(columns: &mut [Named<'_>]) -> Self {
-        let width = columns.len();
+    /// Roles by what is in the columns, and what decided, in words. Gives all columns names: those of their roles, or
+    /// `column_N` by their places in the file, `numbers`.
+    ///
+    /// # Errors
+    /// [`Problem`] for columns that are no points.
+    pub(crate) fn by_content(columns: &mut [Named<'_>], numbers: &[usize]) -> Result<(Self, Vec<String>), Problem> {
+        let values: Vec<Strided<'_>> = columns.iter().map(|c| c.values).collect();
+        let layout = column_roles::choose(&values, numbers)?;
         let mut roles = Self { position: [0, 1, 2], ..Self::default() };
-        let triple = |start: usize| Triple::of(std::array::from_fn(|i| &columns[start + i].values));
-        let mut next = 3;
-        let mut intensity = None;
-        if width % 3 == 1 {
-            let last = width >= 7 && triple(3).fits_better_than(&triple(4));
-            intensity = Some(if last { width - 1 } else { 3 });
-            next += usize::from(!last);
-        }
-        while width % 3 != 2 && next + 3 <= width {
-            let (found, set) = (triple(next), Some([next, next + 1, next + 2]));
-            if found.unit && roles.normal.is_none() {
-                roles.normal = set;
-            } else if found.color && roles.color.is_none() {
-                roles.color = set;
+        let mut used: Vec<String> = Vec::new();
+        for Part { role, first } in layout.parts {
+            let triple = [first, first + 1, first + 2];
+            match role {
+                Role::Position => roles.position = triple,
+                Role::Normal => roles.normal = Some(triple),
+                Role::Color => roles.color = Some(triple),
+                Role::Alpha => roles.alpha = Some(first),
+                _ => {}
             }
-            next += 3;
-        }
-        if let Some(at) = intensity {
-            columns[at].name = "intensity".into();
-        }
-        for (i, column) in columns.iter_mut().enumerate() {
-            if column.name.is_empty() {
-                column.name = format!("column_{}", i + 1);
+            for (i, name) in role.names().iter().enumerate() {
+                let count = used.iter().filter(|other| other == name).count();
+                used.push((*name).to_owned());
+                columns[first + i].name = match (*name, count) {
+                    ("", _) => format!("column_{}", numbers.get(first + i).copied().unwrap_or(first + i + 1)),
+                    (name, 0) => name.to_owned(),
+                    (name, count) => format!("{name}_{}", count + 1),
+                };
             }
         }
-        roles.name(columns);
-        roles
+        Ok((roles, layout.reasons))
     }
 
     /// True of points with normals and radii: those are splats.
@@ -125,71 +141,23 @@ impl Roles {
     pub(crate) fn are_splats(&self) -> bool {
         self.radius.is_some() && self.normal.is_some()
     }
-
-    /// Gives position, normal and colour their usual names.
-    fn name(&self, columns: &mut [Named<'_>]) {
-        let sets = [(Some(self.position), ["x", "y", "z"]), (self.color, COLORS[0]), (self.normal, NORMALS[0])];
-        for (set, names) in sets {
-            for (i, name) in set.into_iter().flatten().zip(names) {
-                columns[i].name = name.into();
-            }
-        }
-    }
 }
 
 /// A name in lower case, without quotes, unit and the signs that begin a comment.
 pub(crate) fn plain_name(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#'));
     let name = name.split(['[', '(']).next().unwrap_or(name).trim();
-    name.to_ascii_lowercase().replace([' ', '-', '.'], "_")
+    name.to_ascii_lowercase().replace([' ', '-', '.', ':'], "_")
 }
 
-/// What three columns can be, judged by up to 1000 rows.
-struct Triple {
-    /// Vectors of unit length.
-    unit: bool,
-    /// Levels of up to 65535.
-    color: bool,
-    /// Whole numbers.
-    whole: bool,
-    largest: f64,
-    /// How far the three lie apart in a row, summed: colours are mostly near grey.
-    spread: f64,
-}
-
-impl Triple {
-    fn of(columns: [&Strided<'_>; 3]) -> Self {
-        let rows = columns[0].len();
-        let (mut unit, mut other) = (0, 0);
-        let mut found = Self { unit: false, color: true, whole: true, largest: 0.0, spread: 0.0 };
-        for row in (0..rows).step_by(rows.div_ceil(1000).max(1)) {
-            let t = columns.map(|c| c.at(row));
-            let length = DVec3::from_array(t).length();
-            // Normals are printed with two digits at least; points without one have zeros.
-            if (length - 1.0).abs() < 0.02 {
-                unit += 1;
-            } else if length != 0.0 && !length.is_nan() {
-                other += 1;
-            }
-            for c in t.into_iter().filter(|c| !c.is_nan()) {
-                found.color &= (0.0..=65_535.0).contains(&c);
-                found.whole &= c.fract() == 0.0;
-                found.largest = found.largest.max(c);
-            }
-            let [least, most] = t.iter().fold([f64::INFINITY, 0.0], |[lo, hi], c| [c.min(lo), c.max(hi)]);
-            found.spread += if most >= least { most - least } else { 0.0 };
-        }
-        found.unit = unit > 0 && unit >= 19 * other;
-        found
-    }
-
-    /// Where one column is left over: whether this triple, before it, is one, and the other, after it, less so.
-    fn fits_better_than(&self, after: &Self) -> bool {
-        let eight_bit = |t: &Self| t.color && t.whole && t.largest <= 255.0;
-        let any = |t: &Self| t.unit || t.color;
-        let greyer = !eight_bit(after) || self.spread < after.spread;
-        any(self) && !any(after) || eight_bit(self) && greyer && !after.unit
-    }
+/// The columns `BASE:0`, `BASE:1` and `BASE:2` of a vector, as ParaView, VeloView and LidarView name them, or `BASE_X`,
+/// `BASE_Y` and `BASE_Z`.
+fn numbered(names: &[String], base: &str) -> Option<[usize; 3]> {
+    let endings = [["0", "1", "2"], ["x", "y", "z"]];
+    let find = |ending: &str| {
+        names.iter().position(|name| name.strip_prefix(base).is_some_and(|rest| rest.strip_prefix('_') == Some(ending)))
+    };
+    endings.iter().find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]))
 }
 
 /// Where columns come from, as far as it tells what their numbers mean.
@@ -319,7 +287,7 @@ fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) 
     let largest = ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1));
     let whole = source == Source::Typed && columns.iter().all(|c| c.kind().is_integer());
     let (scale, name) = match largest {
-        m if m <= 1.0 && !whole => (1.0, "1"),
+        m if m <= ROUNDED_ONE && !whole => (1.0, "1"),
         m if m <= 255.0 => (255.0, "255"),
         _ => (65_535.0, "65535"),
     };

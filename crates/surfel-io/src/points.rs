@@ -2,99 +2,20 @@
 
 use crate::ascii::{Lines, each_line, number};
 use crate::bytes::Bytes;
+use crate::column_roles;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, list, quote, unwritable};
 use crate::point_columns::{self, Named, Roles, Source};
+use crate::raw_rows;
 use crate::rows::KeptRows;
 use crate::strided::{NumberType, Strided};
+use crate::text_rows::{MAX_COLUMNS, POINTS, Plan, is_comment, is_missing, names};
 use crate::words::counted;
 use std::io::Write;
+use surfel_model::TableColumns;
 
-/// Most columns of a file.
-const MAX_COLUMNS: usize = 64;
-/// Lines by which a decimal comma is told.
-const JUDGED_LINES: usize = 100;
-
-/// How a line is divided and its numbers are written.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Dialect {
-    /// Blanks, commas and semicolons divide.
-    Points,
-    /// Blanks and semicolons divide; a comma is a decimal point.
-    DecimalCommas,
-}
-
-impl Dialect {
-    /// Decimal commas are believed where no line makes sense without them: all words that blanks and semicolons leave
-    /// are numbers, three of them at least, and a comma has digits on either side.
-    fn of(head: &[u8]) -> Self {
-        let mut with_comma = false;
-        for (_, line) in Lines::new(head).filter(|(_, line)| !is_comment(line)).take(JUDGED_LINES) {
-            let mut words = Self::DecimalCommas.words(line).peekable();
-            if words.peek().is_some_and(|w| w.first().is_some_and(|b| b.is_ascii_alphabetic() || *b == b'"')) {
-                continue;
-            }
-            let (mut count, mut numbers) = (0, true);
-            for word in words {
-                count += 1;
-                with_comma |= word.contains(&b',');
-                numbers &= Self::DecimalCommas.number(word).is_some();
-            }
-            // A count stands alone.
-            if !numbers || count == 2 || count == 0 {
-                return Self::Points;
-            }
-        }
-        if with_comma { Self::DecimalCommas } else { Self::Points }
-    }
-
-    fn words(self, line: &[u8]) -> impl Iterator<Item = &[u8]> {
-        let commas = self == Self::Points;
-        let words = line.split(move |&b| b.is_ascii_whitespace() || b == b';' || commas && b == b',');
-        words.map(unquoted).filter(|w| !w.is_empty())
-    }
-
-    /// True if two dividing signs of a table have nothing between them, or a line begins or ends with one.
-    fn has_empty_cell(self, line: &[u8]) -> bool {
-        let commas = self == Self::Points;
-        let mut cells = line.split(move |&b| b == b';' || commas && b == b',');
-        cells.any(|cell| unquoted(cell.trim_ascii()).is_empty())
-    }
-
-    fn number(self, word: &[u8]) -> Option<f64> {
-        let Some(comma) = word.iter().position(|&b| b == b',').filter(|_| self == Self::DecimalCommas) else {
-            return number(word);
-        };
-        let (whole, fraction) = (&word[..comma], &word[comma + 1..]);
-        let digits = whole.last().is_some_and(u8::is_ascii_digit) && fraction.first().is_some_and(u8::is_ascii_digit);
-        number(&[whole, b".", fraction].concat()).filter(|_| digits)
-    }
-}
-
-/// A value without the quotes around it, as some programs write all of them.
-fn unquoted(word: &[u8]) -> &[u8] {
-    word.strip_prefix(b"\"").and_then(|word| word.strip_suffix(b"\"")).unwrap_or(word)
-}
-
-/// True if `head`, the start of a file, has a line of at least three numbers before anything else but names and a
-/// count.
-pub(crate) fn looks_like(head: &[u8]) -> bool {
-    let dialect = Dialect::of(head);
-    let mut lines = Lines::new(head).map(|(_, line)| line).filter(|line| !is_comment(line));
-    let is_row =
-        |line: &[u8]| dialect.words(line).count() >= 3 && dialect.words(line).all(|w| dialect.number(w).is_some());
-    let is_count = |line: &[u8]| std::str::from_utf8(line.trim_ascii()).is_ok_and(|n| n.parse::<u64>().is_ok());
-    let is_head = |line: &[u8]| is_count(line) || names(line, Dialect::Points).is_some();
-    lines.next().is_some_and(|line| is_row(line) || is_head(line) && lines.next().is_some_and(is_row))
-}
-
-fn is_comment(line: &[u8]) -> bool {
-    let line = line.trim_ascii();
-    line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
-}
-
-/// Numbers in rows of the same width, each as the 8 bytes of an `f64`, and what was told of them.
+/// Numbers in rows of the same width, each as the 8 bytes of an `f64`, and what the text says of them.
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
@@ -102,54 +23,95 @@ pub(crate) struct Table {
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
+    /// Places of the columns in the file, from 1.
+    numbers: Vec<usize>,
     comments: Vec<String>,
 }
 
 impl Table {
-    fn push(&mut self, row: &[f64], data: &mut dyn Write) -> Result<(), Fault> {
+    /// A table without rows, whose columns have names.
+    pub(crate) fn with_names(names: &[&str]) -> Self {
+        let names = names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        Self { width: names.len(), names: Some(names), ..Self::default() }
+    }
+
+    pub(crate) fn is_empty(&self) -> bool {
+        self.rows == 0
+    }
+
+    pub(crate) fn push(&mut self, row: &[f64], data: &mut dyn Write) -> Result<(), Fault> {
         let mut bytes = [0; 8 * (MAX_COLUMNS + 1)];
         bytes.as_chunks_mut().0.iter_mut().zip(row).for_each(|(bytes, v)| *bytes = v.to_le_bytes());
         self.rows += 1;
         Ok(data.write_all(&bytes[..8 * row.len()]).map_err(unwritable)?)
     }
 
-    /// The columns of the rows, which are `data`, by these names.
-    fn named<'a>(&self, names: Option<Vec<String>>, data: Bytes<'a>) -> Vec<Named<'a>> {
-        let mut names = names.unwrap_or_default();
-        names.resize(self.width, String::new());
+    /// The columns of the rows, which are `data`.
+    fn unnamed<'a>(&self, data: Bytes<'a>) -> Vec<Named<'a>> {
         let (stride, rows) = (8 * self.width, self.rows);
         let column = |i: usize| Strided::new(data, 8 * i, stride, rows, NumberType::F64, false);
-        names.truncate(self.width - self.hidden);
-        names.into_iter().enumerate().filter_map(|(i, name)| Some(Named { name, values: column(i)? })).collect()
+        let named = |i: usize| Some(Named { name: String::new(), values: column(i)? });
+        (0..self.width - self.hidden).filter_map(named).collect()
     }
 
-    /// The columns of the rows, which are `data`, and what they are.
-    pub(crate) fn columns<'a>(&self, data: Bytes<'a>, context: &mut Context<'_>) -> (Vec<Named<'a>>, Roles) {
-        let named = self.names.as_ref().map(Vec::len);
-        let header = self.names.clone().filter(|names: &Vec<String>| names.len() == self.width);
-        let roles = header.as_ref().and_then(|names| Roles::by_name(names.iter().map(String::as_str)));
-        let mut columns = self.named(header, data);
-        let roles = roles.unwrap_or_else(|| {
-            columns.iter_mut().for_each(|c| c.name.clear());
-            let roles = Roles::by_content(&mut columns);
-            if self.width > 3 {
-                let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-                let why =
-                    named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
-                context.note(format!("took the columns as {}: {why}", list(&names)));
+    /// The columns of the rows, which are `data`, and their roles.
+    pub(crate) fn columns<'a>(
+        &self,
+        data: Bytes<'a>,
+        context: &mut Context<'_>,
+    ) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+        let mut columns = self.unnamed(data);
+        if let Some((names, roles)) = self.header(&columns) {
+            for (column, name) in columns.iter_mut().zip(names) {
+                column.name = name;
             }
-            roles
-        });
-        (columns, roles)
+            return Ok((columns, roles));
+        }
+        let (roles, reasons) = Roles::by_content(&mut columns, &self.numbers)?;
+        if self.width > 3 || !reasons.is_empty() {
+            let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
+            let named = self.names.as_ref().map(Vec::len);
+            let why = named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
+            context.note(column_roles::as_note(&format!("took the columns as {}: {why}", list(&names)), &reasons));
+        }
+        Ok((columns, roles))
+    }
+
+    /// The names that the file gives its columns, and their roles by these; `None` if they don't fit the columns.
+    fn header(&self, columns: &[Named<'_>]) -> Option<(Vec<String>, Roles)> {
+        let width = self.width - self.hidden;
+        let mut names = self.names.clone()?;
+        if names.len() > width {
+            names.truncate(width.max(names.iter().rposition(|name| !name.is_empty())? + 1));
+        }
+        if names.len() > width {
+            names.retain(|name| !name.is_empty());
+        }
+        let values = || columns.iter().map(|c| c.values).collect::<Vec<Strided<'_>>>();
+        // Tables that R writes have names of rows, and no name for these.
+        if names.len() + 1 == width && column_roles::begins_with_index(&values()) {
+            names.insert(0, String::new());
+        }
+        let roles = Roles::by_name(names.iter().map(String::as_str)).filter(|_| names.len() == width)?;
+        let is_index = names[0].is_empty() && column_roles::begins_with_index(&values());
+        for (i, name) in names.iter_mut().enumerate().filter(|(_, name)| name.is_empty()) {
+            *name = if i == 0 && is_index { "index".to_owned() } else { format!("column_{}", i + 1) };
+        }
+        Some((names, roles))
     }
 }
 
 pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result<Content, Fault> {
     let mut data = Vec::new();
     let mut table = unpack(Bytes::Memory(bytes), pts, &mut data, context)?;
-    let (columns, roles) = table.columns(Bytes::Memory(&data), context);
+    let (columns, roles) = table.columns(Bytes::Memory(&data), context)?;
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
+
+/// What is expected of a text.
+const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
+/// What to do about columns that Surfel doesn't understand.
+const NAME_THEM: &str = "--columns x,y,z,_,r,g,b names the columns; _ leaves one out";
 
 /// Writes the numbers of all points to `data`.
 pub(crate) fn unpack(
@@ -158,18 +120,29 @@ pub(crate) fn unpack(
     data: &mut dyn Write,
     context: &mut Context<'_>,
 ) -> Result<Table, Fault> {
-    let dialect = Dialect::of(&bytes.at_most(0, 1 << 20));
-    let mut said = 0_u64;
+    let head = bytes.at_most(0, 1 << 20);
+    let named = context.options.columns.clone();
+    named.as_ref().map_or(Ok(()), raw_rows::check)?;
+    if named.as_ref().is_some_and(TableColumns::is_typed) {
+        let problem = Problem::new("is text, and --columns gives types, as of binary numbers");
+        return Err(problem.expected("names alone, such as x,y,z,intensity").into());
+    }
+    let plan = Plan::of(&head, head.len() == bytes.len(), named.as_ref())?;
+    let (dialect, kept) = (plan.dialect, plan.kept.as_deref());
+    let (mut said, mut before) = (0_u64, 0_u64);
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
+    // Cells of a row, of which some are read; as many in all rows.
+    let mut cells = kept.map_or(0, <[bool]>::len);
+    let mut header: Option<Vec<String>> = None;
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
     each_line(bytes, |line_number, line| {
         if is_comment(line) {
-            if table.width == 0 && table.comments.len() < 1000 {
+            if table.rows == 0 && table.comments.len() < 1000 {
                 let text = String::from_utf8_lossy(line.trim_ascii());
                 let text = text.trim_start_matches(['#', '/']).trim();
                 // The last comment before the points that names columns, names theirs.
-                table.names = names(text.as_bytes(), dialect).or(table.names.take());
+                header = names(text.as_bytes(), dialect).or(header.take());
                 if !text.is_empty() {
                     table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
@@ -178,11 +151,17 @@ pub(crate) fn unpack(
         }
         let at = Location::Line(line_number);
         row.clear();
-        let mut bad = None;
+        let (mut count, mut bad, mut is_incomplete) = (0, None, false);
         for word in dialect.words(line) {
+            let is_kept = kept.is_none_or(|kept| kept.get(count).copied().unwrap_or(true));
+            count += 1;
+            if count > MAX_COLUMNS {
+                return Err(Problem::new(format!("more than {MAX_COLUMNS} columns")).at(at).into());
+            }
             match dialect.number(word) {
-                Some(value) if row.len() < MAX_COLUMNS => row.push(value),
-                Some(_) => return Err(Problem::new(format!("more than {MAX_COLUMNS} columns")).at(at).into()),
+                _ if !is_kept => {}
+                Some(value) => row.push(value),
+                None if is_missing(word) => is_incomplete = true,
                 None => {
                     bad = Some(word);
                     break;
@@ -190,23 +169,36 @@ pub(crate) fn unpack(
             }
         }
         if let Some(word) = bad {
-            if table.width == 0 {
-                table.names = Some(names(line, dialect).ok_or_else(|| {
-                    let found = format!("found {} where points were expected", quote(word));
-                    Problem::new(found).at(at).expected("x y z [intensity] [r g b] [nx ny nz], as numbers")
-                })?);
+            if table.rows > 0 {
+                let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
+                let help = "if the whole column holds words, leave it out by _, as in --columns x,y,z,_";
+                return Err(problem.help(help).into());
+            }
+            before += 1;
+            if named.is_some() {
                 return Ok(());
             }
-            return Err(Problem::new(format!("found {}", quote(word))).at(at).expected("a number").into());
+            header = Some(names(line, dialect).ok_or_else(|| {
+                let found = format!("found {} where points were expected", quote(word));
+                Problem::new(found).at(at).expected(EXPECTED).help(NAME_THEM)
+            })?);
+            return Ok(());
         }
-        if row.len() < table.width && dialect.has_empty_cell(line) {
+        // A PTS file has the number of points before each scan.
+        if count == 1 && row.len() == 1 && (pts || table.rows == 0) {
+            said = said.saturating_add(row[0].max(0.0) as u64);
+            return Ok(());
+        }
+        if is_incomplete && count == cells || count < cells && dialect.has_empty_cell(line) {
             first_incomplete = if incomplete == 0 { line_number } else { first_incomplete };
             incomplete += 1;
             return Ok(());
         }
-        // A PTS file has the number of points before each scan.
-        if row.len() == 1 && (pts || table.width == 0) {
-            said = said.saturating_add(row[0].max(0.0) as u64);
+        if cells == 0 {
+            cells = count;
+        }
+        if count != cells && named.is_some() && table.rows == 0 {
+            before += 1;
             return Ok(());
         }
         if table.width == 0 {
@@ -216,21 +208,33 @@ pub(crate) fn unpack(
                 return Err(problem.expected("at least x y z").into());
             }
         }
-        if row.len() != table.width {
-            let mut problem = Problem::new(format!("found {} numbers", row.len())).at(at);
-            if dialect == Dialect::Points && line.contains(&b',') {
+        if count != cells || row.len() != table.width {
+            let mut problem = Problem::new(format!("found {count} numbers")).at(at);
+            if !dialect.has_decimal_commas && line.contains(&b',') {
                 problem =
                     problem.help("if its commas are decimal points, write points instead: they also divide columns");
             }
-            return Err(problem.expected(format!("{}, as in the lines before", table.width)).into());
+            return Err(problem.expected(format!("{cells}, as in the lines before")).into());
         }
         table.push(&row, data)
     })?;
-    if table.width == 0 {
+    if table.rows == 0 {
         return Err(Problem::new("holds no point").expected("lines of x y z [intensity] [r g b] [nx ny nz]").into());
     }
-    if dialect == Dialect::DecimalCommas {
+    table.numbers = plan.numbers(cells);
+    if let Some(columns) = &named {
+        table.names = Some(
+            columns.columns().iter().filter_map(|column| column.name.as_deref().map(raw_rows::usual_name)).collect(),
+        );
+    } else {
+        plan.notes(header.as_deref().filter(|names| names.len() == cells)).into_iter().for_each(|n| context.note(n));
+        table.names = header.map(|names| chosen(names, kept));
+    }
+    if dialect.has_decimal_commas {
         context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
+    }
+    if named.is_some() && before > 1 {
+        context.note(format!("left out {} before the points", counted(before, "lines")));
     }
     if incomplete > 0 {
         let rows = counted(incomplete as u64, "rows");
@@ -242,19 +246,12 @@ pub(crate) fn unpack(
     Ok(table)
 }
 
-/// The names of columns that a line gives, if these include a position.
-fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
-    let text = |w: &[u8]| String::from_utf8_lossy(w).trim_matches(|c| matches!(c, '"' | '/' | '#')).to_owned();
-    // Where commas, semicolons or tabs divide, a name may hold blanks.
-    let of = |divides: &dyn Fn(u8) -> bool| {
-        let words = line.trim_ascii().split(|&b| divides(b)).map(|w| text(w.trim_ascii()));
-        let words = words.map(|w| if w.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { w });
-        let found: Vec<String> = words.filter(|w| !w.is_empty()).take(MAX_COLUMNS + 1).collect();
-        Roles::by_name(found.iter().map(String::as_str)).map(|_| found)
-    };
-    let commas = dialect == Dialect::Points;
-    of(&|b| matches!(b, b';' | b'\t') || commas && b == b',')
-        .or_else(|| of(&|b| matches!(b, b',' | b';') || b.is_ascii_whitespace()))
+/// The names of those columns that are read, where there is a name for each column.
+fn chosen(names: Vec<String>, kept: Option<&[bool]>) -> Vec<String> {
+    match kept.filter(|kept| kept.len() == names.len()) {
+        Some(kept) => names.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(name, _)| name).collect(),
+        None => names,
+    }
 }
 
 /// True if `head`, the start of a file, is that of a PTX file: two counts, four lines of three numbers, four of four.
@@ -262,7 +259,7 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
     let mut lines = Lines::new(head);
     [1, 1, 3, 3, 3, 3, 4, 4, 4, 4].into_iter().all(|n| {
         lines.next().is_some_and(|(_, line)| {
-            let words = Dialect::Points.words(line);
+            let words = POINTS.words(line);
             words.map(number).try_fold(0, |n, v| Some(n + usize::from(v?.is_finite()))) == Some(n)
         })
     })
@@ -272,7 +269,7 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (mut data, mut rows) = (Vec::new(), KeptRows::default());
     let table = unpack_ptx(Bytes::Memory(bytes), &mut data, Some(&mut rows), context)?;
-    let (columns, roles) = table.columns(Bytes::Memory(&data), context);
+    let (columns, roles) = table.columns(Bytes::Memory(&data), context)?;
     let mut content = point_columns::build(columns, &roles, Source::Text, Vec::new(), context)?;
     rows.give(&mut content);
     Ok(content)
@@ -307,7 +304,7 @@ pub(crate) fn unpack_ptx(
             None => (&[3, 4, 7][..], "x y z intensity red green blue"),
         };
         row.clear();
-        for word in Dialect::Points.words(line).take(8) {
+        for word in POINTS.words(line).take(8) {
             row.push(number(word).ok_or_else(|| {
                 Problem::new(format!("found {}", quote(word))).at(at).expected(format!("a number of {what}"))
             })?);
@@ -366,7 +363,7 @@ pub(crate) fn unpack_ptx(
         context.note(format!("left out {points} at 0 0 0: the scanner got no return there"));
     }
     let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
-    table.names = Some(names.map(|n| (*n).to_owned()).chain(["scan".to_owned()]).collect());
     table.hidden = usize::from(scans == 1);
+    table.names = Some(names.copied().chain((scans > 1).then_some("scan")).map(str::to_owned).collect());
     Ok(table)
 }

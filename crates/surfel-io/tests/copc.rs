@@ -14,7 +14,7 @@ use surfel_model::PointCloud;
 
 /// Points of a test, on a bent sheet so that levels are as those of scans.
 const COUNT: usize = 120_000;
-const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 1 << 30, resume: false, shard: None };
+const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 1 << 30, resume: false, shard: None, columns: None };
 
 fn sheet(p: &mut Point, i: usize) {
     let (x, y) = ((i % 400) as f64, (i / 400) as f64);

@@ -15,4 +15,5 @@ mod point_formats;
 mod read_right;
 mod scans;
 mod support;
+mod tables;
 mod tilesets;

@@ -360,7 +360,7 @@ fn mutations_of_what_is_written_by_levels() {
     let write = |name: &str, bytes: &[u8]| {
         let (input, output) = (folder.join(name), folder.join("out.copc.laz"));
         std::fs::write(&input, bytes).unwrap();
-        surfel_io::survey_points(&input);
+        surfel_io::survey_points(&input, None);
         if let Err(error) = save_copc(&[input], &output, &options, None, &|_, _, _| ()) {
             let text = error.to_string();
             let printable = text.chars().all(|c| c == '\n' || !c.is_control());
@@ -433,6 +433,24 @@ fn mutations_of_arrays() {
     let faces = npy("{'descr': '|u1', 'fortran_order': False, 'shape': (1, 3), }\n", 3);
     let zip = zip(&[("points.npy", &plain), ("faces.npy", &faces)]);
     damage(&[zip], 40_000, load_as(Some(Format::Npz)));
+}
+
+#[test]
+fn mutations_of_tables() {
+    let words = "name;x;y;z;r;g;b\n\"a;b\";1,5;2;3;10;20;30\nc;4;5;6;;20;30\nd;7;8;9;1;2;3\n";
+    let colmap = "# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[]\n1 2 3 4 5 6 7 0.5 1 2\n9 8 7 6 5 4 3 0.25\n";
+    damage(&[words.as_bytes().to_vec(), colmap.as_bytes().to_vec()], 10_000, load_as(Some(Format::Xyz)));
+    let point = [&[1; 8][..], &[0; 6], &[0xf0, 0x3f], &[0; 16], &[9, 8, 7], &[0; 8]].concat();
+    let tracks = [&1_u64.to_le_bytes()[..], &[5; 8]].concat();
+    let binary = [&2_u64.to_le_bytes()[..], &point, &tracks, &point, &[0; 8]].concat();
+    damage(&[binary], 10_000, load_as(None));
+    for columns in ["f4:x,y,z,u1:r,g,b,_", ">f8:x,y,z,i2:label", "x,y,z,_", "_,x,y,z,r,g,b"] {
+        let options = LoadOptions { columns: Some(columns.parse().unwrap()), ..LoadOptions::default() };
+        let rows: Vec<u8> = (0..3 * 416_u32).map(|i| (i * 37 % 256) as u8).collect();
+        damage(&[rows, words.as_bytes().to_vec(), b"1 2 3 4\n5 6 7 8\n".to_vec()], 2000, |bytes| {
+            drop(load_bytes(bytes, None, Path::new("t"), &options));
+        });
+    }
 }
 
 /// Files stored in a ZIP file with its directory.

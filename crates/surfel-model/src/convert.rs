@@ -1,7 +1,7 @@
 //! How a file becomes splats: an object's `convert` in the scene file.
 
 use crate::range::positive;
-use crate::{ModelError, Returns, parse_conditions};
+use crate::{ModelError, Returns, TableColumns, parse_conditions};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -83,6 +83,9 @@ pub struct ConvertOptions {
     /// Longest side of a texture in texels, 1 to 32,768 (default 8192): larger ones are reduced.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_texture: Option<u32>,
+    /// Names, and perhaps types, of the columns of a table: text, NPY, NPZ, or a binary file without a header.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub columns: Option<TableColumns>,
 }
 
 /// How many splats a mesh becomes.

@@ -25,6 +25,7 @@ mod range;
 mod scene;
 mod setters;
 mod settings;
+mod table_columns;
 mod texture;
 mod up;
 
@@ -49,5 +50,6 @@ pub use settings::{
     Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,
     Sort, Transparency,
 };
+pub use table_columns::{NumberFormat, TableColumn, TableColumns};
 pub use texture::{Mipmaps, Texture};
 pub use up::Up;

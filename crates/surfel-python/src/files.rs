@@ -72,7 +72,8 @@ pub(crate) fn convert(
         on_threads(who.options.threads, || {
             if is_copc {
                 levels::check_copc(&output, &options, ascii, shard)?;
-                let request = CopcRequest { overwrite: force, memory: options.memory, resume, shard };
+                let columns = options.convert.columns.clone();
+                let request = CopcRequest { overwrite: force, memory: options.memory, resume, shard, columns };
                 let report = levels::save_copc(&inputs, &output, &request, progress)?;
                 let summary = format!("{}: {}", output.display(), levels::summary(&report));
                 return Ok(report.notes.into_iter().chain([summary]).collect());
@@ -153,8 +154,12 @@ pub(crate) fn info(
     repair: bool,
     allow_outside: bool,
     max_texture: Option<u32>,
+    columns: Option<String>,
 ) -> PyResult<String> {
-    let options = surfel::io::LoadOptions { repair, texture: None, gaussians: false, allow_outside, max_texture };
+    let columns = columns.map(|text| values::columns(&text).map_err(|problem| wrong(py, "columns", &text, &problem)));
+    let columns = columns.transpose()?;
+    let options =
+        surfel::io::LoadOptions { repair, texture: None, gaussians: false, allow_outside, max_texture, columns };
     let bytes = scene.and_then(|scene| scene.input.bytes.clone());
     let facts = interrupt::run(py, move |_| surfel::info::info(&path, &options, bytes.as_deref()))?;
     Ok(facts.to_string())

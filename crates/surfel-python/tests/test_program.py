@@ -306,3 +306,29 @@ def test_pictures_are_repeated_by_the_program(program, data, tmp_path):
     assert json.loads(chunks((tmp_path / "d.png").read_bytes())["surfel:inputs"])[0]["path"] == "-"
     program(tmp_path, "again", "d.png", "-o", "e.png", data=scene._native.data())
     assert (tmp_path / "d.png").read_bytes() == (tmp_path / "e.png").read_bytes()
+
+
+def test_columns_name_those_of_tables(program, tmp_path):
+    rows = np.zeros((400, 4), np.float32)
+    rows[:, 0], rows[:, 1], rows[:, 3] = np.arange(400) % 20, np.arange(400) // 20, np.arange(400)
+    rows.tofile(tmp_path / "000000.bin")
+    np.savetxt(tmp_path / "t.txt", rows[:, [3, 1, 0, 2]], "%g")
+    for name, columns in (
+        ("000000.bin", "f4:x,y,z,intensity"),
+        ("t.txt", "_,y,x,z"),
+        ("t.txt", [None, "y", "x", "z"]),
+        ("t.txt", ("_", "y", "x", "z")),
+    ):
+        words = columns if isinstance(columns, str) else "_,y,x,z"
+        facts = surfel.info(tmp_path / name, columns=columns)
+        assert facts == json.loads(program(tmp_path, "info", "--json", tmp_path / name, "--columns", words))
+        assert facts["bounds"] == [[0, 0, 0], [19, 19, 0]]
+        assert surfel.open(tmp_path / name, columns=columns).info() == facts
+        image = surfel.open(tmp_path / name, columns=columns).render(size=(32, 32), view="top", up="+z")
+        assert np.isfinite(image.depth).any()
+    with pytest.raises(surfel.InputError, match="columns"):
+        surfel.info(tmp_path / "000000.bin")
+    with pytest.raises(surfel.UsageError, match="the type 'f3'"):
+        surfel.info(tmp_path / "000000.bin", columns="f3:x,y,z")
+    with pytest.raises(TypeError, match="columns: a int"):
+        surfel.open(tmp_path / "t.txt", columns=3)

@@ -16,8 +16,9 @@ use surfel_sample::Progress;
 /// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    /// Each under a lock of its own, held while it is written: others are written meanwhile, and none twice.
-    converted: Mutex<BTreeMap<PathBuf, Arc<Mutex<Option<Converted>>>>>,
+    /// Written files by path and names of columns, each under a lock of its own, held while the file is written: others
+    /// are written meanwhile, and none twice.
+    converted: Mutex<BTreeMap<(PathBuf, Option<String>), Arc<Mutex<Option<Converted>>>>>,
     /// Memory that writing by levels takes.
     least_memory: u64,
 }
@@ -74,7 +75,8 @@ impl LevelStore {
         options: &LoadOptions,
         progress: &dyn Progress,
     ) -> Result<Option<(Arc<Temporary>, String)>, Error> {
-        let slot = lock(&self.converted).entry(path.to_path_buf()).or_default().clone();
+        let key = (path.to_path_buf(), options.columns.as_ref().map(ToString::to_string));
+        let slot = lock(&self.converted).entry(key).or_default().clone();
         let mut converted = lock(&slot);
         let budget = options.memory.or_else(default_budget).unwrap_or(0);
         let of = FileState::of(path);
@@ -83,7 +85,8 @@ impl LevelStore {
             if budget < self.least_memory || levels::has_levels(path) {
                 return Ok(None);
             }
-            let file = levels::save_temporary(path, &large_files_folder(), budget, progress)?;
+            let file =
+                levels::save_temporary((path, options.columns.as_ref()), &large_files_folder(), budget, progress)?;
             *converted = Some(Converted { of, file: Arc::new(file) });
         }
         Ok(converted.as_ref().map(|Converted { file, .. }| {
@@ -207,7 +210,7 @@ mod tests {
         assert_eq!(found.file.camera, expected.file.camera);
         assert!(cloud(&found).len() < (SIDE * SIDE) as usize && cloud(&found) == cloud(&expected));
         // It is written once, and gone with the last who knows it.
-        let kept = || lock(&lock(&store.converted)[&input]).as_ref().unwrap().file.path().to_path_buf();
+        let kept = || lock(&lock(&store.converted)[&(input.clone(), None)]).as_ref().unwrap().file.path().to_path_buf();
         let temporary = kept();
         let (again, _) = resolved(&request(&input, memory, &store), [30.0, -150.0, 80.0]).unwrap();
         assert!(!cloud(&again).is_empty());

@@ -18,6 +18,7 @@ use surfel_io::copc::{
 use surfel_io::{Content, Loaded};
 use surfel_model::{
     CloudData, Column3, ExtraColumn, ExtraValues, OnInvalid, Outliers, PointCloud, PointColors, Shape, SplatCloud,
+    TableColumns,
 };
 use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, View, select_levels};
 use surfel_sample::{PointOptions, PointReport, Progress};
@@ -183,7 +184,10 @@ pub(crate) fn read(
         !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
     let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
-    let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options(options))?;
+    // What was made of a table names its columns itself.
+    let names = options.columns.clone().filter(|_| path == copc_path);
+    let io_options = surfel_io::LoadOptions { columns: names, ..io_options(options) };
+    let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options)?;
     if let Content::Points(points) = &mut found.loaded.content {
         if options.rows || options.label.is_some() {
             points.rows = Some(rows(&copc, &nodes, points, path)?);
@@ -572,7 +576,7 @@ pub fn is_shard(output: &Path) -> bool {
 }
 
 /// How points by levels are written.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct CopcRequest {
     /// Replaces a file that is there.
     pub overwrite: bool,
@@ -583,6 +587,8 @@ pub struct CopcRequest {
     pub resume: bool,
     /// Writes one share, which a file that ends in .shard holds: of all shares together it is made.
     pub shard: Option<Part>,
+    /// Names of the columns of tables among the inputs ([`LoadOptions::columns`]).
+    pub columns: Option<TableColumns>,
 }
 
 /// What was written, in words.
@@ -600,7 +606,9 @@ pub fn summary(report: &CopcReport) -> String {
 /// [`Error::Usage`] if anything is said.
 pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Option<Part>) -> Result<(), Error> {
     check_shard(output, shard)?;
-    if ascii || *options != (SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() }) {
+    let mut allowed = SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() };
+    allowed.convert.columns.clone_from(&options.convert.columns);
+    if ascii || *options != allowed {
         let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
         return Err(Error::Usage(format!("-o {}: {what}", output.display())));
     }
@@ -648,6 +656,7 @@ pub fn save_copc(
         memory: request.memory.or_else(memory::default_budget).unwrap_or(LEAST_MEMORY),
         resume: request.resume,
         shard: request.shard.map(|part| [part.index(), part.count()]),
+        columns: request.columns.clone(),
     };
     let written = |progress: &dyn Fn(&'static str, u64, u64)| {
         surfel_io::copc::save_copc(inputs, output, &options, Some(&splats_of_part), progress)
@@ -655,15 +664,16 @@ pub fn save_copc(
     Ok(by_stages(progress, written)?)
 }
 
-/// Writes a file as [`save_copc`] does, in `folder`, for as long as it is held.
+/// Writes a file as [`save_copc`] does, by the names of its columns if these are given, in `folder`, for as long as it
+/// is held.
 pub(crate) fn save_temporary(
-    input: &Path,
+    (input, columns): (&Path, Option<&TableColumns>),
     folder: &Path,
     memory: u64,
     progress: &dyn Progress,
 ) -> Result<Temporary, Error> {
     let written = |progress: &dyn Fn(&'static str, u64, u64)| {
-        save_temporary_copc(&[input.to_path_buf()], folder, memory, Some(&splats_of_part), progress)
+        save_temporary_copc((&[input.to_path_buf()], columns), folder, memory, Some(&splats_of_part), progress)
     };
     Ok(by_stages(progress, written)?.0)
 }

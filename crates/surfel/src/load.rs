@@ -12,7 +12,7 @@ use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
     Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings, SplatCloud,
-    SplatCount, TextureSampling, Transparency, Up,
+    SplatCount, TableColumns, TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
@@ -90,6 +90,8 @@ pub struct LoadOptions {
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
     pub max_texture: Option<u32>,
+    /// Names of the columns of tables: of text, of NumPy's arrays, and, with types, of binary files without a header.
+    pub columns: Option<TableColumns>,
     /// What the name `-` ([`STDIN`]) stands for: the bytes of a file of any format, told by its content. `None`: a
     /// file of that name.
     pub stdin: Option<Arc<[u8]>>,
@@ -127,6 +129,7 @@ impl LoadOptions {
         with_gaussians gaussians: bool,
         with_allow_outside allow_outside: bool,
         with_max_texture max_texture: Option<u32>,
+        with_columns columns: Option<TableColumns>,
         with_stdin stdin: Option<Arc<[u8]>>,
     }
 
@@ -169,6 +172,7 @@ impl LoadOptions {
         }
         self.allow_outside |= convert.allow_outside;
         self.max_texture = convert.max_texture.or(self.max_texture);
+        self.columns = convert.columns.clone().or(self.columns);
         self
     }
 }
@@ -229,6 +233,7 @@ impl Default for LoadOptions {
             gaussians: false,
             allow_outside: false,
             max_texture: None,
+            columns: None,
             stdin: None,
         }
     }
@@ -298,6 +303,7 @@ pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
         gaussians: options.gaussians,
         allow_outside: options.allow_outside,
         max_texture: options.max_texture,
+        columns: options.columns.clone(),
     }
 }
 
@@ -338,7 +344,7 @@ pub(crate) fn read_needed(
     let Some((copc, note)) = by_levels else { return Err(too_large) };
     let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
     loaded.notes.insert(0, note);
-    if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path) {
+    if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path, options.columns.as_ref()) {
         // LAS has z up; a file that was something else is seen as that.
         (loaded.format, loaded.up) = (format, up);
         if let (Content::Points(points), true) = (&mut loaded.content, is_said) {
@@ -352,7 +358,7 @@ pub(crate) fn read_needed(
 pub(crate) fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
-    let Some((points, has_radii)) = surfel_io::survey_points(path).filter(|_| is_all) else {
+    let Some((points, has_radii)) = surfel_io::survey_points(path, options.columns.as_ref()).filter(|_| is_all) else {
         return Ok(());
     };
     let points = options.max_points.map_or(points, |most| points.min(most as u64));
@@ -492,6 +498,7 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
             | Format::Pcd
             | Format::Npy
             | Format::Npz
+            | Format::Raw
             | Format::Surfel
     ) || is_thing(loaded);
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)

@@ -164,6 +164,7 @@ impl SplatOptions {
             "outliers" => convert.outliers = Some(values::outliers(text)?),
             "allow-outside" => convert.allow_outside = switch(text)?,
             "max-texture" => convert.max_texture = Some(whole(text, 1..=32_768)?),
+            "columns" => convert.columns = Some(values::columns(text)?),
             _ => return Ok(false),
         }
         Ok(true)
@@ -237,8 +238,13 @@ impl RenderOptions {
 
     /// The first option that is given and that surfaces alone have a use for.
     pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
-        let convert =
-            ConvertOptions { repair: false, allow_outside: false, max_texture: None, ..self.splats.convert.clone() };
+        let convert = ConvertOptions {
+            repair: false,
+            allow_outside: false,
+            max_texture: None,
+            columns: None,
+            ..self.splats.convert.clone()
+        };
         let given = [
             (self.composite == Some(Composite::Surface), "composite surface"),
             (self.shader.is_some(), "shader"),

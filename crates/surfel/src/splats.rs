@@ -72,6 +72,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     convert.outliers = said.outliers.or(convert.outliers);
     convert.allow_outside |= said.allow_outside;
     convert.max_texture = said.max_texture.or(convert.max_texture);
+    convert.columns = said.columns.clone().or(convert.columns.take());
     Ok(())
 }
 
@@ -104,6 +105,7 @@ pub fn check_used(
             "every" => said.every.is_some(),
             "all_points" => said.all_points,
             "outliers" => said.outliers == Some(Outliers::Drop),
+            "columns" => said.columns.is_some(),
             _ => false,
         };
         let name = display(path);

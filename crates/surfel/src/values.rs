@@ -7,7 +7,7 @@ use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
     Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping,
-    Outliers, PointColors, Returns, Shader, Sort, SplatCount, Transparency, Up,
+    Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -206,6 +206,12 @@ pub fn crop(text: &str) -> Result<[f64; 6], String> {
 /// Comparisons such as `intensity>100`, joined by `and`: their text, as a scene file keeps it.
 pub fn condition(text: &str) -> Result<String, String> {
     surfel_model::parse_conditions(text).map(|_| text.trim().to_owned())
+}
+
+/// Names of the columns of a table, and perhaps their types: `x,y,z,_,r,g,b`, `f4:x,y,z,intensity`.
+pub fn columns(text: &str) -> Result<TableColumns, String> {
+    let columns: TableColumns = text.parse()?;
+    surfel_io::check_columns(&columns).map(|()| columns)
 }
 
 /// `--splats`.

@@ -11,8 +11,8 @@ pub(super) struct Intrinsics {
     lens: Lens,
 }
 
-/// By COLMAP's numbers.
-pub(super) type Lenses = BTreeMap<u32, Intrinsics>;
+/// Cameras by COLMAP's numbers, or why they can't be used: only an image of a camera needs it.
+pub(super) type Lenses = BTreeMap<u32, Result<Intrinsics, Problem>>;
 
 /// COLMAP's camera models in the order of their numbers: name and count of parameters.
 const MODELS: [(&str, usize); 12] = [
@@ -54,6 +54,8 @@ fn image(name: &str, q: [f64; 4], t: [f64; 3], camera: u32, lenses: &Lenses) -> 
     let Some(intrinsics) = lenses.get(&camera) else {
         return Err(Problem::new(format!("image {name} is of camera {camera}, which the cameras' file hasn't")));
     };
+    let unusable = |p: &Problem| Problem { what: format!("image {name}: {}", p.what), ..p.clone() };
+    let intrinsics = intrinsics.as_ref().map_err(unusable)?;
     let quaternion = DQuat::from_xyzw(q[1], q[2], q[3], q[0]);
     if !(quaternion.length() > 0.0 && quaternion.is_finite()) {
         return Err(of(Problem::new(format!("has the quaternion {q:?}")).expected("one that is not zero")));
@@ -125,7 +127,7 @@ pub(super) fn cameras_bin(bytes: &[u8]) -> Result<Lenses, Fault> {
         };
         let size = [bytes.u64()?, bytes.u64()?];
         let parameters = (0..*count).map(|_| bytes.f64s::<1>().map(|[value]| value)).collect::<Result<Vec<_>, _>>()?;
-        lenses.insert(id, intrinsics(id, name, size, &parameters)?);
+        lenses.insert(id, intrinsics(id, name, size, &parameters));
     }
     Ok(lenses)
 }
@@ -184,17 +186,20 @@ pub(super) fn cameras_txt(bytes: &[u8]) -> Result<Lenses, Fault> {
             let problem = Problem::new(format!("has {} values", words.len())).at(Location::Line(number));
             return Err(problem.expected("CAMERA_ID MODEL WIDTH HEIGHT PARAMS").into());
         };
-        let count = MODELS.iter().find(|(name, _)| name == model).map(|(_, count)| *count);
-        if count != Some(parameters.len()) {
-            let what = format!("has {} parameters of a {model}", parameters.len());
-            let expected = count.map_or("a model of COLMAP".to_owned(), |count| format!("{count}"));
-            return Err(Problem::new(what).at(Location::Line(number)).expected(expected).into());
-        }
         let id = whole(number, id)?;
-        let parameters = parameters.iter().map(|p| numbers::<1>(number, &[p]).map(|[p]| p));
-        let parameters = parameters.collect::<Result<Vec<_>, _>>()?;
-        let size = [whole(number, width)?, whole(number, height)?];
-        lenses.insert(id, intrinsics(id, model, size, &parameters).map_err(|p| p.at(Location::Line(number)))?);
+        let of_line = || {
+            let count = MODELS.iter().find(|(name, _)| name == model).map(|(_, count)| *count);
+            if count != Some(parameters.len()) {
+                let what = format!("camera {id} has {} parameters of a {model}", parameters.len());
+                let expected = count.map_or("a model of COLMAP".to_owned(), |count| format!("{count}"));
+                return Err(Problem::new(what).expected(expected));
+            }
+            let parameters = parameters.iter().map(|p| numbers::<1>(number, &[p]).map(|[p]| p));
+            let parameters = parameters.collect::<Result<Vec<_>, _>>()?;
+            let size = [whole(number, width)?, whole(number, height)?];
+            intrinsics(id, model, size, &parameters)
+        };
+        lenses.insert(id, of_line());
     }
     Ok(lenses)
 }

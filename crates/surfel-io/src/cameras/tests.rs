@@ -289,6 +289,37 @@ fn cameras_that_bend_rays_are_refused_with_what_to_run() {
 }
 
 #[test]
+fn cameras_that_no_image_uses_refuse_no_model() {
+    let truth = truth();
+    let folder = Folder::new("unused");
+    let (cameras, images) = colmap_text(&truth, "PINHOLE");
+    for unused in [
+        "2 SIMPLE_RADIAL 640 480 600 320 240 0.05",
+        "2 OPENCV_FISHEYE 640 480 600 600 320 240 0.1 0 0 0",
+        "2 OPENCV 640 480 600 600 320 240",
+        "2 MODEL_OF_TOMORROW 640 480 1 2 3",
+        "2 PINHOLE 0 480 600 600 320 240",
+        "2 PINHOLE 640 480 -1 nan 320 240",
+        "2 PINHOLE 640 480 a b c d",
+    ] {
+        let file = folder.write("cameras.txt", format!("{unused}\n{cameras}{}\n", unused.replace("2 ", "9 ")));
+        folder.write("images.txt", &images);
+        truth.agrees(&one(&file).camera(None).unwrap(), 0.0);
+        // One that an image uses does.
+        folder.write("images.txt", images.replace(" 7 left", " 2 left"));
+        let error = read(&file).unwrap_err().to_string();
+        assert!(error.contains("image left/a b.JPG: ") && error.lines().count() <= 4, "{error}");
+    }
+    let (cameras, images) = colmap_binary(&truth);
+    let radial =
+        [&2_u32.to_le_bytes()[..], &3_u32.to_le_bytes(), &640_u64.to_le_bytes(), &480_u64.to_le_bytes()].concat();
+    let parameters: Vec<u8> = [600.0, 320.0, 240.0, 0.1, 0.2_f64].iter().flat_map(|p| p.to_le_bytes()).collect();
+    let file = folder.write("cameras.bin", [&2_u64.to_le_bytes()[..], &radial, &parameters, &cameras[8..]].concat());
+    folder.write("images.bin", images);
+    assert_eq!(read(&file).unwrap().len(), 2);
+}
+
+#[test]
 fn bad_cameras_are_one_clear_error() {
     let folder = Folder::new("bad");
     let truth = truth();

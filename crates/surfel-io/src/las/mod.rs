@@ -27,6 +27,7 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
+use surfel_model::TableColumns;
 
 /// Name of the extra bytes in which a file of Surfel says how far a point's splat reaches.
 pub const RADIUS: &str = "splat_radius";
@@ -91,14 +92,15 @@ fn read_records(
 
 /// How many points a file has that can be written by levels, as its header says, and whether they have radii of splats,
 /// as Surfel adds them to LAS; `None` for other files, and for those whose header can't be right. Of text it is an
-/// estimate.
-pub fn survey_points(path: &Path) -> Option<(u64, bool)> {
+/// estimate. `columns` as [`crate::LoadOptions`] has them.
+#[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
+pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<(u64, bool)> {
     let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
         #[cfg(feature = "laz")]
-        return crate::column_file::survey(path).map(|survey| (survey.points, false));
+        return crate::column_file::survey(path, columns).map(|survey| (survey.points, false));
         #[cfg(not(feature = "laz"))]
         return None;
     }

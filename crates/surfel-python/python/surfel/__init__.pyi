@@ -42,6 +42,7 @@ class _Splats(TypedDict, total=False):
     outliers: Literal["keep", "drop"]
     allow_outside: bool
     max_texture: int
+    columns: str | Sequence[str | None]
 
 class _Render(_Splats, total=False):
     size: tuple[int, int]
@@ -193,7 +194,7 @@ def ortho(
     **flags: Unpack[_Ortho],
 ) -> dict[str, Any]: ...
 def info(
-    input: _Path | Scene, *, repair: bool = ..., allow_outside: bool = ..., max_texture: int | None = ...
+    input: _Path | Scene, *, repair: bool = ..., allow_outside: bool = ..., max_texture: int | None = ..., columns: str | Sequence[str | None] | None = ...
 ) -> dict[str, Any]: ...
 def compare(
     a: _Path | Image | ArrayLike, b: _Path | Image | ArrayLike, *, diff: _Path | None = ..., force: bool = ...

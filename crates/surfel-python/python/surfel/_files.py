@@ -67,10 +67,14 @@ def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) 
     return {**json.loads(stats), "notes": notes}
 
 
-def info(input, *, repair=False, allow_outside=False, max_texture=None) -> dict:
-    """What a file, or a Scene of one or of arrays, holds: the object that `surfel info --json` prints."""
+def info(input, *, repair=False, allow_outside=False, max_texture=None, columns=None) -> dict:
+    """What a file, or a Scene of one or of arrays, holds: the object that `surfel info --json` prints.
+
+    columns: names of a table's columns, as in `open`; those of a Scene where they aren't given.
+    """
     path, scene = _source(input)
-    return json.loads(_native.info(path, scene, repair, allow_outside, max_texture))
+    columns = _flags.columns_text(getattr(input, "_base", {}).get("columns") if columns is None else columns)
+    return json.loads(_native.info(path, scene, repair, allow_outside, max_texture, columns))
 
 
 def _image(name: str, thing):

@@ -9,7 +9,7 @@ from ._errors import UsageError
 
 SPLATS = frozenset(
     "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
-    " range colorbar crop classes returns where every all_points outliers allow_outside max_texture memory".split()
+    " range colorbar crop classes returns where every all_points outliers allow_outside max_texture columns memory".split()
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
@@ -37,12 +37,24 @@ def _text(name: str, value) -> str:
         return "on" if value else "off"
     if isinstance(value, os.PathLike):
         return os.fspath(value)
+    if name == "columns":
+        return columns_text(value)
     try:
         if isinstance(value, numbers.Real) or getattr(value, "ndim", None) == 0:
             return _number(value)
         return {"size": "x", "tile": "/", "shard": "/"}.get(name, ",").join(_number(part) for part in value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: a {type(value).__name__}, expected text, a number or numbers") from None
+
+
+def columns_text(value) -> str | None:
+    """Names of a table's columns, as text or one by one; None in a list leaves a column out."""
+    if value is None or isinstance(value, str):
+        return value
+    try:
+        return ",".join("_" if name is None else name for name in value)
+    except TypeError:
+        raise TypeError(f"columns: a {type(value).__name__}, expected text such as 'x,y,z,_,r,g,b', or names") from None
 
 
 def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:

@@ -197,7 +197,8 @@ def open(*paths, **flags) -> Scene:
     Keywords are flags of `surfel render`, for all images; those on how files become splats are `repair`, `texture`,
     `per_vertex`, `per_face`, `splats`, `radius_scale`, `max_points`, `cull`, `sharp`, `crease_angle`, `error`,
     `color_by`, `colormap`, `range`, `colorbar`, `crop`, `classes`, `returns`, `where`, `every`, `all_points`,
-    `outliers`, `allow_outside`, `max_texture` and `memory`. Files are read by the first image.
+    `outliers`, `allow_outside`, `max_texture`, `columns` (names of a table's columns: text such as "x,y,z,_,r,g,b", or a
+    list of names) and `memory`. Files are read by the first image.
 
     Raises FileNotFoundError, TypeError (an unknown keyword).
     """

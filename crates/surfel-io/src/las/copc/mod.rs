@@ -19,11 +19,12 @@ pub use write::{
 
 use crate::format::Format;
 use std::path::Path;
-use surfel_model::Up;
+use surfel_model::{TableColumns, Up};
 
 /// The format of a file that can be written by levels and isn't LAS, which axis is up in it, and whether it says so.
-pub fn up_of_columns(path: &Path) -> Option<(Format, Up, bool)> {
-    let survey = crate::column_file::survey(path)?;
+/// `columns` as [`crate::LoadOptions`] has them.
+pub fn up_of_columns(path: &Path, columns: Option<&TableColumns>) -> Option<(Format, Up, bool)> {
+    let survey = crate::column_file::survey(path, columns)?;
     Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
 }
 

@@ -9,6 +9,7 @@ use super::extra_bytes::description;
 use super::inputs::{Stop, invalid};
 use crate::color::nearest_16_bit;
 use crate::column_file::ColumnFile;
+use crate::column_roles::ROUNDED_ONE;
 use crate::columns::{f32_is_enough, rounding_note};
 use crate::crs::Crs;
 use crate::error::{IoError, Problem};
@@ -25,6 +26,7 @@ use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
+use surfel_model::TableColumns;
 
 /// Steps between the offset and the farthest point, as a power of two.
 const STEP_BITS: i32 = 30;
@@ -145,9 +147,10 @@ impl ColumnInput {
     pub(super) fn open(
         path: &Path,
         folder: &Path,
+        columns: Option<&TableColumns>,
         progress: &dyn Fn(&'static str, u64, u64),
     ) -> Result<Option<Self>, IoError> {
-        let Some(file) = ColumnFile::open(path, folder)? else { return Ok(None) };
+        let Some(file) = ColumnFile::open(path, folder, columns)? else { return Ok(None) };
         let measured = file.with(path, |columns| measure(&file, columns, progress))?;
         let (extra, names) = (Vec::new(), Vec::new());
         let (scale, offset, rounds) = (1.0, DVec3::ZERO, false);
@@ -206,7 +209,7 @@ impl ColumnInput {
                 () if file.format == Format::E57 && color_type == ColorType::Short => ColorScale::Encoded(65_535.0),
                 () if file.is_typed() => ColorScale::of(color_type, most, whole(set), file.float_colors),
                 () if color_type == ColorType::Byte => ColorScale::Encoded(255.0),
-                () if most <= 1.0 && color_type == ColorType::Float => ColorScale::Encoded(1.0),
+                () if most <= ROUNDED_ONE && color_type == ColorType::Float => ColorScale::Encoded(1.0),
                 () => ColorScale::Encoded(if most <= 255.0 { 255.0 } else { 65_535.0 }),
             };
             self.color_note = if file.format == Format::Ply { scale.note(color_type, most) } else { None };
@@ -597,7 +600,7 @@ mod tests {
         folder
     }
 
-    const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None };
+    const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None, columns: None };
     const LARGE: Limits =
         Limits { cell_points: 20_000, most_cells: 1 << 18, most_points: 30_000, held_points: u64::MAX, kept_bytes: 0 };
 
@@ -672,7 +675,10 @@ mod tests {
         for (name, bytes) in files {
             let input = folder.join(name);
             std::fs::write(&input, bytes).unwrap();
-            assert_eq!(crate::survey_points(&input).map(|(points, _)| points.abs_diff(70_000) < 7_000), Some(true));
+            assert_eq!(
+                crate::survey_points(&input, None).map(|(points, _)| points.abs_diff(70_000) < 7_000),
+                Some(true)
+            );
             let (one_by_one, notes) = written(&input, Limits { held_points: 0, ..LARGE }).unwrap();
             assert!(written(&input, LARGE).unwrap().0 == one_by_one, "{name}");
             assert!(notes.is_empty(), "{name}: {notes:?}");
@@ -766,7 +772,7 @@ mod tests {
             let error = written(&input, LARGE).unwrap_err().to_string();
             assert!(error.contains(says) && error.contains(name), "{name}: {error}");
             if name.starts_with("lie") {
-                assert_eq!(crate::survey_points(&input), None, "{name}");
+                assert_eq!(crate::survey_points(&input, None), None, "{name}");
             }
         }
         std::fs::remove_dir_all(&folder).unwrap();
@@ -804,7 +810,7 @@ mod tests {
                     bytes.truncate(next(bytes.len()));
                 }
                 std::fs::write(&input, bytes).unwrap();
-                crate::survey_points(&input);
+                crate::survey_points(&input, None);
                 match written(&input, LARGE) {
                     Ok(_) => written_files += 1,
                     Err(_) => refused += 1,

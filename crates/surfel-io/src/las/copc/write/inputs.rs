@@ -1,5 +1,6 @@
 //! Files that are written as one: what they share, and the records that are copied.
 
+use super::Sources;
 use super::column_input::ColumnInput;
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
@@ -96,7 +97,7 @@ pub(super) fn invalid(path: &Path, problem: Problem) -> Stop {
 
 /// Inputs in their order, each with its header's first 375 bytes. What has to be unpacked is, to `folder`.
 pub(super) fn open_all(
-    paths: &[PathBuf],
+    Sources { paths, columns: names }: Sources<'_>,
     folder: &Path,
     progress: &dyn Fn(&'static str, u64, u64),
 ) -> Result<Vec<(Input, Vec<u8>)>, Stop> {
@@ -104,7 +105,7 @@ pub(super) fn open_all(
     for path in paths {
         let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
         let file_bytes = std::fs::metadata(path).map_err(system)?.len();
-        let columns = if is_las(path)? { None } else { ColumnInput::open(path, folder, progress)? };
+        let columns = if is_las(path)? { None } else { ColumnInput::open(path, folder, names, progress)? };
         opened.push(match columns {
             Some(columns) => (Input::of_columns(path, file_bytes, columns), Vec::new()),
             None => {

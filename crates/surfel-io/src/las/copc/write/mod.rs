@@ -37,6 +37,7 @@ use std::fs::File;
 use std::hash::Hash;
 use std::io::{self, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use surfel_model::TableColumns;
 
 pub use parts::{PointSplat, Prepare};
 
@@ -89,7 +90,7 @@ pub struct CopcReport {
 }
 
 /// How points are written.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub struct CopcOptions {
     /// Replaces a file that is there.
     pub overwrite: bool,
@@ -100,6 +101,15 @@ pub struct CopcOptions {
     pub resume: bool,
     /// Writes one of so many shares instead: its number, which is less than how many there are.
     pub shard: Option<[u32; 2]>,
+    /// Names of the columns of tables among the inputs ([`crate::LoadOptions::columns`]).
+    pub columns: Option<TableColumns>,
+}
+
+/// Files that are written as one, and the names of the columns of tables among them.
+#[derive(Clone, Copy)]
+struct Sources<'a> {
+    paths: &'a [PathBuf],
+    columns: Option<&'a TableColumns>,
 }
 
 /// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all that its record says: what
@@ -141,18 +151,19 @@ pub fn resume_folder(output: &Path) -> PathBuf {
     resume::folder_of(output)
 }
 
-/// Writes such a file in `folder`, for as long as it is held.
+/// Writes such a file of inputs, and of the names of their columns, in `folder`, for as long as it is held.
 ///
 /// # Errors
 /// As [`save_copc`].
 pub fn save_temporary_copc(
-    inputs: &[PathBuf],
+    (inputs, columns): (&[PathBuf], Option<&TableColumns>),
     folder: &Path,
     memory: u64,
     prepare: Option<Prepare<'_>>,
     progress: &dyn Fn(&'static str, u64, u64),
 ) -> Result<(Temporary, CopcReport), IoError> {
     let write = |content: Content<'_>| Temporary::write(folder, content);
+    let inputs = Sources { paths: inputs, columns };
     write_by(inputs, folder, (None, None), prepare, progress, Limits::new(memory), write)
 }
 
@@ -173,7 +184,7 @@ fn save(
                 None => Err(IoError::Exists { path: output.to_path_buf() }),
             };
         }
-        let opened = Kept::open(output, &Manifest::new(inputs, prepare.is_some(), options.shard)?)?;
+        let opened = Kept::open(output, &Manifest::new(inputs, prepare.is_some(), options)?)?;
         if is_there {
             let Some(report) = opened.report_of(output)? else {
                 return Err(IoError::Exists { path: output.to_path_buf() });
@@ -186,6 +197,7 @@ fn save(
     let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
     let part = (kept.as_ref(), options.shard);
     let write = |content: Content<'_>| crate::atomic::write(output, options.overwrite, content);
+    let inputs = Sources { paths: inputs, columns: options.columns.as_ref() };
     let ((), report) = write_by(inputs, folder, part, prepare, progress, limits, write)?;
     if let Some(kept) = kept {
         kept.remove();
@@ -198,7 +210,7 @@ type Content<'a> = &'a mut dyn FnMut(&mut dyn Write) -> io::Result<()>;
 
 /// Hands the content to `write`, which gives what it made of it. Points are sorted in `folder`.
 fn write_by<T>(
-    inputs: &[PathBuf],
+    inputs: Sources<'_>,
     folder: &Path,
     (kept, shard): (Option<&Kept>, Option<[u32; 2]>),
     prepare: Option<Prepare<'_>>,
@@ -327,14 +339,14 @@ struct Writer<'a> {
 
 impl<'a> Writer<'a> {
     fn new(
-        paths: &[PathBuf],
+        inputs: Sources<'_>,
         folder: &Path,
         (kept, shard): (Option<&'a Kept>, Option<[u32; 2]>),
         prepare: Option<Prepare<'a>>,
         progress: &'a dyn Fn(&'static str, u64, u64),
         limits: Limits,
     ) -> Result<Self, Stop> {
-        let opened = open_all(paths, folder, progress)?;
+        let opened = open_all(inputs, folder, progress)?;
         let Some((first, raw)) = opened.first() else {
             return Err(Stop::Disk(io::Error::other("no input is given")));
         };

@@ -3,6 +3,7 @@
 //! Points, margins, chunks and upper nodes are in files that only grow. Now and then these are brought to the disk, and
 //! then a short file says how much of them counts: whatever a run that was killed wrote after that is cut off.
 
+use super::CopcOptions;
 use super::inputs::Stop;
 use crate::error::{IoError, Problem, WRITE};
 use serde::de::DeserializeOwned;
@@ -30,6 +31,7 @@ pub(super) struct Manifest {
     version: String,
     splats: bool,
     shard: Option<[u32; 2]>,
+    columns: Option<String>,
     inputs: Vec<Stated>,
 }
 
@@ -43,7 +45,7 @@ struct Stated {
 }
 
 impl Manifest {
-    pub(super) fn new(inputs: &[PathBuf], splats: bool, shard: Option<[u32; 2]>) -> Result<Self, IoError> {
+    pub(super) fn new(inputs: &[PathBuf], splats: bool, options: &CopcOptions) -> Result<Self, IoError> {
         let state = |path: &PathBuf| {
             let system = |source| IoError::System { path: path.clone(), action: crate::error::READ, source };
             let found = fs::metadata(path).map_err(system)?;
@@ -52,7 +54,8 @@ impl Manifest {
             Ok(Stated { path: std::path::absolute(path).map_err(system)?, bytes: found.len(), modified })
         };
         let inputs = inputs.iter().map(state).collect::<Result<_, IoError>>()?;
-        Ok(Self { version: env!("CARGO_PKG_VERSION").to_owned(), splats, shard, inputs })
+        let columns = options.columns.as_ref().map(ToString::to_string);
+        Ok(Self { version: env!("CARGO_PKG_VERSION").to_owned(), splats, shard: options.shard, columns, inputs })
     }
 
     /// How another one differs, if it does.
@@ -63,6 +66,7 @@ impl Manifest {
         let words = |m: &Self| match m.shard {
             _ if self.version != other.version => format!("Surfel {}", m.version),
             _ if self.splats != other.splats => format!("splats: {}", m.splats),
+            _ if self.columns != other.columns => format!("columns: {}", m.columns.as_deref().unwrap_or("none")),
             Some([index, count]) if self.shard != other.shard => format!("--shard {index}/{count}"),
             None if self.shard != other.shard => "all of it".to_owned(),
             _ if self.inputs.len() != other.inputs.len() => format!("{} inputs", m.inputs.len()),

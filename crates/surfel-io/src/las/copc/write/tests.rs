@@ -5,7 +5,7 @@ use super::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use surfel_model::PointCloud;
 
-const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None };
+const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None, columns: None };
 
 /// A LAS file of format 6, whose times number its points.
 fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
@@ -313,7 +313,7 @@ fn share_that_is_there_is_left_as_it_is_if_it_is_of_these_inputs() {
     let inputs = tiles(&folder, 3, 3_000);
     let path = folder.join("a.shard");
     let run = |inputs: &[PathBuf], shard: [u32; 2], overwrite: bool| {
-        let options = CopcOptions { shard: Some(shard), resume: true, overwrite, memory: 0 };
+        let options = CopcOptions { shard: Some(shard), resume: true, overwrite, memory: 0, columns: None };
         save(inputs, &path, &options, None, &|_, _, _| (), TILE_LIMITS).map_err(|error| error.to_string())
     };
     let report = run(&inputs, [1, 2], false).unwrap();
@@ -408,7 +408,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
         let output = folder.join("out");
         let prepared = AtomicUsize::new(0);
         let run = |resume: bool, progress: &dyn Fn(&'static str, u64, u64)| {
-            let options = CopcOptions { overwrite: false, memory: 0, resume, shard };
+            let options = CopcOptions { overwrite: false, memory: 0, resume, shard, columns: None };
             let prepare = |cloud: &PointCloud| {
                 prepared.fetch_add(1, Ordering::Relaxed);
                 of_neighbours(cloud)
@@ -480,7 +480,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     assert!(run(&inputs, &resume, true).is_err());
     let told = refused(&inputs[..2], &resume);
     assert!(told.contains("3 inputs") && told.contains("2 inputs") && told.contains("delete this folder"), "{told}");
-    assert!(refused(&inputs, &CopcOptions { shard: Some([0, 2]), ..resume }).contains("--shard 0/2"));
+    assert!(refused(&inputs, &CopcOptions { shard: Some([0, 2]), ..resume.clone() }).contains("--shard 0/2"));
     let bytes = std::fs::read(&inputs[1]).unwrap();
     std::fs::write(&inputs[1], &bytes).unwrap();
     let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(77);
@@ -505,7 +505,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     std::fs::write(resume_folder(&output).join("thesis.txt"), "x").unwrap();
     assert!(refused(&inputs, &resume).contains("holds thesis.txt"));
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
-    let held = Kept::open(&output, &Manifest::new(&inputs, false, None).unwrap()).unwrap();
+    let held = Kept::open(&output, &Manifest::new(&inputs, false, &CopcOptions::default()).unwrap()).unwrap();
     assert!(refused(&inputs, &resume).contains("another run with --resume is writing it"));
     // A run that was killed between the output's appearance and its folder's end is done.
     let report = run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();

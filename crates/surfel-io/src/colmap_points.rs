@@ -1,0 +1,179 @@
+//! Sparse points of COLMAP: `points3D.txt` and `points3D.bin`. Positions, colours, reprojection errors and the lengths
+//! of tracks are read; identifiers and the tracks themselves aren't.
+
+use crate::ascii::{Lines, each_line, number, words};
+use crate::bytes::Bytes;
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Location, Problem, quote};
+use crate::point_columns::{self, Source};
+use crate::points::Table;
+use std::io::{Read, Write};
+use std::path::Path;
+
+/// Columns that are read.
+const NAMES: [&str; 8] = ["x", "y", "z", "red", "green", "blue", "error", "track_length"];
+/// Numbers of a point in the text before its track, and those of a track's element.
+const BEFORE_TRACK: usize = 8;
+const PER_ELEMENT: usize = 2;
+/// The same in bytes: identifier, position, colour, error, length of the track; image and point in it.
+const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
+const ELEMENT_BYTES: u64 = 8;
+/// Lines of a text that are looked at.
+const JUDGED_LINES: usize = 100;
+
+/// True if `head`, the start of a file, is that of `points3D.txt`: its first comments say so, or its lines are points,
+/// and its name says so or tracks differ in length.
+pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
+    let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
+    let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));
+    let is_comment = |line: &&[u8]| line.starts_with(b"#");
+    if lines().take_while(is_comment).any(|line| has(line, b"POINT3D_ID") && has(line, b"TRACK[]")) {
+        return true;
+    }
+    // The last line may be cut.
+    let mut rows: Vec<&[u8]> = lines().filter(|line| !is_comment(line)).take(JUDGED_LINES).collect();
+    if head.last() != Some(&b'\n') && rows.len() > 1 {
+        rows.pop();
+    }
+    let first = rows.first().map_or(0, |line| words(line).count());
+    let is_named = name.file_name().is_some_and(|name| name.to_string_lossy().to_lowercase().starts_with("points3d"));
+    let differ = rows.iter().any(|line| words(line).count() != first);
+    !rows.is_empty() && (is_named || differ) && rows.iter().all(|line| is_row(line))
+}
+
+/// True if a line is that of a point: whole numbers but for the position and the error, and a track of whole pairs.
+fn is_row(line: &[u8]) -> bool {
+    let mut count = 0;
+    let fits = words(line).all(|word| {
+        let value = number(word).filter(|v| v.is_finite());
+        let fits = value.is_some_and(|v| match count {
+            1..=3 => true,
+            7 => v >= 0.0 || v == -1.0,
+            4..=6 => v.fract() == 0.0 && (0.0..=255.0).contains(&v),
+            _ => v.fract() == 0.0 && v >= 0.0,
+        });
+        count += 1;
+        fits
+    });
+    fits && count >= BEFORE_TRACK && (count - BEFORE_TRACK).is_multiple_of(PER_ELEMENT)
+}
+
+/// True if the bytes of a file are those of `points3D.bin`: as many records as their count says fill it.
+pub(crate) fn looks_like_binary(bytes: Bytes<'_>) -> bool {
+    let count = bytes.at_most(0, 8);
+    let Some(count) = count.first_chunk().map(|count| u64::from_le_bytes(*count)) else { return false };
+    if count == 0 || count.saturating_mul(POINT_BYTES as u64) > bytes.len() as u64 {
+        return false;
+    }
+    each_record(bytes, |_, record| {
+        let is_finite = record.position.iter().chain([&record.error]).all(|v| v.is_finite());
+        if is_finite { Ok(()) } else { Err(Problem::new("no point").into()) }
+    })
+    .is_ok()
+}
+
+/// The number of points of `points3D.bin`, as its first bytes say, if there can be so many.
+#[cfg(feature = "laz")]
+pub(crate) fn count(bytes: Bytes<'_>) -> Option<u64> {
+    let count = u64::from_le_bytes(*bytes.at_most(0, 8).first_chunk()?);
+    (count.saturating_mul(POINT_BYTES as u64) <= bytes.len() as u64).then_some(count)
+}
+
+/// A point.
+struct Record {
+    position: [f64; 3],
+    color: [u8; 3],
+    error: f64,
+    track_length: u64,
+}
+
+/// Hands over the points of `points3D.bin` with their numbers from 0. The file is read once, in the memory of a point.
+fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(), Fault>) -> Result<(), Fault> {
+    let mut reader = std::io::BufReader::new(bytes.reader());
+    let (mut at, length) = (8_u64, bytes.len() as u64);
+    let cut = |at: u64, index: u64, count: u64| {
+        let problem = Problem::new(format!("the file ends in point {} of {count}", index + 1));
+        Fault::from(problem.at(Location::Byte(at as usize)).help("copy the file again: it is incomplete"))
+    };
+    let mut count = [0; 8];
+    reader.read_exact(&mut count).map_err(|_| cut(0, 0, 0))?;
+    let count = u64::from_le_bytes(count);
+    for index in 0..count {
+        let mut raw = [0; POINT_BYTES];
+        reader.read_exact(&mut raw).map_err(|_| cut(at, index, count))?;
+        at += POINT_BYTES as u64;
+        let eight = |at: usize| raw[at..].first_chunk::<8>().copied().unwrap_or_default();
+        let float = |at: usize| f64::from_le_bytes(eight(at));
+        let track_length = u64::from_le_bytes(eight(POINT_BYTES - 8));
+        let track_bytes = track_length.saturating_mul(ELEMENT_BYTES);
+        if track_bytes > length - at {
+            return Err(cut(at, index, count));
+        }
+        // What comes next is in the buffer, mostly.
+        let skipped = std::io::copy(&mut reader.by_ref().take(track_bytes), &mut std::io::sink());
+        if skipped.ok() != Some(track_bytes) {
+            return Err(cut(at, index, count));
+        }
+        at += track_bytes;
+        let position = [8, 16, 24].map(float);
+        each(index, Record { position, color: [raw[32], raw[33], raw[34]], error: float(35), track_length })?;
+    }
+    if at != length {
+        let problem = Problem::new(format!("has {} bytes after its {count} points", length - at));
+        return Err(problem.at(Location::Byte(at as usize)).expected("points3D.bin of COLMAP").into());
+    }
+    Ok(())
+}
+
+/// Writes the numbers of all points, of a text or of a binary file, to `data`.
+pub(crate) fn unpack(bytes: Bytes<'_>, data: &mut dyn Write) -> Result<Table, Fault> {
+    let mut table = Table::with_names(&NAMES);
+    let mut add = |[x, y, z]: [f64; 3], [r, g, b]: [f64; 3], error: f64, track_length: f64| {
+        table.push(&[x, y, z, r, g, b, error, track_length], data)
+    };
+    if is_text(bytes) {
+        each_line(bytes, |line_number, line| {
+            let line = line.trim_ascii();
+            if line.is_empty() || line.starts_with(b"#") {
+                return Ok(());
+            }
+            let at = Location::Line(line_number);
+            let (mut values, mut count) = ([0.0; BEFORE_TRACK], 0);
+            for word in words(line) {
+                let wrong = || Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
+                let value = number(word).ok_or_else(wrong)?;
+                if let Some(place) = values.get_mut(count) {
+                    *place = value;
+                }
+                count += 1;
+            }
+            if count < BEFORE_TRACK || !(count - BEFORE_TRACK).is_multiple_of(PER_ELEMENT) {
+                let expected = "POINT3D_ID X Y Z R G B ERROR, and pairs of IMAGE_ID and POINT2D_IDX";
+                return Err(Problem::new(format!("found {count} numbers")).at(at).expected(expected).into());
+            }
+            let [_, x, y, z, r, g, b, error] = values;
+            add([x, y, z], [r, g, b], error, ((count - BEFORE_TRACK) / PER_ELEMENT) as f64)
+        })?;
+    } else {
+        each_record(bytes, |_, point| {
+            add(point.position, point.color.map(f64::from), point.error, point.track_length as f64)
+        })?;
+    }
+    if table.is_empty() {
+        return Err(Problem::new("holds no point").expected("points of COLMAP").into());
+    }
+    Ok(table)
+}
+
+fn is_text(bytes: Bytes<'_>) -> bool {
+    // A count of points below 2⁵⁶ has a zero in its eight bytes.
+    !bytes.at_most(0, 8).contains(&0)
+}
+
+pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
+    let mut data = Vec::new();
+    let table = unpack(Bytes::Memory(bytes), &mut data)?;
+    let (columns, roles) = table.columns(Bytes::Memory(&data), context)?;
+    point_columns::build(columns, &roles, Source::Text, Vec::new(), context)
+}

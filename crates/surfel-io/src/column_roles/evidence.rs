@@ -1,0 +1,319 @@
+//! Measurements of columns: ranges and counts of all rows, and what a sample of rows shows.
+
+use crate::strided::{Strided, block_rows, read_rows};
+use rayon::prelude::*;
+use std::collections::BTreeSet;
+
+/// Rows of a run of the sample, which follow one another in the file, and runs, which are spread evenly.
+pub(super) const RUN_ROWS: usize = 32;
+const RUNS: usize = 64;
+/// Distinct values that are counted; more count as so many.
+const MOST_DISTINCT: usize = 1024;
+/// Fewest rows that show what a column usually holds.
+pub(super) const MANY_ROWS: usize = 8;
+
+/// Measurements of one column.
+#[derive(Clone, Debug)]
+pub(super) struct Column {
+    /// The least and the largest finite value of all rows; infinities where there is none.
+    pub(super) least: f64,
+    pub(super) most: f64,
+    /// True if every finite value is a whole number.
+    pub(super) is_whole: bool,
+    /// The difference from each row to the next, if it is the same in all rows and whole.
+    pub(super) step: Option<f64>,
+    /// True if no value is less than the one before, and if each is larger.
+    pub(super) is_sorted: bool,
+    pub(super) is_increasing: bool,
+    /// Number of distinct values in the sample.
+    pub(super) distinct: usize,
+    /// The values of the sample.
+    pub(super) sample: Vec<f64>,
+}
+
+impl Column {
+    /// True if all values are the same.
+    pub(super) fn is_constant(&self) -> bool {
+        self.least >= self.most
+    }
+
+    /// True if the column counts rows: each value is the one before plus the same whole number.
+    pub(super) fn counts(&self) -> bool {
+        self.step.is_some_and(|step| step != 0.0)
+    }
+
+    /// True if the values are few whole numbers without large gaps, as classes have.
+    pub(super) fn is_dense_label(&self) -> bool {
+        let span = self.most - self.least + 1.0;
+        self.is_few() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
+    }
+
+    /// True if the values are few whole numbers in many rows.
+    pub(super) fn is_sparse_label(&self) -> bool {
+        self.is_few() && self.sample.len() >= 512 && self.distinct <= 40
+    }
+
+    fn is_few(&self) -> bool {
+        let is_repeated = self.distinct <= 64 && self.distinct * 3 <= self.sample.len();
+        self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
+    }
+
+    /// Pairs of values of the sample that follow one another in the file.
+    pub(super) fn successive(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.sample.chunks(RUN_ROWS).flat_map(|run| run.windows(2).map(|pair| (pair[0], pair[1])))
+    }
+}
+
+/// What some rows say of a column.
+#[derive(Clone, Copy)]
+struct Part {
+    first: f64,
+    last: f64,
+    least: f64,
+    most: f64,
+    is_whole: bool,
+    has_step: bool,
+    is_sorted: bool,
+    is_increasing: bool,
+}
+
+impl Part {
+    fn of(values: &[f64], first_row: usize, start: f64, step: f64) -> Self {
+        let (first, last) = (values[0], values[values.len() - 1]);
+        let mut part = Self {
+            first,
+            last,
+            least: f64::INFINITY,
+            most: f64::NEG_INFINITY,
+            is_whole: true,
+            has_step: true,
+            is_sorted: true,
+            is_increasing: true,
+        };
+        for (i, v) in values.iter().enumerate() {
+            part.has_step &= *v == start + step * (first_row + i) as f64;
+            if v.is_finite() {
+                (part.least, part.most) = (part.least.min(*v), part.most.max(*v));
+                part.is_whole &= v.fract() == 0.0;
+            }
+        }
+        for pair in values.windows(2) {
+            part.is_sorted &= pair[0] <= pair[1];
+            part.is_increasing &= pair[0] < pair[1];
+        }
+        part
+    }
+
+    fn join(self, next: Self) -> Self {
+        Self {
+            first: self.first,
+            last: next.last,
+            least: self.least.min(next.least),
+            most: self.most.max(next.most),
+            is_whole: self.is_whole && next.is_whole,
+            has_step: self.has_step && next.has_step,
+            is_sorted: self.is_sorted && next.is_sorted && self.last <= next.first,
+            is_increasing: self.is_increasing && next.is_increasing && self.last < next.first,
+        }
+    }
+}
+
+/// Measures columns of the same length, of at least one row.
+pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
+    let sample = sample(columns);
+    let rows = columns[0].len();
+    let block = block_rows(columns);
+    let line = |column: &Strided<'_>| {
+        let [start, second] = [0, 1].map(|row| column.at(row));
+        (start, if rows > 1 { second - start } else { 0.0 })
+    };
+    let lines: Vec<(f64, f64)> = columns.iter().map(line).collect();
+    let buffers = || (Vec::new(), vec![Vec::new(); columns.len()]);
+    let of_block = |(bytes, numbers): &mut (Vec<u8>, Vec<Vec<f64>>), i: usize| -> Vec<Part> {
+        let range = i * block..rows.min((i + 1) * block);
+        read_rows(columns, range.clone(), bytes, numbers);
+        let of_column =
+            |(values, (start, step)): (&Vec<f64>, &(f64, f64))| Part::of(values, range.start, *start, *step);
+        numbers.iter().zip(&lines).map(of_column).collect()
+    };
+    let blocks: Vec<Vec<Part>> = (0..rows.div_ceil(block)).into_par_iter().map_init(buffers, of_block).collect();
+    let joined = blocks.into_iter().reduce(|a, b| a.into_iter().zip(b).map(|(a, b)| a.join(b)).collect());
+    let parts = joined.unwrap_or_default().into_iter().zip(lines).zip(sample);
+    let column = |((part, (_, step)), sample): ((Part, (f64, f64)), Vec<f64>)| Column {
+        least: part.least,
+        most: part.most,
+        is_whole: part.is_whole,
+        step: (part.has_step && rows > 1 && step.fract() == 0.0).then_some(step),
+        is_sorted: part.is_sorted,
+        is_increasing: part.is_increasing,
+        distinct: distinct(&sample),
+        sample,
+    };
+    parts.map(column).collect()
+}
+
+/// Values of runs of rows all over the columns.
+fn sample(columns: &[Strided<'_>]) -> Vec<Vec<f64>> {
+    let rows = columns[0].len();
+    let starts: Vec<usize> = match rows {
+        0..=2048 => (0..rows).step_by(RUN_ROWS).collect(),
+        _ => (0..RUNS).map(|run| (run as u128 * (rows - RUN_ROWS) as u128 / (RUNS - 1) as u128) as usize).collect(),
+    };
+    let mut all = vec![Vec::new(); columns.len()];
+    let (mut bytes, mut numbers) = (Vec::new(), vec![Vec::new(); columns.len()]);
+    for start in starts {
+        read_rows(columns, start..rows.min(start + RUN_ROWS), &mut bytes, &mut numbers);
+        all.iter_mut().zip(&numbers).for_each(|(all, run)| all.extend_from_slice(run));
+    }
+    all
+}
+
+fn distinct(sample: &[f64]) -> usize {
+    let mut found = BTreeSet::new();
+    for value in sample {
+        found.insert(value.to_bits());
+        if found.len() == MOST_DISTINCT {
+            break;
+        }
+    }
+    found.len()
+}
+
+/// What colours count to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Scale {
+    One,
+    Bytes,
+    Words,
+}
+
+impl Scale {
+    pub(super) fn most(self) -> f64 {
+        match self {
+            Self::One => 1.0,
+            Self::Bytes => 255.0,
+            Self::Words => 65_535.0,
+        }
+    }
+}
+
+/// Measurements of three neighbouring columns.
+pub(super) struct Triple<'a> {
+    columns: [&'a Column; 3],
+}
+
+impl<'a> Triple<'a> {
+    pub(super) fn of(columns: [&'a Column; 3]) -> Self {
+        Self { columns }
+    }
+
+    fn rows(&self) -> impl Iterator<Item = [f64; 3]> {
+        (0..self.columns[0].sample.len()).map(|row| self.columns.map(|c| c.sample[row]))
+    }
+
+    /// True if the vectors of the rows have length one, but for a few; zeros stand for no vector.
+    pub(super) fn is_unit(&self) -> bool {
+        let (mut unit, mut other) = (0, 0);
+        for row in self.rows() {
+            let length = row.map(|v| v * v).iter().sum::<f64>().sqrt();
+            // Two digits are the fewest that normals are printed with.
+            if (length - 1.0).abs() < 0.02 {
+                unit += 1;
+            } else if length != 0.0 && !length.is_nan() {
+                other += 1;
+            }
+        }
+        unit > 0 && unit >= 19 * other
+    }
+
+    /// The scale that the values would have as colours; `None` if they are none.
+    pub(super) fn color_scale(&self) -> Option<Scale> {
+        let [least, most] = self
+            .columns
+            .iter()
+            .fold([f64::INFINITY, 0.0_f64], |[least, most], c| [least.min(c.least), most.max(c.most)]);
+        let is_whole = self.columns.iter().all(|c| c.is_whole);
+        // Infinities where there is no finite value.
+        let is_finite = self.columns.iter().all(|c| c.least.is_finite());
+        match most {
+            _ if least < 0.0 || !is_finite || most <= 0.0 => None,
+            m if m <= ROUNDED_ONE => Some(Scale::One),
+            m if m <= 255.0 => Some(Scale::Bytes),
+            m if m <= 65_535.0 && is_whole => Some(Scale::Words),
+            _ => None,
+        }
+    }
+
+    /// A score for colours: larger where the three columns look more like them.
+    pub(super) fn color(&self) -> Option<f64> {
+        let scale = self.color_scale()?;
+        let c = &self.columns;
+        let is_whole = c.iter().all(|c| c.is_whole);
+        let mut score = match (scale, is_whole) {
+            (Scale::Bytes, true) => 3.0,
+            (Scale::One, false) | (Scale::Words, true) => 2.0,
+            (Scale::One, true) => 0.2,
+            (Scale::Bytes | Scale::Words, false) => 0.5,
+        };
+        let most = c.iter().fold(0.0_f64, |most, c| most.max(c.most));
+        let nearly_grey = 1.0 - (self.mean_spread() / most).min(1.0);
+        score += nearly_grey;
+        if c[0].sample.len() < MANY_ROWS {
+            return Some(score);
+        }
+        let is_extreme = scale != Scale::One && self.rows().flatten().all(|v| v == 0.0 || v == scale.most());
+        let least_most = c.iter().fold(f64::INFINITY, |least, c| least.min(c.most));
+        if least_most < 0.25 * most && !is_extreme {
+            score -= 4.0;
+        }
+        let constant = c.iter().filter(|c| c.is_constant()).count();
+        if constant == 3 {
+            score -= 2.0;
+        } else if !is_extreme {
+            score -= 3.0 * constant as f64;
+        }
+        let labels = c.iter().filter(|c| c.is_dense_label() && c.most <= 64.0).count();
+        score -= 2.0 * labels as f64 + if labels == 3 { 3.0 } else { 0.0 };
+        score -= 4.0 * c.iter().filter(|c| c.counts() || c.is_increasing).count() as f64;
+        if c.iter().all(|c| c.distinct >= 16) {
+            score += 1.0;
+        } else if scale == Scale::Words {
+            score -= 2.0;
+        } else if scale == Scale::Bytes && is_whole && labels == 0 && constant < 3 && most >= 100.0 {
+            // A palette.
+            score += 1.0;
+        }
+        match (scale, is_whole) {
+            (Scale::One, false) if self.are_bytes_over_255() => score += 2.0,
+            (Scale::Bytes, false) if nearly_grey > 0.65 => score += 1.0,
+            _ => {}
+        }
+        Some(score)
+    }
+
+    /// How far the three values of a row are apart, on average: colours are mostly near grey.
+    fn mean_spread(&self) -> f64 {
+        let spread = |row: [f64; 3]| {
+            let [least, most] = row.iter().fold([f64::INFINITY, 0.0], |[lo, hi], v| [v.min(lo), v.max(hi)]);
+            if most >= least { most - least } else { 0.0 }
+        };
+        self.rows().map(spread).sum::<f64>() / self.columns[0].sample.len().max(1) as f64
+    }
+
+    /// True if the values are whole numbers divided by 255 and rounded, and not only 0 and 1.
+    pub(super) fn are_bytes_over_255(&self) -> bool {
+        let (mut near, mut far, mut between) = (0, 0, 0);
+        for v in self.rows().flatten().filter(|v| v.is_finite()) {
+            let level = v * 255.0;
+            // Four digits after the point are the fewest by which neighbouring levels differ for certain.
+            let is_near = (level - level.round()).abs() <= 0.03;
+            near += u32::from(is_near);
+            far += u32::from(!is_near);
+            between += u32::from(v > 0.0 && v < 1.0);
+        }
+        near >= 19 * far && between > 0
+    }
+}
+
+/// Largest number that rounding can make of a colour's 1.
+pub(crate) const ROUNDED_ONE: f64 = 1.001;

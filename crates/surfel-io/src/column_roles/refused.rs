@@ -1,0 +1,116 @@
+//! Arrays of numbers that are no table of points: images and camera poses.
+
+use super::evidence::Column;
+use crate::error::Problem;
+#[cfg(feature = "npy")]
+use crate::strided::Strided;
+
+/// Largest deviation from a rotation that is rounding.
+const ROUNDING: f64 = 2e-3;
+/// Fewest rows and columns of an image.
+#[cfg(feature = "npy")]
+const IMAGE_SIDE: usize = 8;
+/// Columns from which a table whose columns are all alike is taken as an image.
+#[cfg(feature = "npy")]
+const WIDE: usize = 13;
+
+/// A problem if each row holds a camera's pose: the 12 or 16 numbers of a matrix.
+pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
+    let width = columns.len();
+    if !matches!(width, 12 | 16) {
+        return None;
+    }
+    let rows = columns[0].sample.len();
+    let row = |i: usize| columns.iter().map(|c| c.sample[i]).collect::<Vec<f64>>();
+    let are_poses = (0..rows).all(|i| is_pose(&row(i)));
+    let problem = || {
+        Problem::new(format!("holds matrices in rows of {width} numbers, as of camera poses"))
+            .expected("a row for each point: x y z [intensity] [r g b] [nx ny nz]")
+            .help("the cameras' centres are points: save these as x y z")
+    };
+    are_poses.then(problem)
+}
+
+/// True if numbers are a matrix of three or four rows of four numbers, whose left part is a rotation.
+fn is_pose(m: &[f64]) -> bool {
+    if m.len() == 16 && m[12..] != [0.0, 0.0, 0.0, 1.0] {
+        // The same by columns.
+        let transposed: Vec<f64> = (0..16).map(|i| m[i % 4 * 4 + i / 4]).collect();
+        return transposed[12..] == [0.0, 0.0, 0.0, 1.0] && is_pose(&transposed);
+    }
+    m.len() >= 12 && is_rotation([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]])
+}
+
+fn is_rotation(rows: [[f64; 3]; 3]) -> bool {
+    let dot = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| a[k] * b[k]).sum::<f64>();
+    let expected = |i: usize, j: usize| if i == j { 1.0 } else { 0.0 };
+    (0..3).all(|i| (i..3).all(|j| (dot(rows[i], rows[j]) - expected(i, j)).abs() <= ROUNDING))
+}
+
+/// What an array of matrices holds.
+#[cfg(feature = "npy")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Matrix {
+    Poses,
+    Intrinsics,
+}
+
+/// What matrices of three or four rows hold, if they are no points: `columns` are those of all matrices, one below the
+/// other, of `height` rows each; or, where they are `interleaved`, their first rows, then their second rows, and so on.
+#[cfg(feature = "npy")]
+pub(crate) fn matrix_kind(columns: &[Strided<'_>], height: usize, interleaved: bool) -> Option<Matrix> {
+    const MOST: usize = 100;
+    let rows = columns.first()?.len();
+    if !matches!((height, columns.len()), (3 | 4, 4) | (3, 3)) || !rows.is_multiple_of(height) || rows == 0 {
+        return None;
+    }
+    let count = rows / height;
+    let all = (0..count).step_by(count.div_ceil(MOST));
+    let mut matrices = all.map(|i| {
+        let place = |r: usize| if interleaved { i + count * r } else { i * height + r };
+        let row = |r: usize| columns.iter().map(move |c| c.at(place(r)));
+        (0..height).flat_map(row).collect::<Vec<f64>>()
+    });
+    if columns.len() == 4 {
+        return matrices.all(|m| is_pose(&m)).then_some(Matrix::Poses);
+    }
+    // Focal lengths and a principal point, in pixels.
+    let is_intrinsics = |m: Vec<f64>| m[3] == 0.0 && m[6..] == [0.0, 0.0, 1.0] && m[0] > 1.0 && m[4] > 1.0;
+    matrices.all(is_intrinsics).then_some(Matrix::Intrinsics)
+}
+
+/// True if three columns are the red, green and blue of an image: bytes divided by 255.
+#[cfg(feature = "npy")]
+pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
+    let measured = super::measure(columns);
+    let [red, green, blue] = &measured[..] else { return false };
+    let triple = super::Triple::of([red, green, blue]);
+    triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
+}
+
+/// True if an array of rows is an image: neighbouring columns have the same range, and are many or nearly the same.
+#[cfg(feature = "npy")]
+pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
+    let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());
+    if rows < IMAGE_SIDE || width < IMAGE_SIDE {
+        return false;
+    }
+    let measured = super::measure(columns);
+    let least = measured.iter().fold(f64::INFINITY, |least, c| least.min(c.least));
+    let most = measured.iter().fold(f64::NEG_INFINITY, |most, c| most.max(c.most));
+    // Neighbours whose ranges are the same for the most part.
+    let is_alike = |pair: &&[Column]| {
+        let both = pair[0].most.min(pair[1].most) - pair[0].least.max(pair[1].least);
+        let either = pair[0].most.max(pair[1].most) - pair[0].least.min(pair[1].least);
+        either == 0.0 || both >= 0.5 * either
+    };
+    let alike = measured.windows(2).filter(is_alike).count();
+    let are_coordinates_alike = measured.windows(2).take(3).all(|pair| is_alike(&pair));
+    if !are_coordinates_alike || alike * 10 < (width - 1) * 9 {
+        return false;
+    }
+    let sampled = measured[0].sample.len();
+    let difference = |pair: &[Column]| (0..sampled).map(|i| (pair[0].sample[i] - pair[1].sample[i]).abs()).sum::<f64>();
+    let mean = measured.windows(2).map(difference).sum::<f64>() / (sampled * (width - 1)) as f64;
+    width >= WIDE || mean <= 0.15 * (most - least)
+}

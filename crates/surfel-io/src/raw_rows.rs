@@ -1,0 +1,126 @@
+//! Binary files without a header: rows of numbers whose types and names `--columns` gives.
+
+#![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
+
+use crate::bytes::Bytes;
+use crate::content::Content;
+use crate::context::Context;
+use crate::error::{Fault, Problem, list};
+use crate::format::{Format, is_binary};
+use crate::point_columns::{self, Named, Roles, Source};
+use crate::strided::{NumberType, Strided};
+use crate::words::counted;
+use std::path::Path;
+use surfel_model::{NumberFormat, TableColumns};
+
+/// Rows whose coordinates are looked at.
+const JUDGED_ROWS: usize = 1000;
+/// Coordinates beyond these aren't measured, but bytes of something else.
+const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
+
+/// Refuses columns that name no position.
+///
+/// # Errors
+/// What was expected, as a sentence without a subject.
+pub fn check_columns(columns: &TableColumns) -> Result<(), String> {
+    check(columns).map_err(|problem| problem.to_string().replace('\n', ","))
+}
+
+/// The same as a problem of a file.
+pub(crate) fn check(columns: &TableColumns) -> Result<(), Problem> {
+    let names: Vec<&str> = columns.columns().iter().filter_map(|column| column.name.as_deref()).collect();
+    let problem = || Problem::new(format!("has no position among the columns {}", list(&names))).expected("x, y and z");
+    Roles::by_name(names.iter().copied()).map(|_| ()).ok_or_else(problem)
+}
+
+/// The problem of a table with another number of columns than `--columns` names.
+pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
+    let expected = format!("{found}, as its rows have; _ leaves a column out");
+    let named = counted(columns.columns().len() as u64, "columns");
+    Problem::new(format!("has {} and --columns names {named}", counted(found as u64, "columns"))).expected(expected)
+}
+
+/// True if `--columns` gives types, and neither the name of a file nor its start says that it is anything else.
+pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -> bool {
+    let hint = Format::from_extension(name);
+    columns.is_some_and(TableColumns::is_typed)
+        && matches!(hint, None | Some(Format::Xyz | Format::Pts))
+        && is_binary(head)
+}
+
+/// The name of a column as readers use it.
+pub(crate) fn usual_name(name: &str) -> String {
+    if name.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { name.to_owned() }
+}
+
+fn number_type(format: NumberFormat) -> NumberType {
+    match (format.letter, format.bytes) {
+        ('f', 2) => NumberType::F16,
+        ('f', 4) => NumberType::F32,
+        ('i', 1) => NumberType::I8,
+        ('i', 2) => NumberType::I16,
+        ('i', 4) => NumberType::I32,
+        ('i', 8) => NumberType::I64,
+        ('u', 1) => NumberType::U8,
+        ('u', 2) => NumberType::U16,
+        ('u', 4) => NumberType::U32,
+        ('u', 8) => NumberType::U64,
+        _ => NumberType::F64,
+    }
+}
+
+/// The columns of a file, and their roles.
+pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
+    check(columns)?;
+    let row_bytes = columns.row_bytes();
+    if row_bytes == 0 || bytes.len() == 0 || !bytes.len().is_multiple_of(row_bytes) {
+        let found = format!("has {}, which are no whole rows of {row_bytes}", counted(bytes.len() as u64, "bytes"));
+        let expected = format!("the {row_bytes} bytes of {columns} in each row");
+        let help = "name all columns of a row by --columns: _ leaves one out";
+        return Err(Problem::new(found).expected(expected).help(help).into());
+    }
+    let rows = bytes.len() / row_bytes;
+    let (mut named, mut at) = (Vec::new(), 0);
+    for column in columns.columns() {
+        let Some(format) = column.format else { continue };
+        if let Some(name) = &column.name {
+            let values = Strided::new(bytes, at, row_bytes, rows, number_type(format), format.big_endian);
+            let values = values.ok_or_else(|| Problem::new("the rows lie outside of the file"))?;
+            named.push(Named { name: usual_name(name), values });
+        }
+        at += usize::from(format.bytes);
+    }
+    let roles = Roles::by_name(named.iter().map(|c| c.name.as_str()))
+        .ok_or_else(|| Problem::new("has columns without a position").expected("x, y and z"))?;
+    check_coordinates(roles.position.map(|i| &named[i]), columns)?;
+    Ok((named, roles))
+}
+
+/// Refuses rows that make no coordinates: their types are others, or there are more columns.
+fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Result<(), Problem> {
+    let rows = position[0].values.len();
+    let (mut wrong, mut seen, mut first) = (0, 0, None);
+    for row in (0..rows).step_by(rows.div_ceil(JUDGED_ROWS).max(1)) {
+        let is_odd = |v: f64| v != 0.0 && !COORDINATES.contains(&v.abs());
+        let odd = position.iter().find(|c| is_odd(c.values.at(row)));
+        seen += 1;
+        wrong += usize::from(odd.is_some());
+        first = first.or(odd.map(|c| (row, c.values.at(row), c.name.as_str())));
+    }
+    let Some((row, value, name)) = first.filter(|_| wrong * 20 > seen) else { return Ok(()) };
+    let problem = Problem::new(format!("its rows don't hold {columns}: {name} of row {} is {value:e}", row + 1));
+    Err(problem.expected("coordinates").help("check the types, and that --columns names all columns of a row"))
+}
+
+/// Reads such a file.
+pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
+    let Some(columns) = context.options.columns.clone() else {
+        return Err(Problem::new("has no header").help(RAW_HELP).into());
+    };
+    let (named, roles) = columns_in(bytes, &columns)?;
+    point_columns::build(named, &roles, Source::Typed, Vec::new(), context)
+}
+
+/// What to do about a binary file without a header.
+pub(crate) const RAW_HELP: &str =
+    "--columns f4:x,y,z,intensity reads numbers without a header, here float32 as in KITTI's files";
