@@ -19,7 +19,7 @@ pub(crate) enum Want {
     Nothing,
     /// All scalar properties.
     Scalars,
-    /// The integer lists of these names, and what textures a face: MeshLab's `texcoord` and `texnumber`.
+    /// All scalar properties, the integer lists of these names, and the coordinates of textures: MeshLab's `texcoord`.
     Lists(&'static [&'static str]),
 }
 
@@ -81,7 +81,7 @@ enum Column<'a> {
 
 impl Column<'_> {
     fn new(kind: Kind, name: &str, want: Want) -> Self {
-        let is_wanted = want == Want::Scalars || (matches!(want, Want::Lists(_)) && name == TEXTURE);
+        let is_wanted = want != Want::Nothing;
         match (kind, want) {
             (Kind::Scalar(t), _) if is_wanted => Self::Scalar(match t {
                 ScalarType::I8 => ExtraValues::I8(Vec::new()),
