@@ -6,11 +6,14 @@ use clap::builder::TypedValueParser;
 use clap::{Args, CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use std::path::PathBuf;
+use std::sync::Arc;
+use surfel::coloring::Coloring;
 use surfel::framing::ViewChoice;
 use surfel::model::{
-    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Outliers, PointColors,
-    Returns, Shader, Sort, SplatCount, TableColumns, Transparency,
+    Accumulate, Classes, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Outliers,
+    PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency,
 };
+use surfel::values::RangeChoice;
 use surfel::{Preset, Region};
 
 /// Renders splats, scans, point clouds and meshes by surface splatting.
@@ -310,26 +313,31 @@ pub(crate) struct SplatArgs {
     /// other values viridis.
     #[arg(long, help_heading = "Splats", value_parser = values::colormap())]
     pub(crate) colormap: Option<Colormap>,
-    /// Values at the ends of the colour map, with --color-by; the 2nd and the 98th percentile where nothing says it.
-    #[arg(long, value_name = "LO,HI", value_parser = values::range, allow_hyphen_values = true,
+    /// Values at the ends of the colour map, with --color-by; where nothing says it the 2nd and the 98th percentile of
+    /// all that an image shows. With shared, images of one INPUT each ({input} in OUT) have the range of all.
+    #[arg(long, value_name = "LO,HI|shared", value_parser = values::range_choice, allow_hyphen_values = true,
         help_heading = "Splats")]
-    pub(crate) range: Option<[f64; 2]>,
+    pub(crate) range: Option<RangeChoice>,
     /// Write the colours of --color-by with their values as an image of its own: OUT-colorbar.png without a name.
     #[arg(long, num_args = 0..=1, require_equals = true, value_name = "FILE.png", help_heading = "Splats")]
     pub(crate) colorbar: Option<Option<PathBuf>>,
+    /// What that image shows, where it is known already.
+    #[arg(skip)]
+    pub(crate) legend: Option<Arc<Coloring>>,
     /// Only points and splats within this box, in the file's coordinates.
     #[arg(long, value_name = "X0,Y0,Z0,X1,Y1,Z1", value_parser = values::crop, allow_hyphen_values = true,
         help_heading = "Splats")]
     pub(crate) crop: Option<[f64; 6]>,
-    /// Only points of these classes, such as 2,6.
-    #[arg(long, value_name = "N,...", value_delimiter = ',', help_heading = "Splats")]
-    pub(crate) classes: Vec<u32>,
+    /// Only points of these classes, such as 2,6; or of all but these: '!7,18'.
+    #[arg(long, value_name = "N,...|!N,...", value_parser = values::classes, help_heading = "Splats")]
+    pub(crate) classes: Option<Classes>,
     /// Only these of a pulse's returns.
     #[arg(long, help_heading = "Splats", value_parser = values::returns())]
     pub(crate) returns: Option<Returns>,
-    /// Only points of which this is true: comparisons such as 'intensity>100 and z<=5'.
+    /// Only points for which this holds: comparisons such as 'intensity>100 and not (z<=5 or classification=7)', with
+    /// and, or, not, && || ! and parentheses. Of several --where, all must hold.
     #[arg(long = "where", value_name = "CONDITION", value_parser = values::condition, help_heading = "Splats")]
-    pub(crate) condition: Option<String>,
+    pub(crate) condition: Vec<String>,
     /// Only every Nth point of those that are left.
     #[arg(long, help_heading = "Splats", value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(crate) every: Option<u32>,
@@ -350,6 +358,17 @@ pub(crate) struct SplatArgs {
     /// u4 i4 u8 i8.
     #[arg(long, help_heading = "Splats", value_name = "NAME,...", value_parser = values::columns)]
     pub(crate) columns: Option<TableColumns>,
+}
+
+impl SplatArgs {
+    /// Takes the colouring of all images, as [`surfel::request::SplatOptions::set_coloring`] has it.
+    pub(crate) fn take(&mut self, coloring: Coloring) {
+        let mut options = surfel::request::SplatOptions::default();
+        options.convert.colormap = self.colormap;
+        options.set_coloring(coloring);
+        self.range = options.convert.range.map(RangeChoice::Values);
+        (self.colormap, self.legend) = (options.convert.colormap, options.legend);
+    }
 }
 
 #[derive(Args, Debug)]

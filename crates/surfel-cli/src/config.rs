@@ -48,6 +48,13 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
             || GROUPS.iter().any(|g| g.contains(&key.as_str()) && g.iter().any(|other| on_command_line(other)));
         match find(command, &key).or_else(|| find(&grammar, &key)) {
             Some(_) if silenced => {}
+            Some((_, Kind::Several)) => match value {
+                Value::Array(all) => {
+                    let each = all.iter().map(|value| argument(&key, value, Kind::Several));
+                    extra.extend(each.collect::<Result<Vec<_>, _>>().map_err(&wrong)?.into_iter().flatten());
+                }
+                one => extra.extend(argument(&key, one, Kind::Several).map_err(&wrong)?),
+            },
             Some((_, kind)) => extra.extend(argument(&key, value, kind).map_err(&wrong)?),
             None if grammar.get_subcommands().any(|s| find(s, &key).is_some()) => {}
             None => return Err(wrong(format!("has the unknown key '{key}', expected long flag names without dashes"))),
@@ -56,18 +63,21 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     Ok(extra)
 }
 
-/// What a flag takes: nothing, a value, or a free text that may be left out.
+/// What a flag takes: nothing, a value, a value each time that it is given, or a free text that may be left out.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Switch,
     Valued,
+    Several,
     MayStandAlone,
 }
 
 fn kind_of(argument: &clap::Arg) -> Kind {
     let may_stand_alone = argument.get_num_args().is_some_and(|count| count.min_values() == 0);
+    let is_repeated = matches!(argument.get_action(), clap::ArgAction::Append);
     match argument.get_action().takes_values() {
         false => Kind::Switch,
+        true if is_repeated && argument.get_value_delimiter().is_none() => Kind::Several,
         true if may_stand_alone && argument.get_possible_values().is_empty() => Kind::MayStandAlone,
         true => Kind::Valued,
     }
@@ -83,7 +93,9 @@ fn argument(key: &str, value: &Value, kind: Kind) -> Result<Option<OsString>, St
     };
     let wrong = || format!("has {key} = {value}, expected {}", if is_switch { "true or false" } else { "its value" });
     let text = match value {
-        Value::Boolean(on) if kind != Kind::Valued => return Ok(on.then(|| format!("--{key}").into())),
+        Value::Boolean(on) if matches!(kind, Kind::Switch | Kind::MayStandAlone) => {
+            return Ok(on.then(|| format!("--{key}").into()));
+        }
         Value::Boolean(on) => (if *on { "on" } else { "off" }).to_owned(),
         _ if is_switch => return Err(wrong()),
         Value::Array(values) => {

@@ -7,12 +7,18 @@ use crate::args::{Cli, Command, JobsArgs, command};
 use crate::console::Console;
 use crate::convert;
 use crate::failure::Failure;
+use crate::options;
+use crate::parse::{color_bar_beside, join_values};
 use crate::pieces;
 use crate::stdin::is_stdin;
 use crate::stdout;
 use clap::FromArgMatches;
 use serde_json::json;
+use std::ffi::OsString;
 use std::path::Path;
+use surfel::coloring::save_color_bar;
+use surfel::request::{self, Source, SplatOptions};
+use surfel::values::RangeChoice;
 use surfel::{camera, levels};
 
 /// Tasks where nothing is said.
@@ -24,7 +30,7 @@ const TASK: &str = "\u{e000}TASK\u{e000}";
 pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
     let folder = std::env::current_dir().map_err(|e| Failure::other(format!("there is no current folder: {e}")))?;
     let folder = folder.to_str().ok_or_else(|| Failure::usage("the name of the current folder is not UTF-8"))?;
-    let job = Job::of(args, folder)?;
+    let job = Job::of(args, folder, console)?;
     let engine = args.engine;
     let text = if engine.openjd {
         job.openjd()?
@@ -86,7 +92,7 @@ impl Pieces {
 }
 
 impl Job {
-    fn of(args: &JobsArgs, folder: &str) -> Result<Self, Failure> {
+    fn of(args: &JobsArgs, folder: &str, console: &Console) -> Result<Self, Failure> {
         let inputs: Vec<String> = args.inputs.iter().map(|path| text_of(path)).collect::<Result<_, _>>()?;
         let is_conversion = args.output.as_deref().is_some_and(levels::is_copc);
         let named_by = if is_conversion { args.output.as_ref() } else { args.inputs.first() };
@@ -98,18 +104,19 @@ impl Job {
         let name = format!("surfel-{plain}").trim_end_matches('-').to_owned();
         let folder = folder.to_owned();
         let job = Self { name, folder, what: String::new(), tasks: 0, words: Vec::new(), pieces: None };
-        if is_conversion { job.of_shares(args, inputs) } else { job.of_pictures(args, inputs) }
+        if is_conversion { job.of_shares(args, inputs) } else { job.of_pictures(args, inputs, console) }
     }
 
-    fn of_pictures(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
+    fn of_pictures(self, args: &JobsArgs, inputs: Vec<String>, console: &Console) -> Result<Self, Failure> {
         let default = match (args.cameras.is_some(), args.frames.is_some()) {
             (true, _) => "{name}.png",
             (_, true) => "{frame}.png",
             _ => "whole.png",
         };
         let output = args.output.as_deref().map_or_else(|| Ok(default.to_owned()), text_of)?;
+        let apart = inputs.len() > 1 && output.contains("{input}");
         let mut words: Vec<String> = ["surfel", "render"].map(str::to_owned).into();
-        words.extend(args.flags.iter().cloned());
+        words.extend(flags_with_range(args, &output, apart, console)?);
         if let Some(frames) = args.frames {
             words.extend(["--turntable".to_owned(), format!("--frames={frames}")]);
         }
@@ -127,7 +134,6 @@ impl Job {
             Some(range) => range.checked(of_input).map_err(Failure::usage)?.count(),
             None => of_input,
         };
-        let apart = inputs.len() > 1 && output.contains("{input}");
         let pictures = args.tiles.map_or(of_input * if apart { inputs.len() } else { 1 }, |tiles| tiles as usize);
         let (tasks, pieces) = match args.tiles {
             Some(tiles) => {
@@ -374,6 +380,54 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     pieces::check(&render, !format.is_stdout())
 }
 
+/// The flags of tasks, with the range of all that they draw, so that each needn't find it and all have the same. The
+/// colour bar is written here.
+fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Console) -> Result<Vec<String>, Failure> {
+    let mut flags: Vec<OsString> = args.flags.iter().map(OsString::from).collect();
+    join_values(&mut flags);
+    let mut flags: Vec<String> = flags.into_iter().map(|flag| flag.to_string_lossy().into_owned()).collect();
+    let words = ["surfel", "render"].map(str::to_owned).into_iter().chain(flags.iter().cloned());
+    let words = words.chain([format!("--output={output}"), "--".to_owned(), "INPUT".to_owned()]);
+    let Command::Render(render) = parsed(&words.collect::<Vec<_>>())? else { return Ok(flags) };
+    let splats = &render.splats;
+    let is_shared = splats.range == Some(RangeChoice::Shared);
+    if splats.color_by.is_none() || (splats.range.is_some() && !is_shared) || (apart && !is_shared) {
+        return Ok(flags);
+    }
+    let of_each = || args.inputs.iter().map(|input| Source::of(std::slice::from_ref(input), None)).collect::<Vec<_>>();
+    let sources = if apart { of_each() } else { vec![Source::of(&args.inputs, None)] };
+    let progress = console.progress();
+    let found = request::shared_coloring(sources, &options::render(&render)?, None, &progress);
+    drop(progress);
+    let found = found.map_err(|error| {
+        let failure = Failure::from(error);
+        let help = "--range LO,HI says the range, so that no input is read here";
+        Failure::with_code(failure.code(), format!("{}\n  help: {help}", failure.message()))
+    })?;
+    let Some(coloring) = found else { return Ok(flags) };
+    if let Some(bar) = &splats.colorbar {
+        let bar = bar.clone().unwrap_or_else(|| color_bar_beside(Path::new(output)));
+        save_color_bar(&bar, render.force, &coloring)?;
+        console.note(&format!("{}: the colour bar of all tasks", bar.display()));
+    }
+    // A value may be a word of its own.
+    let is_range = |flag: &String| flag == "--range";
+    while let Some(at) = flags.iter().position(is_range) {
+        flags.drain(at..(at + 2).min(flags.len()));
+    }
+    flags.retain(|flag| !flag.starts_with("--range=") && flag != "--colorbar" && !flag.starts_with("--colorbar="));
+    let mut fixed = SplatOptions::default();
+    fixed.convert.colormap = splats.colormap;
+    fixed.set_coloring(coloring);
+    if let Some([lo, hi]) = fixed.convert.range {
+        flags.push(format!("--range={lo},{hi}"));
+    }
+    if let Some(map) = fixed.convert.colormap.filter(|_| splats.colormap.is_none()) {
+        flags.push(format!("--colormap={}", map.name()));
+    }
+    Ok(flags)
+}
+
 /// Words as a POSIX shell takes them.
 fn shell(words: &[String]) -> String {
     words.iter().map(|word| quote(word)).collect::<Vec<_>>().join(" ")
@@ -399,7 +453,7 @@ mod tests {
     fn job(line: &str) -> Result<Job, Failure> {
         let matches = command().try_get_matches_from(line.split(' ')).unwrap();
         let Command::Jobs(args) = Cli::from_arg_matches(&matches).unwrap().command else { panic!("{line}") };
-        Job::of(&args, "/data/my scans")
+        Job::of(&args, "/data/my scans", &Console::new(true, false))
     }
 
     #[test]

@@ -62,11 +62,11 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
         error: args.error,
         color_by: args.color_by.clone(),
         colormap: args.colormap,
-        range: args.range,
+        range: None,
         crop: args.crop,
         classes: args.classes.clone(),
         returns: args.returns,
-        condition: args.condition.clone(),
+        condition: None,
         every: args.every,
         all_points: args.all_points,
         outliers: args.outliers,
@@ -78,7 +78,12 @@ pub(crate) fn splats(args: &SplatArgs, force: bool) -> Result<SplatOptions, Fail
     options.cull = args.cull;
     options.memory = args.memory;
     options.colorbar = args.colorbar.clone().flatten();
+    options.legend.clone_from(&args.legend);
     options.force = force;
+    if let Some(choice) = args.range {
+        options.set_range(choice);
+    }
+    args.condition.iter().for_each(|condition| options.add_condition(condition.clone()));
     for value in &args.texture {
         options.add_texture(value.clone()).map_err(|e| Failure::usage(format!("--texture {e}")))?;
     }

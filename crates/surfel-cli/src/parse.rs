@@ -42,7 +42,7 @@ fn tell(failure: &Failure) -> u8 {
 
 /// `--edge-aa samples` is `--edge-aa=samples`, `--colorbar BAR.png` is `--colorbar=BAR.png`. What else follows these
 /// flags, which may stand alone, is an input.
-fn join_values(arguments: &mut Vec<OsString>) {
+pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     for flag in ["--edge-aa", "--colorbar"] {
         let is_value = |word: &OsString| match flag {
             "--edge-aa" => ["on", "off", "samples"].iter().any(|value| word == value),
@@ -77,7 +77,7 @@ fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
 }
 
 /// The name of the colour bar of an image: one for all frames and cameras of an input.
-fn color_bar_beside(output: &Path) -> PathBuf {
+pub(crate) fn color_bar_beside(output: &Path) -> PathBuf {
     let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = ["{frame}", "{name}", "{backend}"].iter().fold(stem, |stem, placeholder| stem.replace(placeholder, ""));
     let stem = stem.trim_matches(['-', '_', '.', ' ']);

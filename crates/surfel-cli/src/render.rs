@@ -20,6 +20,7 @@ use surfel::model::SceneFile;
 use surfel::progressive::Detail;
 use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
 use surfel::request::{self, RenderOptions};
+use surfel::values::RangeChoice;
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
@@ -32,6 +33,13 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
         output.map(|o| Output::new(&pieces::with_tile(o, args), args.force, args.png16, args.exr_f32)).transpose()?;
     check(args, output.as_ref())?;
     let apart = args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
+    let shared;
+    let args = if apart && args.splats.range == Some(RangeChoice::Shared) {
+        shared = with_shared_range(args, console)?;
+        &shared
+    } else {
+        args
+    };
     let mut session = Session::start(args, output, Stdin::default(), threads, console)?;
     if apart {
         return session.draw_each();
@@ -48,6 +56,25 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
         stdout::result(verified.text().as_bytes())?;
     }
     drawn.verified.map_or(Ok(()), |verified| verified.judge())
+}
+
+/// The same with the range of all inputs, whichever of them this run draws.
+fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs, Failure> {
+    let sources = args.inputs.iter().map(|input| match is_stdin(input) {
+        true => {
+            Err(surfel::Error::Usage("--range shared reads all inputs first, which stdin can't be: give files".into()))
+        }
+        false => Source::of(std::slice::from_ref(input), None),
+    });
+    let progress = console.progress();
+    let found = request::shared_coloring(sources, &options::render(args)?, None, &progress)?;
+    drop(progress);
+    let mut args = args.clone();
+    args.splats.range = None;
+    if let Some(coloring) = found {
+        args.splats.take(coloring);
+    }
+    Ok(args)
 }
 
 /// The image of `surfel INPUT` alone: INPUT's name with .png, in the current folder.

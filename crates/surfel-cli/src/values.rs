@@ -9,8 +9,9 @@ use surfel::model::{
 };
 use surfel::values::{self, VIEWS};
 pub(crate) use surfel::values::{
-    angle, background, bounds, columns, condition, crop, cutoff, depth_tolerance, direction, epsg, fov, json_number,
-    memory, part, place, point, positive, prefilter, range, region, size, splat_count, transparency, view,
+    angle, background, bounds, classes, columns, condition, crop, cutoff, depth_tolerance, direction, epsg, fov,
+    json_number, memory, part, place, point, positive, prefilter, range_choice, region, size, splat_count,
+    transparency, view,
 };
 
 /// A parser of named values that is also known to help and completions.

@@ -83,6 +83,8 @@ impl Content {
             }
             Self::Mesh(mesh) => {
                 of_mesh(mesh, &mut add);
+                let extras = mesh.vertex_extras.iter().chain(&mesh.triangle_extras);
+                extras.for_each(|extra| add(true, &extra.name.escape_debug().to_string()));
                 &[]
             }
             Self::Gaussians(_) => {

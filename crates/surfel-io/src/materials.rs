@@ -11,7 +11,7 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_math::srgb::nearest_8_bit;
-use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, NormalMap, Texture, TriangleMaterials};
+use surfel_model::{AlphaMode, Column3, ExtraColumn, Mesh, MeshMaterial, NormalMap, Texture, TriangleMaterials};
 
 /// Base colour of a part, and what its alpha means.
 #[derive(Clone, Debug)]
@@ -168,6 +168,8 @@ pub(crate) struct Parts {
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) materials_of: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
+    /// Properties that Surfel doesn't interpret.
+    pub(crate) extras: Vec<ExtraColumn>,
     pub(crate) comments: Vec<String>,
 }
 
@@ -228,8 +230,9 @@ impl Context<'_> {
             uvs: parts.uvs,
             texture,
             materials,
-            up: None,
+            vertex_extras: parts.extras,
             comments: parts.comments,
+            ..Mesh::default()
         })
     }
 }

@@ -319,10 +319,6 @@ fn mesh(
     let triangles = combined([0, 1, 2].map(|corner| corners[corner].values), |row: [f64; 3]| row.map(index));
     let content = point_columns::build(columns, roles, Source::Typed, Vec::new(), context)?;
     let Content::Points(points) = content else { return Ok(content) };
-    if !points.extras.is_empty() {
-        let names: Vec<&str> = points.extras.iter().map(|e| e.name.as_str()).collect();
-        context.note(format!("ignored the vertex columns {}: a mesh has no use for them", list(&names)));
-    }
     context.mesh(Mesh {
         origin: points.origin,
         positions: points.positions,
@@ -330,6 +326,7 @@ fn mesh(
         normals: points.normals.map(|n| n.high().iter().map(Vec3::to_array).collect()),
         colors: points.colors,
         alphas: points.alphas,
+        vertex_extras: points.extras,
         ..Mesh::default()
     })
 }

@@ -1,6 +1,6 @@
 //! Which points and splats of a file count: what `crop`, `classes`, `returns`, `where` and `every` mean.
 
-use crate::{ConvertOptions, ExtraColumn};
+use crate::{Condition, ConvertOptions, ExtraColumn};
 use glam::DVec3;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
@@ -17,90 +17,89 @@ pub enum Returns {
     Single,
 }
 
-/// A comparison of an attribute with a number.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Condition {
-    /// `x`, `y`, `z` or the name of a property.
-    pub name: String,
-    /// How they are compared.
-    pub comparison: Comparison,
-    /// The number.
-    pub value: f64,
+/// Which classes of points count. Written `2,6`, `!7,18` (all but these) or `all`; in scene files `[2, 6]`, too.
+#[derive(Clone, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "ClassesKey", into = "ClassesKey"))]
+pub enum Classes {
+    /// Every class.
+    All,
+    /// These classes; at least one.
+    Only(Vec<u32>),
+    /// Every class but these; at least one.
+    Except(Vec<u32>),
 }
 
-/// How two numbers are compared.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[expect(missing_docs, reason = "the names say it")]
-pub enum Comparison {
-    Less,
-    AtMost,
-    Greater,
-    AtLeast,
-    Equal,
-    NotEqual,
-}
-
-impl Comparison {
-    fn holds(self, a: f64, b: f64) -> bool {
+impl Classes {
+    /// True if points of this class count. NaN is no class.
+    pub fn include(&self, class: f64) -> bool {
+        let is_among = |numbers: &[u32]| numbers.iter().any(|n| f64::from(*n) == class);
         match self {
-            Self::Less => a < b,
-            Self::AtMost => a <= b,
-            Self::Greater => a > b,
-            Self::AtLeast => a >= b,
-            Self::Equal => a == b,
-            // What isn't a number fulfils no condition.
-            Self::NotEqual => a != b && !a.is_nan(),
+            Self::All => true,
+            Self::Only(numbers) => is_among(numbers),
+            Self::Except(numbers) => !is_among(numbers),
         }
     }
 }
 
-/// Parses comparisons joined by `and`: `intensity>100 and classification != 7`.
-///
-/// # Errors
-/// What was found and what is expected.
-pub fn parse_conditions(text: &str) -> Result<Vec<Condition>, String> {
-    let mut rest = text;
-    let mut parts = Vec::new();
-    // `and` counts as a word of its own, in any case: a name such as `band` has it inside.
-    while let Some(at) = and_in(rest) {
-        parts.push(&rest[..at]);
-        rest = &rest[at + 3..];
+impl std::str::FromStr for Classes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let text = text.trim();
+        if text == "all" {
+            return Ok(Self::All);
+        }
+        let (is_exclusion, list) = text.strip_prefix('!').map_or((false, text), |list| (true, list));
+        let numbers: Option<Vec<u32>> = list.split(',').map(|n| n.trim().parse().ok()).collect();
+        match numbers {
+            Some(numbers) if is_exclusion => Ok(Self::Except(numbers)),
+            Some(numbers) => Ok(Self::Only(numbers)),
+            None => Err("expected numbers of classes, such as 2,6, or '!7,18' for all but these, or all".to_owned()),
+        }
     }
-    parts.push(rest);
-    parts.into_iter().map(condition).collect()
 }
 
-fn and_in(text: &str) -> Option<usize> {
-    let is_blank = |c: Option<u8>| c.is_some_and(|c| c.is_ascii_whitespace());
-    let bytes = text.as_bytes();
-    (1..bytes.len().saturating_sub(3)).find(|&i| {
-        bytes[i..i + 3].eq_ignore_ascii_case(b"and")
-            && is_blank(bytes.get(i - 1).copied())
-            && is_blank(bytes.get(i + 3).copied())
-    })
+impl std::fmt::Display for Classes {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let list = |numbers: &[u32]| numbers.iter().map(u32::to_string).collect::<Vec<_>>().join(",");
+        match self {
+            Self::All => f.write_str("all"),
+            Self::Only(numbers) => f.write_str(&list(numbers)),
+            Self::Except(numbers) => write!(f, "!{}", list(numbers)),
+        }
+    }
 }
 
-fn condition(text: &str) -> Result<Condition, String> {
-    let wrong = || {
-        let text: String = text.trim().chars().take(60).collect();
-        format!("has '{text}', expected comparisons with a number, such as intensity>100 and classification!=7")
-    };
-    let at = text.find(['<', '>', '=', '!']).ok_or_else(wrong)?;
-    let (name, rest) = text.split_at(at);
-    let table = [
-        ("<=", Comparison::AtMost),
-        (">=", Comparison::AtLeast),
-        ("==", Comparison::Equal),
-        ("!=", Comparison::NotEqual),
-        ("<", Comparison::Less),
-        (">", Comparison::Greater),
-        ("=", Comparison::Equal),
-    ];
-    let found = table.into_iter().find_map(|(sign, comparison)| Some((rest.strip_prefix(sign)?, comparison)));
-    let (value, comparison) = found.ok_or_else(wrong)?;
-    let value = value.trim().parse::<f64>().ok().filter(|v| !v.is_nan()).ok_or_else(wrong)?;
-    let name = name.trim().to_owned();
-    if name.is_empty() { Err(wrong()) } else { Ok(Condition { name, comparison, value }) }
+#[cfg(feature = "serde")]
+#[derive(Serialize, Deserialize)]
+#[serde(untagged, expecting = "a list of classes such as [2, 6], \"!7,18\" for all but these, or \"all\"")]
+enum ClassesKey {
+    Numbers(Vec<u32>),
+    Text(String),
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<ClassesKey> for Classes {
+    type Error = String;
+
+    fn try_from(key: ClassesKey) -> Result<Self, String> {
+        match key {
+            // An empty list names no class that would count.
+            ClassesKey::Numbers(numbers) if numbers.is_empty() => Ok(Self::All),
+            ClassesKey::Numbers(numbers) => Ok(Self::Only(numbers)),
+            ClassesKey::Text(text) => text.parse().map_err(|problem| format!("classes is \"{text}\", {problem}")),
+        }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<Classes> for ClassesKey {
+    fn from(classes: Classes) -> Self {
+        match classes {
+            Classes::Only(numbers) => Self::Numbers(numbers),
+            other => Self::Text(other.to_string()),
+        }
+    }
 }
 
 /// What is chosen of a file's points or splats, step by step.
@@ -144,9 +143,16 @@ pub fn choose(
             p.cmpge(lo).all() && p.cmple(hi).all()
         });
     }
-    if !options.classes.is_empty() {
-        let column = &find("classification", "classes")?.values;
-        step("classes", &|i| options.classes.iter().any(|c| f64::from(*c) == column.get(i)));
+    match &options.classes {
+        None | Some(Classes::All) => {}
+        // Readers leave a column of zeros out.
+        Some(Classes::Except(_)) if ExtraColumn::find(extras, "classification").is_none() => {
+            step("classes", &|_| true);
+        }
+        Some(classes) => {
+            let column = &find("classification", "classes")?.values;
+            step("classes", &|i| classes.include(column.get(i)));
+        }
     }
     if let Some(returns) = options.returns {
         let total = || Ok::<_, String>(&find("number_of_returns", "returns")?.values);
@@ -167,16 +173,17 @@ pub fn choose(
         }
     }
     if let Some(text) = &options.condition {
+        let condition = Condition::parse(text).map_err(|problem| format!("can't be chosen from: where {problem}"))?;
         let mut columns = Vec::new();
-        for condition in parse_conditions(text).map_err(|problem| format!("can't be chosen from: where {problem}"))? {
-            let axis = ["x", "y", "z"].iter().position(|axis| condition.name.eq_ignore_ascii_case(axis));
-            let column = if axis.is_some() { None } else { Some(&find(&condition.name, "where")?.values) };
-            columns.push((condition, axis.unwrap_or(0), column));
+        for term in condition.terms() {
+            let axis = ["x", "y", "z"].iter().position(|axis| term.name.eq_ignore_ascii_case(axis));
+            let column = if axis.is_some() { None } else { Some(&find(&term.name, "where")?.values) };
+            columns.push((axis.unwrap_or(0), column));
         }
         step("where", &|i| {
-            columns.iter().all(|(condition, axis, column)| {
-                let value = column.map_or_else(|| position(i)[*axis], |column| column.get(i));
-                condition.comparison.holds(value, condition.value)
+            condition.holds(&|term| {
+                let (axis, column) = columns[term];
+                column.map_or_else(|| position(i)[axis], |column| column.get(i))
             })
         });
     }
@@ -198,19 +205,33 @@ mod tests {
     use crate::ExtraValues;
 
     #[test]
-    fn conditions_are_comparisons_joined_by_and() {
-        let parsed = parse_conditions(" intensity>100 AND band <= -2.5e1 and z != 3 and a=1").unwrap();
-        let is = |name: &str, comparison, value| Condition { name: name.into(), comparison, value };
-        let expected = [
-            is("intensity", Comparison::Greater, 100.0),
-            is("band", Comparison::AtMost, -25.0),
-            is("z", Comparison::NotEqual, 3.0),
-            is("a", Comparison::Equal, 1.0),
-        ];
-        assert_eq!(parsed, expected);
-        for bad in ["", "intensity", "intensity>", ">3", "a>b", "a>1 and", "a>1 or b<2", "a>nan", "a!3", "and", "ü<"] {
-            assert!(parse_conditions(bad).is_err(), "{bad}");
+    fn classes_are_listed_or_left_out() {
+        let parse = |text: &str| text.parse::<Classes>();
+        assert_eq!(parse(" 2, 6"), Ok(Classes::Only(vec![2, 6])));
+        assert_eq!(parse("!7,18"), Ok(Classes::Except(vec![7, 18])));
+        assert_eq!(parse("all"), Ok(Classes::All));
+        for bad in ["", "!", "2,", "-1", "2,!7", "!7,!18", "1.5", "ground", "ALL"] {
+            assert!(parse(bad).unwrap_err().contains("'!7,18' for all but these"), "{bad}");
         }
+        for text in ["all", "2,6", "!7,18"] {
+            assert_eq!(parse(text).unwrap().to_string(), text);
+        }
+        let include = |text: &str| [2.0, 7.0, 18.0, f64::NAN].map(|class| parse(text).unwrap().include(class));
+        assert_eq!(include("2,18"), [true, false, true, false]);
+        assert_eq!(include("!7,18"), [true, false, false, true]);
+        assert_eq!(include("all"), [true; 4]);
+    }
+
+    #[test]
+    fn no_class_is_left_out_where_a_file_has_none() {
+        let at = |_: usize| DVec3::ZERO;
+        let of = |text: &str| {
+            let options = ConvertOptions { classes: Some(text.parse().unwrap()), ..ConvertOptions::default() };
+            choose(&options, 3, &at, &[]).map(|chosen| chosen.left)
+        };
+        assert_eq!(of("!7"), Ok(vec![("classes", 3)]));
+        assert_eq!(of("all"), Ok(vec![]));
+        assert!(of("2").unwrap_err().contains("has no attribute 'classification'"));
     }
 
     #[test]
@@ -228,7 +249,7 @@ mod tests {
         let run = |options: &ConvertOptions| choose(options, 100, &at, &extras).unwrap();
         let all = ConvertOptions {
             crop: Some([10.0, 10.0, 10.0, 90.0, 90.0, 89.0]),
-            classes: vec![2, 6],
+            classes: Some(Classes::Only(vec![2, 6])),
             returns: Some(Returns::First),
             condition: Some("x>=20 and z<40".into()),
             every: Some(4),
@@ -243,6 +264,9 @@ mod tests {
         // NaN is neither a class nor another number than one.
         let not = ConvertOptions { condition: Some("classification != 7".into()), ..ConvertOptions::default() };
         assert_eq!(run(&not).left, [("where", 50)]);
+        let either = "not (classification = 2 or x < 90) || x=0 && return_number==1";
+        let either = ConvertOptions { condition: Some(either.into()), ..ConvertOptions::default() };
+        assert_eq!(run(&either).left, [("where", 6)]);
         assert_eq!(run(&ConvertOptions::default()), Chosen::default());
         let unknown = ConvertOptions { condition: Some("gps>1".into()), ..ConvertOptions::default() };
         let error = choose(&unknown, 100, &at, &extras).unwrap_err();

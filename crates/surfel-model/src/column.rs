@@ -264,6 +264,19 @@ impl ExtraValues {
         each_extra!(self, v => v.resize(len, Default::default()));
     }
 
+    /// The values at `indices`, in that order.
+    #[must_use]
+    pub fn select(&self, indices: &[u32]) -> Self {
+        macro_rules! selected {
+            ($($kind:ident),*) => {
+                match self {
+                    $(Self::$kind(values) => Self::$kind(indices.iter().map(|i| values[*i as usize]).collect()),)*
+                }
+            };
+        }
+        selected!(I8, U8, I16, U16, I32, U32, F32, F64)
+    }
+
     /// Keeps the values whose flag is set.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));

@@ -1,7 +1,7 @@
 //! How a file becomes splats: an object's `convert` in the scene file.
 
 use crate::range::positive;
-use crate::{ModelError, Returns, TableColumns, parse_conditions};
+use crate::{Classes, Condition, ModelError, Returns, TableColumns};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -56,14 +56,18 @@ pub struct ConvertOptions {
     /// Only points within this box count: least x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
-    /// Only points of these classes count; empty: all.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Vec::is_empty"))]
-    pub classes: Vec<u32>,
+    /// Only points of these classes count; `None`: of all.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub classes: Option<Classes>,
     /// Only these of a pulse's returns count.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub returns: Option<Returns>,
-    /// Only points of which this is true count: comparisons such as `intensity>100`, joined by `and`.
-    #[cfg_attr(feature = "serde", serde(rename = "where", skip_serializing_if = "Option::is_none"))]
+    /// Only points for which this [`Condition`] holds count, such as `intensity>100 and not z<5`. In scene files a list
+    /// of conditions, which must all hold, is one as well.
+    #[cfg_attr(
+        feature = "serde",
+        serde(rename = "where", deserialize_with = "joined_conditions", skip_serializing_if = "Option::is_none")
+    )]
     pub condition: Option<String>,
     /// Only every so-manyth point counts, the first included; at least 1.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
@@ -86,6 +90,23 @@ pub struct ConvertOptions {
     /// Names, and perhaps types, of the columns of a table: text, NPY, NPZ, or a binary file without a header.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub columns: Option<TableColumns>,
+}
+
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "a condition such as \"intensity>100\", or a list of conditions")]
+enum ConditionKey {
+    One(String),
+    All(Vec<String>),
+}
+
+#[cfg(feature = "serde")]
+fn joined_conditions<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<Option<String>, D::Error> {
+    Ok(match Option::<ConditionKey>::deserialize(deserializer)? {
+        None => None,
+        Some(ConditionKey::One(text)) => Some(text),
+        Some(ConditionKey::All(texts)) => (!texts.is_empty()).then(|| Condition::all(&texts)),
+    })
 }
 
 /// How many splats a mesh becomes.
@@ -334,7 +355,7 @@ impl ConvertOptions {
             let expected = "least x, y, z, then largest x, y, z, none less than its least";
             return Err(ModelError::range(field("crop"), format!("{c:?}"), expected));
         }
-        if let Some(Err(problem)) = self.condition.as_deref().map(parse_conditions) {
+        if let Some(Err(problem)) = self.condition.as_deref().map(Condition::parse) {
             return Err(ModelError::Conflict(format!("objects[{i}].convert.where {problem}")));
         }
         if self.every == Some(0) {
@@ -375,6 +396,27 @@ mod tests {
         assert_eq!(serde_json::to_string(&read).unwrap(), text);
         assert_eq!(serde_json::to_string(&ConvertOptions::default()).unwrap(), "{}");
         assert!(serde_json::from_str::<ConvertOptions>(r#"{"splat":5}"#).is_err());
+    }
+
+    #[test]
+    fn classes_and_conditions_are_texts_or_lists() {
+        let read = |text: &str| serde_json::from_str::<ConvertOptions>(text);
+        for text in [r#"{"classes":[2,6]}"#, r#"{"classes":"!7,18"}"#, r#"{"classes":"all","where":"a>1"}"#] {
+            assert_eq!(serde_json::to_string(&read(text).unwrap()).unwrap(), text);
+        }
+        assert_eq!(read(r#"{"classes": "2,6"}"#).unwrap(), read(r#"{"classes": [2, 6]}"#).unwrap());
+        assert_eq!(read(r#"{"classes": []}"#).unwrap().classes, Some(Classes::All));
+        let joined = read(r#"{"where": ["a>1 or b>1", "c>1"]}"#).unwrap().condition;
+        assert_eq!(joined.as_deref(), Some("(a>1 or b>1) and (c>1)"));
+        assert_eq!(read(r#"{"where": []}"#).unwrap().condition, None);
+        for (text, part) in [
+            (r#"{"classes": "ground"}"#, "expected numbers of classes"),
+            (r#"{"classes": [2.5]}"#, "a list of classes such as [2, 6]"),
+            (r#"{"where": 5}"#, "or a list of conditions"),
+        ] {
+            let error = read(text).unwrap_err().to_string();
+            assert!(error.contains(part), "{text}: {error}");
+        }
     }
 
     #[test]
@@ -422,7 +464,8 @@ mod tests {
             (r#"{"range": [0, 1]}"#, "objects[3].convert.range needs color_by"),
             (r#"{"color_by": "x", "range": [1, 1]}"#, "objects[3].convert.range"),
             (r#"{"crop": [0, 0, 0, 1, -1, 1]}"#, "objects[3].convert.crop"),
-            (r#"{"where": "intensity"}"#, "objects[3].convert.where"),
+            (r#"{"where": "intensity"}"#, "objects[3].convert.where ends after character 9"),
+            (r#"{"where": ["a>1", "b"]}"#, "objects[3].convert.where has ')' at character 13"),
             (r#"{"every": 0}"#, "objects[3].convert.every"),
             (r#"{"max_texture": 0}"#, "objects[3].convert.max_texture"),
         ] {

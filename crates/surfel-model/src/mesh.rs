@@ -1,6 +1,6 @@
 //! Triangle meshes.
 
-use crate::{Column3, ModelError, Texture, Up};
+use crate::{Column3, ExtraColumn, ModelError, Texture, Up};
 use glam::DVec3;
 use std::sync::Arc;
 
@@ -88,6 +88,10 @@ pub struct Mesh {
     pub texture: Option<Arc<Texture>>,
     /// What each triangle is made of, where that is more than `texture`, which it overrides.
     pub materials: Option<TriangleMaterials>,
+    /// Properties of the vertices that Surfel doesn't interpret.
+    pub vertex_extras: Vec<ExtraColumn>,
+    /// Properties of the triangles that Surfel doesn't interpret.
+    pub triangle_extras: Vec<ExtraColumn>,
     /// Which axis the file says is up.
     pub up: Option<Up>,
     /// Comment lines of the file.
@@ -108,6 +112,14 @@ impl Mesh {
             ("uvs", self.uvs.as_ref().map(Vec::len)),
         ];
         for (column, found) in columns.into_iter().filter_map(|(c, n)| Some((c, n?))) {
+            if found != expected {
+                return Err(ModelError::ColumnLength { column, found, expected });
+            }
+        }
+        let of_triangles = self.triangle_extras.iter().map(|extra| ("triangle_extras", extra, self.triangles.len()));
+        let extras = self.vertex_extras.iter().map(|extra| ("vertex_extras", extra, expected)).chain(of_triangles);
+        for (column, extra, expected) in extras {
+            let found = extra.values.len();
             if found != expected {
                 return Err(ModelError::ColumnLength { column, found, expected });
             }
@@ -237,7 +249,24 @@ impl Mesh {
         parts.into_iter().map(part).collect()
     }
 
-    /// Some of the triangles, by their indices, as a mesh with the vertices they use and without comments.
+    /// Replaces the vertices by those at `indices`, in that order: a vertex may be there several times. Triangles stay
+    /// as they are.
+    pub fn select_vertices(&mut self, indices: &[u32]) {
+        fn select<T: Copy>(column: &mut Option<Vec<T>>, indices: &[u32]) {
+            if let Some(values) = column {
+                *values = indices.iter().map(|i| values[*i as usize]).collect();
+            }
+        }
+        self.positions = self.positions.select(indices);
+        select(&mut self.normals, indices);
+        select(&mut self.colors, indices);
+        select(&mut self.alphas, indices);
+        select(&mut self.uvs, indices);
+        self.vertex_extras.iter_mut().for_each(|extra| extra.values = extra.values.select(indices));
+    }
+
+    /// Some of the triangles, by their indices, as a mesh with the vertices they use and without comments and
+    /// properties that Surfel doesn't interpret.
     pub(crate) fn part(&self, triangles: impl Iterator<Item = u32> + Clone) -> Self {
         let mut new_index = vec![u32::MAX; self.positions.len()];
         let mut used: Vec<u32> = Vec::new();
@@ -262,7 +291,7 @@ impl Mesh {
             texture: self.texture.clone(),
             materials: self.materials.as_ref().map(|all| all.select(triangles)),
             up: self.up,
-            comments: Vec::new(),
+            ..Self::default()
         }
     }
 
@@ -439,5 +468,29 @@ mod tests {
         assert!(!with(AlphaMode::Opaque).is_see_through() && !with(AlphaMode::Mask { cutoff: 0.0 }).is_see_through());
         assert!(!Mesh { uvs: None, ..with(AlphaMode::Blend) }.is_see_through());
         assert!(Mesh { uvs: None, alphas: Some(vec![0.5; 5]), ..with(AlphaMode::Blend) }.is_see_through());
+    }
+
+    #[test]
+    fn vertices_are_selected_with_all_their_columns() {
+        use crate::ExtraValues;
+        let extra = |values| vec![ExtraColumn { name: "a".into(), values }];
+        let mut mesh = Mesh {
+            alphas: Some(vec![0.0, 0.25, 0.5, 0.75, 1.0]),
+            vertex_extras: extra(ExtraValues::U8(vec![10, 11, 12, 13, 14])),
+            ..fan()
+        };
+        mesh.validate().unwrap();
+        let before = mesh.clone();
+        mesh.select_vertices(&[4, 1, 1]);
+        assert_eq!(mesh.positions.get(0), before.positions.get(4));
+        assert_eq!(mesh.uvs.map(|uvs| uvs[2]), before.uvs.map(|uvs| uvs[1]));
+        assert_eq!(mesh.alphas, Some(vec![1.0, 0.25, 0.25]));
+        assert_eq!(mesh.vertex_extras, extra(ExtraValues::U8(vec![14, 11, 11])));
+        for wrong in [
+            Mesh { vertex_extras: extra(ExtraValues::U8(vec![1])), ..fan() },
+            Mesh { triangle_extras: extra(ExtraValues::U8(vec![1; 99])), ..fan() },
+        ] {
+            assert!(wrong.validate().unwrap_err().to_string().contains("_extras"));
+        }
     }
 }

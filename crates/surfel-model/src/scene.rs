@@ -223,8 +223,8 @@ pub struct SceneFile {
     pub up: Option<Up>,
     /// The camera.
     pub camera: Camera,
-    /// Linear RGB and straight alpha; transparent black by default.
-    #[cfg_attr(feature = "serde", serde(default))]
+    /// Linear RGB and straight alpha; transparent black by default. Scene files may also have `"transparent"`.
+    #[cfg_attr(feature = "serde", serde(default, deserialize_with = "background"))]
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.
     #[cfg_attr(feature = "serde", serde(default = "default_ambient"))]
@@ -240,6 +240,31 @@ pub struct SceneFile {
     /// Settings.
     #[cfg_attr(feature = "serde", serde(default))]
     pub settings: Settings,
+}
+
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "[R, G, B, A] (linear numbers, A from 0 to 1), [R, G, B] or \"transparent\"")]
+enum BackgroundKey {
+    Rgba([f64; 4]),
+    Rgb([f64; 3]),
+    Word(Transparent),
+}
+
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Transparent {
+    Transparent,
+}
+
+#[cfg(feature = "serde")]
+fn background<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Result<[f64; 4], D::Error> {
+    Ok(match BackgroundKey::deserialize(deserializer)? {
+        BackgroundKey::Rgba(rgba) => rgba,
+        BackgroundKey::Rgb([r, g, b]) => [r, g, b, 1.0],
+        BackgroundKey::Word(Transparent::Transparent) => [0.0; 4],
+    })
 }
 
 #[cfg(feature = "serde")]
@@ -309,6 +334,20 @@ mod tests {
         assert_eq!(settings["depth_tolerance"]["relative"], 1.0);
         assert_eq!(settings["transparency"], "off");
         assert_eq!(settings["accumulate"], "f32");
+    }
+
+    #[test]
+    fn backgrounds_are_written_as_on_the_command_line_too() {
+        let read = |value: &str| {
+            let text = MINIMAL.replacen("\"objects\"", &format!("\"background\": {value}, \"objects\""), 1);
+            serde_json::from_str::<SceneFile>(&text).map(|file| file.background).map_err(|e| e.to_string())
+        };
+        assert_eq!(read("[0.5, 0.25, 1, 0.5]"), Ok([0.5, 0.25, 1.0, 0.5]));
+        assert_eq!(read("[0.5, 0.25, 1]"), Ok([0.5, 0.25, 1.0, 1.0]));
+        assert_eq!(read("\"transparent\""), Ok([0.0; 4]));
+        for bad in ["\"white\"", "[1, 2]", "1"] {
+            assert!(read(bad).unwrap_err().contains("or \"transparent\""), "{bad}");
+        }
     }
 
     #[test]

@@ -154,8 +154,8 @@ impl Settings {
     }
 }
 
-/// How edges are antialiased (rendering model §5). Written `false`, `true` or `"samples"` in scene files, and `off`,
-/// `on` or `samples` on the command line.
+/// How edges are antialiased (rendering model §5). Written `off`, `on` or `samples`; in scene files `false` and `true`,
+/// too.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EdgeAa {
@@ -208,7 +208,7 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
     type Value = EdgeAa;
 
     fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str("false, true or \"samples\"")
+        f.write_str("\"off\" (or false), \"on\" (or true) or \"samples\"")
     }
 
     fn visit_bool<E: serde::de::Error>(self, on: bool) -> Result<EdgeAa, E> {
@@ -216,10 +216,8 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
     }
 
     fn visit_str<E: serde::de::Error>(self, name: &str) -> Result<EdgeAa, E> {
-        match name {
-            "samples" => Ok(EdgeAa::Samples),
-            _ => Err(E::invalid_value(serde::de::Unexpected::Str(name), &self)),
-        }
+        let named = EdgeAa::ALL.into_iter().find(|edge_aa| edge_aa.name() == name);
+        named.ok_or_else(|| E::invalid_value(serde::de::Unexpected::Str(name), &self))
     }
 }
 
@@ -266,14 +264,64 @@ pub enum Mapping {
     Affine,
 }
 
-/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5).
+/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5). Scene files
+/// have `{"relative": K}` or `{"absolute": D}`; they may also have the command line's forms, `K` and `"abs:D"`.
 #[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(Serialize, Deserialize),
+    serde(rename_all = "lowercase", from = "DepthToleranceKey")
+)]
 pub enum DepthTolerance {
     /// A multiple of the splat's larger radius.
     Relative(f64),
     /// World units.
     Absolute(f64),
+}
+
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(untagged, expecting = "{\"relative\": K}, {\"absolute\": D}, K or \"abs:D\"")]
+enum DepthToleranceKey {
+    Named(NamedTolerance),
+    Number(f64),
+    Text(AbsoluteText),
+}
+
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum NamedTolerance {
+    Relative(f64),
+    Absolute(f64),
+}
+
+/// The text `abs:D`.
+#[cfg(feature = "serde")]
+#[derive(Deserialize)]
+#[serde(try_from = "String")]
+struct AbsoluteText(f64);
+
+#[cfg(feature = "serde")]
+impl TryFrom<String> for AbsoluteText {
+    type Error = &'static str;
+
+    fn try_from(text: String) -> Result<Self, Self::Error> {
+        let distance = text.strip_prefix("abs:").and_then(|distance| distance.trim().parse().ok());
+        distance.map(Self).ok_or("expected abs:D")
+    }
+}
+
+#[cfg(feature = "serde")]
+impl From<DepthToleranceKey> for DepthTolerance {
+    fn from(key: DepthToleranceKey) -> Self {
+        match key {
+            DepthToleranceKey::Named(NamedTolerance::Relative(k)) | DepthToleranceKey::Number(k) => Self::Relative(k),
+            DepthToleranceKey::Named(NamedTolerance::Absolute(d)) | DepthToleranceKey::Text(AbsoluteText(d)) => {
+                Self::Absolute(d)
+            }
+        }
+    }
 }
 
 /// How pixels are shaded (rendering model §5).
@@ -440,9 +488,29 @@ mod tests {
             assert_eq!(serde_json::to_string(&edge_aa).unwrap(), text);
             assert_eq!(serde_json::from_str::<EdgeAa>(text).unwrap(), edge_aa);
         }
+        for edge_aa in EdgeAa::ALL {
+            assert_eq!(serde_json::from_value::<EdgeAa>(edge_aa.name().into()).unwrap(), edge_aa);
+        }
         let problem = serde_json::from_str::<EdgeAa>("\"sample\"").unwrap_err().to_string();
-        assert!(problem.contains("expected false, true or \"samples\""), "{problem}");
+        assert!(problem.contains("expected \"off\" (or false), \"on\" (or true) or \"samples\""), "{problem}");
         assert!(serde_json::from_str::<EdgeAa>("1").is_err());
+    }
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn depth_tolerances_are_read_in_both_forms() {
+        for (text, tolerance) in [
+            (r#"{"relative": 2}"#, DepthTolerance::Relative(2.0)),
+            (r#"{"absolute": 0.5}"#, DepthTolerance::Absolute(0.5)),
+            ("2", DepthTolerance::Relative(2.0)),
+            (r#""abs:0.5""#, DepthTolerance::Absolute(0.5)),
+        ] {
+            assert_eq!(serde_json::from_str::<DepthTolerance>(text).unwrap(), tolerance);
+        }
+        for bad in [r#""0.5""#, r#""abs:x""#, r#"{"abs": 1}"#, "[1]"] {
+            let problem = serde_json::from_str::<DepthTolerance>(bad).unwrap_err().to_string();
+            assert!(problem.contains(r#"{"relative": K}, {"absolute": D}, K or "abs:D""#), "{bad}: {problem}");
+        }
     }
 
     #[test]

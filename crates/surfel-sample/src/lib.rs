@@ -47,8 +47,8 @@ pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};
 pub use interior::interior_weight;
 pub use mesh::{
-    BOTH_SIDES, CLOSED_MESH, Detail, FINE_SPLATS, FLAT_PARTS, MeshMethod, MeshOptions, MeshReport, OctreeOptions,
-    is_closed, is_oriented, octree_from_mesh, points_from_mesh, splats_from_mesh, turn_outward,
+    BOTH_SIDES, CLOSED_MESH, Detail, FINE_SPLATS, FLAT_PARTS, MeshMethod, MeshOptions, MeshPlaces, MeshReport,
+    OctreeOptions, is_closed, is_oriented, octree_from_mesh, points_from_mesh, splats_from_mesh, turn_outward,
 };
 pub use options::{PointOptions, PointReport};
 pub use outliers::outliers;

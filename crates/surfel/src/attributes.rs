@@ -156,6 +156,18 @@ pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]
     columns.chain(known.iter().map(|name| (name.clone(), range(content, name)))).collect()
 }
 
+/// As [`ranges`], of a mesh: what its columns are of is said, too.
+pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &Mesh) -> Map<String, Value> {
+    let extras: Vec<ExtraColumn> = mesh.vertex_extras.iter().chain(&mesh.triangle_extras).cloned().collect();
+    let mut found = ranges(content, names, &extras);
+    let first = names.len().saturating_sub(extras.len());
+    for (i, name) in names[first..].iter().enumerate() {
+        let of = if i < mesh.vertex_extras.len() { "vertices" } else { "faces" };
+        found[name.as_str()]["of"] = json!(of);
+    }
+    found
+}
+
 /// How many points each class has, by the column "classification".
 pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     let extra = extras.iter().find(|e| e.name == "classification")?;

@@ -1,16 +1,14 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
-use crate::framing::{self, UpConvention};
 use crate::load::{Conversion, UnusedOption};
 use crate::words::{counted, number};
 use crate::{Error, LoadOptions, levels, memory};
-use glam::{DAffine3, DVec3};
+use glam::DVec3;
 use std::path::Path;
-use std::sync::Arc;
 use surfel_io::Content;
 use surfel_model::{
-    Column3, ConvertOptions, ExtraColumn, Geometry, Material, Mesh, Object, OnInvalid, Outliers, PointCloud,
-    PointColors, Shape, SplatCloud, TextureSampling, Up,
+    Column3, ConvertOptions, ExtraColumn, Mesh, OnInvalid, Outliers, PointCloud, PointColors, Shape, SplatCloud,
+    TextureSampling,
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
@@ -43,7 +41,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
         ("error", options.sharp_error.is_none() || mesh, "a mesh"),
         ("color_by", options.color_by.is_none() || !whole, "splats, points or a mesh"),
         ("crop", options.crop.is_none() || rows, "points or splats"),
-        ("classes", options.classes.is_empty() || rows, "points or splats"),
+        ("classes", options.classes.is_none() || rows, "points or splats"),
         ("returns", options.returns.is_none() || rows, "points or splats"),
         ("where", options.condition.is_none() || rows, "points or splats"),
         ("every", options.every.is_none() || rows, "points or splats"),
@@ -115,16 +113,6 @@ pub(crate) fn chosen_splats(
     let mut data = cloud.into_data();
     data.retain(&keep);
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
-}
-
-/// The axis that the shape of splats says is up; the splats are given back.
-pub(crate) fn upright(cloud: SplatCloud, convention: UpConvention) -> (SplatCloud, Up) {
-    let cloud = Arc::new(cloud);
-    let geometry = Geometry::Splats(cloud.clone());
-    let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
-    let up = framing::upright(std::slice::from_ref(&object), convention).up;
-    drop(object);
-    (Arc::unwrap_or_clone(cloud), up)
 }
 
 /// Most points at the origin, and in any one place, that are taken for real ones.

@@ -153,7 +153,10 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         Content::Points(points) => (points.extras.as_slice(), points.comments.as_slice()),
         _ => (&[][..], &[][..]),
     };
-    facts["attributes"] = Value::Object(attributes::ranges(&loaded.content, &loaded.attributes, extras));
+    facts["attributes"] = Value::Object(match &loaded.content {
+        Content::Mesh(mesh) => attributes::of_mesh_with_columns(&loaded.content, &loaded.attributes, mesh),
+        _ => attributes::ranges(&loaded.content, &loaded.attributes, extras),
+    });
     facts["classes"] = attributes::class_counts(extras).map_or(Value::Null, |counts| attributes::classes(&counts));
     facts["crs"] = attributes::crs(comments);
     facts["kind"] = json!(kind);
@@ -198,6 +201,7 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
         + m.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
         + m.uvs.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
         + m.materials.as_ref().map_or(0, |all| size_of_val(all.of_triangle.as_slice()))
+        + m.vertex_extras.iter().chain(&m.triangle_extras).map(|extra| extra.values.bytes()).sum::<usize>()
         + bytes_of_textures(m)
 }
 

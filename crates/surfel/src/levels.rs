@@ -168,7 +168,7 @@ pub(crate) fn read(
     let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
     // What chooses points may be any column.
-    let has_choice = !options.classes.is_empty() || options.returns.is_some() || options.condition.is_some();
+    let has_choice = options.chooses_classes() || options.returns.is_some() || options.condition.is_some();
     let has_values = options.color_by.is_some() || options.label.is_some();
     let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
     let columns = match has_choice || has_values {

@@ -55,6 +55,7 @@ pub mod levels;
 mod lights;
 mod load;
 pub mod memory;
+mod mesh_columns;
 pub mod metadata;
 mod octree;
 #[cfg(feature = "ortho")]

@@ -1,8 +1,10 @@
 //! From a file to splats: splats as they are, points and meshes converted.
 
-use crate::coloring::{self, ColorBy, Colored, Coloring};
+use crate::coloring::together::{ColorJob, Lacking, Member};
+use crate::coloring::{Coloring, Colorings};
 use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
+use crate::mesh_columns::MeshColumns;
 use crate::{Error, LevelStore, convert, labels, memory};
 use glam::DVec3;
 use std::borrow::Cow;
@@ -11,8 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
-    Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings, SplatCloud,
-    SplatCount, TableColumns, TextureSampling, Transparency, Up,
+    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings,
+    SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
@@ -56,6 +58,9 @@ pub struct LoadOptions {
     pub colormap: Option<Colormap>,
     /// Values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
     pub range: Option<[f64; 2]>,
+    /// Carries all properties of a mesh's vertices and faces over to its splats, not only those that colours and labels
+    /// need.
+    pub mesh_columns: bool,
     /// Keeps which row of its file each splat came from, before any was dropped, for the planes `index` and `label`.
     pub rows: bool,
     /// The attribute that the plane `label` shows ([`crate::labels::DEFAULT_LABEL`], or another of the file); `None`:
@@ -65,11 +70,11 @@ pub struct LoadOptions {
     pub up: Option<Up>,
     /// Only points and splats within this box count: least x, y, z, then largest.
     pub crop: Option<[f64; 6]>,
-    /// Only points of these classes count; empty: all.
-    pub classes: Vec<u32>,
+    /// Only points of these classes count; `None`: of all.
+    pub classes: Option<Classes>,
     /// Only these of a pulse's returns count.
     pub returns: Option<Returns>,
-    /// Only points of which this is true count ([`surfel_model::parse_conditions`]).
+    /// Only points for which this condition holds count ([`surfel_model::Condition`]).
     pub condition: Option<String>,
     /// Only every so-manyth point counts, after all else.
     pub every: Option<u32>,
@@ -113,11 +118,12 @@ impl LoadOptions {
         with_color_by color_by: Option<String>,
         with_colormap colormap: Option<Colormap>,
         with_range range: Option<[f64; 2]>,
+        with_mesh_columns mesh_columns: bool,
         with_rows rows: bool,
         with_label label: Option<String>,
         with_up up: Option<Up>,
         with_crop crop: Option<[f64; 6]>,
-        with_classes classes: Vec<u32>,
+        with_classes classes: Option<Classes>,
         with_returns returns: Option<Returns>,
         with_condition condition: Option<String>,
         with_every every: Option<u32>,
@@ -158,9 +164,7 @@ impl LoadOptions {
             self.range = convert.range;
         }
         self.crop = convert.crop.or(self.crop);
-        if !convert.classes.is_empty() {
-            self.classes.clone_from(&convert.classes);
-        }
+        self.classes = convert.classes.clone().or(self.classes);
         self.returns = convert.returns.or(self.returns);
         self.condition = convert.condition.clone().or(self.condition);
         self.every = convert.every.or(self.every);
@@ -178,10 +182,15 @@ impl LoadOptions {
 }
 
 impl LoadOptions {
+    /// True if some classes don't count.
+    pub(crate) fn chooses_classes(&self) -> bool {
+        self.classes.as_ref().is_some_and(|classes| *classes != Classes::All)
+    }
+
     /// Whether a part of the points is asked for: a place, classes, returns, attributes.
     pub(crate) fn chooses_points(&self) -> bool {
         self.crop.is_some()
-            || !self.classes.is_empty()
+            || self.chooses_classes()
             || self.returns.is_some()
             || self.condition.is_some()
             || self.every.is_some()
@@ -217,11 +226,12 @@ impl Default for LoadOptions {
             color_by: None,
             colormap: None,
             range: None,
+            mesh_columns: false,
             rows: false,
             label: None,
             up: None,
             crop: None,
-            classes: Vec::new(),
+            classes: None,
             returns: None,
             condition: None,
             every: None,
@@ -325,7 +335,30 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     let options = &options.clone().with_gaussians(false);
     progress.stage("reading", 0);
     let (loaded, levels) = read_needed(path, options, progress)?;
-    Ok(LoadedCloud { levels, ..splats_of(loaded, path, options, progress)? })
+    let (mut made, job) = splats_of(loaded, path, options, progress)?;
+    if let Some(job) = job {
+        color(&mut made, &job)?;
+    }
+    Ok(LoadedCloud { levels, ..made })
+}
+
+/// Colours splats that are drawn alone.
+fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
+    let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
+    let mut cloud = Arc::new(std::mem::replace(&mut made.cloud, empty));
+    let mut colorings = Colorings::default();
+    let lacking = colorings.color(&mut [Member { job, cloud: &mut cloud, is_colored: false }])?;
+    made.cloud = Arc::unwrap_or_clone(cloud);
+    made.coloring = colorings.iter().next().map(|(_, coloring)| coloring.clone());
+    made.notes.extend(colorings.notes().map(|(_, note)| note.to_owned()));
+    made.unused.extend(lacking.iter().map(|lacking| without_attribute(job, lacking)));
+    Ok(())
+}
+
+/// What is said of a file that lacks the attribute that it is to be coloured by.
+pub(crate) fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
+    let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
+    UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these" }
 }
 
 /// Reads a file, and of one by levels what the options ask for, with what was left out of it.
@@ -369,17 +402,17 @@ pub(crate) fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Makes splats of what was read.
+/// Makes splats of what was read, and says what they are to be coloured by.
 pub(crate) fn splats_of(
     loaded: Loaded,
     path: &Path,
     options: &LoadOptions,
     progress: &dyn Progress,
-) -> Result<LoadedCloud, Error> {
+) -> Result<(LoadedCloud, Option<ColorJob>), Error> {
     let up_reason = up_reason(&loaded);
     let mut notes = loaded.notes;
-    let mut unused = convert::unused(&loaded.content, options);
-    let (mut closed, mut octree) = (false, None);
+    let unused = convert::unused(&loaded.content, options);
+    let (mut closed, mut octree, mut on_mesh) = (false, None, None);
     let (mut cloud, conversion) = match loaded.content {
         Content::Octree(found) => {
             closed = surfel_sample::is_closed(found.mesh());
@@ -401,12 +434,22 @@ pub(crate) fn splats_of(
             if surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
             }
-            convert::mesh(&mesh, path, options, &mut notes, progress)?
+            let made = convert::mesh(&mesh, path, options, &mut notes, progress)?;
+            on_mesh = MeshColumns::new(mesh);
+            made
         }
     };
     if cloud.is_empty() {
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+    }
+    if let Some(columns) = &mut on_mesh {
+        if options.mesh_columns {
+            cloud = columns.all(cloud)?;
+        }
+        if let Some(attribute) = &options.label {
+            cloud = columns.labels(cloud, attribute)?;
+        }
     }
     if let Some(attribute) = &options.label
         && !labels::label(&mut cloud, attribute, path)?
@@ -420,28 +463,19 @@ pub(crate) fn splats_of(
     } else {
         cloud.discard_rows();
     }
-    let mut coloring = None;
-    if let Some(attribute) = options.color_by.as_deref().filter(|_| octree.is_none()) {
-        let certain = options.up.or_else(|| up_reason.map(|_| loaded.up));
-        let mut axis = certain.unwrap_or(loaded.up);
-        if certain.is_none() && attribute.eq_ignore_ascii_case("height") {
-            let is_said = cloud.data().comments.iter().any(|c| c == surfel_sample::OF_POINTS);
-            let points = matches!(conversion, Conversion::Points(_)) || is_said;
-            (cloud, axis) = convert::upright(cloud, UpConvention::of(points, loaded.up));
-        }
-        let by = ColorBy { attribute, map: options.colormap, range: options.range, up: axis.vector() };
-        match coloring::color(&mut cloud, &by)? {
-            Colored::By(found, note) => {
-                coloring = Some(found);
-                notes.push(note);
-            }
-            Colored::Unknown(known) => unused.push(UnusedOption {
-                option: "color_by",
-                holds: format!("no attribute '{}' but {}", attribute.escape_debug(), known.join(", ")).into(),
-                expected: "one of these",
-            }),
-        }
+    if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.color_by) {
+        cloud = columns.values(cloud, attribute, (options.colormap, options.range))?;
     }
+    let is_of_points = matches!(conversion, Conversion::Points(_))
+        || cloud.data().comments.iter().any(|comment| comment == surfel_sample::OF_POINTS);
+    let job = options.color_by.as_ref().filter(|_| octree.is_none()).map(|attribute| ColorJob {
+        path: path.to_path_buf(),
+        attribute: attribute.clone(),
+        map: options.colormap,
+        range: options.range,
+        up: options.up.or_else(|| up_reason.map(|_| loaded.up)),
+        convention: UpConvention::of(is_of_points, loaded.up),
+    });
     if options.interior_weight
         && cloud.data().interior_weight.is_none()
         && let Some(weight) = surfel_sample::interior_weight(&cloud)
@@ -453,7 +487,7 @@ pub(crate) fn splats_of(
         notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
     let octree = octree.map(Arc::from);
-    Ok(LoadedCloud {
+    let made = LoadedCloud {
         cloud,
         format: loaded.format,
         up: loaded.up,
@@ -461,13 +495,14 @@ pub(crate) fn splats_of(
         closed,
         gaussian: loaded.gaussian,
         conversion,
-        coloring,
+        coloring: None,
         octree,
         levels: None,
         notes,
         beside: loaded.beside,
         unused,
-    })
+    };
+    Ok((made, job))
 }
 
 /// Gaussians where splats are wanted.

@@ -1,12 +1,14 @@
 //! What may be said about an image and about the files that it shows: the flags of `surfel render`, as data.
 
 use crate::Error;
+use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
-use crate::values::{self, Part, switch};
+use crate::values::{self, Part, RangeChoice, switch};
 use std::path::PathBuf;
+use std::sync::Arc;
 use surfel_model::{
-    Accumulate, Camera, ClipPolicy, Composite, ConvertOptions, Cull, DepthTolerance, EdgeAa, Filter, Mapping, Shader,
-    Sort, TextureSampling, Transparency, Up,
+    Accumulate, Camera, ClipPolicy, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance, EdgeAa,
+    Filter, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -106,8 +108,12 @@ pub struct SplatOptions {
     pub convert: ConvertOptions,
     /// Splats that face away are left out, or none; `None`: those of what closes.
     pub cull: Option<Cull>,
+    /// Images of one input each share a range ([`crate::request::shared_coloring`]).
+    pub shared_range: bool,
     /// Image of the colours of values to write.
     pub colorbar: Option<PathBuf>,
+    /// What that image shows, where the values of other images count, too.
+    pub legend: Option<Arc<Coloring>>,
     /// An existing file of that name is overwritten.
     pub force: bool,
     /// Most bytes of memory that points may take; `None`: [`crate::memory::default_budget`].
@@ -150,15 +156,12 @@ impl SplatOptions {
             "error" => convert.error = Some(values::positive(text)?),
             "color-by" => convert.color_by = Some(text.to_owned()),
             "colormap" => convert.colormap = Some(values::colormap(text)?),
-            "range" => convert.range = Some(values::range(text)?),
+            "range" => self.set_range(values::range_choice(text)?),
             "colorbar" => self.colorbar = Some(file(text)?),
             "crop" => convert.crop = Some(values::crop(text)?),
-            "classes" => {
-                let classes: Result<_, _> = text.split(',').map(|n| n.trim().parse::<u32>()).collect();
-                convert.classes = classes.map_err(|_| "expected whole numbers, such as 2,6".to_owned())?;
-            }
+            "classes" => convert.classes = Some(values::classes(text)?),
             "returns" => convert.returns = Some(values::returns(text)?),
-            "where" => convert.condition = Some(values::condition(text)?),
+            "where" => self.add_condition(values::condition(text)?),
             "every" => convert.every = Some(whole(text, 1..=u32::MAX)?),
             "all-points" => convert.all_points = switch(text)?,
             "outliers" => convert.outliers = Some(values::outliers(text)?),
@@ -168,6 +171,32 @@ impl SplatOptions {
             _ => return Ok(false),
         }
         Ok(true)
+    }
+
+    /// Takes a value of `--range`.
+    pub fn set_range(&mut self, choice: RangeChoice) {
+        (self.shared_range, self.convert.range) = match choice {
+            RangeChoice::Shared => (true, None),
+            RangeChoice::Values(range) => (false, Some(range)),
+        };
+    }
+
+    /// Takes the colouring of all images ([`crate::request::shared_coloring`]).
+    pub fn set_coloring(&mut self, coloring: Coloring) {
+        match &coloring.scale {
+            ColorScale::Range { range, .. } => self.set_range(RangeChoice::Values(*range)),
+            ColorScale::Categories(all) if all.iter().all(|category| category.name.is_none()) => {
+                self.convert.colormap.get_or_insert(Colormap::Tab20);
+            }
+            ColorScale::Categories(_) | ColorScale::Direct => {}
+        }
+        self.legend = Some(Arc::new(coloring));
+    }
+
+    /// Adds a condition; all of them must hold.
+    pub fn add_condition(&mut self, condition: String) {
+        let known = self.convert.condition.take();
+        self.convert.condition = Some(Condition::all(&known.into_iter().chain([condition]).collect::<Vec<_>>()));
     }
 
     /// Takes a value of `--texture`: the name of a sampling, or else a texture's file.

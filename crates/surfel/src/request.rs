@@ -3,6 +3,8 @@
 pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
 
+use crate::coloring::together::Tallies;
+use crate::coloring::{ColorScale, Coloring};
 use crate::framing::{self, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
@@ -183,6 +185,8 @@ pub struct Request {
     base: PathBuf,
     /// The scene file, if there is one, and its name.
     scene: Option<(SceneFile, PathBuf)>,
+    /// True if the scene file has lights, and nothing chooses a shader.
+    has_unused_lights: bool,
     level_store: Arc<LevelStore>,
 }
 
@@ -205,7 +209,8 @@ impl Request {
                 objects.iter_mut().try_for_each(|object| apply(options, object))?;
                 let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
                 let level_store = Arc::default();
-                Ok(Self { options, pictures, camera, settings, objects, base, scene: None, level_store })
+                let (scene, has_unused_lights) = (None, false);
+                Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store })
             }
         }
     }
@@ -233,9 +238,12 @@ impl Request {
             object.convert.validate(i).map_err(out_of_range)?;
         }
         let (settings, objects) = (file.settings, file.objects.clone());
+        let chooses_shader = keys.contains("shader") || options.shader.is_some() || options.matcap.is_some();
+        let has_unused_lights = !chooses_shader && file.lights.as_ref().is_some_and(|lights| !lights.is_empty());
         let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
         let level_store = Arc::default();
-        Ok(Self { options, pictures, camera: given, settings, objects, base, scene, level_store })
+        let camera = given;
+        Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store })
     }
 
     /// With what stays of files by levels from one picture to the next, for requests that follow one another.
@@ -389,6 +397,13 @@ impl Request {
         note: &mut dyn FnMut(String),
     ) -> Result<Resolved, Error> {
         let options = &self.options;
+        if self.has_unused_lights && file.settings.shader == Shader::Unlit {
+            note(format!(
+                "{}: has lights, but settings.shader is not given, so that it is drawn unlit: \"shader\": \"phong\" in \
+                 its settings lights it, and so does --shader phong",
+                name.display()
+            ));
+        }
         if let Some(choice) = options.up {
             file.up = choice.or(file.up);
         }
@@ -495,6 +510,29 @@ impl Request {
     }
 }
 
+/// One colouring of the values of all sources, of which each is drawn by itself; `None` if they are coloured by no
+/// numbers. The sources are loaded one after another.
+///
+/// # Errors
+/// [`Error::Usage`] if the options name no attribute; as [`Request::new`] and [`Request::load`].
+pub fn shared_coloring(
+    sources: impl IntoIterator<Item = Result<Source, Error>>,
+    options: &RenderOptions,
+    stdin: Option<Arc<[u8]>>,
+    progress: &dyn Progress,
+) -> Result<Option<Coloring>, Error> {
+    let Some(attribute) = &options.splats.convert.color_by else {
+        return Err(Error::Usage("--range is for values: give --color-by ATTRIBUTE with it".to_owned()));
+    };
+    let mut tallies = Tallies::default();
+    for source in sources {
+        let request = Request::new(source?, &Pictures::One, options)?;
+        request.load(stdin.clone(), progress)?.tally(&mut tallies);
+    }
+    let found = tallies.coloring(attribute).map(|(coloring, _)| coloring);
+    Ok(found.filter(|coloring| coloring.scale != ColorScale::Direct))
+}
+
 /// What the options say on how an object's file becomes splats.
 fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
     splats::apply(&options.splats, &mut object.convert)?;
@@ -512,8 +550,7 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
         note(format!("{}: {text}", display(path)));
     }
     splats::check_used(&options.splats, &loaded.unused, note)?;
-    let colorings = loaded.colorings.iter().map(|(path, coloring)| (path.as_path(), coloring));
-    splats::write_color_bar(&options.splats, colorings, note)
+    splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
 }
 
 /// Says it where most trained Gaussians before the camera are nearer than such are drawn.

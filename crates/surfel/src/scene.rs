@@ -7,18 +7,19 @@ pub use crate::auto::{
 pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
-use crate::coloring::Coloring;
+use crate::coloring::Colorings;
+use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::framing::UpReason;
 use crate::levels::Seen;
-use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of};
+use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, IoError, Loaded};
-use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, Up};
+use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, SplatCloud, Up};
 use surfel_sample::Progress;
 
 /// Largest scene file that is read, in bytes: far above any real one.
@@ -31,6 +32,12 @@ pub struct ObjectNote {
     pub path: PathBuf,
     /// A sentence without a full stop.
     pub text: String,
+}
+
+impl ObjectNote {
+    fn new(path: &Path, text: &str) -> Self {
+        Self { path: path.to_path_buf(), text: text.to_owned() }
+    }
 }
 
 /// A scene's objects, loaded.
@@ -47,8 +54,14 @@ pub struct LoadedObjects {
     /// Options that none of the splat objects' files has a use for, with what the first of them holds.
     pub unused: Vec<(PathBuf, UnusedOption)>,
     /// What files are coloured by, where that was asked for.
-    pub colorings: Vec<(PathBuf, Coloring)>,
+    pub colorings: Colorings,
+    /// What each object is to be coloured by.
+    pub color_jobs: ColorJobs,
 }
+
+/// What each object of [`LoadedObjects`] is to be coloured by.
+#[derive(Clone, Debug, Default)]
+pub struct ColorJobs(Vec<Option<ColorJob>>);
 
 /// What automatic framing and lighting need to know of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -96,6 +109,21 @@ impl Default for ObjectFacts {
     }
 }
 
+/// Splats of one or several objects, and what they are to be coloured by.
+struct Shared {
+    cloud: Arc<SplatCloud>,
+    job: ColorJob,
+    is_colored: bool,
+    /// Indices of the objects.
+    objects: Vec<usize>,
+}
+
+impl Shared {
+    fn member(&mut self) -> Member<'_> {
+        Member { job: &self.job, cloud: &mut self.cloud, is_colored: self.is_colored }
+    }
+}
+
 /// Reads a scene file, and which keys its `settings` object has.
 ///
 /// # Errors
@@ -127,6 +155,7 @@ struct Known {
     geometry: Geometry,
     facts: ObjectFacts,
     unused: Vec<UnusedOption>,
+    color_job: Option<ColorJob>,
 }
 
 /// Trained Gaussians, and what the user should know of them.
@@ -142,7 +171,8 @@ fn gaussians(
     }
     let facts = ObjectFacts { up: read.up, up_reason: up_reason(read), ..ObjectFacts::default() };
     let unused = convert::unused(&read.content, options);
-    Ok((Known { geometry: Geometry::Gaussians(cloud.clone()), facts, unused }, read.notes.clone()))
+    let geometry = Geometry::Gaussians(cloud.clone());
+    Ok((Known { geometry, facts, unused, color_job: None }, read.notes.clone()))
 }
 
 /// As [`load_objects`], and files of trained Gaussians are kept as such if all files are: what one sees of files that
@@ -165,6 +195,67 @@ pub fn load_bare_objects(
 }
 
 impl LoadedObjects {
+    /// Colours the splats that aren't coloured yet, those of one attribute by one scale; `all`: none is. Those that are
+    /// count for the scale, too.
+    fn color(&mut self, all: bool) -> Result<(), Error> {
+        let is_new = |facts: &ObjectFacts| all || facts.partial;
+        let Self { objects, facts, color_jobs, colorings, notes, unused, .. } = self;
+        // An object's splats may be another one's, too.
+        let mut clouds: Vec<Shared> = Vec::new();
+        let mut place_of: HashMap<*const SplatCloud, usize> = HashMap::new();
+        for (i, (object, job)) in objects.iter().zip(&color_jobs.0).enumerate() {
+            let (Geometry::Splats(cloud), Some(job)) = (&object.geometry, job) else { continue };
+            let place = *place_of.entry(Arc::as_ptr(cloud)).or_insert(clouds.len());
+            if place == clouds.len() {
+                let (cloud, job) = (cloud.clone(), job.clone());
+                clouds.push(Shared { cloud, job, is_colored: !is_new(&facts[i]), objects: Vec::new() });
+            }
+            clouds[place].objects.push(i);
+        }
+        if clouds.is_empty() {
+            return Ok(());
+        }
+        // They are changed where they are.
+        let nothing: Geometry = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?.into();
+        clouds.iter().flat_map(|cloud| &cloud.objects).for_each(|i| objects[*i].geometry = nothing.clone());
+        let lacking = colorings.color(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>())?;
+        let all_lack = lacking.len() == clouds.len()
+            && objects
+                .iter()
+                .zip(&color_jobs.0)
+                .all(|(object, job)| job.is_some() || !matches!(object.geometry, Geometry::Splats(_)));
+        for lacking in &lacking {
+            let Shared { job, is_colored, .. } = &clouds[lacking.member];
+            let option = without_attribute(job, lacking);
+            if all_lack {
+                *unused = vec![(job.path.clone(), option)].into_iter().chain(unused.drain(..)).collect();
+                break;
+            }
+            if !is_colored {
+                notes.push(ObjectNote::new(&job.path, &format!("holds {}, so that it is grey", option.holds)));
+            }
+        }
+        for (path, note) in colorings.notes() {
+            notes.push(ObjectNote::new(path, note));
+        }
+        for Shared { cloud, objects: used, .. } in clouds {
+            used.into_iter().for_each(|i| objects[i].geometry = Geometry::Splats(cloud.clone()));
+        }
+        Ok(())
+    }
+
+    /// Adds the values that these objects are to be coloured by.
+    pub(crate) fn tally(mut self, tallies: &mut Tallies) {
+        let jobs = std::mem::take(&mut self.color_jobs.0);
+        let mut clouds: Vec<Shared> = Vec::new();
+        for (object, job) in self.objects.into_iter().zip(jobs) {
+            if let (Geometry::Splats(cloud), Some(job)) = (object.geometry, job) {
+                clouds.push(Shared { cloud, job, is_colored: true, objects: Vec::new() });
+            }
+        }
+        tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
+    }
+
     /// Whether some object is of trained Gaussians.
     pub fn has_gaussians(&self) -> bool {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
@@ -183,6 +274,30 @@ impl LoadedObjects {
 /// # Errors
 /// As [`load`], and [`Error::Model`] for a matrix that is no invertible affine map.
 pub fn load_objects(
+    objects: &[ObjectFile],
+    base_dir: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<LoadedObjects, Error> {
+    let mut loaded = load_uncolored(objects, base_dir, options, progress)?;
+    loaded.color(true)?;
+    for (object, facts) in loaded.objects.iter().zip(&mut loaded.facts) {
+        facts.colored = is_colored(&object.geometry);
+    }
+    Ok(loaded)
+}
+
+fn is_colored(geometry: &Geometry) -> bool {
+    match geometry {
+        Geometry::Splats(cloud) => cloud.data().colors.is_some(),
+        Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.is_textured(),
+        Geometry::Octree(octree) => octree.cloud().data().colors.is_some(),
+        Geometry::Gaussians(_) => true,
+    }
+}
+
+/// As [`load_objects`], with the files' own colours.
+fn load_uncolored(
     objects: &[ObjectFile],
     base_dir: &Path,
     options: &LoadOptions,
@@ -210,14 +325,15 @@ pub fn load_objects(
         let options = &options.clone().with_interior_weight(interior_weight).with_convert(&object.convert, base_dir);
         // Numbers have no order of their own, but their texts do.
         let key = (path.clone(), as_mesh, interior_weight, format!("{:?}", object.convert));
-        let Known { geometry, mut facts, unused } = match known.get(&key) {
+        let Known { geometry, facts, unused, color_job } = match known.get(&key) {
             Some(found) => found.clone(),
             None => {
                 progress.stage("reading", 0);
                 let (found, notes) = if as_mesh {
                     let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(&path, options, &mut loaded.beside)?;
                     let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
-                    (Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new() }, notes)
+                    let geometry = Geometry::Mesh(mesh);
+                    (Known { geometry, facts, unused: Vec::new(), color_job: None }, notes)
                 } else {
                     let (read, levels) = read_needed(&path, options, progress)?;
                     if let Content::Gaussians(cloud) = &read.content {
@@ -225,6 +341,7 @@ pub fn load_objects(
                     } else {
                         let most = options.max_points.unwrap_or(usize::MAX);
                         let thinned = matches!(&read.content, Content::Points(points) if points.len() > most);
+                        let (made, color_job) = splats_of(read, &path, options, progress)?;
                         let LoadedCloud {
                             cloud,
                             up,
@@ -232,15 +349,13 @@ pub fn load_objects(
                             closed,
                             gaussian,
                             conversion,
-                            coloring,
                             octree,
                             notes,
                             beside,
                             unused,
                             ..
-                        } = splats_of(read, &path, options, progress)?;
+                        } = made;
                         loaded.beside.extend(beside);
-                        loaded.colorings.extend(coloring.map(|coloring| (path.clone(), coloring)));
                         let is_of_points = matches!(conversion, Conversion::Points(_));
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
@@ -270,19 +385,13 @@ pub fn load_objects(
                             transparent,
                             colored: false,
                         };
-                        (Known { geometry, facts, unused }, notes)
+                        (Known { geometry, facts, unused, color_job }, notes)
                     }
                 };
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
                 known.insert(key, found.clone());
                 found
             }
-        };
-        facts.colored = match &geometry {
-            Geometry::Splats(cloud) => cloud.data().colors.is_some(),
-            Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.is_textured(),
-            Geometry::Octree(octree) => octree.cloud().data().colors.is_some(),
-            Geometry::Gaussians(_) => true,
         };
         if !as_mesh {
             converted += 1;
@@ -291,8 +400,10 @@ pub fn load_objects(
             }
         }
         loaded.facts.push(facts);
+        loaded.color_jobs.0.push(color_job);
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
+    drop(known);
     let labelled = |o: &Object| matches!(&o.geometry, Geometry::Splats(cloud) if cloud.data().labels.is_some());
     if let Some(attribute) = &options.label
         && !loaded.objects.iter().any(labelled)
@@ -321,18 +432,25 @@ pub fn refine_objects(
     let named = objects.iter().filter(|o| o.splats.is_some() || o.mesh.is_some());
     let partial: Vec<(usize, &ObjectFile)> =
         named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
-    for (i, object) in partial {
+    let colored: Vec<ObjectNote> = loaded.colorings.notes().map(|(path, text)| ObjectNote::new(path, text)).collect();
+    loaded.notes.retain(|note| !colored.contains(note));
+    for (i, object) in &partial {
         let levels = seen.levels(object.world_from_object()?);
         let options = options.clone().with_levels(Some(levels));
-        let mut finer = load_objects(std::slice::from_ref(object), base_dir, &options, progress)?;
+        let mut finer = load_uncolored(std::slice::from_ref(object), base_dir, &options, progress)?;
         let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };
-        loaded.objects[i].geometry = new.geometry;
-        loaded.facts[i] = ObjectFacts { partial: false, ..facts };
+        loaded.objects[*i].geometry = new.geometry;
+        loaded.color_jobs.0[*i] = finer.color_jobs.0.pop().flatten();
+        // Not yet coloured.
+        loaded.facts[*i] = ObjectFacts { partial: true, ..facts };
         let same = |path: &Path| finer.notes.iter().any(|note| note.path == path);
         loaded.notes.retain(|note| !same(&note.path));
         loaded.notes.append(&mut finer.notes);
-        loaded.colorings.retain(|(path, _)| !finer.colorings.iter().any(|(new, _)| new == path));
-        loaded.colorings.append(&mut finer.colorings);
+    }
+    loaded.color(false)?;
+    for (i, _) in partial {
+        let colored = is_colored(&loaded.objects[i].geometry);
+        loaded.facts[i] = ObjectFacts { partial: false, colored, ..loaded.facts[i] };
     }
     Ok(())
 }

@@ -53,18 +53,17 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     }
     convert.colormap = said.colormap.or(convert.colormap);
     convert.range = said.range.or(convert.range);
-    if convert.color_by.is_none() && (said.colormap.is_some() || said.range.is_some() || options.colorbar.is_some()) {
-        let flag = match (&said.colormap, &said.range) {
+    let has_range = said.range.is_some() || options.shared_range;
+    if convert.color_by.is_none() && (said.colormap.is_some() || has_range || options.colorbar.is_some()) {
+        let flag = match (&said.colormap, has_range) {
             (Some(_), _) => "--colormap",
-            (_, Some(_)) => "--range",
+            (_, true) => "--range",
             _ => "--colorbar",
         };
         return Err(Error::Usage(format!("{flag} is for values: give --color-by ATTRIBUTE with it")));
     }
     convert.crop = said.crop.or(convert.crop);
-    if !said.classes.is_empty() {
-        convert.classes.clone_from(&said.classes);
-    }
+    convert.classes = said.classes.clone().or(convert.classes.take());
     convert.returns = said.returns.or(convert.returns);
     convert.condition = said.condition.clone().or(convert.condition.take());
     convert.every = said.every.or(convert.every);
@@ -99,7 +98,7 @@ pub fn check_used(
             "colors" => said.colors == Some(PointColors::Fit),
             "color_by" => said.color_by.is_some(),
             "crop" => said.crop.is_some(),
-            "classes" => !said.classes.is_empty(),
+            "classes" => said.classes.is_some(),
             "returns" => said.returns.is_some(),
             "where" => said.condition.is_some(),
             "every" => said.every.is_some(),
@@ -131,13 +130,17 @@ pub fn write_color_bar<'a>(
     note: &mut dyn FnMut(String),
 ) -> Result<(), Error> {
     let Some(file) = &options.colorbar else { return Ok(()) };
+    if let Some(legend) = &options.legend {
+        save_color_bar(file, options.force, legend)?;
+        return Ok(());
+    }
     let mut first: Option<(&Path, &Coloring)> = None;
     for (path, coloring) in colorings.filter(|(_, coloring)| coloring.scale != ColorScale::Direct) {
         match first {
             None => first = Some((path, coloring)),
             Some((_, known)) if known.scale == coloring.scale => {}
             Some((known, _)) => note(format!(
-                "{}: its colours mean other values than those of {}, which the colour bar shows: give --range",
+                "{}: its convert has another color_by, colormap or range than that of {}, which the colour bar shows",
                 display(path),
                 display(known)
             )),

@@ -6,8 +6,8 @@ use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
-    Accumulate, ClipPolicy, Colormap, Composite, Cull, DepthTolerance, EdgeAa, Filter, MAX_IMAGE_SIDE, Mapping,
-    Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
+    Accumulate, Classes, ClipPolicy, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
+    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -192,6 +192,23 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
+/// What `--range` says.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum RangeChoice {
+    /// The range of all inputs, also where each has an image of its own.
+    Shared,
+    /// The values at the ends of the colour map.
+    Values([f64; 2]),
+}
+
+/// `LO,HI`, or `shared`.
+pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
+    match text {
+        "shared" => Ok(RangeChoice::Shared),
+        _ => range(text).map(RangeChoice::Values).map_err(|problem| format!("{problem}, or shared")),
+    }
+}
+
 /// `X0,Y0,Z0,X1,Y1,Z1`: two corners of a box.
 pub fn crop(text: &str) -> Result<[f64; 6], String> {
     let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
@@ -203,9 +220,14 @@ pub fn crop(text: &str) -> Result<[f64; 6], String> {
     }
 }
 
-/// Comparisons such as `intensity>100`, joined by `and`: their text, as a scene file keeps it.
+/// A [`Condition`] such as `intensity>100 and not z<5`: its text, as a scene file has it.
 pub fn condition(text: &str) -> Result<String, String> {
-    surfel_model::parse_conditions(text).map(|_| text.trim().to_owned())
+    Condition::parse(text).map(|_| text.trim().to_owned())
+}
+
+/// `2,6`, `!7,18` or `all`.
+pub fn classes(text: &str) -> Result<Classes, String> {
+    text.parse()
 }
 
 /// Names of the columns of a table, and perhaps their types: `x,y,z,_,r,g,b`, `f4:x,y,z,intensity`.
@@ -344,6 +366,42 @@ mod tests {
         for text in ["", "G", "GB", "B", "-1G", "0", "nan", "1e99T", "4BG", "4é"] {
             assert!(memory(text).is_err(), "{text}");
         }
+    }
+
+    #[test]
+    fn scene_files_spell_values_as_flags_do() {
+        macro_rules! check {
+            ($type:ty, $named:expr) => {
+                for (name, value) in $named {
+                    let read = serde_json::from_value::<$type>(Value::from(*name));
+                    assert_eq!(read.ok().as_ref(), Some(value), "{name}");
+                }
+            };
+        }
+        check!(Filter, FILTERS);
+        check!(Cull, CULLS);
+        check!(Colormap, COLORMAPS);
+        check!(PointColors, POINT_COLORS);
+        check!(Outliers, OUTLIERS);
+        check!(Returns, RETURNS);
+        check!(Mapping, MAPPINGS);
+        check!(Accumulate, ACCUMULATES);
+        check!(ClipPolicy, CLIPS);
+        check!(Shader, SHADERS);
+        check!(Composite, COMPOSITES);
+        check!(Sort, SORTS);
+        check!(EdgeAa, EDGE_AA);
+        for text in ["off", "peel:3", "peel:3:drop", "abuffer:8"] {
+            check!(Transparency, &[(text, transparency(text).unwrap())]);
+        }
+        for text in ["2,6", "!7,18", "all"] {
+            check!(Classes, &[(text, classes(text).unwrap())]);
+        }
+        for text in ["+x", "-y", "+z"] {
+            check!(Up, &[(text, up(text).unwrap().unwrap())]);
+        }
+        check!(SplatCount, &[("auto", SplatCount::Auto)]);
+        check!(DepthTolerance, &[("abs:0.5", depth_tolerance("abs:0.5").unwrap())]);
     }
 
     #[test]

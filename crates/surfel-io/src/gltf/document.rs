@@ -59,6 +59,12 @@ impl CheckedDocument {
         Some(usize::try_from(index).unwrap_or(usize::MAX))
     }
 
+    /// The names of a primitive's own attributes, which begin with an underscore.
+    pub(super) fn own_attributes(&self, primitive: &Primitive<'_>, mesh: usize) -> impl Iterator<Item = &str> {
+        let attributes = self.primitive(primitive, mesh).and_then(|primitive| primitive.get("attributes")?.as_object());
+        attributes.into_iter().flat_map(Map::keys).map(String::as_str).filter(|name| name.starts_with('_'))
+    }
+
     fn primitive(&self, primitive: &Primitive<'_>, mesh: usize) -> Option<&Value> {
         self.raw.get("meshes")?.get(mesh)?.get("primitives")?.get(primitive.index())
     }

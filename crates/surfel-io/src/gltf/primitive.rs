@@ -8,7 +8,9 @@ use super::rest_pose::{Pose, add_displacements};
 use crate::error::Problem;
 use crate::gathered_points::{inverse_transpose, transform_normal};
 use glam::DVec3;
+use gltf::accessor::Dimensions;
 use gltf::{Primitive, Semantic};
+use surfel_model::{ExtraColumn, ExtraValues};
 
 /// Where a primitive's attributes come from: its accessors or a compressed mesh.
 pub(super) struct Attributes<'a> {
@@ -49,6 +51,32 @@ impl Attributes<'_> {
         let count = accessors.len();
         let accessor = document.gltf.accessors().nth(index);
         self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
+    }
+
+    /// The primitive's own attributes of one number a vertex, and the names of those that aren't read.
+    pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
+        let document = self.asset.document;
+        let (mut columns, mut left_out) = (Vec::new(), Vec::new());
+        for name in document.own_attributes(self.primitive, self.mesh) {
+            let index = document.attribute(self.primitive, self.mesh, name).unwrap_or(usize::MAX);
+            let accessor = document.gltf.accessors().nth(index);
+            let count = document.gltf.accessors().len();
+            let accessor = accessor.ok_or_else(|| out_of_range("accessor", index, count))?;
+            let is_scalar = accessor.dimensions() == Dimensions::Scalar;
+            let is_there = accessor.view().is_some() || accessor.sparse().is_some();
+            let values = match self.compressed.and_then(|mesh| mesh.floats::<1>(name, accessor.normalized())) {
+                Some(values) if is_scalar => values,
+                None if is_scalar && is_there => self.asset.floats::<1>(&accessor)?,
+                _ => {
+                    left_out.push(name.to_owned());
+                    continue;
+                }
+            };
+            same_count(name, Some(values.len()), vertices)?;
+            let values = ExtraValues::F32(values.into_iter().map(|[value]| value).collect());
+            columns.push(ExtraColumn { name: name.to_owned(), values });
+        }
+        Ok((columns, left_out))
     }
 
     /// The vertices that primitives are made of, in order.

@@ -13,7 +13,7 @@ use super::wrap;
 use crate::columns::{f32_step, rounding_note_of_step};
 use crate::content::Content;
 use crate::context::{Context, ZERO_ALPHAS};
-use crate::error::{Fault, Problem};
+use crate::error::{Fault, Problem, list};
 use crate::gathered_points::{GatheredPoints, PointsPart};
 use crate::materials::{Material, Parts};
 use crate::words::counted;
@@ -21,9 +21,9 @@ use glam::{DAffine3, DVec3};
 use gltf::accessor::DataType;
 use gltf::mesh::Mode;
 use gltf::{Node, Primitive, Semantic};
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
-use surfel_model::AlphaMode;
+use surfel_model::{AlphaMode, ExtraColumn, ExtraValues};
 
 /// Most vertices or corners of a scene, those of morph targets and joints counted: instances multiply what the file
 /// holds.
@@ -42,6 +42,8 @@ struct Gathered {
     step: f64,
     /// True if some vertex colour isn't transparent; `None` without vertex colours.
     has_alpha: Option<bool>,
+    /// Names of primitives' own attributes that aren't read.
+    left_out: BTreeSet<String>,
     /// Joints of each skin that has been used.
     joints: HashMap<usize, Rc<Vec<DAffine3>>>,
     /// Where the instances are of each node that has been drawn.
@@ -55,6 +57,10 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
     let all = gather(asset, context)?;
     if all.skinned > 0 {
         context.note("drew skinned meshes in their rest pose".into());
+    }
+    if !all.left_out.is_empty() {
+        let names: Vec<&str> = all.left_out.iter().map(String::as_str).collect();
+        context.note(format!("ignored the attributes {}: they aren't one number a vertex", list(&names)));
     }
     if all.lines > 0 {
         context.note(format!("ignored {} primitives that are lines", all.lines));
@@ -79,6 +85,7 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
         skinned: 0,
         step: 0.0,
         has_alpha: None,
+        left_out: BTreeSet::new(),
         joints: HashMap::new(),
         instances: HashMap::new(),
         compressed: HashMap::new(),
@@ -155,10 +162,13 @@ impl Gathered {
         if let Some(colors) = surface.colors() {
             self.has_alpha = Some(self.has_alpha == Some(true) || colors.iter().any(|c| c[3] != 0.0));
         }
+        let (extras, left_out) = attributes.own_columns(n)?;
+        self.spend(n.saturating_mul(extras.len()))?;
+        self.left_out.extend(left_out);
         if primitive.mode() == Mode::Points {
             for pose in &poses {
                 let Vertices { positions, normals, colors, .. } = surface.place(pose);
-                self.points.add(PointsPart { positions, normals, colors, extras: Vec::new() });
+                self.points.add(PointsPart { positions, normals, colors, extras: extras.clone() });
             }
             return Ok(());
         }
@@ -170,7 +180,7 @@ impl Gathered {
         // Compressed triangles are always a list.
         let mode = if attributes.compressed.is_some() { Mode::Triangles } else { primitive.mode() };
         for pose in &poses {
-            self.add_triangles(surface.place(pose), material, &corners, mode);
+            self.add_triangles(surface.place(pose), &extras, material, &corners, mode);
         }
         Ok(())
     }
@@ -234,13 +244,21 @@ impl Gathered {
         Ok(Pose::Skinned(SkinnedPose { joints, sets, world }))
     }
 
-    fn add_triangles(&mut self, vertices: Vertices, material: Option<usize>, corners: &[u32], mode: Mode) {
+    fn add_triangles(
+        &mut self,
+        vertices: Vertices,
+        extras: &[ExtraColumn],
+        material: Option<usize>,
+        corners: &[u32],
+        mode: Mode,
+    ) {
         let Vertices { positions, normals, colors, uvs, mirrored } = vertices;
         let parts = &mut self.parts;
         let (base, n) = (parts.positions.len(), positions.len());
         append(&mut parts.normals, normals, base, n, [0.0; 3]);
         append(&mut parts.uvs, uvs, base, n, [0.0; 2]);
         append(&mut parts.colors, colors, base, n, [1.0; 4]);
+        append_extras(&mut parts.extras, extras, base, n);
         parts.positions.extend(positions);
         parts.materials_of.resize(base + n, material.unwrap_or(self.materials.all.len()) as u32);
         // A mirroring placement turns corners around; turned back, they stay counter-clockwise from outside.
@@ -307,6 +325,22 @@ impl Gathered {
             return Err(problem.expected("triangles, points or splats").into());
         }
         self.points.finish(context)
+    }
+}
+
+/// Appends columns of numbers; where one is absent, it is NaN.
+fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize, n: usize) {
+    for extra in extras {
+        if !all.iter().any(|known| known.name == extra.name) {
+            all.push(ExtraColumn { name: extra.name.clone(), values: ExtraValues::F32(vec![f32::NAN; base]) });
+        }
+    }
+    for known in all {
+        let ExtraValues::F32(values) = &mut known.values else { continue };
+        match extras.iter().find(|extra| extra.name == known.name).map(|extra| &extra.values) {
+            Some(ExtraValues::F32(own)) => values.extend(own),
+            _ => values.resize(base + n, f32::NAN),
+        }
     }
 }
 

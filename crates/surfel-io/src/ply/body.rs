@@ -19,16 +19,13 @@ pub(crate) enum Want {
     Nothing,
     /// All scalar properties.
     Scalars,
-    /// The integer lists of these names, a face's colours, and what textures it: MeshLab's `texcoord` and `texnumber`.
+    /// All scalar properties, the integer lists of these names, and the coordinates of textures: MeshLab's `texcoord`.
     Lists(&'static [&'static str]),
 }
 
 /// u and v of each of a face's corners in turn, and the texture that they are of.
 pub(super) const COORDINATES: &str = "texcoord";
 pub(super) const TEXTURE: &str = "texnumber";
-/// Numbers of a face that are read.
-const OF_FACES: [&str; 7] = [TEXTURE, "red", "green", "blue", "alpha", "rgb", "rgba"];
-
 /// Reads the wanted elements in the order of the file, and stops after the last of them.
 ///
 /// Elements of fixed length may be in a file; with others, `bytes` have to be in memory.
@@ -83,7 +80,7 @@ enum Column<'a> {
 
 impl Column<'_> {
     fn new(kind: Kind, name: &str, want: Want) -> Self {
-        let is_wanted = want == Want::Scalars || (matches!(want, Want::Lists(_)) && OF_FACES.contains(&name));
+        let is_wanted = want != Want::Nothing;
         match (kind, want) {
             (Kind::Scalar(t), _) if is_wanted => Self::Scalar(match t {
                 ScalarType::I8 => ExtraValues::I8(Vec::new()),

@@ -15,7 +15,7 @@ use crate::polygons::Cutter;
 use crate::words::counted;
 use glam::DVec3;
 use std::sync::Arc;
-use surfel_model::{Column3, Mesh};
+use surfel_model::{Column3, ExtraColumn, Mesh};
 
 /// Polygons, and where their corners are in textures.
 pub(super) struct Faces {
@@ -25,7 +25,12 @@ pub(super) struct Faces {
     textures: Option<Vec<f64>>,
     /// The colour of each.
     colors: Option<Vec<FaceColor>>,
+    /// Other properties.
+    extras: Vec<ExtraColumn>,
 }
+
+/// Properties of faces that aren't numbers to be coloured by.
+const NOT_EXTRAS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
 impl Faces {
     /// `None` without polygons.
@@ -45,8 +50,10 @@ impl Faces {
             }
             None => None,
         };
+        let scalars = table.scalars.into_iter().filter(|(name, _)| !NOT_EXTRAS.contains(&name.as_str()));
+        let extras = scalars.map(|(name, values)| ExtraColumn { name, values: values.into() }).collect();
         let corners = table.lists.into_iter().next().filter(|(_, lists)| !lists.lengths.is_empty());
-        Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors }))
+        Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors, extras }))
     }
 
     /// The colour of each triangle that the polygons were cut into: of a polygon of n corners there are n − 2.
@@ -79,14 +86,14 @@ pub(super) fn build(
         }),
         None => None,
     };
-    if !table.scalars.is_empty() {
-        let names: Vec<&str> = table.scalars.iter().map(|(n, _)| n.as_str()).collect();
-        context.note(format!("ignored the vertex properties {}: a mesh has no use for them", list(&names)));
-    }
-    let mut triangles = Vec::new();
+    let scalars = table.scalars.into_iter();
+    let vertex_extras: Vec<ExtraColumn> =
+        scalars.map(|(name, values)| ExtraColumn { name, values: values.into() }).collect();
+    let (mut triangles, mut triangle_extras) = (Vec::new(), Vec::new());
     let mut wedges = None;
     if let Some(faces) = &faces {
-        cut(&faces.corners, &positions, &mut triangles, context);
+        let face_of = cut(&faces.corners, &positions, &mut triangles, context);
+        triangle_extras = columns_of_triangles(&faces.extras, &face_of, strips.is_some(), &vertex_extras, context);
         let of = |lists| Wedges::new((&faces.corners, &positions), lists, faces.textures.as_deref());
         wedges = faces.coordinates.as_ref().map(of);
     }
@@ -94,7 +101,20 @@ pub(super) fn build(
     if let Some(strips) = strips {
         unroll(&strips, &mut triangles);
     }
-    let mut mesh = Mesh { origin, positions, triangles, normals, colors, alphas, uvs, up, comments, ..Mesh::default() };
+    let mut mesh = Mesh {
+        origin,
+        positions,
+        triangles,
+        normals,
+        colors,
+        alphas,
+        uvs,
+        vertex_extras,
+        triangle_extras,
+        up,
+        comments,
+        ..Mesh::default()
+    };
     let names = mesh.comments.iter().filter_map(|c| c.trim().strip_prefix("TextureFile").map(|n| n.trim().to_owned()));
     let names: Vec<String> = names.collect();
     let mut read =
@@ -120,19 +140,46 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
     x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
 }
 
-/// Triangles of polygons.
-fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) {
+/// Cuts polygons into triangles, and returns the polygon of each.
+fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) -> Vec<u32> {
     // Every item beyond a polygon's second makes a triangle, so this is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
     let (mut skipped, mut cutter) = (0, Cutter::default());
-    for polygon in faces.iter() {
+    let mut face_of = Vec::with_capacity(triangles.capacity());
+    for (face, polygon) in faces.iter().enumerate() {
         let cut = cutter.cut(polygon, |i| place(positions, i));
         triangles.extend(cut.iter().map(|t| t.map(|corner| polygon[corner as usize])));
+        face_of.resize(triangles.len(), face as u32);
         skipped += usize::from(polygon.len() < 3);
     }
     if skipped > 0 {
         context.note(format!("skipped {} with fewer than 3 corners", counted(skipped as u64, "faces")));
     }
+    face_of
+}
+
+/// The columns of triangles that polygons' columns are. One that is called as a column of the vertices gets `face_`
+/// before its name.
+fn columns_of_triangles(
+    extras: &[ExtraColumn],
+    face_of: &[u32],
+    has_strips: bool,
+    of_vertices: &[ExtraColumn],
+    context: &mut Context<'_>,
+) -> Vec<ExtraColumn> {
+    if has_strips && !extras.is_empty() {
+        let names: Vec<&str> = extras.iter().map(|extra| extra.name.as_str()).collect();
+        context.note(format!("ignored the face properties {}: triangle strips have none", list(&names)));
+        return Vec::new();
+    }
+    let of = |extra: &ExtraColumn| {
+        let is_taken = ExtraColumn::find(of_vertices, &extra.name).is_some();
+        let name = if is_taken { format!("face_{}", extra.name) } else { extra.name.clone() };
+        // An element may have fewer rows than lists where a file is damaged.
+        (extra.values.len() > face_of.last().map_or(0, |last| *last as usize))
+            .then(|| ExtraColumn { name, values: extra.values.select(face_of) })
+    };
+    extras.iter().filter_map(of).collect()
 }
 
 /// Where a vertex is, if there is one.

@@ -60,11 +60,8 @@ impl Wedges {
             }
             of_triangle.push(texture);
         }
-        mesh.positions = mesh.positions.select(&sources);
-        let of = |i: &u32| *i as usize;
-        mesh.normals = mesh.normals.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
-        mesh.colors = mesh.colors.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
-        mesh.alphas = mesh.alphas.as_ref().map(|all| sources.iter().map(|i| all[of(i)]).collect());
+        mesh.uvs = None;
+        mesh.select_vertices(&sources);
         mesh.uvs = Some(uvs);
         match textures {
             [one] if of_triangle.iter().all(|t| *t == 0) => mesh.texture.clone_from(one),

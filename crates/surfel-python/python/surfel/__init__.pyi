@@ -34,9 +34,9 @@ class _Splats(TypedDict, total=False):
     range: _Numbers
     colorbar: _Path
     crop: _Numbers
-    classes: Sequence[int]
+    classes: Sequence[int] | str
     returns: Literal["last", "first", "single"]
-    where: str
+    where: str | Sequence[str]
     every: int
     all_points: bool
     outliers: Literal["keep", "drop"]

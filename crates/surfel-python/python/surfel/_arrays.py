@@ -45,7 +45,7 @@ def _rows(name: str, value, widths: tuple[int, ...], count: int | None):
     return array
 
 
-def _column(name: str, value, count: int):
+def _column(name: str, value, count: int, what: str = "points"):
     array = _array(name, value)
     if array.ndim == 0 and name == "radii":
         import numpy as np
@@ -54,11 +54,31 @@ def _column(name: str, value, count: int):
     if array.ndim == 2 and array.shape[1] == 1:
         array = array[:, 0]
     if array.shape != (count,):
-        raise InputError(f"{name}: shape {array.shape}, expected ({count},), as many as points")
+        raise InputError(f"{name}: shape {array.shape}, expected ({count},), as many as {what}")
     return array
 
 
-def _ply_columns(points, normals, colors, radii, attributes):
+def _attributes(attributes, taken: set, count: int, faces: int | None):
+    """Columns of the points, and of the faces: an attribute is of what there are as many of, first of the points."""
+    of_points, of_faces = [], []
+    for name, value in (attributes or {}).items():
+        if not name.isidentifier() or name in taken:
+            raise UsageError(f"attributes: {name!r} can't be the name of one, expected a word that is not taken")
+        shown, array = f"attributes[{name!r}]", _array(f"attributes[{name!r}]", value)
+        length = len(array) if array.ndim else None
+        if faces is not None and length == faces and length != count:
+            array = _column(shown, array, faces, "faces")
+            of_faces.append((name, _kind(array.dtype), array))
+            continue
+        if faces is not None and length != count:
+            raise InputError(f"{shown}: shape {array.shape}, expected ({count},), as many as points, or ({faces},), "
+                             "as many as faces")
+        array = _column(shown, array, count)
+        of_points.append((name, _kind(array.dtype), array))
+    return of_points, of_faces
+
+
+def _ply_columns(points, normals, colors, radii):
     points = _rows("points", points, (3,), None)
     count = len(points)
     if count == 0:
@@ -83,12 +103,6 @@ def _ply_columns(points, normals, colors, radii, attributes):
     if radii is not None:
         radii = _column("radii", radii, count)
         columns.append(("radius", "f8" if radii.dtype.itemsize == 8 else "f4", radii))
-    taken = {name for name, _, _ in columns} | {"radius", "vertex_indices"}
-    for name, value in (attributes or {}).items():
-        if not name.isidentifier() or name in taken:
-            raise UsageError(f"attributes: {name!r} can't be the name of one, expected a word that is not taken")
-        value = _column(f"attributes[{name!r}]", value, count)
-        columns.append((name, _kind(value.dtype), value))
     return columns, count
 
 
@@ -96,7 +110,12 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     """A copy of the arrays as the bytes of a PLY file, an array of uint8."""
     import numpy as np
 
-    columns, count = _ply_columns(points, normals, colors, radii, attributes)
+    columns, count = _ply_columns(points, normals, colors, radii)
+    if faces is not None:
+        faces = _rows("faces", faces, (3,), None)
+    taken = {name for name, _, _ in columns} | {"radius", "vertex_indices"}
+    of_points, of_faces = _attributes(attributes, taken, count, None if faces is None else len(faces))
+    columns += of_points
     header = ["ply", "format binary_little_endian 1.0"]
     if faces is None:
         # Radii don't change which axis is up.
@@ -106,14 +125,14 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     header.append(f"element vertex {count}")
     header += [f"property {_TYPES[kind]} {name}" for name, kind, _ in columns]
     vertex = np.dtype([(name, "<" + kind) for name, kind, _ in columns])
-    face = np.dtype([("n", "u1"), ("i", "<i4", 3)])
+    face = np.dtype([("n", "u1"), ("i", "<i4", 3), *((name, "<" + kind) for name, kind, _ in of_faces)])
     if faces is not None:
-        faces = _rows("faces", faces, (3,), None)
         if faces.dtype.kind not in "iu":
             raise InputError(f"faces: dtype {faces.dtype}, expected whole numbers")
         if len(faces) and (int(faces.min()) < 0 or int(faces.max()) >= count):
             raise InputError(f"faces: from {faces.min()} to {faces.max()}, expected rows of points, 0 to {count - 1}")
         header += [f"element face {len(faces)}", "property list uchar int vertex_indices"]
+        header += [f"property {_TYPES[kind]} {name}" for name, kind, _ in of_faces]
     head = "\n".join([*header, "end_header\n"]).encode()
     end = len(head) + count * vertex.itemsize
     data = np.empty(end + (0 if faces is None else len(faces) * face.itemsize), np.uint8)
@@ -124,6 +143,8 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     if faces is not None:
         lists = data[end:].view(face)
         lists["n"], lists["i"] = 3, faces
+        for name, _, values in of_faces:
+            lists[name] = values
     return data
 
 

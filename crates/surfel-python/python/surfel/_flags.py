@@ -66,7 +66,12 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
             near = difflib.get_close_matches(name, known, 1)
             help = f": did you mean {near[0]}?" if near else f", expected some of {', '.join(sorted(known))}"
             raise TypeError(f"{where}() got an unexpected keyword argument '{name}'{help}")
-    return [(name.replace("_", "-"), _text(name, value)) for name, value in given.items() if value is not None]
+    pairs = []
+    for name, value in given.items():
+        # Several conditions must all hold.
+        several = list(value) if name == "where" and isinstance(value, (list, tuple)) else [value]
+        pairs += [(name.replace("_", "-"), _text(name, one)) for one in several if one is not None]
+    return pairs
 
 
 def planes_of(planes) -> list[str]:

@@ -2,6 +2,7 @@
 
 mod borders;
 mod closed;
+mod columns;
 pub(crate) mod count;
 mod creases;
 mod density;
@@ -24,6 +25,7 @@ use crate::{Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
 pub use closed::{BOTH_SIDES, CLOSED_MESH, FINE_SPLATS, FLAT_PARTS, is_closed, is_oriented, turn_outward};
+pub use columns::MeshPlaces;
 pub use detail::Detail;
 pub use octree::{OctreeOptions, octree_from_mesh};
 pub use options::{MeshMethod, MeshOptions, MeshReport};

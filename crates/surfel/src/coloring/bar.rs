@@ -1,6 +1,6 @@
 //! A colour bar as an image of its own, with numbers.
 
-use super::{ColorScale, Coloring, linear, maps, short};
+use super::{Category, ColorScale, Coloring, linear, maps, short};
 use std::path::Path;
 use surfel_io::{IoError, PlanesView, PngOptions};
 
@@ -10,9 +10,9 @@ const MARGIN: usize = 24;
 const DOT: usize = 2;
 /// Numbers below the bar.
 const TICKS: usize = 5;
-/// Side of a category's square, and most of them.
+/// Side of a category's square, and most of them: as many as LAS has classes.
 const SQUARE: usize = 24;
-const MOST: usize = 64;
+const MOST: usize = 256;
 
 /// Rows of five dots, the leftmost the highest bit, from the top.
 fn glyph(c: char) -> [u8; 7] {
@@ -29,7 +29,33 @@ fn glyph(c: char) -> [u8; 7] {
         '9' => [0x0e, 0x11, 0x11, 0x0f, 0x01, 0x02, 0x0c],
         '-' => [0, 0, 0, 0x1f, 0, 0, 0],
         '.' => [0, 0, 0, 0, 0, 0x0c, 0x0c],
+        '+' => [0, 0x04, 0x04, 0x1f, 0x04, 0x04, 0],
+        'a' => [0, 0, 0x0e, 0x01, 0x0f, 0x11, 0x0f],
+        'b' => [0x10, 0x10, 0x16, 0x19, 0x11, 0x11, 0x1e],
+        'c' => [0, 0, 0x0e, 0x10, 0x10, 0x11, 0x0e],
+        'd' => [0x01, 0x01, 0x0d, 0x13, 0x11, 0x11, 0x0f],
         'e' => [0, 0, 0x0e, 0x11, 0x1f, 0x10, 0x0e],
+        'f' => [0x06, 0x09, 0x08, 0x1c, 0x08, 0x08, 0x08],
+        'g' => [0, 0, 0x0f, 0x11, 0x0f, 0x01, 0x0e],
+        'h' => [0x10, 0x10, 0x16, 0x19, 0x11, 0x11, 0x11],
+        'i' => [0x04, 0, 0x0c, 0x04, 0x04, 0x04, 0x0e],
+        'j' => [0x02, 0, 0x06, 0x02, 0x02, 0x12, 0x0c],
+        'k' => [0x10, 0x10, 0x12, 0x14, 0x18, 0x14, 0x12],
+        'l' => [0x0c, 0x04, 0x04, 0x04, 0x04, 0x04, 0x0e],
+        'm' => [0, 0, 0x1a, 0x15, 0x15, 0x11, 0x11],
+        'n' => [0, 0, 0x16, 0x19, 0x11, 0x11, 0x11],
+        'o' => [0, 0, 0x0e, 0x11, 0x11, 0x11, 0x0e],
+        'p' => [0, 0, 0x1e, 0x11, 0x1e, 0x10, 0x10],
+        'q' => [0, 0, 0x0d, 0x13, 0x0f, 0x01, 0x01],
+        'r' => [0, 0, 0x16, 0x19, 0x10, 0x10, 0x10],
+        's' => [0, 0, 0x0e, 0x10, 0x0e, 0x01, 0x1e],
+        't' => [0x08, 0x08, 0x1c, 0x08, 0x08, 0x09, 0x06],
+        'u' => [0, 0, 0x11, 0x11, 0x11, 0x13, 0x0d],
+        'v' => [0, 0, 0x11, 0x11, 0x11, 0x0a, 0x04],
+        'w' => [0, 0, 0x11, 0x11, 0x15, 0x15, 0x0a],
+        'x' => [0, 0, 0x11, 0x0a, 0x04, 0x0a, 0x11],
+        'y' => [0, 0, 0x11, 0x11, 0x0f, 0x01, 0x0e],
+        'z' => [0, 0, 0x1f, 0x02, 0x04, 0x08, 0x1f],
         _ => [0; 7],
     }
 }
@@ -93,36 +119,56 @@ fn draw(coloring: &Coloring) -> Option<Canvas> {
         }
         ColorScale::Categories(categories) => {
             let shown = &categories[..categories.len().min(MOST)];
-            let text = shown.iter().map(|c| width_of(&short(c.value))).max().unwrap_or(0);
-            let height = 2 * MARGIN + shown.len() * (SQUARE + 8);
+            let label = |c: &Category| match c.name {
+                Some(name) => format!("{} {name}", short(c.value)),
+                None => short(c.value),
+            };
+            let more =
+                Some(categories.len() - shown.len()).filter(|more| *more > 0).map(|more| format!("+{more} more"));
+            let labels: Vec<String> = shown.iter().map(label).chain(more).collect();
+            let text = labels.iter().map(|label| width_of(label)).max().unwrap_or(0);
+            let height = 2 * MARGIN + labels.len() * (SQUARE + 8);
             let mut canvas = Canvas::new(2 * MARGIN + SQUARE + 12 + text, height);
-            for (k, category) in shown.iter().enumerate() {
+            for (k, label) in labels.iter().enumerate() {
                 let y = MARGIN + k * (SQUARE + 8);
-                canvas.fill([MARGIN, y], [SQUARE, SQUARE], category.color);
-                canvas.text([MARGIN + SQUARE + 12, y + (SQUARE - 7 * DOT) / 2], &short(category.value));
+                if let Some(category) = shown.get(k) {
+                    canvas.fill([MARGIN, y], [SQUARE, SQUARE], category.color);
+                }
+                canvas.text([MARGIN + SQUARE + 12, y + (SQUARE - 7 * DOT) / 2], label);
             }
             Some(canvas)
         }
     }
 }
 
-/// Writes the colours of a coloring with their values: a bar with five numbers, or a square for each of up to 64
-/// categories. False where colours stand for no value, and nothing is written.
+/// Writes the colours of a coloring with their values: a bar with five numbers, or a square for each of up to 256
+/// categories, with its number and, of classes, its name. False where colours stand for no value, and nothing is
+/// written.
 ///
 /// # Errors
-/// [`IoError`] if the file exists and `overwrite` is false, or can't be written.
+/// [`IoError`] if another file exists and `overwrite` is false, or it can't be written. One that is the same stays:
+/// several parts of a job may write it.
 pub fn save_color_bar(path: &Path, overwrite: bool, coloring: &Coloring) -> Result<bool, IoError> {
     let Some(canvas) = draw(coloring) else { return Ok(false) };
     let (width, height) = (canvas.width as u32, canvas.height as u32);
     let planes = PlanesView { width, height, color: Some(&canvas.pixels), ..PlanesView::default() };
-    surfel_io::save_png(path, overwrite, &planes, &PngOptions::default())?;
-    Ok(true)
+    match surfel_io::save_png(path, overwrite, &planes, &PngOptions::default()) {
+        Err(IoError::Exists { path }) if !is_same(&path, &planes) => Err(IoError::Exists { path }),
+        Err(IoError::Exists { .. }) | Ok(()) => Ok(true),
+        Err(other) => Err(other),
+    }
+}
+
+/// True if a file is what would be written.
+fn is_same(path: &Path, planes: &PlanesView<'_>) -> bool {
+    let mut bytes = Vec::new();
+    let written = surfel_io::write_png(&mut bytes, planes, &PngOptions::default());
+    written.is_ok() && std::fs::read(path).is_ok_and(|known| known == bytes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coloring::Category;
     use surfel_model::Colormap;
 
     #[test]
@@ -145,5 +191,38 @@ mod tests {
         assert_eq!(canvas.pixels.iter().filter(|p| **p == [1.0, 0.0, 0.0, 1.0]).count(), MOST * SQUARE * SQUARE);
         assert!(of(ColorScale::Categories(vec![])).is_some_and(|canvas| canvas.pixels.iter().all(|p| *p == [1.0; 4])));
         assert!(of(ColorScale::Direct).is_none());
+    }
+
+    #[test]
+    fn every_class_s_name_has_its_letters() {
+        let names: Vec<&str> = (0..=22).filter_map(|class| Some(maps::class(f64::from(class))?.0)).collect();
+        let letters: std::collections::BTreeSet<char> = names.join("").chars().filter(|c| *c != ' ').collect();
+        for (i, a) in letters.iter().enumerate() {
+            assert!(glyph(*a) != [0; 7], "{a}");
+            assert!(letters.iter().skip(i + 1).all(|b| glyph(*a) != glyph(*b)), "{a} is like another letter");
+        }
+        let category = |value: u32| {
+            let (name, color) = maps::class(f64::from(value)).unwrap();
+            Category { value: f64::from(value), name: Some(name), color, count: 0 }
+        };
+        let width = |value: u32| {
+            let scale = ColorScale::Categories(vec![category(value)]);
+            draw(&Coloring { attribute: "a".into(), scale }).unwrap().width
+        };
+        assert_eq!(width(22) - width(9), "22 temporal exclusion".len() * 12 - "9 water".len() * 12);
+    }
+
+    #[test]
+    fn bars_that_are_the_same_may_be_written_twice() {
+        let path = std::env::temp_dir().join(format!("surfel-bar-{}.png", std::process::id()));
+        let bar = |hi: f64| {
+            let scale = ColorScale::Range { map: Colormap::Viridis, range: [0.0, hi] };
+            save_color_bar(&path, false, &Coloring { attribute: "a".into(), scale })
+        };
+        let written = [bar(1.0), bar(1.0)].map(|result| result.ok());
+        let refused = bar(2.0);
+        std::fs::remove_file(&path).unwrap();
+        assert_eq!(written, [Some(true); 2]);
+        assert!(matches!(refused, Err(IoError::Exists { .. })));
     }
 }

@@ -12,9 +12,11 @@ mod request;
 mod sides;
 mod source;
 
-use crate::coloring::{self, ColorBy, ColorScale, Colored, Coloring};
-use crate::load::{Conversion, UnusedOption};
-use crate::{Backend, Error, LoadOptions, LoadedCloud};
+use crate::coloring::together::{ColorJob, Lacking, Member, Tallies};
+use crate::coloring::{Attribute, ColorScale, Coloring, paint};
+use crate::framing::UpConvention;
+use crate::load::{Conversion, UnusedOption, without_attribute};
+use crate::{Backend, Error, LoadOptions};
 use block::{BlockPixels, BlockSplats, Frames};
 use glam::DVec3;
 use grid::Grid;
@@ -22,9 +24,10 @@ use layout::Layout;
 pub use request::OrthoRequest;
 use source::{Gathered, Holds, Source, Told, splats_within};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 use surfel_io::{Crs, GeoImage, GeoSamples, GeoTiles, IoError, write_geotiffs};
-use surfel_model::{Colormap, ExtraColumn, ModelError};
+use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
 
 /// Bytes of points that stay in memory between blocks; those of other files are loaded again.
@@ -114,13 +117,18 @@ pub struct Ortho {
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
-/// A colouring that is the same for all blocks.
+/// A colouring that is the same for all files and blocks.
 struct FixedColor {
     attribute: String,
-    /// The column whose values it needs, as the files call it.
-    column: Option<String>,
-    map: Option<Colormap>,
-    range: Option<[f64; 2]>,
+    /// True if some file has a column of that name.
+    is_column: bool,
+    scale: ColorScale,
+}
+
+impl FixedColor {
+    fn column(&self) -> Option<&str> {
+        self.is_column.then_some(self.attribute.as_str())
+    }
 }
 
 impl Ortho {
@@ -142,57 +150,29 @@ impl Ortho {
         };
         Grid::of_bounds(options.gsd, options.origin, asked.unwrap_or([0.0, 0.0, options.gsd, options.gsd]))?;
         let (mut sources, mut notes, mut unused) = (Vec::<Source>::new(), Vec::new(), Vec::new());
-        let (mut coloring, mut color_by) = (None, None);
+        // Heights are those of the surface model.
+        options.load.up = Some(Up::PlusZ);
+        let mut colors = ColorChoice::default();
         let mut kept = 0;
         for path in inputs {
             let mut told = Told::default();
             let mut source = Source::load(path, &options.load, &mut told, progress)?;
-            let Told { notes: own, unused: own_unused, loaded } = told;
+            let Told { notes: own, unused: own_unused, color_job } = told;
             notes.extend(own.into_iter().map(|note| (Some(path.to_path_buf()), note)));
             unused.extend(own_unused.into_iter().map(|option| (path.to_path_buf(), option)));
-            if let Some(LoadedCloud { coloring: Some(found), .. }) = loaded {
-                coloring = coloring.or(Some((path.to_path_buf(), found)));
-            }
-            if let Holds::Points(points) = &mut source.holds {
-                if color_by.is_none() {
-                    let attribute = options.load.color_by.clone().or_else(|| own_color(points));
-                    if let (Some(attribute), Some(cloud)) = (attribute, points.as_loaded()) {
-                        let by = ColorBy {
-                            attribute: &attribute,
-                            map: options.load.colormap,
-                            range: options.load.range,
-                            up: DVec3::Z,
-                        };
-                        match coloring::scale_of(cloud, &by) {
-                            Colored::By(found, note) => {
-                                notes.push((Some(path.to_path_buf()), note));
-                                let column = ExtraColumn::find(&cloud.extras, &attribute).map(|c| c.name.clone());
-                                color_by = Some(FixedColor::new(attribute, column, &options.load, &found));
-                                coloring = coloring.or(Some((path.to_path_buf(), found)));
-                            }
-                            Colored::Unknown(known) => unused.push((
-                                path.to_path_buf(),
-                                UnusedOption {
-                                    option: "color_by",
-                                    holds: format!(
-                                        "no attribute '{}' but {}",
-                                        attribute.escape_debug(),
-                                        known.join(", ")
-                                    )
-                                    .into(),
-                                    expected: "one of these",
-                                },
-                            )),
-                        }
+            match &mut source.holds {
+                Holds::Splats(cloud) => colors.add_splats(color_job, cloud),
+                Holds::Points(points) => {
+                    colors.add_points(path, points, &options.load);
+                    kept += points.bytes;
+                    if kept > KEPT_BYTES {
+                        kept -= points.free();
                     }
-                }
-                kept += points.bytes;
-                if kept > KEPT_BYTES {
-                    kept -= points.free();
                 }
             }
             sources.push(source);
         }
+        let (color_by, coloring) = colors.finish(&mut sources, &options.load, &mut notes, &mut unused)?;
         let crs = crs_of(&sources, options.epsg, &mut notes)?;
         let bounds = bounds_of(&sources);
         let grid = Grid::of_bounds(options.gsd, options.origin, asked.unwrap_or(bounds))?;
@@ -290,7 +270,7 @@ impl Ortho {
     fn splats_of(&mut self, block: [i64; 2], time: u64) -> Result<BlockSplats, Error> {
         let Self { sources, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
-        let column = color_by.as_ref().and_then(|by| by.column.as_deref());
+        let column = color_by.as_ref().and_then(FixedColor::column);
         let mut splats = BlockSplats::default();
         let (mut gathered, mut path) = (Gathered::default(), None);
         for k in 0..sources.len() {
@@ -325,8 +305,8 @@ impl Ortho {
                 report.level.iter().for_each(|i| splats.leaves[*i as usize] = true);
             }
             if let Some(by) = color_by {
-                let by = ColorBy { attribute: &by.attribute, map: by.map, range: by.range, up: DVec3::Z };
-                coloring::color(&mut cloud, &by)?;
+                let attribute = Attribute::of(&cloud.data().extras, cloud.data().colors.is_some(), &by.attribute);
+                paint(&mut cloud, attribute.ok(), &by.scale, DVec3::Z)?;
             }
             splats.clouds.push(cloud);
         }
@@ -381,28 +361,97 @@ struct Wanted {
     normals: bool,
 }
 
-impl FixedColor {
-    /// The colouring that gives what another one gave, whatever values it is given.
-    fn new(attribute: String, column: Option<String>, load: &LoadOptions, found: &Coloring) -> Self {
-        let (map, range) = match &found.scale {
-            ColorScale::Range { map, range } => (Some(*map), Some(*range)),
-            // Of classes the colours are their own.
-            ColorScale::Categories(all) if load.colormap.is_none() && all.iter().any(|c| c.name.is_some()) => {
-                (None, None)
-            }
-            ColorScale::Categories(_) => (Some(Colormap::Tab20), None),
-            ColorScale::Direct => (None, None),
-        };
-        Self { attribute, column, map, range }
-    }
+/// What points without colours are coloured by where nothing is asked for: the first of these that all files have.
+const OWN_COLORS: [&str; 2] = ["intensity", "height"];
+
+/// Notes of files, or of the image, and options that files have no use for.
+type Notes = Vec<(Option<PathBuf>, String)>;
+type Unused = Vec<(PathBuf, UnusedOption)>;
+
+/// The attribute that files are coloured by, and its values of all of them.
+#[derive(Default)]
+struct ColorChoice {
+    tallies: Tallies,
+    /// The jobs of the files that are splats, and of those of points.
+    jobs: Vec<(ColorJob, Option<Lacking>)>,
+    /// True if some points have no colours of their own.
+    has_uncolored: bool,
+    lacks_intensity: bool,
+    is_column: bool,
+    first_points: Option<PathBuf>,
 }
 
-/// What points without colours are coloured by.
-fn own_color(points: &source::Points) -> Option<String> {
-    match (points.has_colors, points.has_intensity) {
-        (true, _) => None,
-        (false, true) => Some("intensity".into()),
-        (false, false) => Some("height".into()),
+impl ColorChoice {
+    fn add_splats(&mut self, job: Option<ColorJob>, cloud: &mut Arc<SplatCloud>) {
+        let Some(job) = job else { return };
+        self.is_column |= ExtraColumn::find(&cloud.data().extras, &job.attribute).is_some();
+        let lacking = self.tallies.add(&mut [Member { job: &job, cloud, is_colored: false }]).pop();
+        self.jobs.push((job, lacking));
+    }
+
+    fn add_points(&mut self, path: &Path, points: &source::Points, load: &LoadOptions) {
+        let Some(cloud) = points.as_loaded() else { return };
+        self.first_points.get_or_insert_with(|| path.to_path_buf());
+        self.has_uncolored |= !points.has_colors;
+        self.lacks_intensity |= !points.has_intensity;
+        let attributes: Vec<&str> = match &load.color_by {
+            Some(attribute) => vec![attribute],
+            None => OWN_COLORS.to_vec(),
+        };
+        for attribute in attributes {
+            let job = ColorJob {
+                path: path.to_path_buf(),
+                attribute: attribute.to_owned(),
+                map: load.colormap,
+                range: load.range,
+                up: load.up,
+                convention: UpConvention::Points,
+            };
+            let lacking = self.tallies.add_points(&job, cloud).err().map(|known| Lacking { member: 0, known });
+            if load.color_by.is_some() {
+                self.is_column |= ExtraColumn::find(&cloud.extras, attribute).is_some();
+                self.jobs.push((job, lacking));
+            }
+        }
+    }
+
+    /// Finds one scale for all files, and colours those of splats by it.
+    fn finish(
+        self,
+        sources: &mut [Source],
+        load: &LoadOptions,
+        notes: &mut Notes,
+        unused: &mut Unused,
+    ) -> Result<(Option<FixedColor>, Option<(PathBuf, Coloring)>), Error> {
+        let own = || OWN_COLORS[usize::from(self.lacks_intensity)].to_owned();
+        let Some(attribute) = load.color_by.clone().or_else(|| self.has_uncolored.then(own)) else {
+            return Ok((None, None));
+        };
+        let is_column = self.is_column || (load.color_by.is_none() && attribute == OWN_COLORS[0]);
+        let first = self.jobs.first().map(|(job, _)| job.path.clone()).or(self.first_points);
+        let found = self.tallies.coloring(&attribute);
+        for (job, lacking) in &self.jobs {
+            let Some(lacking) = lacking else { continue };
+            let option = without_attribute(job, lacking);
+            if found.is_none() {
+                unused.push((job.path.clone(), option));
+                break;
+            }
+            notes.push((Some(job.path.clone()), format!("holds {}, so that it is grey", option.holds)));
+        }
+        let (coloring, note) = found.unzip();
+        let scale = coloring.as_ref().map_or(ColorScale::Direct, |coloring| coloring.scale.clone());
+        notes.extend(note.map(|note| (first.clone(), note)));
+        if load.color_by.is_some() {
+            for source in sources {
+                let Holds::Splats(cloud) = &mut source.holds else { continue };
+                let data = cloud.data();
+                let own = Attribute::of(&data.extras, data.colors.is_some(), &attribute);
+                paint(Arc::make_mut(cloud), own.ok(), &scale, DVec3::Z)?;
+            }
+        }
+        let coloring = coloring.map(|coloring| (first.unwrap_or_default(), coloring));
+        Ok((Some(FixedColor { attribute, is_column, scale }), coloring))
     }
 }
 

@@ -1,6 +1,7 @@
 //! The points and splats that an orthoimage is drawn of, and which of them lie where.
 
 use super::layout::Layout;
+use crate::coloring::together::ColorJob;
 use crate::convert;
 use crate::load::{self, LoadedCloud, UnusedOption};
 use crate::{Error, LoadOptions};
@@ -55,7 +56,8 @@ pub(crate) struct Points {
 pub(crate) struct Told {
     pub(crate) notes: Vec<String>,
     pub(crate) unused: Vec<UnusedOption>,
-    pub(crate) loaded: Option<LoadedCloud>,
+    /// What splats are to be coloured by.
+    pub(crate) color_job: Option<ColorJob>,
 }
 
 impl Source {
@@ -91,11 +93,9 @@ impl Source {
             }));
             return Ok(Self { path, holds, bounds, crs });
         }
-        let mut made = load::splats_of(loaded, &path, options, progress)?;
-        told.notes.append(&mut made.notes);
-        let empty_cloud = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
-        let cloud = std::mem::replace(&mut made.cloud, empty_cloud);
-        told.loaded = Some(made);
+        let (LoadedCloud { cloud, notes, .. }, color_job) = load::splats_of(loaded, &path, options, progress)?;
+        told.notes.extend(notes);
+        told.color_job = color_job;
         let Some(bounds) = cloud.bounds() else { return Err(empty(&path)) };
         Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs })
     }
@@ -153,7 +153,9 @@ impl Points {
                 _ => return Err(empty(path)),
             },
         };
-        cloud.extras.retain(|extra| column.is_some_and(|name| extra.name == name));
+        // Files spell it differently.
+        let named = column.and_then(|name| ExtraColumn::find(&cloud.extras, name)).map(|extra| extra.name.clone());
+        cloud.extras.retain(|extra| Some(&extra.name) == named.as_ref());
         let (cloud, bins) = binned(&cloud, layout);
         self.bytes = bytes(&cloud);
         (self.cloud, self.bins) = (Some(cloud), Some(bins));

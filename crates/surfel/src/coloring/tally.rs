@@ -1,0 +1,276 @@
+//! The values of an attribute over everything that is drawn together, and the scale that suits them.
+
+use super::{Category, ColorScale, GREY, maps, short};
+use std::collections::HashMap;
+use surfel_model::Colormap;
+
+/// Most categories that are told apart where nobody asks for them.
+const CATEGORIES: usize = 20;
+/// Most categories that are told apart.
+const MOST_CATEGORIES: usize = 1 << 16;
+/// Percentiles between which values get different colours, where nothing says the range.
+const PERCENTILES: [f64; 2] = [2.0, 98.0];
+/// Values that are held one by one; of more, each run of [`RUN`] sorted ones is represented by its middle.
+const HELD: usize = 1 << 24;
+const RUN: usize = 1 << 8;
+
+/// The values of an attribute.
+pub(crate) struct Tally {
+    map: Option<Colormap>,
+    range: Option<[f64; 2]>,
+    is_class: bool,
+    /// True for the name of an intensity, which is most often shown by grey levels.
+    is_intensity: bool,
+    /// How often each whole number occurs, by the bits of the number; empty where these are no categories.
+    counts: HashMap<u64, usize>,
+    are_categories: bool,
+    spread: Spread,
+    /// Number of values that aren't finite.
+    pub(crate) missing: usize,
+}
+
+impl Tally {
+    /// No values yet, of the attribute of this name.
+    pub(crate) fn new(name: &str, map: Option<Colormap>, range: Option<[f64; 2]>) -> Self {
+        let is_class = super::is_class(name);
+        let are_categories = match map {
+            Some(map) => map == Colormap::Tab20,
+            None => range.is_none() && !name.eq_ignore_ascii_case("height"),
+        };
+        Self {
+            map,
+            range,
+            is_class,
+            is_intensity: name.to_ascii_lowercase().trim_start_matches("scalar_") == "intensity",
+            counts: HashMap::new(),
+            are_categories,
+            spread: Spread::default(),
+            missing: 0,
+        }
+    }
+
+    /// True if whole numbers are categories however many there are.
+    fn tells_all_apart(&self) -> bool {
+        self.map == Some(Colormap::Tab20) || (self.map.is_none() && self.is_class)
+    }
+
+    pub(crate) fn add(&mut self, values: impl Iterator<Item = f64>) {
+        let (all, needs_range) = (self.tells_all_apart(), self.range.is_none());
+        for value in values {
+            if !value.is_finite() {
+                self.missing += 1;
+                continue;
+            }
+            if self.are_categories {
+                self.count(value, all);
+            }
+            if needs_range && !(all && self.are_categories) {
+                self.spread.push(value);
+            }
+        }
+    }
+
+    fn count(&mut self, value: f64, all: bool) {
+        let most = if all { MOST_CATEGORIES } else { CATEGORIES };
+        // Adding zero makes −0 one with 0.
+        let bits = (value + 0.0).to_bits();
+        let is_new = value.fract() == 0.0 && !self.counts.contains_key(&bits) && self.counts.len() == most;
+        if value.fract() != 0.0 || is_new {
+            if !all {
+                self.are_categories = false;
+                self.counts.clear();
+            }
+            return;
+        }
+        *self.counts.entry(bits).or_default() += 1;
+    }
+
+    /// The scale of all values. What `known` says, the scale of others that are drawn with them, stays.
+    pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
+        match known {
+            Some(ColorScale::Range { map, range }) => ColorScale::Range { map: *map, range: *range },
+            Some(ColorScale::Categories(known)) => {
+                let mut found = self.categories();
+                for category in known {
+                    if let Err(at) = found.binary_search_by(|c| c.value.total_cmp(&category.value)) {
+                        found.insert(at, Category { count: 0, ..category.clone() });
+                    }
+                }
+                ColorScale::Categories(found)
+            }
+            _ if self.are_categories && (self.tells_all_apart() || !self.counts.is_empty()) => {
+                ColorScale::Categories(self.categories())
+            }
+            _ => {
+                let map = self.map.unwrap_or(if self.is_intensity { Colormap::Grey } else { Colormap::Viridis });
+                ColorScale::Range { map, range: self.range.unwrap_or_else(|| self.spread.percentiles()) }
+            }
+        }
+    }
+
+    /// The distinct whole numbers, in ascending order.
+    fn categories(&self) -> Vec<Category> {
+        let tab20 = maps::levels(Colormap::Tab20);
+        let is_class = self.is_class && self.map.is_none();
+        let of = |(bits, count): (&u64, &usize)| {
+            let value = f64::from_bits(*bits);
+            let known = if is_class { maps::class(value) } else { None };
+            let cyclic = tab20[value.rem_euclid(tab20.len() as f64) as usize % tab20.len()];
+            Category { value, name: known.map(|k| k.0), color: known.map_or(cyclic, |k| k.1), count: *count }
+        };
+        let mut found: Vec<Category> = self.counts.iter().map(of).collect();
+        found.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
+        found
+    }
+}
+
+/// What a note says of a scale: `of` so many files, `missing` values without a colour.
+pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize, missing: usize) -> String {
+    let mut note = format!("coloured by {}", name.escape_debug());
+    match scale {
+        ColorScale::Direct => {}
+        ColorScale::Range { map, range: [lo, hi] } => {
+            note += &format!(" by {} from {} to {}", map.name(), short(*lo), short(*hi));
+            if !is_given {
+                note += ", the 2nd to the 98th percentile";
+                if files > 1 {
+                    note += &format!(" of all {files} files");
+                }
+                note += ": --range says others";
+            }
+        }
+        ColorScale::Categories(categories) => {
+            let present = || categories.iter().filter(|c| c.count > 0);
+            let shown = present().take(CATEGORIES).map(|c| match c.name {
+                Some(name) => format!("{} {name} {}", c.value, c.count),
+                None => format!("{}: {}", c.value, c.count),
+            });
+            let mut shown: Vec<String> = shown.collect();
+            match present().count().saturating_sub(CATEGORIES) {
+                0 => {}
+                more => shown.push(format!("and {more} more")),
+            }
+            note += &format!(" ({})", shown.join(", "));
+        }
+    }
+    if missing > 0 {
+        note += &format!("; {missing} without a value are grey (sRGB {GREY})");
+    }
+    note
+}
+
+/// Finite values, from which percentiles are found: exactly of up to [`HELD`], and to a share of 2⁻¹⁶ of more.
+#[derive(Default)]
+struct Spread {
+    held: Vec<f64>,
+    /// Values, and how many each represents.
+    runs: Vec<(f64, u64)>,
+}
+
+impl Spread {
+    fn push(&mut self, value: f64) {
+        self.held.push(value);
+        if self.held.len() == HELD {
+            self.reduce();
+        }
+    }
+
+    /// Replaces the values that are held by those that represent them.
+    fn reduce(&mut self) {
+        self.held.sort_unstable_by(f64::total_cmp);
+        self.runs.extend(self.held.chunks(RUN).map(|run| (run[run.len() / 2], run.len() as u64)));
+        self.held.clear();
+    }
+
+    /// The percentiles; apart from each other by 1 at least where they are one.
+    fn percentiles(mut self) -> [f64; 2] {
+        let [lo, hi] = if self.runs.is_empty() {
+            let Some(last) = self.held.len().checked_sub(1) else { return [0.0, 1.0] };
+            PERCENTILES.map(|p| {
+                let at = (p / 100.0 * last as f64).round() as usize;
+                *self.held.select_nth_unstable_by(at, f64::total_cmp).1
+            })
+        } else {
+            self.reduce();
+            self.runs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0));
+            let total: u64 = self.runs.iter().map(|run| run.1).sum();
+            PERCENTILES.map(|p| {
+                let at = (p / 100.0 * (total - 1) as f64).round() as u64;
+                let mut before = 0;
+                let holds = |run: &&(f64, u64)| {
+                    before += run.1;
+                    before > at
+                };
+                self.runs.iter().find(holds).map_or(0.0, |run| run.0)
+            })
+        };
+        if lo < hi && (hi - lo).is_finite() { [lo, hi] } else { [lo - 0.5, lo + 0.5] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn percentiles_leave_two_percent_out_at_each_end() {
+        let of = |values: &[f64]| {
+            let mut tally = Tally::new("a", Some(Colormap::Viridis), None);
+            tally.add(values.iter().copied());
+            match tally.scale(None) {
+                ColorScale::Range { range, .. } => range,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(of(&(0..=100).map(|i| f64::from(i) + 0.5).collect::<Vec<_>>()), [2.5, 98.5]);
+        // Values that are all one have a colour, too.
+        assert_eq!(of(&[7.0; 9]), [6.5, 7.5]);
+        assert_eq!((of(&[f64::NAN]), of(&[])), ([0.0, 1.0], [0.0, 1.0]));
+    }
+
+    #[test]
+    fn percentiles_of_many_values_are_close() {
+        // In an order that mixes large and small ones.
+        let count = 100_003_u64;
+        let value = |i: u64| ((i * 48_271) % count) as f64;
+        let mut spread = Spread::default();
+        for i in 0..count {
+            spread.push(value(i));
+            if i % 30_000 == 29_999 {
+                spread.reduce();
+            }
+        }
+        let [lo, hi] = spread.percentiles();
+        let step = 2.0 * RUN as f64;
+        assert!((lo - 0.02 * count as f64).abs() < step && (hi - 0.98 * count as f64).abs() < step, "{lo} {hi}");
+    }
+
+    #[test]
+    fn one_fraction_or_a_twenty_first_number_makes_a_range() {
+        let of = |values: &[f64]| {
+            let mut tally = Tally::new("a", None, None);
+            // As if of a file each.
+            values.iter().for_each(|v| tally.add([*v].into_iter()));
+            match tally.scale(None) {
+                ColorScale::Categories(all) => all.len(),
+                _ => 0,
+            }
+        };
+        let few: Vec<f64> = (0..20).map(f64::from).collect();
+        assert_eq!((of(&few), of(&[&few[..], &[20.0]].concat()), of(&[&few[..], &[0.5]].concat())), (20, 0, 0));
+        assert_eq!((of(&[0.0, -0.0]), of(&[f64::NAN])), (1, 0));
+    }
+
+    #[test]
+    fn categories_that_are_known_stay_among_those_found() {
+        let scale = |values: &[f64], known: Option<&ColorScale>| {
+            let mut tally = Tally::new("classification", None, None);
+            tally.add(values.iter().copied());
+            tally.scale(known)
+        };
+        let first = scale(&[2.0, 6.0, 6.0], None);
+        let ColorScale::Categories(all) = scale(&[9.0, 6.0], Some(&first)) else { panic!() };
+        let found: Vec<_> = all.iter().map(|c| (c.value, c.name.unwrap(), c.count)).collect();
+        assert_eq!(found, [(2.0, "ground", 0), (6.0, "building", 1), (9.0, "water", 1)]);
+    }
+}

@@ -1,0 +1,370 @@
+//! Everything that is drawn together, coloured by one scale for each attribute.
+
+use super::tally::{Tally, words};
+use super::{Attribute, ColorScale, Coloring, paint};
+use crate::framing::{UpConvention, upright};
+use glam::{DAffine3, DVec3};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+#[cfg(feature = "ortho")]
+use surfel_model::PointCloud;
+use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object, SplatCloud, Up};
+
+/// What a file's splats are to be coloured by.
+#[derive(Clone, Debug)]
+pub(crate) struct ColorJob {
+    pub(crate) path: PathBuf,
+    pub(crate) attribute: String,
+    pub(crate) map: Option<Colormap>,
+    pub(crate) range: Option<[f64; 2]>,
+    /// The axis of height, if it is certain.
+    pub(crate) up: Option<Up>,
+    /// The axis that is usual in such files.
+    pub(crate) convention: UpConvention,
+}
+
+impl ColorJob {
+    /// True if both are coloured by one scale.
+    fn shares_scale(&self, other: &Self) -> bool {
+        self.attribute.eq_ignore_ascii_case(&other.attribute) && self.map == other.map && self.range == other.range
+    }
+}
+
+/// A scale, and what is coloured by it.
+#[derive(Clone, Debug)]
+struct Scale {
+    job: ColorJob,
+    coloring: Coloring,
+    note: String,
+    /// The files, in their order.
+    paths: Vec<PathBuf>,
+}
+
+/// The scales that things are coloured by which are drawn together.
+#[derive(Clone, Debug, Default)]
+pub struct Colorings {
+    scales: Vec<Scale>,
+    /// The axis of height of files that don't say it.
+    axis: Option<Up>,
+}
+
+/// Splats that are coloured with others.
+pub(crate) struct Member<'a> {
+    pub(crate) job: &'a ColorJob,
+    pub(crate) cloud: &'a mut Arc<SplatCloud>,
+    /// True if they have their colours already, and count for the scale alone.
+    pub(crate) is_colored: bool,
+}
+
+/// Splats without the attribute, which become grey.
+pub(crate) struct Lacking {
+    /// Index of the member.
+    pub(crate) member: usize,
+    /// The names of the attributes that it has.
+    pub(crate) known: Vec<String>,
+}
+
+impl Colorings {
+    /// The files that are coloured, and how.
+    pub fn iter(&self) -> impl Iterator<Item = (&Path, &Coloring)> {
+        self.scales.iter().flat_map(|scale| scale.paths.iter().map(|path| (path.as_path(), &scale.coloring)))
+    }
+
+    /// What the user should know of each scale, with the first file that it is of.
+    pub(crate) fn notes(&self) -> impl Iterator<Item = (&Path, &str)> {
+        self.scales.iter().filter_map(|scale| Some((scale.paths.first()?.as_path(), scale.note.as_str())))
+    }
+
+    /// Finds one scale for each attribute and colours the members by it. Scales that are known from before stay, with
+    /// further categories.
+    pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<Lacking>, ModelError> {
+        let mut tallies = Tallies { axis: self.axis, ..Tallies::default() };
+        let lacking = tallies.add(members);
+        self.axis = tallies.axis;
+        let known = std::mem::take(&mut self.scales);
+        self.scales = tallies.scales(&known);
+        for member in members.iter_mut().filter(|member| !member.is_colored) {
+            let data = member.cloud.data();
+            let attribute = Attribute::of(&data.extras, data.colors.is_some(), &member.job.attribute).ok();
+            let is_direct = attribute.is_some_and(|attribute| attribute.direct().is_some());
+            let is_own = |scale: &&Scale| {
+                scale.job.shares_scale(member.job) && (scale.coloring.scale == ColorScale::Direct) == is_direct
+            };
+            let scale = self.scales.iter().find(is_own).map_or(&ColorScale::Direct, |scale| &scale.coloring.scale);
+            let up = axis_of(member.job, self.axis);
+            paint(Arc::make_mut(member.cloud), attribute, scale, up)?;
+        }
+        Ok(lacking)
+    }
+}
+
+/// The axis of height.
+fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
+    // Where neither is known, nothing has asked for heights.
+    job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
+}
+
+/// Values of attributes, of files that needn't be in memory together.
+#[derive(Default)]
+pub(crate) struct Tallies {
+    all: Vec<(ColorJob, Entry)>,
+    axis: Option<Up>,
+}
+
+struct Entry {
+    tally: Tally,
+    name: String,
+    direct: Option<(ColorScale, &'static str)>,
+    /// The files, in their order, each once.
+    paths: Vec<PathBuf>,
+    known: HashSet<PathBuf>,
+}
+
+impl Tallies {
+    /// Adds the values of splats that are drawn together.
+    pub(crate) fn add(&mut self, members: &mut [Member<'_>]) -> Vec<Lacking> {
+        self.settle_axis(members);
+        let mut lacking = Vec::new();
+        for (i, member) in members.iter().enumerate() {
+            let (job, data) = (member.job, member.cloud.data());
+            let up = axis_of(job, self.axis);
+            match Attribute::of(&data.extras, data.colors.is_some(), &job.attribute) {
+                Ok(attribute) => {
+                    self.add_values(job, attribute, &data.extras, &mut attribute.values(member.cloud, up));
+                }
+                Err(known) => lacking.push(Lacking { member: i, known }),
+            }
+        }
+        lacking
+    }
+
+    /// Adds the values of points.
+    ///
+    /// # Errors
+    /// The names of the attributes that there are.
+    #[cfg(feature = "ortho")]
+    pub(crate) fn add_points(&mut self, job: &ColorJob, points: &PointCloud) -> Result<(), Vec<String>> {
+        let attribute = Attribute::of(&points.extras, points.colors.is_some(), &job.attribute)?;
+        let up = axis_of(job, self.axis);
+        let value = |i: usize| match attribute {
+            Attribute::Column(index) => points.extras.get(index).map_or(f64::NAN, |column| column.values.get(i)),
+            _ => (points.origin + points.positions.get(i)).dot(up),
+        };
+        self.add_values(job, attribute, &points.extras, &mut (0..points.len()).map(value));
+        Ok(())
+    }
+
+    fn add_values(
+        &mut self,
+        job: &ColorJob,
+        attribute: Attribute,
+        extras: &[ExtraColumn],
+        values: &mut dyn Iterator<Item = f64>,
+    ) {
+        let direct = attribute.direct();
+        let is_own =
+            |(other, entry): &(ColorJob, Entry)| other.shares_scale(job) && entry.direct.is_some() == direct.is_some();
+        let at = self.all.iter().position(is_own).unwrap_or_else(|| {
+            let name = attribute.name(extras);
+            let tally = Tally::new(&name, job.map, job.range);
+            self.all.push((job.clone(), Entry { tally, name, direct, paths: Vec::new(), known: HashSet::new() }));
+            self.all.len() - 1
+        });
+        let entry = &mut self.all[at].1;
+        if entry.direct.is_none() {
+            entry.tally.add(values);
+        }
+        if entry.known.insert(job.path.clone()) {
+            entry.paths.push(job.path.clone());
+        }
+    }
+
+    /// Finds one axis for the heights of all files that don't say theirs: that of a file beside them that does, or else
+    /// the one that their shapes together say.
+    fn settle_axis(&mut self, members: &mut [Member<'_>]) {
+        let is_open = |member: &Member<'_>| {
+            let data = member.cloud.data();
+            let is_height = Attribute::of(&data.extras, false, &member.job.attribute) == Ok(Attribute::Height);
+            member.job.up.is_none() && is_height
+        };
+        let Some(first) = members.iter().position(is_open).filter(|_| self.axis.is_none()) else { return };
+        let object = |member: &Member<'_>| Object {
+            geometry: Geometry::Splats(member.cloud.clone()),
+            world_from_object: DAffine3::IDENTITY,
+            material: Material::default(),
+        };
+        let stated = members.iter().find_map(|member| member.job.up);
+        self.axis = stated.or_else(|| {
+            let objects: Vec<Object> = members.iter().map(object).collect();
+            Some(upright(&objects, members[first].job.convention).up)
+        });
+    }
+
+    /// The scales of all values; those that are `known` stay.
+    fn scales(self, known: &[Scale]) -> Vec<Scale> {
+        let of = |(job, entry): (ColorJob, Entry)| {
+            let Entry { tally, name, direct, paths, .. } = entry;
+            let (scale, note) = match direct {
+                Some((scale, note)) => (scale, note.to_owned()),
+                None => {
+                    let is_same =
+                        |other: &&Scale| other.job.shares_scale(&job) && other.coloring.scale != ColorScale::Direct;
+                    let (known, missing) = (known.iter().find(is_same), tally.missing);
+                    let scale = tally.scale(known.map(|known| &known.coloring.scale));
+                    let note = words(&name, &scale, job.range.is_some(), paths.len(), missing);
+                    (scale, note)
+                }
+            };
+            Scale { job, coloring: Coloring { attribute: name, scale }, note, paths }
+        };
+        self.all.into_iter().map(of).collect()
+    }
+
+    /// The colouring of all values of the attribute of this name, and what the user should know of it; `None` if no
+    /// file has it.
+    pub(crate) fn coloring(self, attribute: &str) -> Option<(Coloring, String)> {
+        let mut scales = self.scales(&[]);
+        let named = |scale: &Scale| scale.job.attribute.eq_ignore_ascii_case(attribute);
+        let numbers = scales.iter().position(|s| named(s) && s.coloring.scale != ColorScale::Direct);
+        let at = numbers.or_else(|| scales.iter().position(named))?;
+        let Scale { coloring, note, .. } = scales.swap_remove(at);
+        Some((coloring, note))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::coloring::{GREY, linear, maps};
+    use surfel_model::{ExtraValues, OnInvalid};
+
+    /// Splats one above the other along z.
+    fn cloud(name: &str, values: ExtraValues) -> Arc<SplatCloud> {
+        let n = values.len();
+        let centers: Vec<[f32; 3]> = (0..n).map(|i| [0.0, 0.0, i as f32]).collect();
+        let made = SplatCloud::disks(&centers, &vec![[0.0, 0.0, 1.0_f32]; n], &vec![1.0; n]).unwrap();
+        let mut data = made.into_data();
+        data.extras.push(ExtraColumn { name: name.into(), values });
+        Arc::new(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
+    }
+
+    fn job(path: &str, attribute: &str) -> ColorJob {
+        let (path, attribute, convention) = (path.into(), attribute.to_owned(), UpConvention::Points);
+        ColorJob { path, attribute, map: None, range: None, up: Some(Up::PlusZ), convention }
+    }
+
+    /// Colours clouds together, each of a file of its own.
+    fn color(clouds: &mut [Arc<SplatCloud>], job: &ColorJob) -> (Colorings, Vec<usize>) {
+        let jobs: Vec<ColorJob> =
+            (0..clouds.len()).map(|i| ColorJob { path: format!("{i}.ply").into(), ..job.clone() }).collect();
+        let member = |(cloud, job)| Member { job, cloud, is_colored: false };
+        let mut colorings = Colorings::default();
+        let lacking = colorings.color(&mut clouds.iter_mut().zip(&jobs).map(member).collect::<Vec<_>>()).unwrap();
+        (colorings, lacking.iter().map(|lacking| lacking.member).collect())
+    }
+
+    fn levels(cloud: &SplatCloud) -> Vec<[u8; 3]> {
+        let encode = |c: f32| (0..=255_u8).find(|l| (linear(f64::from(*l) / 255.0) - c).abs() < 1e-7).unwrap();
+        (0..cloud.len()).map(|i| cloud.color(i).map(encode)).collect()
+    }
+
+    fn only_scale(colorings: &Colorings) -> (ColorScale, String) {
+        assert_eq!(colorings.scales.len(), 1);
+        (colorings.scales[0].coloring.scale.clone(), colorings.scales[0].note.clone())
+    }
+
+    #[test]
+    fn values_within_the_range_have_the_map_s_colours_and_none_is_grey() {
+        let c = cloud("scalar_Temp", ExtraValues::F32(vec![-5.0, 0.0, 5.0, 10.0, 99.0, f32::NAN]));
+        let map = Some(Colormap::Viridis);
+        let mut clouds = [c];
+        let (found, _) = color(&mut clouds, &ColorJob { map, range: Some([0.0, 10.0]), ..job("", "temp") });
+        let (scale, note) = only_scale(&found);
+        assert_eq!(scale, ColorScale::Range { map: Colormap::Viridis, range: [0.0, 10.0] });
+        assert!(note.contains("scalar_Temp by viridis from 0 to 10; 1 without a value"), "{note}");
+        let (dark, middle, light) = ([68, 1, 84], [33, 145, 140], [253, 231, 37]);
+        assert_eq!(levels(&clouds[0]), [dark, dark, middle, light, light, [GREY; 3]]);
+    }
+
+    #[test]
+    fn files_that_are_drawn_together_share_a_range() {
+        let values = |from: u32| ExtraValues::F64((from..from + 51).map(|i| f64::from(i) + 0.5).collect());
+        let mut clouds = [cloud("intensity", values(0)), cloud("Intensity", values(50))];
+        let (found, _) = color(&mut clouds, &job("", "Intensity"));
+        let (scale, note) = only_scale(&found);
+        // 0.5 to 50.5 and 50.5 to 100.5: two percent of 102 values are two at each end.
+        assert_eq!(scale, ColorScale::Range { map: Colormap::Grey, range: [2.5, 98.5] });
+        assert!(note.contains("by grey from 2.5000 to 98.50, the 2nd to the 98th percentile of all 2 files"), "{note}");
+        assert_eq!(levels(&clouds[0])[50], levels(&clouds[1])[0], "the same value has the same colour");
+        assert_eq!(found.iter().map(|(path, _)| path.to_str().unwrap()).collect::<Vec<_>>(), ["0.ply", "1.ply"]);
+    }
+
+    #[test]
+    fn legends_hold_the_classes_of_all_files() {
+        let mut clouds = [
+            cloud("Classification", ExtraValues::U8(vec![2, 6, 2, 200])),
+            cloud("scalar_Classification", ExtraValues::F32(vec![9.0, 2.0])),
+        ];
+        let (found, _) = color(&mut clouds, &job("", "classification"));
+        let (ColorScale::Categories(all), note) = only_scale(&found) else { panic!() };
+        let counts: Vec<_> = all.iter().map(|c| (c.value, c.count)).collect();
+        assert_eq!(counts, [(2.0, 3), (6.0, 1), (9.0, 1), (200.0, 1)]);
+        assert!(note.contains("(2 ground 3, 6 building 1, 9 water 1, 200: 1)"), "{note}");
+        let tab20 = maps::levels(Colormap::Tab20);
+        assert_eq!(levels(&clouds[0])[3], tab20[0], "200 is 0 of twenty");
+        // Whole numbers are categories as long as all files together have at most twenty.
+        let level = |from: i16, to: i16| cloud("level", ExtraValues::I16((from..to).collect()));
+        let mut few = [level(-1, 9), level(5, 19)];
+        let (found, _) = color(&mut few, &job("", "level"));
+        assert!(matches!(only_scale(&found).0, ColorScale::Categories(all) if all.len() == 20));
+        assert_eq!(levels(&few[0])[..2], [tab20[19], tab20[0]]);
+        let (found, _) = color(&mut [level(0, 12), level(10, 22)], &job("", "level"));
+        assert!(matches!(only_scale(&found).0, ColorScale::Range { map: Colormap::Viridis, .. }));
+    }
+
+    #[test]
+    fn heights_and_normals_need_no_attribute_and_files_without_one_are_told() {
+        let mut clouds = [cloud("a", ExtraValues::U8(vec![0; 3]))];
+        let down = ColorJob { up: Some(Up::MinusZ), range: Some([-2.0, 0.0]), ..job("", "height") };
+        color(&mut clouds, &down);
+        assert_eq!((levels(&clouds[0])[0], levels(&clouds[0])[2]), ([253, 231, 37], [68, 1, 84]), "down is up");
+        let (found, _) = color(&mut clouds, &job("", "normal"));
+        assert_eq!(only_scale(&found).0, ColorScale::Direct);
+        assert_eq!(clouds[0].color(0), [linear(0.5), linear(0.5), 1.0]);
+        let mut two = [cloud("a", ExtraValues::U8(vec![0; 3])), cloud("b", ExtraValues::U8(vec![1, 2, 3]))];
+        let (found, lacking) = color(&mut two, &job("", "b"));
+        assert_eq!((lacking, levels(&two[0]), found.iter().count()), (vec![0], vec![[GREY; 3]; 3], 1));
+        let known = Attribute::of(&clouds[0].data().extras, true, "b").unwrap_err();
+        assert_eq!(known, ["rgb", "height", "normal", "a"]);
+    }
+
+    #[test]
+    fn scales_that_are_known_stay_for_what_is_drawn_later() {
+        let coarse = cloud("a", ExtraValues::F32(vec![0.0, 0.5, 100.0]));
+        let mut colorings = Colorings::default();
+        let job = job("a.laz", "a");
+        let mut first = coarse.clone();
+        colorings.color(&mut [Member { job: &job, cloud: &mut first, is_colored: false }]).unwrap();
+        let (before, _) = only_scale(&colorings);
+        let mut finer = cloud("a", ExtraValues::F32(vec![3.5, 70.0, 500.0]));
+        colorings.color(&mut [Member { job: &job, cloud: &mut finer, is_colored: false }]).unwrap();
+        assert_eq!(only_scale(&colorings).0, before);
+        assert_eq!(levels(&finer)[2], levels(&first)[2], "beyond the range");
+    }
+
+    #[test]
+    fn files_that_do_not_say_their_axis_share_one() {
+        // A slope, in tiles that alone stand on another axis than all of them together.
+        let mut two = [cloud("a", ExtraValues::U8(vec![0; 9])), cloud("a", ExtraValues::U8(vec![0; 9]))];
+        let unknown = ColorJob { up: None, ..job("", "height") };
+        let (found, _) = color(&mut two, &unknown);
+        let shared = found.axis.unwrap();
+        let jobs = [unknown.clone(), ColorJob { up: Some(Up::MinusY), ..unknown }];
+        let mut with_known = Colorings::default();
+        let [a, b] = &mut two;
+        let member = |job, cloud| Member { job, cloud, is_colored: false };
+        with_known.color(&mut [member(&jobs[0], a), member(&jobs[1], b)]).unwrap();
+        assert_eq!((with_known.axis, shared.vector().length()), (Some(Up::MinusY), 1.0));
+    }
+}
