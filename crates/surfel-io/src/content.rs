@@ -19,6 +19,8 @@ pub struct LoadOptions {
     pub allow_outside: bool,
     /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
     pub max_texture: Option<u32>,
+    /// Reads points of LAS files that are flagged as withheld, too, with a column `withheld`, instead of leaving them out.
+    pub withheld: bool,
 }
 
 /// What a file held.

@@ -8,6 +8,7 @@ use crate::color::{linear_of_8_bit, linear_of_level};
 use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
+use crate::crs::IN_DEGREES;
 use crate::error::Fault;
 use crate::strided::{self, NumberType, Strided, combined, ranges, vectors_f32};
 use glam::{DVec3, Vec3};
@@ -206,13 +207,14 @@ pub(crate) fn build(
     columns: Vec<Named<'_>>,
     roles: &Roles,
     source: Source,
-    comments: Vec<String>,
+    mut comments: Vec<String>,
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let triple = |set: [usize; 3]| set.map(|i| columns[i].values);
     if plain_name(&columns[roles.position[0]].name).starts_with("lon") {
         let what = "x and y are degrees, by their names: it is drawn as if they were as long as z's units";
         context.note(format!("{what}; project it first, as by pdal translate"));
+        comments.push(IN_DEGREES.to_owned());
     }
     let (origin, positions) = positions(triple(roles.position));
     let normals = roles.normal.map(|set| vectors_f32(triple(set)));

@@ -56,6 +56,7 @@ mod lights;
 mod load;
 pub mod memory;
 pub mod metadata;
+mod noise;
 mod octree;
 #[cfg(feature = "ortho")]
 pub mod ortho;

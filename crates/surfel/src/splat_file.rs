@@ -32,6 +32,7 @@ impl ConvertRequest<'_> {
         Ok(LoadOptions::default()
             .with_convert(&convert, Path::new(""))
             .with_stdin(self.stdin.clone())
+            .with_withheld(true)
             .with_memory(self.options.memory))
     }
 
