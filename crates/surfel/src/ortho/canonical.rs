@@ -149,7 +149,7 @@ mod tests {
         }
         // Quarters of a millimetre, and half centimetres.
         let quarters: Vec<DVec3> = decimals(1000.0, 100.0, 2).iter().map(|p| *p / 40.0).collect();
-        let shifted: Vec<DVec3> = quarters.iter().map(|p| *p + DVec3::splat(1e-8)).collect();
+        let shifted: Vec<DVec3> = quarters.iter().map(|p| *p + DVec3::splat(1e-9)).collect();
         assert_eq!(positions(&cloud(&shifted)), positions(&cloud(&quarters)));
     }
 

@@ -1,8 +1,8 @@
 //! Points that stand alone in height: birds, reflections in the air and below the ground.
 //!
 //! Such a point is one of many where it is seen from above, and one of few at its height. A point stands alone if fewer
-//! than three others lie within four spacings of its height and eight spacings beside it, where at least sixteen lie
-//! within eight spacings at any height. The few points of the ground under a tree have others of the ground beside
+//! than two others lie within an ellipsoid of eight spacings beside it and four above and below, where at least sixteen
+//! lie within eight spacings at any height. The few points of the ground under a tree have others of the ground beside
 //! them, and a wire has more of the wire. Sparse returns, as of water, have few points at any height.
 
 use glam::DVec3;
@@ -12,7 +12,7 @@ use rayon::prelude::*;
 pub(crate) const BESIDE: f64 = 8.0;
 const ABOVE: f64 = 4.0;
 /// Others at its height that make a point no lone one.
-const COMPANIONS: usize = 3;
+const COMPANIONS: usize = 2;
 /// Others at any height, without which nothing is judged.
 const LEAST_AROUND: usize = 16;
 /// Cells along a distance that counts: points in one cell are companions.
@@ -23,8 +23,9 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
         return vec![false; positions.len()];
     }
-    let (beside, above) = (BESIDE * spacing, ABOVE * spacing);
-    let sides = DVec3::new(beside, beside, above) / CELLS;
+    let beside = BESIDE * spacing;
+    let reaches = DVec3::new(beside, beside, ABOVE * spacing);
+    let sides = reaches / CELLS;
     let least = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
     let cell = |p: DVec3| ((p - least) / sides).to_array().map(|v| v as u32);
     let mut sorted: Vec<([u32; 3], u32)> =
@@ -41,7 +42,9 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
                 let near = |entry: &&([u32; 3], u32)| {
                     (positions[entry.1 as usize] - p).truncate().length_squared() < beside * beside
                 };
-                let at_height = |entry: &&([u32; 3], u32)| (positions[entry.1 as usize].z - p.z).abs() < above;
+                let at_height = |entry: &&([u32; 3], u32)| {
+                    ((positions[entry.1 as usize] - p) / reaches).length_squared() < 1.0
+                };
                 let from = first_at([column, row, z.saturating_sub(reach)]);
                 let to = first_at([column, row, z.saturating_add(reach + 1)]);
                 companions += sorted[from..to].iter().filter(near).filter(at_height).take(COMPANIONS + 1).count();
