@@ -435,8 +435,8 @@ pub(crate) struct OrthoArgs {
     #[arg(long, value_name = "M", value_parser = values::positive)]
     pub(crate) gsd: f64,
     /// GeoTIFF to write: colours, and alpha 0 where nothing is.
-    #[arg(short, long, value_name = "RGB.tif")]
-    pub(crate) output: PathBuf,
+    #[arg(short, long, value_name = "RGB.tif", required_unless_present_any = ["dsm", "normals"])]
+    pub(crate) output: Option<PathBuf>,
     /// GeoTIFF of heights to write (digital surface model), -9999 where nothing is.
     #[arg(long, value_name = "F.tif")]
     pub(crate) dsm: Option<PathBuf>,
@@ -452,6 +452,10 @@ pub(crate) struct OrthoArgs {
     /// Image size in pixels, with its lower left corner at --origin.
     #[arg(long, value_name = "WxH", value_parser = values::size, conflicts_with = "bounds", requires = "origin")]
     pub(crate) size: Option<[u32; 2]>,
+    /// Close gaps that no circle of this radius fits into, in the units of x and y, by interpolation. A last band of each
+    /// image marks the pixels that are interpolated.
+    #[arg(long, value_name = "DISTANCE", value_parser = values::positive)]
+    pub(crate) fill: Option<f64>,
     /// Coordinate reference system of the image, in place of the files'.
     #[arg(long, value_name = "EPSG:N", value_parser = values::epsg)]
     pub(crate) crs: Option<u16>,

@@ -17,6 +17,7 @@ pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
         allow_outside: args.allow_outside,
         max_texture: args.max_texture,
         columns: args.columns.clone(),
+        ..surfel::io::LoadOptions::default()
     };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
     let facts = surfel::info::info(path, &options, from_stdin.as_deref())?;

@@ -35,7 +35,8 @@ mod with_ortho {
             .with_origin(args.origin)
             .with_bounds(args.bounds)
             .with_size(args.size)
-            .with_epsg(args.crs);
+            .with_epsg(args.crs)
+            .with_fill(args.fill);
         let splats = &options::splats(&args.splats, args.force)?;
         let request = OrthoRequest { inputs: &args.inputs, options, splats, files: &files, stdin };
         let (progress, mut notes) = (console.progress(), Vec::new());
@@ -54,10 +55,16 @@ mod with_ortho {
         drop(progress);
         let ([width, height], [x0, y0, x1, y1]) = (ortho.size(), ortho.rounded_bounds());
         let crs = ortho.crs.as_ref().map_or_else(|| "no CRS".into(), surfel::io::Crs::words);
+        ortho.notes_of(&stats).iter().for_each(|note| console.note(note));
         let covered = 100.0 * stats.covered as f64 / stats.pixels.max(1) as f64;
+        let filled = match stats.filled {
+            0 => String::new(),
+            n => format!(", {:.1} % interpolated", 100.0 * n as f64 / stats.pixels.max(1) as f64),
+        };
+        let first = [&args.output, &args.dsm, &args.normals].into_iter().flatten().next();
         console.note(&format!(
-            "{}: {width} x {height} pixels of {}, {x0},{y0},{x1},{y1}, {crs}, {covered:.1} % covered",
-            args.output.display(),
+            "{}: {width} x {height} pixels of {}, {x0},{y0},{x1},{y1}, {crs}, {covered:.1} % covered{filled}",
+            first.map_or_else(String::new, |path| path.display().to_string()),
             args.gsd
         ));
         if args.stats {

@@ -65,7 +65,10 @@ fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
             (&mut args.splats, drawn)
         }
         Command::Convert(args) => (&mut args.splats, Some(args.output.clone())),
-        Command::Ortho(args) => (&mut args.splats, Some(args.output.clone())),
+        Command::Ortho(args) => {
+            let first = [&args.output, &args.dsm, &args.normals].into_iter().flatten().next().cloned();
+            (&mut args.splats, first)
+        }
         _ => return Ok(()),
     };
     let Some(name) = splats.colorbar.as_mut().filter(|name| name.is_none()) else { return Ok(()) };

@@ -144,6 +144,14 @@ impl Temporary {
     }
 }
 
+/// A file without a name in a folder, for this process alone: gone when it is closed.
+///
+/// # Errors
+/// If the folder can't be written.
+pub fn unnamed_in(folder: &Path) -> io::Result<File> {
+    tempfile::tempfile_in(folder)
+}
+
 /// A new file that is removed when dropped. Its name isn't derived from the target's, which may already be as long as
 /// the file system allows.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {

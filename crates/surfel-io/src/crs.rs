@@ -5,6 +5,9 @@
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 
+/// The comment of points whose x and y are degrees by the names or the steps of their columns, where no system says it.
+pub const IN_DEGREES: &str = "coordinates longitude latitude";
+
 /// A coordinate reference system, as a file states it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Crs {
@@ -66,13 +69,23 @@ impl Crs {
 
     /// True of coordinates that are degrees. Of an EPSG code alone it is known for those in common use.
     pub fn is_geographic(&self) -> bool {
-        let of_wkt = |wkt: &String| ["GEOGCS[", "GEOGCRS["].iter().any(|root| wkt.starts_with(root));
-        let of_code = || self.code.is_some_and(|code| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code)));
+        let of_code = |code: u32| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code));
         match (&self.wkt, &self.geotiff) {
-            (Some(wkt), _) => of_wkt(wkt),
-            (None, Some(_)) => self.key(MODEL_TYPE) == Some(2),
-            (None, None) => of_code(),
+            (Some(wkt), _) => is_geographic_wkt(wkt),
+            // Without a model, a geographic system says it, unless a projected one is made of it.
+            (None, Some(_)) => match (self.key(MODEL_TYPE), self.key(3072)) {
+                (Some(model), _) if model != 0 => model == 2,
+                (_, projected) => self.key(2048).is_some() && projected.is_none(),
+            },
+            (None, None) => self.code.is_some_and(of_code),
         }
+    }
+
+    /// The EPSG code of the UTM zone (WGS 84) of a place in degrees.
+    pub fn utm_at(longitude: f64, latitude: f64) -> u32 {
+        let zone = ((longitude + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
+        let first = if latitude < 0.0 { 32_700 } else { 32_600 };
+        first + zone.min(60)
     }
 
     /// What to do about points whose x and y are degrees, which the system says or, without one, their numbers: `step`
@@ -93,8 +106,7 @@ impl Crs {
             _ => return None,
         };
         let middle = 0.5 * (lo + hi);
-        let zone = ((middle.x + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
-        let utm = if middle.y < 0.0 { 32_700 } else { 32_600 } + zone.min(60);
+        let utm = Self::utm_at(middle.x, middle.y);
         Some(format!(
             "{found}: it is drawn as if they were as long as z's units; project it first, as by pdal translate IN OUT \
              reprojection{from} --filters.reprojection.out_srs=EPSG:{utm} (UTM)"
@@ -176,7 +188,7 @@ const SYSTEMS: [&str; 8] =
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;
 /// Ranges of EPSG codes that hold geographic systems alone (EPSG 12), of those in common use.
-const GEOGRAPHIC: [[u32; 2]; 14] = [
+const GEOGRAPHIC: [[u32; 2]; 20] = [
     [4001, 4025],
     [4120, 4216],
     [4218, 4327],
@@ -189,9 +201,41 @@ const GEOGRAPHIC: [[u32; 2]; 14] = [
     [6667, 6668],
     [6782, 6783],
     [7843, 7844],
+    [7901, 7912],
     [8899, 8902],
-    [9000, 9000],
+    [8988, 9000],
+    [9053, 9069],
+    // With heights.
+    [5498, 5499],
+    [6349, 6349],
+    [9518, 9518],
+    [9705, 9707],
 ];
+
+/// True of well-known text of a geographic system, alone or with heights. Parts that a system is made of don't count.
+fn is_geographic_wkt(wkt: &str) -> bool {
+    let mut quoted = false;
+    let mut start = None;
+    for (at, c) in wkt.char_indices() {
+        match c {
+            '"' => (quoted, start) = (!quoted, None),
+            _ if quoted => {}
+            'A'..='Z' | 'a'..='z' | '0'..='9' | '_' => start = start.or(Some(at)),
+            '[' | '(' => {
+                let word = start.take().map_or("", |from| &wkt[from..at]).to_ascii_uppercase();
+                match word.as_str() {
+                    "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" => return true,
+                    // Of a spheroid's axes or of Cartesian ones.
+                    "GEODCRS" | "GEODETICCRS" => return wkt.to_ascii_lowercase().contains("cs[ellipsoidal"),
+                    _ if SYSTEMS.contains(&word.as_str()) => return false,
+                    _ => {}
+                }
+            }
+            _ => start = None,
+        }
+    }
+    false
+}
 
 /// The keys of a system whose x and y are lengths, as text; `None` where it can't be one value of GeoTIFF.
 fn as_text(wkt: &str) -> Option<Keys> {
@@ -303,6 +347,43 @@ mod tests {
         ] {
             assert_eq!(quiet, None);
         }
+    }
+
+    #[test]
+    fn degrees_are_known_in_every_form_of_a_system() {
+        let of_wkt = |text: &str| Crs { wkt: Some(text.into()), ..Crs::default() }.is_geographic();
+        for text in [
+            r#"GEOGCS["WGS 84",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]]]"#,
+            r#" geogcs ["a",DATUM["b"]]"#,
+            r#"COMPD_CS["WGS 84 + EGM2008",GEOGCS["WGS 84",DATUM["d"]],VERT_CS["v",VERT_DATUM["w",2005]]]"#,
+            r#"COMPOUNDCRS["PROJCS[ in a name",GEOGCRS["WGS 84",ENSEMBLE["e"]],VERTCRS["v"]]"#,
+            r#"GEODCRS["ETRS89",DATUM["d"],CS[ellipsoidal,2],AXIS["latitude",north]]"#,
+            r#"BOUNDCRS[SOURCECRS[GEOGCRS["a",DATUM["b"]]],TARGETCRS[GEOGCRS["c"]]]"#,
+        ] {
+            assert!(of_wkt(text), "{text}");
+        }
+        for text in [
+            r#"PROJCS["UTM",GEOGCS["WGS 84",DATUM["d"]],PROJECTION["Transverse_Mercator"]]"#,
+            r#"COMPD_CS["c",PROJCS["p",GEOGCS["g"]],VERT_CS["v"]]"#,
+            r#"BOUNDCRS[SOURCECRS[PROJCRS["p",BASEGEOGCRS["b"]]],TARGETCRS[GEOGCRS["c"]]]"#,
+            r#"GEOCCS["WGS 84 (geocentric)",DATUM["d"]]"#,
+            r#"GEODCRS["WGS 84",DATUM["d"],CS[Cartesian,3]]"#,
+            r#"LOCAL_CS["site"]"#,
+            "",
+        ] {
+            assert!(!of_wkt(text), "{text}");
+        }
+        let of_keys = |keys: &[[u16; 4]]| {
+            let mut directory = vec![1, 1, 0, keys.len() as u16];
+            directory.extend(keys.iter().flatten());
+            Crs { geotiff: Some((directory, vec![], String::new())), ..Crs::default() }.is_geographic()
+        };
+        assert!(of_keys(&[[1024, 0, 1, 2]]) && of_keys(&[[2048, 0, 1, 4326]]));
+        assert!(
+            !of_keys(&[[1024, 0, 1, 1], [2048, 0, 1, 4269]]) && !of_keys(&[[2048, 0, 1, 4269], [3072, 0, 1, 26_915]])
+        );
+        assert!([4326, 4258, 4979, 7844, 9518, 5498].iter().all(|code| Crs::of_epsg(*code).is_geographic()));
+        assert!([25_832, 2056, 3857, 7415, 5514].iter().all(|code| !Crs::of_epsg(*code).is_geographic()));
     }
 
     #[test]

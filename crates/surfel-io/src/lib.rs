@@ -98,7 +98,7 @@ mod words;
 mod zip;
 
 pub use content::{Content, LoadOptions};
-pub use crs::Crs;
+pub use crs::{Crs, IN_DEGREES};
 pub use error::{IoError, Location, Problem};
 pub use format::Format;
 #[cfg(feature = "geotiff")]

@@ -9,6 +9,7 @@ use crate::column_roles::{self, Part, ROUNDED_ONE, Role};
 use crate::columns::f32_is_enough;
 use crate::content::Content;
 use crate::context::Context;
+use crate::crs::IN_DEGREES;
 use crate::error::{Fault, Problem};
 use crate::strided::{self, NumberType, Strided, combined, ranges, vectors_f32};
 use glam::{DVec3, Vec3};
@@ -174,13 +175,14 @@ pub(crate) fn build(
     columns: Vec<Named<'_>>,
     roles: &Roles,
     source: Source,
-    comments: Vec<String>,
+    mut comments: Vec<String>,
     context: &mut Context<'_>,
 ) -> Result<Content, Fault> {
     let triple = |set: [usize; 3]| set.map(|i| columns[i].values);
     if plain_name(&columns[roles.position[0]].name).starts_with("lon") {
         let what = "x and y are degrees, by their names: it is drawn as if they were as long as z's units";
         context.note(format!("{what}; project it first, as by pdal translate"));
+        comments.push(IN_DEGREES.to_owned());
     }
     let (origin, positions) = positions(triple(roles.position));
     if triple(roles.position).iter().all(|c| c.kind() == NumberType::F32) {

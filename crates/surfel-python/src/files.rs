@@ -100,7 +100,7 @@ pub(crate) fn ortho(
     py: Python<'_>,
     inputs: Vec<PathBuf>,
     scene: Option<PyRef<'_, NativeScene>>,
-    output: PathBuf,
+    output: Option<PathBuf>,
     flags: Flags,
     force: bool,
 ) -> PyResult<(String, Vec<String>)> {
@@ -115,6 +115,7 @@ pub(crate) fn ortho(
             "bounds" => values::bounds(text).map(|bounds| options.bounds = Some(bounds)),
             "origin" => values::place(text).map(|origin| options.origin = origin),
             "size" => values::size(text).map(|size| options.size = Some(size)),
+            "fill" => values::positive(text).map(|distance| options.fill = Some(distance)),
             "crs" => values::epsg(text).map(|code| options.epsg = Some(code)),
             "dsm" | "normals" => {
                 let file = if flag == "dsm" { &mut files.dsm } else { &mut files.normals };
@@ -138,6 +139,7 @@ pub(crate) fn ortho(
             let backend = taken.backend()?;
             let software = concat!("surfel ", env!("CARGO_PKG_VERSION"));
             let stats = ortho.draw(&files, software, backend, progress)?;
+            notes.extend(ortho.notes_of(&stats));
             Ok::<_, Error>(ortho.stats_json(&stats, backend.info().backend))
         })??;
         Ok((stats, notes))
@@ -158,8 +160,7 @@ pub(crate) fn info(
 ) -> PyResult<String> {
     let columns = columns.map(|text| values::columns(&text).map_err(|problem| wrong(py, "columns", &text, &problem)));
     let columns = columns.transpose()?;
-    let options =
-        surfel::io::LoadOptions { repair, texture: None, gaussians: false, allow_outside, max_texture, columns };
+    let options = surfel::io::LoadOptions { repair, allow_outside, max_texture, columns, ..Default::default() };
     let bytes = scene.and_then(|scene| scene.input.bytes.clone());
     let facts = interrupt::run(py, move |_| surfel::info::info(&path, &options, bytes.as_deref()))?;
     Ok(facts.to_string())

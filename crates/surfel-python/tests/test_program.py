@@ -182,6 +182,12 @@ def test_orthoimages_are_the_programs(program, data, tmp_path):
     same = ("size", "bounds", "gsd", "pixels", "covered", "splats")
     assert {key: found[key] for key in same} == {key: told[key] for key in same}
     assert found["size"] == [14, 11] and found["covered"] == 14 * 11 and any("colour" in n for n in found["notes"])
+    # Heights alone, with closed gaps.
+    program(tmp_path, "ortho", "ground.ply", *words_of(flags), "--fill=2", "--dsm=pf.tif")
+    filled = surfel.ortho(tmp_path / "ground.ply", dsm=tmp_path / "f.tif", fill=2, **flags)
+    assert filled["filled"] == 0 and (tmp_path / "f.tif").read_bytes() == (tmp_path / "pf.tif").read_bytes()
+    with pytest.raises(surfel.UsageError, match="what to write"):
+        surfel.ortho(tmp_path / "ground.ply", **flags)
     # Arrays, and files of which some points are chosen.
     surfel.ortho(surfel.scene(ground), tmp_path / "b.tif", **flags)
     program(tmp_path, "ortho", "ground.ply", *words_of(flags), "--classes=1", "-o", "q.tif")
@@ -192,7 +198,7 @@ def test_orthoimages_are_the_programs(program, data, tmp_path):
     surfel.ortho(tmp_path / "ground.ply", tmp_path / "a.tif", gsd=1, force=True)
     for wrong, what in [({"gsd": 0}, "gsd=0"), ({"gsd": 1, "crs": "25832"}, "EPSG:25832"),
                         ({"gsd": 1, "bounds": (0, 0, 1, 1), "size": (4, 4)}, "bounds"),
-                        ({"gsd": 1, "dsm": tmp_path / "e.tif"}, "file, too"), ({"gsd": 1, "threads": 0}, "threads=0")]:
+                        ({"gsd": 1, "dsm": tmp_path / "e.tif"}, "file, too"), ({"gsd": 1, "fill": 1000}, "fill"), ({"gsd": 1, "threads": 0}, "threads=0")]:
         with pytest.raises(surfel.UsageError, match=what):
             surfel.ortho(tmp_path / "ground.ply", tmp_path / "e.tif", **wrong)
     with pytest.raises(TypeError, match="did you mean"):

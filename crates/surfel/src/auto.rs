@@ -276,7 +276,7 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
             if let Some(tolerance) = auto_depth_tolerance(&loaded) {
                 auto.settings.depth_tolerance = tolerance;
             }
-            let file = auto_scene(objects, &loaded, &auto)?;
+            let file = auto_scene(objects, &loaded.framed(), &auto)?;
             let scene = assemble(&file, loaded.objects)?;
             Ok(LoadedScene { file, scene, notes: loaded.notes })
         }

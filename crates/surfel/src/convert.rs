@@ -1,6 +1,7 @@
 //! From points and meshes to splats, as the options say, and what there is to tell about it.
 
 use crate::load::{Conversion, UnusedOption};
+use crate::noise::{no_surface, water};
 use crate::words::{counted, number};
 use crate::{Error, LoadOptions, levels, memory};
 use glam::DVec3;
@@ -147,6 +148,17 @@ fn chosen_points_of_levels(
     if let Some(keep) = keep {
         points.retain(&keep);
     }
+    if options.surface
+        && let Some(found) = no_surface(&points.extras, points.len(), options)
+    {
+        let words = found.words();
+        if !found.flags.contains(&false) {
+            let problem = format!("holds no surface but {words}: --classes all draws all points");
+            return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
+        }
+        points.retain(&found.flags.iter().map(|flag| !flag).collect::<Vec<_>>());
+        notes.push(format!("left out {words}, which are no surface (--classes all keeps them)"));
+    }
     let total = points.len();
     let dropped = if options.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
     if dropped > 0 {
@@ -160,6 +172,10 @@ fn chosen_points_of_levels(
         let found = surfel_sample::outliers(&points, progress);
         let mut keep = found.map_err(|source| Error::Sample { path: path.to_path_buf(), source })?;
         keep.iter_mut().for_each(|alone| *alone = !*alone);
+        // Water returns few pulses.
+        if let Some(water) = water(&points.extras, points.len()) {
+            keep.iter_mut().zip(water).for_each(|(keep, water)| *keep |= water);
+        }
         points.retain(&keep);
         notes.push(format!(
             "left out {} of {total} points as outliers: they are more than 8 times as far from their 8 nearest as is \

@@ -169,7 +169,8 @@ pub(crate) fn read(
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
     // What chooses points may be any column.
     let has_choice = options.chooses_classes() || options.returns.is_some() || options.condition.is_some();
-    let has_values = options.color_by.is_some() || options.label.is_some();
+    // Noise doesn't move the camera that coarse levels place.
+    let has_values = options.color_by.is_some() || options.label.is_some() || *levels == Levels::Overview;
     let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
     let columns = match has_choice || has_values {
         true => NodeColumns::All,

@@ -57,6 +57,7 @@ mod load;
 pub mod memory;
 mod mesh_columns;
 pub mod metadata;
+mod noise;
 mod octree;
 #[cfg(feature = "ortho")]
 pub mod ortho;

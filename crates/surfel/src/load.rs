@@ -80,6 +80,11 @@ pub struct LoadOptions {
     pub every: Option<u32>,
     /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
     pub all_points: bool,
+    /// Points that their file flags as withheld are read, too.
+    pub withheld: bool,
+    /// Points that are no surface are left out, as surface models need it: noise (classes 7 and 18), and points that are
+    /// withheld, unless `classes` or `condition` choose them by their class.
+    pub surface: bool,
     /// Whether points that stand alone count ([`surfel_sample::outliers`]). Where not, COPC files are read whole.
     pub outliers: Outliers,
     /// What is read of a COPC file; `None`: all of it.
@@ -128,6 +133,8 @@ impl LoadOptions {
         with_condition condition: Option<String>,
         with_every every: Option<u32>,
         with_all_points all_points: bool,
+        with_withheld withheld: bool,
+        with_surface surface: bool,
         with_outliers outliers: Outliers,
         with_levels levels: Option<Levels>,
         with_level_store level_store: Option<Arc<LevelStore>>,
@@ -236,6 +243,8 @@ impl Default for LoadOptions {
             condition: None,
             every: None,
             all_points: false,
+            withheld: false,
+            surface: false,
             outliers: Outliers::Keep,
             levels: None,
             level_store: None,
@@ -314,6 +323,7 @@ pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
         allow_outside: options.allow_outside,
         max_texture: options.max_texture,
         columns: options.columns.clone(),
+        withheld: options.withheld || options.classes == Some(Classes::All),
     }
 }
 

@@ -415,7 +415,7 @@ impl Request {
             file.lights = file.lights.take().map(with_shadows);
         }
         let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
-        let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
+        let objects_only = Scene { objects: loaded.framed().objects, ..Scene::default() };
         if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
             file.camera = framed;
         }
@@ -461,10 +461,11 @@ impl Request {
         {
             settings.depth_tolerance = tolerance;
         }
-        let up = options.up.flatten().unwrap_or_else(|| note_up(&loaded, note));
+        let framed = loaded.framed();
+        let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, note));
         let view = match options.view.unwrap_or_default() {
             ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
-                let angles = framing::best_view(&loaded.objects, up);
+                let angles = framing::best_view(&framed.objects, up);
                 note(format!("seen from --view {angles} (azimuth and elevation, by what it shows)"));
                 ViewChoice::From(angles)
             }
@@ -482,8 +483,8 @@ impl Request {
             .with_background(options.background)
             .with_settings(settings)
             .with_turning(options.turntable);
-        let mut file = auto_scene(objects, &loaded, &auto)?;
-        let objects_only = Scene { objects: loaded.objects.clone(), ..Scene::default() };
+        let mut file = auto_scene(objects, &framed, &auto)?;
+        let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
         let center = framing::scene_center(&objects_only).unwrap_or_default();
         if options.eye.is_some() && options.target.is_none() && own_near {
             file.camera.target = center.into();
@@ -491,7 +492,8 @@ impl Request {
         camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
         camera::view(&file.camera, options)?;
         // The lights belong to the camera, wherever the options have put it.
-        let lights = lights_of(&file.camera, &loaded);
+        let lights = lights_of(&file.camera, &framed);
+        drop((framed, objects_only));
         file.lights = match (options.cameras, options.shadows) {
             // One for all cameras, so that the scene stays as it is: the light along the view.
             (true, _) => None,

@@ -12,6 +12,7 @@ use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::framing::UpReason;
 use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
+use crate::noise::{no_surface, surface_of};
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::fs::File;
@@ -86,6 +87,8 @@ pub struct ObjectFacts {
     pub partial: bool,
     /// Its file has more points than were asked for at most.
     pub thinned: bool,
+    /// Some of its points are noise or withheld, which move no camera ([`LoadedObjects::framed`]).
+    pub noise: bool,
     /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
     /// there are.
     pub transparent: bool,
@@ -104,6 +107,7 @@ impl Default for ObjectFacts {
             fine: false,
             partial: false,
             thinned: false,
+            noise: false,
             transparent: false,
         }
     }
@@ -261,6 +265,19 @@ impl LoadedObjects {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
     }
 
+    /// The same with the splats alone that a camera is placed by: without noise (classes 7 and 18) and withheld points.
+    pub fn framed(&self) -> Self {
+        let surface = |(object, facts): (&Object, &ObjectFacts)| match &object.geometry {
+            Geometry::Splats(cloud) if facts.noise => {
+                let geometry = surface_of(cloud).map_or_else(|| object.geometry.clone(), Into::into);
+                Object { geometry, ..object.clone() }
+            }
+            _ => object.clone(),
+        };
+        let objects = self.objects.iter().zip(&self.facts).map(surface).collect();
+        Self { objects, facts: self.facts.clone(), ..Self::default() }
+    }
+
     /// Whether there are objects, and all are of trained Gaussians.
     pub fn all_gaussians(&self) -> bool {
         let mut geometries = self.objects.iter().map(|object| &object.geometry);
@@ -350,7 +367,7 @@ fn load_uncolored(
                             gaussian,
                             conversion,
                             octree,
-                            notes,
+                            mut notes,
                             beside,
                             unused,
                             ..
@@ -370,6 +387,14 @@ fn load_uncolored(
                         let points = is_of_points || says(surfel_sample::OF_POINTS);
                         let of_mesh = !points && !matches!(conversion, Conversion::None);
                         let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
+                        let noise = match &geometry {
+                            Geometry::Splats(cloud) => no_surface(&cloud.data().extras, cloud.len(), options),
+                            _ => None,
+                        };
+                        if let Some(noise) = &noise {
+                            let words = noise.words();
+                            notes.push(format!("up and view don't count {words} (--classes all makes them count)"));
+                        }
                         let (flat, fine) = (says(surfel_sample::FLAT_PARTS), says(surfel_sample::FINE_SPLATS));
                         let partial = levels.is_some();
                         let facts = ObjectFacts {
@@ -382,6 +407,7 @@ fn load_uncolored(
                             fine,
                             partial,
                             thinned,
+                            noise: noise.is_some(),
                             transparent,
                             colored: false,
                         };
@@ -442,7 +468,7 @@ pub fn refine_objects(
         loaded.objects[*i].geometry = new.geometry;
         loaded.color_jobs.0[*i] = finer.color_jobs.0.pop().flatten();
         // Not yet coloured.
-        loaded.facts[*i] = ObjectFacts { partial: true, ..facts };
+        loaded.facts[*i] = ObjectFacts { partial: true, noise: loaded.facts[*i].noise || facts.noise, ..facts };
         let same = |path: &Path| finer.notes.iter().any(|note| note.path == path);
         loaded.notes.retain(|note| !same(&note.path));
         loaded.notes.append(&mut finer.notes);

@@ -33,6 +33,7 @@ impl ConvertRequest<'_> {
             .with_convert(&convert, Path::new(""))
             .with_stdin(self.stdin.clone())
             .with_mesh_columns(true)
+            .with_withheld(true)
             .with_memory(self.options.memory))
     }
 

@@ -34,6 +34,8 @@ pub(super) struct Header {
     /// The record of LASzip.
     pub(super) laszip: Option<Vec<u8>>,
     pub(super) notes: Vec<String>,
+    /// True if points that are flagged as withheld are read, too.
+    pub(super) reads_withheld: bool,
 }
 
 /// One value among the extra bytes of a point.
@@ -164,6 +166,7 @@ impl Header {
             extra: Vec::new(),
             laszip: None,
             notes: Vec::new(),
+            reads_withheld: false,
         };
         // Waveforms (1.3) and extended records (1.4) come after the points.
         if minor >= 3 && header_bytes >= 235 && u16_at(&bytes, 6) & 2 != 0 {

@@ -16,6 +16,7 @@ mod records;
 
 use crate::content::Content;
 use crate::context::Context;
+use crate::crs::IN_DEGREES;
 use crate::error::{Fault, Problem};
 use crate::format::Format;
 use crate::survey::{Source, extent_words};
@@ -118,6 +119,7 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<(u64
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {
     let file_bytes = source.seek(SeekFrom::End(0)).map_err(unreadable)?;
     let mut header = Header::read(source, file_bytes)?;
+    header.reads_withheld = context.options.withheld;
     let mut columns = None;
     read_records(source, &mut header, file_bytes, context.options.repair, &mut columns)?;
     finish(columns, header, format, None, context)
@@ -136,6 +138,9 @@ fn finish(
     let (mut points, has_8_bit_colors) = columns.finish(&header);
     points.comments = header.comments();
     let (bounds, has_colors) = (points.bounds(), points.colors.is_some());
+    if bounds.is_some_and(|bounds| header.crs.degrees_note(bounds, Some(header.scale)).is_some()) {
+        points.comments.push(IN_DEGREES.to_owned());
+    }
     tell(header, format, Told { count, of, withheld, bounds, has_colors, has_8_bit_colors }, context)?;
     context.points(points)
 }

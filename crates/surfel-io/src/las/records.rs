@@ -37,7 +37,7 @@ pub(super) struct Columns {
     record_bytes: usize,
     /// How many there will be.
     expected: usize,
-    /// Bit of byte 15 that says that a point is deleted.
+    /// Bit of byte 15 that says that a point is deleted; 0 if such points are read.
     withheld_bit: u8,
     pub(super) withheld: u64,
     rows: KeptRows,
@@ -52,6 +52,10 @@ impl Columns {
         let mut columns = Self::of_splats(header, expected);
         columns.extras.clear();
         columns.add_fields(header.format);
+        if header.reads_withheld {
+            let bit = withheld_bit(header.format);
+            columns.add("withheld", move |r| u8::from(r[15] & bit != 0));
+        }
         let after = POINT_BYTES[usize::from(header.format)];
         header.extra.iter().for_each(|extra| columns.add_extra(extra, after + extra.at));
         columns
@@ -67,7 +71,7 @@ impl Columns {
             _ => 30,
         };
         let colors = has_colors.then(|| (color_at, WideColors::default()));
-        let withheld_bit = if format < 6 { 0x80 } else { 0x04 };
+        let withheld_bit = if header.reads_withheld { 0 } else { withheld_bit(format) };
         let grid = Vec::with_capacity(expected);
         let mut columns = Self {
             record_bytes: header.record_bytes,
@@ -229,6 +233,11 @@ impl Columns {
         let points = PointCloud { origin, positions, normals, colors, rows, extras, ..PointCloud::default() };
         (points, have_8_bits.unwrap_or(false))
     }
+}
+
+/// Bit of byte 15 of a record of this format that says that a point is deleted.
+fn withheld_bit(format: u8) -> u8 {
+    if format < 6 { 0x80 } else { 0x04 }
 }
 
 /// The value of a type of the standard's extra bytes.

@@ -185,11 +185,12 @@ def convert(
 ) -> list[str]: ...
 def ortho(
     inputs: _Path | Iterable[_Path] | Scene,
-    output: _Path,
+    output: _Path | None = ...,
     *,
     gsd: float,
     dsm: _Path | None = ...,
     normals: _Path | None = ...,
+    fill: float | None = ...,
     force: bool = ...,
     **flags: Unpack[_Ortho],
 ) -> dict[str, Any]: ...

@@ -49,11 +49,13 @@ def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -
     return _native.convert(_paths(input), getattr(input, "_native", None), output, given, hybrid, ascii, force)
 
 
-def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) -> dict:
-    """Draws files, or a Scene, from above, north up, to a GeoTIFF: the bytes that `surfel ortho` writes.
+def ortho(inputs, output=None, *, gsd, dsm=None, normals=None, fill=None, force=False, **flags) -> dict:
+    """Draws files, or a Scene, from above, north up, to GeoTIFFs: the bytes that `surfel ortho` writes.
 
     inputs: a file, a list of files of one ground, or a Scene; z is up. output: a .tif of colours. gsd: side of a pixel
-    in the units of x and y. dsm, normals: .tif files of heights and of unit normals, where they are wanted.
+    in the units of x and y. dsm, normals: .tif files of heights and of unit normals. At least one of the three files is
+    needed. fill: radius of the largest circle that fits into gaps that are closed by interpolation; a last band marks
+    the pixels of these.
     Other keywords are flags of `surfel ortho`: `bounds=(x0, y0, x1, y1)`, `origin=(x, y)`, `size=(width, height)`,
     `crs="EPSG:25832"`, `backend`, `threads`, and those of `open` that say how files become splats.
 
@@ -61,9 +63,10 @@ def ortho(inputs, output, *, gsd, dsm=None, normals=None, force=False, **flags) 
     """
     base = getattr(inputs, "_base", {})
     given = {name: value for name, value in base.items() if name in _flags.SPLATS}
-    given.update(flags, gsd=gsd, dsm=dsm, normals=normals)
+    given.update(flags, gsd=gsd, dsm=dsm, normals=normals, fill=fill)
     given = _flags.texts(given, _flags.ORTHO, "ortho")
-    stats, notes = _native.ortho(_paths(inputs), getattr(inputs, "_native", None), os.fspath(output), given, force)
+    output = None if output is None else os.fspath(output)
+    stats, notes = _native.ortho(_paths(inputs), getattr(inputs, "_native", None), output, given, force)
     return {**json.loads(stats), "notes": notes}
 
 

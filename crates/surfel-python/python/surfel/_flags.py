@@ -17,7 +17,7 @@ RENDER = SPLATS | frozenset(
     " adapter storage threads".split()
 )
 CONVERT = SPLATS | {"threads", "resume", "shard"}
-ORTHO = SPLATS | frozenset("gsd dsm normals bounds origin size crs backend threads".split())
+ORTHO = SPLATS | frozenset("gsd dsm normals fill bounds origin size crs backend threads".split())
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
 GAUSSIANS = ("alpha", "median_depth", "distortion")

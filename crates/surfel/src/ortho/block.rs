@@ -4,6 +4,7 @@
 //! too large. So a pixel is drawn twice: with all splats, and with those that lie behind the surface found. Where both
 //! are, the points around it tell which side of the edge it is on (`sides.rs`).
 
+use super::fill::Has;
 use super::grid::Grid;
 use super::layout::Layout;
 use super::sides::{Edge, Near, Sides};
@@ -34,7 +35,7 @@ const SLOPE_PX: f64 = 1.4;
 pub(crate) struct BlockPixels {
     /// Pixels of a side.
     pub(crate) side: usize,
-    /// Premultiplied linear RGBA; alpha 0 where nothing is.
+    /// Premultiplied linear RGBA; alpha 0 where nothing is. Empty if nobody asked for it.
     pub(crate) color: Vec<[f32; 4]>,
     /// z; NaN where nothing is.
     pub(crate) height: Vec<f32>,
@@ -63,13 +64,13 @@ pub(crate) fn draw(
     grid: &Grid,
     layout: &Layout,
     block: [i64; 2],
-    normals: bool,
+    has: Has,
     backend: &mut Backend,
     frames: &mut Frames,
 ) -> Result<BlockPixels, Error> {
     let BlockSplats { clouds, leaves } = splats;
     let view = view(&clouds, grid, layout, block);
-    let planes = Planes::COLOR.with_depth(true).with_weight(true).with_normal(normals);
+    let planes = Planes::COLOR.with_depth(true).with_weight(true).with_normal(has.normal);
     let settings = Settings::default();
     let clouds: Vec<Arc<SplatCloud>> = clouds.into_iter().map(Arc::new).collect();
     render(&clouds, &view, &settings, planes, backend, &mut frames.nearest)?;
@@ -107,7 +108,7 @@ pub(crate) fn draw(
             behind = Some(Behind { frame: &frames.behind, sides, left_top: [left, top] });
         }
     }
-    Ok(blend(&surface, behind.as_ref(), normals))
+    Ok(blend(&surface, behind.as_ref(), has))
 }
 
 fn render(
@@ -311,7 +312,7 @@ impl Behind<'_> {
 }
 
 /// Both surfaces, by the side of their edge that a pixel is on.
-fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> BlockPixels {
+fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
     let side = frame.width() as usize;
@@ -336,9 +337,13 @@ fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, normals: bool) -> B
     };
     BlockPixels {
         side,
-        color: shares.par_iter().enumerate().with_min_len(4096).map(color).collect(),
+        color: if has.color {
+            shares.par_iter().enumerate().with_min_len(4096).map(color).collect()
+        } else {
+            Vec::new()
+        },
         height: shares.par_iter().enumerate().with_min_len(4096).map(height).collect(),
-        normal: if normals {
+        normal: if has.normal {
             shares.par_iter().enumerate().with_min_len(4096).map(normal).collect()
         } else {
             Vec::new()

@@ -1,5 +1,6 @@
 //! The grid of an orthoimage: pixel edges at whole multiples of the ground sampling distance from the origin.
 
+use crate::Error;
 use surfel_model::ModelError;
 
 /// Most columns or rows, and most pixels of an image.
@@ -22,24 +23,75 @@ pub(crate) struct Grid {
     pub(crate) size: [u32; 2],
 }
 
-fn out_of_range(field: &str, found: String, expected: &'static str) -> ModelError {
+/// Why there is no grid.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum GridFault {
+    /// A ground sampling distance that is none.
+    Gsd(f64),
+    /// Bounds without area, or that aren't finite.
+    Empty,
+    /// More columns, rows or pixels than there may be, or farther from the origin than f64 counts pixels.
+    Large { gsd: f64, size: [f64; 2] },
+}
+
+fn out_of_range(field: &'static str, found: String, expected: &'static str) -> ModelError {
     ModelError::OutOfRange { field: field.into(), found, expected }
+}
+
+fn words(v: [f64; 4]) -> String {
+    format!("{},{},{},{}", v[0], v[1], v[2], v[3])
+}
+
+impl GridFault {
+    /// The error where the user gave the bounds, or a size.
+    pub(crate) fn of_bounds(self, bounds: [f64; 4], size: Option<[u32; 2]>) -> Error {
+        let field = if size.is_some() { "size" } else { "bounds" };
+        let given = size.map_or_else(|| words(bounds), |[width, height]| format!("{width}x{height}"));
+        let expected = match self {
+            Self::Gsd(gsd) => return gsd_error(gsd),
+            Self::Empty if size.is_some() => "at least 1x1 pixels",
+            Self::Empty => "X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1",
+            Self::Large { .. } if size.is_some() => "at most 16777216 pixels a side and 1e11 in all",
+            Self::Large { .. } => "at most 16777216 pixels a side and 1e11 in all: give a larger gsd or smaller bounds",
+        };
+        let found = match self {
+            Self::Large { gsd, size: [width, height] } => {
+                format!("{given} with a gsd of {gsd}, {width:.3e} x {height:.3e} pixels")
+            }
+            _ => given,
+        };
+        out_of_range(field, found, expected).into()
+    }
+
+    /// The error where the points have these bounds.
+    pub(crate) fn of_points(self, bounds: [f64; 4]) -> Error {
+        match self {
+            Self::Gsd(gsd) => gsd_error(gsd),
+            Self::Empty => {
+                Error::Input(format!("the bounds of all points are {}, expected finite ones", words(bounds)))
+            }
+            Self::Large { gsd, size: [width, height] } => {
+                let found = format!("{gsd} for points within {}, {width:.3e} x {height:.3e} pixels", words(bounds));
+                let expected = "at most 16777216 pixels a side and 1e11 in all: give a larger gsd or bounds of a part";
+                out_of_range("gsd", found, expected).into()
+            }
+        }
+    }
+}
+
+fn gsd_error(gsd: f64) -> Error {
+    out_of_range("gsd", gsd.to_string(), "a finite number greater than 0, in the units of x and y").into()
 }
 
 impl Grid {
     /// The pixels that meet `bounds` (least x and y, then largest).
-    pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, ModelError> {
-        let words = |v: [f64; 4]| format!("{},{},{},{}", v[0], v[1], v[2], v[3]);
+    pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, GridFault> {
         if !(gsd > 0.0 && gsd.is_finite()) {
-            return Err(out_of_range(
-                "gsd",
-                gsd.to_string(),
-                "a finite number greater than 0, in the units of x and y",
-            ));
+            return Err(GridFault::Gsd(gsd));
         }
         let [x0, y0, x1, y1] = bounds;
         if !(x0 < x1 && y0 < y1 && bounds.iter().chain(&origin).all(|v| v.is_finite())) {
-            return Err(out_of_range("bounds", words(bounds), "X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1"));
+            return Err(GridFault::Empty);
         }
         let low = |v: f64, k: usize| ((v - origin[k]) / gsd + SLACK_PX).floor();
         let high = |v: f64, k: usize| ((v - origin[k]) / gsd - SLACK_PX).ceil();
@@ -48,11 +100,15 @@ impl Grid {
         let fits = size[0] <= MAX_SIDE && size[1] <= MAX_SIDE && size[0] * size[1] <= MAX_PIXELS;
         // Beyond that, neighbouring pixels have the same coordinates in f64.
         if !fits || first.iter().chain(&end).any(|v| v.abs() > 2f64.powi(40)) {
-            let found = format!("{} with a gsd of {gsd}, {:.3e} x {:.3e} pixels", words(bounds), size[0], size[1]);
-            let expected = "at most 16777216 pixels a side and 1e11 in all: give a larger gsd or smaller bounds";
-            return Err(out_of_range("bounds", found, expected));
+            return Err(GridFault::Large { gsd, size });
         }
         Ok(Self { gsd, origin, first: first.map(|v| v as i64), size: size.map(|v| v as u32) })
+    }
+
+    /// The grid with so many more pixels on every side.
+    pub(crate) fn grown(&self, by_px: u32) -> Self {
+        let size = self.size.map(|side| side.saturating_add(2 * by_px));
+        Self { first: self.first.map(|v| v - i64::from(by_px)), size, ..*self }
     }
 
     /// x or y (`axis` 0 or 1) of the lower edge of the pixel `index`.

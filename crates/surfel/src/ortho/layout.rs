@@ -29,6 +29,8 @@ pub(crate) struct Layout {
     pub(crate) margin_px: i64,
     /// How far beyond what is drawn points count, in the units of x and y.
     pub(crate) halo: f64,
+    /// How far apart points are; 0 without points.
+    pub(crate) spacing: f64,
 }
 
 impl Layout {
@@ -48,7 +50,10 @@ impl Layout {
                 let middle = 0.5 * (source.bounds.0 + source.bounds.1);
                 let at = [middle.x, middle.y, middle.x, middle.y];
                 // Files that lie above each other have the density of all, those beside each other of one.
-                density = density.max(sources.iter().filter(|other| other.meets(at)).map(own_density).sum());
+                let mut all: Vec<f64> = sources.iter().filter(|other| other.meets(at)).map(own_density).collect();
+                // In an order of their own, so that the sum is the same in any order of files.
+                all.sort_unstable_by(f64::total_cmp);
+                density = density.max(all.iter().sum());
                 spacing = spacing.max(own.sqrt().recip());
             }
         }
@@ -64,7 +69,7 @@ impl Layout {
         while block_px > BLOCK_PX.1 && points(block_px) > BLOCK_POINTS {
             block_px /= 2;
         }
-        Self { grid, block_px, margin_px, halo }
+        Self { grid, block_px, margin_px, halo, spacing }
     }
 
     /// The bin of a coordinate along an axis (0: x, 1: y).
@@ -73,10 +78,16 @@ impl Layout {
         ((value - self.grid.origin[axis]) / side).floor() as i64
     }
 
-    /// The blocks along an axis that the image has pixels of.
-    pub(crate) fn blocks(&self, axis: usize) -> RangeInclusive<i64> {
-        let (first, count) = (self.grid.first[axis], i64::from(self.grid.size[axis]));
+    /// The blocks along an axis that a grid like this one has pixels of.
+    pub(crate) fn blocks(&self, grid: &Grid, axis: usize) -> RangeInclusive<i64> {
+        let (first, count) = (grid.first[axis], i64::from(grid.size[axis]));
         first.div_euclid(self.block_px)..=(first + count - 1).div_euclid(self.block_px)
+    }
+
+    /// The block itself, in the plane: least x and y, then largest.
+    pub(crate) fn own(&self, block: [i64; 2]) -> [f64; 4] {
+        let edge = |axis: usize, index: i64| self.grid.edge(axis, index * self.block_px);
+        [edge(0, block[0]), edge(1, block[1]), edge(0, block[0] + 1), edge(1, block[1] + 1)]
     }
 
     /// What is drawn of a block, in the plane: least x and y, then largest, `by` farther on every side.

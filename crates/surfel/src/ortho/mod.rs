@@ -5,33 +5,44 @@
 //! images of the same files with other bounds have the same pixels.
 
 mod block;
+mod canonical;
+mod extent;
+mod fill;
 mod grid;
 mod layout;
+mod lone;
 mod outline;
+mod output;
 mod request;
 mod sides;
 mod source;
+mod system;
 
 use crate::coloring::together::{ColorJob, Lacking, Member, Tallies};
 use crate::coloring::{Attribute, ColorScale, Coloring, paint};
 use crate::framing::UpConvention;
 use crate::load::{Conversion, UnusedOption, without_attribute};
 use crate::{Backend, Error, LoadOptions};
-use block::{BlockPixels, BlockSplats, Frames};
+use block::{BlockSplats, Frames};
+use fill::BlockStore;
 use glam::DVec3;
 use grid::Grid;
 use layout::Layout;
+use output::{Out, Shown, Sink, unwritable};
 pub use request::OrthoRequest;
 use source::{Gathered, Holds, Source, Told, splats_within};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use surfel_io::{Crs, GeoImage, GeoSamples, GeoTiles, IoError, write_geotiffs};
+use surfel_io::{Crs, GeoImage, GeoSamples, write_geotiffs};
 use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
+use system::crs_of;
 
 /// Bytes of points that stay in memory between blocks; those of other files are loaded again.
 const KEPT_BYTES: usize = 2 << 30;
+/// Least pixels along a side of the windows that gaps are closed in.
+const WINDOW_PX: u32 = 512;
 /// How far above a block its points' normals look, in its sides.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
@@ -49,6 +60,11 @@ pub struct OrthoOptions {
     pub size: Option<[u32; 2]>,
     /// EPSG code of the coordinate reference system; `None`: as the files say.
     pub epsg: Option<u16>,
+    /// Radius, in the units of x and y, of the largest circle that fits into gaps that are closed by interpolation;
+    /// `None`: gaps stay no data.
+    pub fill: Option<f64>,
+    /// Points that stand alone in height count, as birds and reflections.
+    pub lone: bool,
     /// How files are loaded and made into splats.
     pub load: LoadOptions,
 }
@@ -56,7 +72,8 @@ pub struct OrthoOptions {
 impl OrthoOptions {
     /// The whole of the files, at this ground sampling distance.
     pub fn new(gsd: f64) -> Self {
-        Self { gsd, origin: [0.0; 2], bounds: None, size: None, epsg: None, load: LoadOptions::default() }
+        let load = LoadOptions::default().with_surface(true);
+        Self { gsd, origin: [0.0; 2], bounds: None, size: None, epsg: None, fill: None, lone: false, load }
     }
 
     surfel_model::setters! {
@@ -65,15 +82,20 @@ impl OrthoOptions {
         with_bounds bounds: Option<[f64; 4]>,
         with_size size: Option<[u32; 2]>,
         with_epsg epsg: Option<u16>,
+        with_fill fill: Option<f64>,
+        with_lone lone: bool,
         with_load load: LoadOptions,
     }
 }
 
-/// The images to write.
+/// The images to write; at least one.
+///
+/// With [`OrthoOptions::fill`] each has one band more, which marks the pixels that are interpolated: 255 in 8 bits or 1
+/// as f32, else 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OrthoFiles {
     /// Colours: RGBA of 8 bits, sRGB-encoded; alpha is 255 where something is, else 0.
-    pub color: PathBuf,
+    pub color: Option<PathBuf>,
     /// Heights z, f32; −9999 where nothing is.
     pub dsm: Option<PathBuf>,
     /// Unit normals, upward, three f32; −9999 where nothing is.
@@ -87,6 +109,10 @@ pub struct OrthoFiles {
 pub struct OrthoStats {
     /// Pixels that show something.
     pub covered: u64,
+    /// Pixels of these that are interpolated.
+    pub filled: u64,
+    /// Points in the image that are left out because they stand alone in height.
+    pub lone: u64,
     /// Pixels of the image.
     pub pixels: u64,
     /// Splats that were drawn, those of blocks' margins again for each block.
@@ -139,16 +165,16 @@ impl Ortho {
     /// whose coordinates are degrees or whose coordinate reference systems differ, and bounds that hold nothing.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
-        // Checked before anything is loaded.
-        let asked = match (options.bounds, options.size) {
-            (Some(bounds), _) => Some(bounds),
-            (None, Some([width, height])) => {
-                let [x, y] = options.origin;
-                Some([x, y, x + f64::from(width) * options.gsd, y + f64::from(height) * options.gsd])
+        let asked = asked(&options)?;
+        if let Some(distance) = options.fill {
+            let found = distance / options.gsd;
+            if !(distance > 0.0 && found.is_finite() && found <= f64::from(fill::MOST_PX)) {
+                let expected = "a number greater than 0, and at most 512 pixels";
+                return Err(
+                    ModelError::OutOfRange { field: "fill".into(), found: distance.to_string(), expected }.into()
+                );
             }
-            (None, None) => None,
-        };
-        Grid::of_bounds(options.gsd, options.origin, asked.unwrap_or([0.0, 0.0, options.gsd, options.gsd]))?;
+        }
         let (mut sources, mut notes, mut unused) = (Vec::<Source>::new(), Vec::new(), Vec::new());
         // Heights are those of the surface model.
         options.load.up = Some(Up::PlusZ);
@@ -172,10 +198,16 @@ impl Ortho {
             }
             sources.push(source);
         }
+        for source in &sources {
+            extent::refuse_degrees(source, options.epsg.is_some())?;
+        }
         let (color_by, coloring) = colors.finish(&mut sources, &options.load, &mut notes, &mut unused)?;
         let crs = crs_of(&sources, options.epsg, &mut notes)?;
         let bounds = bounds_of(&sources);
-        let grid = Grid::of_bounds(options.gsd, options.origin, asked.unwrap_or(bounds))?;
+        let grid = match asked {
+            Some(asked) => grid_of(&options, asked)?,
+            None => extent::grid_of_points(&options, bounds, &sources)?,
+        };
         if let Some(asked) = asked.filter(|asked| !sources.iter().any(|source| source.meets(*asked))) {
             let words = |b: [f64; 4]| format!("{},{},{},{}", b[0], b[1], b[2], b[3]);
             let first = inputs.first().map_or_else(PathBuf::new, |path| path.to_path_buf());
@@ -208,53 +240,115 @@ impl Ortho {
         backend: &mut Backend,
         progress: &dyn Progress,
     ) -> Result<OrthoStats, Error> {
-        let image = |path: &Path, samples: GeoSamples| GeoImage {
-            path: path.to_path_buf(),
-            size: self.grid.size,
-            samples,
-            left_top: self.grid.left_top(),
-            pixel: self.grid.gsd,
-            crs: self.crs.clone(),
-            software: software.to_owned(),
+        let kinds = [
+            (Shown::Color, files.color.as_ref(), GeoSamples::Rgba8, vec![]),
+            (Shown::Height, files.dsm.as_ref(), GeoSamples::F32(1), vec!["height", "filled"]),
+            (Shown::Normal, files.normals.as_ref(), GeoSamples::F32(3), vec!["x", "y", "z", "filled"]),
+        ];
+        let has_marks = self.options.fill.is_some();
+        let (mut shown, mut images) = (Vec::new(), Vec::new());
+        for (kind, path, samples, bands) in kinds {
+            let Some(path) = path else { continue };
+            shown.push(kind);
+            images.push(GeoImage {
+                path: path.clone(),
+                size: self.grid.size,
+                samples,
+                bands: if has_marks { bands } else { Vec::new() },
+                has_marks,
+                left_top: self.grid.left_top(),
+                pixel: self.grid.gsd,
+                crs: self.crs.clone(),
+                software: software.to_owned(),
+            });
+        }
+        let Some(first) = images.first().map(|image| image.path.clone()) else {
+            return Err(Error::Usage("there is no image to write, expected colours, heights or normals".to_owned()));
         };
-        let mut images = vec![image(&files.color, GeoSamples::Rgba8)];
-        images.extend(files.dsm.iter().map(|path| image(path, GeoSamples::F32(1))));
-        images.extend(files.normals.iter().map(|path| image(path, GeoSamples::F32(3))));
-        let wanted = Wanted { dsm: files.dsm.is_some(), normals: files.normals.is_some() };
         let mut stats = OrthoStats { pixels: self.grid.size.map(u64::from).iter().product(), ..OrthoStats::default() };
         write_geotiffs(&images, files.overwrite, |tiles| {
-            self.draw_blocks(tiles, wanted, backend, progress, &mut stats)
+            let mut sink = Sink { grid: self.grid, shown, tiles };
+            match self.options.fill {
+                None => {
+                    let grid = self.grid;
+                    self.draw_blocks(&grid, &mut Out::Image(&mut sink), backend, progress, &mut stats)
+                }
+                Some(distance) => self.draw_filled(distance, &first, &mut sink, backend, progress, &mut stats),
+            }
         })?;
         Ok(stats)
     }
 
-    /// From north to south, so that few tiles of a file are begun at a time.
-    fn draw_blocks(
+    /// Draws all pixels, and those around the image that gaps in it depend on, closes the gaps, and writes the image.
+    fn draw_filled(
         &mut self,
-        tiles: &mut [GeoTiles<'_, '_>],
-        wanted: Wanted,
+        distance: f64,
+        beside: &Path,
+        sink: &mut Sink<'_, '_>,
         backend: &mut Backend,
         progress: &dyn Progress,
         stats: &mut OrthoStats,
     ) -> Result<(), Error> {
-        let (columns, rows) = (self.layout.blocks(0), self.layout.blocks(1));
+        let radius_px = distance / self.grid.gsd;
+        let margin = fill::margin_px(radius_px);
+        let failed = |source| unwritable(beside, source);
+        let has = sink.has();
+        let mut store = BlockStore::beside(beside, self.layout.block_px as usize, has).map_err(failed)?;
+        let around = self.grid.grown(margin);
+        self.draw_blocks(&around, &mut Out::Store(&mut store, beside), backend, progress, stats)?;
+        stats.covered = 0;
+        let start = Instant::now();
+        let side = WINDOW_PX.max(margin);
+        let [width, height] = self.grid.size;
+        for top in (0..height).step_by(side as usize) {
+            let rows = side.min(height - top);
+            for left in (0..width).step_by(side as usize) {
+                let columns = side.min(width - left);
+                let west = self.grid.first[0] + i64::from(left) - i64::from(margin);
+                let north = self.grid.first[1] + i64::from(height) - 1 - i64::from(top) + i64::from(margin);
+                let [columns, rows] = [columns, rows].map(|n| (n + 2 * margin) as usize);
+                let planes = store.get([west, north], columns, rows).map_err(failed)?;
+                let planes = fill::close(planes, radius_px, margin as usize);
+                sink.write([left, top], &planes, stats)?;
+            }
+            sink.done_above(top + rows)?;
+        }
+        stats.writing += start.elapsed();
+        Ok(())
+    }
+
+    /// Draws the blocks that have pixels of a grid, from north to south, so that few tiles of a file are begun at a time.
+    fn draw_blocks(
+        &mut self,
+        grid: &Grid,
+        out: &mut Out<'_, '_, '_>,
+        backend: &mut Backend,
+        progress: &dyn Progress,
+        stats: &mut OrthoStats,
+    ) -> Result<(), Error> {
+        let (columns, rows) = (self.layout.blocks(grid, 0), self.layout.blocks(grid, 1));
         let blocks = rows.rev().flat_map(|row| columns.clone().map(move |column| [column, row]));
         let blocks: Vec<[i64; 2]> = blocks.filter(|block| self.meets_any(*block)).collect();
         progress.stage("orthoimage", blocks.len() as u64);
         let mut frames = Frames::default();
-        for (time, block) in blocks.into_iter().enumerate() {
+        for (time, block) in blocks.iter().copied().enumerate() {
             let start = Instant::now();
-            let splats = self.splats_of(block, time as u64 + 1)?;
+            let splats = self.splats_of(block, time as u64 + 1, stats)?;
             stats.preparing += start.elapsed();
             if !splats.clouds.is_empty() {
                 stats.splats += splats.clouds.iter().map(|cloud| cloud.len() as u64).sum::<u64>();
                 let start = Instant::now();
-                let (grid, layout) = (&self.grid, &self.layout);
-                let pixels = block::draw(splats, grid, layout, block, wanted.normals, backend, &mut frames)?;
+                let (own, layout) = (&self.grid, &self.layout);
+                let has = out.has();
+                let pixels = block::draw(splats, own, layout, block, has, backend, &mut frames)?;
                 stats.drawing += start.elapsed();
                 let start = Instant::now();
-                stats.covered += self.write_block(&pixels, block, wanted, tiles)?;
+                out.put(&pixels, layout, block, stats)?;
                 stats.writing += start.elapsed();
+            }
+            // A row of blocks is done.
+            if blocks.get(time + 1).is_none_or(|next| next[1] != block[1]) {
+                out.done(&self.layout, block[1])?;
             }
             progress.advance(1);
         }
@@ -267,8 +361,8 @@ impl Ortho {
     }
 
     /// The splats of a block and of what is around it.
-    fn splats_of(&mut self, block: [i64; 2], time: u64) -> Result<BlockSplats, Error> {
-        let Self { sources, layout, options, color_by, .. } = self;
+    fn splats_of(&mut self, block: [i64; 2], time: u64, stats: &mut OrthoStats) -> Result<BlockSplats, Error> {
+        let Self { sources, grid, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
         let column = color_by.as_ref().and_then(FixedColor::column);
         let mut splats = BlockSplats::default();
@@ -292,7 +386,10 @@ impl Ortho {
                 Holds::Splats(cloud) => splats.clouds.extend(splats_within(cloud, within)?),
             }
         }
-        let points = gathered.finish(column);
+        let (points, left_out) = gathered.finish(column, Some(layout.spacing).filter(|_| !options.lone));
+        let (own, image) = (layout.own(block), grid.bounds());
+        let is_in = |[x0, y0, x1, y1]: [f64; 4], p: &DVec3| p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1;
+        stats.lone += left_out.iter().filter(|p| is_in(own, p) && is_in(image, p)).count() as u64;
         if let Some((lo, hi)) = points.bounds() {
             let path = path.unwrap_or_default();
             let side = (within[2] - within[0]).max(hi.z - lo.z);
@@ -312,53 +409,26 @@ impl Ortho {
         }
         Ok(splats)
     }
-
-    /// Writes what of a block is inside of the image, and says how many pixels of that show something.
-    fn write_block(
-        &self,
-        pixels: &BlockPixels,
-        block: [i64; 2],
-        wanted: Wanted,
-        tiles: &mut [GeoTiles<'_, '_>],
-    ) -> Result<u64, IoError> {
-        let Layout { block_px, margin_px, .. } = self.layout;
-        let overlap = |axis: usize| {
-            let (first, count) = (self.grid.first[axis], i64::from(self.grid.size[axis]));
-            let start = block[axis] * block_px;
-            (start.max(first), (start + block_px).min(first + count))
-        };
-        let ((x0, x1), (y0, y1)) = (overlap(0), overlap(1));
-        // Rows count from the top here, and from the south in the grid.
-        let top = (block[1] + 1) * block_px + margin_px;
-        let left = block[0] * block_px - margin_px;
-        let rows: Vec<usize> = (y0..y1).rev().map(|y| (top - 1 - y) as usize * pixels.side).collect();
-        let (from, width) = ((x0 - left) as usize, (x1 - x0) as usize);
-        let at = [(x0 - self.grid.first[0]) as u32, (self.grid.first[1] + i64::from(self.grid.size[1]) - y1) as u32];
-        fn cut<T: Copy>(plane: &[T], rows: &[usize], from: usize, width: usize) -> Vec<T> {
-            rows.iter().flat_map(|row| &plane[row + from..row + from + width]).copied().collect()
-        }
-        let or_no_data = |v: f32| if v.is_nan() { GeoSamples::NODATA } else { v };
-        let color = cut(&pixels.color, &rows, from, width);
-        let covered = color.iter().filter(|c| c[3] > 0.0).count() as u64;
-        tiles[0].write_color(at, width as u32, &color)?;
-        if wanted.dsm {
-            let height: Vec<f32> = cut(&pixels.height, &rows, from, width).into_iter().map(or_no_data).collect();
-            tiles[1].write_f32(at, width as u32, &height)?;
-        }
-        if wanted.normals {
-            let normal = cut(&pixels.normal, &rows, from, width);
-            let normal: Vec<f32> = normal.into_iter().flatten().map(or_no_data).collect();
-            tiles[usize::from(wanted.dsm) + 1].write_f32(at, width as u32, &normal)?;
-        }
-        Ok(covered)
-    }
 }
 
-/// Which images there are beside the colours.
-#[derive(Clone, Copy)]
-struct Wanted {
-    dsm: bool,
-    normals: bool,
+/// The bounds that the options give, checked before anything is loaded.
+fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
+    let asked = match (options.bounds, options.size) {
+        (Some(bounds), _) => Some(bounds),
+        (None, Some([width, height])) => {
+            let [x, y] = options.origin;
+            Some([x, y, x + f64::from(width) * options.gsd, y + f64::from(height) * options.gsd])
+        }
+        (None, None) => None,
+    };
+    grid_of(options, asked.unwrap_or([0.0, 0.0, options.gsd, options.gsd]))?;
+    Ok(asked)
+}
+
+/// The grid of bounds that the options give.
+fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
+    let size = options.size.filter(|_| options.bounds.is_none());
+    Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))
 }
 
 /// What points without colours are coloured by where nothing is asked for: the first of these that all files have.
@@ -482,60 +552,4 @@ fn bounds_of(sources: &[Source]) -> [f64; 4] {
     });
     let beyond = |low: f64, high: f64| if high > low { high } else { low + low.abs().max(1.0) * 1e-9 };
     [x0, y0, beyond(x0, x1), beyond(y0, y1)]
-}
-
-/// The system of all files, or of the code that was given.
-fn crs_of(
-    sources: &[Source],
-    epsg: Option<u16>,
-    notes: &mut Vec<(Option<PathBuf>, String)>,
-) -> Result<Option<Crs>, Error> {
-    let degrees = |source: &Source| source.bounds.0.abs().max(source.bounds.1.abs()).truncate().max_element() <= 360.0;
-    if let Some(code) = epsg {
-        let crs = Crs::of_epsg(code);
-        if crs.is_geographic() {
-            let (field, found) = ("crs".into(), format!("EPSG:{code}, whose coordinates are degrees"));
-            return Err(ModelError::OutOfRange { field, found, expected: "a projected system" }.into());
-        }
-        return Ok(Some(crs));
-    }
-    let mut first: Option<(&Source, &Crs)> = None;
-    for source in sources {
-        let Some(crs) = &source.crs else { continue };
-        let unsuitable = |problem: String| Error::Unsuitable { path: source.path.clone(), problem };
-        if crs.is_geographic() && degrees(source) {
-            let problem = format!(
-                "its x and y are degrees ({}), expected lengths: project it first, as by pdal translate IN OUT \
-                 reprojection --filters.reprojection.out_srs=EPSG:N; or give --crs if it is projected",
-                crs.words()
-            );
-            return Err(unsuitable(problem));
-        }
-        if crs.is_geographic() {
-            let note = format!("says that its x and y are degrees ({}), which they can't be: ignored", crs.words());
-            notes.push((Some(source.path.clone()), note));
-            continue;
-        }
-        match first {
-            None => first = Some((source, crs)),
-            Some((_, known)) if known == crs || (known.epsg().is_some() && known.epsg() == crs.epsg()) => {}
-            Some((other, known)) => {
-                let (other, known) = (other.path.display(), known.words());
-                return Err(unsuitable(format!(
-                    "has {}, but {other} has {known}: project one of them, or give --crs if they are the same",
-                    crs.words()
-                )));
-            }
-        }
-    }
-    match first {
-        None => notes.push((None, "no coordinate reference system is known: --crs EPSG:N gives one".into())),
-        Some((known, crs)) => {
-            for source in sources.iter().filter(|source| source.crs.is_none()) {
-                let note = format!("has no CRS: taken to be as in {}, {}", known.path.display(), crs.words());
-                notes.push((Some(source.path.clone()), note));
-            }
-        }
-    }
-    Ok(first.map(|(_, crs)| crs.clone()))
 }

@@ -3,12 +3,13 @@
 use super::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
 use crate::paths::display;
 use crate::render_options::SplatOptions;
+use crate::words::counted;
 use crate::{Error, LoadOptions, splats};
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
-use surfel_model::{ConvertOptions, ModelError};
+use surfel_model::{ConvertOptions, ModelError, Outliers};
 use surfel_sample::Progress;
 
 /// Files whose orthoimage is asked for.
@@ -44,8 +45,11 @@ impl OrthoRequest<'_> {
         let load = LoadOptions::default()
             .with_convert(&convert, Path::new(""))
             .with_stdin(self.stdin.clone())
-            .with_memory(self.splats.memory);
-        let options = self.options.clone().with_load(load.with_interior_weight(true));
+            .with_memory(self.splats.memory)
+            .with_surface(true)
+            .with_interior_weight(true);
+        let keeps_lone = self.splats.convert.outliers == Some(Outliers::Keep);
+        let options = self.options.clone().with_load(load).with_lone(self.options.lone || keeps_lone);
         let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
         let ortho = Ortho::open(&inputs, &options, progress).map_err(|error| match error {
             // A grid that can't be is its flags' fault.
@@ -66,8 +70,13 @@ impl OrthoRequest<'_> {
     /// Refuses names that aren't TIFF's, that are the same, or that are taken.
     fn check_files(&self) -> Result<(), Error> {
         let OrthoFiles { color, dsm, normals, overwrite } = self.files;
-        let files = [("-o", Some(color)), ("--dsm", dsm.as_ref()), ("--normals", normals.as_ref())];
-        let files: Vec<(&str, &PathBuf)> = files.into_iter().filter_map(|(flag, file)| Some((flag, file?))).collect();
+        let files = [("-o", color), ("--dsm", dsm), ("--normals", normals)];
+        let files: Vec<(&str, &PathBuf)> =
+            files.into_iter().filter_map(|(flag, file)| Some((flag, file.as_ref()?))).collect();
+        if files.is_empty() {
+            let what = "nothing says what to write, expected -o RGB.tif, --dsm F.tif or --normals F.tif";
+            return Err(Error::Usage(what.to_owned()));
+        }
         for (i, (flag, file)) in files.iter().enumerate() {
             let extension = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
             let wrong = |what: &str| Err(Error::Usage(format!("{flag} {}: {what}", file.display())));
@@ -94,9 +103,22 @@ impl Ortho {
         let ms = |time: std::time::Duration| time.as_secs_f64() * 1e3;
         json!({
             "size": self.size(), "bounds": self.rounded_bounds(), "gsd": self.options.gsd, "pixels": stats.pixels,
-            "covered": stats.covered, "splats": stats.splats, "prepare_ms": ms(stats.preparing),
+            "covered": stats.covered, "filled": stats.filled, "lone": stats.lone, "splats": stats.splats, "prepare_ms": ms(stats.preparing),
             "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing), "backend": backend,
         })
+    }
+
+    /// What the user should know of what was drawn, as sentences without a full stop.
+    pub fn notes_of(&self, stats: &OrthoStats) -> Vec<String> {
+        let mut notes = Vec::new();
+        if stats.lone > 0 {
+            let points = counted(stats.lone, "points");
+            notes.push(format!(
+                "left out {points} of the image that stand alone in height, as birds and reflections do (--outliers \
+                 keep keeps them)"
+            ));
+        }
+        notes
     }
 
     /// The bounds as decimal numbers, whose sums are a little off in binary.

@@ -1,18 +1,22 @@
 //! The points and splats that an orthoimage is drawn of, and which of them lie where.
 
+use super::canonical::Canonical;
 use super::layout::Layout;
+use super::lone::lone;
 use crate::coloring::together::ColorJob;
 use crate::convert;
 use crate::load::{self, LoadedCloud, UnusedOption};
+use crate::noise::water;
 use crate::{Error, LoadOptions};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashSet};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_io::{Content, Crs};
+use surfel_io::copc::RADIUS;
+use surfel_io::{Content, Crs, IN_DEGREES};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
 use surfel_sample::{NoProgress, Progress};
 
@@ -27,6 +31,8 @@ pub(crate) struct Source {
     /// Bounds of the points, or of the splats.
     pub(crate) bounds: (DVec3, DVec3),
     pub(crate) crs: Option<Crs>,
+    /// True if the names or the steps of x and y say that these are degrees.
+    pub(crate) is_named_degrees: bool,
 }
 
 /// What a file holds.
@@ -44,9 +50,13 @@ pub(crate) struct Points {
     pub(crate) bytes: usize,
     pub(crate) has_colors: bool,
     pub(crate) has_intensity: bool,
+    /// The rounding that makes positions the same in any file.
+    pub(crate) canonical: Canonical,
     cloud: Option<PointCloud>,
+    /// Water, row by row; empty: none.
+    water: Vec<bool>,
     /// Which rows of the cloud are in which bin; set when the points are sorted into bins.
-    bins: Option<BTreeMap<(i64, i64), Range<usize>>>,
+    bins: Option<Bins>,
     /// When they were needed last.
     used: u64,
 }
@@ -75,15 +85,20 @@ impl Source {
             _ => &[],
         };
         let crs = Crs::of_comments(comments);
+        let is_named_degrees = comments.iter().any(|comment| comment == IN_DEGREES);
         told.unused = convert::unused(&loaded.content, options);
         let path = path.to_path_buf();
         if let Content::Points(points) = loaded.content {
             told.notes.append(&mut loaded.notes);
-            let points = convert::chosen_points(points, &path, options, &mut told.notes, progress)?;
+            let points = chosen(points, &path, options, &mut told.notes, progress)?;
             let Some(bounds) = points.bounds() else { return Err(empty(&path)) };
-            let density = density(&points, bounds);
+            let canonical = Canonical::new(&points, bounds);
+            let bounds = canonical.bounds(bounds);
+            let density = density(&points, &canonical, bounds);
             let holds = Holds::Points(Box::new(Points {
                 density,
+                canonical,
+                water: Vec::new(),
                 bytes: bytes(&points),
                 has_colors: points.colors.is_some(),
                 has_intensity: ExtraColumn::find(&points.extras, "intensity").is_some(),
@@ -91,13 +106,24 @@ impl Source {
                 bins: None,
                 used: 0,
             }));
-            return Ok(Self { path, holds, bounds, crs });
+            return Ok(Self { path, holds, bounds, crs, is_named_degrees });
         }
         let (LoadedCloud { cloud, notes, .. }, color_job) = load::splats_of(loaded, &path, options, progress)?;
         told.notes.extend(notes);
         told.color_job = color_job;
         let Some(bounds) = cloud.bounds() else { return Err(empty(&path)) };
-        Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs })
+        Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
+    }
+
+    /// The number of points or splats that are in memory, and where each is.
+    pub(crate) fn positions(&self) -> Option<(usize, Box<dyn Fn(usize) -> DVec3 + '_>)> {
+        match &self.holds {
+            Holds::Points(points) => {
+                let cloud = points.cloud.as_ref()?;
+                Some((cloud.len(), Box::new(|i| points.canonical.position(cloud, i))))
+            }
+            Holds::Splats(cloud) => Some((cloud.len(), Box::new(|i| cloud.center(i)))),
+        }
     }
 
     /// True if bounds in the plane (least x and y, then largest) meet this file's.
@@ -105,6 +131,28 @@ impl Source {
         let (lo, hi) = self.bounds;
         lo.x <= x1 && hi.x >= x0 && lo.y <= y1 && hi.y >= y0
     }
+}
+
+/// The points of a file that the options choose, without normals that Surfel itself added to it: those of a file by
+/// levels and of the file that it was made of must give the same surface.
+fn chosen(
+    mut points: PointCloud,
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+    progress: &dyn Progress,
+) -> Result<PointCloud, Error> {
+    let has_radii = ExtraColumn::find(&points.extras, RADIUS).is_some();
+    if has_radii && points.normals.as_ref().is_some_and(are_estimated) {
+        points.normals = None;
+    }
+    convert::chosen_points(points, path, options, notes, progress)
+}
+
+/// True of normals in steps of 1/127, as Surfel adds them to files by levels.
+fn are_estimated(normals: &Column3) -> bool {
+    let is_step = |v: f64| (v * 127.0 - (v * 127.0).round()).abs() < 1e-4;
+    (0..normals.len()).all(|i| normals.get(i).to_array().into_iter().all(is_step))
 }
 
 fn empty(path: &Path) -> Error {
@@ -120,7 +168,7 @@ impl Points {
 
     /// Frees the points; they are loaded again when they are needed.
     pub(crate) fn free(&mut self) -> usize {
-        (self.cloud, self.bins) = (None, None);
+        (self.cloud, self.bins, self.water) = (None, None, Vec::new());
         self.bytes
     }
 
@@ -149,15 +197,17 @@ impl Points {
             }
             (Some(cloud), None) => cloud,
             (None, _) => match load::read(path, options)?.content {
-                Content::Points(points) => convert::chosen_points(points, path, options, &mut Vec::new(), &NoProgress)?,
+                Content::Points(points) => chosen(points, path, options, &mut Vec::new(), &NoProgress)?,
                 _ => return Err(empty(path)),
             },
         };
+        let is_water = water(&cloud.extras, cloud.len());
         // Files spell it differently.
         let named = column.and_then(|name| ExtraColumn::find(&cloud.extras, name)).map(|extra| extra.name.clone());
         cloud.extras.retain(|extra| Some(&extra.name) == named.as_ref());
-        let (cloud, bins) = binned(&cloud, layout);
+        let (cloud, order, bins) = binned(&cloud, &self.canonical, layout);
         self.bytes = bytes(&cloud);
+        self.water = is_water.map(|flags| order.iter().map(|i| flags[*i as usize]).collect()).unwrap_or_default();
         (self.cloud, self.bins) = (Some(cloud), Some(bins));
         Ok(())
     }
@@ -170,9 +220,9 @@ impl Points {
         for row in rows {
             for (_, range) in bins.range((row, *columns.start())..=(row, *columns.end())) {
                 for i in range.clone() {
-                    let p = cloud.origin + cloud.positions.get(i);
+                    let p = self.canonical.position(cloud, i);
                     if p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1 {
-                        into.push(cloud, i, p);
+                        into.push(cloud, i, p, self.water.get(i).is_some_and(|water| *water));
                     }
                 }
             }
@@ -189,11 +239,13 @@ pub(crate) struct Gathered {
     colors: Vec<[f32; 3]>,
     has_colors: bool,
     values: Vec<f64>,
+    water: Vec<bool>,
 }
 
 impl Gathered {
-    fn push(&mut self, cloud: &PointCloud, i: usize, p: DVec3) {
+    fn push(&mut self, cloud: &PointCloud, i: usize, p: DVec3, is_water: bool) {
         self.positions.push(p);
+        self.water.push(is_water);
         // A normal of zero is one that is estimated.
         self.normals.push(cloud.normals.as_ref().map_or(glam::Vec3::ZERO, |n| n.get(i).as_vec3()));
         self.has_normals |= cloud.normals.is_some();
@@ -202,20 +254,29 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// One cloud of them, in an order that depends on the points alone; `column` is the name of their values.
-    pub(crate) fn finish(self, column: Option<&str>) -> PointCloud {
+    /// One cloud of them, in an order that depends on the points alone, and where the points are that stand alone in
+    /// height, which it leaves out; `column` is the name of their values. Without a `spacing` no point is left out.
+    pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
+        let mut left_out = Vec::new();
+        if let Some(spacing) = spacing {
+            let is_lone = lone(&self.positions, spacing);
+            let is_out = |i: u32| is_lone[i as usize] && !self.water[i as usize];
+            left_out = order.iter().filter(|i| is_out(**i)).map(|i| self.positions[*i as usize]).collect();
+            order.retain(|i| !is_out(*i));
+        }
         fn sorted<T: Copy>(values: &[T], order: &[u32]) -> Vec<T> {
             order.iter().map(|i| values[*i as usize]).collect()
         }
-        let Self { positions, normals, has_normals, colors, has_colors, values } = self;
+        let Self { positions, normals, has_normals, colors, has_colors, values, .. } = self;
         let (positions, values) = (sorted(&positions, &order), sorted(&values, &order));
         let normals = has_normals.then(|| Column3::from_f32(sorted(&normals, &order)));
         let colors = has_colors.then(|| sorted(&colors, &order));
         let (origin, positions) = Column3::with_origin(&positions);
         let extras = column.map(|name| ExtraColumn { name: name.into(), values: ExtraValues::F64(values) });
-        PointCloud { origin, positions, normals, colors, extras: extras.into_iter().collect(), ..PointCloud::default() }
+        let extras = extras.into_iter().collect();
+        (PointCloud { origin, positions, normals, colors, extras, ..PointCloud::default() }, left_out)
     }
 }
 
@@ -258,10 +319,14 @@ fn bytes(points: &PointCloud) -> usize {
         + points.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
 }
 
-/// The points in the order of their bins, and which rows each bin has. Within a bin they stay in their order.
-fn binned(cloud: &PointCloud, layout: &Layout) -> (PointCloud, BTreeMap<(i64, i64), Range<usize>>) {
+/// Rows of each bin, by the bin's row and column.
+type Bins = BTreeMap<(i64, i64), Range<usize>>;
+
+/// The points in the order of their bins, which rows they had, and which rows each bin has. Within a bin they stay in
+/// their order.
+fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointCloud, Vec<u32>, Bins) {
     let bin = |i: usize| {
-        let p = cloud.origin + cloud.positions.get(i);
+        let p = canonical.position(cloud, i);
         (layout.bin(1, p.y), layout.bin(0, p.x))
     };
     let mut counts: BTreeMap<(i64, i64), usize> = BTreeMap::new();
@@ -302,31 +367,39 @@ fn binned(cloud: &PointCloud, layout: &Layout) -> (PointCloud, BTreeMap<(i64, i6
         extras: cloud.extras.iter().map(|e| ExtraColumn { name: e.name.clone(), values: pick(&e.values) }).collect(),
         ..PointCloud::default()
     };
-    (sorted, bins)
+    (sorted, order, bins)
 }
 
 /// Points a square unit of the area that they cover, judged by the cells of a square grid that hold some of a sample.
-/// Infinite where they all lie above each other.
-fn density(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> f64 {
-    let count = points.len().min(SAMPLE);
+/// Infinite where they all lie above each other. The order of the points has no part in it.
+fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3)) -> f64 {
+    let share = if points.len() <= SAMPLE { u64::MAX } else { u64::MAX / points.len() as u64 * SAMPLE as u64 };
+    let plane = |i: usize| canonical.position(points, i).truncate();
+    let is_taken = |p: &DVec2| mixed(p.x.to_bits() ^ mixed(p.y.to_bits())) <= share;
+    let sample: Vec<DVec2> = (0..points.len()).into_par_iter().with_min_len(4096).map(plane).filter(is_taken).collect();
+    let count = sample.len();
     let extent = hi - lo;
     let longest = extent.x.max(extent.y);
     let mut side = (extent.x * extent.y * IN_A_CELL / count as f64).sqrt().max(longest * IN_A_CELL / count as f64);
-    if side <= 0.0 {
+    if count == 0 || side <= 0.0 {
         return f64::INFINITY;
     }
     loop {
-        let mut cells = HashSet::new();
-        for k in 0..count {
-            let p = points.positions.get((k as u128 * points.len() as u128 / count as u128) as usize) + points.origin;
-            cells.insert((((p.x - lo.x) / side) as i64, ((p.y - lo.y) / side) as i64));
-        }
+        let cell = |p: &DVec2| (((p.x - lo.x) / side) as i64, ((p.y - lo.y) / side) as i64);
+        let cells = sample.iter().map(cell).collect::<HashSet<_>>().len();
         // Far strays make the first cells too large.
-        if cells.len() as f64 * IN_A_CELL * 2.0 >= count as f64 || cells.len() > count / 4 || side < longest * 1e-9 {
-            return points.len() as f64 / (cells.len() as f64 * side * side);
+        if cells as f64 * IN_A_CELL * 2.0 >= count as f64 || cells > count / 4 || side < longest * 1e-9 {
+            return points.len() as f64 / (cells as f64 * side * side);
         }
         side *= 0.5;
     }
+}
+
+/// Bits that look random, of others (the finaliser of SplitMix64).
+fn mixed(bits: u64) -> u64 {
+    let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    bits ^ (bits >> 31)
 }
 
 #[cfg(test)]
@@ -345,7 +418,7 @@ mod tests {
         let of = |positions: &[DVec3]| {
             let (origin, positions) = Column3::with_origin(positions);
             let cloud = PointCloud { origin, positions, ..PointCloud::default() };
-            density(&cloud, cloud.bounds().unwrap())
+            density(&cloud, &Canonical::new(&cloud, cloud.bounds().unwrap()), cloud.bounds().unwrap())
         };
         assert!((of(&positions) - 8.0).abs() < 1.5, "{}", of(&positions));
         // A stray far away changes little.

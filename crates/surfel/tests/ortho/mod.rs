@@ -2,6 +2,7 @@
 //! points; that any two images of the same points agree; and what their files say.
 #![cfg(feature = "ortho")]
 
+mod survey;
 mod truth;
 
 use std::path::{Path, PathBuf};
@@ -90,7 +91,7 @@ fn images_of_the_same_points_have_the_same_pixels_where_they_overlap() {
     draw(&input, &options([20.3, 20.0, 21.3, 20.6]), &b);
     // 60 x 40 pixels: of a 90 x 60 from column 30, row 20 on; of b 100 x 60 from column 0, row 0 on.
     let [of_a, of_b] = [&a, &b].map(|files| {
-        let (width, colors) = levels(&files.color);
+        let (width, colors) = levels(files.color.as_ref().unwrap());
         let (_, heights) = numbers(files.dsm.as_ref().unwrap());
         let (_, normals) = numbers(files.normals.as_ref().unwrap());
         (width, colors, heights, normals)
@@ -129,7 +130,8 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
     off.sort_by(f32::total_cmp);
     // Positions in text lose 1e-9; at edges the choice between two surfaces may turn on less.
     assert!(off[off.len() * 999 / 1000] < 1e-3, "{}", off[off.len() * 999 / 1000]);
-    for (path, samples) in [(&far_files.color, 4), (far_files.dsm.as_ref().unwrap(), 1)] {
+    for (path, samples) in [(&far_files.color, 4), (&far_files.dsm, 1)] {
+        let path = path.as_ref().unwrap();
         let mut decoder = decoder(path);
         assert_eq!(decoder.dimensions().unwrap(), (200, 140));
         let mut tag = |tag| decoder.get_tag(tag).unwrap();
@@ -144,7 +146,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
             assert_eq!(tag(Tag::GdalNodata).into_string().unwrap(), "-9999");
         }
     }
-    let (_, colors) = levels(&far_files.color);
+    let (_, colors) = levels(far_files.color.as_ref().unwrap());
     assert!(colors.iter().all(|c| *c == [200, 100, 50, 255]), "a mean of one colour is that colour");
     // A code that is given wins.
     let options = options.with_epsg(Some(32_632));
@@ -160,7 +162,7 @@ fn what_no_splat_covers_is_no_data() {
     let points: Vec<[f64; 3]> = points().into_iter().filter(|p| !hole(p)).collect();
     let files = folder.files("a");
     let (_, stats) = draw(&folder.write("scan.ply", &points, ""), &OrthoOptions::new(0.25), &files);
-    let (width, colors) = levels(&files.color);
+    let (width, colors) = levels(files.color.as_ref().unwrap());
     let (_, heights) = numbers(files.dsm.as_ref().unwrap());
     let (_, normals) = numbers(files.normals.as_ref().unwrap());
     for (i, (color, height)) in colors.iter().zip(&heights).enumerate() {

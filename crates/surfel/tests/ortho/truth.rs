@@ -43,7 +43,7 @@ impl Folder {
 
     pub(crate) fn files(&self, name: &str) -> OrthoFiles {
         let file = |what: &str| self.0.join(format!("{name}-{what}.tif"));
-        OrthoFiles { color: file("rgb"), dsm: Some(file("dsm")), normals: Some(file("n")), overwrite: true }
+        OrthoFiles { color: Some(file("rgb")), dsm: Some(file("dsm")), normals: Some(file("n")), overwrite: true }
     }
 }
 
@@ -96,7 +96,7 @@ fn normal_from(first: u64) -> f64 {
     (0..12).map(|k| random(first + k)).sum::<f64>() - 6.0
 }
 
-fn normal(i: u64) -> f64 {
+pub(crate) fn normal(i: u64) -> f64 {
     normal_from(12 * i)
 }
 

@@ -252,6 +252,7 @@ impl Copc {
         let loaded = load::run_plain(
             |context| {
                 let mut header = Header::read(&mut file, self.file.bytes)?;
+                header.reads_withheld = context.options.withheld;
                 let read =
                     AssertUnwindSafe(|| self.read_nodes(&mut file, &mut header, &nodes, (columns, keeps), &mut ends));
                 let columns = catch_unwind(read).unwrap_or_else(|_| {

@@ -307,6 +307,7 @@ impl ColumnInput {
             extra: extra.collect(),
             laszip: None,
             notes: notes.chain((left_out > 0).then(dropped)).chain(is_unsaid.then(unsaid)).collect(),
+            reads_withheld: false,
         }
     }
 

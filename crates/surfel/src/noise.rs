@@ -1,0 +1,102 @@
+//! Points that are no surface by what their file says: noise, and points that are withheld; and water, whose few returns
+//! are no outliers.
+
+use crate::LoadOptions;
+use crate::words::counted;
+use surfel_model::{Classes, CloudData, ExtraColumn, OnInvalid, SplatCloud};
+
+/// ASPRS's classes of low and high noise, and of water.
+const NOISE: [f64; 2] = [7.0, 18.0];
+const WATER: f64 = 9.0;
+
+/// Points of a file that are no surface.
+pub(crate) struct NoSurface {
+    /// A flag a point.
+    pub(crate) flags: Vec<bool>,
+    noise: u64,
+    withheld: u64,
+}
+
+/// The points that are no surface, unless the options choose them by their class; `None`: there are none.
+pub(crate) fn no_surface(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoSurface> {
+    let Judged { by_class, by_flag } = Judged::new(options);
+    let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);
+    let flag = ExtraColumn::find(extras, "withheld").map(|e| &e.values).filter(|_| by_flag);
+    let is_noise = |i: usize| class.is_some_and(|class| NOISE.contains(&class.get(i)));
+    let is_withheld = |i: usize| flag.is_some_and(|flag| flag.get(i) != 0.0);
+    let mut found = NoSurface { flags: vec![false; count], noise: 0, withheld: 0 };
+    for i in (0..count).filter(|_| class.is_some() || flag.is_some()) {
+        let (noise, withheld) = (is_noise(i), is_withheld(i));
+        found.flags[i] = noise || withheld;
+        found.noise += u64::from(noise);
+        found.withheld += u64::from(withheld && !noise);
+    }
+    (found.noise + found.withheld > 0).then_some(found)
+}
+
+impl NoSurface {
+    /// What they are, in words: "12 points of noise (classes 7 and 18)".
+    pub(crate) fn words(&self) -> String {
+        let noise = (self.noise > 0).then(|| format!("{} of noise (classes 7 and 18)", counted(self.noise, "points")));
+        let withheld = (self.withheld > 0).then(|| format!("{} flagged as withheld", counted(self.withheld, "points")));
+        noise.into_iter().chain(withheld).collect::<Vec<_>>().join(" and ")
+    }
+}
+
+/// Which points are judged.
+struct Judged {
+    by_class: bool,
+    by_flag: bool,
+}
+
+impl Judged {
+    fn new(options: &LoadOptions) -> Self {
+        // A choice that names classes has them, noise too.
+        let names_class = options.condition.as_ref().is_some_and(|text| text.to_ascii_lowercase().contains("class"));
+        let are_named = matches!(options.classes, Some(Classes::All | Classes::Only(_)));
+        Self { by_class: !are_named && !names_class, by_flag: options.classes != Some(Classes::All) }
+    }
+}
+
+/// Which points are water; `None`: none is.
+pub(crate) fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
+    let class = &ExtraColumn::find(extras, "classification")?.values;
+    let flags: Vec<bool> = (0..count).map(|i| class.get(i) == WATER).collect();
+    flags.contains(&true).then_some(flags)
+}
+
+/// The splats of a cloud that are a surface, without attributes; `None` if all are or none is.
+pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
+    let all = cloud.data();
+    let found = no_surface(&all.extras, cloud.len(), &LoadOptions::default())?;
+    let mut data = CloudData {
+        colors: all.colors.clone(),
+        clips: all.clips.clone(),
+        oriented: all.oriented,
+        up: all.up,
+        ..CloudData::new(all.origin, all.centers.clone(), all.shape.clone())
+    };
+    data.retain(&found.flags.iter().map(|flag| !flag).collect::<Vec<_>>());
+    SplatCloud::new(data, OnInvalid::Refuse).ok().map(|(cloud, _)| cloud).filter(|cloud| !cloud.is_empty())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::ExtraValues;
+
+    fn extras() -> Vec<ExtraColumn> {
+        let column = |name: &str, values: Vec<u8>| ExtraColumn { name: name.into(), values: ExtraValues::U8(values) };
+        vec![column("Classification", vec![2, 7, 18, 9, 7, 2]), column("withheld", vec![0, 0, 0, 0, 1, 1])]
+    }
+
+    #[test]
+    fn noise_and_withheld_points_are_no_surface_unless_they_are_chosen() {
+        let all = LoadOptions::default();
+        let found = no_surface(&extras(), 6, &all).unwrap();
+        assert_eq!(found.flags, [false, true, true, false, true, true]);
+        assert_eq!(found.words(), "3 points of noise (classes 7 and 18) and 1 point flagged as withheld");
+        assert!(no_surface(&extras()[..0], 6, &all).is_none());
+        assert_eq!(water(&extras(), 6).unwrap(), [false, false, false, true, false, false]);
+    }
+}

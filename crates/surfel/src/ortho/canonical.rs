@@ -1,0 +1,168 @@
+//! Coordinates that are the same numbers whatever file the points come from.
+//!
+//! LAS counts steps of a scale, text prints decimals, PLY and NPY hold floats of 32 or 64 bits, and each reader rounds in
+//! its own way: by 2⁻²⁴ of the distance from an origin at most. A surface model is the same to the last bit only if its
+//! points are. So coordinates that lie within what such rounding loses of multiples of a decimal step become those
+//! multiples, and others, near the origin, numbers of 32 bits. No coordinate moves by more than its rounding.
+
+use glam::DVec3;
+use rayon::prelude::*;
+use surfel_model::PointCloud;
+
+/// Decimal digits of the finest step.
+const MOST_DIGITS: i32 = 8;
+/// Steps below 1, 0.1, …: counts of a tenth or a hundredth of these.
+const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
+/// Rounding over the step that it may be the multiple of.
+const MOST_OF_A_STEP: f64 = 0.3;
+/// What files by levels round of a coordinate, over the extent: they count to 2³⁰.
+const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
+/// Extents from the coordinate origin up to which readers hold measured numbers in 32 bits.
+const NEAR: f64 = 32.0;
+
+/// What becomes of one coordinate.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Axis {
+    /// The nearest multiple of `numerator / denominator`.
+    Decimal { numerator: f64, denominator: f64 },
+    /// The nearest number of 32 bits.
+    F32,
+    /// Nothing.
+    Exact,
+}
+
+/// The rounding of a file's coordinates.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Canonical([Axis; 3]);
+
+impl Axis {
+    fn of(self, value: f64) -> f64 {
+        match self {
+            // A quotient of whole numbers is correctly rounded: the same number for any step that it is a multiple of.
+            Self::Decimal { numerator, denominator } => {
+                (value * denominator / numerator).round() * numerator / denominator
+            }
+            Self::F32 => f64::from(value as f32),
+            Self::Exact => value,
+        }
+    }
+}
+
+impl Canonical {
+    /// The rounding of a file's points, which lie between `lo` and `hi`.
+    pub(crate) fn new(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> Self {
+        let from_origin = (lo - points.origin).abs().max((hi - points.origin).abs());
+        let largest = lo.abs().max(hi.abs());
+        let extent = (hi - lo).max_element();
+        let in_f32 = if points.positions.low().is_some() { 0.0 } else { (-24_f64).exp2() };
+        let is_near = largest.max_element() <= NEAR * extent;
+        Self([0, 1, 2].map(|axis| {
+            let lost = in_f32 * from_origin[axis] + COUNTED * extent + 4.0 * f64::EPSILON * largest[axis];
+            // Coarser than what numbers of 32 bits can hold there, so that these are multiples of it, too.
+            let least = if is_near { 4.0 * f64::from(f32::EPSILON) * largest[axis] } else { 0.0 };
+            let step = |(numerator, denominator): &(f64, f64)| numerator / denominator;
+            let is_usable = |s: &(f64, f64)| step(s) >= least && lost <= MOST_OF_A_STEP * step(s);
+            let fits = |s: &(f64, f64)| {
+                let axis_of = Axis::Decimal { numerator: s.0, denominator: s.1 };
+                let is_multiple = |i: usize| {
+                    let value = points.origin[axis] + points.positions.get(i)[axis];
+                    (axis_of.of(value) - value).abs() <= lost
+                };
+                (0..points.len()).into_par_iter().with_min_len(4096).all(is_multiple)
+            };
+            let steps = (0..=MOST_DIGITS).flat_map(|digits| {
+                STEPS.map(|(numerator, denominator)| (numerator, denominator * 10_f64.powi(digits)))
+            });
+            let found = steps.filter(is_usable).find(fits);
+            match found {
+                Some((numerator, denominator)) => Axis::Decimal { numerator, denominator },
+                None if is_near => Axis::F32,
+                None => Axis::Exact,
+            }
+        }))
+    }
+
+    /// A point's position.
+    pub(crate) fn position(&self, points: &PointCloud, i: usize) -> DVec3 {
+        let p = points.origin + points.positions.get(i);
+        DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))
+    }
+
+    /// Least and largest coordinates.
+    pub(crate) fn bounds(&self, (lo, hi): (DVec3, DVec3)) -> (DVec3, DVec3) {
+        [lo, hi].map(|p| DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))).into()
+    }
+
+    /// The steps that x, y and z are multiples of; `None` where there is none.
+    pub(crate) fn steps(&self) -> [Option<f64>; 3] {
+        self.0.map(|axis| match axis {
+            Axis::Decimal { numerator, denominator } => Some(numerator / denominator),
+            Axis::F32 | Axis::Exact => None,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Column3;
+
+    fn cloud(positions: &[DVec3]) -> PointCloud {
+        let (origin, positions) = Column3::with_origin(positions);
+        PointCloud { origin, positions, ..PointCloud::default() }
+    }
+
+    fn positions(points: &PointCloud) -> Vec<DVec3> {
+        let canonical = Canonical::new(points, points.bounds().unwrap());
+        (0..points.len()).map(|i| canonical.position(points, i)).collect()
+    }
+
+    /// Numbers of `digits` decimals between 0 and `extent`, from `offset` on.
+    fn decimals(offset: f64, extent: f64, digits: i32) -> Vec<DVec3> {
+        let per_unit = 10_f64.powi(digits);
+        let mut state = 1_u64;
+        let mut next = || {
+            state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            ((state >> 11) as f64 / (1_u64 << 53) as f64 * extent * per_unit).floor()
+        };
+        (0..500).map(|_| DVec3::from([next(), next(), next()].map(|n| (offset * per_unit + n) / per_unit))).collect()
+    }
+
+    #[test]
+    fn points_are_the_same_from_steps_decimals_and_floats() {
+        for (offset, extent, digits) in [(0.0, 30.0, 3), (5.4e6, 300.0, 3), (637_000.0, 9_000.0, 2), (-80.0, 40.0, 4)] {
+            let exact = decimals(offset, extent, digits);
+            assert_eq!(positions(&cloud(&exact)), exact, "{offset} {extent}");
+            // As LAS: a product, and 32 bits from an origin.
+            let steps: Vec<DVec3> = exact.iter().map(|p| *p + DVec3::splat(3e-10)).collect();
+            let (lo, hi) = cloud(&exact).bounds().unwrap();
+            let origin = Column3::origin_of(lo, hi);
+            let high = Column3::from_f32(steps.iter().map(|p| (*p - origin).as_vec3()).collect());
+            let las = PointCloud { origin, positions: high, ..PointCloud::default() };
+            if extent * (-24_f64).exp2() < 0.25 * 10_f64.powi(-digits) {
+                assert_eq!(positions(&las), exact, "{offset} {extent}");
+            }
+            // As by levels: steps of a power of two.
+            let step = extent.log2().ceil().exp2() * COUNTED;
+            let counted: Vec<DVec3> = exact.iter().map(|p| (*p / step).round() * step).collect();
+            assert_eq!(positions(&cloud(&counted)), exact, "{offset} {extent}");
+        }
+        // Quarters of a millimetre, and half centimetres.
+        let quarters: Vec<DVec3> = decimals(1000.0, 100.0, 2).iter().map(|p| *p / 40.0).collect();
+        let shifted: Vec<DVec3> = quarters.iter().map(|p| *p + DVec3::splat(1e-9)).collect();
+        assert_eq!(positions(&cloud(&shifted)), positions(&cloud(&quarters)));
+    }
+
+    #[test]
+    fn other_numbers_move_by_their_rounding_at_most() {
+        for (offset, extent) in [(0.0, 1.0), (5.4e6, 300.0)] {
+            let odd: Vec<DVec3> =
+                decimals(0.0, 1.0, 8).iter().map(|p| DVec3::splat(offset) + p.map(f64::sqrt) * extent).collect();
+            for few in [3, 500] {
+                for (a, b) in positions(&cloud(&odd[..few])).iter().zip(&odd) {
+                    assert!((*a - *b).abs().max_element() <= extent * 2e-7, "{a} {b}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,122 @@
+//! Points that stand alone in height: birds, reflections in the air and below the ground.
+//!
+//! Such a point is one of many where it is seen from above, and one of few at its height. A point stands alone if fewer
+//! than two others lie within an ellipsoid of eight spacings beside it and four above and below, where at least sixteen
+//! lie within eight spacings at any height. The few points of the ground under a tree have others of the ground beside
+//! them, and a wire has more of the wire. Sparse returns, as of water, have few points at any height.
+
+use glam::DVec3;
+use rayon::prelude::*;
+
+/// How far points count, in spacings: in the plane, and in height.
+pub(crate) const BESIDE: f64 = 8.0;
+const ABOVE: f64 = 4.0;
+/// Others at its height that make a point no lone one.
+const COMPANIONS: usize = 2;
+/// Others at any height, without which nothing is judged.
+const LEAST_AROUND: usize = 16;
+/// Cells along a distance that counts: points in one cell are companions.
+const CELLS: f64 = 2.0;
+
+/// Which points stand alone in height, where points are `spacing` apart on average.
+pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
+    if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
+        return vec![false; positions.len()];
+    }
+    let beside = BESIDE * spacing;
+    let reaches = DVec3::new(beside, beside, ABOVE * spacing);
+    let sides = reaches / CELLS;
+    let least = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
+    let cell = |p: DVec3| ((p - least) / sides).to_array().map(|v| v as u32);
+    let mut sorted: Vec<([u32; 3], u32)> =
+        positions.par_iter().with_min_len(4096).zip(0..positions.len() as u32).map(|(p, i)| (cell(*p), i)).collect();
+    sorted.par_sort_unstable();
+    let first_at = |key: [u32; 3]| sorted.partition_point(|(cell, _)| *cell < key);
+    let reach = CELLS as u32;
+    let is_lone = |cell: [u32; 3], i: u32| {
+        let p = positions[i as usize];
+        let (mut companions, mut around) = (0, 0);
+        let [x, y, z] = cell;
+        for column in x.saturating_sub(reach)..=x.saturating_add(reach) {
+            for row in y.saturating_sub(reach)..=y.saturating_add(reach) {
+                let near = |entry: &&([u32; 3], u32)| {
+                    (positions[entry.1 as usize] - p).truncate().length_squared() < beside * beside
+                };
+                let at_height =
+                    |entry: &&([u32; 3], u32)| ((positions[entry.1 as usize] - p) / reaches).length_squared() < 1.0;
+                let from = first_at([column, row, z.saturating_sub(reach)]);
+                let to = first_at([column, row, z.saturating_add(reach + 1)]);
+                companions += sorted[from..to].iter().filter(near).filter(at_height).take(COMPANIONS + 1).count();
+                // The point itself is one of them.
+                if companions > COMPANIONS {
+                    return false;
+                }
+                let [from, to] = [from_column(column, row, &first_at), from_column(column, row + 1, &first_at)];
+                if around <= LEAST_AROUND {
+                    around += sorted[from..to].iter().filter(near).take(LEAST_AROUND + 1).count();
+                }
+            }
+        }
+        around > LEAST_AROUND
+    };
+    // Most cells hold enough companions.
+    let runs: Vec<&[([u32; 3], u32)]> =
+        sorted.chunk_by(|a, b| a.0 == b.0).filter(|run| run.len() <= COMPANIONS).collect();
+    let found: Vec<u32> = runs
+        .into_par_iter()
+        .with_min_len(64)
+        .flat_map_iter(|run| run.iter().filter(|(cell, i)| is_lone(*cell, *i)).map(|(_, i)| *i))
+        .collect();
+    let mut lone = vec![false; positions.len()];
+    found.into_iter().for_each(|i| lone[i as usize] = true);
+    lone
+}
+
+fn from_column(column: u32, row: u32, first_at: &impl Fn([u32; 3]) -> usize) -> usize {
+    first_at([column, row, 0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Ground of rolling hills, 1 apart, and more.
+    fn with(more: &[[f64; 3]]) -> Vec<DVec3> {
+        let ground = (0..10_000).map(|i| [f64::from(i % 100), f64::from(i / 100)]);
+        let at = |[x, y]: [f64; 2]| DVec3::new(x + 0.3 * (y * 12.9).sin(), y, 5.0 * (0.2 * x).sin() + 0.7 * y);
+        ground.map(at).chain(more.iter().map(|p| DVec3::from(*p))).collect()
+    }
+
+    fn found(more: &[[f64; 3]]) -> Vec<usize> {
+        let points = with(more);
+        let lone = lone(&points, 1.0);
+        (0..points.len()).filter(|i| lone[*i]).collect()
+    }
+
+    #[test]
+    fn birds_and_pits_stand_alone_and_what_is_one_of_several_does_not() {
+        assert_eq!(found(&[]), [0; 0]);
+        let ground = |x: f64, y: f64| 5.0 * (0.2 * x).sin() + 0.7 * y;
+        let at = |x: f64, y: f64, over: f64| [x, y, ground(x, y) + over];
+        // A bird, another with its echo, and one below the ground.
+        let birds = [at(20.2, 30.1, 40.0), at(70.0, 20.0, 9.0), at(70.4, 20.1, 9.3), at(50.5, 80.2, -12.0)];
+        assert_eq!(found(&birds), [10_000, 10_001, 10_002, 10_003]);
+        // A wire, a tree, and a mast.
+        let wire: Vec<[f64; 3]> = (0..60).map(|i| [f64::from(i) * 1.5, 40.0, 70.0]).collect();
+        let tree: Vec<[f64; 3]> =
+            (0..20).map(|i| at(60.0 + 0.3 * f64::from(i % 5), 60.0, 4.0 + f64::from(i))).collect();
+        let mast: Vec<[f64; 3]> = (0..15).map(|i| at(30.0, 70.0, 1.5 * f64::from(i))).collect();
+        assert_eq!(found(&[wire, tree, mast].concat()), [0; 0]);
+    }
+
+    #[test]
+    fn sparse_points_and_those_at_the_edge_are_not_judged() {
+        // Water in the east: one return of fifty, lower than the bank.
+        let water: Vec<[f64; 3]> =
+            (0..40).map(|i| [115.0 + 7.0 * f64::from(i % 5), 12.0 * f64::from(i / 5), -8.0]).collect();
+        assert_eq!(found(&water), [0; 0]);
+        assert_eq!(lone(&[DVec3::ZERO; 3], 1.0), [false; 3]);
+        assert_eq!(lone(&with(&[])[..100], 0.0), [false; 100]);
+        assert_eq!(lone(&with(&[])[..100], f64::INFINITY), [false; 100]);
+    }
+}
