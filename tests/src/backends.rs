@@ -1,9 +1,12 @@
 //! The backends by name, watched by validation layers.
 
 use crate::expectations::Extent;
-use crate::harness::{Checked, Truth, check, expect};
+use crate::harness::{Checked, Report, Truth, check, expect};
+use crate::scenes::Case;
+use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
-use surfel_render::{RenderError, Renderer, RendererInfo};
+use std::time::{Duration, Instant};
+use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
 /// What is held against the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -47,6 +50,37 @@ impl Run {
     }
 }
 
+/// How a backend is started.
+#[derive(Clone, Copy, Debug)]
+pub struct Start<'a> {
+    /// A part of the adapter's name; `None`: any adapter.
+    pub adapter: Option<&'a str>,
+    /// Has validation layers check every call, where they are installed.
+    pub validation: bool,
+}
+
+/// Frames of a case that was drawn several times.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Repeated {
+    /// Names of the passes that were timed; empty where the backend times none.
+    pub passes: Vec<String>,
+    /// A hash of each frame, by plane.
+    pub hashes: BTreeMap<String, Vec<String>>,
+}
+
+fn repeat<R: Renderer>(backend: &mut R, case: &Case, times: usize) -> Result<Repeated, RenderError> {
+    let resident = backend.upload(&case.scene)?;
+    let (mut frame, mut repeated) = (Frame::default(), Repeated::default());
+    for _ in 0..times {
+        let stats = backend.render_into(&resident, &case.view(), &case.settings, Planes::ALL, &mut frame)?;
+        repeated.passes = stats.passes.iter().map(|pass| pass.name.to_owned()).collect();
+        for (plane, hash) in surfel_bench::kit::plane_hashes(&frame) {
+            repeated.hashes.entry(plane.to_owned()).or_default().push(hash);
+        }
+    }
+    Ok(repeated)
+}
+
 /// A backend that was started.
 pub struct Session {
     drawing: Drawing,
@@ -65,19 +99,31 @@ impl Session {
     /// # Errors
     /// [`RenderError`] if it doesn't start.
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
-        let adapter = adapter.map(str::to_owned);
+        Self::start_as(backend, Start { adapter, validation: true })
+    }
+
+    /// Starts a backend.
+    ///
+    /// # Errors
+    /// [`RenderError`] if it doesn't start.
+    pub fn start_as(backend: Backend, start: Start<'_>) -> Result<Self, RenderError> {
+        let adapter = start.adapter.map(str::to_owned);
         let drawing = match backend {
             Backend::Cpu => Drawing::Cpu(Box::new(surfel_cpu::Renderer::new(Default::default())?)),
             Backend::Wgpu => {
-                listen();
-                let options = surfel_wgpu::Options::default().with_adapter(adapter).with_validation(true);
+                if start.validation {
+                    listen();
+                }
+                let options = surfel_wgpu::Options::default().with_adapter(adapter).with_validation(start.validation);
                 Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::new(options)?))
             }
             Backend::Ash => {
-                let mut options = surfel_ash::Options::default().with_adapter(adapter).with_validation(true);
+                let mut options = surfel_ash::Options::default().with_adapter(adapter);
+                options.validation = start.validation;
                 // What the layer says is an error of the call.
                 match surfel_ash::Renderer::new(options.clone()) {
                     Ok(renderer) => Drawing::Ash(Box::new(renderer)),
+                    Err(error) if !start.validation => return Err(error),
                     Err(error) => {
                         options.validation = false;
                         let drawing = Drawing::Ash(Box::new(surfel_ash::Renderer::new(options)?));
@@ -86,7 +132,29 @@ impl Session {
                 }
             }
         };
-        Ok(Self { drawing, note: None })
+        let is_unchecked = !start.validation && backend != Backend::Cpu;
+        Ok(Self { drawing, note: is_unchecked.then(|| "not validated".to_owned()) })
+    }
+
+    /// True if the backend draws on a device that computes on the CPU.
+    pub fn is_software(&self) -> bool {
+        match &self.drawing {
+            Drawing::Cpu(_) => false,
+            Drawing::Wgpu(renderer) => renderer.is_software(),
+            Drawing::Ash(renderer) => renderer.is_software(),
+        }
+    }
+
+    /// Draws a case again and again.
+    ///
+    /// # Errors
+    /// [`RenderError`] as the backend gives it.
+    pub fn repeat(&mut self, case: &Case, times: usize) -> Result<Repeated, RenderError> {
+        match &mut self.drawing {
+            Drawing::Cpu(renderer) => repeat(renderer.as_mut(), case, times),
+            Drawing::Wgpu(renderer) => repeat(renderer.as_mut(), case, times),
+            Drawing::Ash(renderer) => repeat(renderer.as_mut(), case, times),
+        }
     }
 
     /// Who draws.
@@ -117,8 +185,32 @@ impl Session {
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
 pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
-    let mut session = Session::start(backend, adapter)?;
-    let mut checked: Vec<Checked> = truths.iter().map(|truth| session.check(truth)).collect();
+    run_reporting(backend, Start { adapter, validation: true }, truths, extent, |_, _, _, _| ())
+}
+
+/// As [`run`], handing each scene's report and the time of drawing it to `report` as soon as they are known.
+///
+/// # Errors
+/// [`RenderError`] if the backend doesn't start.
+pub fn run_reporting(
+    backend: Backend,
+    start: Start<'_>,
+    truths: &[Truth],
+    extent: Extent,
+    mut report: impl FnMut(&mut Session, &Truth, &Report, Duration),
+) -> Result<Run, RenderError> {
+    let mut session = Session::start_as(backend, start)?;
+    let mut checked = Vec::with_capacity(truths.len());
+    for truth in truths {
+        let begin = Instant::now();
+        let one = session.check(truth);
+        let time = begin.elapsed();
+        // Expectations of one scene need no other.
+        let mut known = vec![Checked { report: one.report.clone(), got: None }];
+        expect(session.info(), Extent::SomeScenes, &mut known);
+        report(&mut session, truth, &known[0].report, time);
+        checked.push(one);
+    }
     expect(session.info(), extent, &mut checked);
     Ok(Run { info: session.info().clone(), note: session.note, checked })
 }

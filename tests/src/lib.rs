@@ -7,6 +7,8 @@
 //! - [`expectations`]: what backends are known to miss, and why;
 //! - [`backends`]: the backends by name, watched by validation layers;
 //! - [`report`]: what was found, as a table and as a page;
+//! - [`runner`]: the program `cargo xtask conformance`;
+//! - [`truths`]: the reference's images in a file, for machines that shouldn't draw them;
 //! - [`raycast`]: exact images of meshes, which splats made of them are held against;
 //! - [`stability`]: sweeps of one number to its extreme, against exact arithmetic;
 //! - [`checkerboard`]: how well each filter reproduces a pattern that runs to the horizon (§5);
@@ -24,6 +26,8 @@ pub mod random;
 pub mod random_scenes;
 pub mod raycast;
 pub mod report;
+pub mod runner;
 pub mod scenes;
 pub mod stability;
 pub mod test_data;
+pub mod truths;

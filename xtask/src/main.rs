@@ -5,6 +5,7 @@ mod bench;
 mod ci;
 mod conformance;
 mod gallery;
+mod gpu_kit;
 mod growth;
 mod python;
 mod suites;
@@ -28,7 +29,8 @@ Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where a crate needs Vulkan and there is no driver, install a software one (as root,
           with apt-get) or say what is skipped. The Python package is tested where python3 has venv
-          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too
+          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too, and
+          builds the GPU kit and runs it here
   wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
           for x86-64, and for aarch64 where rustup has the target
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
@@ -54,6 +56,10 @@ Commands:
           Measure what every setting costs in time and in error, and write a page; --quick takes two
           minutes, --backend all measures GPU backends too, --markdown docs/data/tradeoff.md keeps
           the tables, --help says more
+  gpu-kit Build target/gpu-kit, a folder that measures a GPU in eight minutes on a machine with
+          nothing but a graphics driver: copy it there, and run ./run.sh OUT
+  gpu-report OUT
+          Write docs/data/gpu.md of what the kit measured
   help    Print this
 
 Environment:
@@ -81,6 +87,8 @@ fn main() -> ExitCode {
             return conformance::run(&root, program, options);
         }
         ["bench", ref rest @ ..] => bench::run(&root, rest),
+        ["gpu-kit"] => gpu_kit::run(&root),
+        ["gpu-report", out] => gpu_kit::report_page(&root, out),
         ["growth", ref rest @ ..] => growth::run(&root, rest),
         ["tradeoff", ..] => bench::run(&root, &words),
         [] => {

@@ -4,7 +4,7 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
-use crate::{FEATURES, cargo_for_tests, python, required, vulkan};
+use crate::{FEATURES, cargo_for_tests, gpu_kit, python, required, vulkan};
 
 /// Backends whose tests need a driver.
 const GPU_BACKENDS: &str = "wgpu,ash";
@@ -32,6 +32,8 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         }
     };
     let python = python::test(root, full);
+    // Its script needs a Vulkan driver, as the tests before it do.
+    let kit_ok = !full || !has_driver || gpu_kit::test(root);
     let total = summary.total();
     println!("\n== tests");
     for suite in &summary.suites {
@@ -49,11 +51,19 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         Tested::Failed => println!("Python package: FAILED, see above"),
         Tested::Skipped(why) => println!("Python package: skipped, {why}"),
     }
+    if full {
+        let verdict = match (has_driver, kit_ok) {
+            (false, _) => "skipped, no Vulkan",
+            (true, true) => "ok",
+            (true, false) => "FAILED, see above",
+        };
+        println!("GPU kit: {verdict}");
+    }
     if !exit_ok && total.failed == 0 {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && python_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && python_ok && kit_ok && total.failed == 0 && driver.is_ok()
 }
 
 /// Runs all tests, passing the output through, and whether cargo was content.

@@ -44,7 +44,36 @@ fn problems(root: &Path) -> Vec<String> {
         }
     }
     problems.extend(packages::check(root, &files));
+    problems.extend(gpu_claims(root));
     problems
+}
+
+/// What pages say while no GPU was measured.
+const NO_GPU: &str = "No GPU has been measured";
+
+/// Pages that say whether a GPU was measured, and what they must agree with.
+const GPU_CLAIMS: [&str; 2] = ["README.md", "docs/performance.md"];
+const GPU_PAGE: &str = "docs/data/gpu.md";
+
+/// Disagreements on whether a GPU was measured, between the page of its figures and those that claim something.
+fn gpu_claims(root: &Path) -> Vec<String> {
+    let Ok(page) = std::fs::read_to_string(root.join(GPU_PAGE)) else { return Vec::new() };
+    let is_measured = !page.contains(crate::gpu_kit::NOT_MEASURED);
+    let problem = |name: &&str| {
+        let text = std::fs::read_to_string(root.join(name)).unwrap_or_default();
+        // A line may end between the words.
+        let says_not = text.split_whitespace().collect::<Vec<_>>().join(" ").contains(NO_GPU);
+        let link = GPU_PAGE.strip_prefix("docs/").filter(|_| name.starts_with("docs/")).unwrap_or(GPU_PAGE);
+        if !text.contains(&format!("({link})")) {
+            Some(format!("{name}: doesn't link {link}, which says whether a GPU was measured"))
+        } else if says_not == is_measured {
+            let expected = if is_measured { "not to say" } else { "to say" };
+            Some(format!("{name}: {GPU_PAGE} has it otherwise, expected {expected} '{NO_GPU}'"))
+        } else {
+            None
+        }
+    };
+    GPU_CLAIMS.iter().filter_map(problem).collect()
 }
 
 /// The tree's files, relative to its root, in order: what git has or would add, or, without git, all but

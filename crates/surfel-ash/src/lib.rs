@@ -32,11 +32,13 @@ mod pipelines;
 mod queries;
 mod renderer;
 mod scene;
+mod summary;
 mod targets;
 
 pub use options::Options;
 pub use renderer::{RawDevice, Renderer};
 pub use scene::ResidentScene;
+pub use summary::{DeviceSummary, devices};
 pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;

@@ -3,6 +3,7 @@
 use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
+use rayon::prelude::*;
 use surfel::SplatCloud;
 use surfel::model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
@@ -124,18 +125,24 @@ fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
 }
 
 /// A cloud of disks, `layers` over each point; `splat` gives centre, normal and the distance to its neighbours.
-fn build(count: usize, layers: f64, splat: impl Fn(usize) -> (DVec3, DVec3, f64)) -> Result<SplatCloud, ModelError> {
-    let (mut centers, mut normals): (Vec<Vec3>, Vec<Vec3>) = (Vec::with_capacity(count), Vec::with_capacity(count));
-    let (mut radii, mut colors): (Vec<f32>, Vec<[f32; 3]>) = (Vec::with_capacity(count), Vec::with_capacity(count));
+fn build(
+    count: usize,
+    layers: f64,
+    splat: impl Fn(usize) -> (DVec3, DVec3, f64) + Sync,
+) -> Result<SplatCloud, ModelError> {
     // A disk over the area of a splat.
     let radius_per_spacing = (layers / PI).sqrt();
-    for i in 0..count {
-        let (center, normal, spacing) = splat(i);
-        centers.push(center.as_vec3());
-        normals.push(normal.as_vec3());
-        radii.push((radius_per_spacing * spacing) as f32);
-        colors.push(color_at(center));
-    }
+    let splats: Vec<(Vec3, Vec3, f32, [f32; 3])> = (0..count)
+        .into_par_iter()
+        .map(|i| {
+            let (center, normal, spacing) = splat(i);
+            (center.as_vec3(), normal.as_vec3(), (radius_per_spacing * spacing) as f32, color_at(center))
+        })
+        .collect();
+    let centers: Vec<Vec3> = splats.iter().map(|splat| splat.0).collect();
+    let normals: Vec<Vec3> = splats.iter().map(|splat| splat.1).collect();
+    let radii = splats.iter().map(|splat| splat.2).collect();
+    let colors = splats.iter().map(|splat| splat.3).collect();
     let shape = Shape::Disks { normals: Column3::from_f32(normals), radii };
     let data = CloudData { colors: Some(colors), ..CloudData::new(DVec3::ZERO, Column3::from_f32(centers), shape) };
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)

@@ -1,8 +1,8 @@
 //! How converting to levels grows with the number of points, as a chart of the table that `cargo xtask growth` prints.
 
 use crate::Failure;
+use crate::chart::{Axis, Chart, Series, Style};
 use std::path::PathBuf;
-use surfel_bench::chart::{Axis, Chart, Series, Style};
 
 /// Draws the table of `cargo xtask growth` as a chart.
 #[derive(Debug, clap::Args)]

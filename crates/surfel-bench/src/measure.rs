@@ -89,7 +89,7 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
         driver: first.info().driver.clone(),
         is_software: first.is_software(),
     };
-    let fill_rates = fill_rates(first)?;
+    let fill_rates = fill_rates(first, FILL_RATE_SIDE_PX)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
     // One of each kind, so that none pays for planes that another leaves.
     let mut frames = [Frame::default(), Frame::default()];
@@ -143,17 +143,19 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
 }
 
 /// Pixels on a side of what fill rates are measured on.
-#[cfg(any(feature = "wgpu", feature = "ash"))]
 const FILL_RATE_SIDE_PX: u32 = 1024;
 
-/// What the GPU does at best, measured before anything else.
-#[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(clippy::unnecessary_wraps, reason = "without GPUs"))]
-fn fill_rates(backend: &mut Backend) -> Result<Vec<FillRate>, Failure> {
+/// What the GPU does at best, in targets of `side_px` pixels a side; empty for backends that aren't on one.
+#[cfg_attr(
+    not(any(feature = "wgpu", feature = "ash")),
+    allow(clippy::unnecessary_wraps, unused_variables, reason = "without GPUs")
+)]
+pub(crate) fn fill_rates(backend: &mut Backend, side_px: u32) -> Result<Vec<FillRate>, Failure> {
     #[cfg(any(feature = "wgpu", feature = "ash"))]
     macro_rules! measured {
         ($renderer:expr) => {
             $renderer
-                .fill_rates(FILL_RATE_SIDE_PX)?
+                .fill_rates(side_px)?
                 .into_iter()
                 .map(|rate| FillRate { name: rate.probe.name().to_owned(), fragments_per_s: rate.fragments_per_s })
                 .collect()

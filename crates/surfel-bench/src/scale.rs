@@ -1,9 +1,9 @@
 //! What a job of many pieces takes on many workers, simulated from measured costs: the figures of docs/scale.md.
 
 use crate::Failure;
+use crate::page::Table;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
-use surfel_bench::page::Table;
 
 /// Where the figures begin and end on the page.
 const MARKS: [&str; 2] = ["<!-- figures -->\n", "<!-- end of figures -->\n"];

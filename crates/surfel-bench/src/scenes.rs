@@ -145,6 +145,44 @@ fn all() -> Vec<Case> {
     ]
 }
 
+/// Splats of the kit's scene that stands for igea.
+const IGEA_SPLATS: usize = 134_345;
+
+/// Scenes of the ladder and extremes of size that a kit draws besides.
+const KIT: [&str; 8] = ["154k", "near", "460k", "1.4M", "2.5M", "5M", "far", "sheet"];
+
+/// The scenes that a GPU kit draws, the most important first, none of which needs a file; each is made of `fewer` times
+/// fewer splats than its name says.
+pub(crate) fn kit(fewer: usize) -> Vec<Case> {
+    let igea_like = |name, about, shader, edges, planes| Case {
+        name,
+        about,
+        source: Source::Ball(IGEA_SPLATS),
+        eye: Eye::Fits,
+        shader,
+        edges,
+        clip: ClipPolicy::Exact,
+        planes,
+        quick: true,
+    };
+    let (off, color) = (EdgeAa::Off, Planes::COLOR);
+    let another = "igea-like by another shader";
+    let mut cases = vec![
+        igea_like("igea-like", "a bumpy ball of as many splats as igea has", Shader::Phong, off, color),
+        igea_like("igea-like-edges", "edges antialiased by coverage", Shader::Phong, EdgeAa::Coverage, color),
+        igea_like("igea-like-normal", another, Shader::Normal, off, color),
+        igea_like("igea-like-unlit", another, Shader::Unlit, off, color),
+        igea_like("igea-like-toon", another, Shader::Toon, off, color),
+        igea_like("igea-like-edl", another, Shader::Edl, off, color),
+        igea_like("igea-like-samples", "edges antialiased by samples", Shader::Phong, EdgeAa::Samples, color),
+        igea_like("igea-like-rgba8", "in 8 bits, as a PNG holds it", Shader::Phong, off, Planes::RGBA8),
+    ];
+    let all = all();
+    cases.extend(KIT.iter().filter_map(|name| all.iter().find(|case| case.name == *name).cloned()));
+    cases.iter_mut().for_each(|case| case.source = case.source.shrunk(fewer));
+    cases
+}
+
 /// The scenes that are asked for and whose files are there.
 pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
     let names = all().iter().map(|case| case.name).collect::<Vec<_>>().join(", ");
@@ -170,6 +208,17 @@ pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
 }
 
 impl Source {
+    /// The same of so many times fewer splats, where it is made of any number.
+    fn shrunk(self, fewer: usize) -> Self {
+        match self {
+            Self::Ball(count) => Self::Ball(count / fewer),
+            Self::Sheet(count) => Self::Sheet(count / fewer),
+            Self::Thick(count) => Self::Thick(count / fewer),
+            Self::Stack(count) => Self::Stack(count / fewer),
+            Self::Model(_) | Self::Sharp(_) | Self::Part => self,
+        }
+    }
+
     /// Makes or reads it.
     pub(crate) fn load(self, models: &Path) -> Result<Loaded, Failure> {
         match self {
@@ -246,5 +295,20 @@ impl Case {
     /// The loaded source's settings with this scene's shader and edges.
     pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
         loaded.settings.with_shader(self.shader).with_edge_aa(self.edges).with_clip(self.clip)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn kit_draws_scenes_without_files_that_all_have_names_of_their_own() {
+        let cases = kit(10);
+        assert_eq!(cases.len(), 8 + KIT.len());
+        assert!(cases.iter().all(|case| matches!(case.source, Source::Ball(_) | Source::Sheet(_))));
+        assert_eq!(cases[0].source, Source::Ball(IGEA_SPLATS / 10));
+        let names: std::collections::BTreeSet<&str> = cases.iter().map(|case| case.name).collect();
+        assert_eq!(names.len(), cases.len());
     }
 }

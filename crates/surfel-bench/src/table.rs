@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use surfel_bench::page::Table;
+use crate::page::Table;
 
 use crate::report::{FillRate, Report, Row};
 

@@ -12,18 +12,48 @@ pub struct AdapterSummary {
     pub name: String,
     /// The API it is reached by.
     pub api: String,
+    /// The driver's name and version; empty where the API doesn't state them.
+    pub driver: String,
     /// It computes on the CPU.
     pub is_software: bool,
+    /// Limits and features by wgpu's names, in words.
+    pub facts: Vec<(&'static str, String)>,
 }
 
 /// The devices that wgpu finds, real ones first.
 pub fn adapters() -> Vec<AdapterSummary> {
-    found(&instance(false)).iter().map(|adapter| summary(&adapter.get_info())).collect()
+    // wgpu panics rather than giving an instance without any API.
+    if wgpu::Instance::enabled_backend_features().is_empty() {
+        return Vec::new();
+    }
+    found(&instance(false)).iter().map(summary).collect()
 }
 
-fn summary(info: &wgpu::AdapterInfo) -> AdapterSummary {
-    let is_software = info.device_type == wgpu::DeviceType::Cpu;
-    AdapterSummary { name: info.name.clone(), api: info.backend.to_string(), is_software }
+fn summary(adapter: &wgpu::Adapter) -> AdapterSummary {
+    let (info, limits) = (adapter.get_info(), adapter.limits());
+    let facts = vec![
+        ("device_type", format!("{:?}", info.device_type)),
+        ("max_texture_dimension_2d", limits.max_texture_dimension_2d.to_string()),
+        ("max_buffer_size", limits.max_buffer_size.to_string()),
+        ("max_storage_buffer_binding_size", limits.max_storage_buffer_binding_size.to_string()),
+        ("max_storage_buffers_per_shader_stage", limits.max_storage_buffers_per_shader_stage.to_string()),
+        ("max_color_attachment_bytes_per_sample", limits.max_color_attachment_bytes_per_sample.to_string()),
+        ("max_compute_workgroup_storage_size", limits.max_compute_workgroup_storage_size.to_string()),
+        ("max_compute_invocations_per_workgroup", limits.max_compute_invocations_per_workgroup.to_string()),
+        ("features", adapter.features().iter_names().map(|(name, _)| name).collect::<Vec<_>>().join(" ")),
+    ];
+    AdapterSummary {
+        name: info.name.clone(),
+        api: info.backend.to_string(),
+        driver: driver(&info),
+        is_software: info.device_type == wgpu::DeviceType::Cpu,
+        facts,
+    }
+}
+
+fn driver(info: &wgpu::AdapterInfo) -> String {
+    let words = [info.driver.as_str(), info.driver_info.as_str()];
+    words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
 fn instance(validation: bool) -> wgpu::Instance {
@@ -102,9 +132,7 @@ pub(crate) fn blends_f32(device: &wgpu::Device) -> bool {
 }
 
 pub(crate) fn renderer_info(info: &wgpu::AdapterInfo, f32_sums: bool) -> RendererInfo {
-    let words = [info.driver.as_str(), info.driver_info.as_str()];
-    let mut driver = words.into_iter().filter(|word| !word.is_empty()).collect::<Vec<_>>().join(" ");
-    driver = format!("{}: {driver}", info.backend);
+    let mut driver = format!("{}: {}", info.backend, driver(info));
     if !f32_sums {
         driver += "; sums in f16, for it can't blend f32";
     }

@@ -76,7 +76,7 @@ impl<'a> Sum<'a> {
 }
 
 /// The words of a verdict for a reader in a hurry.
-fn word(verdict: &Verdict) -> &'static str {
+pub(crate) fn word(verdict: &Verdict) -> &'static str {
     match verdict {
         Verdict::Passed => "passed",
         Verdict::Expected(_) => "as expected",

@@ -8,7 +8,8 @@
 //!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
 //! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
 //!   [`texture_acquisition`]; real data: [`real_models`];
-//! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`];
+//! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`],
+//!   [`packed_truths`];
 //! - what they share: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
 
 mod checkerboard_filter_errors;
@@ -34,6 +35,7 @@ mod meshes_among_splats;
 mod nearest_planes;
 mod octree_levels;
 mod own_images;
+mod packed_truths;
 mod preset_promises;
 mod random_scene_features;
 mod real_models;

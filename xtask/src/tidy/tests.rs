@@ -122,3 +122,26 @@ fn text_data_beside_the_checkout() {
     assert_eq!(check("README.md", &line).len(), 1);
     assert!(check("tests/src/test_data.rs", &line).is_empty());
 }
+
+#[test]
+fn tree_finds_pages_that_disagree_on_whether_a_gpu_was_measured() {
+    let tree = Folder::new("gpu");
+    let problems = |page: &str, readme: &str, performance: &str| {
+        tree.write("docs/data/gpu.md", page);
+        tree.write("README.md", readme);
+        tree.write("docs/performance.md", performance);
+        problems(&tree.0)
+    };
+    let (not_measured, measured) = ("**Not measured.** No GPU has run this kit.\n", "Measured on **Card**.\n");
+    let (says_not, links) = ("No GPU has been\nmeasured ([figures](docs/data/gpu.md)).\n", "[a](docs/data/gpu.md)\n");
+    let (performance_says_not, performance_links) =
+        ("No GPU has been measured: [figures](data/gpu.md).\n", "[figures](data/gpu.md)\n");
+    assert_eq!(problems(not_measured, says_not, performance_says_not), [""; 0]);
+    assert_eq!(problems(measured, links, performance_links), [""; 0]);
+    let claims = problems(not_measured, links, performance_says_not);
+    assert!(claims.len() == 1 && claims[0].starts_with("README.md: docs/data/gpu.md has it otherwise"), "{claims:?}");
+    let stale = problems(measured, links, performance_says_not);
+    assert!(stale.len() == 1 && stale[0].starts_with("docs/performance.md"), "{stale:?}");
+    let unlinked = problems(not_measured, "No GPU has been measured.\n", performance_says_not);
+    assert!(unlinked.len() == 1 && unlinked[0].contains("doesn't link"), "{unlinked:?}");
+}

@@ -1,8 +1,8 @@
 //! What a scene's features cost: by the plan, and by the clock.
 
+use crate::page::Table;
 use surfel::render::{Capabilities, FramePlan, Pass, SceneSummary, plan};
 use surfel::{BackendScene, Frame, Renderer, View};
-use surfel_bench::page::Table;
 use surfel_gpu::PlanCost;
 
 use super::features::{Case, cases};

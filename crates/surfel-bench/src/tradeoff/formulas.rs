@@ -4,7 +4,7 @@
 
 use std::time::Instant;
 
-use surfel_bench::page::Table;
+use crate::page::Table;
 use surfel_cpu::formulas::{Formula, Reciprocal, Weight};
 
 use super::measure::median;

@@ -19,9 +19,9 @@ mod verdict;
 
 use std::path::PathBuf;
 
+use crate::page::Table;
 use clap::ValueEnum;
 use surfel::{Backend, Renderer};
-use surfel_bench::page::Table;
 
 use crate::machine::Machine;
 use crate::report::BackendFacts;

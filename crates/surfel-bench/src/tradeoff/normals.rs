@@ -2,9 +2,9 @@
 
 use std::f64::consts::PI;
 
+use crate::page::Table;
 use glam::DVec3;
 use surfel::math::{V3, quantise};
-use surfel_bench::page::Table;
 
 /// Directions that errors are the largest of, spread evenly.
 const DIRECTIONS: u32 = 40_000;

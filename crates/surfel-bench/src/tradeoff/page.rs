@@ -1,7 +1,7 @@
 //! The page: what to choose, what it costs, and the images' errors.
 
-use surfel_bench::chart::{Axis, Chart, Series, Style};
-use surfel_bench::page::Page;
+use crate::chart::{Axis, Chart, Series, Style};
+use crate::page::Page;
 
 use super::Findings;
 use super::figures::Figures;

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
+use crate::page::Table;
 use glam::DVec3;
 use surfel::model::{Geometry, OnInvalid};
 use surfel::{Frame, Planes, Renderer, Scene, Settings, SplatCloud, View};
-use surfel_bench::page::Table;
 
 use super::costs;
 use super::features::{Case, gaussians};

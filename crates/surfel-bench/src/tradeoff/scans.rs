@@ -3,10 +3,10 @@
 
 use std::time::Instant;
 
+use crate::page::Table;
 use surfel::model::{Column3, Geometry, PointCloud, Shader};
 use surfel::sample::{PointOptions, outliers, splats_from_points};
 use surfel::{NoProgress, SplatCloud};
-use surfel_bench::page::Table;
 
 use super::measure::{Backends, draw_alone};
 use super::{subjects, textures};

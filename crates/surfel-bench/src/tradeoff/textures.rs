@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use crate::page::Table;
 use glam::Vec3;
 use surfel::model::{Geometry, Mesh, Shader, TextureSampling};
 use surfel::sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
 use surfel::{Camera, NoProgress};
-use surfel_bench::page::Table;
 use surfel_metrics::{CompareOptions, Image, compare};
 
 use super::measure::{Backends, draw_alone};

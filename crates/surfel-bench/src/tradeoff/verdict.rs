@@ -2,8 +2,8 @@
 
 use std::collections::BTreeMap;
 
+use crate::page::Table;
 use surfel::Preset;
-use surfel_bench::page::Table;
 
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};

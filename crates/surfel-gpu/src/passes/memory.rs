@@ -67,7 +67,7 @@ impl Target {
 
 impl TargetFormat {
     /// Bytes of a texel.
-    pub(crate) fn bytes(self, sums: Precision) -> u64 {
+    pub fn bytes(self, sums: Precision) -> u64 {
         let sum_bytes = sums.sum_bytes();
         match self {
             Self::Sums4 => 4 * sum_bytes,

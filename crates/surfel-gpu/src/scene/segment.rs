@@ -119,7 +119,7 @@ impl UploadedScene {
 
 impl RecordBytes {
     /// Bytes for `count` splats.
-    pub(crate) fn of(count: usize, variant: Variant) -> Self {
+    pub fn of(count: usize, variant: Variant) -> Self {
         let clip = if variant == Variant::Clipped { layout::record_clip::SIZE } else { 0 };
         Self { records: (count * layout::record::SIZE) as u64, clips: (count * clip) as u64 }
     }

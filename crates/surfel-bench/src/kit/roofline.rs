@@ -1,0 +1,95 @@
+//! Times of passes beside the least that they could take: their work over what probes reach.
+
+use std::collections::BTreeMap;
+
+use super::record::{Frame, Probe};
+use super::work::Work;
+
+/// Passes that take less of their frame's passes are dominated by what every pass costs.
+const LEAST_SHARE: f64 = 0.05;
+/// Passes that are named.
+const NAMED: usize = 3;
+
+/// Rates that the device reaches, by probe; of fill rates and others the best of both backends.
+pub(super) struct Roofline<'a>(BTreeMap<&'a str, f64>);
+
+/// The least time of a pass, and what limits it.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Bound {
+    pub by: String,
+    pub ms: f64,
+}
+
+/// A pass of a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Judged<'a> {
+    pub frame: &'a Frame,
+    pub name: &'a str,
+    pub ms: f64,
+    pub work: Option<&'a Work>,
+    /// None where there is no estimate, or no probe of what it needs.
+    pub bound: Option<Bound>,
+}
+
+impl Judged<'_> {
+    /// How many times its bound it takes; 0 without one.
+    pub(super) fn times_over(&self) -> f64 {
+        self.bound.as_ref().map_or(0.0, |bound| self.ms / bound.ms)
+    }
+
+    /// Its share of the frame's passes.
+    fn share(&self) -> f64 {
+        self.ms / self.frame.row.stages_ms.values().sum::<f64>()
+    }
+}
+
+impl<'a> Roofline<'a> {
+    pub(super) fn of(probes: &[&'a Probe]) -> Self {
+        let mut rates = BTreeMap::new();
+        for probe in probes {
+            let rate = rates.entry(probe.name.as_str()).or_insert(probe.per_s);
+            *rate = probe.per_s.max(*rate);
+        }
+        Self(rates)
+    }
+
+    /// All passes of a frame.
+    pub(super) fn judge(&self, frame: &'a Frame) -> Vec<Judged<'a>> {
+        let passes = frame.row.stages_ms.iter().map(|(name, &ms)| {
+            let work = frame.work.iter().find(|work| work.pass == *name);
+            Judged { frame, name, ms, work, bound: work.and_then(|work| self.bound(work)) }
+        });
+        passes.collect()
+    }
+
+    /// The longest of the times that each kind of work takes alone.
+    fn bound(&self, work: &Work) -> Option<Bound> {
+        let ms = |probe: &str, amount: f64| Some(amount / self.0.get(probe)? * 1e3);
+        let mut kinds = vec![
+            ("memory", ms("memory copy", work.bytes)),
+            ("arithmetic in compute shaders", ms("f32 arithmetic, compute", work.compute_flops)),
+            ("arithmetic in fragment shaders", ms("f32 arithmetic, fragments", work.fragment_flops)),
+            ("quads", ms("quads of a pixel, strips", work.quads)),
+        ];
+        // Fragments into several sets of targets follow each other.
+        let fills = work.fill.iter().map(|(probe, fragments)| ms(&format!("fill: {probe}"), *fragments));
+        kinds.push(("fill rate", fills.sum()));
+        let known = kinds.into_iter().filter_map(|(by, ms)| Some((by, ms?)));
+        let (by, ms) = known.filter(|kind| kind.1 > 0.0).max_by(|a, b| a.1.total_cmp(&b.1))?;
+        Some(Bound { by: by.to_owned(), ms })
+    }
+}
+
+/// The passes that are farthest from their bound, each name once, of those that matter in their frame.
+pub(super) fn farthest<'a, 'b>(judged: &'b [Judged<'a>]) -> Vec<&'b Judged<'a>> {
+    let mut sorted: Vec<&Judged<'a>> =
+        judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= LEAST_SHARE).collect();
+    sorted.sort_by(|a, b| b.times_over().total_cmp(&a.times_over()));
+    let mut named: Vec<&Judged<'a>> = Vec::new();
+    for pass in sorted {
+        if named.len() < NAMED && !named.iter().any(|other| other.name == pass.name) {
+            named.push(pass);
+        }
+    }
+    named
+}

@@ -1,0 +1,198 @@
+//! Estimates of the work of a frame's passes, for their times to be set beside what the device does at best.
+//!
+//! Bytes are those that have to be read from and written to memory once. Operations are counted by hand in the WGSL of
+//! the pass, a fused multiply-add as two, and are good to a factor of two. Passes of which too little is known (layers,
+//! polygons, Gaussians, samples of edges) have no estimate.
+
+use serde::{Deserialize, Serialize};
+use surfel::model::Shader;
+use surfel::render::FramePlan;
+use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
+
+/// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
+const SETUP_FLOPS: f64 = 450.0;
+/// Operations of a fragment of the visibility pass (`visibility.wgsl`).
+const VISIBILITY_FLOPS: f64 = 35.0;
+/// Operations of a fragment of the attribute pass (`attributes.wgsl`).
+const ATTRIBUTE_FLOPS: f64 = 55.0;
+/// Operations of finding whether a pixel is at an edge, over its eight neighbours (`edges.wgsl`).
+const EDGE_FLOPS: f64 = 60.0;
+/// Operations of a pixel's division and encoding, without light (`shade.wgsl`).
+const RESOLVE_FLOPS: f64 = 30.0;
+/// Operations of lighting a pixel by the usual lights (`lighting.wgsl`).
+const LIGHT_FLOPS: f64 = 150.0;
+
+/// Counts of one frame.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Counts {
+    /// Splats of the scene.
+    pub splats: f64,
+    /// Splats that were drawn.
+    pub drawn: f64,
+    /// Fragments that contributed.
+    pub fragments: f64,
+    pub pixels: f64,
+    /// Resident bytes a splat.
+    pub bytes_per_splat: f64,
+}
+
+/// Work of one pass of a frame.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub(crate) struct Work {
+    /// Name in the statistics.
+    pub pass: String,
+    /// Bytes to and from memory.
+    pub bytes: f64,
+    /// Operations in compute shaders.
+    pub compute_flops: f64,
+    /// Operations in fragment shaders.
+    pub fragment_flops: f64,
+    /// Quads that are rasterised.
+    pub quads: f64,
+    /// Fragments, by the fill-rate probe that writes the same targets.
+    pub fill: Vec<(String, f64)>,
+}
+
+impl Work {
+    /// The work of every pass of a plan that there is an estimate of.
+    pub(crate) fn of(plan: &FramePlan, counts: Counts) -> Vec<Self> {
+        let mut all: Vec<Self> = Vec::new();
+        let draws = Draw::of(plan);
+        if draws.iter().any(|draw| draw.draws_records()) {
+            all.push(Self::of_setup(counts));
+        }
+        for work in draws.into_iter().filter_map(|draw| Self::of_draw(draw, plan, counts)) {
+            match all.iter_mut().find(|other| other.pass == work.pass) {
+                Some(other) => other.add(work),
+                None => all.push(work),
+            }
+        }
+        all.extend(PixelPass::of(plan).into_iter().filter(|pass| pass.is_shade()).map(|pass| {
+            let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
+            let read: f64 = sums(plan).iter().map(|&target| bytes(target, plan)).sum();
+            // A pixel of the planes: colour, and what else is asked for.
+            let written = 4.0 * plane_floats(plan);
+            Self {
+                pass: pass.name().to_owned(),
+                bytes: counts.pixels * (read + written),
+                compute_flops: counts.pixels * (RESOLVE_FLOPS + light),
+                ..Self::default()
+            }
+        }));
+        all
+    }
+
+    fn of_setup(counts: Counts) -> Self {
+        let written = counts.drawn * record_bytes();
+        Self {
+            pass: "setup".to_owned(),
+            bytes: counts.splats * counts.bytes_per_splat + written,
+            compute_flops: counts.splats * SETUP_FLOPS,
+            ..Self::default()
+        }
+    }
+
+    /// `None` for draws that there is no estimate of.
+    fn of_draw(draw: Draw, plan: &FramePlan, counts: Counts) -> Option<Self> {
+        let (flops, of) = match draw.name() {
+            "visibility" => (VISIBILITY_FLOPS, counts.fragments),
+            "attributes" => (ATTRIBUTE_FLOPS, counts.fragments),
+            "edges" => (EDGE_FLOPS, counts.pixels),
+            _ => return None,
+        };
+        let is_of_splats = draw.draws_records();
+        let targets: Vec<Target> = draw.colors().iter().copied().chain(draw.depth()).collect();
+        let read = draw.reads().iter().map(|&(_, target)| bytes(target, plan)).sum::<f64>();
+        let per_pixel = targets.iter().map(|&target| bytes(target, plan)).sum::<f64>() + read;
+        let records = if is_of_splats { counts.drawn * record_bytes() } else { 0.0 };
+        let probe = match (draw.is_additive(), draw.colors().len()) {
+            (true, 1) => "blend",
+            (true, _) => "blend two",
+            (false, 0) => "depth",
+            (false, _) => "fill",
+        };
+        Some(Self {
+            pass: draw.name().to_owned(),
+            bytes: records + counts.pixels * per_pixel,
+            fragment_flops: of * flops,
+            quads: if is_of_splats { counts.drawn } else { 0.0 },
+            fill: vec![(probe.to_owned(), of)],
+            ..Self::default()
+        })
+    }
+
+    fn add(&mut self, other: Self) {
+        self.bytes += other.bytes;
+        self.compute_flops += other.compute_flops;
+        self.fragment_flops += other.fragment_flops;
+        self.quads += other.quads;
+        self.fill.extend(other.fill);
+    }
+}
+
+fn record_bytes() -> f64 {
+    RecordBytes::of(1, Variant::Whole).records as f64
+}
+
+fn bytes(target: Target, plan: &FramePlan) -> f64 {
+    target.format().bytes(Precision::of(plan, true)) as f64
+}
+
+/// Targets that shading reads: those that draws add to.
+fn sums(plan: &FramePlan) -> Vec<Target> {
+    let additive = Draw::of(plan).into_iter().filter(|draw| draw.is_additive());
+    additive.flat_map(|draw| draw.colors().iter().copied()).collect()
+}
+
+/// Floats of a pixel's planes.
+fn plane_floats(plan: &FramePlan) -> f64 {
+    let planes = plan.planes;
+    let counted = [(planes.color, 4), (planes.depth, 1), (planes.normal, 3), (planes.weight, 1)];
+    counted.into_iter().filter(|plane| plane.0).map(|plane| f64::from(plane.1)).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel::model::EdgeAa;
+    use surfel::render::{Capabilities, SceneSummary, plan};
+    use surfel::{Camera, Planes, Settings, View};
+
+    fn work(settings: Settings) -> Vec<Work> {
+        let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);
+        let view = View::new(&camera).unwrap();
+        let capabilities = Capabilities::everything("test");
+        let plan = plan(&SceneSummary::default(), &view, &settings, Planes::COLOR, &capabilities).unwrap();
+        let counts = Counts { splats: 1000.0, drawn: 500.0, fragments: 4000.0, pixels: 100.0, bytes_per_splat: 40.0 };
+        Work::of(&plan, counts)
+    }
+
+    #[test]
+    fn work_of_an_unlit_image_is_four_passes_with_the_bytes_of_their_targets() {
+        let all = work(Settings::default().with_shader(Shader::Unlit));
+        let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
+        assert_eq!(names, ["setup", "visibility", "attributes", "shade"]);
+        assert_eq!(all[0].bytes, 1000.0 * 40.0 + 500.0 * record_bytes());
+        // A depth of four bytes.
+        assert_eq!(all[1].bytes, 500.0 * record_bytes() + 100.0 * 4.0);
+        assert_eq!(all[1].fill, [("depth".to_owned(), 4000.0)]);
+        // Four sums of four bytes, and the depth threshold that is read.
+        assert_eq!(all[2].bytes, 500.0 * record_bytes() + 100.0 * (16.0 + 4.0));
+        assert_eq!((all[2].quads, all[2].fill.clone()), (500.0, vec![("blend".to_owned(), 4000.0)]));
+        // Sums in, colours out.
+        assert_eq!((all[3].bytes, all[3].compute_flops), (100.0 * 32.0, 100.0 * RESOLVE_FLOPS));
+    }
+
+    #[test]
+    fn work_grows_with_what_is_asked_for() {
+        let plain = work(Settings::default().with_shader(Shader::Unlit));
+        let lit = work(Settings::default().with_shader(Shader::Phong));
+        assert_eq!(lit[2].fill, [("blend two".to_owned(), 4000.0)]);
+        assert!(lit[2].bytes > plain[2].bytes && lit[3].compute_flops > plain[3].compute_flops);
+        let edges = work(Settings::default().with_edge_aa(EdgeAa::Coverage));
+        assert!(edges.iter().any(|work| work.pass == "edges"), "{edges:?}");
+        // Two draws over the splats have one name.
+        let attributes = edges.iter().find(|work| work.pass == "attributes").unwrap();
+        assert_eq!(attributes.quads, 1000.0);
+    }
+}

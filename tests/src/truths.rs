@@ -1,0 +1,127 @@
+//! The reference's images of scenes, packed into a file, for machines whose time is too dear to draw them.
+//!
+//! The file is one gzip stream: a line that names the format, then for each scene a line of its name and size and its
+//! planes as f32. Bytes of equal weight are stored together, which makes the stream a third smaller.
+
+use crate::harness::Truth;
+use crate::scenes::{self, Case};
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use std::collections::HashMap;
+use std::io::{BufRead, BufReader, Read, Write};
+use std::path::Path;
+use surfel_render::{Frame, Planes};
+
+const FORMAT: &str = "surfel truths 1";
+
+/// Largest side of an image that is packed, pixels.
+pub const MOST_SIDE_PX: u32 = 256;
+/// Floats of a pixel: colour, depth, normal, weight, margin.
+const FLOATS: usize = 10;
+
+/// True for scenes whose images are packed.
+pub fn is_packed(case: &Case) -> bool {
+    let region = case.view().region;
+    region.width.max(region.height) <= MOST_SIDE_PX
+}
+
+/// Writes the images of those truths to a file that are packed.
+///
+/// # Errors
+/// What can't be written, or that the reference refused a scene.
+pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Error>> {
+    let mut out = GzEncoder::new(Vec::new(), Compression::best());
+    writeln!(out, "{FORMAT}")?;
+    for truth in truths.iter().filter(|truth| is_packed(&truth.case)) {
+        let name = &truth.case.name;
+        let frame = truth.want.as_ref().map_err(|error| format!("{name}: the reference refuses it: {error}"))?;
+        writeln!(out, "{}\t{}\t{name}", frame.width(), frame.height())?;
+        out.write_all(&shuffled(&floats(frame)))?;
+    }
+    let bytes = out.finish()?;
+    surfel_io::atomic::write(path, true, |out| out.write_all(&bytes))?;
+    Ok(())
+}
+
+/// Reads a file of images, and gives them to those scenes of this program that are packed and that `is_wanted` names.
+///
+/// # Errors
+/// What is wrong with the file; that it lacks a scene, or holds it in another size: then it is of another version.
+pub fn read(path: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Truth>, Box<dyn std::error::Error>> {
+    let place = path.display();
+    let mut images = images(path).map_err(|error| format!("{place}: {error}"))?;
+    let cases = scenes::all().into_iter().filter(|case| is_packed(case) && is_wanted(&case.name));
+    let truths = cases.map(|case| {
+        let name = &case.name;
+        let frame = images.remove(name).ok_or_else(|| {
+            format!("{place}: holds no image of '{name}', which this program draws: build program and file together")
+        })?;
+        let region = case.view().region;
+        if [frame.width(), frame.height()] != [region.width, region.height] {
+            return Err(format!("{place}: '{name}' has another size in this program: build both together").into());
+        }
+        Ok(Truth { case, want: Ok(frame) })
+    });
+    truths.collect()
+}
+
+fn images(path: &Path) -> Result<HashMap<String, Frame>, Box<dyn std::error::Error>> {
+    let file = std::fs::File::open(path)?;
+    let mut input = BufReader::new(GzDecoder::new(BufReader::new(file)));
+    let mut line = String::new();
+    input.read_line(&mut line)?;
+    if line.trim_end() != FORMAT {
+        return Err(format!("begins with '{}', expected '{FORMAT}'", line.trim_end()).into());
+    }
+    let mut images = HashMap::new();
+    loop {
+        line.clear();
+        if input.read_line(&mut line)? == 0 {
+            return Ok(images);
+        }
+        let mut words = line.trim_end_matches('\n').splitn(3, '\t');
+        let mut side = || words.next()?.parse().ok().filter(|side| *side <= MOST_SIDE_PX);
+        let (Some(width), Some(height)) = (side(), side()) else {
+            return Err(format!("has the line '{}', expected a size and a name", line.trim_end()).into());
+        };
+        let name = words.next().unwrap_or_default().to_owned();
+        let mut bytes = vec![0; 4 * FLOATS * width as usize * height as usize];
+        input.read_exact(&mut bytes).map_err(|error| format!("'{name}': {error}"))?;
+        images.insert(name, frame(width, height, &ordered(&bytes)));
+    }
+}
+
+/// The floats of a frame, plane by plane.
+fn floats(frame: &Frame) -> Vec<f32> {
+    let planes =
+        [frame.color().as_flattened(), frame.depth(), frame.normal().as_flattened(), frame.weight(), frame.margin()];
+    planes.concat()
+}
+
+/// The frame of these floats.
+fn frame(width: u32, height: u32, floats: &[f32]) -> Frame {
+    let mut frame = Frame::default();
+    frame.reset(width, height, Planes::ALL.with_margin(true));
+    let planes = frame.planes_mut();
+    let targets =
+        [planes.color.as_flattened_mut(), planes.depth, planes.normal.as_flattened_mut(), planes.weight, planes.margin];
+    let mut rest = floats;
+    for target in targets {
+        let (plane, after) = rest.split_at(target.len());
+        target.copy_from_slice(plane);
+        rest = after;
+    }
+    frame
+}
+
+/// The bytes of floats, all first bytes first.
+fn shuffled(floats: &[f32]) -> Vec<u8> {
+    (0..4).flat_map(|k| floats.iter().map(move |value| value.to_le_bytes()[k])).collect()
+}
+
+/// The floats of [`shuffled`] bytes.
+fn ordered(bytes: &[u8]) -> Vec<f32> {
+    let count = bytes.len() / 4;
+    (0..count).map(|i| f32::from_le_bytes([0, 1, 2, 3].map(|k| bytes[k * count + i]))).collect()
+}
