@@ -66,7 +66,8 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
                 let result = sums_type(sums);
                 writeln!(text, "@fragment")?;
                 writeln!(text, "fn {variant}{layer}_{sums}_fragment(in: AttributeVertex{parameter}) -> {result} {{")?;
-                writeln!(text, "    let c = contribution(in);")?;
+                let contribution = if layer == "gathered" { "gathered_contribution" } else { "contribution" };
+                writeln!(text, "    let c = {contribution}(in);")?;
                 writeln!(text, "    if !(c.is_there && {layer}_accumulates(in, c.z){filtered}) {{")?;
                 writeln!(text, "        discard;\n    }}")?;
                 writeln!(text, "    return {sums}_sums_of(in, c);\n}}\n")?;

@@ -46,6 +46,10 @@ struct Contribution {
 }
 
 fn contribution(in: AttributeVertex) -> Contribution {
+    return contribution_by(in, in.anchor.w);
+}
+
+fn contribution_by(in: AttributeVertex, weight_scale: f32) -> Contribution {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     let u = form_at(in.uv.xy, d, in.at_anchor.x);
     let v = form_at(in.uv.zw, d, in.at_anchor.y);
@@ -59,7 +63,7 @@ fn contribution(in: AttributeVertex) -> Contribution {
         inside = inside || disk <= 1.0;
     }
     let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
-    return Contribution(weight(rho_squared, frame.cutoff) * in.anchor.w, z, inside && exists(z));
+    return Contribution(weight(rho_squared, frame.cutoff) * weight_scale, z, inside && exists(z));
 }
 
 // True for fragments no deeper than the visibility pass's threshold.

@@ -163,7 +163,7 @@ fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
     let point = layer_point(pixel);
     if point.is_there {
         // The splats were lit one by one before they were summed.
-        let color = textureLoad(layer_color, pixel, 0).rgb / point.weight;
+        let color = limit_rgb(textureLoad(layer_color, pixel, 0).rgb / point.weight);
         layers = composite_under(layers, point, color, counts.y / point.weight);
     }
     layers.counts += u32(counts.x);

@@ -1,5 +1,9 @@
 // Trained Gaussians, one over another (docs/gaussians.md), once a pixel. The host has projected them, put them in
 // order, and listed them by cells of 16×16 pixels.
+//
+// A dispatch takes a bounded number of steps, because drivers stop what runs for long: some, in software, silently after
+// 65,535 turns of all loops together. What a pixel has come to is kept in its state, and the host dispatches again while
+// a pixel isn't finished.
 
 // A Gaussian as the view shows it.
 struct GaussianRecord {
@@ -27,8 +31,19 @@ const MIN_TRANSMITTANCE: f32 = 1e-4;
 const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
 @group(1) @binding(28) var<storage, read> gaussian_records: array<GaussianRecord>;
-// Where each cell's entries begin, and where the last one's end; then the entries: numbers of records, ascending.
-@group(1) @binding(29) var<storage, read> gaussian_lists: array<u32>;
+// Where each cell's entries begin, and where the last one's end; then the entries: numbers of records, ascending. Where
+// pixels have states, words of these follow, from `frame.gaussian_states_at` on, and their rooms: a word of all pixels
+// after another.
+@group(1) @binding(29) var<storage, read_write> gaussian_lists: array<u32>;
+
+// Words of a pixel's state: its sums, then how far it has come.
+const GAUSSIAN_STATE_WORDS: u32 = 24u;
+// Words of a fragment that waits in a pixel's room.
+const GAUSSIAN_ROOM_WORDS: u32 = 3u;
+// Where in the planes the number of the last dispatch is that left a pixel unfinished.
+const GAUSSIANS_UNFINISHED_AT: u32 = 0u;
+// Entries that a dispatch reads at most in the order of the list.
+const GAUSSIAN_READS: u32 = 32768u;
 
 // What is blended of a pixel.
 struct GaussianSums {
@@ -93,10 +108,11 @@ fn resolved_gaussians(sums: GaussianSums) -> vec4f {
     let alpha = 1.0 - sums.transmittance + sums.transmittance * behind.a;
     let color = sums.color + sums.transmittance * behind.rgb;
     if frame.has_linear_gaussians != 0u || alpha <= 0.0 {
-        return vec4f(color, alpha);
+        return vec4f(limit_rgb(color), alpha);
     }
-    let straight = color / alpha;
-    return vec4f(vec3f(srgb_decode(straight.r), srgb_decode(straight.g), srgb_decode(straight.b)) * alpha, alpha);
+    let straight = limit_rgb(color / alpha);
+    let linear = vec3f(srgb_decode(straight.r), srgb_decode(straight.g), srgb_decode(straight.b));
+    return vec4f(limit_rgb(linear * alpha), alpha);
 }
 
 fn write_gaussians(at: u32, sums: GaussianSums) {
@@ -143,105 +159,113 @@ fn no_gaussian_sums() -> GaussianSums {
     return sums;
 }
 
+// A word of a pixel's state.
+fn gaussian_state_at(pixel: u32, word: u32) -> u32 {
+    return frame.gaussian_states_at + word * (frame.shade_size_px.x * frame.shade_size_px.y) + pixel;
+}
+
+fn gaussian_state(pixel: u32, word: u32) -> u32 {
+    return gaussian_lists[gaussian_state_at(pixel, word)];
+}
+
+fn gaussian_number(pixel: u32, word: u32) -> f32 {
+    return bitcast<f32>(gaussian_state(pixel, word));
+}
+
+fn set_gaussian_state(pixel: u32, word: u32, value: u32) {
+    gaussian_lists[gaussian_state_at(pixel, word)] = value;
+}
+
+fn set_gaussian_number(pixel: u32, word: u32, value: f32) {
+    set_gaussian_state(pixel, word, bitcast<u32>(value));
+}
+
+// Words 0 to 14 of a pixel's state.
+fn load_gaussian_sums(pixel: u32) -> GaussianSums {
+    var sums: GaussianSums;
+    sums.color = vec3f(gaussian_number(pixel, 0u), gaussian_number(pixel, 1u), gaussian_number(pixel, 2u));
+    sums.transmittance = gaussian_number(pixel, 3u);
+    sums.normal = vec3f(gaussian_number(pixel, 4u), gaussian_number(pixel, 5u), gaussian_number(pixel, 6u));
+    sums.weight = gaussian_number(pixel, 7u);
+    sums.depth = gaussian_number(pixel, 8u);
+    sums.median_depth = gaussian_number(pixel, 9u);
+    sums.distortion = gaussian_number(pixel, 10u);
+    sums.moments = vec2f(gaussian_number(pixel, 11u), gaussian_number(pixel, 12u));
+    sums.fragments = gaussian_state(pixel, 13u);
+    sums.is_open = gaussian_state(pixel, 14u) != 0u;
+    return sums;
+}
+
+fn store_gaussian_sums(pixel: u32, sums: GaussianSums) {
+    set_gaussian_number(pixel, 0u, sums.color.x);
+    set_gaussian_number(pixel, 1u, sums.color.y);
+    set_gaussian_number(pixel, 2u, sums.color.z);
+    set_gaussian_number(pixel, 3u, sums.transmittance);
+    set_gaussian_number(pixel, 4u, sums.normal.x);
+    set_gaussian_number(pixel, 5u, sums.normal.y);
+    set_gaussian_number(pixel, 6u, sums.normal.z);
+    set_gaussian_number(pixel, 7u, sums.weight);
+    set_gaussian_number(pixel, 8u, sums.depth);
+    set_gaussian_number(pixel, 9u, sums.median_depth);
+    set_gaussian_number(pixel, 10u, sums.distortion);
+    set_gaussian_number(pixel, 11u, sums.moments.x);
+    set_gaussian_number(pixel, 12u, sums.moments.y);
+    set_gaussian_state(pixel, 13u, sums.fragments);
+    set_gaussian_state(pixel, 14u, select(0u, 1u, sums.is_open));
+}
+
+// Numbers of dispatches that a pixel has had, and of one that has finished it.
+const GAUSSIAN_DISPATCHES: u32 = 15u;
+const GAUSSIANS_FINISHED: u32 = 0xffffffffu;
+
+// Leaves a pixel to the next dispatch, or writes it if it is finished.
+fn end_gaussian_dispatch(pixel: u32, sums: GaussianSums, is_finished: bool) {
+    if is_finished {
+        write_gaussians(pixel, sums);
+        set_gaussian_state(pixel, GAUSSIAN_DISPATCHES, GAUSSIANS_FINISHED);
+        return;
+    }
+    store_gaussian_sums(pixel, sums);
+    let dispatches = gaussian_state(pixel, GAUSSIAN_DISPATCHES) + 1u;
+    set_gaussian_state(pixel, GAUSSIAN_DISPATCHES, dispatches);
+    // Every pixel that writes here writes the same.
+    planes[GAUSSIANS_UNFINISHED_AT] = f32(dispatches);
+}
+
 // In the order of the list.
 @compute @workgroup_size(8, 8)
 fn gaussians(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
         return;
     }
-    let pixel = vec2i(id.xy) + frame.origin_px;
+    let place = vec2i(id.xy) + frame.origin_px;
+    let pixel = id.y * frame.shade_size_px.x + id.x;
     let list = gaussian_list(id);
+    let has_state = frame.gaussian_states_at != ABSENT;
+    var at = list.x;
     var sums = no_gaussian_sums();
-    for (var at = list.x; at < list.y && sums.is_open; at++) {
+    if has_state {
+        let dispatches = gaussian_state(pixel, GAUSSIAN_DISPATCHES);
+        if dispatches == GAUSSIANS_FINISHED {
+            return;
+        }
+        if dispatches > 0u {
+            sums = load_gaussian_sums(pixel);
+            at = gaussian_state(pixel, 16u);
+        }
+    }
+    let end = select(list.y, min(list.y, at + GAUSSIAN_READS), has_state);
+    for (; at < end && sums.is_open; at++) {
         let record = gaussian_lists[at];
-        let fragment = gaussian_fragment(record, pixel);
+        let fragment = gaussian_fragment(record, place);
         if fragment.alpha >= 0.0 {
             blend_gaussian(&sums, record, fragment);
         }
     }
-    write_gaussians(id.y * frame.shade_size_px.x + id.x, sums);
-}
-
-// A fragment that waits until none before it can follow.
-struct WaitingGaussian {
-    // Fragments are in the order of these: a step of depth, and the place among the scene's.
-    key: vec2u,
-    record: u32,
-    fragment: GaussianFragment,
-}
-
-// Fragments that wait at most, a power of two.
-const GAUSSIANS_WAITING: u32 = 32u;
-const NO_LIMIT: u32 = 0xffffffffu;
-
-fn is_before(a: vec2u, b: vec2u) -> bool {
-    return a.x < b.x || (a.x == b.x && a.y < b.y);
-}
-
-// In the order of the pixel, exactly. Records come by the depth at which they begin, and what is nearer than that of
-// the next is blended. Where more fragments wait than there is room for, the farthest are left for another turn through
-// the list, which begins where this one has to end.
-@compute @workgroup_size(8, 8)
-fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
+    if !has_state {
+        write_gaussians(pixel, sums);
         return;
     }
-    let pixel = vec2i(id.xy) + frame.origin_px;
-    let list = gaussian_list(id);
-    var sums = no_gaussian_sums();
-    // A ring in ascending order.
-    var waiting: array<WaitingGaussian, GAUSSIANS_WAITING>;
-    var first = vec2u(0u, 0u);
-    loop {
-        var limit = vec2u(NO_LIMIT, NO_LIMIT);
-        var head = 0u;
-        var count = 0u;
-        for (var at = list.x; at < list.y && sums.is_open; at++) {
-            let record = gaussian_lists[at];
-            let nearest = gaussian_records[record].nearest;
-            let begins = vec2u(depth_step_f32(nearest), 0u);
-            if !is_before(begins, limit) {
-                break;
-            }
-            while count > 0u && sums.is_open && is_before(waiting[head % GAUSSIANS_WAITING].key, begins) {
-                let next = waiting[head % GAUSSIANS_WAITING];
-                blend_gaussian(&sums, next.record, next.fragment);
-                head++;
-                count--;
-            }
-            let fragment = gaussian_fragment(record, pixel);
-            // Rounding never takes it before where its record begins.
-            let key = vec2u(depth_step_f32(max(fragment.z, nearest)), gaussian_records[record].number);
-            if fragment.alpha < 0.0 || is_before(key, first) || !is_before(key, limit) {
-                continue;
-            }
-            if count == GAUSSIANS_WAITING {
-                let farthest = waiting[(head + count - 1u) % GAUSSIANS_WAITING].key;
-                if !is_before(key, farthest) {
-                    limit = key;
-                    continue;
-                }
-                limit = farthest;
-                count--;
-            }
-            var place = head + count;
-            while place > head && is_before(key, waiting[(place - 1u) % GAUSSIANS_WAITING].key) {
-                waiting[place % GAUSSIANS_WAITING] = waiting[(place - 1u) % GAUSSIANS_WAITING];
-                place--;
-            }
-            waiting[place % GAUSSIANS_WAITING] = WaitingGaussian(key, record, fragment);
-            count++;
-        }
-        while count > 0u && sums.is_open {
-            let next = waiting[head % GAUSSIANS_WAITING];
-            blend_gaussian(&sums, next.record, next.fragment);
-            head++;
-            count--;
-        }
-        if !sums.is_open || limit.x == NO_LIMIT {
-            break;
-        }
-        first = limit;
-    }
-    write_gaussians(id.y * frame.shade_size_px.x + id.x, sums);
+    set_gaussian_state(pixel, 16u, at);
+    end_gaussian_dispatch(pixel, sums, at >= list.y || !sums.is_open);
 }

@@ -82,5 +82,5 @@ fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: v
     if !is_toon || v3_dot(normal, normal) <= 0.0 {
         return color;
     }
-    return color * toon_line(abs(v3_dot(normal, to_eye)));
+    return limit_rgb(color) * toon_line(abs(v3_dot(normal, to_eye)));
 }

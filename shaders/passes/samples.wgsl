@@ -143,8 +143,9 @@ fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
         if frame.has_layers != 0u {
             layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];
         }
-        sum += composite_over(layers, color);
+        // Shares are summed, not colours: these may be as large as an f32.
+        sum += composite_over(layers, color) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
     }
     let shaded = pixel - frame.shade_origin_px;
-    write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE)));
+    write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum);
 }

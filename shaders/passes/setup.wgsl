@@ -259,10 +259,9 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     }
     record.coverage = filtered.coverage_scale * object.coverage;
     if frame.has_layers != 0u && segment.alpha_at != ABSENT {
-        let alpha = stored_f32(i * segment.stride + segment.alpha_at, 0u);
-        record.coverage = alpha;
-        if frame.has_abuffer != 0u {
-            record.coverage = packed_shares(alpha, filtered.coverage_scale);
+        record.coverage = stored_f32(i * segment.stride + segment.alpha_at, 0u);
+        if frame.has_abuffer != 0u && scale_is_coverage() {
+            record.weight_scale = filtered.coverage_scale;
         }
     }
     record.visible_box = packed_box(visible_box);

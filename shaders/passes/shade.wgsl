@@ -57,8 +57,16 @@ fn position_at(pixel: vec2i, z: f32) -> vec3f {
 // The colour that the frame's shader gives a point at a view position. `full` is a compile-time constant of the entry
 // points: false leaves out what only frames of more than splats need.
 fn color_of(at: vec3f, point: Point, full: bool) -> vec3f {
+    // Sums of colours may have left f32's range, which would make NaN of what comes.
+    return limit_rgb(unlimited_color_of(at, point, limit_rgb(point.albedo), full));
+}
+
+fn limit_rgb(color: vec3f) -> vec3f {
+    return vec3f(limit_color(color.r), limit_color(color.g), limit_color(color.b));
+}
+
+fn unlimited_color_of(at: vec3f, point: Point, albedo: vec3f, full: bool) -> vec3f {
     let z = point.z;
-    let albedo = point.albedo;
     let normal = point.normal;
     let material = point.material;
     switch frame.shader_kind {

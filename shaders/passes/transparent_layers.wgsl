@@ -49,21 +49,14 @@ fn gathered_accumulates(in: AttributeVertex, z: f32) -> bool {
     return peeled_accumulates(in, z);
 }
 
-// Largest share in 15 bits.
-const SHARE_STEPS: f32 = 32767.0;
-
-// Alpha and the coverage's share of its object's in one f32: both in [0, 1], to 1.5e-5. Two bits of the exponent are
-// always 01, so that it is an ordinary number whatever they are.
-fn packed_shares(alpha: f32, coverage: f32) -> f32 {
-    let shares = vec2u(round(clamp(vec2f(alpha, coverage), vec2f(0.0, 0.0), vec2f(1.0, 1.0)) * SHARE_STEPS));
-    let both = shares.x << 15u | shares.y;
-    return bitcast<f32>((both >> 29u) << 31u | 0x20000000u | (both & 0x1fffffffu));
+// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight: the other one is 1
+// under every filter. So a record of an A-buffer has both, and alpha, in full precision.
+fn scale_is_coverage() -> bool {
+    return frame.filter_kind == FILTER_CLAMP || frame.filter_kind == FILTER_ADJUST;
 }
 
-fn unpacked_shares(packed: f32) -> vec2f {
-    let bits = bitcast<u32>(packed);
-    let both = (bits >> 31u) << 29u | (bits & 0x1fffffffu);
-    return vec2f(f32(both >> 15u), f32(both & 0x7fffu)) / SHARE_STEPS;
+fn gathered_contribution(in: AttributeVertex) -> Contribution {
+    return contribution_by(in, select(in.anchor.w, 1.0, scale_is_coverage()));
 }
 
 struct MaterialCoverageSums {
@@ -73,7 +66,7 @@ struct MaterialCoverageSums {
 }
 
 fn material_coverage_sums_of(in: AttributeVertex, c: Contribution) -> MaterialCoverageSums {
-    let shares = unpacked_shares(in.w.z) * c.weight;
-    let coverage = shares.y * objects[in.flags >> RECORD_OBJECT].coverage;
-    return MaterialCoverageSums(material_sums_of(in, c), vec4f(1.0, shares.x, coverage, 0.0));
+    let share = select(1.0, in.anchor.w, scale_is_coverage());
+    let coverage = c.weight * share * objects[in.flags >> RECORD_OBJECT].coverage;
+    return MaterialCoverageSums(material_sums_of(in, c), vec4f(1.0, c.weight * in.w.z, coverage, 0.0));
 }

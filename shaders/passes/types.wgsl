@@ -68,7 +68,7 @@ struct Frame {
     // Coverage from which splats occlude a polygon behind them.
     full_coverage: f32,
     // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage; those of an
-    // A-buffer both, packed.
+    // A-buffer have its area ratio, where a filter gives one, in place of the weight's factor.
     has_layers: u32,
     has_abuffer: u32,
     // Clip curves are taken for their chords.
@@ -92,6 +92,10 @@ struct Frame {
     gaussian_columns: u32,
     has_linear_gaussians: u32,
     gaussian_near: f32,
+    // Where the states of pixels are among the lists of Gaussians, or ABSENT, and how many fragments a pixel has room
+    // for.
+    gaussian_states_at: u32,
+    gaussian_room: u32,
     gaussian_background: vec4f,
     // First pixel, counted within the targets, and size of what is shaded.
     shade_origin_px: vec2u,

@@ -159,6 +159,7 @@ pub const TWINS: &[Twin] = &[
     twin("gaussian_forms_at", "gaussian::GaussianForms::at"),
     twin("depth_step_f32", "gaussian::depth_step_f32"),
     twin("distortion_depth", "gaussian::distortion_depth"),
+    twin("limit_color", "srgb::limit_color"),
     twin("srgb_decode", "srgb::decode"),
 ];
 

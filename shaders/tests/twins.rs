@@ -88,6 +88,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         gaussian::GaussianForms::at, as gaussian::GaussianForms::<f32>::at;
         gaussian::depth_step_f32, as gaussian::depth_step_f32;
         gaussian::distortion_depth;
+        srgb::limit_color;
         srgb::decode, as srgb::decode;
     })
 }

@@ -31,6 +31,14 @@ fn distortion_depth(z: f32) -> f32 {
     return (1.0 - 0.2 / z) * 1.002004008;
 }
 
+// The range of f32, less what a few roundings may add.
+const LARGEST_COLOR: f32 = 3.4028e38;
+
+// A channel of a colour within that range.
+fn limit_color(channel: f32) -> f32 {
+    return max(min(channel, LARGEST_COLOR), -LARGEST_COLOR);
+}
+
 // Linear value of an sRGB-encoded one.
 fn srgb_decode(encoded: f32) -> f32 {
     let curve = pow((max(encoded, 0.0) + 0.055) / 1.055, 2.4);

@@ -7,7 +7,7 @@ use crate::error::Failure;
 use crate::memory::Buffer;
 use crate::pipelines::{Pipeline, Pipelines};
 use crate::queries::Queries;
-use crate::scene::{ResidentScene, resident};
+use crate::scene::{ResidentScene, resident, resident_before};
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
@@ -207,8 +207,9 @@ impl<'a> Tile<'a> {
         let mut all = bound(&PIXEL_PASS_TEXTURES);
         all.extend(PIXEL_PASS_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
         let of_gaussians = match &data.gaussians {
-            Some(GaussianLists { records, lists, .. }) => {
-                vec![resident(device, "Gaussians", records)?, resident(device, "lists of Gaussians", lists)?]
+            Some(GaussianLists { records, lists, room_bytes, .. }) => {
+                let lists = resident_before(device, "lists of Gaussians", lists, *room_bytes)?;
+                vec![resident(device, "Gaussians", records)?, lists]
             }
             None => Vec::new(),
         };
@@ -269,6 +270,18 @@ impl<'a> Tile<'a> {
                 commands.copy(draws.raw(), readback.raw(), LAYER_HEADER_BYTES);
             }
         }
+        commands.barrier_to_host();
+        Ok(())
+    }
+
+    /// Records further dispatches of its pass over Gaussians, and a copy of the planes.
+    pub(crate) fn dispatch_again(&self, commands: &Commands<'_>, steps: &[Step], times: u32) -> Result<(), Failure> {
+        for step in (0..times).flat_map(|_| steps) {
+            self.step(commands, step)?;
+            commands.barrier();
+        }
+        let bytes = 4 * u64::from(self.targets.key.floats);
+        commands.copy(self.targets.planes.raw(), self.targets.readback.raw(), bytes);
         commands.barrier_to_host();
         Ok(())
     }

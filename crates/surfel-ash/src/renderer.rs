@@ -19,7 +19,8 @@ use std::time::Instant;
 use surfel_gpu::{
     Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
     PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, layers_remain, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
+    count_frame_bytes, count_layers, layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels,
+    with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -262,7 +263,8 @@ impl Renderer {
             }
             // Its splats were counted, and are drawn once more.
             [stats.drawn, stats.fragments] = before;
-            plan = with_more_layers(&plan).map_err(Failure::Other)?;
+            let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
+            plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
         };
         // Queries count what is drawn, and Gaussians are computed.
         if !self.device.caps.counts_samples || job.plan.has(Pass::Gaussians) {
@@ -305,6 +307,13 @@ impl Renderer {
             parts.push((tile, steps.as_slice()));
         }
         submit(&self.device, |commands| tile.record(commands, &work.steps, &parts))?;
+        if let Some(lists) = &data.gaussians {
+            let mut dispatches = 1;
+            while let Some(more) = lists.more_dispatches(dispatches, targets.readback.words(1)?) {
+                submit(&self.device, |commands| tile.dispatch_again(commands, &work.steps, more))?;
+                dispatches += more;
+            }
+        }
         let drawn = tile.drawn_readback.words(1)?.first().copied().unwrap_or(0);
         stats.drawn += u64::from(drawn) + u64::from(data.host_records());
         if let Some(layers) = &tile.layers_readback {

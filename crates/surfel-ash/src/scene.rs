@@ -97,9 +97,14 @@ fn segments(
 
 /// Words in the device's own memory, by way of the host's.
 pub(crate) fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
+    resident_before(device, name, words, 0)
+}
+
+/// [`resident`] with so many bytes of any value after them.
+pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], more: u64) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
-    let buffer = Buffer::new(device, name, bytes, usage, MemoryLocation::GpuOnly)?;
+    let buffer = Buffer::new(device, name, bytes + more, usage, MemoryLocation::GpuOnly)?;
     let staged = Buffer::filled(device, "staged", words, vk::BufferUsageFlags::TRANSFER_SRC)?;
     submit(device, |commands| {
         commands.copy(staged.raw(), buffer.raw(), bytes);

@@ -13,6 +13,7 @@ pub(crate) mod listing;
 pub(crate) mod nearest;
 pub(crate) mod pixel_sums;
 pub(crate) mod sums;
+pub(crate) mod surfaces;
 pub(crate) mod tiny_fragments;
 pub(crate) mod tiny_tile;
 pub(crate) mod triangles;

@@ -21,6 +21,7 @@ pub use frame::gaussians::GaussianLists;
 pub use frame::planes::PlaneLayout;
 pub use frame::samples::SamplePart;
 pub use frame::shadow_maps::{SHADOW_MAPS, ShadowMapCache, ShadowMapJob, shadow_map_jobs, shadow_texels};
+pub use frame::surface_count::least_surfaces;
 pub use frame::tile::{NearRecords, SegmentData, TileData};
 pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;

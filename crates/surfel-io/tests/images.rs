@@ -40,6 +40,14 @@ fn exr_in_f32_survives_bit_by_bit() {
 }
 
 #[test]
+fn exr_colors_beyond_the_range_of_f16_are_finite() {
+    let color = Some(vec![[65_504.0, 65_520.0, -3e38, 1.0], [f32::MAX, f32::MIN, 0.5, 1.0]]);
+    let planes = Planes { width: 2, height: 1, color, ..Planes::default() };
+    let half = read(&exr(&planes, &ExrOptions::default())).color.unwrap();
+    assert_eq!(half, [[65_504.0, 65_504.0, -65_504.0, 1.0], [65_504.0, -65_504.0, 0.5, 1.0]]);
+}
+
+#[test]
 fn exr_color_is_f16_unless_asked() {
     let planes = planes();
     let half = read(&exr(&planes, &ExrOptions::default()));

@@ -1,6 +1,15 @@
 //! Directions, orthonormal bases and singular values, safe at any scale.
 
+use crate::V3;
 use glam::{DMat3, DVec3};
+
+/// Relative length below which a half-axis counts as so long, that its direction isn't lost.
+const LEAST_AXIS: f64 = 1e-9;
+/// Cosine below which half-axes are at right angles; relative difference below which they are equally long.
+const RIGHT_ANGLE: f64 = 1e-12;
+const EQUAL_AXES: f64 = 1e-6;
+/// Most sweeps of Jacobi rotations: they converge quadratically.
+const JACOBI_SWEEPS: usize = 12;
 
 /// `v` scaled to unit length at any magnitude (1e±300); zero stays zero.
 pub fn unit(v: DVec3) -> DVec3 {
@@ -60,6 +69,49 @@ pub fn principal_axes(s: DVec3, t: DVec3) -> (DVec3, DVec3) {
     (s * cosine - t * sine, s * sine + t * cosine)
 }
 
+/// Unit shortest principal axis of the ellipsoid with the half-axes σ_k·axis_k, which need not be at right angles: an
+/// object's matrix may shear them. Of equally long ones it is the one that the first of the given axes became.
+///
+/// Source: one-sided Jacobi rotations (Golub and Van Loan, Matrix Computations, §8.6.3), which turn pairs of half-axes
+/// within the ellipsoid until all are at right angles.
+pub fn shortest_axis(axes: [V3<f64>; 3], sigmas: [f64; 3]) -> V3<f64> {
+    let lengths = [0, 1, 2].map(|k: usize| sigmas[k] * axes[k].length());
+    let largest = lengths.into_iter().fold(0.0, f64::max);
+    // Half-axes of hardly any length keep their directions.
+    let scaled = |k: usize| match lengths[k] > LEAST_AXIS * largest {
+        true => axes[k] * (sigmas[k] / largest),
+        false => axes[k] * (LEAST_AXIS / axes[k].length().max(f64::MIN_POSITIVE)),
+    };
+    let mut half_axes = [0, 1, 2].map(scaled);
+    let mut is_turned = false;
+    for _ in 0..JACOBI_SWEEPS {
+        let mut turns = false;
+        for (i, j) in [(0, 1), (0, 2), (1, 2)] {
+            let (a, b) = (half_axes[i], half_axes[j]);
+            let (aa, bb, ab) = (a.dot(a), b.dot(b), a.dot(b));
+            if ab.abs() > RIGHT_ANGLE * (aa * bb).sqrt() {
+                let tau = (bb - aa) / (2.0 * ab);
+                let tangent = 1.0_f64.copysign(tau) / (tau.abs() + tau.hypot(1.0));
+                let cosine = tangent.hypot(1.0).recip();
+                let sine = tangent * cosine;
+                (half_axes[i], half_axes[j]) = (a * cosine - b * sine, a * sine + b * cosine);
+                turns = true;
+            }
+        }
+        is_turned |= turns;
+        if !turns {
+            break;
+        }
+    }
+    let lengths = if is_turned { half_axes.map(|axis| axis.length()) } else { lengths };
+    let is_shorter = |b: usize, a: usize| lengths[b] < lengths[a] * (1.0 - EQUAL_AXES);
+    let least = (0..3).reduce(|a, b| if is_shorter(b, a) { b } else { a }).unwrap_or(2);
+    // The others are exact even where this one has no length.
+    let others = if is_turned { half_axes } else { axes };
+    let n = others[(least + 1) % 3].cross(others[(least + 2) % 3]);
+    n * n.length().recip()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -81,6 +133,36 @@ mod tests {
         let value = largest_singular_value(DVec3::new(2.0, 0.0, 0.0), DVec3::new(3.0, 2.0, 0.0));
         assert!((value - 4.0).abs() < 1e-14, "{value}");
     }
+    #[test]
+    fn shortest_axis_is_that_of_the_transformed_ellipsoid() {
+        // Of a map with singular value decomposition U·diag(ℓ)·Vᵀ and a unit ball it is a column of U.
+        let turned = |a: f64, b: f64| DMat3::from_rotation_z(a) * DMat3::from_rotation_x(b);
+        for lengths in [[3.0, 1.0, 0.25], [1.0, 1e-5, 20.0], [0.0, 1.0, 2.0], [1e-30, 3e-30, 2e-30], [1e20, 1.0, 1e19]]
+        {
+            for (sigmas, azimuth) in [([1.0; 3], 0.3), ([0.3, 0.02, 0.1], -1.2), ([1e-4, 1.0, 0.5], 2.0)] {
+                let (u, v) = (turned(azimuth, 0.8), turned(1.9, -0.4));
+                // Half-axes U·diag(ℓ)·Vᵀ as axes times their σ.
+                let half = u * DMat3::from_diagonal(DVec3::from(lengths)) * v.transpose();
+                let axis = |k: usize| V3::from(half.col(k) / sigmas[k]);
+                let found = shortest_axis([axis(0), axis(1), axis(2)], sigmas);
+                let least = (0..3).reduce(|a, b| if lengths[b] < lengths[a] { b } else { a }).unwrap();
+                let want = V3::from(u.col(least));
+                assert!(1.0 - found.dot(want).abs() < 1e-12, "{lengths:?} {sigmas:?}: {found:?} {want:?}");
+            }
+        }
+        let axes = [0, 1, 2].map(|k| V3::from(DMat3::from_rotation_z(0.7).col(k)));
+        let [x, y, z, slant] = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, 2.0, 2.0)].map(V3::from);
+        // Equal ones, and ones of no length: the first.
+        assert_eq!(shortest_axis([x, y, z], [0.5; 3]), x);
+        assert_eq!(shortest_axis([x, y, z], [0.5, 0.5 * (1.0 - 1e-9), 0.5]), x);
+        assert_eq!(shortest_axis([x, y, z], [0.5, 0.4, 0.5]), y);
+        let is_along = |a: V3<f64>, b: V3<f64>| a.dot(b).abs() > 1.0 - 1e-15;
+        assert!(is_along(shortest_axis(axes, [2.0, 0.0, 0.0]), axes[1]));
+        assert!(is_along(shortest_axis(axes, [0.0; 3]), axes[0]));
+        // A needle that is sheared: whatever the others are, at right angles to it.
+        assert!(shortest_axis([slant, y, x], [1.0, 0.0, 0.0]).dot(slant).abs() < 1e-8);
+    }
+
     #[test]
     fn principal_axes_are_at_right_angles_and_span_the_same_ellipse() {
         let across = DVec3::new(0.36, 0.48, 0.8).cross(DVec3::new(0.6, -0.8, 0.0)).normalize();

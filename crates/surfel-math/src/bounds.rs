@@ -87,9 +87,15 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
     ellipse(j_s, j_t, V2::new(-(g.cross(v) * inverse), g.cross(u) * inverse))
 }
 
+/// Size of a disk, as a multiple of its distance, beyond which [`through_near`] gives all pixels.
+const BOUNDLESS: f64 = 1e5;
+
 /// Box in pixel coordinates of the part of a disk at or beyond z_near, wherever its centre is (perspective), or `None`
 /// if there is none. Exact: over the disk's part in front, a projected coordinate is quasi-linear, so its extremes lie
 /// at tangent points or at the ends of the chord that z_near cuts.
+///
+/// A disk of more than 10⁵ times its distance has all pixels: tangents are found from differences that rounding may
+/// leave without a sign where a disk's axes are along those of the image, and from 10⁸ times on it does.
 pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<Extent<f64>> {
     let ViewSplat { p, s, t, .. } = *splat;
     let near = projection.near;
@@ -97,6 +103,10 @@ pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<E
     let e = slope.length();
     if p.z + e < near {
         return None;
+    }
+    if s.max_abs().max(t.max_abs()) > BOUNDLESS * p.max_abs().max(near) {
+        let infinite = V2::new(f64::INFINITY, f64::INFINITY);
+        return Some(Extent { min: -infinite, max: infinite });
     }
     let mut extent: Option<Extent<f64>> = None;
     let mut add = |u: f64, v: f64| {

@@ -5,7 +5,7 @@
 use crate::mapping::{Footprint as SplatFootprint, Linear};
 use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
-use crate::{Real, V2, V3, filter, srgb};
+use crate::{Real, V2, V3, basis, filter, srgb};
 
 /// Planar depth before which perspective views show nothing, as in training; world units.
 pub const NEAR: f64 = 0.2;
@@ -63,7 +63,7 @@ pub struct ProjectedGaussian {
     pub center_px: V2<f64>,
     /// What pixels see of it.
     pub forms: GaussianForms<f64>,
-    /// Unit normal in view space, toward the eye; of a solid one its shortest axis.
+    /// Unit normal in view space, toward the eye; of a solid one the shortest axis of what is drawn.
     pub normal: V3<f64>,
     /// Offsets from the centre, least and largest, beyond which it covers less than [`MIN_ALPHA`]; `None`: unknown.
     pub bounds_px: Option<[V2<f64>; 2]>,
@@ -256,10 +256,7 @@ impl ViewGaussian {
             low_pass: NO_LOW_PASS,
         };
         let half = V2::new((reach * xx).sqrt(), (reach * yy).sqrt());
-        let length = |k: usize| self.sigmas[k] * self.axes[k].length();
-        let least = (0..3).reduce(|a, b| if length(b) < length(a) { b } else { a }).unwrap_or(2);
-        let n = self.axes[(least + 1) % 3].cross(self.axes[(least + 2) % 3]);
-        let normal = n * n.length().recip();
+        let normal = basis::shortest_axis(self.axes, self.sigmas);
         Footprint { forms, normal, bounds_px: Some([-half, half]), nearest: p.z - reach.sqrt() * zu.hypot(zv), weight }
     }
 }
@@ -360,13 +357,13 @@ pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
             *sum += f64::from(*c) * y;
         }
     }
-    sum.map(|c| c.max(0.0))
+    sum.map(|c| srgb::limit_color(c.max(0.0)))
 }
 
 /// What lies behind Gaussians: RGB in their colour space times alpha, and alpha, of a linear colour with straight
 /// alpha.
 pub fn background([r, g, b, a]: [f64; 4], linear_colors: bool) -> [f64; 4] {
-    let [r, g, b] = [r, g, b].map(|c| if linear_colors { c } else { srgb::encode(c.max(0.0)) } * a);
+    let [r, g, b] = [r, g, b].map(|c| srgb::limit_color(if linear_colors { c } else { srgb::encode(c.max(0.0)) }) * a);
     [r, g, b, a]
 }
 
@@ -375,7 +372,8 @@ pub fn resolve(colors: [f64; 3], transmittance: f64, background: [f64; 4], linea
     let alpha = 1.0 - transmittance + transmittance * background[3];
     let over = |k: usize| transmittance.mul_add(background[k], colors[k]);
     let linear = |c: f64| if linear_colors || alpha <= 0.0 { c } else { srgb::decode(c / alpha) * alpha };
-    [linear(over(0)), linear(over(1)), linear(over(2)), alpha]
+    let [r, g, b] = [0, 1, 2].map(|k| srgb::limit_color(linear(over(k))));
+    [r, g, b, alpha]
 }
 
 #[cfg(test)]

@@ -153,6 +153,21 @@ pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
+/// Size of a splat, as a multiple of the least distance, from which it is set up in f64 by every backend: the products
+/// of its projected half-axes may leave f32's range. Of its filter nothing is seen.
+const VAST: f64 = 1e7;
+
+/// True for a splat that is so large, by the largest coordinate of its half-axes, that f32 may not hold its projection.
+/// It is drawn exactly, as [`Placement::Close`] ones are.
+#[inline(always)]
+pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
+    let distance = match projection.kind {
+        ProjectionKind::Perspective => p_z,
+        ProjectionKind::Orthographic { height, .. } => size.constant(height),
+    };
+    (distance * size.constant(VAST)).lt(size)
+}
+
 /// How a splat has to be drawn, because of where it stands (§3, last paragraph).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {

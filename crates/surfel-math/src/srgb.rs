@@ -1,6 +1,24 @@
-//! The sRGB transfer function (IEC 61966-2-1).
+//! The sRGB transfer function (IEC 61966-2-1), and the range of colours.
 
+use crate::Real;
 use std::sync::OnceLock;
+
+/// The largest magnitude of a colour (rendering model §10): that of f32, less what a few roundings may add, so that
+/// blending colours never leaves f32's range.
+pub const LARGEST_COLOR: f64 = 3.4028e38;
+
+/// Limits a channel of a colour to ±[`LARGEST_COLOR`].
+#[inline(always)]
+pub fn limit_color<R: Real>(channel: R) -> R {
+    let largest = channel.constant(LARGEST_COLOR);
+    channel.min(largest).max(-largest)
+}
+
+/// Limits a light's colour so that `lights` of them and the ambient light together stay within [`LARGEST_COLOR`].
+pub fn limit_light(color: [f64; 3], lights: usize) -> [f64; 3] {
+    let most = LARGEST_COLOR / (lights as f64 + 1.0);
+    color.map(|channel| channel.clamp(-most, most))
+}
 
 /// Linear value of an sRGB-encoded one, both in [0, 1].
 pub fn decode(encoded: f64) -> f64 {
@@ -63,6 +81,15 @@ mod tests {
             assert!((level - formula).abs() <= 0.5 + 1e-4, "{v}: {level} {formula}");
         }
         assert_eq!([f32::NAN, -1.0, 2.0, f32::INFINITY].map(nearest_8_bit), [0, 0, 255, 255]);
+    }
+
+    #[test]
+    fn colors_beyond_the_range_of_f32_become_its_ends() {
+        let limited = [f32::INFINITY, f32::NEG_INFINITY, f32::MAX, 3.4e38, -0.5].map(limit_color);
+        assert_eq!(limited, [3.4028e38, -3.4028e38, 3.4028e38, 3.4e38, -0.5]);
+        assert_eq!([1e91, -1e300, 0.25].map(limit_color), [3.4028e38, -3.4028e38, 0.25]);
+        // Room for roundings of a blend.
+        assert!((LARGEST_COLOR as f32 * (1.0 + 2e-6)).is_finite());
     }
 
     #[test]

@@ -15,6 +15,7 @@ use rayon::prelude::*;
 use std::time::Instant;
 use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
+use surfel_math::srgb::limit_color;
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Frame, FramePlan, Identity, Pass, PassTime, Region, Stats, View};
 
@@ -225,7 +226,7 @@ impl<'a> OpaqueImage<'a> {
                     opaque.marginal |= samples.marginal(from);
                 }
                 if planes.color {
-                    frame.color_mut()[to] = opaque.color.map(|c| c as f32);
+                    frame.color_mut()[to] = opaque.color.map(|c| limit_color(c) as f32);
                 }
                 if let Some(s) = opaque.surface {
                     if planes.depth {

@@ -2,6 +2,7 @@
 
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
+use surfel_math::srgb::limit_color;
 use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
 
@@ -103,7 +104,7 @@ impl ResidentScene {
             lights: scene.lights.clone(),
             ambient: DVec3::from(scene.ambient),
             matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a],
+            background: [r * a, g * a, b * a, a].map(limit_color),
         })
     }
 }

@@ -9,6 +9,7 @@ use glam::DVec3;
 use std::sync::Arc;
 use surfel_math::V2;
 use surfel_math::basis::unit;
+use surfel_math::srgb::limit_color;
 use surfel_math::toon;
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{FramePlan, View};
@@ -125,6 +126,11 @@ impl Lighting<'_> {
 
     /// The colour that the plan's shader gives a point, and whether rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
+        let (color, marginal) = self.unlimited_color(point);
+        (DVec3::from(color.to_array().map(limit_color)), marginal)
+    }
+
+    fn unlimited_color(&self, point: &Point) -> (DVec3, bool) {
         match self.plan.shader {
             Shader::Matcap => {
                 let sphere = matcap::color(&self.matcap, point.normal, self.to_eye(point), self.view);

@@ -3,7 +3,7 @@
 use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
 use crate::queries::{Queries, Query};
-use crate::scene::{Records, ResidentScene, bind, bind_with, filled};
+use crate::scene::{Records, ResidentScene, bind, bind_with, filled, filled_before};
 use crate::targets::Targets;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -136,9 +136,9 @@ impl<'a> Tile<'a> {
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
-        let gaussians = data.gaussians.as_ref().map(|GaussianLists { records, lists, .. }| {
-            [("Gaussians", records), ("lists of Gaussians", lists)]
-                .map(|(label, words)| filled(device, queue, label, words, storage))
+        let gaussians = data.gaussians.as_ref().map(|GaussianLists { records, lists, room_bytes, .. }| {
+            [("Gaussians", records, 0), ("lists of Gaussians", lists, *room_bytes)]
+                .map(|(label, words, more)| filled_before(device, queue, label, words, more, storage))
         });
         let has_layers = targets.key.draws.iter().any(|draw| draw.is_transparent());
         let layer_draws = has_layers.then(|| {
@@ -222,6 +222,13 @@ impl<'a> Tile<'a> {
                     pass.dispatch_workgroups(workgroups(width, "shade", 0), workgroups(height, "shade", 1), 1);
                 });
             }
+        }
+    }
+
+    /// Records further dispatches of its pass over Gaussians.
+    pub(crate) fn dispatch_again(&self, encoder: &mut wgpu::CommandEncoder, steps: &[Step], times: u32) {
+        for step in (0..times).flat_map(|_| steps) {
+            self.step(encoder, step, None);
         }
     }
 

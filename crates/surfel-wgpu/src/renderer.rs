@@ -13,7 +13,8 @@ use std::time::Instant;
 use surfel_gpu::{
     Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
     PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, layers_remain, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
+    count_frame_bytes, count_layers, layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels,
+    with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -224,7 +225,8 @@ impl Renderer {
             }
             // Its splats were counted, and are drawn once more.
             stats.drawn = before;
-            plan = with_more_layers(&plan).map_err(failed)?;
+            let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
+            plan = with_more_layers(&plan, least).map_err(failed)?;
         }
         let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
         count_frame_bytes(target_bytes, job.shadow_texels.size(), stats);
@@ -272,6 +274,21 @@ impl Renderer {
                 layers_of_samples.extend(tile.layer_draws);
             }
             let costs = self.queries.resolve(&device, &mut encoder);
+            if let Some(lists) = &data.gaussians {
+                let mut dispatches = 1;
+                loop {
+                    let first = (&targets.planes, 4 * u64::from(floats.min(1)));
+                    let readback = Readback::record(&device, &mut encoder, &[first]);
+                    self.queue.submit([encoder.finish()]);
+                    let more = readback.read(&device, |parts| lists.more_dispatches(dispatches, &parts.concat()));
+                    let descriptor = wgpu::CommandEncoderDescriptor { label: Some("more of the tile") };
+                    encoder = device.create_command_encoder(&descriptor);
+                    // A device that gives no answer is found by those who wait for the planes.
+                    let Ok(Some(more)) = more else { break };
+                    tile.dispatch_again(&mut encoder, steps, more);
+                    dispatches += more;
+                }
+            }
             let none = (&tile.drawn, 0);
             let layers = tile.layer_draws.as_ref().map(|draws| (draws, LAYER_HEADER_BYTES));
             let mut parts = vec![

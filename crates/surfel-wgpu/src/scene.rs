@@ -56,8 +56,20 @@ pub(crate) fn filled(
     words: &[u32],
     usage: wgpu::BufferUsages,
 ) -> wgpu::Buffer {
+    filled_before(device, queue, label, words, 0, usage)
+}
+
+/// A buffer that holds these words, and so many bytes of zeros after them.
+pub(crate) fn filled_before(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    label: &str,
+    words: &[u32],
+    more: u64,
+    usage: wgpu::BufferUsages,
+) -> wgpu::Buffer {
     let bytes: &[u8] = bytemuck::cast_slice(words);
-    let buffer = empty(device, label, bytes.len() as u64, usage | wgpu::BufferUsages::COPY_DST);
+    let buffer = empty(device, label, bytes.len() as u64 + more, usage | wgpu::BufferUsages::COPY_DST);
     queue.write_buffer(&buffer, 0, bytes);
     buffer
 }

@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::srgb::encode_rgba8;
+use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
 
@@ -16,7 +16,7 @@ const UNSEEN: u8 = 8;
 /// True if no pixel of `frame`, whose plane is that of linear colours or that of 8 bits, differs from the background's
 /// colour (linear RGB and straight alpha) by more than 8 levels of 255.
 pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
-    let background = [r * a, g * a, b * a, a].map(|c| c as f32);
+    let background = [r * a, g * a, b * a, a].map(|c| limit_color(c) as f32);
     let encoded = encode_rgba8(background);
     let some = !frame.color().is_empty() || !frame.rgba8().is_empty();
     let alike = |color: [u8; 4]| color.iter().zip(encoded).all(|(c, b)| c.abs_diff(b) <= UNSEEN);

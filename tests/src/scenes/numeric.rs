@@ -18,6 +18,8 @@ pub(super) fn numeric_cases() -> Vec<Case> {
         scaled(&base, 1e4),
         moved(&base, DVec3::new(1e6, -1e6, 5e5)),
         huge_splats(),
+        vast_disks(),
+        vast_disks().with("affine", |s| (s.filter, s.mapping) = (Filter::Ewa, Mapping::Affine)),
         skewed_outside(),
         adjusted_outside(),
         lengthened_outside(),
@@ -171,4 +173,16 @@ pub fn huge_splats() -> Case {
     splats.push(Splat::disk(DVec3::new(0.0, 0.0, -3e4), DVec3::Z, 1e9, [0.4, 0.5, 0.6]));
     splats.push(Splat::disk(DVec3::new(0.0, -1.5, -1e3), DVec3::new(0.0, 1.0, 0.3), 1e3, [0.7, 0.5, 0.2]));
     Case::new("huge-splats", scene(&splats), camera(3.0, 45.0, [56, 48]))
+}
+
+/// Disks that are planes for all that is seen of them: facing the eye, tilted about one of the image's axes, and about
+/// both. Squares of their axes leave f32's range, and what is left of their outlines in f64 is rounding.
+pub fn vast_disks() -> Case {
+    let disk = |z: f64, n: [f64; 3], radius: f64, color| Splat::disk(DVec3::new(0.0, 0.0, z), n.into(), radius, color);
+    let mut splats = sphere(120, 1.2, 67);
+    splats.push(disk(-40.0, [0.0, 0.0, 1.0], 1e25, [0.2, 0.3, 0.6]));
+    splats.push(disk(-6.0, [2.5, 0.0, 1.0], 1e12, [0.7, 0.5, 0.2]));
+    splats.push(disk(-7.0, [0.0, -2.5, 1.0], 1e18, [0.3, 0.7, 0.2]));
+    splats.push(disk(-9.0, [-2.0, 1.5, 1.0], 1e30, [0.6, 0.2, 0.7]));
+    Case::new("vast-disks", scene(&splats), camera(3.0, 60.0, [48, 40]))
 }

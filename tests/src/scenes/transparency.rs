@@ -22,6 +22,9 @@ pub(super) fn transparency_cases() -> Vec<Case> {
         pane_through_sphere().with("normal", |s| (s.transparency, s.shader) = (peel(2, false), Shader::Normal)),
         fading_pane(),
         glass_beyond_its_filter(),
+        faint_dust(),
+        faint_dust().with("clamp", |s| s.filter = Filter::Clamp),
+        faint_dust().with("adjust", |s| s.filter = Filter::Adjust),
     ]
 }
 
@@ -115,4 +118,23 @@ pub fn glass_beyond_its_filter() -> Case {
     Case::new("glass-beyond-its-filter", scene, camera(2.6, 60.0, [56, 48])).with("ewa/abuffer", |s| {
         (s.filter, s.transparency) = (Filter::Ewa, Transparency::ABuffer { layers: 8 });
     })
+}
+
+/// Sheets of dust, faint and smaller than pixels, one behind the other: an A-buffer with little alpha and coverage, of
+/// which a few bits are lost by one that rounds them.
+pub fn faint_dust() -> Case {
+    let mut random = Random::new(97);
+    let mut scene = scene(&[]);
+    scene.objects.clear();
+    for i in 0..12 {
+        let center = DVec3::new(0.0, 0.0, 1.5 - 0.25 * f64::from(i));
+        let color = random.color();
+        let axes = [DVec3::X * 0.5, DVec3::Y * 0.5];
+        let mut dust = glass(&sheet(center, axes, [24, 24], 0.012, |_, _| color), 2e-3 + 1e-3 * (i % 4) as f32);
+        dust.material.interior_weight = Some(0.8);
+        scene.objects.push(dust);
+    }
+    scene.background = [0.0; 4];
+    Case::new("faint-dust", scene, camera(5.0, 24.0, [24, 24]))
+        .with("abuffer", |s| s.transparency = Transparency::ABuffer { layers: 64 })
 }

@@ -118,10 +118,11 @@ pub(super) fn sweeps() -> Vec<Sweep> {
             ..sweep("radius-small", "radius at distance 4, world units", powers(-2.0, -30.0, 1.0), 1e-15, radius_small)
         },
         Sweep {
-            about: "A tilted disk that grows until it is everything that is seen.",
+            about: "A disk that grows until it is everything that is seen: facing the eye, tilted about the image's \
+                    axes, and any other way.",
             law: NEAR_LAW,
             naive: MATRIX,
-            ..sweep("radius-large", "radius at distance 4, world units", powers(0.0, 30.0, 1.0), 1e15, radius_large)
+            ..sweep("radius-large", "radius at distance 4, world units", powers(0.0, 30.0, 1.0), 1e30, radius_large)
         },
         Sweep {
             about: "A disk of radius 1 that moves away, with the filter, until its weight is below 1e-36. Errors are \
@@ -381,8 +382,16 @@ fn radius_small(radius: f64) -> Vec<Probe> {
 }
 
 fn radius_large(radius: f64) -> Vec<Probe> {
-    let one = |turn: f64| near_probe(tilted(CORNER, Z, [radius; 2], 0.6, turn), corner(CORNER, 12, 0.01));
-    TURNS.map(one).into()
+    let turned = TURNS.map(|turn| tilted(CORNER, Z, [radius; 2], 0.6, turn)).map(|splat| (splat, CORNER));
+    // About the middle of the image, along its axes and not: facing, and tilted about one of them.
+    let facing = |[x, y]: [f64; 2]| {
+        let n = basis::unit(DVec3::new(x, y, -1.0));
+        let (s, t) = basis::orthonormal(n);
+        (ellipse(DVec3::new(0.0, 0.0, Z), s * radius, t * radius), PRINCIPAL_PX)
+    };
+    let facing = [[0.0, 0.0], [0.3, 0.0], [-3.0, 0.0], [0.0, 0.3], [0.0, -3.0], [0.2, 0.3]].map(facing);
+    let one = |(splat, pixel): (ViewSplat<f64>, [f64; 2])| near_probe(splat, corner(pixel, 12, 0.01));
+    turned.into_iter().chain(facing).map(one).collect()
 }
 
 fn distance(distance: f64) -> Vec<Probe> {

@@ -1,7 +1,8 @@
 //! Every conformance test in one program: backends against the reference, the reference against closed forms, and the
 //! harness that compares them against faults.
 //!
-//! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`transparency_closed_forms`],
+//! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`extreme_closed_forms`],
+//!   [`transparency_closed_forms`],
 //!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
 //!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`], [`trained_gaussians`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
@@ -23,6 +24,7 @@ mod drawing;
 mod edge_samples;
 mod encoded_colors;
 mod expectation_table;
+mod extreme_closed_forms;
 mod faulty_renderer;
 mod feature_costs;
 mod golden_scenes;

@@ -8,6 +8,7 @@ use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
 use crate::raster::nearest::Nearest;
 use crate::raster::sums::{Sums, accumulate, add_weighted, number_of};
+use crate::raster::surfaces::{Surface, SurfaceNumbers};
 use crate::setup::evaluate::Fragment;
 use crate::setup::record::{Batch, Record};
 use crate::setup::segment::TransparentSplat;
@@ -27,15 +28,15 @@ pub(crate) struct TransparentItem<'a> {
 /// A splat's fragments of a block.
 #[derive(Clone, Copy, Default)]
 #[repr(align(64))]
-struct Remembered {
+pub(super) struct Remembered {
     /// Depth inside the filtered footprint, and inside the unfiltered one; NaN elsewhere.
-    inside_z: [f32; LANES],
-    visible_z: [f32; LANES],
-    weight: [f32; LANES],
-    epsilon: f32,
-    alpha: f32,
+    pub inside_z: [f32; LANES],
+    pub visible_z: [f32; LANES],
+    pub weight: [f32; LANES],
+    pub epsilon: f32,
+    pub alpha: f32,
     /// Index in the block's list.
-    splat: u32,
+    pub splat: u32,
 }
 
 /// What a thread reuses from block to block.
@@ -46,6 +47,7 @@ pub(crate) struct LayerScratch {
     count: usize,
     /// Those with fragments that no layer has taken.
     left: Vec<u32>,
+    surfaces: SurfaceNumbers,
 }
 
 impl LayerScratch {
@@ -53,7 +55,20 @@ impl LayerScratch {
     pub(crate) fn is_empty(&self) -> bool {
         self.left.is_empty()
     }
+
+    /// Numbers the surfaces of an A-buffer where a block has many fragments, for [`TransparentBlock::surface`]; false
+    /// where it has few, whose layers are found sooner one after the other.
+    pub(crate) fn number_surfaces(&mut self) -> bool {
+        let is_numbered = self.count >= NUMBERED_FROM;
+        if is_numbered {
+            self.surfaces.number(&self.fragments[..self.count]);
+        }
+        is_numbered
+    }
 }
+
+/// Splats with fragments in a block from which on its surfaces are numbered.
+const NUMBERED_FROM: usize = 128;
 
 /// What was found while fragments were gathered.
 pub(crate) struct Gathered<S: Simd> {
@@ -91,7 +106,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         let simd = self.simd;
         let k = |v: f32| Lanes::splat(simd, v);
         let at = Lanes::block_pixels(simd, self.at);
-        let LayerScratch { fragments: remembered, left, count: of_block } = scratch;
+        let LayerScratch { fragments: remembered, left, count: of_block, .. } = scratch;
         if remembered.len() < self.list.len() {
             remembered.resize_with(self.list.len(), Remembered::default);
         }
@@ -191,6 +206,28 @@ impl<S: Simd> TransparentBlock<'_, S> {
         left.truncate(count);
         sums.cover(self.inputs.frame);
         Layer { sums, alpha, next }
+    }
+
+    /// The next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The same bits as those of
+    /// [`Self::layer`].
+    #[inline(always)]
+    pub(crate) fn surface(&self, scratch: &mut LayerScratch) -> Option<Layer<S>> {
+        let simd = self.simd;
+        let LayerScratch { fragments, surfaces, .. } = scratch;
+        let Surface { number, numbers, members } = surfaces.next()?;
+        let number = Lanes::splat(simd, number as f32);
+        let (mut sums, mut alpha) = (Sums::new(simd), Lanes::splat(simd, 0.0));
+        for member in members {
+            let f = &fragments[member.fragment as usize];
+            let own = Lanes::load(simd, &numbers[member.fragment as usize].0);
+            let mask = number.le(own) & own.le(number);
+            let (z, weight) = (Lanes::load(simd, &f.inside_z), Lanes::load(simd, &f.weight));
+            accumulate(simd, &mut sums, self.list[f.splat as usize].record, mask, z, weight, self.inputs);
+            let weight = Lanes::select(mask, weight, weight.zero());
+            alpha = weight.mul_add(Lanes::splat(simd, f.alpha), alpha);
+        }
+        sums.cover(self.inputs.frame);
+        Some(Layer { sums, alpha, next: Lanes::splat(simd, f32::INFINITY) })
     }
 
     /// The nearest of all fragments that were gathered.

@@ -5,6 +5,7 @@ use crate::scene::mesh::StoredMesh;
 use crate::scene::numbers::SplatNumbers;
 use glam::DAffine3;
 use std::sync::Arc;
+use surfel_math::srgb::limit_color;
 use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, NO_LABEL, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneSummary};
 
@@ -78,7 +79,7 @@ impl ResidentScene {
             lights: scene.lights.clone(),
             ambient: scene.ambient,
             matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a],
+            background: [r * a, g * a, b * a, a].map(limit_color),
         })
     }
 

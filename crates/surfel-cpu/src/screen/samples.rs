@@ -148,5 +148,6 @@ fn pixel_of((x, y): (i32, i32)) -> (i32, i32) {
 /// The mean of a block's colours, summed in their order.
 #[inline(always)]
 fn mean<S: Simd>(samples: &Pixels<S>) -> [f32; 4] {
-    samples.color.map(|channel| channel.to_array().iter().sum::<f32>() * (1.0 / LANES as f32))
+    // Shares are summed, not colours: these may be as large as an f32.
+    samples.color.map(|channel| channel.to_array().iter().map(|c| c * (1.0 / LANES as f32)).sum::<f32>())
 }

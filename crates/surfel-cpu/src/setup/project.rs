@@ -26,7 +26,7 @@ use surfel_math::depth::projected_tolerance;
 use surfel_math::facing::back_normal;
 use surfel_math::filter::{self, Filtered};
 use surfel_math::mapping::Footprint;
-use surfel_math::project::{Area, Projected, ViewSplat, radius_max};
+use surfel_math::project::{Area, Projected, ViewSplat, is_vast, radius_max};
 use surfel_math::{Real, V2, V3};
 use surfel_model::{ClipPolicy, Cull, Filter};
 use surfel_render::Region;
@@ -219,6 +219,11 @@ impl ObjectView<'_> {
         let inside = near.le(z + extent) & (z - extent).le(k(projection.far().min(f64::from(f32::MAX))));
         let before_near = z.lt(near);
         let close = if perspective { before_near | (z * k(0.5)).le(extent) } else { before_near };
+        let size = match radius {
+            Some(radius) => radius,
+            None => splat.s.max_abs().max(splat.t.max_abs()),
+        };
+        let close = close | is_vast(size, z, projection);
         let live = (1u64 << active) - 1;
         let to_near = (inside & close).bits() & live;
         if to_near != 0 {

@@ -2,7 +2,7 @@
 
 use crate::shade::matcap::MatcapSphere;
 use crate::shade::shadow_map::{self, ShadowMap};
-use crate::shade::surface::Surface;
+use crate::shade::surface::{Surface, limited};
 use crate::shade::view_ray::{Place, ViewRay, ViewRays};
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::{unit_or_zero, vector};
@@ -11,6 +11,7 @@ use fearless_simd::prelude::SimdMask;
 use glam::{DVec3, Mat3, Vec3};
 use std::sync::Arc;
 use surfel_math::projection::Projection;
+use surfel_math::srgb::limit_light;
 use surfel_math::{Real, V3, toon};
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Attributes, FramePlan, Planes, SAMPLES_SIDE, View};
@@ -68,7 +69,8 @@ impl Lighting {
         let unit = |v: &[f64; 3]| surfel_math::basis::unit(DVec3::from(*v)).as_vec3();
         let relative = |p: &[f64; 3]| (DVec3::from(*p) - view.eye).as_vec3();
         let factors = if plan.attributes.material { [1.0; 4] } else { material };
-        let by = |color: &[f64; 3], factor: f64| (DVec3::from(*color) * factor).as_vec3();
+        let count = lights.len();
+        let by = |color: &[f64; 3], factor: f64| DVec3::from(limit_light(color.map(|c| c * factor), count)).as_vec3();
         let light = |light: &Light| {
             let (source, color) = match light {
                 Light::Directional { direction, color, .. } => {
@@ -228,7 +230,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
     if TOON {
         let there = zero.lt(normal.dot(normal));
         let facing = (along * lit.view_ray.inverse_length).abs();
-        return c * toon::line(Lanes::select(there, facing, zero.one()));
+        return limited(c) * toon::line(Lanes::select(there, facing, zero.one()));
     }
     c
 }

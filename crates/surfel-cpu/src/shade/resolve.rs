@@ -2,7 +2,7 @@
 
 use crate::raster::sums::Sums;
 use crate::shade::lighting::{Lighting, phong};
-use crate::shade::surface::{Shaded, Surface, direction_or_zero};
+use crate::shade::surface::{Shaded, Surface, direction_or_zero, limited};
 use crate::shade::view_ray::Place;
 use crate::simd::lanes::Lanes;
 use crate::simd::math::{transform, vector};
@@ -70,8 +70,10 @@ pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> 
 pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>, place: Place<S>) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
     let (zero, one) = (k(0.0), k(1.0));
+    // Sums of colours may have left f32's range, which would make NaN of what comes.
+    let surface = &Surface { albedo: limited(surface.albedo), ..*surface };
     let Surface { covered, normal, z, .. } = *surface;
-    match lighting.shader {
+    limited(match lighting.shader {
         Shader::Matcap => match &lighting.matcap {
             Some(matcap) => {
                 let down = vector(simd, lighting.rays.world_from_view.y_axis);
@@ -101,7 +103,7 @@ pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>
         Shader::Toon => phong::<S, true>(simd, lighting, surface, place),
         // Shader::Unlit, and Shader::Edl, which follows where neighbours are known.
         _ => surface.albedo,
-    }
+    })
 }
 
 #[inline(always)]

@@ -3,6 +3,7 @@
 use crate::simd::lanes::Lanes;
 use crate::tiles::target::Pixels;
 use fearless_simd::{Simd, mask32x16};
+use surfel_math::srgb::limit_color;
 use surfel_math::{Real, V3};
 
 /// What a pixel shows before it is lit.
@@ -99,6 +100,12 @@ impl<S: Simd> Shaded<S> {
             weight: Lanes::select(self.covered, self.weight, one.zero()),
         }
     }
+}
+
+/// A colour within the range of colours (§10).
+#[inline(always)]
+pub(crate) fn limited<S: Simd>(color: V3<Lanes<S>>) -> V3<Lanes<S>> {
+    V3::new(limit_color(color.x), limit_color(color.y), limit_color(color.z))
 }
 
 #[inline(always)]

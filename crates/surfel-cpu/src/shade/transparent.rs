@@ -5,7 +5,7 @@ use crate::setup::record::Record;
 use crate::setup::segment::TransparentSplat;
 use crate::shade::lighting::Lighting;
 use crate::shade::resolve::{divided, lit, shaded};
-use crate::shade::surface::{Shaded, Surface};
+use crate::shade::surface::{Shaded, Surface, limited};
 use crate::shade::view_ray::Place;
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
@@ -73,11 +73,13 @@ pub(crate) fn composite<S: Simd>(
         composited.numbers = Some(block.nearest(scratch).numbers());
     }
     let (mut beyond, mut threshold) = (Lanes::splat(simd, f32::NEG_INFINITY), gathered.threshold);
+    let is_numbered = layers.by_coverage && scratch.number_surfaces();
     for _ in 0..layers.peeled {
-        if scratch.is_empty() {
-            return composited;
-        }
-        let Layer { sums, alpha, next } = block.layer(beyond, threshold, scratch);
+        let layer = match is_numbered {
+            true => block.surface(scratch),
+            false => (!scratch.is_empty()).then(|| block.layer(beyond, threshold, scratch)),
+        };
+        let Some(Layer { sums, alpha, next }) = layer else { return composited };
         let surface = divided(simd, lighting, &sums);
         let mut alpha = alpha / Lanes::select(surface.covered, sums.weight, alpha.one());
         if layers.by_coverage {
@@ -91,7 +93,7 @@ pub(crate) fn composite<S: Simd>(
         let Surface { covered, normal, z, weight, .. } = divided(simd, lighting, &sums);
         let inverse = alpha.one() / Lanes::select(covered, weight, alpha.one());
         let [r, g, b] = sums.color;
-        let shaded = Shaded { covered, color: V3::new(r, g, b) * inverse, z, normal, weight };
+        let shaded = Shaded { covered, color: limited(V3::new(r, g, b) * inverse), z, normal, weight };
         composited.add_behind(&shaded, alpha * inverse, sums.fragments);
     }
     composited

@@ -7,7 +7,7 @@ use crate::struct_writer::StructWriter;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_math::gaussian::{self, GaussianForms, ProjectedGaussian};
+use surfel_math::gaussian::{self, GaussianForms, ProjectedGaussian, depth_step_f32};
 use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
@@ -28,17 +28,76 @@ struct Projected {
 }
 
 /// The Gaussians that a view shows, in order.
-pub(crate) struct ProjectedGaussians(Vec<Projected>);
+pub(crate) struct ProjectedGaussians {
+    all: Vec<Projected>,
+    /// Each pixel has an order of its own.
+    by_pixel: bool,
+}
 
 /// The Gaussians that a tile shows.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GaussianLists {
     /// The shaders' `gaussian_records`, one at least.
     pub records: Vec<u32>,
-    /// The shaders' `gaussian_lists`.
+    /// The shaders' `gaussian_lists`: lists, and states of pixels that have had no dispatch.
     pub lists: Vec<u32>,
+    /// Bytes that follow them, of any value: rooms of the pixels for fragments that wait.
+    pub room_bytes: u64,
     /// Number of records.
     pub count: u32,
+    /// Where the states begin in `lists`, if pixels may need more than one dispatch.
+    pub(crate) states_at: Option<u32>,
+    /// Fragments that a pixel has room for.
+    pub(crate) room: u32,
+}
+
+/// Most bytes of all rooms together, unless the pixels of one cell need more.
+const ROOM_BYTES: u64 = 64 << 20;
+/// Bytes of a fragment in a room.
+const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
+/// Fragments that a pixel has room for, at least and at most. A list that is so many times as long as the room is read
+/// about so many times: [`MOST_TURNS`] is as often as it may have to be.
+const ROOMS: [u64; 2] = [64, 1 << 15];
+const MOST_TURNS: u64 = 64;
+/// Most dispatches between two looks at whether pixels are left unfinished.
+const MOST_DISPATCHES: u32 = 64;
+
+impl GaussianLists {
+    /// How many more dispatches to try after so many, the last of which left some pixel unfinished; `None` if it left
+    /// none. `planes` are the first words of the planes.
+    pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {
+        let unfinished = planes.get(layout::GAUSSIANS_UNFINISHED_AT as usize).map(|&word| f32::from_bits(word));
+        let is_unfinished = self.states_at.is_some() && unfinished == Some(dispatches as f32);
+        is_unfinished.then_some(dispatches.min(MOST_DISPATCHES))
+    }
+}
+
+/// Room for the fragments of a pixel, and states of all.
+#[derive(Clone, Copy, Default)]
+struct Rooms {
+    state_words: u64,
+    room: u64,
+    bytes: u64,
+}
+
+impl Rooms {
+    /// What so many pixels need whose longest list has so many entries: more than [`ROOM_BYTES`] where they need more,
+    /// but never more than these bytes.
+    fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
+        if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
+            return Self::default();
+        }
+        let state_words = u64::from(layout::GAUSSIAN_STATE_WORDS) * pixels;
+        if !by_pixel {
+            return Self { state_words, ..Self::default() };
+        }
+        let [least, most] = ROOMS;
+        let within = |bytes: u64| 1 << (bytes / (pixels * WAITING_BYTES).max(1)).max(1).ilog2();
+        let whole = longest.next_power_of_two().clamp(1, most);
+        let needed = longest.div_ceil(MOST_TURNS).next_power_of_two().clamp(least, most);
+        let room = whole.min(needed.max(within(ROOM_BYTES))).min(within(most_bytes.saturating_sub(4 * state_words)));
+        Self { state_words, room, bytes: room * pixels * WAITING_BYTES }
+    }
 }
 
 /// Gaussians of a tile that are too many for the limits.
@@ -63,19 +122,19 @@ impl ProjectedGaussians {
     /// All that are behind the near plane and within the view's region, by the depth of their centres, or for pixels to
     /// put them in order by the depth at which they begin; equally deep ones in the scene's order.
     pub(crate) fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
-        let near = gaussian::near(&view.projection);
+        let (near, by_pixel) = (gaussian::near(&view.projection), plan.sort == Sort::Pixel);
         let mut order: Vec<(u64, u32, u32)> = Vec::new();
         let mut seen = Vec::new();
         let mut first = 0;
         for (cloud, UploadedGaussians { cloud: gaussians, world_from_object }) in scene.gaussians.iter().enumerate() {
             let of_view = GaussianView::new(gaussians, world_from_object, (view, plan));
-            let depth = |i: usize| match plan.sort {
-                Sort::Pixel => of_view.project(i).map(|projected| projected.nearest.max(0.0)),
-                // Sort::Center, the default.
-                _ => Some(of_view.depth(i)).filter(|depth| *depth > near),
+            let key = |i: usize| match by_pixel {
+                // As the shader compares them: fragments are then never before the record that is being read.
+                true => Some(depth_step_f32(of_view.project(i)?.nearest.max(0.0) as f32).into()),
+                false => Some(of_view.depth(i)).filter(|depth| *depth > near).map(f64::to_bits),
             };
             let placed = (0..gaussians.len()).into_par_iter();
-            order.par_extend(placed.filter_map(|i| Some((depth(i)?.to_bits(), cloud as u32, i as u32))));
+            order.par_extend(placed.filter_map(|i| Some((key(i)?, cloud as u32, i as u32))));
             seen.push((of_view, &gaussians.data().opacities, first));
             first += gaussians.len() as u32;
         }
@@ -88,7 +147,7 @@ impl ProjectedGaussians {
             let record = record(&projected, view, opacity, of_view.color(i as usize), first + i)?;
             Some(Projected { record, columns, rows })
         };
-        Self(order.par_iter().filter_map(projected).collect())
+        Self { all: order.par_iter().filter_map(projected).collect(), by_pixel }
     }
 
     /// Those of a tile, listed by its cells.
@@ -96,17 +155,18 @@ impl ProjectedGaussians {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;
         let touched: Vec<(&Projected, [Range<u32>; 2])> =
-            self.0.par_iter().filter_map(|g| Some((g, g.cells(tile)?))).collect();
+            self.all.par_iter().filter_map(|g| Some((g, g.cells(tile)?))).collect();
         let of_cells = |[columns, rows]: &[Range<u32>; 2]| columns.len() as u64 * rows.len() as u64;
         let entries: u64 = touched.par_iter().map(|(_, cells)| of_cells(cells)).sum();
         let count = touched.len() as u64;
         let (records, lists) = (count * layout::gaussian_record::SIZE as u64, 4 * (cells as u64 + 1 + entries));
-        let bytes = records + lists;
-        let largest = records.max(lists);
-        let fits = largest <= limits.buffer_bytes.min(4 * u64::from(u32::MAX)) && bytes <= limits.memory_bytes;
-        if !fits || (bytes > limits.record_bytes && cells > 1) {
-            return Err(TooMany { count, bytes });
-        }
+        let check = |lists: u64, rooms: u64| {
+            let (bytes, largest) = (records + lists + rooms, records.max(lists + rooms));
+            let fits = largest <= limits.buffer_bytes.min(4 * u64::from(u32::MAX)) && bytes <= limits.memory_bytes;
+            let is_small = (bytes - rooms <= limits.record_bytes && rooms <= ROOM_BYTES) || cells == 1;
+            if fits && is_small { Ok(()) } else { Err(TooMany { count, bytes }) }
+        };
+        check(lists, 0)?;
         // Rows of cells first, so that each is listed by one thread.
         let mut rows = vec![Vec::new(); cells / columns.max(1)];
         for (i, (_, [_, of_rows])) in touched.iter().enumerate() {
@@ -131,10 +191,19 @@ impl ProjectedGaussians {
         }
         words.push(start);
         of_cells.iter().for_each(|cell| words.extend_from_slice(cell));
+        let longest = of_cells.iter().map(Vec::len).max().unwrap_or(0) as u64;
+        let pixels = u64::from(tile.width) * u64::from(tile.height);
+        // What is left for one cell, which can't be parted.
+        let left = limits.buffer_bytes.saturating_sub(lists).min(limits.memory_bytes.saturating_sub(records + lists));
+        let most_bytes = if cells == 1 { left } else { u64::MAX };
+        let Rooms { state_words, room, bytes: room_bytes } = Rooms::new(self.by_pixel, longest, pixels, most_bytes);
+        check(lists + 4 * state_words, room_bytes)?;
+        let states_at = (state_words > 0).then_some(words.len() as u32);
+        words.resize(words.len() + state_words as usize, 0);
         let mut records = Vec::with_capacity((records / 4) as usize);
         touched.iter().for_each(|(g, _)| records.extend_from_slice(&g.record));
         records.resize(records.len().max(RECORD_WORDS), 0);
-        Ok(GaussianLists { records, lists: words, count: count as u32 })
+        Ok(GaussianLists { records, lists: words, room_bytes, count: count as u32, states_at, room: room as u32 })
     }
 }
 
@@ -230,12 +299,13 @@ mod tests {
     #[test]
     fn tile_lists_what_touches_its_cells_in_order_within_the_limits() {
         let gaussian = |columns, rows, number| Projected { record: [number; RECORD_WORDS], columns, rows };
-        let all = ProjectedGaussians(vec![
+        let all = vec![
             gaussian(0..100, 0..100, 7),
             gaussian(31..33, 20..21, 8),
             gaussian(90..100, 0..100, 9),
             gaussian(16..17, 47..48, 10),
-        ]);
+        ];
+        let all = ProjectedGaussians { all, by_pixel: false };
         let tile = Region { x: 16, y: 16, width: 33, height: 32 };
         let lists = all.lists(tile, Limits::default()).unwrap();
         // Three columns of two rows; the third Gaussian is beside the tile.
@@ -260,7 +330,45 @@ mod tests {
         let too_many = all.lists(cell, Limits { memory_bytes: 200, ..Limits::default() }).unwrap_err();
         assert_eq!(too_many, TooMany { count: 2, bytes: 2 * layout::gaussian_record::SIZE as u64 + 4 * 4 });
         // Nothing there: buffers can't be empty.
-        let nothing = ProjectedGaussians(Vec::new()).lists(tile, Limits::default()).unwrap();
+        let nothing = ProjectedGaussians { all: Vec::new(), by_pixel: false }.lists(tile, Limits::default()).unwrap();
         assert_eq!((nothing.count, nothing.records.len(), nothing.lists), (0, RECORD_WORDS, vec![7; 7]));
+        assert_eq!((lists.states_at, lists.room_bytes), (None, 0));
+        // Pixels with an order of their own have states, and room for as many as there are.
+        let by_pixel = ProjectedGaussians { by_pixel: true, ..all };
+        let ordered = by_pixel.lists(tile, Limits::default()).unwrap();
+        let (at, pixels) = (lists.lists.len(), 33 * 32);
+        assert_eq!((ordered.states_at, ordered.room, &ordered.lists[..at]), (Some(at as u32), 2, &lists.lists[..]));
+        assert_eq!(ordered.lists.len(), at + layout::GAUSSIAN_STATE_WORDS as usize * pixels);
+        assert_eq!(ordered.room_bytes, 2 * 12 * pixels as u64);
+        let enough = ordered.room_bytes + bytes + 4 * u64::from(layout::GAUSSIAN_STATE_WORDS) * pixels as u64;
+        for (memory_bytes, fits) in [(enough, true), (enough - 1, false)] {
+            assert_eq!(by_pixel.lists(tile, Limits { memory_bytes, ..Limits::default() }).is_ok(), fits);
+        }
+    }
+
+    #[test]
+    fn long_lists_get_rooms_that_few_turns_suffice_for() {
+        let room = |longest, pixels| Rooms::new(true, longest, pixels, u64::MAX).room;
+        assert_eq!([room(0, 100), room(1, 100), room(5, 100), room(1000, 100)], [1, 1, 8, 1024]);
+        // Many pixels share the bytes: 64 MiB are 85 fragments for each of 256×256.
+        assert_eq!([room(1000, 65_536), room(4096, 65_536), room(5000, 65_536)], [64, 64, 128]);
+        // A cell has 256 pixels.
+        assert_eq!([room(20_000, 256), room(1 << 20, 256), room(u64::from(u32::MAX), 256)], [16_384, 16_384, 32_768]);
+        // Of 64 KiB states take 24, and the rest is for 13 fragments of each pixel.
+        assert_eq!([Rooms::new(true, 5000, 256, 64 << 10).room, Rooms::new(true, 5000, 256, 0).room], [8, 1]);
+        let by_center = |longest| Rooms::new(false, longest, 10, u64::MAX);
+        assert_eq!(
+            (by_center(32_768).state_words, by_center(32_769).state_words, by_center(99_999).bytes),
+            (0, 240, 0)
+        );
+    }
+
+    #[test]
+    fn dispatches_go_on_while_the_last_one_left_pixels_unfinished() {
+        let lists = GaussianLists { states_at: Some(7), ..GaussianLists::default() };
+        let more = |dispatches: u32, last: f32| lists.more_dispatches(dispatches, &[last.to_bits(), 9]);
+        assert_eq!([more(1, 0.0), more(1, 1.0), more(2, 1.0), more(2, 2.0)], [None, Some(1), None, Some(2)]);
+        assert_eq!([more(128, 128.0), more(192, 191.0)], [Some(64), None]);
+        assert_eq!(GaussianLists::default().more_dispatches(1, &[1f32.to_bits()]), None);
     }
 }

@@ -10,6 +10,7 @@ pub(crate) mod planes;
 pub(crate) mod polygons;
 pub(crate) mod samples;
 pub(crate) mod shadow_maps;
+pub(crate) mod surface_count;
 pub(crate) mod tile;
 pub(crate) mod tiling;
 pub(crate) mod uniforms;

@@ -14,7 +14,7 @@ use surfel_math::clip::{Clip, Turn};
 use surfel_math::depth::tolerance;
 use surfel_math::facing::back_normal;
 use surfel_math::mapping::{Footprint, Linear, through_near};
-use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, radius_max};
+use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, is_vast, radius_max};
 use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_model::{ChunkSpace, Storage, StoredSplat};
@@ -94,7 +94,9 @@ impl NearPlaneSetup<'_> {
             let p = transform.point(stored.center);
             let (s, t) = (transform.linear * s, transform.linear * t);
             let placement = Placement::of(p.z, s.z.hypot(t.z), &self.view.projection);
-            if matches!(placement, Placement::Ordinary | Placement::Outside) {
+            let size = s.abs().max(t.abs()).max_element();
+            let is_ordinary = placement == Placement::Ordinary && !is_vast(size, p.z, &self.view.projection);
+            if is_ordinary || placement == Placement::Outside {
                 continue;
             }
             any = true;
@@ -111,9 +113,7 @@ impl NearPlaneSetup<'_> {
             let clip = clip.map(|clips| clips.clip(i, self.plan.clip).unwrap_or_else(Clip::nothing));
             if let Some((mut record, seen)) = self.record(&splat, shading, stored.color, chunk) {
                 if is_transparent {
-                    let alpha = object.cloud.alpha(i);
-                    let coverage = if self.plan.has(Pass::ABuffer) { packed_shares(alpha, 1.0) } else { alpha };
-                    record.f32(layout::record::COVERAGE, coverage);
+                    record.f32(layout::record::COVERAGE, object.cloud.alpha(i));
                 }
                 if is_transparent && self.plan.has(Pass::RemainingLayer) {
                     out.lit.extend(centered(record.clone(), p, object_index).into_words());
@@ -266,10 +266,4 @@ fn centered(mut record: StructWriter, center: DVec3, index: u32) -> StructWriter
     record.vec2(at::VISIBLE_U, center.truncate()).vec2(at::VISIBLE_V, DVec2::new(center.z, 0.0));
     record.u32(at::FLAGS, reciprocal | layout::RECORD_CENTERED | index << layout::RECORD_OBJECT);
     record
-}
-/// As the shaders' function: alpha and the coverage's share of its object's in one number.
-fn packed_shares(alpha: f32, coverage: f32) -> f32 {
-    let share = |share: f32| (share.clamp(0.0, 1.0) * layout::SHARE_STEPS).round() as u32;
-    let both = share(alpha) << 15 | share(coverage);
-    f32::from_bits((both >> 29) << 31 | 0x2000_0000 | (both & 0x1fff_ffff))
 }

@@ -27,7 +27,17 @@ pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
 impl PlaneLayout {
     /// The layout for a tile of `pixels` pixels. The caller has made sure that 32 bits count its floats.
     pub(crate) fn new(planes: Planes, pixels: u32) -> Self {
-        let mut floats = 0u32;
+        Self::after(0, planes, pixels)
+    }
+
+    /// The same for trained Gaussians: before the planes is the number of the last dispatch that left a pixel
+    /// unfinished.
+    pub(crate) fn of_gaussians(planes: Planes, pixels: u32) -> Self {
+        Self::after(layout::GAUSSIANS_UNFINISHED_AT + 1, planes, pixels)
+    }
+
+    fn after(first: u32, planes: Planes, pixels: u32) -> Self {
+        let mut floats = first;
         let mut plane = |wanted: bool, channels: u32| {
             let at = if wanted { floats } else { layout::ABSENT };
             floats += if wanted { channels * pixels } else { 0 };

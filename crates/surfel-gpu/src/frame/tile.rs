@@ -99,7 +99,8 @@ pub struct TileData {
 impl TileData {
     /// The data of a tile of a frame.
     pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
-        let planes = PlaneLayout::new(plan.planes, tile.width * tile.height);
+        let of_tile = if plan.has(Pass::Gaussians) { PlaneLayout::of_gaussians } else { PlaneLayout::new };
+        let planes = of_tile(plan.planes, tile.width * tile.height);
         let targets = targets_of(tile, view, plan);
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
@@ -148,6 +149,19 @@ impl TileData {
         }
         let gaussians = None;
         Self { targets, tile, frame, segments, near, polygons, polygon_count, gaussians, mesh_polygons, planes }
+    }
+
+    /// Gives it trained Gaussians.
+    pub(crate) fn put_gaussians(&mut self, lists: GaussianLists) {
+        let states_at = lists.states_at.unwrap_or(layout::ABSENT);
+        for (offset, value) in
+            [(layout::frame::GAUSSIAN_STATES_AT, states_at), (layout::frame::GAUSSIAN_ROOM, lists.room)]
+        {
+            if let Some(word) = self.frame.get_mut(offset / 4) {
+                *word = value;
+            }
+        }
+        self.gaussians = Some(lists);
     }
 
     /// Size of the targets that it is drawn into: they have room for the samples of a pixel, where there are samples.

@@ -23,7 +23,8 @@ pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region
     let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
     let bytes = layer_bytes.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
-    let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)) / bytes).max(1);
+    // Less a float of those of Gaussians.
+    let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)).saturating_sub(4) / bytes).max(1);
     // The border counts, too.
     let borders = 2 * u64::from(plan.reach_px());
     let within = |pixels: u64| pixels.saturating_sub(borders).clamp(1, u64::from(side)) as u32;
@@ -90,7 +91,9 @@ impl Iterator for FrameTiles<'_> {
             }
         }
         let mut data = TileData::new(self.scene, self.frame, self.view, self.plan, region);
-        data.gaussians = lists;
+        if let Some(lists) = lists {
+            data.put_gaussians(lists);
+        }
         Some(Ok(data))
     }
 }

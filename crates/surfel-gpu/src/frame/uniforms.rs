@@ -10,6 +10,7 @@ use surfel_math::basis::unit;
 use surfel_math::depth::Tolerance;
 use surfel_math::gaussian;
 use surfel_math::kernel::FULL_COVERAGE;
+use surfel_math::srgb::limit_light;
 use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Material, Shader};
 use surfel_render::{FramePlan, GaussianColors, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
@@ -54,7 +55,7 @@ impl FrameScene {
         let headlight = [Light::Directional { direction: view.forward().to_array(), color: [1.0; 3], shadow: false }];
         let given = scene.lights.as_deref().unwrap_or(&headlight);
         let mut lights: Vec<u32> =
-            given.iter().enumerate().flat_map(|(i, light)| light_words(light, i, view, plan)).collect();
+            given.iter().enumerate().flat_map(|(i, light)| light_words(light, (i, given.len()), view, plan)).collect();
         if lights.is_empty() {
             lights = vec![0; layout::light::SIZE / 4];
         }
@@ -99,7 +100,8 @@ fn object_words(object: &UploadedObject, transform: &ObjectTransform, plan: &Fra
     words.into_words()
 }
 
-fn light_words(light: &Light, index: usize, view: &View, plan: &FramePlan) -> Vec<u32> {
+/// The shaders' `Light` number `index` of so many.
+fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan: &FramePlan) -> Vec<u32> {
     use layout::light as at;
     let mut words = StructWriter::new(at::SIZE);
     let direction = |words: &mut StructWriter, d: &[f64; 3]| {
@@ -130,7 +132,7 @@ fn light_words(light: &Light, index: usize, view: &View, plan: &FramePlan) -> Ve
     let first = plan.shadow_maps.iter().position(|map| map.light == index).unwrap_or(0);
     let count = plan.shadow_maps.iter().filter(|map| map.light == index).count();
     words.u32(at::FIRST_MAP, first as u32).u32(at::MAP_COUNT, count as u32);
-    words.u32(at::KIND, kind).vec3(at::COLOR, DVec3::from(*color));
+    words.u32(at::KIND, kind).vec3(at::COLOR, DVec3::from(limit_light(*color, lights)));
     words.into_words()
 }
 
@@ -188,7 +190,8 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
-    words.vec3(at::AMBIENT, DVec3::from(scene.ambient)).f64s(at::BACKGROUND, scene.background);
+    let ambient = limit_light(scene.ambient, frame.light_count as usize);
+    words.vec3(at::AMBIENT, DVec3::from(ambient)).f64s(at::BACKGROUND, scene.background);
     let material = scene.objects.first().map_or(Material::default(), |o| o.material);
     words.f64s(at::MATERIAL, material.factors()).vec3(at::TO_EYE, -view.forward());
     words.u32(at::SHADER_KIND, shader_kind(plan.shader)).f32(at::EMPTY_DEPTH, f32::INFINITY);

@@ -49,13 +49,14 @@ fn peeled_layers(plan: &FramePlan) -> usize {
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
 
-/// The plan that draws more layers of an A-buffer.
+/// The plan that draws more layers of an A-buffer. `least` counts the surfaces that a pixel has at least
+/// ([`crate::least_surfaces`]), once a tile.
 ///
 /// # Errors
-/// What is wrong and what to do, if there can't be more.
-pub fn with_more_layers(plan: &FramePlan) -> Result<FramePlan, String> {
+/// What is wrong and what to do, if there can't be so many.
+pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
-    if layers >= MOST_LAYERS {
+    if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {
         return Err(format!(
             "a pixel has more transparent surfaces than the {MOST_LAYERS} that a GPU draws: choose --backend cpu, or \
              --transparency peel:4"

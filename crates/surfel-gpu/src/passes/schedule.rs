@@ -269,10 +269,11 @@ mod tests {
             assert!(!steps.contains(&PeeledLayer) && !steps.contains(&RemainingLayer));
             steps.iter().filter(|pass| **pass == PixelPass::GatheredLayer).count()
         };
-        let more = crate::with_more_layers(&gathered).unwrap();
-        let most = crate::with_more_layers(&more).unwrap();
+        let more = crate::with_more_layers(&gathered, || 255).unwrap();
+        let most = crate::with_more_layers(&more, || 255).unwrap();
         assert_eq!([&gathered, &more, &most].map(layers), [16, 64, 255]);
-        assert!(crate::with_more_layers(&most).unwrap_err().contains("255"));
+        assert!(crate::with_more_layers(&most, || 0).unwrap_err().contains("255"));
+        assert!(crate::with_more_layers(&gathered, || 256).unwrap_err().contains("255"));
         assert_eq!(Draw::of(&gathered), Draw::of(&most));
         let splats = [EdgeAa::Off, EdgeAa::Coverage].map(|edges| PixelPass::of(&planned(Planes::COLOR, edges)));
         assert_eq!(splats, [[PixelPass::ShadeSplats], [Shade]]);

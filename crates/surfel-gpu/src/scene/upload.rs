@@ -8,6 +8,7 @@ use crate::scene::stored_splats::{StoredLayout, StoredWriter};
 use crate::scene::textures::TextureBuffer;
 use std::collections::VecDeque;
 use std::sync::Arc;
+use surfel_math::srgb::limit_color;
 use surfel_model::{ChunkSpace, Storage, chunks};
 use surfel_model::{Geometry, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
@@ -140,7 +141,7 @@ impl Upload {
             lights: scene.lights.clone(),
             ambient: scene.ambient,
             matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a],
+            background: [r * a, g * a, b * a, a].map(limit_color),
         };
         Ok(Self { scene, segments, splat_bytes, needed_bytes: needed })
     }

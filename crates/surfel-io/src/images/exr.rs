@@ -32,6 +32,11 @@ pub struct ExrOptions {
     pub metadata: Vec<(String, String)>,
 }
 
+/// The nearest half float of a colour's channel; the largest one in place of infinity, which an image holds nowhere.
+fn half_of(channel: f32) -> f16 {
+    f16::from_f32(channel.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
+}
+
 /// Writes all planes that there are as one EXR part. The same planes give the same bytes.
 ///
 /// # Errors
@@ -45,7 +50,7 @@ pub fn write_exr(out: &mut dyn Write, planes: &PlanesView<'_>, options: &ExrOpti
             let samples = if options.f32_color {
                 FlatSamples::F32(values.collect())
             } else {
-                FlatSamples::F16(values.map(f16::from_f32).collect())
+                FlatSamples::F16(values.map(half_of).collect())
             };
             channels.push(AnyChannel::new(name, samples));
         }

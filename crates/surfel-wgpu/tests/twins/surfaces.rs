@@ -107,6 +107,9 @@ fn gaussian_terms(x: &[f64], group: usize) -> f64 {
         _ => sum(&x[7..10]) * per_w,
     }
 }
+fn limited_color<R: Real>(x: &[R]) -> Vec<R> {
+    vec![srgb::limit_color(x[0])]
+}
 fn distortion_depth<R: Real>(x: &[R]) -> Vec<R> {
     vec![gaussian::distortion_depth(x[0])]
 }
@@ -297,6 +300,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
         "f32(depth_step_f32(x0))", |r| f32s(&[r.range(0.2, 9.0)]), |r| f32s(&[r.wild(9.0).abs()]), None),
     kernel!("distortion_depth", 1 => &[1], distortion_depth, "", "distortion_depth(x0)",
         |r| f32s(&[r.range(0.2, 9.0)]), |r| f32s(&[0.2 + r.wild(4.0).abs()]), Some(|_, _| 1.0)),
+    kernel!("limit_color", 1 => &[1], limited_color, "", "limit_color(x0)", inputs::numbers::<1>,
+        |r| f32s(&[(2e38 * r.wild(1.0)).clamp(-3.4e38, 3.4e38)]), None),
     // A power is exp2(2.4·log2 x) in WGSL; below 1 its logarithm is off by 2⁻²¹ at most.
     wide!("srgb_decode", 1 => &[1], |x: &[f64]| vec![srgb::decode(x[0])], "", "srgb_decode(x0)", share, share,
         Some(|_, _| 1.0)),

@@ -1,0 +1,231 @@
+//! How many surfaces an A-buffer (§8) has at least: counted in f64 at some pixels, so that a frame that has more than a
+//! GPU draws is refused before most of them are drawn.
+
+use crate::frame::uniforms::FrameScene;
+use crate::passes::pass_list::is_of_shadow_map;
+use crate::scene::clip::Variant;
+use crate::scene::segment::{Segment, UploadedScene};
+use glam::DVec3;
+use rayon::prelude::*;
+use surfel_math::basis::unit;
+use surfel_math::depth::{DepthForm, DepthPlane, tolerance};
+use surfel_math::mapping::{Footprint, through_near};
+use surfel_math::project::{EDGE_ON, Placement, Projected, ViewSplat, radius_max};
+use surfel_math::{V2, V3};
+use surfel_model::{Cull, Filter, StoredSplat};
+use surfel_render::{FramePlan, Pass, Region, View};
+
+/// Pixels that are looked at: those where transparent splats are centred, so that a pile of them is found.
+const SAMPLES: usize = 32;
+/// Relative difference of depths that single precision surely keeps apart.
+const APART: f64 = 1e-6;
+
+/// An unfiltered splat over pixels.
+struct Shape {
+    center: V3<f64>,
+    /// Half the disk's range of depth, and the distance from the centre that nothing of it exceeds.
+    extent: f64,
+    reach: f64,
+    anchor: V2<f64>,
+    footprint: Footprint<f64>,
+    depth: DepthPlane<f64>,
+    depth_form: DepthForm,
+    epsilon: f64,
+}
+
+/// What is found at a pixel.
+#[derive(Clone, Default)]
+struct Pile {
+    /// Depths of transparent fragments, and these plus their ε.
+    fragments: Vec<[f64; 2]>,
+    /// Depth before which nothing opaque hides them.
+    opaque: Option<f64>,
+}
+
+/// Number of surfaces that some pixel of a region has at least; 0 where that isn't known.
+pub fn least_surfaces(
+    scene: &UploadedScene,
+    frame: &FrameScene,
+    view: &View,
+    plan: &FramePlan,
+    region: Region,
+) -> usize {
+    // Polygons may hide any of them.
+    if plan.has(Pass::Polygons) || !plan.separates_transparent || is_of_shadow_map(plan) {
+        return 0;
+    }
+    let transparent: Vec<&Segment> = scene.segments.iter().filter(|segment| segment.is_transparent).collect();
+    let total: usize = transparent.iter().map(|segment| segment.members.len()).sum();
+    let sample = |k: usize| {
+        let mut index = k * total / SAMPLES;
+        for segment in &transparent {
+            if index < segment.members.len() {
+                let transform = frame.transforms.get(segment.object as usize)?;
+                let cloud = &scene.objects.get(segment.object as usize)?.cloud;
+                let p = V3::from(transform.point(cloud.center(*segment.members.get(index)? as usize)));
+                let px = view.projection.pixel(p);
+                let inside =
+                    |at: f64, start: u32, length: u32| (f64::from(start)..f64::from(start + length)).contains(&at);
+                let is_seen = inside(px.x, region.x, region.width) && inside(px.y, region.y, region.height);
+                return is_seen.then(|| V2::new(px.x.floor() + 0.5, px.y.floor() + 0.5));
+            }
+            index -= segment.members.len();
+        }
+        None
+    };
+    let samples: Vec<V2<f64>> = (0..SAMPLES.min(total)).filter_map(sample).collect();
+    let none = || vec![Pile::default(); samples.len()];
+    let add = |mut piles: Vec<Pile>, segment: &Segment| {
+        add_segment(scene, frame, segment, (view, plan), &samples, &mut piles);
+        piles
+    };
+    let join = |mut all: Vec<Pile>, more: Vec<Pile>| {
+        all.iter_mut().zip(more).for_each(|(pile, more)| pile.join(more));
+        all
+    };
+    let piles = scene.segments.par_iter().fold(none, add).reduce(none, join);
+    piles.into_iter().map(Pile::surfaces).max().unwrap_or(0)
+}
+
+/// Adds what a segment has at each of the samples.
+fn add_segment(
+    scene: &UploadedScene,
+    frame: &FrameScene,
+    segment: &Segment,
+    (view, plan): (&View, &FramePlan),
+    samples: &[V2<f64>],
+    piles: &mut [Pile],
+) {
+    let index = segment.object as usize;
+    let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else { return };
+    // What a clip leaves of a splat isn't known here; an opaque one may hide as much as if it were whole.
+    if segment.is_transparent && segment.variant == Variant::Clipped {
+        return;
+    }
+    let selection = object.octree.as_ref().and_then(|(index, _)| plan.selection_of(*index));
+    for chunk in &segment.chunks {
+        let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
+        for &i in members.into_iter().flatten() {
+            if selection.is_some_and(|chosen| !chosen.has_splat(i)) {
+                continue;
+            }
+            // The splat as the GPU has it, rounded.
+            let stored = StoredSplat::of(&object.cloud, i as usize, &chunk.space, scene.storage);
+            let (s, t) = (transform.linear * stored.axes.0, transform.linear * stored.axes.1);
+            let n = view.view_from_world * unit(transform.normals * stored.normal);
+            let center = transform.point(stored.center);
+            let splat = ViewSplat { p: V3::from(center), s: V3::from(s), t: V3::from(t), n: V3::from(n) };
+            let Some(shape) = Shape::new(&splat, object.material.cull, view, plan) else { continue };
+            for (pile, &pixel) in piles.iter_mut().zip(samples) {
+                pile.add(&shape, segment.is_transparent, pixel, (view, plan));
+            }
+        }
+    }
+}
+
+impl Shape {
+    /// A splat's; `None` if it takes part in no pass.
+    fn new(splat: &ViewSplat<f64>, cull: Cull, view: &View, plan: &FramePlan) -> Option<Self> {
+        let (projection, settings) = (&view.projection, &plan.splat_filter);
+        let ViewSplat { p, s, t, n } = *splat;
+        let perspective = projection.is_perspective();
+        let facing = if perspective { n.dot(p) / p.length() } else { n.z };
+        let extent = s.z.hypot(t.z);
+        let placement = Placement::of(p.z, extent, projection);
+        let is_before = placement == Placement::CenterBeforeNear;
+        let is_drawn = facing.abs() > EDGE_ON && (cull != Cull::Back || facing < 0.0);
+        if !is_drawn || placement == Placement::Outside || (is_before && settings.drop_before_near) {
+            return None;
+        }
+        let (z_min, z_max) = (p.z - extent, p.z + extent);
+        let is_unfiltered = placement != Placement::Ordinary || settings.filter == Filter::None;
+        let h_px = if is_unfiltered { 0.0 } else { settings.radius_px };
+        let epsilon = tolerance(splat, radius_max(s, t), h_px, settings.tolerance, projection);
+        let (anchor, footprint, depth, depth_form) = if perspective && placement != Placement::Ordinary {
+            let mapped = through_near(splat, projection);
+            let w = mapped.footprint.w;
+            let gradient = V2::new(w.x, w.y);
+            let depth = DepthPlane { scale: mapped.depth_scale, gradient, at_anchor: w.c, z_min, z_max };
+            (mapped.anchor_px, mapped.footprint, depth, DepthForm::Reciprocal)
+        } else {
+            let projected = Projected::new(splat, projection);
+            let (gradient, form) = match (settings.projective, perspective) {
+                (true, _) => (-projected.depth_gradient, DepthForm::Reciprocal),
+                (false, true) => (projected.depth_gradient * p.z, DepthForm::Linear),
+                (false, false) => (projected.depth_gradient, DepthForm::Linear),
+            };
+            let depth = DepthPlane { scale: p.z, gradient, at_anchor: 1.0, z_min, z_max };
+            (projection.pixel(p), Footprint::unfiltered(&projected, settings.projective), depth, form)
+        };
+        let reach = s.length() + t.length();
+        Some(Self { center: p, extent, reach, anchor, footprint, depth, depth_form, epsilon })
+    }
+
+    /// True if an opaque one may cover the pixel, however it is filtered and mapped.
+    fn may_cover(&self, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) -> bool {
+        let (origin, direction) = view.projection.ray(pixel);
+        let [origin, direction, center] = [origin, direction, self.center].map(|v| DVec3::new(v.x, v.y, v.z));
+        let distance = (center - origin).cross(unit(direction)).length();
+        let [fx, fy] = view.projection.focal_px;
+        let per_pixel = if view.projection.is_perspective() { self.center.z.abs() } else { 1.0 } / fx.min(fy);
+        // As far as an affine footprint may leave the splat's own.
+        distance <= 3.0 * self.reach + (plan.splat_filter.reach_px() + 2.0) * per_pixel
+    }
+}
+
+impl Pile {
+    fn add(&mut self, shape: &Shape, is_transparent: bool, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) {
+        if !is_transparent {
+            if shape.may_cover(pixel, (view, plan)) {
+                self.hide_from(shape.center.z - shape.extent);
+            }
+            return;
+        }
+        let d = pixel - shape.anchor;
+        let z = shape.depth.at(d, shape.depth_form);
+        if z >= view.projection.near && z <= view.projection.far() && shape.footprint.contains(d) {
+            self.fragments.push([z, z + shape.epsilon]);
+        }
+    }
+
+    fn hide_from(&mut self, z: f64) {
+        self.opaque = Some(self.opaque.map_or(z, |opaque| opaque.min(z)));
+    }
+
+    fn join(&mut self, more: Self) {
+        self.fragments.extend(more.fragments);
+        more.opaque.into_iter().for_each(|z| self.hide_from(z));
+    }
+
+    /// Number of surfaces that end at a threshold, as fragments come in ascending depth.
+    fn surfaces(mut self) -> usize {
+        let opaque = self.opaque.unwrap_or(f64::INFINITY);
+        self.fragments.retain(|[z, _]| *z < opaque);
+        self.fragments.sort_by(|[a, _], [b, _]| a.total_cmp(b));
+        let (mut count, mut threshold) = (0, f64::NEG_INFINITY);
+        for [z, end] in self.fragments {
+            if z * (1.0 - APART) > threshold {
+                (count, threshold) = (count + 1, end);
+            } else {
+                // A nearer end makes a surface less deep, which single precision may see otherwise: the deepest counts.
+                threshold = threshold.max(end);
+            }
+        }
+        count
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn surfaces_are_counted_before_what_is_opaque_and_where_depths_are_surely_apart() {
+        let pile = |ends: &[[f64; 2]], opaque| Pile { fragments: ends.to_vec(), opaque }.surfaces();
+        let apart = [[3.0, 3.1], [1.0, 1.1], [2.0, 2.1]];
+        assert_eq!([pile(&apart, None), pile(&apart, Some(2.5)), pile(&[], None)], [3, 2, 0]);
+        // Within each other's tolerance, and nearly so.
+        assert_eq!(pile(&[[1.0, 1.5], [1.2, 1.7], [1.6, 2.0], [2.1, 2.2]], None), 2);
+        assert_eq!(pile(&[[1.0, 1.5], [1.500_000_1, 1.6]], None), 1);
+    }
+}
