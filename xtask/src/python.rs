@@ -12,8 +12,8 @@ const TESTS: &str = "crates/surfel-python/tests";
 /// What its tests need, as pip's requirements and as modules.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.9,<2", "maturin")];
-/// What the notebooks, engines and rivals need besides.
-const SHOWN_BY: [(&str, &str); 11] = [
+/// Packages that the notebooks, engines, rivals and tests of other packages need besides.
+const SHOWN_BY: [(&str, &str); 16] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
     ("openjd-cli", "openjd"),
@@ -25,6 +25,11 @@ const SHOWN_BY: [(&str, &str); 11] = [
     ("laspy", "laspy"),
     ("open3d", "open3d"),
     ("pyvista", "pyvista"),
+    ("trimesh", "trimesh"),
+    ("pandas", "pandas"),
+    ("polars", "polars"),
+    ("pyarrow", "pyarrow"),
+    ("torch", "torch"),
 ];
 /// Platforms of the wheels.
 const TARGETS: [&str; 2] = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"];
@@ -61,17 +66,18 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     } else {
         build(root)
     };
-    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines", TESTS]) {
+    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines and not packages", TESTS])
+    {
         return Tested::Failed;
     }
     if !full {
         return Tested::Passed;
     }
     if let Err(why) = install(&python, &SHOWN_BY) {
-        return Tested::Skipped(format!("notebooks, engines and rivals: {why}"));
+        return Tested::Skipped(format!("notebooks, engines, rivals and other packages: {why}"));
     }
     let shown = [
-        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "engines", TESTS],
+        vec!["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "engines or packages", TESTS],
         vec!["crates/surfel-python/examples/run_notebooks.py"],
         vec!["crates/surfel-python/examples/rivals.py"],
         vec!["crates/surfel-python/examples/engines.py", "2"],

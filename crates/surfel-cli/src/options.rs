@@ -2,6 +2,7 @@
 
 use crate::args::{RenderArgs, SplatArgs};
 use crate::failure::Failure;
+use surfel::camera::CameraSource;
 use surfel::model::ConvertOptions;
 use surfel::request::{RenderOptions, SplatOptions};
 
@@ -9,7 +10,7 @@ pub(crate) fn render(args: &RenderArgs) -> Result<RenderOptions, Failure> {
     let mut options = RenderOptions::default();
     options.splats = splats(&args.splats, args.force)?;
     options.size = args.size;
-    options.camera.clone_from(&args.camera);
+    options.camera = args.camera.clone().map(CameraSource::File);
     options.cameras = args.cameras.is_some();
     options.view = args.view;
     options.eye = args.eye;

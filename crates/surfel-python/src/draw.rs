@@ -1,6 +1,8 @@
 //! From a scene's files and options to frames; no Python here.
 
+use crate::errors::{error_of_arrays, of_arrays};
 use crate::interrupt::defect;
+use crate::memory;
 use crate::pool::{Taken, Who};
 use serde_json::json;
 use std::collections::BTreeSet;
@@ -20,8 +22,12 @@ const KEPT: usize = 1;
 /// What an image is of, and all that was made of it so far.
 pub(crate) struct Input {
     pub(crate) paths: Vec<PathBuf>,
-    /// What the name `-` among the paths stands for.
+    /// The file that arrays were made, which the name `-` among the paths stands for.
     pub(crate) bytes: Option<Arc<[u8]>>,
+    /// Number of points in the arrays, 0 where it isn't known.
+    pub(crate) points: u64,
+    /// Notes on the arrays.
+    pub(crate) notes: Vec<String>,
     /// The scene file that a picture carries, which is the first of the paths.
     carried: Option<String>,
     cache: Mutex<Cache>,
@@ -77,8 +83,8 @@ pub(crate) struct Job {
 pub(crate) enum From {
     /// The options'.
     Options,
-    /// Another program's.
-    Camera(Camera),
+    /// One of several, or another program's, and whether its near and far planes are the scene's to choose.
+    Camera(Camera, bool),
     /// A frame of a turn in so many.
     Turn(u32, u32),
 }
@@ -97,6 +103,8 @@ pub(crate) struct Recipe {
     files: Arc<Files>,
     pub(crate) scene: SceneFile,
     pub(crate) drawn: serde_json::Map<String, serde_json::Value>,
+    /// True if the camera's near and far planes were made for the scene.
+    fits_depth: bool,
 }
 
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
@@ -111,9 +119,30 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 }
 
 impl Input {
-    pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>) -> Self {
+    /// Files, or arrays.
+    pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>, points: u64, notes: Vec<String>) -> Self {
         let level_store = Arc::new(LevelStore::keeping_nodes());
-        Self { paths, bytes, carried: None, cache: Mutex::default(), level_store }
+        Self { paths, bytes, points, notes, carried: None, cache: Mutex::default(), level_store }
+    }
+
+    /// The result of work on the scene, whose errors name its arrays as the argument that they are.
+    pub(crate) fn named<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
+        if self.bytes.is_some() { result.map_err(error_of_arrays) } else { result }
+    }
+
+    /// Notes on the arrays, and those of work on the scene, which name the arrays as the argument that they are.
+    pub(crate) fn named_notes(&self, notes: Vec<String>) -> Vec<String> {
+        if self.bytes.is_none() {
+            return notes;
+        }
+        self.notes.iter().cloned().chain(notes.iter().map(|note| of_arrays(note))).collect()
+    }
+
+    /// Forgets what was made by options that write a colour bar over an existing file, so that it is written anew.
+    pub(crate) fn renew(&self, options: &RenderOptions) {
+        if options.splats.force && options.splats.colorbar.is_some() {
+            lock(&self.cache).prepared.retain(|prepared| prepared.options != *options);
+        }
     }
 
     /// The scene of a picture, and the flags that it was drawn by.
@@ -132,7 +161,7 @@ impl Input {
         });
         let flags = flags.map(|(key, value)| (key, value.as_str().map_or_else(|| value.to_string(), str::to_owned)));
         let flags = flags.collect();
-        Ok((Self { carried: Some(carried), ..Self::new(vec![path], None) }, flags))
+        Ok((Self { carried: Some(carried), ..Self::new(vec![path], None, 0, Vec::new()) }, flags))
     }
 
     fn source(&self) -> Result<Source, Error> {
@@ -152,6 +181,16 @@ impl Input {
         threads: usize,
         progress: &dyn Progress,
     ) -> Result<Arc<Prepared>, Error> {
+        self.named(self.prepare_unnamed(options, pictures, threads, progress))
+    }
+
+    fn prepare_unnamed(
+        &self,
+        options: &RenderOptions,
+        pictures: &Arc<Pictures>,
+        threads: usize,
+        progress: &dyn Progress,
+    ) -> Result<Arc<Prepared>, Error> {
         let mut cache = lock(&self.cache);
         let is_read_for = |known: &Arc<Pictures>| Arc::ptr_eq(known, pictures) || known == pictures;
         let suits = |p: &&Arc<Prepared>| p.options == *options && p.read_for.as_ref().is_none_or(is_read_for);
@@ -165,6 +204,7 @@ impl Input {
             _ => {
                 // The old goes first.
                 *cache = Cache::default();
+                memory::check_splats(self.points, &options.splats)?;
                 let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
                 cache.loaded = Some((key, loaded.clone()));
                 loaded
@@ -175,7 +215,8 @@ impl Input {
         let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
         let resolved = on_threads(threads, resolve)??;
         let summary = SceneSummary::of(&resolved.scene);
-        let (options, notes, resident) = (options.clone(), notes.into(), Mutex::default());
+        let (options, resident) = (options.clone(), Mutex::default());
+        let notes = self.named_notes(notes).into();
         let (beside, bytes) = (resolved.beside.clone(), self.bytes.clone());
         let files = Arc::new(Files { beside, bytes, known: Mutex::default() });
         let prepared = Arc::new(Prepared { options, read_for, resolved, summary, notes, resident, files });
@@ -187,12 +228,17 @@ impl Input {
 
 /// Draws an image.
 pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
+    input.named(draw_unnamed(input, job, from, progress))
+}
+
+fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
     let (options, threads) = (&job.options, job.who.options.threads);
     let prepared = input.prepare(options, &job.pictures, threads, progress)?;
     let Resolved { file, scene, .. } = &prepared.resolved;
     let (camera, moved) = match from {
         From::Options => (file.camera.clone(), None),
-        From::Camera(camera) => (camera::with_near(camera.clone(), scene), None),
+        From::Camera(camera, true) => (camera::with_near(camera.clone(), scene), None),
+        From::Camera(camera, false) => (camera.clone(), None),
         From::Turn(index, frames) => prepared.resolved.turned(*index, *frames),
     };
     let view = camera::view(&camera, options)?;
@@ -208,6 +254,9 @@ pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Pr
     }
     let mut taken = Taken::new(&who, refuses)?;
     let backend = taken.backend()?;
+    let (samples, name) = (options.samples.unwrap_or(1), backend.info().backend);
+    let shadow_maps = file.lights.iter().flatten().filter(|light| light.casts_shadow()).count();
+    memory::check_image(&view, samples, shadow_maps, job.planes, name, options.splats.memory)?;
     let quantised = who.options.quantised;
     let resident = match &moved {
         Some(moved) => Arc::new(backend.upload(moved)?),
@@ -221,9 +270,16 @@ pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Pr
     let drawn = metadata::drawn(options, &camera, quantised, backend.info())?;
     let lights = moved.map_or_else(|| file.lights.clone(), |moved| moved.lights);
     let scene = SceneFile { camera, lights, ..file.clone() };
+    let fits_depth = match from {
+        From::Camera(_, fits) => *fits,
+        From::Options | From::Turn(..) => match &options.camera {
+            Some(given) => given.fits_depth(),
+            None => !prepared.resolved.has_own_camera,
+        },
+    };
     drop(taken);
     let (notes, files) = (prepared.notes.clone(), prepared.files.clone());
-    Ok(Drawn { frame, stats, recipe: Recipe { notes, files, scene, drawn } })
+    Ok(Drawn { frame, stats, recipe: Recipe { notes, files, scene, drawn, fits_depth } })
 }
 
 impl Prepared {
@@ -278,6 +334,16 @@ impl Recipe {
         if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
     }
 
+    /// The scene file's camera, without near and far planes that were made for the scene.
+    pub(crate) fn camera_json(&self) -> Result<String, Error> {
+        let mut camera = serde_json::to_value(&self.scene.camera).map_err(|_| defect())?;
+        if let (true, Some(keys)) = (self.fits_depth, camera.as_object_mut()) {
+            keys.remove("near");
+            keys.remove("far");
+        }
+        Ok(camera.to_string())
+    }
+
     /// All of it as JSON, for another process; `None` if a path is not UTF-8.
     pub(crate) fn to_json(&self) -> Result<Option<String>, Error> {
         let Ok(scene) = serde_json::to_value(&self.scene) else { return Ok(None) };
@@ -290,7 +356,9 @@ impl Recipe {
                 Content::Missing => json!([path, null, "missing"]),
             });
         }
-        let json = json!({ "scene": scene, "drawn": self.drawn, "inputs": inputs, "notes": &*self.notes });
+        let json = json!({
+            "scene": scene, "drawn": self.drawn, "inputs": inputs, "notes": &*self.notes, "fits_depth": self.fits_depth,
+        });
         Ok(Some(json.to_string()))
     }
 
@@ -310,7 +378,7 @@ impl Recipe {
         });
         let known = Mutex::new(Some(inputs.collect::<Option<_>>()?));
         let files = Arc::new(Files { known, ..Files::default() });
-        let drawn = json.get("drawn")?.as_object()?.clone();
-        Some(Self { notes: notes.collect::<Option<_>>()?, files, scene, drawn })
+        let (drawn, fits_depth) = (json.get("drawn")?.as_object()?.clone(), json.get("fits_depth")?.as_bool()?);
+        Some(Self { notes: notes.collect::<Option<_>>()?, files, scene, drawn, fits_depth })
     }
 }

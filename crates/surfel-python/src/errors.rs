@@ -1,8 +1,10 @@
 //! Errors as Python's exceptions, in Python's words.
 
+use crate::interrupt;
 use pyo3::exceptions::PyRuntimeError;
 use pyo3::prelude::*;
 use std::io::ErrorKind;
+use std::path::PathBuf;
 use surfel::Error;
 use surfel::io::IoError;
 use surfel::render::RenderError;
@@ -28,6 +30,53 @@ pub(crate) fn in_python(message: &str) -> String {
     text + rest
 }
 
+/// Name of a scene's arrays in messages.
+pub(crate) const ARRAYS: &str = "points";
+
+/// A message about arrays that are read as standard input is, as one about the argument that they are.
+pub(crate) fn of_arrays(message: &str) -> String {
+    let mut text = String::with_capacity(message.len());
+    let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '/' | '\\');
+    let mut rest = message.strip_prefix("-: ").map_or(message, |rest| {
+        text.push_str(ARRAYS);
+        text.push_str(": ");
+        rest
+    });
+    while let Some(at) = rest.find("stdin") {
+        let (before, after) = (&rest[..at], &rest[at + "stdin".len()..]);
+        let is_word = !before.ends_with(is_part) && !after.starts_with(is_part);
+        text.push_str(before);
+        text.push_str(if is_word { ARRAYS } else { "stdin" });
+        rest = after;
+    }
+    text + rest
+}
+
+/// An error about arrays that are read as standard input is, as one about the argument that they are.
+pub(crate) fn error_of_arrays(mut error: Error) -> Error {
+    let rename = |path: &mut PathBuf| {
+        if surfel::paths::is_stdin(path) || path.as_os_str() == "stdin" {
+            *path = ARRAYS.into();
+        }
+    };
+    match &mut error {
+        Error::Io(
+            IoError::System { path, .. }
+            | IoError::Exists { path }
+            | IoError::Invalid { path, .. }
+            | IoError::Model { path, .. },
+        )
+        | Error::Sample { path, .. } => rename(path),
+        Error::Unsuitable { path, problem } => {
+            rename(path);
+            *problem = of_arrays(problem);
+        }
+        Error::Usage(text) | Error::Input(text) => *text = of_arrays(text),
+        _ => {}
+    }
+    error
+}
+
 /// An exception of the package by its class' name.
 pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
@@ -50,6 +99,9 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
             return match source.kind() {
                 ErrorKind::NotFound => pyo3::exceptions::PyFileNotFoundError::new_err(message),
                 ErrorKind::PermissionDenied => pyo3::exceptions::PyPermissionError::new_err(message),
+                ErrorKind::IsADirectory => pyo3::exceptions::PyIsADirectoryError::new_err(message),
+                ErrorKind::NotADirectory => pyo3::exceptions::PyNotADirectoryError::new_err(message),
+                ErrorKind::OutOfMemory => pyo3::exceptions::PyMemoryError::new_err(message),
                 _ => pyo3::exceptions::PyOSError::new_err(message),
             };
         }
@@ -58,6 +110,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
                 format!("{}: already exists: force=True overwrites it; or choose another name", path.display());
             return pyo3::exceptions::PyFileExistsError::new_err(message);
         }
+        Error::Input(text) if text == interrupt::DEFECT => "Error",
         Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",
         Error::Backend(_) | Error::Render(RenderError::Unsupported { .. }) => "BackendError",
         e if e.is_bad_input() => "InputError",

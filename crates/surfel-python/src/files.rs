@@ -1,14 +1,16 @@
 //! What the commands `convert`, `ortho`, `info`, `compare` and `backends` do.
 
-use crate::draw::on_threads;
+use crate::draw::{Input, on_threads};
 use crate::errors;
 use crate::frame::NativeFrame;
 use crate::interrupt;
+use crate::memory;
 use crate::pool::{Taken, Who};
 use crate::scene::{Flags, NativeScene, wrong};
 use pyo3::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
+use std::sync::Arc;
 use surfel::compare::{check_diff, save_diff};
 use surfel::io::{IoError, Planes, PlyEncoding};
 use surfel::levels::{self, CopcRequest};
@@ -16,6 +18,25 @@ use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
 use surfel::request::SplatOptions;
 use surfel::splat_file::{ConvertRequest, summary};
 use surfel::{BackendOptions, Error, Renderer, values};
+
+/// Work on files, or on a scene's arrays, which errors name as the argument that they are.
+fn named<T>(
+    input: Option<&Arc<Input>>,
+    options: &SplatOptions,
+    work: impl FnOnce() -> Result<T, Error>,
+) -> Result<T, Error> {
+    memory::check_splats(input.map_or(0, |input| input.points), options)?;
+    match input {
+        Some(input) => input.named(work()),
+        None => work(),
+    }
+}
+
+/// Notes of such work.
+fn named_notes(input: Option<&Arc<Input>>, notes: Vec<String>) -> Vec<String> {
+    let notes = input.map_or(notes.clone(), |input| input.named_notes(notes));
+    notes.iter().map(|note| errors::in_python(note)).collect()
+}
 
 /// Writes splats, an octree or points by levels; what the user should know.
 #[pyfunction]
@@ -46,8 +67,10 @@ pub(crate) fn convert(
             Err(message) => return Err(wrong(py, flag, text, &message)),
         }
     }
-    let stdin = scene.and_then(|scene| scene.input.bytes.clone());
-    let notes = interrupt::run(py, move |progress| {
+    let input = scene.map(|scene| scene.input.clone());
+    let (stdin, of_arrays) = (input.as_ref().and_then(|input| input.bytes.clone()), input.clone());
+    let asked = options.clone();
+    let convert = move |progress: &interrupt::Reporter| {
         // Before the work, not after it.
         if output.is_file() && !force && !resume {
             return Err(IoError::Exists { path: output }.into());
@@ -90,8 +113,9 @@ pub(crate) fn convert(
             notes.push(format!("{}: {}", output.display(), summary(&cloud)));
             Ok(notes)
         })?
-    })?;
-    Ok(notes.iter().map(|note| errors::in_python(note)).collect())
+    };
+    let notes = interrupt::run(py, move |progress| named(of_arrays.as_ref(), &asked, || convert(progress)))?;
+    Ok(named_notes(input.as_ref(), notes))
 }
 
 /// Draws an orthoimage; what `--stats` prints, as JSON, and what the user should know.
@@ -129,8 +153,10 @@ pub(crate) fn ortho(
         };
         known.map_err(|message| wrong(py, flag, text, &message))?;
     }
-    let stdin = scene.and_then(|scene| scene.input.bytes.clone());
-    let (json, notes) = interrupt::run(py, move |progress| {
+    let input = scene.map(|scene| scene.input.clone());
+    let (stdin, of_arrays) = (input.as_ref().and_then(|input| input.bytes.clone()), input.clone());
+    let asked = splats.clone();
+    let draw = move |progress: &interrupt::Reporter| {
         let request = OrthoRequest { inputs: &inputs, options, splats: &splats, files: &files, stdin };
         let mut notes = Vec::new();
         let stats = on_threads(who.options.threads, || {
@@ -143,8 +169,9 @@ pub(crate) fn ortho(
             Ok::<_, Error>(ortho.stats_json(&stats, backend.info().backend))
         })??;
         Ok((stats, notes))
-    })?;
-    Ok((json.to_string(), notes.iter().map(|note| errors::in_python(note)).collect()))
+    };
+    let (json, notes) = interrupt::run(py, move |progress| named(of_arrays.as_ref(), &asked, || draw(progress)))?;
+    Ok((json.to_string(), named_notes(input.as_ref(), notes)))
 }
 
 /// What a file holds, as JSON.
@@ -161,8 +188,18 @@ pub(crate) fn info(
     let columns = columns.map(|text| values::columns(&text).map_err(|problem| wrong(py, "columns", &text, &problem)));
     let columns = columns.transpose()?;
     let options = surfel::io::LoadOptions { repair, allow_outside, max_texture, columns, ..Default::default() };
-    let bytes = scene.and_then(|scene| scene.input.bytes.clone());
-    let facts = interrupt::run(py, move |_| surfel::info::info(&path, &options, bytes.as_deref()))?;
+    let input = scene.map(|scene| scene.input.clone()).filter(|input| input.bytes.is_some());
+    let of_arrays = input.clone();
+    let mut facts = interrupt::run(py, move |_| {
+        let input = of_arrays;
+        let bytes = input.as_ref().and_then(|input| input.bytes.clone());
+        named(input.as_ref(), &SplatOptions::default(), || surfel::info::info(&path, &options, bytes.as_deref()))
+    })?;
+    if let Some(input) = input {
+        let notes = facts["notes"].as_array().into_iter().flatten().filter_map(|note| note.as_str());
+        facts["notes"] = named_notes(Some(&input), notes.map(str::to_owned).collect()).into();
+        facts["file"] = errors::ARRAYS.into();
+    }
     Ok(facts.to_string())
 }
 

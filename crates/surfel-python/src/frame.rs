@@ -2,6 +2,8 @@
 
 use crate::draw::{Drawn, Recipe};
 use crate::errors;
+use crate::memory;
+use crate::scene::py_bytes;
 use numpy::{Element, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PySlice};
@@ -33,6 +35,9 @@ pub(crate) struct NativeFrame {
     #[pyo3(get)]
     stats: String,
 }
+
+/// Bytes of a pixel that is encoded, at most: rows of a file, and what they are packed into.
+const ENCODED_BYTES: u64 = 32;
 
 /// An array of a plane's values, or of a part of them; `None` for a plane that isn't there.
 fn array<T: Element>(
@@ -139,6 +144,12 @@ impl NativeFrame {
         }))
     }
 
+    /// Refuses work on the planes that takes so many bytes a pixel besides, if there aren't as many.
+    pub(crate) fn check_memory(&self, py: Python<'_>, pixel_bytes: u64) -> PyResult<()> {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        memory::check("image", pixels * pixel_bytes, None).map_err(|error| errors::raise(py, &error))
+    }
+
     fn png_options(&self, folder: &Path, sixteen: bool, metadata: bool) -> Result<PngOptions, Error> {
         let format = if sixteen { vec![("png16", json!(true))] } else { Vec::new() };
         let recipe = self.recipe.as_ref().filter(|_| metadata);
@@ -218,6 +229,12 @@ impl NativeFrame {
         text.map_err(|error| errors::raise(py, &error))
     }
 
+    /// The camera as a scene file has it.
+    fn camera_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
+        let text = self.recipe.as_ref().map(Recipe::camera_json).transpose();
+        text.map_err(|error| errors::raise(py, &error))
+    }
+
     /// What `frame_of` makes the same image of, beside its planes.
     fn recipe(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let recipe = self.recipe.as_ref();
@@ -227,6 +244,7 @@ impl NativeFrame {
 
     /// The colours as a PNG holds them.
     fn rgba(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
+        self.check_memory(py, 8)?;
         let made = self.with_planes(py, |planes| planes.color.map(surfel::io::to_srgb8))?;
         let Some(pixels) = made else { return Ok(None) };
         let (w, h) = (self.width as usize, self.height as usize);
@@ -235,13 +253,14 @@ impl NativeFrame {
 
     /// A PNG, as `surfel -o -` writes it.
     fn png<'py>(&self, py: Python<'py>, png16: bool, metadata: bool) -> PyResult<Bound<'py, PyBytes>> {
+        self.check_memory(py, ENCODED_BYTES)?;
         let options = py.detach(|| self.png_options(Path::new("."), png16, metadata));
         let options = options.map_err(|error| errors::raise(py, &error))?;
         let bytes = self.with_planes(py, |planes| {
             let mut bytes = Vec::new();
             surfel::io::write_png(&mut bytes, planes, &options).map(|()| bytes)
         })?;
-        Ok(PyBytes::new(py, &bytes?))
+        py_bytes(py, &bytes?)
     }
 
     /// Writes a PNG, EXR, NPZ or JPEG.
@@ -254,6 +273,7 @@ impl NativeFrame {
         exr_f32: bool,
         metadata: bool,
     ) -> PyResult<()> {
+        self.check_memory(py, ENCODED_BYTES)?;
         let extension = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
         let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let recipe = self.recipe.as_ref().filter(|_| metadata);

@@ -42,9 +42,12 @@ impl Reporter {
     }
 }
 
-/// What a panic is to Python.
+/// Message of [`defect`].
+pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
+
+/// The error of a panic, `surfel.Error` to Python.
 pub(crate) fn defect() -> Error {
-    Error::Input("this is a defect of surfel, not of your input: please report it".to_owned())
+    Error::Input(DEFECT.to_owned())
 }
 
 /// Runs `work` elsewhere and waits for it. On Ctrl-C the waiting ends at once; the work ends by itself and is dropped.

@@ -7,6 +7,7 @@ mod files;
 mod frame;
 mod interrupt;
 mod many;
+mod memory;
 mod pool;
 mod scene;
 

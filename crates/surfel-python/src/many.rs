@@ -8,10 +8,41 @@ use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use surfel::{Error, NoProgress};
+use surfel::{Camera, Error, NoProgress};
 
 /// Most images that are drawn at once: each has memory of its own.
 const MOST: usize = 4;
+
+/// Cameras of several images.
+pub(crate) enum Views {
+    /// Those of a list, their names, and whether their near and far planes are the scene's to choose.
+    Cameras(Vec<(String, Camera, bool)>),
+    /// So many frames of a turn.
+    Turn(u32),
+}
+
+impl Views {
+    fn len(&self) -> usize {
+        match self {
+            Self::Cameras(cameras) => cameras.len(),
+            Self::Turn(frames) => *frames as usize,
+        }
+    }
+
+    /// The name and camera of one of them.
+    fn get(&self, index: usize) -> Option<(String, From)> {
+        match self {
+            Self::Cameras(cameras) => {
+                let (name, camera, fits) = cameras.get(index)?;
+                Some((name.clone(), From::Camera(camera.clone(), *fits)))
+            }
+            Self::Turn(frames) => {
+                let index = u32::try_from(index).ok().filter(|index| index < frames)?;
+                Some((format!("{index:04}"), From::Turn(index, *frames)))
+            }
+        }
+    }
+}
 
 #[derive(Default)]
 struct State {
@@ -27,7 +58,7 @@ struct State {
 struct Shared {
     state: Mutex<State>,
     changed: Condvar,
-    from: Vec<(String, From)>,
+    views: Arc<Views>,
     /// Most images that are drawn or wait to be given.
     ahead: usize,
 }
@@ -41,17 +72,17 @@ impl Shared {
     fn work(&self, input: &Arc<Input>, job: &Job) {
         loop {
             let mut state = self.lock();
-            while !state.over && state.next < self.from.len() && state.next >= state.given + self.ahead {
+            while !state.over && state.next < self.views.len() && state.next >= state.given + self.ahead {
                 state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
             }
-            if state.over || state.next >= self.from.len() {
+            if state.over || state.next >= self.views.len() {
                 return;
             }
             let index = state.next;
             state.next += 1;
             drop(state);
-            let Some((_, from)) = self.from.get(index) else { return };
-            let drawn = catch_unwind(AssertUnwindSafe(|| draw(input, job, from, &NoProgress)));
+            let Some((_, from)) = self.views.get(index) else { return };
+            let drawn = catch_unwind(AssertUnwindSafe(|| draw(input, job, &from, &NoProgress)));
             self.lock().done.insert(index, drawn.unwrap_or_else(|_| Err(defect())));
             self.changed.notify_all();
         }
@@ -63,37 +94,37 @@ impl Shared {
 pub(crate) struct NativeMany {
     pub(crate) input: Arc<Input>,
     pub(crate) job: Job,
-    /// Names of cameras, and the cameras.
-    pub(crate) from: Vec<(String, From)>,
+    pub(crate) views: Arc<Views>,
 }
 
 #[pymethods]
 impl NativeMany {
     fn __len__(&self) -> usize {
-        self.from.len()
+        self.views.len()
     }
 
     /// The name of the camera of one of them.
-    fn name(&self, py: Python<'_>, index: usize) -> PyResult<&str> {
-        Ok(&self.of(py, index)?.0)
+    fn name(&self, py: Python<'_>, index: usize) -> PyResult<String> {
+        Ok(self.of(py, index)?.0)
     }
 
     /// Draws one of them, by its number.
     fn draw(&self, py: Python<'_>, index: usize) -> PyResult<NativeFrame> {
-        let (input, job, from) = (self.input.clone(), self.job.clone(), self.of(py, index)?.1.clone());
+        let (input, job, from) = (self.input.clone(), self.job.clone(), self.of(py, index)?.1);
         NativeFrame::new(py, interrupt::run(py, move |progress| draw(&input, &job, &from, progress))?)
     }
 
     /// Starts to draw all of them, some at once.
     fn start(&self, py: Python<'_>) -> PyResult<NativeFrames> {
-        NativeFrames::start(py, self.input.clone(), self.job.clone(), self.from.clone())
+        self.input.renew(&self.job.options);
+        NativeFrames::start(py, self.input.clone(), self.job.clone(), self.views.clone())
     }
 }
 
 impl NativeMany {
-    fn of(&self, py: Python<'_>, index: usize) -> PyResult<&(String, From)> {
-        let none = || errors::usage(py, &format!("there is no picture {index} among {}", self.from.len()));
-        self.from.get(index).ok_or_else(none)
+    fn of(&self, py: Python<'_>, index: usize) -> PyResult<(String, From)> {
+        let none = || errors::usage(py, &format!("there is no image {index} among {}", self.views.len()));
+        self.views.get(index).ok_or_else(none)
     }
 }
 
@@ -103,13 +134,13 @@ pub(crate) struct NativeFrames(Arc<Shared>);
 
 impl NativeFrames {
     /// Starts the threads that draw.
-    fn start(py: Python<'_>, input: Arc<Input>, job: Job, from: Vec<(String, From)>) -> PyResult<Self> {
+    fn start(py: Python<'_>, input: Arc<Input>, job: Job, views: Arc<Views>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
         // A GPU draws one image at a time, and so does what turns: its lights move, so that it is uploaded each time.
         let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || job.options.turntable;
-        let workers = if alone { 1 } else { threads.min(MOST).min(from.len()).max(1) };
-        let shared = Shared { state: Mutex::default(), changed: Condvar::new(), from, ahead: workers + 1 };
+        let workers = if alone { 1 } else { threads.min(MOST).min(views.len()).max(1) };
+        let shared = Shared { state: Mutex::default(), changed: Condvar::new(), views, ahead: workers + 1 };
         let shared = Arc::new(shared);
         for _ in 0..workers {
             let (shared, input, mut job) = (shared.clone(), input.clone(), job.clone());
@@ -133,7 +164,7 @@ impl NativeFrames {
             let found = py.detach(move || {
                 let mut state = shared.lock();
                 let index = state.given;
-                let name = shared.from.get(index).filter(|_| !state.over)?.0.clone();
+                let (name, _) = shared.views.get(index).filter(|_| !state.over)?;
                 if !state.done.contains_key(&index) {
                     let waited = shared.changed.wait_timeout(state, TICK);
                     state = waited.unwrap_or_else(PoisonError::into_inner).0;

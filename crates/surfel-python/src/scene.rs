@@ -4,15 +4,28 @@ use crate::draw::{From, Input, Job, draw};
 use crate::errors;
 use crate::frame::NativeFrame;
 use crate::interrupt;
-use crate::many::NativeMany;
+use crate::many::{NativeMany, Views};
+use crate::memory;
 use crate::pool::Who;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel::camera::{self, CameraSource};
 use surfel::request::{Pictures, RenderOptions};
-use surfel::{BackendOptions, Camera, Error, Planes, camera};
+use surfel::{BackendOptions, Camera, Error, Light, Planes, Scene, values};
+
+/// Most lights, each of which may need a shadow map.
+const MOST_LIGHTS: usize = 256;
+
+/// A copy of bytes, or `MemoryError`.
+pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+    PyBytes::new_with(py, bytes.len(), |copy| {
+        copy.copy_from_slice(bytes);
+        Ok(())
+    })
+}
 
 /// Flags by their names, as texts.
 pub(crate) type Flags = Vec<(String, String)>;
@@ -33,8 +46,20 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     let mut options = RenderOptions::default();
     let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
     for (flag, text) in flags {
-        let set = who.set(flag, text).and_then(|set| if set { Ok(()) } else { options.set(flag, text) });
-        set.map_err(|message| wrong(py, flag, text, &message))?;
+        match flag.as_str() {
+            "camera-object" => {
+                let (camera, fits_depth) = camera_of(text).map_err(|message| errors::usage(py, &message))?;
+                options.camera = Some(CameraSource::Given { camera: Box::new(camera), fits_depth });
+            }
+            "lights" => options.lights = Some(lights(text).map_err(|message| errors::usage(py, &message))?),
+            "force" => {
+                options.splats.force = values::switch(text).map_err(|message| wrong(py, flag, text, &message))?;
+            }
+            _ => {
+                let set = who.set(flag, text).and_then(|set| if set { Ok(()) } else { options.set(flag, text) });
+                set.map_err(|message| wrong(py, flag, text, &message))?;
+            }
+        }
     }
     options.cameras = cameras;
     options.turntable = turntable;
@@ -63,29 +88,111 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     Ok(Job { options, pictures: Arc::default(), who, planes: wanted })
 }
 
-/// Cameras of a file or folder, or of JSON's text.
-pub(crate) fn cameras(
+/// A scene file's camera object, and whether near and far planes are the scene's to choose, since it has neither.
+fn camera_of(json: &str) -> Result<(Camera, bool), String> {
+    let mut value: serde_json::Value = serde_json::from_str(json).map_err(|e| format!("camera: {e}"))?;
+    let keys = value.as_object_mut().ok_or("camera: expected an object")?;
+    let fits_depth = !keys.contains_key("near") && !keys.contains_key("far");
+    if fits_depth {
+        // Both are replaced when the scene is known, and a parallel projection needs them.
+        keys.insert("near".to_owned(), 1.0.into());
+        keys.insert("far".to_owned(), 2.0.into());
+    }
+    let camera: Camera = serde_json::from_value(value).map_err(|e| format!("camera: {e}"))?;
+    camera.validate().map_err(|e| e.to_string())?;
+    Ok((camera, fits_depth))
+}
+
+/// A scene file's lights.
+fn lights(json: &str) -> Result<Vec<Light>, String> {
+    let listed: Vec<serde_json::Value> = serde_json::from_str(json).map_err(|e| format!("lights: {e}"))?;
+    if listed.len() > MOST_LIGHTS {
+        return Err(format!("lights: {} of them, expected at most {MOST_LIGHTS}", listed.len()));
+    }
+    let mut lights = Vec::new();
+    for (i, value) in listed.into_iter().enumerate() {
+        let light: Light = serde_json::from_value(value).map_err(|e| format!("lights[{i}]: {e}"))?;
+        lights.push(light);
+    }
+    let scene = Scene { lights: Some(lights), ..Scene::default() };
+    scene.validate().map_err(|e| e.to_string())?;
+    Ok(scene.lights.unwrap_or_default())
+}
+
+/// Cameras of a file or folder, or of JSON's text: a list of those that files have, and of objects with a scene file's
+/// `camera`, each with its name and whether near and far planes are the scene's to choose.
+fn cameras(
     (path, json): (Option<PathBuf>, Option<String>),
     size: Option<[u32; 2]>,
-) -> Result<Vec<(String, Camera)>, Error> {
-    match (path, json) {
-        (Some(path), _) => camera::named(&path, size),
-        (None, Some(json)) => camera::named_in_json(json.as_bytes(), Path::new("camera"), size),
-        (None, None) => Ok(Vec::new()),
+) -> Result<Vec<(String, Camera, bool)>, Error> {
+    let Some(json) = json else {
+        let found = path.map(|path| camera::named(&path, size)).transpose()?.unwrap_or_default();
+        return Ok(found.into_iter().map(|(name, camera)| (name, camera, true)).collect());
+    };
+    let wrong = |e: serde_json::Error| Error::Usage(format!("cameras: {e}"));
+    let mut listed: Vec<serde_json::Value> = match serde_json::from_str(&json).map_err(wrong)? {
+        serde_json::Value::Array(listed) => listed,
+        one => vec![one],
+    };
+    // Those of matrices are read together, and go back to their places.
+    let own: Vec<Option<serde_json::Value>> =
+        listed.iter_mut().map(|camera| camera.as_object_mut().and_then(|keys| keys.remove("camera"))).collect();
+    let names: Vec<String> = listed.iter().map(|camera| camera["name"].as_str().unwrap_or("").to_owned()).collect();
+    let mut places = own.iter();
+    listed.retain(|_| places.next().is_none_or(Option::is_none));
+    let mut of_matrices = if listed.is_empty() {
+        Vec::new().into_iter()
+    } else {
+        let text = serde_json::Value::Array(listed).to_string();
+        camera::named_in_json(text.as_bytes(), Path::new("camera"), size)?.into_iter()
+    };
+    let mut found = Vec::new();
+    for (i, (own, name)) in own.into_iter().zip(names).enumerate() {
+        found.push(match own {
+            Some(own) => {
+                let of = |message: String| Error::Usage(format!("cameras[{i}]: {message}"));
+                let (camera, fits_depth) = camera_of(&own.to_string()).map_err(of)?;
+                let camera = size.map_or_else(|| camera.clone(), |size| camera.clone().with_size(size));
+                (name, camera, fits_depth)
+            }
+            None => {
+                let (name, camera) = of_matrices.next().ok_or_else(interrupt::defect)?;
+                (name, camera, true)
+            }
+        });
     }
+    Ok(found)
 }
 
 #[pymethods]
 impl NativeScene {
     #[new]
-    fn new(paths: Vec<PathBuf>, bytes: Option<PyReadonlyArray1<'_, u8>>) -> PyResult<Self> {
-        let bytes = bytes.as_ref().map(|bytes| bytes.as_slice().map(Arc::from)).transpose()?;
-        Ok(Self { input: Arc::new(Input::new(paths, bytes)) })
+    fn new(
+        py: Python<'_>,
+        paths: Vec<PathBuf>,
+        bytes: Option<PyReadonlyArray1<'_, u8>>,
+        points: u64,
+        notes: Vec<String>,
+    ) -> PyResult<Self> {
+        let bytes = bytes.as_ref().map(|bytes| bytes.as_slice()).transpose()?;
+        let fits = bytes.map(|bytes| memory::check("points", bytes.len() as u64, None)).transpose();
+        fits.map_err(|error| errors::raise(py, &error))?;
+        Ok(Self { input: Arc::new(Input::new(paths, bytes.map(Arc::from), points, notes)) })
     }
 
     /// The bytes of its arrays' file.
-    fn data<'py>(&self, py: Python<'py>) -> Option<Bound<'py, PyBytes>> {
-        self.input.bytes.as_ref().map(|bytes| PyBytes::new(py, bytes))
+    fn data<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
+        self.input.bytes.as_ref().map(|bytes| py_bytes(py, bytes)).transpose()
+    }
+
+    /// The number of points in its arrays.
+    fn points(&self) -> u64 {
+        self.input.points
+    }
+
+    /// Notes on its arrays.
+    fn notes(&self) -> Vec<String> {
+        self.input.notes.clone()
     }
 
     /// The scene of a picture, and the flags that it was drawn by.
@@ -108,13 +215,14 @@ impl NativeScene {
             None => From::Options,
             Some(json) => {
                 let found = cameras((None, Some(json)), job.options.size).map_err(|error| errors::raise(py, &error))?;
-                let first = found.into_iter().next().map(|(_, camera)| camera);
+                let first = found.into_iter().next().map(|(_, camera, _)| camera);
                 let camera = first.ok_or_else(|| errors::usage(py, "K: holds no camera"))?;
                 job.pictures = Arc::new(Pictures::Cameras(vec![camera.clone()]));
-                From::Camera(camera)
+                From::Camera(camera, true)
             }
         };
         let input = self.input.clone();
+        input.renew(&job.options);
         let drawn = interrupt::run(py, move |progress| draw(&input, &job, &from, progress))?;
         NativeFrame::new(py, drawn)
     }
@@ -130,19 +238,20 @@ impl NativeScene {
         frames: Option<u32>,
     ) -> PyResult<NativeMany> {
         let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
-        let from = match frames {
+        let views = match frames {
+            // Python's half bounds them.
             Some(frames) => {
                 job.pictures = Arc::new(Pictures::Turn(frames));
-                (0..frames).map(|index| (format!("{index:04}"), From::Turn(index, frames))).collect()
+                Views::Turn(frames)
             }
             None => {
                 let found = cameras((path, json), job.options.size).map_err(|error| errors::raise(py, &error))?;
-                let all = found.iter().map(|(_, camera)| camera.clone()).collect();
+                let all = found.iter().map(|(_, camera, _)| camera.clone()).collect();
                 job.pictures = Arc::new(Pictures::Cameras(all));
-                found.into_iter().map(|(name, camera)| (name, From::Camera(camera))).collect()
+                Views::Cameras(found)
             }
         };
-        Ok(NativeMany { input: self.input.clone(), job, from })
+        Ok(NativeMany { input: self.input.clone(), job, views: Arc::new(views) })
     }
 
     /// Loads, frames and lights the scene, so that the first image needn't.

@@ -14,6 +14,7 @@ ROOT = pathlib.Path(__file__).resolve().parents[3]
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "engines: needs Ray and Dask, which `cargo xtask test --full` installs")
+    config.addinivalue_line("markers", "packages: needs trimesh, PyVista and others, which `--full` installs, too")
 
 
 def find_program():

@@ -5,10 +5,31 @@ use crate::framing::{self, DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, Vie
 use crate::render_options::RenderOptions;
 use glam::{DQuat, DVec3};
 use std::collections::HashSet;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use surfel_io::cameras::NamedCamera;
 use surfel_model::{Camera, Light, Projection, Scene, Up};
 use surfel_render::View;
+
+/// Source of the camera that options ask for.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraSource {
+    /// A file that holds a scene file's camera object alone.
+    File(PathBuf),
+    /// A camera itself.
+    Given {
+        /// The camera.
+        camera: Box<Camera>,
+        /// True if its near and far planes are replaced by ones about the scene.
+        fits_depth: bool,
+    },
+}
+
+impl CameraSource {
+    /// True if the camera's near and far planes are replaced by ones about the scene.
+    pub fn fits_depth(&self) -> bool {
+        matches!(self, Self::Given { fits_depth: true, .. })
+    }
+}
 
 /// Share of the image that `--view` fills.
 const FILL: f64 = 0.9;
@@ -82,8 +103,9 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
     if let Some(fov_y_deg) = options.fov_y {
         camera.projection = Projection::Perspective { fov_y_deg };
     }
-    if *camera != before {
-        refit_depth(camera, scene, own_near);
+    let fits_depth = options.camera.as_ref().is_some_and(CameraSource::fits_depth);
+    if *camera != before || fits_depth {
+        refit_depth(camera, scene, own_near || fits_depth);
     }
 }
 

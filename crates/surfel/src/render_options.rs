@@ -1,6 +1,7 @@
 //! What may be said about an image and about the files that it shows: the flags of `surfel render`, as data.
 
 use crate::Error;
+use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::values::{self, Part, RangeChoice, switch};
@@ -8,7 +9,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{
     Accumulate, Camera, ClipPolicy, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance, EdgeAa,
-    Filter, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
+    Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -29,8 +30,10 @@ pub struct RenderOptions {
     pub splats: SplatOptions,
     /// Image width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// A scene file's camera object, alone in a file.
-    pub camera: Option<PathBuf>,
+    /// A scene file's camera object.
+    pub camera: Option<CameraSource>,
+    /// Lights in place of the scene's, or of those that stay with the camera; no flag has them.
+    pub lights: Option<Vec<Light>>,
     /// Cameras of another program give the images: one light along the view serves all, and near planes are chosen.
     pub cameras: bool,
     /// Where to look from.
@@ -319,7 +322,7 @@ impl RenderOptions {
         }
         match flag {
             "size" => self.size = Some(values::size(text)?),
-            "camera" => self.camera = Some(file(text)?),
+            "camera" => self.camera = Some(CameraSource::File(file(text)?)),
             "view" => self.view = Some(values::view(text)?),
             "eye" => self.eye = Some(values::point(text)?),
             "target" => self.target = Some(values::point(text)?),

@@ -3,6 +3,7 @@
 pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
 
+use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::{self, NamedView, Upright, ViewChoice};
@@ -103,6 +104,8 @@ pub struct Resolved {
     pub turntable: Turntable,
     /// The scene's up axis: as the options, the file or its objects say.
     pub up: Up,
+    /// True if a scene file or a file of a camera gave the camera, and not the scene's shape.
+    pub has_own_camera: bool,
     /// Files that the objects' files refer to, found or not; absolute.
     pub beside: BTreeSet<PathBuf>,
 }
@@ -410,6 +413,9 @@ impl Request {
         if let Some(background) = options.background {
             file.background = background;
         }
+        if let Some(lights) = &options.lights {
+            file.lights = Some(lights.clone());
+        }
         if options.shadows {
             // Nobody sees the shadows of the default headlight.
             file.lights = file.lights.take().map(with_shadows);
@@ -432,7 +438,8 @@ impl Request {
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, beside })
+        let has_own_camera = self.options.view.is_none();
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside })
     }
 
     fn scene_of_geometry(
@@ -492,14 +499,14 @@ impl Request {
         camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
         camera::view(&file.camera, options)?;
         // The lights belong to the camera, wherever the options have put it.
-        let lights = lights_of(&file.camera, &framed);
-        drop((framed, objects_only));
-        file.lights = match (options.cameras, options.shadows) {
+        let lights = match (&options.lights, options.cameras) {
+            (Some(lights), _) => Some(lights.clone()),
             // One for all cameras, so that the scene stays as it is: the light along the view.
-            (true, _) => None,
-            (false, true) => Some(with_shadows(lights)),
-            (false, false) => Some(lights),
+            (None, true) => None,
+            (None, false) => Some(lights_of(&file.camera, &framed)),
         };
+        drop((framed, objects_only));
+        file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
@@ -508,7 +515,7 @@ impl Request {
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, beside })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside })
     }
 }
 
@@ -593,7 +600,11 @@ fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
 }
 
 fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
-    let Some(path) = &options.camera else { return Ok(None) };
+    let path = match &options.camera {
+        Some(CameraSource::File(path)) => path,
+        Some(CameraSource::Given { camera, .. }) => return Ok(Some((**camera).clone())),
+        None => return Ok(None),
+    };
     let camera = surfel_io::scene_file::read_camera(path)?;
     camera.validate().map_err(|e| out_of_range(path, &e))?;
     Ok(Some(camera))

@@ -87,9 +87,9 @@ def _image(name: str, thing):
         return os.fspath(thing)
     import numpy as np
 
-    from ._arrays import _array
+    from ._arrays import array as to_array
 
-    array = _array(name, thing)
+    array = to_array(name, thing)
     if array.ndim != 3 or array.shape[2] not in (3, 4) or array.dtype.kind != "f":
         raise UsageError(f"{name}: an array of shape {array.shape} and dtype {array.dtype}, expected linear colours:"
                          " floats of shape (height, width, 3 or 4)")
@@ -102,8 +102,8 @@ def compare(a, b, *, diff=None, force=False) -> dict:
     """How far image `b` is from the reference `a`: the object that `surfel compare --json` prints, with `max_abs`,
     `rmse`, `psnr`, `flip`, and `planes` that both have.
 
-    a, b: files, Images (positions rounded to float32, as in an EXR), or arrays of linear premultiplied colours, floats of shape (height, width, 3 or 4). diff: a
-    .png to write FLIP's error map to. Infinite numbers are float("inf").
+    a, b: files, Images (positions rounded to float32, as in an EXR), or arrays of linear premultiplied colours, floats
+    of shape (height, width, 3 or 4). diff: a .png to write FLIP's error map to. Infinite numbers are float("inf").
 
     Raises InputError for images of different sizes.
     """

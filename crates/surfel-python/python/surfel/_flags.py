@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import numbers
 import os
 
+from ._camera import Camera
 from ._errors import UsageError
 
 SPLATS = frozenset(
-    "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by colormap"
-    " range colorbar crop classes returns where every all_points outliers allow_outside max_texture columns memory".split()
+    "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by"
+    " colormap range colorbar crop classes returns where every all_points outliers allow_outside max_texture columns"
+    " memory".split()
 )
 RENDER = SPLATS | frozenset(
     "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency composite sort clip shader matcap lod_error all_levels shadows edge_aa background samples label backend"
-    " adapter storage threads".split()
+    " depth_tolerance accumulate transparency composite sort clip shader matcap lod_error all_levels shadows edge_aa"
+    " background samples label backend"
+    " adapter storage threads lights force".split()
 )
 CONVERT = SPLATS | {"threads", "resume", "shard"}
 ORTHO = SPLATS | frozenset("gsd dsm normals fill bounds origin size crs backend threads".split())
@@ -68,10 +72,36 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
             raise TypeError(f"{where}() got an unexpected keyword argument '{name}'{help}")
     pairs = []
     for name, value in given.items():
+        if value is None:
+            continue
         # Several conditions must all hold.
-        several = list(value) if name == "where" and isinstance(value, (list, tuple)) else [value]
-        pairs += [(name.replace("_", "-"), _text(name, one)) for one in several if one is not None]
+        if name == "where" and isinstance(value, (list, tuple)):
+            pairs += [(name, _text(name, one)) for one in value if one is not None]
+        elif name == "camera" and isinstance(value, (Camera, dict)):
+            camera = value if isinstance(value, Camera) else Camera.from_dict(value)
+            pairs.append(("camera-object", json.dumps(camera.to_dict())))
+        elif name == "lights":
+            pairs.append(("lights", _lights(value)))
+        else:
+            pairs.append((name.replace("_", "-"), _text(name, value)))
     return pairs
+
+
+def _lights(lights) -> str:
+    """Lights as the JSON of a scene file's `lights`."""
+    def plain(value):
+        if hasattr(value, "tolist"):  # NumPy
+            return value.tolist()
+        raise TypeError
+
+    if isinstance(lights, dict):
+        lights = [lights]
+    try:
+        return json.dumps(list(lights), default=plain, allow_nan=False)
+    except (TypeError, ValueError):
+        expected = '[{"directional": {"direction": [0, 0, -1], "color": [1, 1, 1], "shadow": True}}]'
+        what = f"lights: {lights!r}, expected a list of objects as in a scene file, such as {expected}"
+        raise UsageError(what) from None
 
 
 def planes_of(planes) -> list[str]:

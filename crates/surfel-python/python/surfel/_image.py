@@ -6,6 +6,7 @@ import json
 import os
 
 from . import _native
+from ._camera import Camera
 from ._errors import UsageError
 
 
@@ -141,6 +142,19 @@ class Image:
         """What `--stats` prints of a frame: `frame_ms`, `passes` (name to ms), `splats`, `drawn`, `threads`,
         `backend`."""
         return json.loads(self._native.stats)
+
+    @property
+    def camera(self) -> Camera | None:
+        """The camera that the image is from, for `Scene.render(camera=...)` of any scene. Near and far planes that were
+        made for this scene are left out of it. None of an image of arrays (`compare`)."""
+        text = self._native.camera_json()
+        return None if text is None else Camera.from_dict(json.loads(text))
+
+    @property
+    def lights(self) -> list[dict] | None:
+        """The lights of the image, for `Scene.render(lights=...)` of any scene. None: one shines along the view."""
+        scene = self.scene_file
+        return None if scene is None else scene.get("lights")
 
     @property
     def scene_file(self) -> dict | None:

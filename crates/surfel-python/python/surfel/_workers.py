@@ -10,6 +10,8 @@ from ._image import Image
 from ._scene import Scene
 
 COPC = ".copc.laz"
+# Most parts of a job, as `--tile` and `--shard` have it.
+MOST = 1_000_000
 
 
 class Frames:
@@ -48,8 +50,8 @@ class Tiles:
     """A scene that stays loaded, and bands of rows of one picture of it. Pickled it is what it is made of."""
 
     def __init__(self, scene: Scene, tiles: int, flags: dict):
-        if not isinstance(tiles, int) or tiles < 1:
-            raise UsageError(f"tiles={tiles!r}: expected a whole number of at least 1")
+        if not isinstance(tiles, int) or not 1 <= tiles <= MOST:
+            raise UsageError(f"tiles={tiles!r}: expected a whole number from 1 to {MOST}")
         self._made_of = scene, tiles, flags
         # Arguments that make no sense are told before workers start.
         given = {name: value for name, value in flags.items() if name not in ("K", "world_from_camera", "planes")}
@@ -93,8 +95,8 @@ class Shares:
     """Shares of one conversion, and the file that they are together: files beside it, which it is made of."""
 
     def __init__(self, inputs, output: str, shares: int, flags: dict):
-        if not isinstance(shares, int) or shares < 1:
-            raise UsageError(f"shares={shares!r}: expected a whole number of at least 1")
+        if not isinstance(shares, int) or not 1 <= shares <= MOST:
+            raise UsageError(f"shares={shares!r}: expected a whole number from 1 to {MOST}")
         if isinstance(inputs, (str, os.PathLike)):
             inputs = [inputs]
         self._flags = flags

@@ -1,0 +1,68 @@
+//! Memory that arguments ask for. What doesn't fit is refused by an error that becomes a `MemoryError`, because an
+//! allocation that fails ends the process, and Python with it.
+
+use std::io::ErrorKind;
+use surfel::io::IoError;
+use surfel::memory::default_budget;
+use surfel::model::SplatCount;
+use surfel::render::SHADOW_MAP_SIDE;
+use surfel::request::SplatOptions;
+use surfel::{Error, Planes, View};
+
+/// Most bytes that a point of arrays takes until it is drawn, besides its copy.
+const POINT_BYTES: u64 = 200;
+/// Bytes of a pixel besides its planes, by backend: encoding, edges and tiles; the reference sums in f64.
+const PIXEL_BYTES: u64 = 40;
+const REFERENCE_PIXEL_BYTES: u64 = 640;
+/// Bytes of a shadow map's texel.
+const TEXEL_BYTES: u64 = 24;
+
+/// Refuses `bytes` that are more than may be used, by `--memory` or else by the machine, or than the system gives.
+/// `what` is the argument that asks for them.
+pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), Error> {
+    let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
+    let gives = || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
+    if bytes <= budget && gives() {
+        return Ok(());
+    }
+    let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
+    let may = if bytes > budget { gigabytes(budget) } else { "less".to_owned() };
+    let problem = format!("{} are needed, and {may} may be used", gigabytes(bytes));
+    let source = std::io::Error::new(ErrorKind::OutOfMemory, problem);
+    Err(IoError::System { path: what.into(), action: "fit it into memory", source }.into())
+}
+
+/// Refuses arrays of so many points, and as many splats of a mesh as the options ask for.
+pub(crate) fn check_splats(points: u64, options: &SplatOptions) -> Result<(), Error> {
+    check("points", points.saturating_mul(POINT_BYTES), options.memory)?;
+    let Some(SplatCount::Count(splats)) = options.convert.splats else { return Ok(()) };
+    check("splats", u64::from(splats).saturating_mul(POINT_BYTES), options.memory)
+}
+
+/// Refuses an image of so many pixels, of which each has `samples`, and so many shadow maps.
+pub(crate) fn check_image(
+    view: &View,
+    samples: u32,
+    shadow_maps: usize,
+    planes: Planes,
+    backend: &str,
+    budget: Option<u64>,
+) -> Result<(), Error> {
+    let of_planes = [
+        (planes.shows_color(), 16),
+        (planes.depth || planes.position, 4),
+        (planes.normal, 12),
+        (planes.weight, 4),
+        (planes.index || planes.label, 12),
+        (planes.position, 24),
+        (planes.alpha, 4),
+        (planes.median_depth, 4),
+        (planes.distortion, 4),
+    ];
+    let own = if backend == "reference" { REFERENCE_PIXEL_BYTES } else { PIXEL_BYTES };
+    let pixel_bytes: u64 = own + of_planes.iter().filter(|(wanted, _)| *wanted).map(|(_, bytes)| bytes).sum::<u64>();
+    let pixels = u64::from(view.region.width) * u64::from(view.region.height);
+    let drawn = pixels.saturating_mul(u64::from(samples).pow(2)).saturating_mul(pixel_bytes);
+    let texels = shadow_maps as u64 * u64::from(SHADOW_MAP_SIDE).pow(2);
+    check("size", drawn.saturating_add(texels.saturating_mul(TEXEL_BYTES)), budget)
+}
