@@ -152,6 +152,7 @@ pub(crate) fn unpack(
         let at = Location::Line(line_number);
         row.clear();
         let (mut count, mut bad, mut is_incomplete) = (0, None, false);
+        let first = dialect.words(line).next().and_then(|word| dialect.number(word));
         for word in dialect.words(line) {
             let is_kept = kept.is_none_or(|kept| kept.get(count).copied().unwrap_or(true));
             count += 1;
@@ -185,8 +186,8 @@ pub(crate) fn unpack(
             return Ok(());
         }
         // A PTS file has the number of points before each scan.
-        if count == 1 && row.len() == 1 && (pts || table.rows == 0) {
-            said = said.saturating_add(row[0].max(0.0) as u64);
+        if let Some(points) = first.filter(|_| count == 1 && (pts || table.rows == 0)) {
+            said = said.saturating_add(points.max(0.0) as u64);
             return Ok(());
         }
         if is_incomplete && count == cells || count < cells && dialect.has_empty_cell(line) {

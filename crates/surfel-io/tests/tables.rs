@@ -41,6 +41,7 @@ fn numbers(kind: &str, i: usize, random: &mut Random) -> Vec<f64> {
     let row = i as f64;
     match kind {
         "local" => rounded([0; 3].map(|_| random.unit() * 10.0 - 5.0), 4),
+        "centimetres" => [0; 3].map(|_| random.below(1000)).to_vec(),
         "utm" => rounded([431_000.0, 5_412_000.0, 200.0].map(|at| at + random.unit() * 100.0), 2),
         "sorted" => rounded([row * 0.013, random.unit() * 9.0, random.unit() * 9.0], 3),
         // A raster of heights, whose x and y are whole metres, and voxels, which are sorted.
@@ -192,8 +193,11 @@ const LAYOUTS: &[(&str, &str)] = &[
     ("shuffled utm rgb255 label", "index x y z red green blue label"),
     ("index1 raster i255", "index x y z intensity"),
     ("index0 voxels", "index x y z"),
+    ("gaps centimetres rgb255", "index x y z red green blue"),
+    ("centimetres rgb255", "x y z red green blue"),
     ("index1 local normal rgb255", "index x y z nx ny nz red green blue"),
     ("local rgb255 index0", "x y z red green blue index"),
+    ("utm index9000 return constant", "x y z intensity return_number column_6"),
     ("label local rgb255", "label x y z red green blue"),
     ("label local", "label x y z"),
     ("time local i1", "time x y z intensity"),
@@ -202,6 +206,9 @@ const LAYOUTS: &[(&str, &str)] = &[
     ("local flow", "x y z column_4 column_5 column_6"),
     ("local rgb255 flow", "x y z red green blue column_7 column_8 column_9"),
     ("local i1 signed signed", "x y z column_4 column_5 column_6"),
+    ("raster flow", "x y z column_4 column_5 column_6"),
+    ("raster normal rgb1", "x y z nx ny nz red green blue"),
+    ("i255 label local signed signed", "column_1 label x y z column_6 column_7"),
 ];
 
 #[test]
@@ -318,6 +325,8 @@ fn columns_of_words_are_left_out() {
         ("a,x,y,z,b\nq,1.5,2.5,3.5,w\ne,2,3,4,r\nt,3,4,5,y\n", "left out columns 1 (a), 5 (b): they hold words"),
         // Decimal commas, where semicolons divide.
         ("wer;x;y;z\nBaum;1,5;2,5;3,5\nHaus;2;3;4\nBaum;3;4;5\n", "left out column 1 (wer): it holds words"),
+        // Atoms: a count, an empty line, and elements.
+        ("3\n\nC 1.5 2.5 3.5\nO 2 3 4\nH 3 4 5\n", "left out column 1: it holds words, not numbers"),
         // Rows that begin with a name, and no line of names.
         ("tree 1.5 2.5 3.5\nhouse 2 3 4\ntree 3 4 5\n", "left out column 1: it holds words, not numbers"),
     ] {
@@ -388,6 +397,7 @@ fn arrays_that_are_no_table_are_refused() {
     let (height, width) = (48, 64);
     let depth = |i: usize| 2.0 + 0.01 * (i % width) as f64 + 0.3 * ((i / width) as f64 * 0.2).sin();
     refused("a.npy", shaped("(48, 64)", (0..height * width).map(depth)), "48×64 numbers, an image");
+    refused("a.npy", shaped("(48, 64)", (0..48 * 64).map(|i| 1.0 + (i % 64) as f64 / 63.0)), "an image");
     refused("a.npy", shaped("(16, 12)", (0..192).map(|i| 2.0 + 0.01 * (i % 12 + i / 12) as f64)), "16×12");
     let mut random = Random(3);
     refused("a.npy", shaped("(40, 40)", (0..1600).map(|_| random.unit())), "an image");

@@ -42,6 +42,11 @@ impl Column {
         self.step.is_some_and(|step| step != 0.0)
     }
 
+    /// True if the column counts all rows from 0 or 1.
+    pub(super) fn numbers_rows(&self) -> bool {
+        self.step == Some(1.0) && (self.least == 0.0 || self.least == 1.0)
+    }
+
     /// True if the values are few whole numbers without large gaps, as classes have.
     pub(super) fn is_dense_label(&self) -> bool {
         let span = self.most - self.least + 1.0;
@@ -56,6 +61,14 @@ impl Column {
     fn is_few(&self) -> bool {
         let is_repeated = self.distinct <= 64 && self.distinct * 3 <= self.sample.len();
         self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
+    }
+
+    /// True if no value is more than three times as far from the one before as is usual. Identifiers are dealt out so;
+    /// sorted coordinates aren't.
+    pub(super) fn has_even_gaps(&self) -> bool {
+        let gaps: Vec<f64> = self.successive().map(|(before, after)| (after - before).abs()).collect();
+        let usual = gaps.iter().sum::<f64>() / gaps.len().max(1) as f64;
+        gaps.len() >= 2 * MANY_ROWS && gaps.iter().all(|gap| *gap <= 3.0 * usual)
     }
 
     /// Pairs of values of the sample that follow one another in the file.

@@ -17,7 +17,7 @@ pub(crate) use refused::{Matrix, are_image_colors, is_image, matrix_kind};
 use crate::error::Problem;
 use crate::strided::Strided;
 use evidence::{Column, MANY_ROWS, Scale, Triple, measure};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// What some neighbouring columns hold.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -156,6 +156,12 @@ impl State {
     }
 }
 
+/// True if hardly any row of the sample has the x and y of another.
+fn are_cells(x: &Column, y: &Column) -> bool {
+    let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
+    pairs.len() * 100 >= x.sample.len() * 99
+}
+
 /// The search for the layout with the largest score.
 struct Choice<'a> {
     columns: &'a [Column],
@@ -245,7 +251,7 @@ impl Choice<'_> {
                 let is_last = i + 1 == self.columns.len();
                 let few = if rows < MANY_ROWS { 0.15 } else { 0.0 };
                 match state.before {
-                    _ if self.says_nothing(i) && i > 3 || column.counts() && rows >= MANY_ROWS => None,
+                    _ if self.says_nothing(i) && i > 3 || column.numbers_rows() && rows >= MANY_ROWS => None,
                     Some(Role::Position) => Some(1.05 + few),
                     Some(Role::Color | Role::Normal) if is_last => Some(1.0),
                     _ => None,
@@ -271,15 +277,14 @@ impl Choice<'_> {
             return None;
         }
         if !is_first {
-            return (column.step == Some(1.0) && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
+            return (column.numbers_rows() && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
         }
         // A table that was saved twice with its index has it twice.
         let is_twice = state.before.is_none() && self.columns[i + 1].counts() && column.counts();
         let next = self.columns.get(i + 1 + usize::from(is_twice)..i + 4 + usize::from(is_twice))?;
         let fractional = next.iter().filter(|c| !c.is_whole).count();
         if rows < MANY_ROWS {
-            let counts = column.step == Some(1.0) && (column.least == 0.0 || column.least == 1.0);
-            return (counts && fractional == 3).then_some(6.0);
+            return (column.numbers_rows() && fractional == 3).then_some(6.0);
         }
         // Where many columns count, none of them is an index.
         if next.iter().any(Column::counts) && next.iter().any(|c| c.step == column.step) {
@@ -288,7 +293,7 @@ impl Choice<'_> {
         if column.counts() {
             return Some(6.0);
         }
-        if column.is_increasing && fractional > 0 {
+        if column.is_increasing && (fractional > 0 || column.has_even_gaps()) {
             return Some(5.0);
         }
         let is_distinct = rows >= 2 * MANY_ROWS && column.distinct == rows.min(1024);
@@ -324,6 +329,12 @@ impl Choice<'_> {
         }
         if x.is_whole && !y.is_whole && !z.is_whole {
             score -= 4.0;
+        }
+        // Two whole numbers before three fractions are no x and y, unless they are those of a raster's cells.
+        let next = self.columns.get(i + 3..i + 5).unwrap_or_default();
+        let are_fractions_next = next.len() == 2 && next.iter().all(|c| !c.is_whole);
+        if x.is_whole && y.is_whole && !z.is_whole && are_fractions_next && !are_cells(x, y) {
+            score -= 3.0;
         }
         if i > 0 && [x, y, z].iter().any(|c| c.counts()) {
             score -= 6.0;

@@ -12,7 +12,7 @@ const ROUNDING: f64 = 2e-3;
 const IMAGE_SIDE: usize = 8;
 /// Columns from which a table whose columns are all alike is taken as an image.
 #[cfg(feature = "npy")]
-const WIDE: usize = 13;
+const WIDE: usize = 20;
 
 /// A problem if each row holds a camera's pose: the 12 or 16 numbers of a matrix.
 pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
@@ -98,11 +98,13 @@ pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let measured = super::measure(columns);
     let least = measured.iter().fold(f64::INFINITY, |least, c| least.min(c.least));
     let most = measured.iter().fold(f64::NEG_INFINITY, |most, c| most.max(c.most));
-    // Neighbours whose ranges are the same for the most part.
+    // Neighbours whose ranges are the same for the most part, or begin and end nearly alike.
     let is_alike = |pair: &&[Column]| {
-        let both = pair[0].most.min(pair[1].most) - pair[0].least.max(pair[1].least);
-        let either = pair[0].most.max(pair[1].most) - pair[0].least.min(pair[1].least);
-        either == 0.0 || both >= 0.5 * either
+        let [a, b] = [&pair[0], &pair[1]];
+        let both = a.most.min(b.most) - a.least.max(b.least);
+        let either = a.most.max(b.most) - a.least.min(b.least);
+        let apart = (a.least - b.least).abs() + (a.most - b.most).abs();
+        both >= 0.5 * either || apart <= 0.1 * (most - least)
     };
     let alike = measured.windows(2).filter(is_alike).count();
     let are_coordinates_alike = measured.windows(2).take(3).all(|pair| is_alike(&pair));
