@@ -166,8 +166,8 @@ def scene(points, normals=None, colors=None, radii=None, *, attributes=None, fac
     points: (n, 3), any real dtype and strides; float64 keeps its precision. Or an object of torch, Open3D, trimesh,
     PyVista or laspy, whose arrays are taken.
     normals: (n, 3). colors: (n, 3) or (n, 4) with alpha; uint8 and uint16 are sRGB-encoded, floats linear from 0 to 1.
-    radii: (n,) or a number, world units: with normals each point is a disk as it is. Without them normals are estimated,
-    and radii whose median exceeds five spacings of the points are an attribute instead, which a note says.
+    radii: (n,) or a number, world units: with normals each point is a disk as it is. Without them normals are
+    estimated, and radii whose median exceeds five spacings of the points are an attribute instead, which a note says.
     attributes: names to (n,), which `color_by`, `where` and `classes` use. faces: (m, 3) whole numbers: a mesh.
     Other keywords as in `open`.
 
