@@ -113,13 +113,15 @@ fn ply_names_are_those_that_text_files_know() {
         }
     }
     // Messages use the file's names.
-    let text = "ply\nformat ascii 1.0\nelement point 2\nproperty float X\nproperty float Y\nproperty float Z\nend_header\n1 2 ";
+    let xyz = "property float X\nproperty float Y\nproperty float Z\nend_header\n";
+    let text = format!("ply\nformat ascii 1.0\nelement point 2\n{xyz}1 2 ");
     let error = try_read(Format::Ply, format!("{text}q")).unwrap_err();
     assert!(error.contains("'q' as property 'Z' of element 'point' number 0"), "{error}");
     let error = try_read(Format::Ply, format!("{text}3\n")).unwrap_err();
     assert!(error.contains("within element 'point' number 1 of 2"), "{error}");
     // What isn't lengths isn't read as such.
-    let degrees = "ply\nformat ascii 1.0\nelement point 1\nproperty float lon\nproperty float lat\nproperty float z\nend_header\n1 2 3\n";
+    let lon_lat = "property float lon\nproperty float lat\nproperty float z\nend_header\n1 2 3\n";
+    let degrees = format!("ply\nformat ascii 1.0\nelement point 1\n{lon_lat}");
     assert!(try_read(Format::Ply, degrees).unwrap_err().contains("have z but lack x y"));
 }
 
@@ -590,8 +592,8 @@ fn alphas_that_are_all_0_mean_opaque() {
     let loaded = read(Format::Off, "COFF\n3 1 0\n0 0 0 1 0 0 0\n1 0 0 1 0 0 0\n0 1 0 1 0 0 0\n3 0 1 2\n");
     assert!(loaded.notes.contains(&NOTE.to_owned()), "{:?}", loaded.notes);
     assert_eq!(mesh(loaded).alphas, None);
-    let splat = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty \
-                 float nx\nproperty float ny\nproperty float nz\nproperty float radius\nproperty float alpha\n\
+    let splat = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                 property float nx\nproperty float ny\nproperty float nz\nproperty float radius\nproperty float alpha\n\
                  end_header\n0 0 0 0 0 1 1 0\n";
     assert_eq!(splats(read(Format::Ply, splat)).data().alphas, None);
 }
@@ -611,8 +613,8 @@ fn ply_radii_without_normals_are_those_of_points() {
     let found = points(read(Format::Xyz, "x y z radius\n1 2 3 0.5\n2 2 3 0.5\n"));
     assert_eq!((found.radii, found.extras[0].name.as_str()), (Some(vec![0.5, 0.5]), "radius"));
     // Normals and half-axes make splats of them, as ever.
-    let error = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\nproperty \
-                 float nx\nproperty float radius\nend_header\n0 0 0 0 1\n";
+    let error = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+                 property float nx\nproperty float radius\nend_header\n0 0 0 0 1\n";
     assert!(try_read(Format::Ply, error).unwrap_err().contains("have nx radius but lack ny nz"));
 }
 

@@ -5,7 +5,7 @@ use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_level};
 use crate::columns::{Numbers, number_type, to_f32, to_f64};
 use crate::context::Context;
 use crate::error::Fault;
-use crate::strided::{NumberType, combined};
+use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
@@ -70,6 +70,18 @@ impl ColorScale {
         }
     }
 
+    /// The function that makes stored numbers linear.
+    fn linear(self) -> impl Fn(f64) -> f32 + Sync {
+        let bytes = linear_of_8_bit();
+        let shorts = if self == Self::Encoded(65_535.0) { linear_of_16_bit() } else { &[] };
+        move |level| match self {
+            Self::Linear => level as f32,
+            Self::Encoded(255.0) if level.fract() == 0.0 => bytes[level.clamp(0.0, 255.0) as usize],
+            Self::Encoded(65_535.0) if level.fract() == 0.0 => shorts[level.clamp(0.0, 65_535.0) as usize],
+            Self::Encoded(most) => linear_of_level(level, most),
+        }
+    }
+
     /// The note about a scale that the type alone doesn't state.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
@@ -94,36 +106,34 @@ pub(super) fn take_colors(
     floats: FloatColors,
     context: &mut Context<'_>,
 ) -> Result<Option<Vec<[f32; 3]>>, Fault> {
-    let columns = match take_set(table, RGB)? {
-        Some([Numbers::Stored(r), Numbers::Stored(g), Numbers::Stored(b)])
-            if [r, g, b].iter().all(|c| c.kind() == NumberType::U8) =>
-        {
-            let bytes = linear_of_8_bit();
-            return Ok(Some(combined([r, g, b], |levels| levels.map(|level| bytes[level as usize]))));
+    let Some(columns) = take_set(table, RGB)? else { return Ok(take_packed(table)) };
+    let columns = match columns {
+        [Numbers::Stored(r), Numbers::Stored(g), Numbers::Stored(b)] => {
+            return Ok(Some(stored_colors([r, g, b], floats, context)));
         }
-        Some(columns) => columns.map(ExtraValues::from),
-        None => return Ok(take_packed(table)),
+        columns => columns.map(ExtraValues::from),
     };
     let kind = ColorType::of([0, 1, 2].map(|k| number_type(&columns[k])));
-    if let [ExtraValues::U8(r), ExtraValues::U8(g), ExtraValues::U8(b)] = &columns {
-        let bytes = linear_of_8_bit();
-        return Ok(Some(zip(r, g, b, |level| bytes[usize::from(level)])));
-    }
-    if let [ExtraValues::U16(r), ExtraValues::U16(g), ExtraValues::U16(b)] = &columns {
-        let largest = [r, g, b].into_iter().flatten().copied().max().unwrap_or(0);
-        let scale = ColorScale::of(kind, largest.into(), true, floats);
-        scale.note(kind, largest.into()).into_iter().for_each(|note| context.note(note));
-        let table = if scale == ColorScale::Encoded(255.0) { linear_of_8_bit() } else { linear_of_16_bit() };
-        return Ok(Some(zip(r, g, b, |level| table[usize::from(level)])));
-    }
-    if kind == ColorType::Float && floats == FloatColors::Linear {
-        let [r, g, b] = columns.map(to_f32);
-        return Ok(Some(zip(&r, &g, &b, |c| c)));
-    }
     let [r, g, b] = columns.map(|column| to_f64(&column));
     let scale = Printed([&r, &g, &b]).scale(kind, floats, context);
-    let most = if let ColorScale::Encoded(most) = scale { most } else { 1.0 };
-    Ok(Some(zip(&r, &g, &b, |level| linear_of_level(level, most))))
+    let linear = scale.linear();
+    Ok(Some(r.iter().zip(&g).zip(&b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()))
+}
+
+/// Linear colours of columns that are read where they are stored.
+fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut Context<'_>) -> Vec<[f32; 3]> {
+    let kind = ColorType::of(columns.map(|c| c.kind()));
+    let largest = match kind {
+        ColorType::Byte => 255.0,
+        _ => ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1)),
+    };
+    let is_whole = |row: [f64; 3]| row.iter().all(|c| !c.is_finite() || c.fract() == 0.0);
+    // Others are told by the largest alone.
+    let matters = kind == ColorType::Float && largest > 1.0 && largest <= BRIGHTEST;
+    let scale = ColorScale::of(kind, largest, matters && combined(columns, is_whole).iter().all(|w| *w), floats);
+    scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
+    let linear = scale.linear();
+    combined(columns, |row| row.map(&linear))
 }
 
 /// Takes red, green and blue, which have to be there, as fractions of what they count to, and whether they are linear.
@@ -153,10 +163,6 @@ impl Printed<'_> {
         scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
         scale
     }
-}
-
-fn zip<T: Copy>(r: &[T], g: &[T], b: &[T], linear: impl Fn(T) -> f32) -> Vec<[f32; 3]> {
-    r.iter().zip(g).zip(b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()
 }
 
 /// Takes colours in the bits of one number, as PCL has them. Floats that aren't such bits stay.
