@@ -121,7 +121,8 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
     header = ["ply", "format binary_little_endian 1.0", f"element vertex {count}"]
     header += [f"property {_TYPES[kind]} {name}" for name, kind, _ in columns]
     vertex = np.dtype([(name, "<" + kind) for name, kind, _ in columns])
-    face = np.dtype([("n", "u1"), ("i", "<i4", 3), *((name, "<" + kind) for name, kind, _ in of_faces)])
+    # Names that no attribute can have.
+    face = np.dtype([(".n", "u1"), (".i", "<i4", 3), *((name, "<" + kind) for name, kind, _ in of_faces)])
     if faces is not None:
         if faces.dtype.kind not in "iu":
             raise InputError(f"faces: dtype {faces.dtype}, expected whole numbers")
@@ -138,7 +139,7 @@ def to_ply(points, normals=None, colors=None, radii=None, attributes=None, faces
         table[name] = values
     if faces is not None:
         lists = data[end:].view(face)
-        lists["n"], lists["i"] = 3, faces
+        lists[".n"], lists[".i"] = 3, faces
         for name, _, values in of_faces:
             lists[name] = values
     return data

@@ -167,7 +167,8 @@ def scene(points, normals=None, colors=None, radii=None, *, attributes=None, fac
     PyVista or laspy, whose arrays are taken.
     normals: (n, 3). colors: (n, 3) or (n, 4) with alpha; uint8 and uint16 are sRGB-encoded, floats linear from 0 to 1.
     radii: (n,) or a number, world units; needs normals, and then each point is a disk as it is.
-    attributes: names to (n,), which `color_by`, `where` and `classes` use. faces: (m, 3) whole numbers: a mesh.
+    attributes: names to (n,), which `color_by`, `label`, `where` and `classes` use; with faces to (m,), too.
+    faces: (m, 3) whole numbers: a mesh.
     Other keywords as in `open`.
 
     Raises InputError (shape, values) and TypeError (dtype), naming the argument.
