@@ -321,7 +321,7 @@ pub(crate) struct SplatArgs {
     /// Write the colours of --color-by with their values as an image of its own: OUT-colorbar.png without a name.
     #[arg(long, num_args = 0..=1, require_equals = true, value_name = "FILE.png", help_heading = "Splats")]
     pub(crate) colorbar: Option<Option<PathBuf>>,
-    /// What that image shows, where it is known already.
+    /// Colouring that the image shows, if it is known before the inputs are loaded.
     #[arg(skip)]
     pub(crate) legend: Option<Arc<Coloring>>,
     /// Only points and splats within this box, in the file's coordinates.

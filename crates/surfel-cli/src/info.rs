@@ -76,7 +76,8 @@ fn attribute_lines(facts: &Value) -> Vec<(&'static str, String)> {
     let mut lines = Vec::new();
     for (name, column) in attributes(facts) {
         if let Some(kind) = column["type"].as_str() {
-            lines.push(("column", format!("{name}: {kind}, {} to {}", column["min"], column["max"])));
+            let of = column["of"].as_str().map_or_else(String::new, |of| format!(", of {of}"));
+            lines.push(("column", format!("{name}: {kind}, {} to {}{of}", column["min"], column["max"])));
         }
     }
     for c in list("classes") {

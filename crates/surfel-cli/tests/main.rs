@@ -2,6 +2,7 @@
 
 mod again;
 mod attributes;
+mod colors;
 mod common;
 mod exit_codes;
 mod gaussians;

@@ -881,3 +881,56 @@ fn rounded_coordinates_are_told_unless_a_node_moves_them() {
     let notes = read(4e6, 0.0);
     assert!(notes[0].contains("rounded to steps of 0.25 there"), "{notes:?}");
 }
+
+#[test]
+fn own_attributes_are_columns_of_the_vertices() {
+    let mut d = Document::default();
+    let position = d.floats(&TRIANGLE, "VEC3", 3);
+    let heat = d.floats(&[1.0, -2.5, f32::NAN], "SCALAR", 3);
+    let part = d.column(&[7, 0, 9, 0, 255, 255], U16, "SCALAR", 3);
+    let vector = d.floats(&TRIANGLE, "VEC3", 3);
+    let document = d.with(json!({
+        "meshes": [{"primitives": [
+            {"attributes": {"POSITION": position, "_HEAT": heat, "_VECTOR": vector}},
+            {"attributes": {"POSITION": position, "_HEAT": heat, "_PART": part}},
+            {"attributes": {"POSITION": position}},
+        ]}],
+        "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}],
+    }));
+    let loaded = load(&document);
+    assert_eq!(loaded.attributes, ["position", "_HEAT", "_PART"]);
+    assert_eq!(loaded.notes, ["ignored the attributes _VECTOR: they aren't one number a vertex, or are more than 64"]);
+    let m = mesh(loaded);
+    let values = |name: &str| {
+        let column = m.vertex_extras.iter().find(|extra| extra.name == name).unwrap();
+        (0..9).map(|i| column.values.get(i)).map(|v| if v.is_nan() { 999.0 } else { v }).collect::<Vec<_>>()
+    };
+    assert_eq!(values("_HEAT"), [1.0, -2.5, 999.0, 1.0, -2.5, 999.0, 999.0, 999.0, 999.0]);
+    assert_eq!(values("_PART"), [999.0, 999.0, 999.0, 7.0, 9.0, 65_535.0, 999.0, 999.0, 999.0]);
+    // Points have them, too.
+    let primitive = json!({"mode": 0, "attributes": {"POSITION": position, "_PART": part}});
+    let p = points(load(&d.with(scene(primitive))));
+    assert_eq!((p.extras[0].name.as_str(), p.extras[0].values.get(2)), ("_PART", 65_535.0));
+    // Of another length than the vertices.
+    let short = d.floats(&[1.0], "SCALAR", 1);
+    let primitive = json!({"attributes": {"POSITION": position, "_PART": short}});
+    assert!(try_load(&d.with(scene(primitive))).unwrap_err().contains("_PART has 1 values"));
+}
+
+#[test]
+fn own_attributes_of_many_names_are_bounded() {
+    let mut d = Document::default();
+    let position = d.floats(&TRIANGLE, "VEC3", 3);
+    let heat = d.floats(&[1.0, 2.0, 3.0], "SCALAR", 3);
+    let primitive = |p: usize| {
+        let mut attributes = json!({"POSITION": position});
+        (0..50).for_each(|i| attributes[format!("_A{}", 50 * p + i)] = json!(heat));
+        json!({"attributes": attributes})
+    };
+    let primitives: Vec<Value> = (0..4).map(primitive).collect();
+    let document = d.with(json!({"meshes": [{"primitives": primitives}], "nodes": [{"mesh": 0}],
+        "scenes": [{"nodes": [0]}]}));
+    let loaded = load(&document);
+    assert!(loaded.notes[0].contains("or are more than 64"), "{:?}", loaded.notes);
+    assert_eq!(mesh(loaded).vertex_extras.len(), 64);
+}

@@ -475,3 +475,40 @@ fn gaussian_haze_is_dropped_and_an_invalid_one_is_not_hidden() {
     assert!(try_load(gaussian_text(None, "0 0 0 0", "0")).unwrap_err().contains("splat 0 is invalid"));
     assert!(try_load(gaussian_text(None, "1 0 0 0", "nan")).unwrap_err().contains("alpha"));
 }
+
+#[test]
+fn meshes_have_columns_of_vertices_and_of_triangles() {
+    let text = "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\nproperty float z\n\
+                property double heat\nproperty uchar kind\nelement face 3\nproperty list uchar int vertex_indices\n\
+                property int part\nproperty float Heat\nend_header\n\
+                0 0 0 1.5 1\n1 0 0 2.5 2\n1 1 0 3.5 3\n0 1 0 4.5 4\n0 2 0 nan 5\n\
+                4 0 1 2 3 -7 0.5\n2 0 1 8 0.25\n3 3 2 4 9 0.75\n";
+    let loaded = load(text);
+    assert_eq!(loaded.attributes, ["position", "heat", "kind", "part", "face_Heat"]);
+    let m = mesh(loaded);
+    let column = |name: &str, values| ExtraColumn { name: name.into(), values };
+    assert_eq!(m.vertex_extras[1], column("kind", ExtraValues::U8(vec![1, 2, 3, 4, 5])));
+    assert_eq!(m.vertex_extras[0].values.range(), Some((1.5, 4.5)));
+    // A quad is two triangles; a face of two corners is none.
+    assert_eq!(m.triangles.len(), 3);
+    let parts = column("part", ExtraValues::I32(vec![-7, -7, 9]));
+    assert_eq!(m.triangle_extras, [parts, column("face_Heat", ExtraValues::F32(vec![0.5, 0.5, 0.75]))]);
+    // Vertices that textures split keep their values.
+    let corners = "property list uchar float texcoord\nend_header";
+    let split = text.replace("end_header", corners);
+    let split = split.replacen("ply\nformat ascii 1.0\n", "ply\nformat ascii 1.0\ncomment TextureFile none.png\n", 1);
+    let split = split.replace("-7 0.5\n", "-7 0.5 8 0 0 1 0 1 1 0 1\n").replace("8 0.25\n", "8 0.25 0\n");
+    let split = mesh(load(split.replace("9 0.75\n", "9 0.75 6 .5 .5 .6 .6 .7 .7\n")));
+    assert_eq!(split.positions.len(), 7);
+    for i in 0..7 {
+        let (x, y) = (split.positions.get(i).x, split.positions.get(i).y);
+        let expected = match (x as i32, y as i32) {
+            (0, 0) => 1.0,
+            (1, 0) => 2.0,
+            (1, 1) => 3.0,
+            (0, 1) => 4.0,
+            _ => 5.0,
+        };
+        assert_eq!(split.vertex_extras[1].values.get(i), expected, "{x} {y}");
+    }
+}

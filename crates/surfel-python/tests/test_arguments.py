@@ -80,6 +80,7 @@ POINTS, COLORS = sphere(60)
         (lambda: surfel.scene("a.ply"), TypeError, "points"),
         (lambda: surfel.scene(POINTS, normals=POINTS[:9]), surfel.InputError, "normals: 9 rows, expected 60"),
         (lambda: surfel.scene(POINTS, colors=COLORS[:, :2]), surfel.InputError, "colors: shape"),
+        (lambda: surfel.scene(POINTS).render(where="z>0 and"), surfel.UsageError, "where=.*ends after character 7"),
         (lambda: surfel.scene(POINTS, faces=[[0, 1, 60]]), surfel.InputError, "faces: from 0 to 60"),
         (lambda: surfel.scene(POINTS, sise=3), TypeError, "'sise': did you mean size"),
         (lambda: surfel.scene(POINTS).render(size=(0, 5)), surfel.UsageError, "size=0x5: expected WxH"),

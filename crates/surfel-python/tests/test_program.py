@@ -151,6 +151,22 @@ def test_planes_of_what_is_nearest_are_the_programs(program, data, tmp_path):
     assert set(names[:3]) | {"position.X"} <= set(found) and all(plane["differing"] > 0 for plane in found.values())
 
 
+def test_meshes_are_coloured_by_their_own_attributes(tmp_path):
+    i, j = np.divmod(np.arange(36), 6)
+    points = np.stack([i, j, 0 * i], axis=1).astype(np.float32)
+    a = (np.arange(36).reshape(6, 6)[:5, :5]).ravel()
+    faces = np.concatenate([np.stack([a, a + 6, a + 7], 1), np.stack([a, a + 7, a + 1], 1)])
+    flags = {"size": (40, 40), "view": "top", "up": "+z", "ortho": True, "shader": "unlit"}
+    s = surfel.scene(points, faces=faces, attributes={"n": points[:, 0], "side": (np.arange(50) >= 25).astype("u1")})
+    image = s.render(color_by="n", range=(0, 5), **flags)
+    assert any("coloured by n by viridis from 0 to 5" in note for note in image.notes), image.notes
+    sides = s.render(label="side", planes=["label"], **flags)
+    assert set(np.unique(sides.label)) <= {0, 1, 2**32 - 1} and {0, 1} <= set(np.unique(sides.label))
+    both = surfel.scene(points, attributes={"n": points[:, 0]}, **flags)
+    few = both.render(where=["n>=1 or y<1", "not n=5"], color_by="n")
+    assert any("chose 25 of 36 points" in note for note in few.notes), few.notes
+
+
 def test_tiles_are_rows_of_the_whole(program, data, tmp_path):
     scene = surfel.open(data / "disks.ply", size=(64, 50))
     whole = scene.render()

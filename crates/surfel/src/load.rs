@@ -365,7 +365,7 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     Ok(())
 }
 
-/// What is said of a file that lacks the attribute that it is to be coloured by.
+/// Describes a file that lacks the attribute that it is to be coloured by.
 pub(crate) fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these" }
@@ -461,10 +461,12 @@ pub(crate) fn splats_of(
             cloud = columns.labels(cloud, attribute)?;
         }
     }
+    let of_mesh = on_mesh.as_ref().map(MeshColumns::names).unwrap_or_default();
     if let Some(attribute) = &options.label
         && !labels::label(&mut cloud, attribute, path)?
     {
-        let known: Vec<String> = cloud.data().extras.iter().map(|e| e.name.escape_debug().to_string()).collect();
+        let mut known = of_mesh.clone();
+        known.extend(cloud.data().extras.iter().map(|e| e.name.escape_debug().to_string()));
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
         notes.push(format!("no attribute {attribute}, so its splats have no label (attributes: {known})"));
     }
@@ -485,6 +487,7 @@ pub(crate) fn splats_of(
         range: options.range,
         up: options.up.or_else(|| up_reason.map(|_| loaded.up)),
         convention: UpConvention::of(is_of_points, loaded.up),
+        others: of_mesh.clone(),
     });
     if options.interior_weight
         && cloud.data().interior_weight.is_none()
@@ -585,6 +588,9 @@ pub(crate) fn load_mesh(
     let (up, up_reason) = (loaded.up, up_reason(&loaded));
     beside.extend(loaded.beside);
     let mut notes = loaded.notes;
+    if options.color_by.is_some() {
+        notes.push("drew polygons without color_by: give the file as \"splats\" to colour it by values".into());
+    }
     let found = match loaded.content {
         Content::Mesh(mesh) if !mesh.triangles.is_empty() => {
             if mesh.is_see_through() {

@@ -18,6 +18,12 @@ impl MeshColumns {
         has_any.then_some(Self { mesh, places: None })
     }
 
+    /// The names of the columns, of vertices and of faces.
+    pub(crate) fn names(&self) -> Vec<String> {
+        let all = self.mesh.vertex_extras.iter().chain(&self.mesh.triangle_extras);
+        all.map(|extra| extra.name.escape_debug().to_string()).collect()
+    }
+
     /// Gives splats all columns: numbers with fractions interpolated over triangles, whole numbers those of the nearest
     /// vertex.
     pub(crate) fn all(&mut self, cloud: SplatCloud) -> Result<SplatCloud, ModelError> {

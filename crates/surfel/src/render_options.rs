@@ -111,11 +111,11 @@ pub struct SplatOptions {
     pub convert: ConvertOptions,
     /// Splats that face away are left out, or none; `None`: those of what closes.
     pub cull: Option<Cull>,
-    /// Images of one input each share a range ([`crate::request::shared_coloring`]).
+    /// True if images of one input each share a range ([`crate::request::shared_coloring`]).
     pub shared_range: bool,
     /// Image of the colours of values to write.
     pub colorbar: Option<PathBuf>,
-    /// What that image shows, where the values of other images count, too.
+    /// Colouring that the image shows, if the values of other images count, too.
     pub legend: Option<Arc<Coloring>>,
     /// An existing file of that name is overwritten.
     pub force: bool,

@@ -519,8 +519,8 @@ impl Request {
     }
 }
 
-/// One colouring of the values of all sources, of which each is drawn by itself; `None` if they are coloured by no
-/// numbers. The sources are loaded one after another.
+/// Finds one colouring for the values of all sources, of which each is drawn by itself; `None` if they are coloured by
+/// no numbers. The sources are loaded one after another.
 ///
 /// # Errors
 /// [`Error::Usage`] if the options name no attribute; as [`Request::new`] and [`Request::load`].

@@ -56,11 +56,11 @@ pub struct LoadedObjects {
     pub unused: Vec<(PathBuf, UnusedOption)>,
     /// What files are coloured by, where that was asked for.
     pub colorings: Colorings,
-    /// What each object is to be coloured by.
+    /// Colourings that are asked for, one an object.
     pub color_jobs: ColorJobs,
 }
 
-/// What each object of [`LoadedObjects`] is to be coloured by.
+/// Colourings that are asked for the objects of [`LoadedObjects`].
 #[derive(Clone, Debug, Default)]
 pub struct ColorJobs(Vec<Option<ColorJob>>);
 
@@ -248,7 +248,7 @@ impl LoadedObjects {
         Ok(())
     }
 
-    /// Adds the values that these objects are to be coloured by.
+    /// Adds the values of the attributes that these objects are to be coloured by.
     pub(crate) fn tally(mut self, tallies: &mut Tallies) {
         let jobs = std::mem::take(&mut self.color_jobs.0);
         let mut clouds: Vec<Shared> = Vec::new();

@@ -192,7 +192,7 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
     }
 }
 
-/// What `--range` says.
+/// Value of `--range`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RangeChoice {
     /// The range of all inputs, also where each has an image of its own.

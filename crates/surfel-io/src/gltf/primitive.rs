@@ -12,6 +12,9 @@ use gltf::accessor::Dimensions;
 use gltf::{Primitive, Semantic};
 use surfel_model::{ExtraColumn, ExtraValues};
 
+/// Most columns of attributes of a file's own.
+pub(super) const MOST_OWN_COLUMNS: usize = 64;
+
 /// Where a primitive's attributes come from: its accessors or a compressed mesh.
 pub(super) struct Attributes<'a> {
     pub(super) asset: &'a Asset<'a>,
@@ -57,7 +60,11 @@ impl Attributes<'_> {
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());
-        for name in document.own_attributes(self.primitive, self.mesh) {
+        for (i, name) in document.own_attributes(self.primitive, self.mesh).enumerate() {
+            if i >= MOST_OWN_COLUMNS {
+                left_out.push(name.to_owned());
+                continue;
+            }
             let index = document.attribute(self.primitive, self.mesh, name).unwrap_or(usize::MAX);
             let accessor = document.gltf.accessors().nth(index);
             let count = document.gltf.accessors().len();

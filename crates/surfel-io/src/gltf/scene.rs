@@ -6,7 +6,7 @@ use super::draco::{self, DracoMesh};
 use super::instances;
 use super::materials::Materials;
 use super::nodes::Nodes;
-use super::primitive::{Attributes, Vertices, same_count, world_positions};
+use super::primitive::{Attributes, MOST_OWN_COLUMNS, Vertices, same_count, world_positions};
 use super::rest_pose::{JointSet, Pose, SkinnedPose, joints};
 use super::splats::GatheredSplats;
 use super::wrap;
@@ -42,7 +42,8 @@ struct Gathered {
     step: f64,
     /// True if some vertex colour isn't transparent; `None` without vertex colours.
     has_alpha: Option<bool>,
-    /// Names of primitives' own attributes that aren't read.
+    /// Names of primitives' own attributes that are read, and of those that aren't.
+    columns: BTreeSet<String>,
     left_out: BTreeSet<String>,
     /// Joints of each skin that has been used.
     joints: HashMap<usize, Rc<Vec<DAffine3>>>,
@@ -60,7 +61,10 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
     }
     if !all.left_out.is_empty() {
         let names: Vec<&str> = all.left_out.iter().map(String::as_str).collect();
-        context.note(format!("ignored the attributes {}: they aren't one number a vertex", list(&names)));
+        context.note(format!(
+            "ignored the attributes {}: they aren't one number a vertex, or are more than {MOST_OWN_COLUMNS}",
+            list(&names)
+        ));
     }
     if all.lines > 0 {
         context.note(format!("ignored {} primitives that are lines", all.lines));
@@ -85,6 +89,7 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
         skinned: 0,
         step: 0.0,
         has_alpha: None,
+        columns: BTreeSet::new(),
         left_out: BTreeSet::new(),
         joints: HashMap::new(),
         instances: HashMap::new(),
@@ -162,9 +167,7 @@ impl Gathered {
         if let Some(colors) = surface.colors() {
             self.has_alpha = Some(self.has_alpha == Some(true) || colors.iter().any(|c| c[3] != 0.0));
         }
-        let (extras, left_out) = attributes.own_columns(n)?;
-        self.spend(n.saturating_mul(extras.len()))?;
-        self.left_out.extend(left_out);
+        let extras = self.own_columns(&attributes, n, poses.len())?;
         if primitive.mode() == Mode::Points {
             for pose in &poses {
                 let Vertices { positions, normals, colors, .. } = surface.place(pose);
@@ -183,6 +186,28 @@ impl Gathered {
             self.add_triangles(surface.place(pose), &extras, material, &corners, mode);
         }
         Ok(())
+    }
+
+    /// The primitive's own attributes, where there are few enough in the file. They count as vertices, and so does what
+    /// fills a column where other primitives lack it.
+    fn own_columns(
+        &mut self,
+        attributes: &Attributes<'_>,
+        vertices: usize,
+        poses: usize,
+    ) -> Result<Vec<ExtraColumn>, Problem> {
+        let (mut extras, left_out) = attributes.own_columns(vertices)?;
+        self.left_out.extend(left_out);
+        let before = self.columns.len();
+        extras.retain(|extra| {
+            let is_kept = self.columns.contains(&extra.name) || self.columns.len() < MOST_OWN_COLUMNS;
+            let names = if is_kept { &mut self.columns } else { &mut self.left_out };
+            names.insert(extra.name.clone());
+            is_kept
+        });
+        let filled = (self.columns.len() - before).saturating_mul(self.parts.positions.len());
+        self.spend(vertices.saturating_mul(self.columns.len()).saturating_mul(poses).saturating_add(filled))?;
+        Ok(extras)
     }
 
     /// Where a primitive's vertices go: with the node, to each of its instances, or by the joints of its skin.

@@ -58,7 +58,7 @@ pub struct Category {
     pub count: usize,
 }
 
-/// Where the values of an attribute come from.
+/// Source of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Attribute {
     /// A column, by its index among the extras.
@@ -128,7 +128,7 @@ impl Attribute {
 }
 
 impl ColorScale {
-    /// The linear colour of each value; grey for what has none.
+    /// Returns a function from values to linear colours; grey for a value that isn't finite or has no colour.
     pub(crate) fn painter(&self) -> Box<dyn Fn(f64) -> [f32; 3] + '_> {
         let light = |levels: [u8; 3]| levels.map(|level| linear(f64::from(level) / 255.0));
         let grey = light([GREY; 3]);
@@ -174,7 +174,7 @@ pub(crate) fn paint(
     Ok(())
 }
 
-/// True of the name of a column of ASPRS's classes.
+/// Returns true for the name of a column of ASPRS's classes.
 pub(crate) fn is_class(name: &str) -> bool {
     let named = ExtraColumn { name: "classification".into(), values: ExtraValues::U8(Vec::new()) };
     ExtraColumn::find(&[named], name).is_some()

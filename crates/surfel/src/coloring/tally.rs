@@ -21,7 +21,7 @@ pub(crate) struct Tally {
     is_class: bool,
     /// True for the name of an intensity, which is most often shown by grey levels.
     is_intensity: bool,
-    /// How often each whole number occurs, by the bits of the number; empty where these are no categories.
+    /// Number of occurrences of each whole number, by its bits; empty if the values are no categories.
     counts: HashMap<u64, usize>,
     are_categories: bool,
     spread: Spread,
@@ -35,7 +35,7 @@ impl Tally {
         let is_class = super::is_class(name);
         let are_categories = match map {
             Some(map) => map == Colormap::Tab20,
-            None => range.is_none() && !name.eq_ignore_ascii_case("height"),
+            None => range.is_none(),
         };
         Self {
             map,
@@ -85,7 +85,7 @@ impl Tally {
         *self.counts.entry(bits).or_default() += 1;
     }
 
-    /// The scale of all values. What `known` says, the scale of others that are drawn with them, stays.
+    /// Returns the scale of all values. A scale that is `known` from before stays, with further categories.
     pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
         match known {
             Some(ColorScale::Range { map, range }) => ColorScale::Range { map: *map, range: *range },
@@ -124,7 +124,7 @@ impl Tally {
     }
 }
 
-/// What a note says of a scale: `of` so many files, `missing` values without a colour.
+/// Describes a scale for a note: of so many files, with `missing` values that have no colour.
 pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize, missing: usize) -> String {
     let mut note = format!("coloured by {}", name.escape_debug());
     match scale {

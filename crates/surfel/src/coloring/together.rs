@@ -11,7 +11,7 @@ use std::sync::Arc;
 use surfel_model::PointCloud;
 use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object, SplatCloud, Up};
 
-/// What a file's splats are to be coloured by.
+/// Colouring that is asked for a file's splats.
 #[derive(Clone, Debug)]
 pub(crate) struct ColorJob {
     pub(crate) path: PathBuf,
@@ -22,6 +22,8 @@ pub(crate) struct ColorJob {
     pub(crate) up: Option<Up>,
     /// The axis that is usual in such files.
     pub(crate) convention: UpConvention,
+    /// Names of attributes that the file has besides those of the splats.
+    pub(crate) others: Vec<String>,
 }
 
 impl ColorJob {
@@ -31,7 +33,7 @@ impl ColorJob {
     }
 }
 
-/// A scale, and what is coloured by it.
+/// A scale and the files that are coloured by it.
 #[derive(Clone, Debug)]
 struct Scale {
     job: ColorJob,
@@ -41,7 +43,7 @@ struct Scale {
     paths: Vec<PathBuf>,
 }
 
-/// The scales that things are coloured by which are drawn together.
+/// Scales of everything that is drawn together.
 #[derive(Clone, Debug, Default)]
 pub struct Colorings {
     scales: Vec<Scale>,
@@ -99,7 +101,7 @@ impl Colorings {
     }
 }
 
-/// The axis of height.
+/// Returns the axis of height.
 fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
     // Where neither is known, nothing has asked for heights.
     job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
@@ -133,7 +135,10 @@ impl Tallies {
                 Ok(attribute) => {
                     self.add_values(job, attribute, &data.extras, &mut attribute.values(member.cloud, up));
                 }
-                Err(known) => lacking.push(Lacking { member: i, known }),
+                Err(mut known) => {
+                    known.extend(job.others.iter().cloned());
+                    lacking.push(Lacking { member: i, known });
+                }
             }
         }
         lacking
@@ -167,7 +172,9 @@ impl Tallies {
             |(other, entry): &(ColorJob, Entry)| other.shares_scale(job) && entry.direct.is_some() == direct.is_some();
         let at = self.all.iter().position(is_own).unwrap_or_else(|| {
             let name = attribute.name(extras);
-            let tally = Tally::new(&name, job.map, job.range);
+            // Heights are a measure, however few there are.
+            let map = job.map.or((attribute == Attribute::Height).then_some(Colormap::Viridis));
+            let tally = Tally::new(&name, map, job.range);
             self.all.push((job.clone(), Entry { tally, name, direct, paths: Vec::new(), known: HashSet::new() }));
             self.all.len() - 1
         });
@@ -251,7 +258,7 @@ mod tests {
 
     fn job(path: &str, attribute: &str) -> ColorJob {
         let (path, attribute, convention) = (path.into(), attribute.to_owned(), UpConvention::Points);
-        ColorJob { path, attribute, map: None, range: None, up: Some(Up::PlusZ), convention }
+        ColorJob { path, attribute, map: None, range: None, up: Some(Up::PlusZ), convention, others: Vec::new() }
     }
 
     /// Colours clouds together, each of a file of its own.

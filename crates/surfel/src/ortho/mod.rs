@@ -431,7 +431,7 @@ fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))
 }
 
-/// What points without colours are coloured by where nothing is asked for: the first of these that all files have.
+/// Attributes that colour points without colours, where nothing is asked for: the first that all files have.
 const OWN_COLORS: [&str; 2] = ["intensity", "height"];
 
 /// Notes of files, or of the image, and options that files have no use for.
@@ -476,6 +476,7 @@ impl ColorChoice {
                 range: load.range,
                 up: load.up,
                 convention: UpConvention::Points,
+                others: Vec::new(),
             };
             let lacking = self.tallies.add_points(&job, cloud).err().map(|known| Lacking { member: 0, known });
             if load.color_by.is_some() {
