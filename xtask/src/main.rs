@@ -4,6 +4,7 @@ mod assets;
 mod bench;
 mod ci;
 mod conformance;
+mod front_page;
 mod gallery;
 mod growth;
 mod python;
@@ -28,7 +29,8 @@ Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where Vulkan's loader, a driver or the validation layer is missing, install it (as root,
           with apt-get) or say what is skipped. The Python package is tested where python3 has venv
-          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too
+          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too, and
+          builds the program of README.md as a crate of its own, with Cargo's default profiles
   wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
           for x86-64, and for aarch64 where rustup has the target
   ci      Everything that must pass before a change is merged: formatting, clippy, the program

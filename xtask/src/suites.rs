@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
 use crate::vulkan::Verdict;
-use crate::{FEATURES, cargo_for_tests, python, required, vulkan};
+use crate::{FEATURES, cargo_for_tests, front_page, python, required, vulkan};
 
 /// Whether tests of GPU backends may be skipped.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -30,6 +30,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         }
     };
     let python = python::test(root, full);
+    let front_page_ok = !full || front_page::test(root);
     let total = summary.total();
     println!("\n== tests");
     for suite in &summary.suites {
@@ -53,7 +54,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && python_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && python_ok && front_page_ok && total.failed == 0 && driver.is_ok()
 }
 
 /// Returns what no test may skip, as `SURFEL_REQUIRE` lists it.

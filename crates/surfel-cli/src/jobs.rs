@@ -13,6 +13,7 @@ use crate::stdout;
 use clap::FromArgMatches;
 use serde_json::json;
 use std::path::Path;
+use surfel::io::ShowPath as _;
 use surfel::{camera, levels};
 
 /// Tasks where nothing is said.
@@ -325,7 +326,7 @@ fn text_of(path: &Path) -> Result<String, Failure> {
     if is_stdin(path) {
         return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
     }
-    let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.display()));
+    let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.shown()));
     path.to_str().map(str::to_owned).ok_or_else(not)
 }
 

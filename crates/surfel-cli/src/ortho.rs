@@ -3,6 +3,7 @@
 use crate::args::OrthoArgs;
 use crate::console::Console;
 use crate::failure::Failure;
+use surfel::io::ShowPath as _;
 
 #[cfg(not(feature = "ortho"))]
 pub(crate) fn run(_: &OrthoArgs, _: usize, _: &Console) -> Result<(), Failure> {
@@ -57,7 +58,7 @@ mod with_ortho {
         let covered = 100.0 * stats.covered as f64 / stats.pixels.max(1) as f64;
         console.note(&format!(
             "{}: {width} x {height} pixels of {}, {x0},{y0},{x1},{y1}, {crs}, {covered:.1} % covered",
-            args.output.display(),
+            args.output.shown(),
             args.gsd
         ));
         if args.stats {

@@ -7,6 +7,7 @@ mod exit_codes;
 mod gaussians;
 mod interface;
 mod levels;
+mod losses;
 mod output_images;
 mod pieces;
 mod planes;

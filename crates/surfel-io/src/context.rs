@@ -2,12 +2,17 @@
 //! splats, points and meshes go through are here, too.
 
 use crate::content::{Content, LoadOptions};
+use crate::error::ShowPath as _;
 use crate::error::{Fault, Problem};
 use crate::files::{self, Siblings};
 use crate::images::texture::TextureDecoder;
 use crate::words::counted;
+use std::collections::HashSet;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
+
+/// Most notes of one file: nobody reads more.
+const MOST_NOTES: usize = 1000;
 
 /// What readers share while one file is loaded.
 pub(crate) struct Context<'a> {
@@ -16,6 +21,10 @@ pub(crate) struct Context<'a> {
     pub(crate) siblings: Siblings,
     /// What the user should know, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
+    /// The same, to be looked up.
+    known_notes: HashSet<String>,
+    /// Notes beyond [`MOST_NOTES`].
+    notes_left_out: usize,
     /// Decodes textures within what one file may use.
     pub(crate) textures: TextureDecoder,
     /// The splats were Gaussians.
@@ -25,14 +34,37 @@ pub(crate) struct Context<'a> {
 impl<'a> Context<'a> {
     pub(crate) fn new(options: &'a LoadOptions, siblings: Siblings) -> Self {
         let textures = TextureDecoder::new(options.max_texture);
-        Self { options, siblings, notes: Vec::new(), textures, gaussian: false }
+        Self {
+            options,
+            siblings,
+            notes: Vec::new(),
+            known_notes: HashSet::new(),
+            notes_left_out: 0,
+            textures,
+            gaussian: false,
+        }
     }
 
     /// Keeps a note, once.
     pub(crate) fn note(&mut self, note: String) {
-        if !self.notes.contains(&note) {
-            self.notes.push(note);
+        if self.known_notes.contains(&note) {
+            return;
         }
+        if self.notes.len() < MOST_NOTES {
+            self.known_notes.insert(note.clone());
+            self.notes.push(note);
+        } else {
+            self.notes_left_out += 1;
+        }
+    }
+
+    /// All notes; a last one counts those that are too many to read.
+    pub(crate) fn take_notes(&mut self) -> Vec<String> {
+        let mut notes = std::mem::take(&mut self.notes);
+        if self.notes_left_out > 0 {
+            notes.push(format!("… and {} more notes", std::mem::take(&mut self.notes_left_out)));
+        }
+        notes
     }
 
     /// Validates splats, or drops the invalid ones.
@@ -63,7 +95,7 @@ impl<'a> Context<'a> {
             let texture = files::read(path, 1 << 30).map_err(|e| e.to_string());
             let texture = texture.and_then(|bytes| self.textures.decode(&bytes));
             let texture =
-                texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.display())))?;
+                texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.shown())))?;
             let texture = Arc::new(texture);
             let materials = mesh.materials.iter_mut().flat_map(|all| &mut all.materials);
             materials.for_each(|material| material.texture = Some(texture.clone()));

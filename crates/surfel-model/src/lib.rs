@@ -49,5 +49,5 @@ pub use settings::{
     Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,
     Sort, Transparency,
 };
-pub use texture::{Mipmaps, Texture};
+pub use texture::{KnownMipmaps, Mipmaps, SeeThroughTextures, Texture};
 pub use up::Up;

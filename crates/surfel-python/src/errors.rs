@@ -5,6 +5,7 @@ use pyo3::prelude::*;
 use std::io::ErrorKind;
 use surfel::Error;
 use surfel::io::IoError;
+use surfel::io::ShowPath as _;
 use surfel::render::RenderError;
 use surfel::sample::SampleError;
 
@@ -54,8 +55,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
             };
         }
         Error::Io(IoError::Exists { path }) => {
-            let message =
-                format!("{}: already exists: force=True overwrites it; or choose another name", path.display());
+            let message = format!("{}: already exists: force=True overwrites it; or choose another name", path.shown());
             return pyo3::exceptions::PyFileExistsError::new_err(message);
         }
         Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",

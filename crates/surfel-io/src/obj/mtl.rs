@@ -5,7 +5,7 @@ use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
 use crate::materials::Material;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
@@ -99,12 +99,11 @@ pub(super) fn resolve(
     context: &mut Context<'_>,
 ) -> (Vec<Material>, Vec<Arc<Texture>>) {
     let mut entries: HashMap<String, Entry> = HashMap::new();
-    let mut known: Vec<&String> = Vec::new();
+    let mut known: HashSet<&String> = HashSet::new();
     for library in libraries {
-        if known.contains(&library) || known.len() >= MAX_TEXTURES {
+        if known.len() >= MAX_TEXTURES || !known.insert(library) {
             continue;
         }
-        known.push(library);
         match read(library, context) {
             Ok(bytes) => parse(&bytes, folder_of(library), &mut entries),
             Err(why) => context.note(format!(

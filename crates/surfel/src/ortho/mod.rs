@@ -23,6 +23,7 @@ pub use request::OrthoRequest;
 use source::{Gathered, Holds, Source, Told, splats_within};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
+use surfel_io::ShowPath as _;
 use surfel_io::{Crs, GeoImage, GeoSamples, GeoTiles, IoError, write_geotiffs};
 use surfel_model::{Colormap, ExtraColumn, ModelError};
 use surfel_sample::{NoProgress, Progress};
@@ -471,7 +472,7 @@ fn crs_of(
             None => first = Some((source, crs)),
             Some((_, known)) if known == crs || (known.epsg().is_some() && known.epsg() == crs.epsg()) => {}
             Some((other, known)) => {
-                let (other, known) = (other.path.display(), known.words());
+                let (other, known) = (other.path.shown(), known.words());
                 return Err(unsuitable(format!(
                     "has {}, but {other} has {known}: project one of them, or give --crs if they are the same",
                     crs.words()
@@ -483,7 +484,7 @@ fn crs_of(
         None => notes.push((None, "no coordinate reference system is known: --crs EPSG:N gives one".into())),
         Some((known, crs)) => {
             for source in sources.iter().filter(|source| source.crs.is_none()) {
-                let note = format!("has no CRS: taken to be as in {}, {}", known.path.display(), crs.words());
+                let note = format!("has no CRS: taken to be as in {}, {}", known.path.shown(), crs.words());
                 notes.push((Some(source.path.clone()), note));
             }
         }
