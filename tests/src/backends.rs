@@ -118,18 +118,13 @@ impl Session {
                 Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::new(options)?))
             }
             Backend::Ash => {
-                let mut options = surfel_ash::Options::default().with_adapter(adapter);
-                options.validation = start.validation;
-                // What the layer says is an error of the call.
-                match surfel_ash::Renderer::new(options.clone()) {
-                    Ok(renderer) => Drawing::Ash(Box::new(renderer)),
-                    Err(error) if !start.validation => return Err(error),
-                    Err(error) => {
-                        options.validation = false;
-                        let drawing = Drawing::Ash(Box::new(surfel_ash::Renderer::new(options)?));
-                        return Ok(Self { drawing, note: Some(format!("not validated: {error}")) });
-                    }
+                let options = surfel_ash::Options::default().with_adapter(adapter);
+                if start.validation {
+                    // What the layer says is an error of the call.
+                    let (renderer, note) = start_ash(options)?;
+                    return Ok(Self { drawing: Drawing::Ash(Box::new(renderer)), note });
                 }
+                Drawing::Ash(Box::new(surfel_ash::Renderer::new(options.with_validation(false))?))
             }
         };
         let is_unchecked = !start.validation && backend != Backend::Cpu;
@@ -213,6 +208,22 @@ pub fn run_reporting(
     }
     expect(session.info(), extent, &mut checked);
     Ok(Run { info: session.info().clone(), note: session.note, checked })
+}
+
+/// Starts the Vulkan backend with validation, whose messages become errors of the calls. Where validation doesn't start
+/// but the backend does, returns a note beside the renderer.
+///
+/// # Errors
+/// [`RenderError`] if the backend doesn't start, or validation doesn't and `SURFEL_REQUIRE` names it.
+pub fn start_ash(options: surfel_ash::Options) -> Result<(surfel_ash::Renderer, Option<String>), RenderError> {
+    match surfel_ash::Renderer::new(options.clone().with_validation(true)) {
+        Ok(renderer) => Ok((renderer, None)),
+        Err(error) if is_required("validation") => Err(error),
+        Err(error) => {
+            let renderer = surfel_ash::Renderer::new(options.with_validation(false))?;
+            Ok((renderer, Some(format!("not validated: {error}"))))
+        }
+    }
 }
 
 /// True if `SURFEL_REQUIRE`, a list separated by commas, names `what`: then nothing of it may be skipped.

@@ -4,10 +4,8 @@ use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
-use crate::{FEATURES, cargo_for_tests, gpu_kit, python, required, vulkan};
-
-/// Backends whose tests need a driver.
-const GPU_BACKENDS: &str = "wgpu,ash";
+use crate::vulkan::Verdict;
+use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, python, required, vulkan};
 
 /// Whether tests of GPU backends may be skipped.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -23,8 +21,8 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     if let Err(problem) = &driver {
         eprintln!("error: {problem}");
     }
-    let has_driver = cfg!(target_os = "linux") && matches!(driver, Ok(None));
-    let (summary, exit_ok) = match run_cargo(root, gpu == Gpu::Required || has_driver) {
+    let must_run = must_run(gpu, driver.as_ref().ok());
+    let (summary, exit_ok) = match run_cargo(root, must_run) {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: could not run cargo test: {error}");
@@ -33,14 +31,18 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     };
     let python = python::test(root, full);
     // Its script needs a Vulkan driver, as the tests before it do.
+    let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
+    let front_page_ok = !full || front_page::test(root);
     let total = summary.total();
     println!("\n== tests");
     for suite in &summary.suites {
         println!("{}", suite.line());
     }
-    if let Ok(Some(skipped)) = &driver {
-        println!("vulkan: {skipped}");
+    match &driver {
+        Ok(Verdict::Unvalidated(reason)) => println!("vulkan: GPU tests ran without validation ({reason})"),
+        Ok(Verdict::Skipped(reason)) => println!("vulkan: tests that need it are skipped ({reason})"),
+        Ok(Verdict::Validated) | Err(_) => (),
     }
     let python_ok = match &python {
         Tested::Skipped(_) => !required("python"),
@@ -63,11 +65,20 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && python_ok && kit_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && python_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+}
+
+/// Returns what no test may skip, as `SURFEL_REQUIRE` lists it.
+fn must_run(gpu: Gpu, vulkan: Option<&Verdict>) -> &'static str {
+    match (vulkan, gpu) {
+        (Some(Verdict::Validated), _) => "wgpu,ash,validation",
+        (Some(Verdict::Unvalidated(_)), _) | (_, Gpu::Required) => "wgpu,ash",
+        _ => "",
+    }
 }
 
 /// Runs all tests, passing the output through, and whether cargo was content.
-fn run_cargo(root: &Path, require_gpu: bool) -> std::io::Result<(Summary, bool)> {
+fn run_cargo(root: &Path, must_run: &str) -> std::io::Result<(Summary, bool)> {
     // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo_for_tests(root);
@@ -78,10 +89,8 @@ fn run_cargo(root: &Path, require_gpu: bool) -> std::io::Result<(Summary, bool)>
     if std::env::var_os("GALLIVM_PERF").is_none() {
         command.env("GALLIVM_PERF", "nopt");
     }
-    if require_gpu {
-        let asked = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
-        command.env("SURFEL_REQUIRE", format!("{asked},{GPU_BACKENDS}"));
-    }
+    let asked = std::env::var("SURFEL_REQUIRE").unwrap_or_default();
+    command.env("SURFEL_REQUIRE", format!("{asked},{must_run}"));
     command.stdout(writer.try_clone()?).stderr(writer);
     let mut child = command.spawn()?;
     // It holds the writing ends, and the pipe would never end.
@@ -237,6 +246,15 @@ impl Parser<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn validation_is_required_where_its_layer_is() {
+        let reason = String::new;
+        let verdicts = [None, Some(Verdict::Skipped(reason())), Some(Verdict::Unvalidated(reason()))];
+        assert_eq!(verdicts.each_ref().map(|v| must_run(Gpu::IfPresent, v.as_ref())), ["", "", "wgpu,ash"]);
+        assert_eq!(verdicts.each_ref().map(|v| must_run(Gpu::Required, v.as_ref())), ["wgpu,ash"; 3]);
+        assert_eq!(must_run(Gpu::IfPresent, Some(&Verdict::Validated)), "wgpu,ash,validation");
+    }
 
     fn summary(output: &str) -> Summary {
         let packages = [("xtask".to_string(), crate::workspace_root().join("xtask"))];

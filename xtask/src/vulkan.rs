@@ -1,6 +1,7 @@
-//! A Vulkan driver for the tests of the GPU backends.
+//! The Vulkan installation that the tests of the GPU backends need.
 
-use std::path::Path;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::required;
@@ -11,52 +12,179 @@ const USERS: [&str; 2] = ["crates/surfel-wgpu", "crates/surfel-ash"];
 /// Debian's and Ubuntu's loader, software driver (lavapipe) and validation layers.
 const PACKAGES: [&str; 3] = ["libvulkan1", "mesa-vulkan-drivers", "vulkan-validationlayers"];
 
-/// Sees to a driver where a package of ours needs one. Returns what will be skipped, if anything.
+/// Name of the Khronos validation layer. Mesa and vendors install other explicit layers beside it.
+const LAYER: &str = "VK_LAYER_KHRONOS_validation";
+
+/// How far the tests of the GPU backends can run.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Verdict {
+    /// Every test runs, watched by the validation layer.
+    Validated,
+    /// Every test but those of validation runs. Holds the reason.
+    Unvalidated(String),
+    /// No test runs. Holds the reason.
+    Skipped(String),
+}
+
+/// Parts of a Vulkan installation: true if the part is there.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Parts {
+    loader: bool,
+    driver: bool,
+    layer: bool,
+}
+
+/// Installs Vulkan if a part is missing and can be installed. Returns how far the tests can run.
 ///
 /// # Errors
-/// What is missing, where `SURFEL_REQUIRE` says that it must not be.
-pub(crate) fn prepare(root: &Path) -> Result<Option<String>, String> {
+/// The missing part, if `SURFEL_REQUIRE` forbids to do without it.
+pub(crate) fn prepare(root: &Path) -> Result<Verdict, String> {
     if !cfg!(target_os = "linux") || !USERS.iter().any(|user| root.join(user).is_dir()) {
-        return Ok(None);
+        return Ok(Verdict::Skipped("no Vulkan on this platform".into()));
     }
-    let Some(missing) = missing() else { return Ok(None) };
-    println!("vulkan: no {missing}");
-    let reason = match install() {
-        Ok(()) => match self::missing() {
-            None => return Ok(None),
-            Some(still) => format!("still no {still} after installing {}", PACKAGES.join(" ")),
-        },
-        Err(reason) => format!("no {missing}, {reason}"),
+    let found = Parts::find();
+    let (after, problem) = if found.missing().is_empty() {
+        (found, String::new())
+    } else {
+        println!("vulkan: no {}", found.missing().join(", no "));
+        match install() {
+            Ok(()) => (Parts::find(), format!("even after installing {}", PACKAGES.join(" "))),
+            Err(reason) => (found, reason),
+        }
     };
-    if required("vulkan") {
-        Err(format!("SURFEL_REQUIRE asks for vulkan, but: {reason}"))
-    } else {
-        Ok(Some(format!("tests that need it are skipped ({reason})")))
+    let verdict = after.verdict(&problem);
+    match &verdict {
+        Verdict::Skipped(reason) if required("vulkan") => Err(format!("SURFEL_REQUIRE asks for vulkan, but: {reason}")),
+        Verdict::Unvalidated(reason) | Verdict::Skipped(reason) if required("validation") => {
+            Err(format!("SURFEL_REQUIRE asks for validation, but: {reason}"))
+        }
+        _ => Ok(verdict),
     }
 }
 
-/// The first part of a Vulkan installation that isn't there.
-fn missing() -> Option<&'static str> {
-    let loader_folders = ["/usr/lib", "/usr/lib64", "/lib", "/usr/local/lib"];
-    let architecture = format!("/usr/lib/{}-linux-gnu", std::env::consts::ARCH);
-    let mut loaders = loader_folders.into_iter().chain([architecture.as_str()]);
-    let chosen = ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"].iter().any(|name| std::env::var_os(name).is_some());
-    let drivers = ["/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d", "/usr/local/share/vulkan/icd.d"];
-    let layers = ["/usr/share/vulkan/explicit_layer.d", "/etc/vulkan/explicit_layer.d"];
-    if !loaders.any(|folder| Path::new(folder).join("libvulkan.so.1").exists()) {
-        Some("loader (libvulkan.so.1)")
-    } else if !chosen && !drivers.iter().any(|folder| holds_json(folder)) {
-        Some("driver")
-    } else if std::env::var_os("VK_LAYER_PATH").is_none() && !layers.iter().any(|folder| holds_json(folder)) {
-        Some("validation layer")
-    } else {
-        None
+impl Parts {
+    fn find() -> Self {
+        let system = System::from_environment();
+        Self { loader: system.has_loader(), driver: system.has_driver(), layer: system.has_layer() }
+    }
+
+    fn missing(self) -> Vec<&'static str> {
+        let parts = [
+            (self.loader, "loader (libvulkan.so.1)"),
+            (self.driver, "driver"),
+            (self.layer, "validation layer (VK_LAYER_KHRONOS_validation)"),
+        ];
+        parts.into_iter().filter(|(is_there, _)| !is_there).map(|(_, name)| name).collect()
+    }
+
+    /// How far the tests run with these parts. `problem` says why no other part was installed.
+    fn verdict(self, problem: &str) -> Verdict {
+        let reason = format!("no {}, {problem}", self.missing().join(", no "));
+        match self {
+            Self { loader: true, driver: true, layer: true } => Verdict::Validated,
+            Self { loader: true, driver: true, layer: false } => Verdict::Unvalidated(reason),
+            _ => Verdict::Skipped(reason),
+        }
     }
 }
 
-fn holds_json(folder: &str) -> bool {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.map(|entry| entry.path()).any(|path| path.extension().is_some_and(|e| e == "json"))
+/// The folders and files in which the Vulkan loader of Linux looks for libraries, drivers and layers.
+struct System {
+    /// Folders of libraries.
+    libraries: Vec<PathBuf>,
+    /// Manifests of drivers, or folders of manifests.
+    drivers: Vec<PathBuf>,
+    /// Manifests of explicit layers, or folders of manifests.
+    layers: Vec<PathBuf>,
+}
+
+impl System {
+    fn from_environment() -> Self {
+        let paths = |name: &str| -> Vec<PathBuf> {
+            let value = std::env::var_os(name).unwrap_or_default();
+            std::env::split_paths(&value).filter(|path| path != OsStr::new("")).collect()
+        };
+        let or = |paths: Vec<PathBuf>, usual: &[&str]| match paths.is_empty() {
+            true => usual.iter().map(PathBuf::from).collect(),
+            false => paths,
+        };
+        let home = std::env::home_dir().unwrap_or_default();
+        let in_home = |paths: Vec<PathBuf>, usual: &str| or(paths, &[home.join(usual).to_string_lossy().as_ref()]);
+        let mut roots = in_home(paths("XDG_CONFIG_HOME"), ".config");
+        roots.extend(or(paths("XDG_CONFIG_DIRS"), &["/etc/xdg"]));
+        roots.extend(["/etc", "/usr/local/etc"].map(PathBuf::from));
+        roots.extend(in_home(paths("XDG_DATA_HOME"), ".local/share"));
+        roots.extend(or(paths("XDG_DATA_DIRS"), &["/usr/local/share", "/usr/share"]));
+        let usual = |folder: &str| roots.iter().map(|root| root.join("vulkan").join(folder)).collect::<Vec<_>>();
+        // A variable that names files replaces the usual folders; one of added files doesn't.
+        let chosen = |names: &[&str], added: &str, folder: &str| {
+            let named: Vec<PathBuf> = names.iter().flat_map(|name| paths(name)).collect();
+            let searched = if named.is_empty() { usual(folder) } else { named };
+            paths(added).into_iter().chain(searched).collect()
+        };
+        let mut libraries = paths("LD_LIBRARY_PATH");
+        libraries.push(format!("/usr/lib/{}-linux-gnu", std::env::consts::ARCH).into());
+        libraries.extend(["/usr/lib", "/usr/lib64", "/lib", "/lib64", "/usr/local/lib"].map(PathBuf::from));
+        Self {
+            libraries,
+            drivers: chosen(&["VK_DRIVER_FILES", "VK_ICD_FILENAMES"], "VK_ADD_DRIVER_FILES", "icd.d"),
+            layers: chosen(&["VK_LAYER_PATH"], "VK_ADD_LAYER_PATH", "explicit_layer.d"),
+        }
+    }
+
+    fn has_loader(&self) -> bool {
+        self.has_library(Path::new(""), "libvulkan.so.1")
+    }
+
+    fn has_driver(&self) -> bool {
+        manifests(&self.drivers).any(|path| self.manifest_works(&path))
+    }
+
+    fn has_layer(&self) -> bool {
+        manifests(&self.layers).any(|path| {
+            let is_named = |text: String| values(&text, "name").any(|name| name == LAYER);
+            std::fs::read_to_string(&path).is_ok_and(is_named) && self.manifest_works(&path)
+        })
+    }
+
+    /// True if the library that a manifest names exists.
+    fn manifest_works(&self, manifest: &Path) -> bool {
+        let text = std::fs::read_to_string(manifest).unwrap_or_default();
+        let folder = manifest.parent().unwrap_or(Path::new(""));
+        values(&text, "library_path").next().is_some_and(|library| self.has_library(folder, library))
+    }
+
+    /// True if the library exists: beside its manifest if the name has a folder, else where libraries are.
+    fn has_library(&self, folder: &Path, library: &str) -> bool {
+        match library.contains('/') {
+            true => folder.join(library).is_file(),
+            false => self.libraries.iter().any(|folder| folder.join(library).is_file()),
+        }
+    }
+}
+
+/// The JSON files among `paths` and in the folders among them.
+fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
+    let files = paths.iter().flat_map(|path| match std::fs::read_dir(path) {
+        Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
+        Err(_) => vec![path.clone()],
+    });
+    files.filter(|path| path.extension().is_some_and(|extension| extension == "json"))
+}
+
+/// The strings that stand behind this key in a JSON file.
+fn values<'a>(text: &'a str, key: &str) -> impl Iterator<Item = &'a str> {
+    let key = format!("\"{key}\"");
+    let mut rest = text;
+    std::iter::from_fn(move || {
+        loop {
+            rest = &rest[rest.find(&key)? + key.len()..];
+            let value = rest.trim_start().strip_prefix(':').map(str::trim_start).and_then(|v| v.strip_prefix('"'));
+            if let Some((value, _)) = value.and_then(|value| value.split_once('"')) {
+                return Some(value);
+            }
+        }
+    })
 }
 
 fn install() -> Result<(), String> {
@@ -83,4 +211,63 @@ fn install() -> Result<(), String> {
 
 fn runs(command: &mut Command) -> bool {
     command.status().is_ok_and(|status| status.success())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Writes a file of a made-up installation.
+    fn write(path: &Path, text: &str) {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, text).unwrap();
+    }
+
+    #[test]
+    fn each_of_eight_installations_has_its_verdict() {
+        let root = std::env::temp_dir().join(format!("surfel-vulkan-{}", std::process::id()));
+        for bits in 0..8 {
+            let expected = Parts { loader: bits & 1 != 0, driver: bits & 2 != 0, layer: bits & 4 != 0 };
+            let folder = root.join(bits.to_string());
+            let (libraries, drivers, layers) = (folder.join("lib"), folder.join("icd.d"), folder.join("layer.d"));
+            // Mesa puts an explicit layer of its own beside the place of the validation layer.
+            write(
+                &layers.join("overlay.json"),
+                r#"{ "layer": { "name": "VK_LAYER_MESA_overlay", "library_path": "liboverlay.so" },
+                     "note": "VK_LAYER_KHRONOS_validation" }"#,
+            );
+            write(&libraries.join("liboverlay.so"), "");
+            if expected.loader {
+                write(&libraries.join("libvulkan.so.1"), "");
+            }
+            if expected.driver {
+                write(&drivers.join("lvp.json"), r#"{"ICD": {"library_path": "../lib/liblvp.so"}}"#);
+                write(&libraries.join("liblvp.so"), "");
+            } else {
+                write(&drivers.join("gone.json"), r#"{"ICD": {"library_path": "libgone.so"}}"#);
+            }
+            if expected.layer {
+                let layer = r#"{"layers": [{"name" : "VK_LAYER_KHRONOS_validation", "library_path":"libval.so"}]}"#;
+                write(&layers.join("khronos.json"), layer);
+                write(&libraries.join("libval.so"), "");
+            }
+            let system = System { libraries: vec![libraries], drivers: vec![drivers], layers: vec![layers] };
+            let found = Parts { loader: system.has_loader(), driver: system.has_driver(), layer: system.has_layer() };
+            assert_eq!(found, expected);
+            // As found at once, after an installation that failed, and without root.
+            for problem in ["", "and apt-get could not install it", "and not root"] {
+                match (found.verdict(problem), expected.loader && expected.driver, expected.layer) {
+                    (Verdict::Validated, true, true) => (),
+                    (Verdict::Unvalidated(reason), true, false) => {
+                        assert_eq!(reason, format!("no validation layer ({LAYER}), {problem}"));
+                    }
+                    (Verdict::Skipped(reason), false, _) => {
+                        assert!(reason.ends_with(problem) && reason.starts_with("no "), "{reason}");
+                    }
+                    (verdict, ..) => panic!("{expected:?}: {verdict:?}"),
+                }
+            }
+        }
+        std::fs::remove_dir_all(root).unwrap();
+    }
 }

@@ -12,10 +12,11 @@ use serde_json::Value;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use surfel::io::Planes;
+use surfel::io::ShowPath as _;
 use surfel::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
 
 pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result<(), Failure> {
-    let name = args.image.display();
+    let name = args.image.shown();
     let image = surfel::io::read_image(&args.image)?;
     let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
     let Some(scene) = text(SCENE_KEY) else {
@@ -42,10 +43,7 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
     let is_exr = image.depth.is_some() || image.weight.is_some();
     if is_exr != matches!(target.format, Format::Exr { .. }) || target.format == Format::Jpeg {
         let format = if is_exr { "an EXR" } else { "a PNG" };
-        return Err(Failure::usage(format!(
-            "-o {}: {name} is {format}, expected a name for another",
-            output.display()
-        )));
+        return Err(Failure::usage(format!("-o {}: {name} is {format}, expected a name for another", output.shown())));
     }
     let mut session = Session::start(&render, Some(target), stdin, threads, console)?;
     session.check_names(&args.image)?;
@@ -65,7 +63,7 @@ fn judge(
     console: &Console,
 ) -> Result<(), Failure> {
     let again = surfel::io::read_image(written)?;
-    let (name, written) = (args.image.display(), written.display());
+    let (name, written) = (args.image.shown(), written.shown());
     let planes = |p: &Planes| (bits(p.color.as_ref().map(|c| c.as_flattened())), bits(p.depth.as_deref()));
     if (again.width, again.height) == (image.width, image.height) && planes(&again) == planes(image) {
         console.note(&format!("{written}: the same image as {name}, to the bit"));
@@ -96,7 +94,7 @@ fn default_output(image: &Path) -> PathBuf {
 /// An entry that holds JSON; null where there is none.
 fn json(args: &AgainArgs, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
-    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.image.display())))
+    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.image.shown())))
 }
 
 /// What is said of the inputs that aren't what they were.
@@ -110,8 +108,8 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
         let was_missing = input["missing"] == true;
         let bytes = if is_stdin(path) { Some(stdin.bytes()?) } else { None };
         match content(&place, bytes.as_deref())? {
-            Content::Missing if !was_missing => missing.push(place.display().to_string()),
-            Content::Known { .. } if was_missing => changed.push(format!("{} was not there", place.display())),
+            Content::Missing if !was_missing => missing.push(place.shown().to_string()),
+            Content::Known { .. } if was_missing => changed.push(format!("{} was not there", place.shown())),
             Content::Known { bytes, sha256 } if input["bytes"] != bytes || input["sha256"] != *sha256 => {
                 changed.push(format!("{} has changed since", stdin::display(&place)));
             }
@@ -124,7 +122,7 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
     Err(Failure::input(format!(
         "{}: is drawn of what is not there: {}\n  help: its paths are relative to it: put the files back, or the \
          image beside them",
-        args.image.display(),
+        args.image.shown(),
         missing.join(", ")
     )))
 }
@@ -151,7 +149,7 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
             "png16" | "exr-f32" if text == "true" => words.push(format!("--{key}").into()),
             "adapter" => {}
             _ => {
-                let message = format!("{}: {DRAWN_KEY} has the unknown key '{key}'", args.image.display());
+                let message = format!("{}: {DRAWN_KEY} has the unknown key '{key}'", args.image.shown());
                 return Err(Failure::input(format!("{message}: a later version of surfel drew it")));
             }
         }
@@ -159,11 +157,11 @@ fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderA
     words.extend(args.backend.iter().map(|name| format!("--backend={name}").into()));
     let damaged = |e: clap::Error| {
         let line = e.to_string().lines().next().unwrap_or_default().to_owned();
-        Failure::input(format!("{}: {DRAWN_KEY} is damaged: {line}", args.image.display()))
+        Failure::input(format!("{}: {DRAWN_KEY} is damaged: {line}", args.image.shown()))
     };
     let matches = command().try_get_matches_from(words).map_err(damaged)?;
     match Cli::from_arg_matches(&matches).map_err(damaged)?.command {
         Command::Render(render) => Ok(*render),
-        _ => Err(Failure::input(format!("{}: {DRAWN_KEY} is damaged", args.image.display()))),
+        _ => Err(Failure::input(format!("{}: {DRAWN_KEY} is damaged", args.image.shown()))),
     }
 }

@@ -9,7 +9,7 @@ use surfel::compare::{ImageComparison, check_diff, compare, save_diff};
 
 pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(diff) = &args.diff {
-        check_diff(diff, args.force)?;
+        check_diff(diff, [&args.a, &args.b], args.force)?;
     }
     let a = surfel::io::read_image(&args.a)?;
     let b = surfel::io::read_image(&args.b)?;

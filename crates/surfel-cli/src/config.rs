@@ -6,6 +6,7 @@ use clap::ArgMatches;
 use clap::parser::ValueSource;
 use std::ffi::OsString;
 use std::path::Path;
+use surfel::io::ShowPath as _;
 use toml::Value;
 
 /// Flags that exclude each other: one on the command line silences the others of the file.
@@ -21,7 +22,7 @@ const GROUPS: [&[&str]; 7] = [
 
 /// The file's flags as arguments, without those that the command line gives itself and those of other commands.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
-    let wrong = |what: String| Failure::usage(format!("{}: {what}", path.display()));
+    let wrong = |what: String| Failure::usage(format!("{}: {what}", path.shown()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;
     let table: toml::Table = text.parse().map_err(|e: toml::de::Error| {
         let line = e.span().map_or(1, |s| text[..s.start.min(text.len())].lines().count().max(1));

@@ -6,6 +6,7 @@ use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::Duration;
 use surfel::Progress;
+use surfel::io::is_obeyed;
 
 /// Longest line of an error message, in characters.
 const MAX_LINE: usize = 400;
@@ -25,14 +26,14 @@ impl Console {
     /// Something the user should know.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
-            to_stderr(&format!("note: {text}\n"));
+            to_stderr(&format!("note: {}\n", harmless(text)));
         }
     }
 
     /// Something that only `-v` shows.
     pub(crate) fn detail(&self, text: &str) {
         if self.verbose && !self.quiet {
-            to_stderr(&format!("{text}\n"));
+            to_stderr(&format!("{}\n", harmless(text)));
         }
     }
 
@@ -150,14 +151,23 @@ pub(crate) fn error(message: &str) {
         if i > 0 {
             text.push('\n');
         }
-        // File names may hold anything; a terminal must not obey it.
-        text.extend(line.chars().take(MAX_LINE).map(|c| if c.is_control() { '?' } else { c }));
+        let line = harmless(line);
+        text.extend(line.chars().take(MAX_LINE));
         if line.chars().nth(MAX_LINE).is_some() {
             text.push('…');
         }
     }
     text.push('\n');
     to_stderr(&text);
+}
+
+/// A message in which a terminal has nothing to obey but ends of lines: names and files may hold anything.
+fn harmless(text: &str) -> String {
+    let mut harmless = String::with_capacity(text.len());
+    for c in text.chars() {
+        if c != '\n' && is_obeyed(c) { harmless.extend(c.escape_default()) } else { harmless.push(c) }
+    }
+    harmless
 }
 
 fn to_stderr(text: &str) {

@@ -8,6 +8,8 @@ use crate::{options, pieces, stdout};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::SplatCloud;
+use surfel::io::ShowPath as _;
+use surfel::io::atomic::target;
 use surfel::io::{IoError, PlyEncoding};
 use surfel::levels::{self, CopcRequest};
 use surfel::splat_file::ConvertRequest;
@@ -22,11 +24,11 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     }
     levels::check_shard(&output, shard)?;
     if args.resume {
-        return Err(Failure::usage(format!("-o {}: --resume is of OUT.copc.laz and of NAME.shard", output.display())));
+        return Err(Failure::usage(format!("-o {}: --resume is of OUT.copc.laz and of NAME.shard", output.shown())));
     }
     if let Some(second) = args.more.first() {
         let what = "is a second input, expected one (any number with -o OUT.copc.laz)";
-        return Err(Failure::usage(format!("{}: {what}", second.display())));
+        return Err(Failure::usage(format!("{}: {what}", second.shown())));
     }
     if args.hybrid {
         return hybrid(args, console);
@@ -65,7 +67,7 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
     } else {
         surfel::io::save_splat_ply(&args.output, args.force, cloud, encoding)?;
     }
-    console.note(&format!("{}: {}", args.output.display(), surfel::splat_file::summary(cloud)));
+    console.note(&format!("{}: {}", args.output.shown(), surfel::splat_file::summary(cloud)));
     Ok(())
 }
 
@@ -90,7 +92,7 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).count();
     console.note(&format!(
         "{}: {} nodes, {leaves} of them leaves with {} triangles; {} splats, {} of them on edges between leaves",
-        args.output.display(),
+        args.output.shown(),
         octree.nodes().len(),
         octree.mesh().triangles.len(),
         octree.cloud().len(),
@@ -126,22 +128,22 @@ fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Consol
         Err(error) => {
             if args.resume && folder.is_dir() {
                 let help = "the same command goes on with it, and deleting it gives it up";
-                console.note(&format!("{} has what is done: {help}", folder.display()));
+                console.note(&format!("{} has what is done: {help}", folder.shown()));
             }
             return Err(error.into());
         }
         Ok(report) => report,
     };
     report.notes.iter().for_each(|note| console.note(note));
-    console.note(&format!("{}: {}", output.display(), levels::summary(&report)));
+    console.note(&format!("{}: {}", output.shown(), levels::summary(&report)));
     if folder.is_dir() {
-        console.note(&format!("{} is left of an interrupted run with --resume: delete it", folder.display()));
+        console.note(&format!("{} is left of an interrupted run with --resume: delete it", folder.shown()));
     }
     Ok(())
 }
 
 fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
-    let name = output.display();
+    let name = output.shown();
     let extension = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
         _ if output.as_os_str() == "-" => return Ok(()),
@@ -160,6 +162,11 @@ fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
                 "-o {name}: expected a name that ends in .ply, .copc.laz or .shard, or - for stdout"
             )));
         }
+    }
+    if let Some(Some(bar)) = &args.splats.colorbar
+        && target(bar) == target(output)
+    {
+        return Err(Failure::usage(format!("--colorbar {}: is the name of -o's file, too", bar.shown())));
     }
     // An interrupted run may have been about to end.
     if output.is_file() && !args.force && !args.resume {

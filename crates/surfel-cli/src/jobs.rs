@@ -17,6 +17,7 @@ use serde_json::json;
 use std::ffi::OsString;
 use std::path::Path;
 use surfel::coloring::save_color_bar;
+use surfel::io::ShowPath as _;
 use surfel::request::{self, Source, SplatOptions};
 use surfel::values::RangeChoice;
 use surfel::{camera, levels};
@@ -331,7 +332,7 @@ fn text_of(path: &Path) -> Result<String, Failure> {
     if is_stdin(path) {
         return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
     }
-    let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.display()));
+    let not = || Failure::usage(format!("{}: its name is not UTF-8, which job files are", path.shown()));
     path.to_str().map(str::to_owned).ok_or_else(not)
 }
 

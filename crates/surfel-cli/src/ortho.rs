@@ -19,6 +19,7 @@ mod with_ortho {
     use super::{Console, Failure, OrthoArgs};
     use crate::stdin::{Stdin, is_stdin};
     use crate::{options, stdout};
+    use surfel::io::ShowPath as _;
     use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
     use surfel::render::Renderer;
     use surfel::{Backend, BackendOptions};
@@ -64,7 +65,7 @@ mod with_ortho {
         let first = [&args.output, &args.dsm, &args.normals].into_iter().flatten().next();
         console.note(&format!(
             "{}: {width} x {height} pixels of {}, {x0},{y0},{x1},{y1}, {crs}, {covered:.1} % covered{filled}",
-            first.map_or_else(String::new, |path| path.display().to_string()),
+            first.map_or_else(String::new, |path| path.shown().to_string()),
             args.gsd
         ));
         if args.stats {

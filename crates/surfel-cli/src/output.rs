@@ -5,6 +5,7 @@ use crate::stdin::is_stdin;
 use crate::stdout;
 use std::path::{Path, PathBuf};
 use surfel::Frame;
+use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
 
 /// An image's format.
@@ -127,7 +128,7 @@ impl Output {
         }
         let folder = Self::folder(Some(path));
         if !folder.is_dir() {
-            let message = format!("{}: there is no folder {}: create it first", path.display(), folder.display());
+            let message = format!("{}: there is no folder {}: create it first", path.shown(), folder.shown());
             return Err(Failure::other(message));
         }
         Ok(())

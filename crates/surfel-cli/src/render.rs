@@ -4,7 +4,7 @@ use crate::args::RenderArgs;
 use crate::console::{self, Console};
 use crate::failure::Failure;
 use crate::options;
-use crate::output::{Format, Output};
+use crate::output::{self, Format, Output};
 use crate::pieces::{self, Pictures};
 use crate::resolve::{self, Resolved, Source, resolve, resolve_progressively};
 use crate::stats;
@@ -12,10 +12,12 @@ use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use crate::verify::{Verified, verify};
 use serde_json::{Map, Value, json};
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use surfel::backend::Chosen;
+use surfel::io::ShowPath as _;
+use surfel::io::atomic::target;
 use surfel::model::SceneFile;
 use surfel::progressive::Detail;
 use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
@@ -48,7 +50,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
     session.check_names(label)?;
     let drawn = session.draw(resolve::source(&args.inputs, &session.stdin)?, label)?;
     if args.bare && args.output.is_none() {
-        drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.display())));
+        drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.shown())));
     }
     if let Some(stats) = &drawn.stats {
         stdout::json_result(stats)?;
@@ -77,6 +79,26 @@ fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs,
     Ok(args)
 }
 
+/// Most bytes of a camera's name that is a part of a file's name: systems allow 255, extension and all.
+const MOST_NAME_BYTES: usize = 200;
+
+/// Refuses a camera whose image can't be called by its name; `path` is the cameras' file.
+fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
+    let what = if name.len() > MOST_NAME_BYTES {
+        format!("of {} bytes, expected at most {MOST_NAME_BYTES}", name.len())
+    } else if name.contains('\0') {
+        "with a zero byte".to_owned()
+    } else {
+        return Ok(());
+    };
+    let start: String = name.chars().take(40).collect();
+    Err(Failure::input(format!(
+        "{}: has a camera name {what}, which no image can be called by: {start}…\n  help: rename the camera, or call \
+         the images by {{frame}}",
+        path.shown()
+    )))
+}
+
 /// The image of `surfel INPUT` alone: INPUT's name with .png, in the current folder.
 pub(crate) fn default_output(args: &RenderArgs) -> Option<PathBuf> {
     let wanted = args.bare && !args.print_scene && !args.stats && !args.verify;
@@ -92,6 +114,8 @@ pub(crate) struct Session<'a> {
     console: &'a Console,
     /// The cameras of `--cameras`, by the names of their images.
     cameras: Vec<(String, Camera)>,
+    /// The first place of each input among all.
+    input_numbers: HashMap<&'a Path, usize>,
     /// Which of all pictures are drawn.
     pictures: Pictures,
     /// `None` where nothing is drawn.
@@ -126,17 +150,23 @@ impl<'a> Session<'a> {
                 cameras.len()
             )));
         }
+        if output.as_ref().is_some_and(Output::names_cameras) {
+            let path = args.cameras.as_deref().unwrap_or(Path::new(""));
+            cameras.iter().try_for_each(|(name, _)| check_camera_name(name, path))?;
+        }
         // No set of cameras has more than 10 million.
         let frames = if cameras.is_empty() { args.frames.unwrap_or(1) } else { cameras.len() as u32 };
         let inputs = if output.as_ref().is_some_and(Output::names_inputs) { args.inputs.len() } else { 1 };
         let pictures = if draws { Pictures::of(args, inputs, frames, console)? } else { Pictures::default() };
         let backend = if draws { Some(start(args, threads, console)?) } else { None };
-        Ok(Self { args, output, stdin: Rc::new(stdin), threads, console, cameras, pictures, backend })
+        let input_numbers = args.inputs.iter().enumerate().rev().map(|(i, input)| (input.as_path(), i)).collect();
+        let stdin = Rc::new(stdin);
+        Ok(Self { args, output, stdin, threads, console, cameras, input_numbers, pictures, backend })
     }
 
     /// The frames of an input that are drawn.
     fn frames_of(&self, label: &Path) -> &[u32] {
-        self.pictures.of_input(self.args.inputs.iter().position(|input| input == label).unwrap_or(0))
+        self.pictures.of_input(self.input_numbers.get(label).copied().unwrap_or(0))
     }
 
     /// The files of a scene that this backend draws, one a frame; none for stdout.
@@ -150,8 +180,39 @@ impl<'a> Session<'a> {
 
     /// Refuses what couldn't be written anyway, before the work is done.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
+        self.check_apart(&[label])?;
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
         self.names(backend, label).iter().filter(|path| !self.skips(path)).try_for_each(|path| output.check(Some(path)))
+    }
+
+    /// Refuses two files of one name, and an input's name, also by way of links: one would be lost.
+    fn check_apart(&self, labels: &[&Path]) -> Result<(), Failure> {
+        let Some(backend) = &self.backend else { return Ok(()) };
+        let bar = self.args.splats.colorbar.as_ref().and_then(Option::as_ref);
+        let inputs: HashSet<PathBuf> =
+            labels.iter().filter(|label| !is_stdin(label)).map(|label| target(label)).collect();
+        let mut owners: HashMap<PathBuf, (&Path, PathBuf)> = HashMap::new();
+        for label in labels {
+            let images = self.names(backend, label).into_iter();
+            for file in images.chain(bar.map(|bar| output::of_input(bar, label))) {
+                if inputs.contains(&target(&file)) {
+                    return Err(Failure::usage(format!("{} is an input, too, expected another name", file.shown())));
+                }
+                let Some((other, path)) = owners.insert(target(&file), (label, file.clone())) else { continue };
+                let [one, two] = [other, label].map(stdin::display);
+                return Err(Failure::usage(if other == *label {
+                    let (path, file) = (path.shown(), file.shown());
+                    format!("{path} and {file} are one file, expected another name for each")
+                } else {
+                    let file = file.shown();
+                    format!(
+                        "{one} and {two} would both be written to {file}, expected inputs of different names: draw \
+                         them by two commands"
+                    )
+                }));
+            }
+        }
+        Ok(())
     }
 
     /// True for a picture that is there already, with `--skip-existing`.
@@ -163,20 +224,7 @@ impl<'a> Session<'a> {
     /// exit code is then that of the first failure.
     fn draw_each(&mut self) -> Result<(), Failure> {
         let inputs = &self.args.inputs;
-        if let Some(backend) = &self.backend {
-            let names: Vec<_> = inputs.iter().map(|input| self.names(backend, input)).collect();
-            for (i, name) in names.iter().enumerate() {
-                if let Some(j) = names[..i].iter().position(|earlier| !name.is_empty() && earlier == name) {
-                    return Err(Failure::usage(format!(
-                        "{} and {} would both be written to {}, expected inputs of different names: draw them by two \
-                         commands",
-                        stdin::display(&inputs[j]),
-                        stdin::display(&inputs[i]),
-                        name.first().map(|n| n.display().to_string()).unwrap_or_default()
-                    )));
-                }
-            }
-        }
+        self.check_apart(&inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
         let (mut failed, mut first, mut stats) = (0, 0, Vec::new());
         for input in inputs {
             if self.frames_of(input).is_empty() {
@@ -260,7 +308,7 @@ impl<'a> Session<'a> {
         }
         match names.first() {
             Some(path) if path.exists() && !path.is_file() => {
-                let what = format!("-o {}: --progressive rewrites a file, and this is none", path.display());
+                let what = format!("-o {}: --progressive rewrites a file, and this is none", path.shown());
                 Err(Failure::usage(what))
             }
             _ => Ok(()),
@@ -327,7 +375,7 @@ impl<'a> Session<'a> {
                 if let (Some(output), Some(path)) = (&self.output, path) {
                     // What would repeat it is that of the full picture, which takes its place.
                     output.write(Some(path), &job.frame, resolved.file.background, Vec::new())?;
-                    console.detail(&format!("{}: a coarse picture, which a finer one replaces", path.display()));
+                    console.detail(&format!("{}: a coarse picture, which a finer one replaces", path.shown()));
                 }
                 continue;
             }
@@ -347,7 +395,7 @@ impl<'a> Session<'a> {
                 }
                 files.extend(path.map(Path::to_path_buf));
                 if let (Some(path), Some(last)) = (path, job.runs.last()) {
-                    console.detail(&format!("{}: {:.1} ms, {} splats", path.display(), last.frame_ms, last.splats));
+                    console.detail(&format!("{}: {:.1} ms, {} splats", path.shown(), last.frame_ms, last.splats));
                 }
             }
         }
@@ -417,7 +465,7 @@ impl<'a> Session<'a> {
         if frame.color().iter().any(|c| c[3] < 1.0) {
             self.console.note(&format!(
                 "{}: a JPEG has no transparency, so the image is blended onto the background's colour {r},{g},{b}",
-                path.display()
+                path.shown()
             ));
         }
     }

@@ -30,6 +30,9 @@ const MAX_LINE: usize = 1 << 16;
 /// Most pixels of a picture: larger ones are drawn by regions.
 const MAX_PIXELS: usize = 1 << 26;
 
+/// Most pixels of a picture whose memory serves the next picture: that of larger ones is given back.
+const KEPT_PIXELS: usize = 1 << 22;
+
 pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result<(), Failure> {
     check(&args.render)?;
     let mut server = Server::start(&args.render, threads, console)?;
@@ -326,12 +329,18 @@ impl<'a> Server<'a> {
             let entries = metadata::entries(Output::folder(Some(path)), &scene, &self.inputs, &drawn, is_exr)?;
             entries.unwrap_or_default()
         };
-        output.write(Some(path), &self.frame, scene.background, metadata)?;
+        let written = output.write(Some(path), &self.frame, scene.background, metadata);
+        let (width, height) = (self.frame.width(), self.frame.height());
+        if view.pixels() > KEPT_PIXELS {
+            self.frame = Frame::default();
+            self.backend.release_memory();
+        }
+        written?;
         Ok(json!({
             "ok": true,
             "path": path,
             "stats": { "frame_ms": stats.frame_ms, "splats": stats.splats, "drawn": stats.drawn,
-                       "width": self.frame.width(), "height": self.frame.height() },
+                       "width": width, "height": height },
         }))
     }
 }

@@ -1,12 +1,19 @@
-//! Signals that end the program: what it has half written goes first.
+//! Signals that end the program, after its temporary files are removed.
 
-use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
+use std::ffi::c_int;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
 
 /// Waits for these signals on a thread of its own, removes temporary files, and ends as the signal would have. Without
-/// such a thread, the next run removes them.
+/// such a thread, the next run removes the files. Signals that the parent had ignored (`nohup`) stay ignored.
 pub(crate) fn watch() {
-    let Ok(mut signals) = Signals::new([SIGHUP, SIGINT, SIGTERM]) else { return };
+    // With a handler, a write beyond `ulimit -f` fails with an error instead of killing the program.
+    let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
+    let ignored = ignored();
+    let watched = [SIGHUP, SIGINT, SIGTERM].into_iter().filter(|signal| !contains(ignored, *signal));
+    let Ok(mut signals) = Signals::new(watched) else { return };
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
             surfel::io::atomic::remove_temporary_files();
@@ -15,4 +22,28 @@ pub(crate) fn watch() {
         }
     };
     let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(wait);
+}
+
+/// The mask of ignored signals, which Linux states in `/proc`; empty elsewhere.
+fn ignored() -> u64 {
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
+    mask.and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok()).unwrap_or(0)
+}
+
+fn contains(mask: u64, signal: c_int) -> bool {
+    mask >> (signal - 1) & 1 == 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn masks_count_signals_from_one() {
+        // As /proc states it of a program that nohup started: SIGHUP, and SIGPIPE of Rust's runtime.
+        let mask = 0x1001;
+        let all = [SIGHUP, SIGINT, signal_hook::consts::SIGPIPE, SIGTERM];
+        assert_eq!(all.map(|signal| contains(mask, signal)), [true, false, true, false]);
+    }
 }

@@ -8,6 +8,7 @@ use crate::stdin::is_stdin;
 use serde_json::{Map, Value};
 use std::path::{Component, Path, PathBuf};
 use surfel::Region;
+use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, Samples, Tile};
 use surfel::metadata::{self, Content, DRAWN_KEY, INPUTS_KEY, Input, SCENE_KEY, VERSION_KEY};
 use surfel::model::SceneFile;
@@ -30,8 +31,8 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
             return Err(Failure::input(format!(
                 "{}: is no tile of the image that {} is one of: {what} differs\n  expected: tiles that the same \
                  command drew but for --tile, --region and -o",
-                other.tile.path.display(),
-                first.tile.path.display()
+                other.tile.path.shown(),
+                first.tile.path.shown()
             )));
         }
     }
@@ -43,18 +44,18 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
         let kind = if matches!(format, Format::Png { .. }) { "PNG" } else { "EXR" };
         return Err(Failure::usage(format!(
             "-o {}: the tiles are {kind}s, expected a name in .{}: no sample is changed",
-            args.output.display(),
+            args.output.shown(),
             kind.to_lowercase()
         )));
     }
     let size = first.file.camera.size;
     if is_tiff {
-        console.detail(&format!("{}: keeps nothing of the scene: surfel again needs a PNG", args.output.display()));
+        console.detail(&format!("{}: keeps nothing of the scene: surfel again needs a PNG", args.output.shown()));
     }
     let metadata = first.of_whole(Output::folder(Some(&args.output)), format)?;
     let tiles: Vec<Tile> = said.iter().map(|said| said.tile.clone()).collect();
     surfel::io::stitch(&args.output, args.force, size, &tiles, &metadata)?;
-    console.detail(&format!("{}: {}x{} pixels of {} tiles", args.output.display(), size[0], size[1], tiles.len()));
+    console.detail(&format!("{}: {}x{} pixels of {} tiles", args.output.shown(), size[0], size[1], tiles.len()));
     Ok(())
 }
 
@@ -71,7 +72,7 @@ struct Said {
 impl Said {
     fn of(path: &Path) -> Result<Self, Failure> {
         let header = surfel::io::read_image_header(path)?;
-        let name = path.display();
+        let name = path.shown();
         let text = |key: &str| {
             let found = header.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
             found.ok_or_else(|| {

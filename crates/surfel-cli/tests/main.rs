@@ -8,6 +8,7 @@ mod exit_codes;
 mod gaussians;
 mod interface;
 mod levels;
+mod losses;
 mod ortho;
 mod output_images;
 mod pieces;

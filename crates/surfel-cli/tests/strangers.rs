@@ -143,6 +143,18 @@ fn a_polygon_that_repeats_its_corners_is_drawn_once() {
     assert!(run.stderr().contains("1999 triangles repeat others"), "{}", run.stderr());
 }
 
+/// A splat file that takes some time to write.
+fn many() -> String {
+    let count = 60_000;
+    let mut many = format!("ply\nformat ascii 1.0\ncomment interior_weight 3\nelement vertex {count}\n");
+    for name in ["x", "y", "z", "nx", "ny", "nz", "radius"] {
+        many += &format!("property float {name}\n");
+    }
+    many += "end_header\n";
+    (0..count).for_each(|i| many += &format!("{} {} 0.123456 0 0 1 0.75\n", i % 300, i / 300));
+    many
+}
+
 /// A signal that ends the program in the middle of writing, until it was met there; how many temporary files stay.
 #[cfg(unix)]
 fn ended_by(f: &Folder, signal: &str) -> usize {
@@ -176,16 +188,52 @@ fn ended_by(f: &Folder, signal: &str) -> usize {
 #[test]
 fn a_signal_leaves_no_temporary_file_and_the_next_run_removes_what_a_kill_left() {
     let f = Folder::new("signals");
-    let count = 60_000;
-    let mut many = format!("ply\nformat ascii 1.0\ncomment interior_weight 3\nelement vertex {count}\n");
-    for name in ["x", "y", "z", "nx", "ny", "nz", "radius"] {
-        many += &format!("property float {name}\n");
-    }
-    many += "end_header\n";
-    (0..count).for_each(|i| many += &format!("{} {} 0.123456 0 0 1 0.75\n", i % 300, i / 300));
-    f.write("many.ply", many);
+    f.write("many.ply", many());
     assert_eq!((ended_by(&f, "-TERM"), ended_by(&f, "-INT")), (0, 0));
     assert_eq!(ended_by(&f, "-KILL"), 1);
     f.run("convert many.ply -o whole.ply").code(0);
     assert_eq!(f.names(), ["many.ply", "whole.ply"]);
+}
+
+/// The program as a shell starts it after these words.
+#[cfg(unix)]
+fn after(f: &Folder, words: &str, arguments: &str) -> std::process::Command {
+    let mut shell = std::process::Command::new("sh");
+    let program = env!("CARGO_BIN_EXE_surfel");
+    shell.current_dir(f.path()).args(["-c", &format!("{words}; exec \"$0\" {arguments}"), program]);
+    shell
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn signals_ignored_at_the_start_stay_ignored() {
+    let f = Folder::new("nohup");
+    f.write("many.ply", many());
+    let convert = "convert many.ply --ascii -o o.ply --quiet";
+    let mut child = after(&f, "trap '' HUP INT TERM", convert).spawn().unwrap();
+    while !f.names().iter().any(|name| name.ends_with(".tmp")) {
+        assert!(child.try_wait().unwrap().is_none(), "it was never seen writing");
+        std::thread::sleep(Duration::from_millis(1));
+    }
+    for signal in ["-HUP", "-INT", "-TERM"] {
+        let sent = std::process::Command::new("kill").args([signal, &child.id().to_string()]).status().unwrap();
+        assert!(sent.success(), "{signal}");
+    }
+    assert!(child.wait().unwrap().success());
+    assert_eq!(f.names(), ["many.ply", "o.ply"]);
+}
+
+#[cfg(unix)]
+#[test]
+fn a_file_beyond_the_system_s_limit_is_an_error_that_leaves_nothing() {
+    let f = Folder::new("xfsz");
+    f.write("many.ply", many());
+    for (output, flags) in [("o.ply", ""), ("o.png", "render --size 2000x2000 --shader depth"), ("o.exr", "render")] {
+        let command = if flags.is_empty() { "convert" } else { flags };
+        let run = after(&f, "ulimit -f 1", &format!("{command} many.ply -o {output} -q")).output().unwrap();
+        let said = String::from_utf8_lossy(&run.stderr);
+        assert_eq!(run.status.code(), Some(1), "{output}: {said}");
+        assert!(said.starts_with(&format!("error: {output}: cannot write it: File too large")), "{said}");
+        assert_eq!(f.names(), ["many.ply"]);
+    }
 }

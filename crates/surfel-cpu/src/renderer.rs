@@ -12,6 +12,10 @@ use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, Ren
 
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
+/// Stack of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3 MiB, more
+/// than threads have by default. Memory that isn't used isn't taken.
+const STACK_BYTES: usize = 8 << 20;
+
 /// The CPU backend. It has its own threads; the global thread pool is left alone.
 pub struct Renderer {
     info: RendererInfo,
@@ -32,6 +36,7 @@ impl Renderer {
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
+            .stack_size(STACK_BYTES)
             .build()
             .map_err(|e| RenderError::Backend { backend: "cpu", message: e.to_string() })?;
         let instructions = Instructions::new(options.simd).ok_or_else(|| RenderError::Backend {
@@ -48,6 +53,11 @@ impl Renderer {
         };
         let (tuning, pools) = (Tuning::default(), FramePools::default());
         Ok(Self { info, threads, instructions, storage: options.storage, tuning, pools })
+    }
+
+    /// Frees the memory that frames leave to later frames: after an image that is much larger than the next ones.
+    pub fn release_memory(&mut self) {
+        self.pools = FramePools::default();
     }
 }
 

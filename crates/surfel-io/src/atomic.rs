@@ -1,15 +1,14 @@
 //! Files that appear whole or not at all.
 
+mod names;
+
 use crate::error::{IoError, WRITE, WRITE_THERE};
+use names::Name;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
-
-/// How the names of temporary files begin and end.
-const PREFIX: &str = ".surfel-";
-const SUFFIX: &str = ".tmp";
 
 /// The temporary files of this process that are there.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
@@ -27,6 +26,15 @@ pub fn remove_temporary_files() {
     std::mem::forget(files);
 }
 
+/// The file that writing `path` makes or replaces, by its one absolute name: links are followed, and `.` and `..` are
+/// gone. Two paths of the same target are one file.
+pub fn target(path: &Path) -> PathBuf {
+    fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
+        (Ok(folder), Some(name)) => folder.join(name),
+        _ => std::path::absolute(path).unwrap_or_else(|_| path.to_path_buf()),
+    })
+}
+
 /// Writes `path` by way of a temporary file in the same folder: synced, then renamed. A reader sees the old file
 /// or the whole new one, never a part; on failure the temporary file is removed and `path` is as it was.
 ///
@@ -42,7 +50,7 @@ pub fn write(
     content: impl FnOnce(&mut dyn Write) -> io::Result<()>,
 ) -> Result<(), IoError> {
     if fs::metadata(path).is_ok_and(|found| !found.is_file() && !found.is_dir()) {
-        let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
+        let system = |source| unwritten(path, WRITE, source);
         let mut sink = BufWriter::new(OpenOptions::new().write(true).open(path).map_err(system)?);
         return content(&mut sink).and_then(|()| sink.flush()).map_err(system);
     }
@@ -59,9 +67,15 @@ pub fn write_seekable(
     content: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
 ) -> Result<(), IoError> {
     let mut pending = Pending::new(path, overwrite)?;
-    let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
-    content(&mut pending.sink).map_err(system)?;
+    content(&mut pending.sink).map_err(|source| unwritten(path, WRITE, source))?;
     pending.publish()
+}
+
+/// The error of a file whose content could not be written. An error of another file that the content is made from, which
+/// [`io::Error`] may hold, stays what it is.
+fn unwritten(path: &Path, action: &'static str, source: io::Error) -> IoError {
+    let system = |source| IoError::System { path: path.to_path_buf(), action, source };
+    source.downcast::<IoError>().unwrap_or_else(system)
 }
 
 /// A file that is being written under another name, and appears when it is published. Dropped, it is gone.
@@ -135,7 +149,7 @@ impl Temporary {
             drop(sink);
             Ok(Self { file, _registered: registered })
         });
-        written.map_err(|source| IoError::System { path: folder.to_path_buf(), action: WRITE_THERE, source })
+        written.map_err(|source| unwritten(folder, WRITE_THERE, source))
     }
 
     /// Where it is.
@@ -155,8 +169,8 @@ pub fn unnamed_in(folder: &Path) -> io::Result<File> {
 /// A new file that is removed when dropped. Its name isn't derived from the target's, which may already be as long as
 /// the file system allows.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
-    let mut builder = tempfile::Builder::new();
-    builder.prefix(PREFIX).suffix(SUFFIX);
+    let (prefix, mut builder) = (Name::prefix_of_this_process(), tempfile::Builder::new());
+    builder.prefix(&prefix).suffix(names::SUFFIX).rand_bytes(names::RANDOM_CHARACTERS);
     // Otherwise nobody else could read the file; the system takes away what the process's umask says.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
@@ -190,13 +204,14 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     }
 }
 
-/// Removes the temporary files in `folder` that no process has locked: their writers were killed.
+/// Removes the temporary files in `folder` that killed writers left: the name says that the writer was a process of this
+/// host that has ended, or nobody has written to the file for [`names::OLD`]. A lock that somebody holds protects the
+/// file, but a free lock proves nothing: on some shared file systems locks are local to a host.
 fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
-        let name = entry.file_name();
-        let name = name.to_string_lossy();
-        let is_file = entry.file_type().is_ok_and(|kind| kind.is_file());
-        if !is_file || !name.starts_with(PREFIX) || !name.ends_with(SUFFIX) {
+        let Some(name) = entry.file_name().to_str().and_then(Name::parse) else { continue };
+        let Ok(found) = entry.metadata() else { continue };
+        if !found.is_file() || !name.is_left_over(found.modified().ok()) {
             continue;
         }
         // To be locked it must be open for writing on some systems.
@@ -232,6 +247,12 @@ fn folder_of(path: &Path) -> &Path {
 mod tests {
     use super::*;
 
+    /// Name of a temporary file of a process of this host that has ended.
+    fn name_of_ended() -> String {
+        // No process can have this number.
+        names::tests::name_of(i32::MAX as u32)
+    }
+
     #[test]
     fn files_that_killed_writers_left_are_removed_and_those_being_written_are_not() {
         let folder = std::env::temp_dir().join(format!("surfel-left-over-{}", std::process::id()));
@@ -241,9 +262,14 @@ mod tests {
             names.sort();
             names
         };
-        for name in [".surfel-abc.tmp", ".surfel-mine", "other.tmp", ".surfel-d.tmp.txt"] {
+        let ended = name_of_ended();
+        // A user's own names, and those of 0.2, stay.
+        let mut kept = [".surfel-mine", ".surfel-mine.tmp", ".surfel-aB3xYz.tmp", "other.tmp", ".surfel-d.tmp.txt"];
+        kept.sort_unstable();
+        for name in kept.iter().chain([&ended.as_str()]) {
             fs::write(folder.join(name), "x").unwrap();
         }
+        let before = names().len();
         let mut during = Vec::new();
         let write = |name: &str, inner: &mut dyn FnMut()| {
             write(&folder.join(name), false, |out| {
@@ -256,12 +282,59 @@ mod tests {
             write("b", &mut || during = names()).unwrap();
         })
         .unwrap();
-        let temporary = |name: &&std::ffi::OsString| name.to_string_lossy().ends_with(SUFFIX);
-        assert_eq!(during.iter().filter(temporary).count(), 3, "{during:?}");
-        assert!(!during.iter().any(|name| name == ".surfel-abc.tmp"), "{during:?}");
-        assert_eq!(names(), [".surfel-d.tmp.txt", ".surfel-mine", "a", "b", "other.tmp"]);
+        // The file that was left is gone; `a` is being written, `b` is there.
+        assert_eq!(during.len(), before - 1 + 2, "{during:?}");
+        assert!(!during.iter().any(|name| *name == *ended), "{during:?}");
+        assert_eq!(names().into_iter().filter(|name| name != "a" && name != "b").collect::<Vec<_>>(), kept);
         assert_eq!(fs::read(folder.join("a")).unwrap(), b"whole");
         assert!(!temporary_files().iter().any(|path| path.starts_with(&folder)));
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    /// Locks that are local to a host are as if there were none.
+    #[cfg(unix)]
+    #[test]
+    fn files_of_living_writers_stay_without_locks() {
+        let folder = std::env::temp_dir().join(format!("surfel-no-locks-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        // Written by a process that lives here, and by one elsewhere.
+        let [here, elsewhere] = [names::tests::name_of(child.id()), names::tests::name_elsewhere()];
+        for name in [&here, &elsewhere] {
+            fs::write(folder.join(name), "x").unwrap();
+        }
+        write(&folder.join("a"), false, |out| out.write_all(b"whole")).unwrap();
+        assert!(folder.join(&here).exists() && folder.join(&elsewhere).exists());
+        child.kill().unwrap();
+        child.wait().unwrap();
+        write(&folder.join("b"), false, |out| out.write_all(b"whole")).unwrap();
+        assert!(!folder.join(&here).exists() && folder.join(&elsewhere).exists());
+        // After a month nobody comes back for it.
+        let old = std::time::SystemTime::now() - names::OLD - std::time::Duration::from_secs(60);
+        File::options().write(true).open(folder.join(&elsewhere)).unwrap().set_modified(old).unwrap();
+        write(&folder.join("c"), false, |out| out.write_all(b"whole")).unwrap();
+        assert!(!folder.join(&elsewhere).exists());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn paths_of_one_file_have_one_target() {
+        let folder = std::env::temp_dir().join(format!("surfel-targets-{}", std::process::id()));
+        fs::create_dir_all(folder.join("in")).unwrap();
+        let link = |to: &str, from: &str| std::os::unix::fs::symlink(to, folder.join(from)).unwrap();
+        fs::write(folder.join("a"), "x").unwrap();
+        link("a", "to-a");
+        link("in", "to-in");
+        let of = |path: &str| target(&folder.join(path));
+        for [one, other] in [["a", "./a"], ["a", "in/../a"], ["a", "to-a"], ["in/new", "to-in/new"], ["new", "./new"]] {
+            assert_eq!(of(one), of(other), "{one} {other}");
+        }
+        assert_ne!(of("a"), of("in/a"));
+        assert_ne!(of("new"), of("in/new"));
+        // A link that leads nowhere is replaced.
+        link("nowhere", "broken");
+        assert_ne!(of("broken"), of("nowhere"));
         fs::remove_dir_all(&folder).unwrap();
     }
 
@@ -269,7 +342,7 @@ mod tests {
     fn temporary_files_are_there_as_long_as_they_are_held() {
         let folder = std::env::temp_dir().join(format!("surfel-held-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
-        let killed = folder.join(".surfel-abc.tmp");
+        let killed = folder.join(name_of_ended());
         fs::write(&killed, "x").unwrap();
         let held = Temporary::write(&folder, |out| out.write_all(b"whole")).unwrap();
         assert!(!killed.exists());

@@ -3,16 +3,21 @@
 
 use crate::columns::rounding_note;
 use crate::content::{Content, LoadOptions};
+use crate::error::ShowPath as _;
 use crate::error::{Fault, Problem};
 use crate::files::{self, Siblings};
 use crate::images::texture::TextureDecoder;
 use crate::words::counted;
 use glam::Vec3;
+use std::collections::HashSet;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 
 /// The note about alphas that are all 0.
 pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
+
+/// Most notes of one file: nobody reads more.
+const MOST_NOTES: usize = 1000;
 
 /// What readers share while one file is loaded.
 pub(crate) struct Context<'a> {
@@ -21,6 +26,10 @@ pub(crate) struct Context<'a> {
     pub(crate) siblings: Siblings,
     /// What the user should know, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
+    /// The same, to be looked up.
+    known_notes: HashSet<String>,
+    /// Notes beyond [`MOST_NOTES`].
+    notes_left_out: usize,
     /// Decodes textures within what one file may use.
     pub(crate) textures: TextureDecoder,
     /// The splats were Gaussians.
@@ -30,14 +39,37 @@ pub(crate) struct Context<'a> {
 impl<'a> Context<'a> {
     pub(crate) fn new(options: &'a LoadOptions, siblings: Siblings) -> Self {
         let textures = TextureDecoder::new(options.max_texture);
-        Self { options, siblings, notes: Vec::new(), textures, gaussian: false }
+        Self {
+            options,
+            siblings,
+            notes: Vec::new(),
+            known_notes: HashSet::new(),
+            notes_left_out: 0,
+            textures,
+            gaussian: false,
+        }
     }
 
     /// Keeps a note, once.
     pub(crate) fn note(&mut self, note: String) {
-        if !self.notes.contains(&note) {
-            self.notes.push(note);
+        if self.known_notes.contains(&note) {
+            return;
         }
+        if self.notes.len() < MOST_NOTES {
+            self.known_notes.insert(note.clone());
+            self.notes.push(note);
+        } else {
+            self.notes_left_out += 1;
+        }
+    }
+
+    /// All notes; a last one counts those that are too many to read.
+    pub(crate) fn take_notes(&mut self) -> Vec<String> {
+        let mut notes = std::mem::take(&mut self.notes);
+        if self.notes_left_out > 0 {
+            notes.push(format!("… and {} more notes", std::mem::take(&mut self.notes_left_out)));
+        }
+        notes
     }
 
     /// Notes that these positions, which a file has as 32-bit floats, are rounded, if they are.
@@ -90,7 +122,7 @@ impl<'a> Context<'a> {
             let texture = files::read(path, 1 << 30).map_err(|e| e.to_string());
             let texture = texture.and_then(|bytes| self.textures.decode(&bytes, &path.to_string_lossy()));
             let texture =
-                texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.display())))?;
+                texture.map_err(|why| Problem::new(format!("can't use the texture {}: {why}", path.shown())))?;
             let texture = Arc::new(texture);
             let materials = mesh.materials.iter_mut().flat_map(|all| &mut all.materials);
             materials.for_each(|material| material.texture = Some(texture.clone()));

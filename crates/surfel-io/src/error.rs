@@ -9,7 +9,7 @@ use surfel_model::ModelError;
 #[non_exhaustive]
 pub enum IoError {
     /// The operating system refused.
-    #[error("{}: cannot {action}: {source}", .path.display())]
+    #[error("{}: cannot {action}: {source}", .path.shown())]
     System {
         /// The file or folder.
         path: PathBuf,
@@ -19,13 +19,13 @@ pub enum IoError {
         source: std::io::Error,
     },
     /// A file of that name is already there.
-    #[error("{}: already exists\n  help: --force overwrites it; or choose another name", .path.display())]
+    #[error("{}: already exists\n  help: --force overwrites it; or choose another name", .path.shown())]
     Exists {
         /// The file.
         path: PathBuf,
     },
     /// The file's content is not what its format asks for, or Surfel doesn't read it.
-    #[error("{}: {problem}", .path.display())]
+    #[error("{}: {problem}", .path.shown())]
     Invalid {
         /// The file.
         path: PathBuf,
@@ -33,7 +33,7 @@ pub enum IoError {
         problem: Box<Problem>,
     },
     /// The file was read, but its data break the model's rules.
-    #[error("{}: {source}", .path.display())]
+    #[error("{}: {source}", .path.shown())]
     Model {
         /// The file.
         path: PathBuf,
@@ -69,6 +69,38 @@ pub(crate) const READ: &str = "read it";
 pub(crate) const WRITE: &str = "write it";
 /// The same of a folder.
 pub(crate) const WRITE_THERE: &str = "write a temporary file there";
+
+/// Paths in messages.
+pub trait ShowPath {
+    /// The path on one line, control characters and those that reverse text as escapes: a terminal must not obey a file
+    /// name.
+    fn shown(&self) -> ShownPath<'_>;
+}
+
+impl ShowPath for Path {
+    fn shown(&self) -> ShownPath<'_> {
+        ShownPath(self)
+    }
+}
+
+/// A path that prints as [`ShowPath::shown`] says.
+#[derive(Clone, Copy, Debug)]
+pub struct ShownPath<'a>(&'a Path);
+
+impl fmt::Display for ShownPath<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.0.to_string_lossy().chars().try_for_each(|c| match is_obeyed(c) {
+            true => write!(f, "{}", c.escape_default()),
+            false => write!(f, "{c}"),
+        })
+    }
+}
+
+/// True for characters that a terminal obeys instead of showing them.
+pub fn is_obeyed(c: char) -> bool {
+    let reverses = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
+    c.is_control() || reverses
+}
 
 /// Where in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -221,6 +253,12 @@ pub(crate) fn list<S: AsRef<str>>(names: &[S]) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn names_are_shown_on_one_line_without_control_characters() {
+        let path = Path::new("ä b\n\x1b[31mc\u{9b}\u{202e}gnp.ply");
+        assert_eq!(path.shown().to_string(), "ä b\\n\\u{1b}[31mc\\u{9b}\\u{202e}gnp.ply");
+    }
 
     #[test]
     fn error_prints_at_most_four_lines_and_no_control_characters() {

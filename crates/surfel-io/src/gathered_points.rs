@@ -6,6 +6,7 @@ use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
 use glam::{DAffine3, DMat3, DVec3};
+use std::collections::HashMap;
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
 /// One part's points in world space. A column that is there has a value for each point.
@@ -51,6 +52,8 @@ pub(crate) struct GatheredPoints {
     any_normal: bool,
     any_color: bool,
     extras: Vec<ExtraColumn>,
+    /// Places of columns by their names.
+    extra_of: HashMap<String, usize>,
 }
 
 impl GatheredPoints {
@@ -65,18 +68,23 @@ impl GatheredPoints {
         self.colors.extend(part.colors.into_iter().flatten());
         self.colors.resize(total, [1.0; 4]);
         for extra in part.extras {
-            match self.extras.iter_mut().find(|e| e.name == extra.name) {
-                Some(known) => append(&mut known.values, &extra.values),
-                None => {
-                    let mut values = extra.values.clone();
-                    values.resize(0);
-                    values.resize(before);
-                    append(&mut values, &extra.values);
-                    self.extras.push(ExtraColumn { name: extra.name, values });
-                }
-            }
+            let place = *self.extra_of.entry(extra.name).or_insert_with_key(|name| {
+                let mut values = extra.values.clone();
+                values.resize(0);
+                self.extras.push(ExtraColumn { name: name.clone(), values });
+                self.extras.len() - 1
+            });
+            // Parts in between may not have it.
+            let known = &mut self.extras[place].values;
+            known.resize(before);
+            append(known, &extra.values);
         }
-        self.extras.iter_mut().for_each(|extra| extra.values.resize(total));
+    }
+
+    /// The columns, each with a value for each point.
+    fn filled(mut extras: Vec<ExtraColumn>, total: usize) -> Vec<ExtraColumn> {
+        extras.iter_mut().for_each(|extra| extra.values.resize(total));
+        extras
     }
 
     /// Turns all points by a rotation about `center`, which comes to lie at the origin.
@@ -87,7 +95,8 @@ impl GatheredPoints {
 
     /// All parts as one.
     pub(crate) fn into_part(self) -> PointsPart {
-        let Self { positions, normals, colors, any_normal, any_color, extras } = self;
+        let Self { positions, normals, colors, any_normal, any_color, extras, .. } = self;
+        let extras = Self::filled(extras, positions.len());
         PointsPart { positions, normals: any_normal.then_some(normals), colors: any_color.then_some(colors), extras }
     }
 
@@ -101,7 +110,7 @@ impl GatheredPoints {
             normals: self.any_normal.then(|| Column3::from_f32(self.normals.into_iter().map(Into::into).collect())),
             alphas: alphas.then(|| self.colors.iter().map(|c| c[3]).collect()),
             colors: self.any_color.then(|| self.colors.iter().map(|c| [c[0], c[1], c[2]]).collect()),
-            extras: self.extras,
+            extras: Self::filled(self.extras, self.positions.len()),
             ..PointCloud::default()
         })
     }
@@ -146,6 +155,6 @@ mod tests {
         all.add(part(3.0, false, vec![extra("b", ExtraValues::I16(vec![-9]))]));
         assert_eq!(all.normals, [[0.0; 3], [0.0, 0.0, 1.0], [0.0; 3]]);
         let columns = [("a", ExtraValues::U8(vec![0, 7, 0])), ("b", ExtraValues::F64(vec![0.0, 9.0, -9.0]))];
-        assert_eq!(all.extras, columns.map(|(name, values)| extra(name, values)));
+        assert_eq!(all.into_part().extras, columns.map(|(name, values)| extra(name, values)));
     }
 }

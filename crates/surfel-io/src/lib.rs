@@ -99,7 +99,7 @@ mod zip;
 
 pub use content::{Content, LoadOptions};
 pub use crs::{Crs, IN_DEGREES};
-pub use error::{IoError, Location, Problem};
+pub use error::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
 pub use format::Format;
 #[cfg(feature = "geotiff")]
 pub use geotiff::{GeoImage, GeoSamples, GeoTiles, write_geotiffs};

@@ -224,8 +224,9 @@ fn run(
     let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
     let attributes = content.attributes();
     let beside = context.siblings.asked();
-    context.notes.extend(context.textures.told());
-    Ok(Loaded { content, format, up, gaussian: context.gaussian, notes: context.notes, beside, attributes })
+    let mut notes = context.take_notes();
+    notes.extend(context.textures.told());
+    Ok(Loaded { content, format, up, gaussian: context.gaussian, notes, beside, attributes })
 }
 
 /// By the file's first bytes where they say it for certain, else by `hint`, else by a look at the content.

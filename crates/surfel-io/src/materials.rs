@@ -11,7 +11,9 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_math::srgb::nearest_8_bit;
-use surfel_model::{AlphaMode, Column3, ExtraColumn, Mesh, MeshMaterial, NormalMap, Texture, TriangleMaterials};
+use surfel_model::{
+    AlphaMode, Column3, ExtraColumn, Mesh, MeshMaterial, NormalMap, SeeThroughTextures, Texture, TriangleMaterials,
+};
 
 /// Base colour of a part, and what its alpha means.
 #[derive(Clone, Debug)]
@@ -244,8 +246,9 @@ fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>,
     let mut in_use = all.materials.iter().zip(used).filter(|(_, used)| *used).map(|(m, _)| m);
     let Some(first) = in_use.next() else { return (None, None) };
     // Where nothing has an alpha below 1, all modes are alike.
-    let alphas_of = |m: &MeshMaterial| m.texture.as_ref().is_some_and(|t| t.srgba8.iter().any(|t| t[3] < 255));
-    let plain = |m: &MeshMaterial| match m.alpha {
+    let mut see_through = SeeThroughTextures::default();
+    let mut alphas_of = |m: &MeshMaterial| m.texture.as_ref().is_some_and(|t| see_through.contains(t));
+    let mut plain = |m: &MeshMaterial| match m.alpha {
         _ if m.normal_map.is_some() => false,
         AlphaMode::Blend => true,
         AlphaMode::Opaque => !alphas_of(m),

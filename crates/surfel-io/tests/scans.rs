@@ -644,3 +644,50 @@ fn las_1_5_is_read_as_1_4_in_formats_6_to_10() {
     future[25] = 6;
     assert!(try_read(&future).unwrap_err().contains("is LAS 1.6"));
 }
+
+/// A scan of so many points, whose coordinates take a bit each, with so many fields besides.
+fn wide_scan(rows: usize, fields: usize, kind: &RecordDataType, value: &RecordValue) -> Scan {
+    let bit = RecordDataType::Integer { min: 0, max: 1 };
+    let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
+    let mut prototype: Vec<Record> = names.into_iter().map(|name| record(name, bit.clone())).collect();
+    prototype.extend((0..fields).map(|i| {
+        let name = RecordName::Unknown { namespace: "nor".into(), name: format!("f{i}") };
+        record(name, kind.clone())
+    }));
+    let mut row = vec![RecordValue::Integer(1); 3];
+    row.resize(3 + fields, value.clone());
+    Scan { prototype, rows: vec![row; rows], pose: None }
+}
+
+#[test]
+fn e57_of_many_fields_is_bounded() {
+    let single = RecordDataType::Single { min: None, max: None };
+    let wide = |fields: usize| wide_scan(2, fields, &single, &RecordValue::Single(0.5));
+    let (_, points) = read(&e57_file(None, &[wide(997)]));
+    assert_eq!((points.len(), points.extras.len()), (2, 997));
+    let error = try_read(&e57_file(None, &[wide(998)])).unwrap_err();
+    assert!(error.contains("scan 1 has points of 1001 fields") && error.contains("at most 1000"), "{error}");
+    // Scans of different fields have them all.
+    let renamed = |scan: usize| {
+        let mut scan_of = wide(700);
+        for record in &mut scan_of.prototype[3..] {
+            if let RecordName::Unknown { name, .. } = &mut record.name {
+                *name = format!("s{scan}{name}");
+            }
+        }
+        scan_of
+    };
+    let error = try_read(&e57_file(None, &[renamed(0), renamed(1)])).unwrap_err();
+    assert!(error.contains("its scans have points of 1001 fields"), "{error}");
+    // A field of one value takes no bits in the file, and eight bytes a point in memory.
+    let constant = RecordDataType::Integer { min: 1 << 40, max: 1 << 40 };
+    let file = |rows: usize| e57_file(None, &[wide_scan(rows, 900, &constant, &RecordValue::Integer(1 << 40))]);
+    let (_, points) = read(&file(1000));
+    assert_eq!((points.len(), points.extras.len()), (1000, 900));
+    let mut lies = file(1000);
+    let at = lies.windows(18).position(|w| w == b"recordCount=\"1000\"").unwrap();
+    lies[at + 13..at + 17].copy_from_slice(b"9999");
+    lies.resize(lies.len() + (60 << 10), 0);
+    let error = try_read(&support::seal(lies)).unwrap_err();
+    assert!(error.contains("9999 points"), "{error}");
+}

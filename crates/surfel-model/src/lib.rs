@@ -53,5 +53,5 @@ pub use settings::{
     Sort, Transparency,
 };
 pub use table_columns::{NumberFormat, TableColumn, TableColumns};
-pub use texture::{Mipmaps, Texture};
+pub use texture::{KnownMipmaps, Mipmaps, SeeThroughTextures, Texture};
 pub use up::Up;

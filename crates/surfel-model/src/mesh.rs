@@ -1,7 +1,8 @@
 //! Triangle meshes.
 
-use crate::{Column3, ExtraColumn, ModelError, Texture, Up};
+use crate::{Column3, ExtraColumn, ModelError, SeeThroughTextures, Texture, Up};
 use glam::DVec3;
+use std::collections::HashMap;
 use std::sync::Arc;
 
 /// What a file says the alpha of a surface means (glTF's `alphaMode`).
@@ -185,8 +186,9 @@ impl Mesh {
     pub fn is_see_through(&self) -> bool {
         let below_one = |alphas: &Vec<f32>| alphas.iter().any(|&a| a < 1.0);
         let of_vertices = self.alphas.as_ref().is_some_and(below_one);
-        let of = |texture: Option<&Arc<Texture>>, alpha: AlphaMode| {
-            let in_texture = || self.uvs.is_some() && texture.is_some_and(|t| t.srgba8.iter().any(|t| t[3] < 255));
+        let mut see_through = SeeThroughTextures::default();
+        let mut of = |texture: Option<&Arc<Texture>>, alpha: AlphaMode| {
+            let mut in_texture = || self.uvs.is_some() && texture.is_some_and(|t| see_through.contains(t));
             match alpha {
                 AlphaMode::Opaque => false,
                 AlphaMode::Mask { cutoff } => cutoff > 0.0 && (of_vertices || in_texture()),
@@ -221,30 +223,24 @@ impl Mesh {
             let material = all.of_triangle.get(*triangle as usize).and_then(|&i| all.materials.get(i as usize));
             material.and_then(|m| m.texture.as_ref()).filter(|_| self.uvs.is_some())
         };
-        let same = |a: Option<&Arc<Texture>>, b: Option<&Arc<Texture>>| match (a, b) {
-            (Some(a), Some(b)) => Arc::ptr_eq(a, b),
-            (a, b) => a.is_none() && b.is_none(),
-        };
+        let address = |texture: Option<&Arc<Texture>>| texture.map(Arc::as_ptr);
         let mut parts: Vec<(Option<&Arc<Texture>>, Vec<u32>)> = Vec::new();
-        // Triangles of a material follow one another, so the part is mostly that of the triangle before.
-        let mut last = 0;
+        let mut part_of: HashMap<Option<*const Texture>, usize> = HashMap::new();
         for triangle in 0..self.triangles.len() as u32 {
             let texture = texture_of(&triangle);
-            if !parts.get(last).is_some_and(|(t, _)| same(*t, texture)) {
-                last = parts.iter().position(|(t, _)| same(*t, texture)).unwrap_or(parts.len());
-                if last == parts.len() {
-                    parts.push((texture, Vec::new()));
-                }
-            }
-            parts[last].1.push(triangle);
+            let part = *part_of.entry(address(texture)).or_insert_with(|| {
+                parts.push((texture, Vec::new()));
+                parts.len() - 1
+            });
+            parts[part].1.push(triangle);
         }
         if let [(texture, _)] = parts[..]
-            && same(texture, self.texture.as_ref())
+            && address(texture) == address(self.texture.as_ref())
         {
             return vec![self.clone()];
         }
         let part = |(texture, triangles): (Option<&Arc<Texture>>, Vec<u32>)| {
-            Arc::new(Self { texture: texture.cloned(), materials: None, ..self.part(triangles.into_iter()) })
+            Arc::new(Self { texture: texture.cloned(), ..self.part(&triangles) })
         };
         parts.into_iter().map(part).collect()
     }
@@ -265,20 +261,31 @@ impl Mesh {
         self.vertex_extras.iter_mut().for_each(|extra| extra.values = extra.values.select(indices));
     }
 
-    /// Some of the triangles, by their indices, as a mesh with the vertices they use and without comments and
+    /// Some of the triangles, by their indices, as a mesh with the vertices they use, without materials, comments and
     /// properties that Surfel doesn't interpret.
-    pub(crate) fn part(&self, triangles: impl Iterator<Item = u32> + Clone) -> Self {
-        let mut new_index = vec![u32::MAX; self.positions.len()];
+    pub(crate) fn part(&self, triangles: &[u32]) -> Self {
         let mut used: Vec<u32> = Vec::new();
-        let mut place = |i: u32| {
-            let new = &mut new_index[i as usize];
-            if *new == u32::MAX {
-                *new = used.len() as u32;
-                used.push(i);
-            }
-            *new
+        let mut next = |i: u32| {
+            used.push(i);
+            used.len() as u32 - 1
         };
-        let chosen = triangles.clone().map(|i| self.triangles[i as usize].map(&mut place)).collect();
+        let corners = triangles.iter().map(|i| self.triangles[*i as usize]);
+        // A table of all vertices pays where the part has a fair share of them.
+        let chosen = if triangles.len() >= self.positions.len() / 64 {
+            let mut new_index = vec![u32::MAX; self.positions.len()];
+            let mut place = |i: u32| {
+                let new = &mut new_index[i as usize];
+                if *new == u32::MAX {
+                    *new = next(i);
+                }
+                *new
+            };
+            corners.map(|corners| corners.map(&mut place)).collect()
+        } else {
+            let mut new_index: HashMap<u32, u32> = HashMap::new();
+            let mut place = |i: u32| *new_index.entry(i).or_insert_with(|| next(i));
+            corners.map(|corners| corners.map(&mut place)).collect()
+        };
         let pick3 = |column: &Vec<[f32; 3]>| used.iter().map(|&i| column[i as usize]).collect();
         Self {
             origin: self.origin,
@@ -289,7 +296,7 @@ impl Mesh {
             alphas: self.alphas.as_ref().map(|column| used.iter().map(|&i| column[i as usize]).collect()),
             uvs: self.uvs.as_ref().map(|column| used.iter().map(|&i| column[i as usize]).collect()),
             texture: self.texture.clone(),
-            materials: self.materials.as_ref().map(|all| all.select(triangles)),
+            materials: None,
             up: self.up,
             ..Self::default()
         }

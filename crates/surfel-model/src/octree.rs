@@ -214,7 +214,9 @@ impl Octree {
     /// Some of the polygons, as a mesh with the vertices they use; ranges out of bounds are cut off.
     pub fn mesh_of(&self, triangles: &[Range<u32>]) -> Mesh {
         let count = self.mesh.triangles.len() as u32;
-        self.mesh.part(triangles.iter().flat_map(|r| r.start..r.end.min(count)))
+        let triangles: Vec<u32> = triangles.iter().flat_map(|r| r.start..r.end.min(count)).collect();
+        let materials = self.mesh.materials.as_ref().map(|all| all.select(triangles.iter().copied()));
+        Mesh { materials, ..self.mesh.part(&triangles) }
     }
 
     /// Centre of a node's sphere in object space.

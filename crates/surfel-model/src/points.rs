@@ -6,6 +6,7 @@ use crate::{
     morton,
 };
 use glam::DVec3;
+use std::collections::HashMap;
 
 /// Points with what a scanner or a file gave for each of them.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -109,6 +110,44 @@ impl PointCloud {
         dropped
     }
 
+    /// Drops points that share their exact position with `most` points before them, and returns how many there were.
+    pub fn drop_coincident(&mut self, most: usize) -> usize {
+        // Adding zero makes both zeros one.
+        let place = |i: usize| (self.positions.get(i) + 0.0).to_array().map(f64::to_bits);
+        // Most clouds have none: a few counters that places share say so, a byte each.
+        let slots = self.len().next_power_of_two().clamp(1 << 10, 1 << 24);
+        let slot = |place: [u64; 3]| {
+            let mix = |sum: u64, bits: u64| (sum ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31);
+            (place.into_iter().fold(0, mix) >> 7) as usize & (slots - 1)
+        };
+        let mut counters = vec![0_u8; slots];
+        for i in 0..self.len() {
+            let counter = &mut counters[slot(place(i))];
+            *counter = counter.saturating_add(1);
+        }
+        // They count to 255.
+        let few = most.min(254) as u8;
+        if counters.iter().all(|count| *count <= few) {
+            return 0;
+        }
+        let mut in_place: HashMap<[u64; 3], usize> = HashMap::new();
+        let mut is_kept = |i: usize| {
+            let place = place(i);
+            if counters[slot(place)] <= few {
+                return true;
+            }
+            let count = in_place.entry(place).or_default();
+            *count += 1;
+            *count <= most
+        };
+        let keep: Vec<bool> = (0..self.len()).map(&mut is_kept).collect();
+        let dropped = keep.iter().filter(|keep| !**keep).count();
+        if dropped > 0 {
+            self.retain(&keep);
+        }
+        dropped
+    }
+
     /// Keeps at most `most` points (at least 1), in their order, and returns how many are dropped.
     ///
     /// One of each run of neighbours along a Morton curve stays, so that dense places stay denser than others in
@@ -169,6 +208,36 @@ mod tests {
             };
             assert_eq!((dropped(16, 3), dropped(17, 3), dropped(17, 0)), ((0, 19), (17, 3), (0, 17)));
         }
+    }
+
+    #[test]
+    fn coincident_points_beyond_a_number_are_dropped() {
+        let cloud = |places: &[DVec3]| PointCloud {
+            origin: DVec3::X,
+            positions: Column3::from_f64(places),
+            colors: Some((0..places.len()).map(|i| [i as f32, 0.0, 0.0]).collect()),
+            ..PointCloud::default()
+        };
+        // Three places, of 5,000, 300 and 16 points, among others that are alone; zeros of both signs are one place.
+        let place = |i: usize| match i % 10 {
+            0..5 => DVec3::new(0.0, 1.0, if i % 2 == 0 { 0.0 } else { -0.0 }),
+            5 if i / 10 < 300 => DVec3::splat(7.5),
+            6 if i / 10 < 16 => DVec3::splat(1e-30),
+            _ => DVec3::new(i as f64, -1.0, 0.5),
+        };
+        let places: Vec<DVec3> = (0..10_000).map(place).collect();
+        for most in [1, 16, 299, 300] {
+            let mut points = cloud(&places);
+            let dropped = points.drop_coincident(most);
+            let left = |count: usize| count.saturating_sub(most);
+            assert_eq!(dropped, left(5000) + left(300) + left(16), "{most}");
+            // The first ones stay, in their order, with their columns.
+            let kept: Vec<usize> = points.colors.iter().flatten().map(|c| c[0] as usize).collect();
+            assert!(kept.is_sorted() && kept[..1] == [0] && points.check_columns().is_ok());
+            assert!(kept.iter().enumerate().all(|(i, k)| points.positions.get(i) == places[*k]));
+            assert_eq!(points.drop_coincident(most), 0);
+        }
+        assert_eq!(cloud(&[]).drop_coincident(16), 0);
     }
 
     #[test]

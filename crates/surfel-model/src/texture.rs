@@ -1,7 +1,11 @@
 //! Textures and their mipmaps.
 
 use crate::Mesh;
+use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
+
+/// Mipmaps by the address of their texture, which they hold.
+pub type KnownMipmaps = HashMap<*const Texture, Arc<Mipmaps>>;
 
 /// A base-colour image, linear RGB with straight alpha; or one of other numbers ([`crate::NormalMap`]).
 #[derive(Clone, Debug, PartialEq)]
@@ -44,6 +48,29 @@ impl Texture {
             [r * a, g * a, b * a, a]
         });
         if a > 0.0 { [r / a, g / a, b / a, a] } else { self.sample(uv) }
+    }
+}
+
+/// Which textures have an alpha below 1. A texture is examined once, however many materials share it.
+#[derive(Debug, Default)]
+pub struct SeeThroughTextures {
+    /// By address.
+    known: HashMap<*const Texture, bool>,
+    examined: usize,
+}
+
+impl SeeThroughTextures {
+    /// True if some texel's alpha is below 1.
+    pub fn contains(&mut self, texture: &Arc<Texture>) -> bool {
+        *self.known.entry(Arc::as_ptr(texture)).or_insert_with(|| {
+            self.examined += 1;
+            texture.srgba8.iter().any(|t| t[3] < 255)
+        })
+    }
+
+    /// Number of textures whose texels were read.
+    pub fn examined(&self) -> usize {
+        self.examined
     }
 }
 
@@ -96,11 +123,11 @@ impl Mipmaps {
         Self { texture, levels }
     }
 
-    /// Those of a mesh's texture, if the mesh shows one; of meshes that share a texture the first one's serve all.
-    pub fn of_mesh<'a>(mesh: &Mesh, mut others: impl Iterator<Item = &'a Arc<Self>>) -> Option<Arc<Self>> {
+    /// Those of a mesh's texture, if the mesh shows one. Meshes that share a texture share its mipmaps by `known`.
+    pub fn of_mesh(mesh: &Mesh, known: &mut KnownMipmaps) -> Option<Arc<Self>> {
         let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some())?;
-        let shared = others.find(|other| Arc::ptr_eq(&other.texture, texture)).cloned();
-        Some(shared.unwrap_or_else(|| Arc::new(Self::new(texture.clone()))))
+        let made = known.entry(Arc::as_ptr(texture)).or_insert_with(|| Arc::new(Self::new(texture.clone())));
+        Some(made.clone())
     }
 
     /// Texels of level 1 and up, row by row from the top: linear RGB and alpha.
@@ -192,6 +219,21 @@ mod tests {
             [v, v, v, 255]
         };
         Arc::new(Texture { width, height, srgba8: (0..width * height).map(each).collect() })
+    }
+
+    #[test]
+    fn textures_are_examined_and_reduced_once() {
+        let texture = texture(8, 8, |x, _| x as u8);
+        let other = Arc::new(Texture { srgba8: vec![[0, 0, 0, 254]; 64], ..Texture::clone(&texture) });
+        let mut see_through = SeeThroughTextures::default();
+        for _ in 0..100 {
+            assert!(!see_through.contains(&texture) && see_through.contains(&other.clone()));
+        }
+        assert_eq!(see_through.examined(), 2);
+        let mesh = Mesh { texture: Some(texture), uvs: Some(Vec::new()), ..Mesh::default() };
+        let mut known = KnownMipmaps::new();
+        let [one, two] = [(), ()].map(|()| Mipmaps::of_mesh(&mesh.clone(), &mut known).unwrap());
+        assert!(Arc::ptr_eq(&one, &two) && known.len() == 1);
     }
 
     #[test]

@@ -7,6 +7,7 @@ use std::io::ErrorKind;
 use std::path::PathBuf;
 use surfel::Error;
 use surfel::io::IoError;
+use surfel::io::ShowPath as _;
 use surfel::render::RenderError;
 use surfel::sample::SampleError;
 
@@ -106,8 +107,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
             };
         }
         Error::Io(IoError::Exists { path }) => {
-            let message =
-                format!("{}: already exists: force=True overwrites it; or choose another name", path.display());
+            let message = format!("{}: already exists: force=True overwrites it; or choose another name", path.shown());
             return pyo3::exceptions::PyFileExistsError::new_err(message);
         }
         Error::Input(text) if text == interrupt::DEFECT => "Error",

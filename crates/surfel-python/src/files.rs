@@ -12,6 +12,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel::compare::{check_diff, save_diff};
+use surfel::io::ShowPath as _;
 use surfel::io::{IoError, Planes, PlyEncoding};
 use surfel::levels::{self, CopcRequest};
 use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
@@ -78,7 +79,7 @@ pub(crate) fn convert(
         let is_copc = (levels::is_copc(&output) || levels::is_shard(&output)) && !hybrid;
         if !is_copc && (resume || shard.is_some()) {
             let what = "--resume and --shard are of names that end in .copc.laz and in .shard";
-            return Err(Error::Usage(format!("-o {}: {what}", output.display())));
+            return Err(Error::Usage(format!("-o {}: {what}", output.shown())));
         }
         let path = match &inputs[..] {
             [path] => path,
@@ -98,7 +99,7 @@ pub(crate) fn convert(
                 let columns = options.convert.columns.clone();
                 let request = CopcRequest { overwrite: force, memory: options.memory, resume, shard, columns };
                 let report = levels::save_copc(&inputs, &output, &request, progress)?;
-                let summary = format!("{}: {}", output.display(), levels::summary(&report));
+                let summary = format!("{}: {}", output.shown(), levels::summary(&report));
                 return Ok(report.notes.into_iter().chain([summary]).collect());
             }
             if hybrid {
@@ -110,7 +111,7 @@ pub(crate) fn convert(
             let cloud = request.convert(request.load(progress)?, &mut |note| notes.push(note))?;
             let encoding = if ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
             surfel::io::save_splat_ply(&output, force, &cloud, encoding)?;
-            notes.push(format!("{}: {}", output.display(), summary(&cloud)));
+            notes.push(format!("{}: {}", output.shown(), summary(&cloud)));
             Ok(notes)
         })?
     };
@@ -249,10 +250,10 @@ pub(crate) fn compare(
     diff: Option<PathBuf>,
     force: bool,
 ) -> PyResult<String> {
-    if let Some(diff) = &diff {
-        check_diff(diff, force).map_err(|error| errors::raise(py, &error))?;
-    }
     let names = [a.name("a"), b.name("b")];
+    if let Some(diff) = &diff {
+        check_diff(diff, [&names[0], &names[1]], force).map_err(|error| errors::raise(py, &error))?;
+    }
     let (a, b) = (a.planes(py)?, b.planes(py)?);
     let json = interrupt::run(py, move |_| {
         let compared = surfel::compare::compare(&a, &b, [&names[0], &names[1]])?;

@@ -9,6 +9,7 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PySlice};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
 use surfel::{Error, Stats};
 
@@ -298,7 +299,7 @@ impl NativeFrame {
                 self.with_planes(py, |planes| surfel::io::save_jpeg(&path, force, planes, &options))?
             }
             _ => {
-                let what = format!("path={}: expected a name that ends in .png, .jpg, .exr or .npz", path.display());
+                let what = format!("path={}: expected a name that ends in .png, .jpg, .exr or .npz", path.shown());
                 return Err(errors::usage(py, &what));
             }
         };

@@ -21,6 +21,9 @@ impl Options {
     }
 }
 
+/// Stack of a thread, in bytes: unoptimised code needs several times the two megabytes that threads have by default.
+const STACK_BYTES: usize = 8 << 20;
+
 /// The f64 reference backend.
 pub struct Renderer {
     info: RendererInfo,
@@ -37,6 +40,7 @@ impl Renderer {
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
+            .stack_size(STACK_BYTES)
             .build()
             .map_err(|e| RenderError::Backend { backend: "reference", message: e.to_string() })?;
         let info = RendererInfo {

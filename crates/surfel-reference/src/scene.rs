@@ -3,7 +3,9 @@
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
-use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud};
+use surfel_model::{
+    GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, Mesh, Mipmaps, Object, Scene, SplatCloud,
+};
 use surfel_render::{RenderError, SceneSummary};
 
 /// A scene as the reference holds it: shared clouds and what belongs to their objects.
@@ -68,14 +70,14 @@ impl ResidentScene {
             });
         };
         // Of equally near polygons the first is drawn: those of octrees come after all meshes.
-        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
+        let (mut octrees, mut gaussians, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         for (source, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
                 Geometry::Splats(cloud) => add(source, object, cloud.clone()),
                 Geometry::Mesh(mesh) => {
                     mesh.validate()?;
                     for part in mesh.by_texture() {
-                        meshes.push(resident_mesh(source, object, &part, &meshes));
+                        meshes.push(resident_mesh(source, object, &part, &mut mipmaps));
                     }
                 }
                 Geometry::Gaussians(cloud) => gaussians.push((cloud.clone(), object.world_from_object)),
@@ -86,7 +88,7 @@ impl ResidentScene {
             }
         }
         for (source, object, mesh) in octrees {
-            meshes.push(resident_mesh(source, object, &mesh, &meshes));
+            meshes.push(resident_mesh(source, object, &mesh, &mut mipmaps));
         }
         if first_splat > u64::from(u32::MAX) {
             return Err(RenderError::Backend {
@@ -110,8 +112,8 @@ impl ResidentScene {
 }
 
 /// A mesh as it is drawn. Objects with the same texture share its smaller levels.
-fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, others: &[ResidentMesh]) -> ResidentMesh {
-    let mipmaps = Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref()));
+fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> ResidentMesh {
+    let mipmaps = Mipmaps::of_mesh(mesh, known);
     let (world_from_object, material) = (object.world_from_object, object.material);
     ResidentMesh { source, mesh: mesh.clone(), world_from_object, material, mipmaps }
 }

@@ -4,6 +4,8 @@ use crate::Error;
 use crate::values::json_number;
 use serde_json::{Map, json};
 use std::path::Path;
+use surfel_io::ShowPath as _;
+use surfel_io::atomic::target;
 use surfel_io::{IoError, Planes, PlanesView, PngOptions};
 use surfel_metrics::{CompareOptions, Comparison, Image, MetricsError, PlaneComparison, PlaneOptions};
 
@@ -21,7 +23,7 @@ pub struct ImageComparison {
 /// # Errors
 /// [`Error::Input`] if they differ in size or have no colours.
 pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageComparison, Error> {
-    let wrong = |what: String| Error::Input(format!("{} and {}: {what}", names[0].display(), names[1].display()));
+    let wrong = |what: String| Error::Input(format!("{} and {}: {what}", names[0].shown(), names[1].shown()));
     if (a.width, a.height) != (b.width, b.height) {
         let sizes = format!("{}x{} and {}x{} pixels", a.width, a.height, b.width, b.height);
         return Err(wrong(format!("are {sizes}, expected equal sizes: render or crop both alike")));
@@ -34,13 +36,16 @@ pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageCompari
     Ok(ImageComparison { colors, planes })
 }
 
-/// Refuses a name that FLIP's error map couldn't be written to.
+/// Refuses a name that FLIP's error map of these two images couldn't be written to.
 ///
 /// # Errors
-/// [`Error::Usage`] for another format than PNG, [`Error::Io`] for a file that is there.
-pub fn check_diff(diff: &Path, force: bool) -> Result<(), Error> {
+/// [`Error::Usage`] for another format than PNG and for one of the images, [`Error::Io`] for a file that is there.
+pub fn check_diff(diff: &Path, images: [&Path; 2], force: bool) -> Result<(), Error> {
     if !diff.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
-        return Err(Error::Usage(format!("--diff {}: expected a name that ends in .png", diff.display())));
+        return Err(Error::Usage(format!("--diff {}: expected a name that ends in .png", diff.shown())));
+    }
+    if images.map(target).contains(&target(diff)) {
+        return Err(Error::Usage(format!("--diff {}: is an input, too, expected another name", diff.shown())));
     }
     if diff.is_file() && !force {
         return Err(IoError::Exists { path: diff.to_path_buf() }.into());

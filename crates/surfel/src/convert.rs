@@ -118,6 +118,8 @@ pub(crate) fn chosen_splats(
 
 /// Most points at the origin, and in any one place, that are taken for real ones.
 const COINCIDENT: usize = 16;
+/// Why points are left out that share a place.
+const CROWDED: &str = "more than 16 are in their place";
 
 /// The points that the options choose, without columns that only levels have a use for.
 #[cfg(feature = "ortho")]
@@ -199,6 +201,15 @@ pub(crate) fn points(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
+    // Those whose neighbours are looked at lose them there.
+    let is_direct = !options.all_points && levels::Radii::are_stated(&points);
+    let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
+    if dropped > 0 {
+        notes.push(format!(
+            "left out {}, because {CROWDED} (--all-points keeps them)",
+            counted(dropped as u64, "points")
+        ));
+    }
     let radii = levels::Radii::take(&mut points);
     // Radii close the surface of all points only.
     if is_thinned && points.radii.take().is_some() {
@@ -447,8 +458,8 @@ fn points_note(report: &PointReport) -> String {
     }
     if report.left_out > 0 {
         note += &format!(
-            "; {} left out, because more than {COINCIDENT} are in their place, to a billionth of the cloud's size \
-             (--all-points keeps them; --outliers drop makes a cloud with a stray point smaller)",
+            "; {} left out, because {CROWDED}, to a billionth of the cloud's size (--all-points keeps them; --outliers \
+             drop makes a cloud with a stray point smaller)",
             counted(report.left_out as u64, "points")
         );
     }

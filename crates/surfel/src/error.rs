@@ -3,6 +3,7 @@
 use crate::BackendError;
 use std::path::PathBuf;
 use surfel_io::IoError;
+use surfel_io::ShowPath as _;
 use surfel_model::ModelError;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
@@ -18,7 +19,7 @@ pub enum Error {
     #[error(transparent)]
     Model(#[from] ModelError),
     /// No splats could be made of a file's points or triangles.
-    #[error("{}: {source}", .path.display())]
+    #[error("{}: {source}", .path.shown())]
     Sample {
         /// The file.
         path: PathBuf,
@@ -26,7 +27,7 @@ pub enum Error {
         source: SampleError,
     },
     /// A file was read, but is not what it is used as.
-    #[error("{}: {problem}", .path.display())]
+    #[error("{}: {problem}", .path.shown())]
     Unsuitable {
         /// The file.
         path: PathBuf,

@@ -9,6 +9,7 @@ use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel_io::ShowPath as _;
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
@@ -475,6 +476,11 @@ impl Radii {
         Self(radii)
     }
 
+    /// True if points may become splats as they are, without a look at their neighbours.
+    pub(crate) fn are_stated(points: &PointCloud) -> bool {
+        points.normals.is_some() && points.extras.iter().any(|e| e.name == RADIUS)
+    }
+
     /// True if the file has normals and radii.
     pub(crate) fn are_known(&self, points: &PointCloud) -> bool {
         points.normals.is_some() && self.0.iter().flatten().any(is_known)
@@ -611,7 +617,7 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Opt
     allowed.convert.columns.clone_from(&options.convert.columns);
     if ascii || *options != allowed {
         let what = "takes the points as they are, so that no flag on splats, colours or choice goes with it";
-        return Err(Error::Usage(format!("-o {}: {what}", output.display())));
+        return Err(Error::Usage(format!("-o {}: {what}", output.shown())));
     }
     Ok(())
 }
@@ -621,7 +627,7 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Opt
 /// # Errors
 /// [`Error::Usage`] if so.
 pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
-    let name = output.display();
+    let name = output.shown();
     match shard {
         Some(part) if !is_shard(output) => Err(Error::Usage(format!(
             "-o {name}: --shard {}/{} writes a name that ends in .shard\n  help: `surfel convert *.shard -o \

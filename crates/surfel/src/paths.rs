@@ -4,6 +4,7 @@ use crate::Error;
 use crate::load::STDIN;
 use std::path::{Component, Path, PathBuf};
 use surfel_io::IoError;
+use surfel_io::{ShowPath as _, ShownPath};
 use surfel_model::SceneFile;
 
 /// True for the name `-`.
@@ -12,8 +13,8 @@ pub fn is_stdin(path: &Path) -> bool {
 }
 
 /// An input's name in messages.
-pub fn display(path: &Path) -> std::path::Display<'_> {
-    if is_stdin(path) { Path::new("stdin").display() } else { path.display() }
+pub fn display(path: &Path) -> ShownPath<'_> {
+    if is_stdin(path) { Path::new("stdin").shown() } else { path.shown() }
 }
 
 /// The path from the root, without looking at the disk.

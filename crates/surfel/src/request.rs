@@ -22,6 +22,7 @@ use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel_io::ShowPath as _;
 use surfel_math::gaussian;
 use surfel_model::{
     Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
@@ -454,14 +455,14 @@ impl Request {
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
             settings = of_gaussians(over, options);
             if options.composite.is_none() {
-                note(format!("{}: {}", about.path.display(), about.text));
+                note(format!("{}: {}", about.path.shown(), about.text));
             }
         }
         if options.transparency.is_none()
             && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
         {
             settings.transparency = transparency;
-            note(format!("{}: {}", about.path.display(), about.text));
+            note(format!("{}: {}", about.path.shown(), about.text));
         }
         if options.depth_tolerance.is_none()
             && let Some(tolerance) = auto_depth_tolerance(&loaded)

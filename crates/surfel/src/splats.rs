@@ -6,6 +6,7 @@ use crate::paths::display;
 use crate::render_options::SplatOptions;
 use crate::scene::UnusedOption;
 use std::path::{Path, PathBuf};
+use surfel_io::ShowPath as _;
 use surfel_model::{ConvertOptions, Outliers, PointColors, SplatCount};
 
 /// Puts what the options say over what a scene file may have said.
@@ -32,7 +33,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     if let Some(file) = &said.texture.file {
         // A flag's file is looked for here, a scene file's beside it.
         let absolute = std::path::absolute(file);
-        convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.display())))?);
+        convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.shown())))?);
     }
     convert.texture.sampling = said.texture.sampling.or(convert.texture.sampling);
     convert.colors = said.colors.or(convert.colors);

@@ -1,7 +1,7 @@
 //! GPU backends where there is an adapter; a line that says so where there is none.
 
-use std::sync::OnceLock;
-use surfel_conformance::backends::{is_required, listen, take_messages};
+use std::sync::{Once, OnceLock};
+use surfel_conformance::backends::{is_required, listen, start_ash, take_messages};
 use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::{Checked, Truth, check_all};
 use surfel_model::Storage;
@@ -25,18 +25,23 @@ pub(crate) fn no_messages() {
     assert!(messages.is_empty(), "{}", messages.join("\n"));
 }
 
-/// The Vulkan backend, validated: whatever the layer says is an error of the call.
+/// The Vulkan backend, validated where the validation layer is installed: its messages are errors of the calls.
 pub(crate) fn ash() -> Option<surfel_ash::Renderer> {
     ash_with(surfel_ash::Limits::default(), Storage::F32)
 }
 
 /// The same, with less of the device, or storage of another kind.
 pub(crate) fn ash_with(limits: surfel_ash::Limits, storage: Storage) -> Option<surfel_ash::Renderer> {
-    let options = surfel_ash::Options::default().with_validation(true).with_limits(limits).with_storage(storage);
-    started("ash", surfel_ash::Renderer::new(options))
+    static SAID: Once = Once::new();
+    let options = surfel_ash::Options::default().with_limits(limits).with_storage(storage);
+    let (renderer, note) = started("ash", start_ash(options))?;
+    if let Some(note) = note {
+        SAID.call_once(|| println!("note: {note}"));
+    }
+    Some(renderer)
 }
 
-/// The wgpu backend, validated.
+/// The wgpu backend, validated where the validation layer is installed.
 pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
     wgpu_with(surfel_wgpu::Limits::default(), Storage::F32)
 }

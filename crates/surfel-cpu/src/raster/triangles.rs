@@ -144,7 +144,7 @@ mod tests {
         let mesh = Arc::new(mesh);
         let geometry = Geometry::Mesh(mesh.clone());
         let object = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
-        StoredMesh::new(&object, &mesh, &[])
+        StoredMesh::new(&object, &mesh, &mut Default::default())
     }
 
     fn projected(instructions: Instructions, meshes: &[StoredMesh], view: &View, grid: &Grid) -> Vec<TriangleSegment> {

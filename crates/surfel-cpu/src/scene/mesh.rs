@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 use surfel_math::basis::{normal_matrix, unit};
-use surfel_model::{Material, Mesh, Mipmaps, Object, Octree};
+use surfel_model::{KnownMipmaps, Material, Mesh, Mipmaps, Object, Octree};
 use surfel_render::View;
 
 /// One object of polygons.
@@ -88,28 +88,34 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
 
 impl StoredMesh {
     /// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
-    pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, others: &[Self]) -> Self {
+    pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> Self {
         let order = morton_order(mesh);
         let parts: Vec<Range<usize>> = cut(0..order.len()).collect();
-        Self::in_parts(object, mesh, others, order, &parts)
+        Self::in_parts(object, mesh, known, order, &parts)
     }
 
     /// An octree's triangles, leaf by leaf.
-    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, others: &[Self]) -> Self {
+    pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, known: &mut KnownMipmaps) -> Self {
         let mesh = octree.shared_mesh();
         let leaves = octree.nodes().iter().filter(|node| node.is_leaf());
         let parts: Vec<Range<usize>> =
             leaves.flat_map(|leaf| cut(leaf.triangles.start as usize..leaf.triangles.end as usize)).collect();
         let order = (0..mesh.triangles.len() as u32).collect();
-        Self { octree: Some(index), ..Self::in_parts(object, &mesh, others, order, &parts) }
+        Self { octree: Some(index), ..Self::in_parts(object, &mesh, known, order, &parts) }
     }
 
-    fn in_parts(object: &Object, mesh: &Arc<Mesh>, others: &[Self], order: Vec<u32>, parts: &[Range<usize>]) -> Self {
+    fn in_parts(
+        object: &Object,
+        mesh: &Arc<Mesh>,
+        known: &mut KnownMipmaps,
+        order: Vec<u32>,
+        parts: &[Range<usize>],
+    ) -> Self {
         Self {
             mesh: mesh.clone(),
             world_from_object: object.world_from_object,
             material: object.material,
-            mipmaps: Mipmaps::of_mesh(mesh, others.iter().filter_map(|other| other.mipmaps.as_ref())),
+            mipmaps: Mipmaps::of_mesh(mesh, known),
             normals: normal_matrix(&object.world_from_object.matrix3),
             source: 0,
             octree: None,

@@ -6,7 +6,7 @@ use crate::scene::numbers::SplatNumbers;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
-use surfel_model::{GaussianCloud, Geometry, Light, Matcap, Material, NO_LABEL, Scene, Storage};
+use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Scene, Storage};
 use surfel_render::{Identity, RenderError, SceneSummary};
 
 /// An object of Gaussians.
@@ -34,7 +34,7 @@ pub struct ResidentScene {
 impl ResidentScene {
     /// Stores a scene that is valid, on the threads that the caller is on.
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
-        let (mut clouds, mut meshes) = (Vec::new(), Vec::new());
+        let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         // Of equally near polygons the first is seen: those of octrees come after all meshes.
         let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
@@ -47,7 +47,7 @@ impl ResidentScene {
                 Geometry::Mesh(mesh) => {
                     mesh.validate()?;
                     for part in mesh.by_texture() {
-                        let mut stored = StoredMesh::new(object, &part, &meshes);
+                        let mut stored = StoredMesh::new(object, &part, &mut mipmaps);
                         stored.source = index;
                         meshes.push(stored);
                     }
@@ -65,7 +65,7 @@ impl ResidentScene {
             }
         }
         for (index, octree, object) in octrees {
-            let mut stored = StoredMesh::of_octree(index, octree, object, &meshes);
+            let mut stored = StoredMesh::of_octree(index, octree, object, &mut mipmaps);
             stored.source = index;
             meshes.push(stored);
         }

@@ -9,6 +9,7 @@ use crate::point_columns::{Named, Roles};
 use crate::strided::{NumberType, Strided};
 use crate::survey::Source;
 use glam::DVec3;
+use std::collections::HashMap;
 use std::io::Write;
 
 /// Most columns of a file.
@@ -92,8 +93,10 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     if layouts.iter().any(|layout| layout.normal.is_some()) {
         table.roles.normal = Some(table.triple(["nx", "ny", "nz"], NumberType::F32));
     }
+    let columns = columns(&layouts)?;
+    file.check_decoded(&layouts, &columns)?;
     let extras: Vec<(usize, String)> =
-        columns(&layouts).into_iter().map(|(name, kind)| (table.push(&name, kind), name)).collect();
+        columns.into_iter().map(|(name, kind)| (table.push(&name, kind), name)).collect();
     let scan = (layouts.len() > 1).then(|| table.push("scan", NumberType::U32));
     if table.names.len() > MAX_COLUMNS {
         let what = format!("has {} columns", table.names.len());
@@ -102,8 +105,8 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     let (mut invalid, mut colorless, mut bytes) = (0, 0, Vec::new());
     file.read(&layouts, false, notes, |layout, batch| {
         bytes.clear();
-        let of_layout = |name: &String| layout.extras.iter().find(|(n, ..)| n == name);
-        let found: Vec<_> = extras.iter().map(|(i, name)| (*i, of_layout(name))).collect();
+        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.0.as_str(), e)).collect();
+        let found: Vec<_> = extras.iter().map(|(i, name)| (*i, by_name.get(name.as_str()).copied())).collect();
         for row in batch.chunks_exact(layout.scan.prototype.len()) {
             if !layout.is_valid(row) {
                 invalid += 1;

@@ -20,14 +20,20 @@ use crate::words::counted;
 use ::e57::{E57Reader, PointCloud as Scan, RecordDataType, RecordValue};
 use glam::{DVec3, Vec3};
 use layout::Layout;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
-/// Points that the reading thread hands over at a time, and how many times it may be ahead.
-const BATCH: (usize, usize) = (8192, 4);
+/// Most points and most values that the reading thread hands over at a time, and how many times it may be ahead.
+const BATCH_POINTS: usize = 8192;
+const BATCH_VALUES: usize = 1 << 18;
+const BATCHES_AHEAD: usize = 4;
+/// Most bytes that points may take in memory: so many, and so many times the file's own.
+const MAX_DECODED: (u64, u64) = (256 << 20, 256);
+/// Most fields of a point, and most columns of all scans: real scanners write some 20.
+const MAX_FIELDS: usize = 1000;
 /// What positions are certain to, in metres: finer than any scanner is. What f32 rounds away is kept where the farthest
 /// point is so far that it would be more than a quarter of this.
 const CERTAIN_M: f64 = 1e-4;
@@ -160,9 +166,10 @@ impl Points {
             }));
         }
         let mut values = Vec::with_capacity(rows.len());
+        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.0.as_str(), e)).collect();
         for (name, column) in &mut self.extras {
             values.clear();
-            match layout.extras.iter().find(|(n, ..)| n == name) {
+            match by_name.get(name.as_str()) {
                 Some(extra) => values.extend(rows.iter().map(|row| layout.extra(row, extra))),
                 None => values.resize(rows.len(), 0.0),
             }
@@ -246,6 +253,7 @@ impl<'a> File<'a> {
     fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
         let mut layouts = Vec::new();
         for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
+            check_fields(scan.prototype.len(), &format!("scan {} has points of", i + 1))?;
             match Layout::new(scan, i as u32, notes) {
                 Some(layout) if layout.bits_per_point() > 0 => layouts.push(layout),
                 _ => notes.push(format!("left out scan {}, which has no coordinates", i + 1)),
@@ -263,6 +271,18 @@ impl<'a> File<'a> {
     /// Most points that a scan can have.
     fn most_points(&self, layout: &Layout<'_>) -> u64 {
         layout.scan.records.min(self.bytes * 8 / layout.bits_per_point())
+    }
+
+    /// Refuses points that are much larger than the file: fields of one value take no bits in it.
+    fn check_decoded(&self, layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>) -> Result<(), Problem> {
+        let points = layouts.iter().map(|layout| self.most_points(layout)).fold(0, u64::saturating_add);
+        let point_bytes = 24 + columns.values().map(|kind| kind.bytes() as u64).sum::<u64>();
+        let most = MAX_DECODED.0.saturating_add(MAX_DECODED.1.saturating_mul(self.bytes));
+        if points.saturating_mul(point_bytes) <= most {
+            return Ok(());
+        }
+        let what = format!("says that its {} bytes hold {points} points of {} columns", self.bytes, columns.len());
+        Err(Problem::new(what).expected("fewer: the file is damaged, or made to fill the memory"))
     }
 
     /// Hands the values of each scan's points to `each`, a batch after the other; with `repair` as far as they go, and
@@ -311,8 +331,17 @@ impl<'a> File<'a> {
     }
 }
 
+/// Refuses more fields than any real file has, each of which would take memory for every point.
+fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
+    if fields <= MAX_FIELDS {
+        return Ok(());
+    }
+    let problem = Problem::new(format!("{what} {fields} fields")).expected(format!("at most {MAX_FIELDS}"));
+    Err(problem.help("the file is damaged, or made to fill the memory"))
+}
+
 /// The names of all scans' columns, and the smallest type that holds all values.
-fn columns(layouts: &[Layout<'_>]) -> BTreeMap<String, NumberType> {
+fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
         for (name, at, _) in &layout.extras {
@@ -326,8 +355,9 @@ fn columns(layouts: &[Layout<'_>]) -> BTreeMap<String, NumberType> {
             let known = *columns.get(name).unwrap_or(&kind);
             columns.insert(name.clone(), if known == kind { kind } else { NumberType::F64 });
         }
+        check_fields(columns.len(), "its scans have points of")?;
     }
-    columns
+    Ok(columns)
 }
 
 /// Says that all points are flagged.
@@ -356,7 +386,9 @@ fn read_scans(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Cont
     points.normals = layouts.iter().any(|l| l.normal.is_some()).then(Vec::new);
     points.colors = layouts.iter().any(|l| l.color.is_some()).then(Vec::new);
     points.scans = (layouts.len() > 1).then(SparseColumn::default);
-    points.extras = columns(&layouts).into_iter().map(|(name, kind)| (name, Typed::new(kind))).collect();
+    let columns = columns(&layouts)?;
+    file.check_decoded(&layouts, &columns)?;
+    points.extras = columns.into_iter().map(|(name, kind)| (name, Typed::new(kind))).collect();
     file.read(&layouts, context.options.repair, &mut notes, |layout, batch| {
         points.append(layout, batch);
         Ok(())
@@ -403,10 +435,11 @@ fn read_scan<R: Read + Seek + Send>(
         Ok(rows) => rows,
         Err(error) => return Ok(Err(error)),
     };
-    let (send, receive) = mpsc::sync_channel::<Vec<RecordValue>>(BATCH.1);
+    let (send, receive) = mpsc::sync_channel::<Vec<RecordValue>>(BATCHES_AHEAD);
+    let batch_values = width * (BATCH_VALUES / width.max(1)).clamp(1, BATCH_POINTS);
     std::thread::scope(|scope| {
         let reading = scope.spawn(move || {
-            let new = || Vec::with_capacity(BATCH.0 * width);
+            let new = || Vec::with_capacity(batch_values);
             let mut batch = new();
             let mut end = Ok(());
             for row in rows {
@@ -417,7 +450,7 @@ fn read_scan<R: Read + Seek + Send>(
                         break;
                     }
                 }
-                if batch.len() >= BATCH.0 * width && send.send(std::mem::replace(&mut batch, new())).is_err() {
+                if batch.len() >= batch_values && send.send(std::mem::replace(&mut batch, new())).is_err() {
                     return Ok(());
                 }
             }

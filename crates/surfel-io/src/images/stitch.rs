@@ -2,6 +2,7 @@
 
 use super::png::{BitDepth, PngOptions, start_png};
 use crate::atomic;
+use crate::error::ShowPath as _;
 use crate::error::{Fault, IoError, Problem, READ};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, Write};
@@ -108,7 +109,7 @@ pub fn stitch(
     }
     if let Some(other) = tiles.iter().find(|tile| tile.header.samples != first.header.samples) {
         let problem = Problem::new(format!("is a {}", other.header.samples));
-        let expected = format!("a {}, as {} is", first.header.samples, first.path.display());
+        let expected = format!("a {}, as {} is", first.header.samples, first.path.shown());
         return Err(Fault::from(problem.expected(expected)).of(&other.path));
     }
     let mut sorted: Vec<&Tile> = tiles.iter().collect();

@@ -6,7 +6,7 @@ use crate::context::Context;
 use crate::error::quote;
 use crate::images::texture;
 use crate::materials::{Material, add_emission};
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
@@ -117,16 +117,14 @@ pub(super) fn resolve(
     context: &mut Context<'_>,
 ) -> (Vec<Material>, Vec<Arc<Texture>>) {
     let mut entries: HashMap<String, Entry> = HashMap::new();
-    let mut known: Vec<String> = Vec::new();
+    let mut known: HashSet<String> = HashSet::new();
     let all: Vec<String> =
         libraries.iter().flat_map(|statement| names::libraries(statement, &context.siblings)).collect();
     for library in all {
-        if known.contains(&library) || known.len() >= MAX_TEXTURES {
+        if known.len() >= MAX_TEXTURES || !known.insert(library.clone()) {
             continue;
         }
-        let read = read(&library, context);
-        known.push(library.clone());
-        match read {
+        match read(&library, context) {
             Ok(bytes) => parse(&bytes, folder_of(&library), &mut entries, context),
             Err(why) => context.note(format!(
                 "left out the material library {}, so that what it says of colours and textures is not drawn: {why}",

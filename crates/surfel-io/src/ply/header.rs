@@ -3,6 +3,7 @@
 use super::encoding::PlyEncoding;
 use super::names;
 use crate::error::{Fault, Location, Problem, quote};
+use std::collections::HashSet;
 
 /// Longest header, in bytes. Bounds the number of properties, too.
 pub(crate) const MAX_HEADER_BYTES: usize = 1 << 20;
@@ -104,7 +105,7 @@ impl ScalarType {
 /// Parses the header at the start of `bytes`.
 pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
     let mut lines = HeaderLines::new(bytes)?;
-    let mut encoding = None;
+    let (mut encoding, mut known) = (None, HashSet::new());
     let mut header = Header { encoding: PlyEncoding::Ascii, comments: Vec::new(), elements: Vec::new(), body: 0 };
     loop {
         let (number, raw) = lines.next_line()?;
@@ -131,7 +132,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
             ["end_header"] => break,
             ["format", name, version] => encoding = Some(parse_format(name, version).map_err(|p| p.at(at))?),
             ["element", name, count] => {
-                if header.elements.iter().any(|e| e.name == name) {
+                if !known.insert(name.to_owned()) {
                     return Err(Problem::new(format!("the PLY element {} is declared twice", quote(name)))
                         .at(at)
                         .into());

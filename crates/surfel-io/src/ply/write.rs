@@ -6,6 +6,7 @@ use crate::atomic;
 use crate::color::exact_8_bit;
 use crate::error::IoError;
 use glam::DVec3;
+use std::collections::HashSet;
 use std::fmt::Write as _;
 use std::io::{self, Write};
 use std::path::Path;
@@ -209,11 +210,12 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
         columns.push(("alpha".into(), values));
     }
     clips(&mut columns, data);
+    let mut known: HashSet<String> = columns.iter().map(|(name, _)| name.clone()).collect();
     for extra in data.extras.iter().filter(|extra| !is_radius(extra, &data.shape)) {
         // A blank would end the name, and a name used twice would make the file unreadable.
         let blank = |c: char| c.is_whitespace() || c.is_control();
         let mut name: String = extra.name.chars().map(|c| if blank(c) { '_' } else { c }).take(200).collect();
-        while name.is_empty() || columns.iter().any(|(n, _)| *n == name) {
+        while name.is_empty() || !known.insert(name.clone()) {
             name.push('_');
         }
         columns.push((name, Values::Extra(&extra.values)));

@@ -19,6 +19,12 @@ use surfel_model::{
 /// Most splats of one level of the octree.
 const MOST_IN_LEVEL: f64 = 4e6;
 
+/// Most splats of a level, which its side asks for where triangles reach far beyond their node's cube, as those of a fan
+/// do: a mean of so many a node, or a triangle, but for small levels. A closed surface has 200 to 800 a node.
+const MOST_IN_NODE: usize = 1024;
+const MOST_ON_TRIANGLE: usize = 8;
+const SMALL_LEVEL: usize = 16_384;
+
 /// How a mesh becomes an octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OctreeOptions {
@@ -202,7 +208,8 @@ impl Level {
         if area <= 0.0 {
             return Ok(Self { cloud: SplatCloud::new(empty(), OnInvalid::Refuse)?.0, spacing, splats_of });
         }
-        let count = (area / (spacing * spacing)).ceil().clamp(1.0, MOST_IN_LEVEL);
+        let most = (MOST_IN_NODE * nodes.len()).max(MOST_ON_TRIANGLE * faces.len()).max(SMALL_LEVEL);
+        let count = (area / (spacing * spacing)).ceil().clamp(1.0, MOST_IN_LEVEL.min(most as f64));
         let part = some_triangles(mesh, &faces);
         let mut report = MeshReport {
             method: MeshMethod::Count(count as usize),

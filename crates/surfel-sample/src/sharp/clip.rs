@@ -5,6 +5,7 @@ use super::surface::normal_of;
 use crate::mesh::per_face::steiner_axes;
 use crate::tree::KdTree;
 use glam::{DVec2, DVec3};
+use std::collections::HashMap;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
 /// How much larger than the ellipse through the triangle's corners a splat is, so that its corners don't lie on its
@@ -63,13 +64,15 @@ impl Borders {
         Self { tree: KdTree::new(&samples), all, spacing }
     }
 
-    /// Borders of a region that come within `radius` of `p`, in ascending order.
-    fn near(&self, p: DVec3, radius: f64, region: u32) -> Vec<usize> {
+    /// Borders of a region that come into a box about `p`, given by its half-axes, in ascending order: those of a sliver
+    /// are far fewer than those within its length.
+    fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
-        let reach = radius + self.spacing;
-        self.tree.near(p, reach, &[], &mut |slot| {
+        // Points between the samples are no farther from them.
+        let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + self.spacing));
+        self.tree.in_box(p, sides, &mut |slot| {
             let border = self.tree.index(slot) / PIECE_SAMPLES;
-            if self.all[border].region == region && self.tree.point(slot).distance(p) <= reach {
+            if self.all[border].region == region {
                 found.push(border);
             }
         });
@@ -211,8 +214,9 @@ pub(crate) fn clip(
     let bulges = own_borders().flat_map(|border| border.conic.even_points(PIECE_SAMPLES)).map(|p| clipper.uv(p));
     let kept: Vec<DVec2> = triangle.iter().copied().chain(bulges).collect();
     let radius = clipper.s.length();
-    let mut beyond: Vec<(u32, usize, Vec<DVec2>)> = Vec::new();
-    for i in borders.near(center, radius, region) {
+    let mut beyond: Vec<(usize, Vec<DVec2>)> = Vec::new();
+    let mut place_of: HashMap<u32, usize> = HashMap::new();
+    for i in borders.near(center, [clipper.s, clipper.t, normal * (0.5 * radius)], region) {
         let border = &borders.all[i];
         if own.contains(&Some(i)) || border.normal.dot(normal) < 0.3 {
             continue;
@@ -228,15 +232,16 @@ pub(crate) fn clip(
         if points.is_empty() {
             continue;
         }
-        match beyond.iter_mut().find(|(ridge, ..)| *ridge == border.ridge) {
-            Some((.., all)) => all.extend(points),
-            None => beyond.push((border.ridge, i, points)),
-        }
+        let place = *place_of.entry(border.ridge).or_insert_with(|| {
+            beyond.push((i, Vec::new()));
+            beyond.len() - 1
+        });
+        beyond[place].1.extend(points);
     }
     // Ridges that reach farthest in come first: a line for them may serve the next.
-    beyond.sort_by(|x, y| nearest(&x.2).total_cmp(&nearest(&y.2)).then(x.1.cmp(&y.1)));
+    beyond.sort_by(|x, y| nearest(&x.1).total_cmp(&nearest(&y.1)).then(x.0.cmp(&y.0)));
     let mut unwanted = Vec::new();
-    for (.., points) in beyond {
+    for (_, points) in beyond {
         unwanted.extend_from_slice(&points);
         clipper.keep_out(&kept, &by_angle(points));
     }
@@ -399,5 +404,43 @@ impl Clipper {
             *line = ClipLine { a: *a as f32, b: *b as f32, c: *c as f32 };
         }
         ClippedSplat { center: self.center, s: self.s, t: self.t, curve, lines, is_cut_back: self.is_cut_back }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Borders that the splats of a fan of so many slivers are compared with.
+    fn work_of_fan(count: u32) -> usize {
+        let rim = |i: u32| {
+            let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();
+            DVec3::new(cos, sin, 0.0)
+        };
+        let border = |i: u32| Border {
+            conic: Conic::straight(rim(i), rim(i + 1)),
+            ridge: 0,
+            region: 0,
+            normal: DVec3::Z,
+            is_straight: true,
+            overlap: 0.0,
+        };
+        let borders = Borders::new((0..count).map(border).collect());
+        let near = |i: u32| {
+            let corners = [DVec3::ZERO, rim(i), rim(i + 1)];
+            let ((s, t), center) = (steiner_axes(corners), corners.iter().sum::<DVec3>() / 3.0);
+            let axes = [s * REACH, t * REACH, DVec3::Z * (0.5 * REACH * s.length())];
+            let found = borders.near(center, axes, 0);
+            assert!(found.contains(&(i as usize)), "{i} of {count}");
+            found.len()
+        };
+        (0..count).map(near).sum()
+    }
+
+    #[test]
+    fn work_of_a_fan_is_linear() {
+        let work = [500, 1000, 2000].map(work_of_fan);
+        assert!(work[1] as f64 <= 2.2 * work[0] as f64 && work[2] as f64 <= 2.2 * work[1] as f64, "{work:?}");
+        assert!(work[2] < 10 * 2000, "{work:?}");
     }
 }

@@ -226,6 +226,17 @@ impl Collapser<'_> {
         all
     }
 
+    /// Two vertices, first that of fewer triangles: the middle of a fan has as many as the fan.
+    fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
+        if self.around[a as usize].len() <= self.around[b as usize].len() { (a, b) } else { (b, a) }
+    }
+
+    /// True if two vertices share an edge.
+    fn are_joined(&self, a: u32, b: u32) -> bool {
+        let (few, other) = self.by_triangles(a, b);
+        self.around[few as usize].iter().any(|f| self.surface.faces[*f as usize].contains(&other))
+    }
+
     fn offer(&mut self, a: u32, b: u32) {
         if let Some(candidate) = self.candidate(a, b) {
             self.heap.push(Reverse((candidate.cost.to_bits(), a, b)));
@@ -234,7 +245,7 @@ impl Collapser<'_> {
 
     /// The best collapse of an edge, if it may be collapsed at all.
     fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
-        if !self.around[a as usize].iter().any(|f| self.surface.faces[*f as usize].contains(&b)) {
+        if !self.are_joined(a, b) {
             return None;
         }
         let quadric = self.quadrics[a as usize].plus(&self.quadrics[b as usize]);
@@ -304,17 +315,18 @@ impl Collapser<'_> {
 
     fn is_feasible(&self, c: &Candidate) -> bool {
         let (keep_faces, remove_faces) = (&self.around[c.keep as usize], &self.around[c.remove as usize]);
-        let shared = remove_faces.iter().filter(|f| keep_faces.contains(f)).count();
-        let (near, far) = (self.neighbours(c.keep), self.neighbours(c.remove));
-        let common = near.iter().filter(|v| far.contains(v)).count();
+        let (few, other) = self.by_triangles(c.keep, c.remove);
+        let has = |face: &u32, v: u32| self.surface.faces[*face as usize].contains(&v);
+        let shared = self.around[few as usize].iter().filter(|f| has(f, other)).count();
+        let common = self.neighbours(few).into_iter().filter(|v| *v != other && self.are_joined(*v, other)).count();
         // Topology: every common neighbour is the third corner of a triangle that goes.
         if common != shared || shared == 0 || shared > 2 || keep_faces.len() + remove_faces.len() <= 2 * shared {
             return false;
         }
         let merged = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove));
         let moves = c.target != self.position(c.keep);
-        let changed = remove_faces.iter().filter(|f| !keep_faces.contains(f));
-        let moved = keep_faces.iter().filter(|f| moves && !remove_faces.contains(f));
+        let changed = remove_faces.iter().filter(|f| !has(f, c.keep));
+        let moved = keep_faces.iter().filter(|f| moves && !has(f, c.remove));
         changed.chain(moved).all(|f| self.is_sound(c, *f, merged))
     }
 
@@ -359,7 +371,7 @@ impl Collapser<'_> {
 
     /// True if the triangle beyond edge (a, b), where it isn't changed itself, still meets this one smoothly.
     fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
-        let other = self.around[a as usize].iter().chain(&self.around[b as usize]).find(|f| {
+        let other = self.around[self.by_triangles(a, b).0 as usize].iter().find(|f| {
             let t = self.surface.faces[**f as usize];
             **f != face && t.contains(&a) && t.contains(&b) && !t.contains(&c.remove) && !t.contains(&c.keep)
         });

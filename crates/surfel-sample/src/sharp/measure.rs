@@ -1,14 +1,10 @@
 //! How far clipped splats and the mesh that they were made of are apart.
 
+use super::boxes::Boxes;
 use super::clip::ClippedSplat;
 use crate::mesh::geometry::Geometry;
 use crate::parallel::map_tasks;
-use glam::{DVec3, Vec3A};
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::Bvh2;
-use obvhs::bvh2::builder::build_bvh2;
-use obvhs::{Boundable, BvhBuildParams};
-use std::time::Duration;
+use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::clip::Clip;
 
@@ -37,86 +33,6 @@ impl SharpErrors {
         let ([a, b], [c, d]) = (self.splats_to_mesh, self.mesh_to_splats);
         let distances = format!("splats to mesh {a:.3e} (largest {b:.3e}), mesh to splats {c:.3e} (largest {d:.3e})");
         format!("{}{distances}, normals {:.2} degrees", Self::PREFIX, self.normal_deg)
-    }
-}
-
-struct Bounds(Aabb);
-
-impl Boundable for Bounds {
-    fn aabb(&self) -> Aabb {
-        self.0
-    }
-}
-
-/// The unit cube that boxes are kept in: f32 then neither overflows nor loses what lies far from the origin.
-#[derive(Clone, Copy)]
-struct Frame {
-    center: DVec3,
-    scale: f64,
-}
-
-impl Frame {
-    fn of(geometry: &Geometry) -> Self {
-        let corner = geometry.positions.first().copied().unwrap_or_default();
-        Self { center: corner, scale: 1.0 / geometry.extent.max(f64::MIN_POSITIVE) }
-    }
-
-    fn map(&self, p: DVec3) -> Vec3A {
-        ((p - self.center) * self.scale).as_vec3a()
-    }
-
-    fn bounds(&self, points: &[DVec3]) -> Bounds {
-        let mut aabb = Aabb::empty();
-        for p in points {
-            aabb.extend(self.map(*p));
-        }
-        Bounds(Aabb::new(aabb.min - SLACK, aabb.max + SLACK))
-    }
-}
-
-/// More than the rounding of f32 in and about the unit cube.
-const SLACK: Vec3A = Vec3A::splat(1e-6);
-
-/// Boxes to be searched by place.
-struct Boxes {
-    bvh: Bvh2,
-    frame: Frame,
-}
-
-impl Boxes {
-    fn new(bounds: &[Bounds], frame: Frame) -> Self {
-        Self { bvh: build_bvh2(bounds, BvhBuildParams::medium_build(), &mut Duration::default()), frame }
-    }
-
-    /// Calls `visit` for all boxes within `radius` of `p`, and perhaps for some more.
-    fn near(&self, p: DVec3, radius: f64, mut visit: impl FnMut(usize)) {
-        let (center, reach) = (self.frame.map(p), Vec3A::splat((radius * self.frame.scale) as f32) * 1.001 + SLACK);
-        self.bvh.aabb_traverse(Aabb::new(center - reach, center + reach), |bvh, node| {
-            let node = &bvh.nodes[node as usize];
-            for i in node.first_index..node.first_index + node.prim_count {
-                visit(bvh.primitive_indices[i as usize] as usize);
-            }
-            true
-        });
-    }
-
-    /// The least of `distance` (a box's index to a distance) about `p`, and whose it is: in growing boxes, from `guess`
-    /// on.
-    fn nearest(&self, p: DVec3, guess: f64, extent: f64, distance: impl Fn(usize) -> f64) -> (f64, usize) {
-        let mut radius = guess.max(1e-12 * extent);
-        loop {
-            let mut best = (f64::INFINITY, usize::MAX);
-            self.near(p, radius, |i| {
-                let d = distance(i);
-                if d < best.0 || (d == best.0 && i < best.1) {
-                    best = (d, i);
-                }
-            });
-            if best.0 <= radius || radius > 4.0 * extent || !radius.is_finite() {
-                return best;
-            }
-            radius *= 2.0;
-        }
     }
 }
 
@@ -155,22 +71,19 @@ pub(crate) struct MeshIndex<'a> {
     geometry: &'a Geometry<'a>,
     faces: Vec<usize>,
     boxes: Boxes,
-    guess: f64,
 }
 
 impl<'a> MeshIndex<'a> {
     pub(crate) fn new(geometry: &'a Geometry<'a>) -> Self {
         let faces: Vec<usize> = (0..geometry.areas.len()).filter(|f| geometry.areas[*f] > 0.0).collect();
-        let frame = Frame::of(geometry);
-        let bounds: Vec<Bounds> = faces.iter().map(|f| frame.bounds(&geometry.corners(*f))).collect();
-        let guess = (geometry.total_area() / faces.len().max(1) as f64).sqrt();
-        Self { geometry, boxes: Boxes::new(&bounds, frame), faces, guess }
+        let shapes: Vec<[DVec3; 3]> = faces.iter().map(|f| geometry.corners(*f)).collect();
+        Self { geometry, boxes: Boxes::new(&shapes), faces }
     }
 
     /// The point of the mesh that is nearest to `p`.
     fn nearest(&self, p: DVec3) -> Foot {
         let at = |i: usize| closest(p, self.geometry.corners(self.faces[i]));
-        let (distance, i) = self.boxes.nearest(p, self.guess, self.geometry.extent, |i| at(i).0);
+        let (distance, i) = self.boxes.nearest(p, |i| at(i).0);
         match self.faces.get(i) {
             Some(face) => Foot { distance, face: *face, barycentric: at(i).1 },
             None => Foot { distance: f64::INFINITY, face: 0, barycentric: [1.0, 0.0, 0.0] },
@@ -219,18 +132,17 @@ impl<'a> MeshIndex<'a> {
         forward.iter().for_each(|of_splat| total.add(of_splat));
         let count = total.count.max(1) as f64;
 
-        let frame = self.boxes.frame;
-        let disks = |s: &ClippedSplat| {
-            let reach = DVec3::from_array(std::array::from_fn(|k| s.s[k].hypot(s.t[k])));
-            frame.bounds(&[s.center - reach, s.center + reach])
+        // The corners of the rectangle about each ellipse.
+        let around = |s: &ClippedSplat| {
+            [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(u, v)| s.center + s.s * u + s.t * v)
         };
-        let boxes = Boxes::new(&splats.iter().map(disks).collect::<Vec<_>>(), frame);
+        let boxes = Boxes::new(&splats.iter().map(around).collect::<Vec<_>>());
         let step = self.faces.len().div_ceil(MESH_SAMPLES).max(1);
         let back = map_tasks(self.faces.len().div_ceil(step), |i| {
             let [a, b, c] = self.geometry.corners(self.faces[i * step]);
             let p = a + ((b - a) + (c - a)) / 3.0;
             let distance = |i: usize| distance_to(&splats[i], clips[i].as_ref(), p);
-            boxes.nearest(p, 1e-2 * self.guess, self.geometry.extent, distance).0
+            boxes.nearest(p, distance).0
         });
         let largest = back.iter().fold(0.0f64, |a, b| a.max(*b));
         SharpErrors {

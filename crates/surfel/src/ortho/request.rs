@@ -1,14 +1,17 @@
 //! From what a user asks for to an orthoimage: the command `surfel ortho`.
 
 use super::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
-use crate::paths::display;
+use crate::paths::{display, is_stdin};
 use crate::render_options::SplatOptions;
 use crate::words::counted;
 use crate::{Error, LoadOptions, splats};
 use serde_json::{Value, json};
+use std::collections::{HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::IoError;
+use surfel_io::ShowPath as _;
+use surfel_io::atomic::target;
 use surfel_model::{ConvertOptions, ModelError, Outliers};
 use surfel_sample::Progress;
 
@@ -70,27 +73,30 @@ impl OrthoRequest<'_> {
     /// Refuses names that aren't TIFF's, that are the same, or that are taken.
     fn check_files(&self) -> Result<(), Error> {
         let OrthoFiles { color, dsm, normals, overwrite } = self.files;
-        let files = [("-o", color), ("--dsm", dsm), ("--normals", normals)];
-        let files: Vec<(&str, &PathBuf)> =
-            files.into_iter().filter_map(|(flag, file)| Some((flag, file.as_ref()?))).collect();
-        if files.is_empty() {
+        let images = [("-o", color), ("--dsm", dsm), ("--normals", normals)];
+        if images.iter().all(|(_, file)| file.is_none()) {
             let what = "nothing says what to write, expected -o RGB.tif, --dsm F.tif or --normals F.tif";
             return Err(Error::Usage(what.to_owned()));
         }
-        for (i, (flag, file)) in files.iter().enumerate() {
+        let is_input = |path: &&PathBuf| !is_stdin(path);
+        let inputs: HashSet<PathBuf> = self.inputs.iter().filter(is_input).map(|path| target(path)).collect();
+        let mut known = HashMap::new();
+        for (flag, file) in images.into_iter().chain([("--colorbar", &self.splats.colorbar)]) {
+            let Some(file) = file else { continue };
             let extension = file.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
-            let wrong = |what: &str| Err(Error::Usage(format!("{flag} {}: {what}", file.display())));
-            if !matches!(extension.as_deref(), Some("tif" | "tiff")) {
+            let wrong = |what: &str| Err(Error::Usage(format!("{flag} {}: {what}", file.shown())));
+            let is_image = flag != "--colorbar";
+            if is_image && !matches!(extension.as_deref(), Some("tif" | "tiff")) {
                 return wrong("expected a name that ends in .tif");
             }
-            if let Some((other, _)) = files[..i].iter().find(|(_, known)| known == file) {
+            if let Some(other) = known.insert(target(file), flag) {
                 return wrong(&format!("is the name of {other}'s file, too"));
             }
-            if self.inputs.contains(file) {
+            if inputs.contains(&target(file)) {
                 return wrong("is an input, too");
             }
-            if file.exists() && !overwrite {
-                return Err(IoError::Exists { path: (*file).clone() }.into());
+            if is_image && file.exists() && !overwrite {
+                return Err(IoError::Exists { path: file.clone() }.into());
             }
         }
         Ok(())

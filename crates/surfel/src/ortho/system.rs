@@ -4,6 +4,7 @@ use super::source::Source;
 use crate::Error;
 use std::path::PathBuf;
 use surfel_io::Crs;
+use surfel_io::ShowPath as _;
 use surfel_model::ModelError;
 
 /// The system of all files, or of the code that was given.
@@ -33,7 +34,7 @@ pub(super) fn crs_of(
             None => first = Some((source, crs)),
             Some((_, known)) if known == crs || (known.epsg().is_some() && known.epsg() == crs.epsg()) => {}
             Some((other, known)) => {
-                let (other, known) = (other.path.display(), known.words());
+                let (other, known) = (other.path.shown(), known.words());
                 return Err(unsuitable(format!(
                     "has {}, but {other} has {known}: project one of them, or give --crs if they are the same",
                     crs.words()
@@ -45,7 +46,7 @@ pub(super) fn crs_of(
         None => notes.push((None, "no coordinate reference system is known: --crs EPSG:N gives one".into())),
         Some((known, crs)) => {
             for source in sources.iter().filter(|source| source.crs.is_none()) {
-                let note = format!("has no CRS: taken to be as in {}, {}", known.path.display(), crs.words());
+                let note = format!("has no CRS: taken to be as in {}, {}", known.path.shown(), crs.words());
                 notes.push((Some(source.path.clone()), note));
             }
         }

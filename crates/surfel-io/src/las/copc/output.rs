@@ -2,6 +2,7 @@
 
 use super::super::header::POINT_BYTES;
 use super::octants::cell;
+use super::spill::{Changed, checksum};
 use super::{ENTRY_BYTES, INFO_BYTES};
 use ::laz::laszip::{ChunkTable, ChunkTableEntry};
 use ::laz::{LazVlr, LazVlrBuilder};
@@ -129,6 +130,8 @@ pub(super) struct Chunk {
     pub(super) at: u64,
     pub(super) bytes: u64,
     pub(super) points: u64,
+    /// Checksum of the bytes.
+    pub(super) sum: u32,
 }
 
 /// What stays as the first input has it.
@@ -216,6 +219,9 @@ pub(super) fn write(
     for chunk in &chunks {
         bytes.resize(chunk.bytes as usize, 0);
         read(chunk, &mut bytes)?;
+        if checksum(&bytes) != chunk.sum {
+            return Err(io::Error::other(Changed(chunk.at)));
+        }
         out.write_all(&bytes)?;
         done += chunk.bytes;
         copied(done);

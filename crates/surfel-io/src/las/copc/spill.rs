@@ -37,8 +37,19 @@ pub(super) struct Spill<K> {
     last: Option<(K, usize)>,
 }
 
-/// Where the parts of a list begin, and how many bytes they have.
-pub(super) type Blocks = Vec<(u64, usize)>;
+/// Where a part of a list begins in the file, its number of bytes, and their checksum.
+pub(super) type Block = (u64, usize, u32);
+pub(super) type Blocks = Vec<Block>;
+
+/// A number that changes if bytes do: always if they are eight bytes or fewer in a row, else but for one time in 2³².
+pub(super) fn checksum(bytes: &[u8]) -> u32 {
+    let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
+    let (words, rest) = bytes.as_chunks::<8>();
+    let mut last = [0; 8];
+    last[..rest.len()].copy_from_slice(rest);
+    let sum = words.iter().chain([&last]).fold(bytes.len() as u64, |sum, word| mix(sum, u64::from_le_bytes(*word)));
+    (sum ^ sum >> 32) as u32
+}
 
 /// Where the records are in the file: all that is needed to go on with it.
 #[derive(Clone, Debug, Deserialize, Serialize)]
@@ -48,6 +59,11 @@ pub(super) struct Index<K> {
     /// Keys in the order in which they came, and where the records of each are.
     pub(super) lists: Vec<(K, Blocks)>,
 }
+
+/// Bytes from a place on have changed since they were written.
+#[derive(Debug, thiserror::Error)]
+#[error("bytes from {0} on have changed since they were written")]
+pub(super) struct Changed(pub(super) u64);
 
 impl<K> Default for Index<K> {
     fn default() -> Self {
@@ -65,7 +81,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         let (mut index, mut lists) = (HashMap::new(), Vec::new());
         for (key, blocks) in stored.lists {
             index.insert(key, lists.len());
-            let bytes = blocks.iter().map(|(_, length)| *length as u64).sum();
+            let bytes = blocks.iter().map(|(_, length, _)| *length as u64).sum();
             lists.push(List { held: Vec::new(), blocks, bytes });
         }
         Self { file, end: stored.end, index, lists, held: 0, last: None }
@@ -109,7 +125,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         }
         self.file.seek(SeekFrom::Start(self.end))?;
         self.file.write_all(&list.held)?;
-        list.blocks.push((self.end, list.held.len()));
+        list.blocks.push((self.end, list.held.len(), checksum(&list.held)));
         self.end += list.held.len() as u64;
         self.held -= list.held.len();
         list.held = Vec::new();
@@ -158,13 +174,17 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         list
     }
 
-    /// Hands over the blocks of a list in the order in which they came.
+    /// Hands over the blocks of a list in the order in which they came. A block that has changed since it was written is
+    /// the error [`Changed`].
     pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let mut bytes = Vec::new();
-        for (at, length) in &list.blocks {
+        for (at, length, sum) in &list.blocks {
             bytes.resize(*length, 0);
             self.file.seek(SeekFrom::Start(*at))?;
             self.file.read_exact(&mut bytes)?;
+            if checksum(&bytes) != *sum {
+                return Err(io::Error::other(Changed(*at)));
+            }
             each(&bytes)?;
         }
         each(&list.held)
@@ -174,6 +194,32 @@ impl<K: Copy + Eq + Hash> Spill<K> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn any_changed_byte_changes_the_checksum() {
+        let bytes: Vec<u8> = (0..21).collect();
+        let sum = checksum(&bytes);
+        for at in 0..bytes.len() {
+            for bit in 0..8 {
+                let mut changed = bytes.clone();
+                changed[at] ^= 1 << bit;
+                assert_ne!(checksum(&changed), sum, "{at}, {bit}");
+            }
+        }
+        assert_ne!(checksum(&[0]), checksum(&[0, 0]));
+        assert_ne!(checksum(&bytes[..20]), sum);
+    }
+
+    #[test]
+    fn changed_blocks_are_refused() {
+        let mut spill = Spill::new(&std::env::temp_dir()).unwrap();
+        spill.append(1, &[7; 3 * BLOCK_BYTES]).unwrap();
+        spill.file.seek(SeekFrom::Start(1000)).unwrap();
+        spill.file.write_all(&[8]).unwrap();
+        let list = spill.take(1);
+        let error = spill.read(&list, &mut |_| Ok(())).unwrap_err();
+        assert!(error.get_ref().unwrap().is::<Changed>(), "{error}");
+    }
 
     #[test]
     fn lists_come_back_whole_and_in_order_and_memory_holds_few_of_them() {

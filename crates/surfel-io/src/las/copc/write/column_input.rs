@@ -602,8 +602,14 @@ mod tests {
     }
 
     const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None, columns: None };
-    const LARGE: Limits =
-        Limits { cell_points: 20_000, most_cells: 1 << 18, most_points: 30_000, held_points: u64::MAX, kept_bytes: 0 };
+    const LARGE: Limits = Limits {
+        cell_points: 20_000,
+        most_cells: 1 << 18,
+        most_points: 30_000,
+        held_points: u64::MAX,
+        kept_bytes: 0,
+        most_in_place: u64::MAX,
+    };
 
     fn written(input: &Path, limits: Limits) -> Result<(Vec<u8>, Vec<String>), IoError> {
         let output = input.with_extension("copc.laz");

@@ -79,6 +79,16 @@ pub(super) enum Stop {
     Disk(io::Error),
 }
 
+impl Stop {
+    /// The error of what is being written; an input's stays what it is.
+    pub(super) fn into_io(self) -> io::Error {
+        match self {
+            Self::Input(error) => io::Error::other(error),
+            Self::Disk(error) => error,
+        }
+    }
+}
+
 impl From<IoError> for Stop {
     fn from(error: IoError) -> Self {
         Self::Input(error)

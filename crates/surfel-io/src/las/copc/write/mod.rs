@@ -16,9 +16,10 @@ mod share;
 use super::build::{CELL_BITS, LEAF_POINTS, Part};
 use super::octants::code;
 use super::output::{Chunk, Cube, Record, Summary, Template};
-use super::spill::{Index, List, Spill, unnamed};
+use super::spill::{Index, List, Spill, checksum, unnamed};
 use super::{LEVEL_COLORS, NORMALS, RADIUS, output, records};
 use crate::atomic::Temporary;
+use crate::error::ShowPath as _;
 use crate::error::{IoError, Problem};
 use crate::las::header::{Header, POINT_BYTES};
 use crate::las::{Sink, field};
@@ -52,6 +53,8 @@ struct Limits {
     most_points: u64,
     /// Most points of all parts that are in memory, unless one has more.
     held_points: u64,
+    /// Most points in one place, which no part can divide.
+    most_in_place: u64,
     /// Bytes of points after which they are brought to the disk, with `resume`.
     kept_bytes: u64,
 }
@@ -59,6 +62,8 @@ struct Limits {
 /// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
 const HELD_POINT_BYTES: u64 = 160;
 const OTHER_BYTES: u64 = 64 << 20;
+/// Bytes of its record among those.
+const USUAL_POINT_BYTES: u64 = 64;
 /// Bytes that writing takes: those of one part.
 pub const LEAST_MEMORY: u64 = 200 << 20;
 
@@ -69,7 +74,26 @@ impl Limits {
         let useful = cell_points * rayon::current_num_threads() as u64;
         let room = memory.saturating_sub(OTHER_BYTES) / HELD_POINT_BYTES;
         let held_points = room.min(useful).max(most_points);
-        Self { cell_points, most_cells: 1 << 18, most_points, held_points, kept_bytes: 256 << 20 }
+        Self {
+            cell_points,
+            most_cells: 1 << 18,
+            most_points,
+            held_points,
+            most_in_place: room.max(most_points),
+            kept_bytes: 256 << 20,
+        }
+    }
+
+    /// The same for points of so many bytes: of larger ones than usual there are fewer in memory.
+    fn of_points(self, bytes: u64) -> Self {
+        let fewer = |points: u64| match bytes {
+            0..=USUAL_POINT_BYTES => points,
+            _ => points.saturating_mul(HELD_POINT_BYTES) / (HELD_POINT_BYTES - USUAL_POINT_BYTES + bytes),
+        };
+        let Self { most_points, held_points, most_in_place, .. } = self;
+        let [most_points, held_points, most_in_place] =
+            [most_points, held_points, most_in_place].map(|n| fewer(n).max(1));
+        Self { most_points, held_points, most_in_place, ..self }
     }
 }
 
@@ -219,15 +243,10 @@ fn write_by<T>(
     write: impl FnOnce(Content<'_>) -> Result<T, IoError>,
 ) -> Result<(T, CopcReport), IoError> {
     let mut report = CopcReport::default();
-    let mut fault = None;
-    let written = write(&mut |sink| {
-        let mut writer = match Writer::new(inputs, folder, (kept, shard), prepare, progress, limits) {
-            Ok(writer) => writer,
-            Err(found) => return Err(stopped(&mut fault, found)),
-        };
-        if let Err(found) = writer.sort_all().and_then(|()| writer.build()) {
-            return Err(stopped(&mut fault, found));
-        }
+    let made = write(&mut |sink| {
+        let mut writer =
+            Writer::new(inputs, folder, (kept, shard), prepare, progress, limits).map_err(Stop::into_io)?;
+        writer.sort_all().and_then(|()| writer.build()).map_err(Stop::into_io)?;
         let mut counted = Counted { sink, bytes: 0 };
         report = match shard {
             Some(shard) => shards::write(writer, shard, &mut counted)?,
@@ -238,10 +257,11 @@ fn write_by<T>(
         }
         Ok(())
     });
-    match fault {
-        Some(fault) => Err(fault),
-        None => written.map(|made| (made, report)),
-    }
+    let made = made.map_err(|error| match kept {
+        Some(kept) => kept.blamed(error),
+        None => error,
+    })?;
+    Ok((made, report))
 }
 
 /// Counts what is written.
@@ -281,17 +301,6 @@ struct Built {
     chunks: Vec<Chunk>,
     chunk_bytes: u64,
     upper: Index<(u32, u64)>,
-}
-
-/// Ends the writing; the fault itself is told afterwards.
-fn stopped(fault: &mut Option<IoError>, found: Stop) -> io::Error {
-    match found {
-        Stop::Input(found) => {
-            *fault = Some(found);
-            io::Error::other("an input can't be read")
-        }
-        Stop::Disk(error) => error,
-    }
 }
 
 struct Writer<'a> {
@@ -372,6 +381,13 @@ impl<'a> Writer<'a> {
         if !descriptions.is_empty() {
             records.push(Record::new("LASF_Spec", 4, descriptions));
         }
+        let point_bytes = POINT_BYTES[usize::from(format)] + kept_bytes + added;
+        if point_bytes > usize::from(u16::MAX) {
+            let what = format!("has points of {} bytes, which become {point_bytes}", first.header.record_bytes);
+            let problem = Problem::new(what).expected(format!("at most {}, to be written by levels", u16::MAX));
+            return Err(invalid(&first.path, problem));
+        }
+        let limits = limits.of_points((POINT_BYTES[usize::from(format)] + kept_bytes) as u64);
         let mut header = raw.clone();
         header.resize(375, 0);
         let (scale, offset) = (first.header.scale, first.header.offset);
@@ -398,7 +414,7 @@ impl<'a> Writer<'a> {
             }
             count = count.saturating_add(input.header.count);
             if matches!(input.header.format, 4 | 5 | 9 | 10) {
-                notes.push(format!("{}: left out its waveforms", input.path.display()));
+                notes.push(format!("{}: left out its waveforms", input.path.shown()));
             }
             inputs.push(input);
         }
@@ -481,7 +497,7 @@ impl<'a> Writer<'a> {
                     None => read?,
                 }
                 let notes = input.header.notes.drain(..);
-                self.notes.extend(notes.map(|note| format!("{}: {note}", input.path.display())));
+                self.notes.extend(notes.map(|note| format!("{}: {note}", input.path.shown())));
             }
             let unstored = (self.summary.count - stored).saturating_mul(self.sorted_bytes as u64);
             if let Some(kept) = self.kept
@@ -497,7 +513,12 @@ impl<'a> Writer<'a> {
         self.inputs = inputs;
         match self.summary.count {
             0 if self.share.is_none() => {
-                Err(Stop::Disk(io::Error::other("the inputs hold no point, expected at least one")))
+                let others = if count > 1 { ", and no other input does" } else { "" };
+                let problem = Problem::new(format!("holds no point{others}")).expected("at least one");
+                Err(self
+                    .inputs
+                    .first()
+                    .map_or(Stop::Disk(io::ErrorKind::NotFound.into()), |i| invalid(&i.path, problem)))
             }
             _ => Ok(()),
         }
@@ -652,6 +673,16 @@ impl<'a> Writer<'a> {
             }
             return Ok(());
         }
+        if points > self.limits.most_in_place {
+            let what =
+                format!("has {points} points in about one place, with the other inputs, which don't fit into memory");
+            let problem = Problem::new(what).expected(format!("at most {}", self.limits.most_in_place));
+            let problem = problem.help("allow more (--memory), or leave out equal points before");
+            return Err(self
+                .inputs
+                .first()
+                .map_or(Stop::Disk(io::ErrorKind::OutOfMemory.into()), |i| invalid(&i.path, problem)));
+        }
         if self.waiting_points() + points > self.limits.held_points {
             self.make_waiting(frame)?;
         }
@@ -704,8 +735,9 @@ impl<'a> Writer<'a> {
 
     fn maker(&self) -> Maker<'_> {
         let Self { prepare, template, sorted_bytes, normals, viewpoint, adds_normals, grid, laz, .. } = self;
+        let input = self.inputs.first().map_or(Path::new(""), |input| &input.path);
         let (sorted_bytes, normals, viewpoint, adds_normals) = (*sorted_bytes, *normals, *viewpoint, *adds_normals);
-        Maker { prepare: *prepare, template, sorted_bytes, normals, viewpoint, adds_normals, grid: *grid, laz }
+        Maker { prepare: *prepare, template, sorted_bytes, normals, viewpoint, adds_normals, grid: *grid, laz, input }
     }
 
     fn compress(&mut self, nodes: Vec<((u32, u64), Vec<u8>)>) -> io::Result<()> {
@@ -717,8 +749,8 @@ impl<'a> Writer<'a> {
         self.chunk_file.seek(SeekFrom::Start(self.chunk_bytes))?;
         for (level, code, points, bytes) in packed {
             self.chunk_file.write_all(&bytes)?;
-            let bytes = bytes.len() as u64;
-            self.chunks.push(Chunk { file: 0, level, code, at: self.chunk_bytes, bytes, points });
+            let (sum, bytes) = (checksum(&bytes), bytes.len() as u64);
+            self.chunks.push(Chunk { file: 0, level, code, at: self.chunk_bytes, bytes, points, sum });
             self.chunk_bytes += bytes;
         }
         Ok(())

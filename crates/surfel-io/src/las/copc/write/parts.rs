@@ -1,6 +1,7 @@
 //! Nodes of the parts of a cloud: splats and levels of their points, and what points stand for at their levels.
 
 use super::grid::{Frame, Grid};
+use crate::error::{IoError, Problem};
 use crate::las::copc::build::{Coded, Part, levels};
 use crate::las::copc::output::Template;
 use crate::las::field;
@@ -11,6 +12,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::{self, Cursor};
+use std::path::Path;
 use surfel_model::{Column3, PointCloud};
 
 /// The splat of a point: where its surface faces, and how far it reaches.
@@ -52,6 +54,8 @@ pub(super) struct Maker<'a> {
     pub(super) adds_normals: bool,
     pub(super) grid: Grid,
     pub(super) laz: &'a LazVlr,
+    /// The first input, which errors of points name.
+    pub(super) input: &'a Path,
 }
 
 impl Maker<'_> {
@@ -103,7 +107,11 @@ impl Maker<'_> {
             Column3::from_f32(kept().map(|r| DVec3::from(of(r)).as_vec3()).collect())
         });
         let cloud = PointCloud { origin, positions, normals, viewpoint: self.viewpoint, ..PointCloud::default() };
-        let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(io::Error::other)? };
+        let unsuitable = |why: String| {
+            let problem = Problem::new(format!("has points that no splats can be made of: {why}"));
+            io::Error::other(IoError::Invalid { path: self.input.to_path_buf(), problem: Box::new(problem) })
+        };
+        let made = if cloud.is_empty() { Vec::new() } else { prepare(&cloud).map_err(unsuitable)? };
         if made.len() != cloud.len() {
             return Err(io::Error::other("a part of the cloud has fewer splats than points"));
         }

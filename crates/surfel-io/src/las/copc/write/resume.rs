@@ -5,11 +5,13 @@
 
 use super::CopcOptions;
 use super::inputs::Stop;
+use crate::error::ShowPath as _;
 use crate::error::{IoError, Problem, WRITE};
+use crate::las::copc::spill::{Changed, checksum};
 use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 use std::fs::{self, File, OpenOptions, TryLockError};
-use std::io::{self, Write};
+use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::time::UNIX_EPOCH;
 
@@ -75,7 +77,7 @@ impl Manifest {
                 let first = self.inputs.iter().zip(&other.inputs).position(unlike).unwrap_or(0);
                 let Some(Stated { path, bytes, modified }) = m.inputs.get(first) else { return String::new() };
                 let [seconds, nanos] = modified.unwrap_or_default();
-                format!("{} of {bytes} bytes, changed at {seconds}.{nanos:09}", path.display())
+                format!("{} of {bytes} bytes, changed at {seconds}.{nanos:09}", path.shown())
             }
         };
         Some([words(self), words(other)])
@@ -98,22 +100,17 @@ pub(super) fn folder_of(output: &Path) -> PathBuf {
 }
 
 impl Kept {
-    /// The folder of an output, made where there is none.
+    /// Opens the folder of an output, and makes it if there is none. Other users can't write to it.
     pub(super) fn open(output: &Path, manifest: &Manifest) -> Result<Self, IoError> {
         let folder = folder_of(output);
         let system = |source| IoError::System { path: folder.clone(), action: WRITE, source };
-        fs::create_dir_all(&folder).map_err(system)?;
-        let foreign = fs::read_dir(&folder).map_err(system)?.flatten().find(|entry| {
-            let name = entry.file_name();
-            !NAMES.iter().any(|own| name == *own || name == format!("{own}.new").as_str())
-        });
-        if let Some(found) = foreign {
-            let what = format!("holds {}, which is no part of a conversion", found.file_name().display());
-            let problem = Problem::new(what).help("rename the folder: its name is that of what --resume keeps");
+        make_private(&folder).map_err(system)?;
+        if let Some(what) = unsafe_content(&folder).map_err(system)? {
+            let problem = Problem::new(what).help("rename or delete it: its name is that of what --resume keeps");
             return Err(IoError::Invalid { path: folder, problem: Box::new(problem) });
         }
-        let lock =
-            OpenOptions::new().create(true).truncate(false).write(true).open(folder.join(LOCK)).map_err(system)?;
+        let lock = open_own(&folder.join(LOCK), OpenOptions::new().create(true).truncate(false).write(true));
+        let lock = lock.map_err(system)?;
         if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
             return Err(system(io::Error::other("another run with --resume is writing it")));
         }
@@ -136,23 +133,45 @@ impl Kept {
         IoError::Invalid { path: self.folder.clone(), problem: Box::new(problem) }
     }
 
-    /// A state, if there is one.
-    pub(super) fn load<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, IoError> {
-        match fs::read(self.folder.join(name)) {
-            Ok(bytes) => {
-                let state = serde_json::from_slice(&bytes);
-                state.map(Some).map_err(|e| self.damaged(format!("has a damaged {name}: {e}")))
+    /// The error of a conversion: the folder is to blame if its files have changed since they were written.
+    pub(super) fn blamed(&self, error: IoError) -> IoError {
+        match error {
+            IoError::System { source, .. } if source.get_ref().is_some_and(|e| e.is::<Changed>()) => {
+                self.damaged(format!("has changed: {source}"))
             }
-            Err(e) if e.kind() == io::ErrorKind::NotFound => Ok(None),
-            Err(source) => Err(IoError::System { path: self.folder.join(name), action: WRITE, source }),
+            error => error,
         }
     }
 
-    /// Writes a state, whole or not at all.
+    /// Reads a state, if there is one, and compares it with its checksum.
+    pub(super) fn load<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, IoError> {
+        let system = |source| IoError::System { path: self.folder.join(name), action: WRITE, source };
+        let mut bytes = Vec::new();
+        match open_own(&self.folder.join(name), OpenOptions::new().read(true)) {
+            Ok(mut file) => file.read_to_end(&mut bytes).map_err(system)?,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(system(source)),
+        };
+        let end = bytes.iter().rposition(|b| *b == b'\n').unwrap_or(bytes.len());
+        let (json, sum) = bytes.split_at(end);
+        if sum != sum_line(json).as_bytes() {
+            return Err(self.damaged(format!("has a changed or damaged {name}")));
+        }
+        let state = serde_json::from_slice(json);
+        state.map(Some).map_err(|e| self.damaged(format!("has a damaged {name}: {e}")))
+    }
+
+    /// Writes a state with its checksum, whole or not at all.
     pub(super) fn save(&self, name: &str, state: &impl Serialize) -> io::Result<()> {
         let new = self.folder.join(format!("{name}.new"));
-        let mut file = File::create(&new)?;
-        file.write_all(&serde_json::to_vec(state)?)?;
+        match fs::remove_file(&new) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(error),
+            _ => {}
+        }
+        let mut file = open_own(&new, OpenOptions::new().create_new(true).write(true))?;
+        let json = serde_json::to_vec(state)?;
+        file.write_all(&json)?;
+        file.write_all(sum_line(&json).as_bytes())?;
         file.sync_all()?;
         drop(file);
         fs::rename(&new, self.folder.join(name))?;
@@ -164,7 +183,8 @@ impl Kept {
     /// A file of which so many bytes count.
     pub(super) fn file(&self, name: &str, bytes: u64) -> Result<File, Stop> {
         let mut options = OpenOptions::new();
-        let file = options.create(true).truncate(false).read(true).write(true).open(self.folder.join(name))?;
+        let options = options.create(true).truncate(false).read(true).write(true);
+        let file = open_own(&self.folder.join(name), options)?;
         let there = file.metadata()?.len();
         if there < bytes {
             let what = format!("has {there} bytes in its file {name}, of {bytes} at least");
@@ -193,5 +213,75 @@ impl Kept {
             let _ = fs::remove_file(self.folder.join(format!("{name}.new")));
         }
         let _ = fs::remove_dir(&self.folder);
+    }
+}
+
+/// The line behind a state: its checksum.
+fn sum_line(json: &[u8]) -> String {
+    format!("\n{:08x}", checksum(json))
+}
+
+/// Makes a folder that its owner alone may use, unless it is there.
+fn make_private(folder: &Path) -> io::Result<()> {
+    let mut builder = fs::DirBuilder::new();
+    #[cfg(unix)]
+    std::os::unix::fs::DirBuilderExt::mode(&mut builder, 0o700);
+    match builder.create(folder) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists => Ok(()),
+        made => made,
+    }
+}
+
+/// What a folder is or holds that no conversion of this user made, if anything: a link would have this program write to
+/// where it leads.
+fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
+    let found = fs::symlink_metadata(folder)?;
+    if !found.is_dir() {
+        return Ok(Some("is a link or a file, expected a folder".to_owned()));
+    }
+    #[cfg(unix)]
+    {
+        use std::os::unix::fs::MetadataExt;
+        // As this file system names the owner of what this process makes, which may be another than its own name.
+        let made =
+            tempfile::tempfile_in(folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref()))?;
+        if made.metadata()?.uid() != found.uid() {
+            return Ok(Some("belongs to another user".to_owned()));
+        }
+        if found.mode() & 0o022 != 0 {
+            return Ok(Some("can be written to by other users".to_owned()));
+        }
+    }
+    for entry in fs::read_dir(folder)? {
+        let entry = entry?;
+        let name = entry.file_name();
+        let shown = Path::new(&name).shown();
+        if !NAMES.iter().any(|own| name == *own || name == format!("{own}.new").as_str()) {
+            return Ok(Some(format!("holds {shown}, which is no part of a conversion")));
+        }
+        if !is_own(&fs::symlink_metadata(entry.path())?) {
+            return Ok(Some(format!("holds {shown}, which is a link or no file")));
+        }
+    }
+    Ok(None)
+}
+
+/// True for a file that has no other name.
+fn is_own(found: &fs::Metadata) -> bool {
+    #[cfg(unix)]
+    let is_linked = std::os::unix::fs::MetadataExt::nlink(found) > 1;
+    #[cfg(not(unix))]
+    let is_linked = false;
+    found.is_file() && !is_linked
+}
+
+/// Opens a file of the folder. A link is an error.
+fn open_own(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
+    #[cfg(unix)]
+    std::os::unix::fs::OpenOptionsExt::custom_flags(options, rustix::fs::OFlags::NOFOLLOW.bits() as i32);
+    let file = options.open(path)?;
+    match is_own(&file.metadata()?) {
+        true => Ok(file),
+        false => Err(io::Error::other(format!("{} is a link or no file", path.shown()))),
     }
 }

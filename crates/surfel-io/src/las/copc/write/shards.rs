@@ -4,10 +4,11 @@
 //! above the parts are. Then come the chunks and those records.
 
 use super::{CopcReport, Writer};
+use crate::error::ShowPath as _;
 use crate::error::{IoError, Problem, READ};
 use crate::las::copc::octants::BITS;
 use crate::las::copc::output::{self, Chunk, Cube, Summary, Template};
-use crate::las::copc::spill::{Blocks, Index};
+use crate::las::copc::spill::{Block, Blocks, Index, checksum};
 use crate::las::copc::write::parts::packed;
 use crate::las::field;
 use serde::{Deserialize, Serialize};
@@ -61,9 +62,16 @@ pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Writ
     let mut keys: Vec<((u32, u64), u64)> = writer.upper.sizes().collect();
     keys.sort_unstable();
     let mut upper = Index::default();
+    let mut lists = Vec::with_capacity(keys.len());
     for (key, bytes) in &keys {
-        upper.lists.push((*key, vec![(upper.end, *bytes as usize)]));
+        let (list, mut records) = (writer.upper.take(*key), Vec::new());
+        writer.upper.read(&list, &mut |block| {
+            records.extend_from_slice(block);
+            Ok(())
+        })?;
+        upper.lists.push((*key, vec![(upper.end, *bytes as usize, checksum(&records))]));
         upper.end += bytes;
+        lists.push(list);
     }
     let all = writer.chunk_bytes + upper.end;
     let report = report(&writer.summary, &writer.chunks, writer.notes);
@@ -82,8 +90,7 @@ pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Writ
         done += now;
         (writer.progress)("writing the file", done, all);
     }
-    for (key, bytes) in keys {
-        let list = writer.upper.take(key);
+    for (list, (_, bytes)) in lists.into_iter().zip(keys) {
         writer.upper.read(&list, &mut |block| sink.write_all(block))?;
         done += bytes;
         (writer.progress)("writing the file", done, all);
@@ -107,7 +114,7 @@ pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result
         _ if !common.inputs.iter().eq(inputs.iter().map(|(_, (bytes, _))| bytes)) => {
             "is a share of other inputs".into()
         }
-        Some((path, _)) => format!("is older than {}", path.display()),
+        Some((path, _)) => format!("is older than {}", path.shown()),
         None => return Ok(report(summary, chunks, Vec::new())),
     };
     let problem = Problem::new(what).expected(format!("share {} of {} of these inputs", shard[0], shard[1]));
@@ -196,7 +203,7 @@ impl Head {
         }
         for ((level, code), blocks) in &self.upper.lists {
             let within =
-                |(at, bytes): &(u64, usize)| at.checked_add(*bytes as u64).is_some_and(|end| end <= self.upper.end);
+                |(at, bytes, _): &Block| at.checked_add(*bytes as u64).is_some_and(|end| end <= self.upper.end);
             let bytes = blocks.iter().fold(0_u64, |sum, block| sum.saturating_add(block.1 as u64));
             if !is_octant(*level, *code) || !blocks.iter().all(within) || bytes % record_bytes != 0 {
                 return Some("has records of a node that aren't within it");
@@ -223,7 +230,7 @@ fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
         };
         let ([index, of], first) = (shard.head.shard, &shards[0]);
         if of != count || shard.head.common != first.head.common {
-            let expected = format!("one of the {count} of the same inputs, as {}", first.path.display());
+            let expected = format!("one of the {count} of the same inputs, as {}", first.path.shown());
             return Err(unlike(format!("is share {index} of {of} of another conversion"), expected, "write it again"));
         }
         if index as usize != i {
@@ -276,7 +283,6 @@ pub(super) fn merge(
         let problem = Problem::new("holds no point, and no other share does").expected("at least one");
         return Err(IoError::Invalid { path: shards[0].path.clone(), problem: Box::new(problem) });
     }
-    let mut fault = None;
     let written = crate::atomic::write(output, overwrite, |sink| {
         let laz = template.laz()?;
         let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -292,24 +298,24 @@ pub(super) fn merge(
                 }
                 opened.as_mut().map_or(Ok(()), |(_, file)| shard.read(file, at, bytes))
             };
-            get().map_err(|source| {
-                fault = Some(IoError::System { path: shard.path.clone(), action: READ, source });
-                io::Error::other("a share can't be read")
-            })
+            get().map_err(|source| io::Error::other(unreadable(&shard.path, source)))
         };
         for (key, parts) in &upper {
             let mut records = Vec::new();
             for (i, blocks) in parts {
-                for (at, bytes) in *blocks {
+                for (at, bytes, sum) in *blocks {
                     let end = records.len();
                     records.resize(end + bytes, 0);
                     read(*i, shards[*i].head.chunk_bytes + at, &mut records[end..])?;
+                    if checksum(&records[end..]) != *sum {
+                        return Err(changed_shard(&shards[*i].path, *at));
+                    }
                 }
             }
             for (level, code, points, bytes) in packed(vec![(*key, records)], &laz)? {
                 made.write_all(&bytes)?;
-                let (file, at, bytes) = (shards.len(), made_bytes, bytes.len() as u64);
-                chunks.push(Chunk { file, level, code, at, bytes, points });
+                let (file, at, sum, bytes) = (shards.len(), made_bytes, checksum(&bytes), bytes.len() as u64);
+                chunks.push(Chunk { file, level, code, at, bytes, points, sum });
                 made_bytes += bytes;
             }
         }
@@ -319,18 +325,26 @@ pub(super) fn merge(
                 made.seek(SeekFrom::Start(chunk.at))?;
                 made.read_exact(bytes)
             }
-            false => read(chunk.file, chunk.at, bytes),
+            false => {
+                read(chunk.file, chunk.at, bytes)?;
+                let is_same = checksum(bytes) == chunk.sum;
+                if is_same { Ok(()) } else { Err(changed_shard(&shards[chunk.file].path, chunk.at)) }
+            }
         };
         let copied = |bytes| progress("writing the file", bytes, all);
         output::write(sink, template, &laz, (&summary, cube), (chunks.clone(), &mut read_chunk), &copied)
     });
-    match fault {
-        Some(fault) => Err(fault),
-        None => written.map(|()| {
-            let is_wider = [summary.low, summary.high] != *ends;
-            let note = "the inputs' headers have wider bounds than their points: the octree is as large as they say, \
-                        and may be smaller without --shard";
-            report(&summary, &chunks, if is_wider { vec![note.to_owned()] } else { Vec::new() })
-        }),
-    }
+    written.map(|()| {
+        let is_wider = [summary.low, summary.high] != *ends;
+        let note = "the inputs' headers have wider bounds than their points: the octree is as large as they say, and \
+                    may be smaller without --shard";
+        report(&summary, &chunks, if is_wider { vec![note.to_owned()] } else { Vec::new() })
+    })
+}
+
+/// The error of a share whose bytes at this place have changed.
+fn changed_shard(path: &Path, at: u64) -> io::Error {
+    let problem = Problem::new(format!("is damaged: bytes from {at} behind its head have changed"));
+    let problem = Box::new(problem.help("copy the file again, or write this share again"));
+    io::Error::other(IoError::Invalid { path: path.to_path_buf(), problem })
 }

@@ -69,8 +69,14 @@ fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
     };
     let written = |held_points: u64| {
         let output = folder.join(format!("{held_points}.copc.laz"));
-        let limits =
-            Limits { cell_points: 20_000, most_cells: 1 << 18, most_points: 30_000, held_points, kept_bytes: 0 };
+        let limits = Limits {
+            cell_points: 20_000,
+            most_cells: 1 << 18,
+            most_points: 30_000,
+            held_points,
+            kept_bytes: 0,
+            most_in_place: u64::MAX,
+        };
         save(std::slice::from_ref(&input), &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
         std::fs::read(output).unwrap()
     };
@@ -130,7 +136,14 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
     let side = 512;
     let whole = hill_splats(
         side,
-        Limits { cell_points: 1_000_000, most_cells: 1 << 18, most_points: 1_000_000, held_points: 0, kept_bytes: 0 },
+        Limits {
+            cell_points: 1_000_000,
+            most_cells: 1 << 18,
+            most_points: 1_000_000,
+            held_points: 0,
+            kept_bytes: 0,
+            most_in_place: u64::MAX,
+        },
     );
     // Cells of 128² points, and one of 512², divided once and twice; margins are two points wide at least, where those
     // of real files are eight. Two are enough for normals and for all radii but one in a hundred, four for all. Radii
@@ -138,8 +151,17 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
     for (cell_points, most_points, most_grown_share) in
         [(16_384, 100_000, 0.01), (262_144, 100_000, 1e-5), (262_144, 20_000, 0.01)]
     {
-        let parts =
-            hill_splats(side, Limits { cell_points, most_cells: 1 << 18, most_points, held_points: 0, kept_bytes: 0 });
+        let parts = hill_splats(
+            side,
+            Limits {
+                cell_points,
+                most_cells: 1 << 18,
+                most_points,
+                held_points: 0,
+                kept_bytes: 0,
+                most_in_place: u64::MAX,
+            },
+        );
         let (mut turned, mut grown) = (0, 0);
         let (mut most_turned, mut most_grown) = (0.0_f64, 0.0_f64);
         for ((normal, radius), (n, r)) in whole.iter().zip(&parts) {
@@ -163,8 +185,14 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     std::fs::write(&input, las(300_000)).unwrap();
     let nodes = |most_points: u64| {
         let output = folder.join(format!("{most_points}.copc.laz"));
-        let limits =
-            Limits { cell_points: 100_000, most_cells: 1 << 18, most_points, held_points: most_points, kept_bytes: 0 };
+        let limits = Limits {
+            cell_points: 100_000,
+            most_cells: 1 << 18,
+            most_points,
+            held_points: most_points,
+            kept_bytes: 0,
+            most_in_place: u64::MAX,
+        };
         save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
         let copc = Copc::open(&output).unwrap().unwrap();
         copc.nodes().iter().map(|n| (n.level, n.cell, n.points)).collect::<Vec<_>>()
@@ -215,8 +243,14 @@ fn of_neighbours(cloud: &PointCloud) -> Result<Vec<PointSplat>, String> {
     Ok((0..cloud.len()).map(splat).collect())
 }
 
-const TILE_LIMITS: Limits =
-    Limits { cell_points: 5_000, most_cells: 1 << 18, most_points: 45_000, held_points: 50_000, kept_bytes: 0 };
+const TILE_LIMITS: Limits = Limits {
+    cell_points: 5_000,
+    most_cells: 1 << 18,
+    most_points: 45_000,
+    held_points: 50_000,
+    kept_bytes: 0,
+    most_in_place: u64::MAX,
+};
 
 fn folder_of_test(name: &str) -> PathBuf {
     let folder = std::env::temp_dir().join(format!("surfel-copc-{name}-{}", std::process::id()));
@@ -460,6 +494,78 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
+/// The error of a conversion with `resume` that goes on with what one left that was interrupted at `stage`, after
+/// `change` was made to its folder.
+fn refused_after(test: &str, stage: &str, change: impl FnOnce(&Path)) -> IoError {
+    let folder = folder_of_test(test);
+    let inputs = tiles(&folder, 3, 3_000);
+    let output = folder.join("out.copc.laz");
+    let resume = CopcOptions { resume: true, ..CopcOptions::default() };
+    let interrupt = |name: &'static str, _: u64, _: u64| assert!(name != stage, "interrupted");
+    let first = || save(&inputs, &output, &resume, None, &interrupt, TILE_LIMITS);
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(first)).unwrap_err();
+    change(&resume_folder(&output));
+    let error = save(&inputs, &output, &resume, None, &|_, _, _| (), TILE_LIMITS).unwrap_err();
+    assert!(!output.exists() && error.is_bad_input(), "{error}");
+    std::fs::remove_dir_all(&folder).unwrap();
+    error
+}
+
+#[test]
+fn changed_state_of_an_interrupted_conversion_is_refused() {
+    let flip = |name: &'static str, at: usize| {
+        move |folder: &Path| {
+            let mut bytes = std::fs::read(folder.join(name)).unwrap();
+            bytes[at] ^= 4;
+            std::fs::write(folder.join(name), bytes).unwrap();
+        }
+    };
+    for (stage, name, at, part) in [
+        ("building the octree", resume::POINTS, 12_345, "has changed: bytes from"),
+        ("writing the file", resume::CHUNKS, 1_000, "has changed: bytes from"),
+        ("writing the file", resume::SORTED, 40, "has a changed or damaged sorted.json"),
+        ("writing the file", resume::BUILT, 11, "has a changed or damaged built.json"),
+    ] {
+        let error = refused_after("changed", stage, flip(name, at)).to_string();
+        assert!(error.contains(part) && error.contains("delete this folder to start anew"), "{name}: {error}");
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn links_in_the_folder_of_an_interrupted_conversion_are_refused() {
+    use std::os::unix::fs::{PermissionsExt, symlink};
+    let precious = std::env::temp_dir().join(format!("surfel-precious-{}", std::process::id()));
+    std::fs::write(&precious, "precious").unwrap();
+    let replace = |name: &'static str, link: fn(&Path, &Path)| {
+        let precious = precious.clone();
+        move |folder: &Path| {
+            let _ = std::fs::remove_file(folder.join(name));
+            link(&precious, &folder.join(name));
+        }
+    };
+    let stage = "writing the file";
+    for name in [resume::POINTS, resume::BUILT, "lock", "built.json.new"] {
+        let soft = refused_after("soft", stage, replace(name, |to, from| symlink(to, from).unwrap())).to_string();
+        let hard = refused_after("hard", stage, replace(name, |to, from| std::fs::hard_link(to, from).unwrap()));
+        for error in [soft, hard.to_string()] {
+            assert!(error.contains(&format!("holds {name}, which is a link or no file")), "{error}");
+        }
+    }
+    let error = refused_after("elsewhere", stage, |folder| {
+        let other = folder.with_extension("elsewhere");
+        std::fs::rename(folder, &other).unwrap();
+        symlink(&other, folder).unwrap();
+    });
+    assert!(error.to_string().contains("is a link or a file, expected a folder"), "{error}");
+    let error = refused_after("shared", stage, |folder| {
+        std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o777)).unwrap();
+    });
+    assert!(error.to_string().contains("can be written to by other users"), "{error}");
+    assert_eq!(std::fs::read(&precious).unwrap(), b"precious");
+    std::fs::remove_file(&precious).unwrap();
+}
+
 #[test]
 fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     let folder = folder_of_test("manifest");
@@ -495,7 +601,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     // Damage is told, another's folder isn't touched, and two runs don't write one folder.
     assert!(run(&inputs, &resume, true).is_err());
     std::fs::write(resume_folder(&output).join(resume::SORTED), "{\"inputs\":").unwrap();
-    assert!(refused(&inputs, &resume).contains("has a damaged sorted.json"));
+    assert!(refused(&inputs, &resume).contains("has a changed or damaged sorted.json"));
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
     assert!(run(&inputs, &resume, true).is_err());
     std::fs::write(resume_folder(&output).join(resume::POINTS), "").unwrap();
@@ -531,8 +637,14 @@ fn octants_are_divided_however_few_steps_points_are_apart() {
             bytes[187 + 16 * k..195 + 16 * k].copy_from_slice(&0_f64.to_le_bytes());
         }
         std::fs::write(&input, bytes).unwrap();
-        let limits =
-            Limits { cell_points: 100_000, most_cells: 1 << 18, most_points: 300_000, held_points: 0, kept_bytes: 0 };
+        let limits = Limits {
+            cell_points: 100_000,
+            most_cells: 1 << 18,
+            most_points: 300_000,
+            held_points: 0,
+            kept_bytes: 0,
+            most_in_place: u64::MAX,
+        };
         save(std::slice::from_ref(&input), &output, &OVER, None, &|_, _, _| (), limits).unwrap();
         let copc = Copc::open(&output).unwrap().unwrap();
         let most = copc.nodes().iter().map(|node| node.points).max();
@@ -555,8 +667,14 @@ fn values_of_levels_are_read_of_the_nodes_that_want_them() {
         };
         Ok((0..cloud.len()).map(splat).collect())
     };
-    let limits =
-        Limits { cell_points: 50_000, most_cells: 1 << 18, most_points: 100_000, held_points: 0, kept_bytes: 0 };
+    let limits = Limits {
+        cell_points: 50_000,
+        most_cells: 1 << 18,
+        most_points: 100_000,
+        held_points: 0,
+        kept_bytes: 0,
+        most_in_place: u64::MAX,
+    };
     save(&[input], &output, &OVER, Some(&prepare), &|_, _, _| (), limits).unwrap();
     let copc = Copc::open(&output).unwrap().unwrap();
     let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();

@@ -1,0 +1,183 @@
+//! A hierarchy of oriented boxes about shapes, searched for the nearest shape. Upright boxes of slivers that meet in a
+//! point, as those of a fan do, all overlap; oriented ones don't.
+
+use crate::eigen::symmetric3;
+use glam::DVec3;
+use std::ops::Range;
+
+/// Shapes of a leaf, at most.
+const LEAF: usize = 4;
+/// Slack for rounding, over the size of all shapes.
+const SLACK: f64 = 1e-9;
+
+/// A box about some of the shapes.
+struct Node {
+    center: DVec3,
+    /// Unit vectors at right angles.
+    axes: [DVec3; 3],
+    /// Half the box's size along each axis.
+    half: [f64; 3],
+    /// The shapes, as a range of [`Boxes::order`].
+    shapes: Range<usize>,
+    /// The second part's index; the first follows its node. 0 for a leaf.
+    second: usize,
+}
+
+/// Boxes to be searched by place.
+pub(super) struct Boxes {
+    /// A node, its first part, its second part.
+    nodes: Vec<Node>,
+    order: Vec<u32>,
+    slack: f64,
+}
+
+impl Boxes {
+    /// Boxes about shapes, each within the hull of its points.
+    pub(super) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
+        let mut boxes = Self { nodes: Vec::new(), order: (0..shapes.len() as u32).collect(), slack: 0.0 };
+        if !shapes.is_empty() {
+            boxes.build(shapes, 0..shapes.len());
+        }
+        boxes.slack = boxes.nodes.first().map_or(0.0, |root| SLACK * DVec3::from(root.half).length());
+        boxes
+    }
+
+    fn build<const N: usize>(&mut self, shapes: &[[DVec3; N]], range: Range<usize>) {
+        let node = Node::about(self.order[range.clone()].iter().flat_map(|i| shapes[*i as usize]), range.clone());
+        // Along the largest axis, by the shapes' middles; those of equal ones stay in order.
+        let longest = (0..3).fold(0, |best, k| if node.half[k] > node.half[best] { k } else { best });
+        let axis = node.axes[longest];
+        let index = self.nodes.len();
+        self.nodes.push(node);
+        if range.len() <= LEAF {
+            return;
+        }
+        let middle = range.len() / 2;
+        let place = |i: &u32| shapes[*i as usize].iter().sum::<DVec3>().dot(axis);
+        self.order[range.clone()].select_nth_unstable_by(middle, |a, b| place(a).total_cmp(&place(b)).then(a.cmp(b)));
+        self.build(shapes, range.start..range.start + middle);
+        self.nodes[index].second = self.nodes.len();
+        self.build(shapes, range.start + middle..range.end);
+    }
+
+    /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
+    /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
+    pub(super) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
+        let mut best = (f64::INFINITY, usize::MAX);
+        let mut open = Vec::with_capacity(64);
+        open.extend(self.nodes.first().map(|root| (root.distance(p), 0)));
+        while let Some((bound, index)) = open.pop() {
+            if bound - self.slack > best.0 {
+                continue;
+            }
+            let node = &self.nodes[index];
+            if node.second == 0 {
+                for i in &self.order[node.shapes.clone()] {
+                    let found = (distance(*i as usize), *i as usize);
+                    if found < best {
+                        best = found;
+                    }
+                }
+                continue;
+            }
+            let parts = [index + 1, node.second].map(|part| (self.nodes[part].distance(p), part));
+            // The nearer one is looked at first.
+            let nearer = usize::from(parts[1].0 < parts[0].0);
+            open.extend([parts[1 - nearer], parts[nearer]]);
+        }
+        best
+    }
+}
+
+impl Node {
+    fn about(points: impl Iterator<Item = DVec3> + Clone, shapes: Range<usize>) -> Self {
+        let count = points.clone().count().max(1) as f64;
+        let mean = points.clone().sum::<DVec3>() / count;
+        let mut moments = [0.0; 6];
+        for d in points.clone().map(|p| p - mean) {
+            let products = [d.x * d.x, d.x * d.y, d.x * d.z, d.y * d.y, d.y * d.z, d.z * d.z];
+            moments.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
+        }
+        let (_, axes) = symmetric3(moments);
+        let mut ends = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
+        for d in points.map(|p| p - mean) {
+            for (end, axis) in ends.iter_mut().zip(axes) {
+                let along = d.dot(axis);
+                *end = [end[0].min(along), end[1].max(along)];
+            }
+        }
+        let center = mean + (0..3).map(|k| axes[k] * (0.5 * (ends[k][0] + ends[k][1]))).sum::<DVec3>();
+        Self { center, axes, half: ends.map(|[from, to]| 0.5 * (to - from)), shapes, second: 0 }
+    }
+
+    /// Distance of a point to the box; 0 within it.
+    fn distance(&self, p: DVec3) -> f64 {
+        let d = p - self.center;
+        let beyond = |k: usize| (d.dot(self.axes[k]).abs() - self.half[k]).max(0.0);
+        DVec3::new(beyond(0), beyond(1), beyond(2)).length()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::mesh::random::Random;
+
+    #[test]
+    fn nearest_shape_is_that_of_brute_force() {
+        let mut random = Random::new(5);
+        // Coarse coordinates, so that many are equally near; segments of all lengths, some of them points.
+        for (count, levels) in [(1, 8.0), (5, 3.0), (300, 8.0), (2000, 1e9)] {
+            let mut place = || {
+                let mut coordinate = || (random.unit() * levels).floor() / levels;
+                DVec3::new(coordinate(), coordinate(), coordinate())
+            };
+            let shapes: Vec<[DVec3; 2]> = (0..count)
+                .map(|i| (place(), place(), 0.5f64.powi(i % 9)))
+                .map(|(a, b, s)| [a, a + (b - a) * s])
+                .collect();
+            let boxes = Boxes::new(&shapes);
+            for _ in 0..50 {
+                let p = place() * 1.5;
+                let distance = |i: usize| {
+                    let [a, b] = shapes[i];
+                    let along = (p - a).dot(b - a) / (b - a).length_squared().max(f64::MIN_POSITIVE);
+                    p.distance(a + (b - a) * along.clamp(0.0, 1.0))
+                };
+                let all = (0..shapes.len()).map(|i| (distance(i), i));
+                let expected = all.reduce(|a, b| if b < a { b } else { a }).unwrap();
+                assert_eq!(boxes.nearest(p, distance), expected);
+            }
+        }
+        assert_eq!(Boxes::new::<3>(&[]).nearest(DVec3::ZERO, |_| 0.0), (f64::INFINITY, usize::MAX));
+    }
+
+    /// Slivers of a fan, and distances that a point on each asks for, its own once.
+    fn work_of_fan(count: u32) -> usize {
+        let rim = |i: u32| {
+            let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();
+            DVec3::new(cos, sin, 0.0)
+        };
+        let shapes: Vec<[DVec3; 3]> = (0..count).map(|i| [DVec3::ZERO, rim(i), rim(i + 1)]).collect();
+        let boxes = Boxes::new(&shapes);
+        let mut asked = 0;
+        for [a, b, c] in &shapes {
+            let p = (a + b + c) / 3.0 + DVec3::Z * 1e-3;
+            boxes.nearest(p, |i| {
+                asked += 1;
+                let [_, b, c] = shapes[i];
+                // In the wedge between two rays, nearly.
+                let beyond = [p.cross(b), c.cross(p)].map(|side| side.z.max(0.0));
+                beyond[0].max(beyond[1]).hypot(1e-3)
+            });
+        }
+        asked
+    }
+
+    #[test]
+    fn work_of_a_fan_is_nearly_linear() {
+        let work = [1000, 2000, 4000].map(work_of_fan);
+        assert!(work[1] as f64 <= 2.3 * work[0] as f64 && work[2] as f64 <= 2.3 * work[1] as f64, "{work:?}");
+        assert!(work[2] < 100 * 4000, "{work:?}");
+    }
+}

@@ -1,0 +1,78 @@
+//! The program of the front page as a stranger builds it: a crate of its own, with Cargo's default profiles.
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::{cargo, python};
+
+/// Stack of threads that say nothing else, in bytes, with which the optimised program runs: the least that systems give.
+const LEAST_STACK: &str = "524288";
+
+/// Builds the program of README.md and runs it, unoptimised and as a release. What went wrong is printed.
+pub(crate) fn test(root: &Path) -> bool {
+    println!("\n== front page");
+    let outcome = written(root).and_then(|folder| {
+        ran(root, &folder, &["run", "--quiet"], None)?;
+        ran(root, &folder, &["run", "--quiet", "--release"], Some(LEAST_STACK))
+    });
+    match outcome {
+        Ok(()) => println!("the program of README.md runs, unoptimised and as a release"),
+        Err(ref problem) => println!("error: {problem}"),
+    }
+    outcome.is_ok()
+}
+
+/// Writes the crate.
+fn written(root: &Path) -> Result<std::path::PathBuf, String> {
+    let folder = python::target(root).join("front-page");
+    let failed = |error: std::io::Error| format!("{}: can't be written: {error}", folder.display());
+    let readme = std::fs::read_to_string(root.join("README.md")).map_err(failed)?;
+    let program = program_of(&readme).ok_or("README.md has no program under '## As a library'")?;
+    let library = root.join("crates").join("surfel");
+    let manifest = format!(
+        "[package]\nname = \"front-page\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[workspace]\n\n[dependencies]\nsurfel \
+         = {{ path = {:?} }}\n",
+        library.display().to_string()
+    );
+    std::fs::create_dir_all(folder.join("src")).map_err(failed)?;
+    std::fs::write(folder.join("Cargo.toml"), manifest).map_err(failed)?;
+    std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)?;
+    // The same versions as the workspace has, which are here.
+    std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).map_err(failed)?;
+    Ok(folder)
+}
+
+/// The first program of the section on the library.
+fn program_of(readme: &str) -> Option<&str> {
+    let section = readme.split_once("## As a library")?.1;
+    let program = section.split_once("```rust")?.1.split_once('\n')?.1;
+    Some(program.split_once("```")?.0)
+}
+
+fn ran(root: &Path, folder: &Path, words: &[&str], stack: Option<&str>) -> Result<(), String> {
+    let image = folder.join("out.png");
+    let _ = std::fs::remove_file(&image);
+    let mut command: Command = cargo(root);
+    command.current_dir(folder).args(words).env("CARGO_TARGET_DIR", folder.join("target"));
+    if let Some(stack) = stack {
+        command.env("RUST_MIN_STACK", stack);
+    }
+    let status = command.status().map_err(|error| format!("cargo {} can't be run: {error}", words.join(" ")))?;
+    match (status.success(), image.is_file()) {
+        (true, true) => Ok(()),
+        (true, false) => Err(format!("cargo {}: the program wrote no out.png", words.join(" "))),
+        (false, _) => Err(format!("cargo {} in {} ended with {status}", words.join(" "), folder.display())),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::program_of;
+
+    #[test]
+    fn readme_has_a_program() {
+        let readme = std::fs::read_to_string(crate::workspace_root().join("README.md")).unwrap();
+        let program = program_of(&readme).unwrap();
+        assert!(program.starts_with("use surfel::") && program.contains("fn main()") && program.ends_with("}\n"));
+    }
+}
