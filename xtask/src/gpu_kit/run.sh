@@ -42,11 +42,14 @@ say "system: $(uname -a)"
 [ -r /etc/os-release ] && say "system: $(grep -h PRETTY_NAME /etc/os-release)"
 [ -r /proc/driver/nvidia/version ] && say "driver: $(head -n 1 /proc/driver/nvidia/version)"
 
-# Windows and their sockets are not needed, and a display that can't be reached may make a driver fail.
-unset DISPLAY WAYLAND_DISPLAY XDG_RUNTIME_DIR
-# Drivers keep compiled shaders where they may write.
-[ -w "${HOME:-/nonexistent}" ] || { HOME=$out/home && mkdir -p "$HOME"; }
-export HOME
+# Windows are not needed, and a display that can't be reached may make a driver fail. Drivers keep compiled shaders and
+# sockets where they may write.
+unset DISPLAY WAYLAND_DISPLAY
+own=$out/home
+mkdir -p -m 700 "$own" || exit 1
+[ -w "${HOME:-/nonexistent}" ] || HOME=$own
+XDG_RUNTIME_DIR=$own
+export HOME XDG_RUNTIME_DIR
 
 # --- programs: do they start, and if not, why?
 
@@ -257,7 +260,7 @@ fi
 step 15 "image by cpu" image cpu
 step 90 "frames on cpu" bench frames cpu
 
-rm -rf "$out/home"
+rm -rf "$own"
 say "== $(($(date +%s) - begin)) s; copy $out back and run: cargo xtask gpu-report OUT"
 failed=$(grep -c FAILED "$log")
 say "$failed lines of the log say FAILED"

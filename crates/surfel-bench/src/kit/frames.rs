@@ -18,7 +18,7 @@ use crate::{Failure, machine};
 const SIZES: [[u32; 2]; 2] = [[1024, 1024], [1920, 1080]];
 /// Small images have so many times fewer pixels a side, and scenes so many times fewer splats.
 const SMALL_SIDE: u32 = 8;
-const SMALL_SPLATS: usize = 20;
+const SMALL_SPLATS: usize = 100;
 
 /// Frames of a scene and size: as many as fit the time, within these bounds.
 const FRAMES: std::ops::RangeInclusive<usize> = 5..=30;

@@ -126,7 +126,8 @@ fn head(found: &Found<'_>) -> String {
         (None, None) => format!("{NOT_MEASURED} No GPU backend drew a frame. Run"),
     };
     if let Some(machine) = found.machine {
-        let _ = write!(text, " on {}, {} threads", machine.cpu, machine.threads);
+        let cpu = if machine.cpu.is_empty() { "an unnamed CPU" } else { &machine.cpu };
+        let _ = write!(text, " on {cpu}, {} threads", machine.threads);
     }
     let _ = writeln!(text, ", commit {}.", if found.commit.is_empty() { "unknown" } else { found.commit });
     let _ = writeln!(text, "[performance.md](../performance.md#a-gpu) says how to measure another.");
@@ -326,8 +327,8 @@ fn probes(found: &Found<'_>) -> String {
 /// Passes by whether frames that they occur in are the same each time.
 fn determinism(found: &Found<'_>) -> String {
     let mut text =
-        "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times, and its \
-                    planes are hashed.\n\n"
+        "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times (scenes of \
+                    the former twice by software), and its planes are hashed.\n\n"
             .to_owned();
     for backend in GPU_BACKENDS {
         let scenes = found.conformance.iter().filter(|scene| scene.backend == backend && !scene.hashes.is_empty());
