@@ -248,10 +248,11 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOpti
         return Ok(Format::Ptx);
     }
     #[cfg(feature = "points")]
-    if matches!(hint, None | Some(Format::Xyz)) && options.columns.is_none() {
-        if colmap_points::looks_like(name, head) || colmap_points::looks_like_binary(Bytes::Memory(bytes)) {
-            return Ok(Format::Colmap);
-        }
+    if matches!(hint, None | Some(Format::Xyz))
+        && options.columns.is_none()
+        && (colmap_points::looks_like(name, head) || colmap_points::looks_like_binary(Bytes::Memory(bytes)))
+    {
+        return Ok(Format::Colmap);
     }
     #[cfg(feature = "gaussians")]
     if matches!(hint, None | Some(Format::Sog)) && head.trim_ascii_start().starts_with(b"{") && sog::looks_like(bytes) {
