@@ -1,6 +1,6 @@
 //! Files whose points are columns of numbers, read block by block, so that there may be more of them than fit into
-//! memory: PLY, PCD, NPY, NPZ, E57, PTX and text, also compressed by gzip. Text and what is compressed become binary
-//! points first, in a file without a name.
+//! memory: PLY, PCD, NPY, NPZ, E57, PTX, COLMAP's points, text and rows without a header, also compressed by gzip. Text
+//! and what is compressed become binary points first, in a file without a name.
 
 #![cfg_attr(
     not(all(feature = "e57", feature = "npy", feature = "pcd", feature = "points")),

@@ -1,8 +1,8 @@
 //! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
-//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, NumPy's arrays, Gaussian splats as SPLAT,
-//!   SPZ and SOG, Surfel's octrees; and all of these within gzip.
+//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP's points, NumPy's arrays, rows of
+//!   numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these within gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
 //! * `write_geotiffs` (feature `geotiff`): images with a place on Earth, tile by tile.

@@ -139,6 +139,7 @@ fn survey_file(path: &Path) -> Option<(Format, File)> {
 }
 
 /// A regular file of a format whose columns are read where they lie, so that they are in memory once.
+#[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
     let file = OpenFile::open(path)?;
@@ -249,10 +250,11 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOpti
         return Ok(Format::Ptx);
     }
     #[cfg(feature = "points")]
-    if matches!(hint, None | Some(Format::Xyz)) && options.columns.is_none() {
-        if colmap_points::looks_like(name, head) || colmap_points::looks_like_binary(Bytes::Memory(bytes)) {
-            return Ok(Format::Colmap);
-        }
+    if matches!(hint, None | Some(Format::Xyz))
+        && options.columns.is_none()
+        && (colmap_points::looks_like(name, head) || colmap_points::looks_like_binary(Bytes::Memory(bytes)))
+    {
+        return Ok(Format::Colmap);
     }
     #[cfg(feature = "gaussians")]
     if matches!(hint, None | Some(Format::Sog)) && head.trim_ascii_start().starts_with(b"{") && sog::looks_like(bytes) {

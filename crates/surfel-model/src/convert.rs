@@ -383,7 +383,8 @@ mod tests {
     fn keys_are_the_flags_and_what_is_not_said_is_not_written() {
         let chosen = r#"{"color_by":"intensity","colormap":"turbo","range":[0.0,9.0],"crop":[0.0,0.0,0.0,1.0,1.0,1.0],"#
             .to_owned()
-            + r#""classes":[2,6],"returns":"last","where":"z > 1","every":3,"allow_outside":true,"max_texture":64}"#;
+            + r#""classes":[2,6],"returns":"last","where":"z > 1","every":3,"allow_outside":true,"max_texture":64,"#
+            + r#""columns":"f4:x,y,z,u1:r,g,b,_"}"#;
         let read: ConvertOptions = serde_json::from_str(&chosen).unwrap();
         read.validate(0).unwrap();
         assert_eq!(serde_json::to_string(&read).unwrap(), chosen);
@@ -396,6 +397,8 @@ mod tests {
         assert_eq!(serde_json::to_string(&read).unwrap(), text);
         assert_eq!(serde_json::to_string(&ConvertOptions::default()).unwrap(), "{}");
         assert!(serde_json::from_str::<ConvertOptions>(r#"{"splat":5}"#).is_err());
+        let wrong = serde_json::from_str::<ConvertOptions>(r#"{"columns":"x,y"}"#).unwrap_err().to_string();
+        assert!(wrong.contains("columns names too few columns"), "{wrong}");
     }
 
     #[test]

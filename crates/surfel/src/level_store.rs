@@ -18,10 +18,13 @@ pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
     /// Written files by path and names of columns, each under a lock of its own, held while the file is written: others
     /// are written meanwhile, and none twice.
-    converted: Mutex<BTreeMap<(PathBuf, Option<String>), Arc<Mutex<Option<Converted>>>>>,
+    converted: Mutex<BTreeMap<Key, Arc<Mutex<Option<Converted>>>>>,
     /// Memory that writing by levels takes.
     least_memory: u64,
 }
+
+/// A file's path, and the names of its columns if they are given.
+type Key = (PathBuf, Option<String>);
 
 /// A file that was written by levels.
 struct Converted {
