@@ -120,6 +120,15 @@ fn info_counts_all_gaussians_and_says_their_degree() {
     assert!(near(low, [-0.3, -0.4, -0.2]) && near(high, [0.4, 0.3, 0.3]), "{facts}");
     assert!(!facts["notes"].to_string().contains("ignored"), "{facts}");
     assert!(f.run("info faint.ply").code(0).stdout().contains("4 Gaussians of degree 1"));
+    // A smoothing filter may leave all of them faint: their image is empty, and no error.
+    let filtered = gaussians(Some("-9")).replace("end_header", "property float filter_3D\nend_header");
+    let rows: Vec<String> = filtered
+        .lines()
+        .map(|l| if l.starts_with(char::is_numeric) || l.starts_with('-') { format!("{l} 0.5") } else { l.to_owned() })
+        .collect();
+    f.write("filtered.ply", rows.join("\n") + "\n");
+    let said = f.run("filtered.ply -o filtered.png --size 8x8").code(0).stderr();
+    assert!(said.contains("applied the 3D smoothing filter"), "{said}");
 }
 
 #[test]

@@ -107,7 +107,8 @@ fn scattered(first: &str, scale: f64, alpha: f64) -> String {
 #[test]
 fn a_picture_without_anything_on_it_says_what_to_do() {
     let f = Folder::new("blank");
-    f.write("clear.ply", scattered("3 3 3", 1.0, 0.0));
+    // Too little for any image; alphas that are all 0 would mean opaque.
+    f.write("clear.ply", scattered("3 3 3", 1.0, 1e-45));
     f.write("stray.ply", scattered("1e9 0 0", 1.0, 1.0));
     f.write("far.ply", scattered("0 0 0", 3.5e37, 1.0));
     f.write("seen.ply", scattered("3 3 3", 1.0, 1.0));

@@ -285,7 +285,11 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
     match &object.geometry {
         Geometry::Splats(cloud) => range.for_each(|i| splat(cloud, i)),
         Geometry::Gaussians(gaussians) => {
-            for i in range.filter(|i| gaussians.data().opacities[*i] >= GaussianCloud::FAINT) {
+            let opacities = &gaussians.data().opacities;
+            let is_shown = |opacity: &f32| *opacity >= GaussianCloud::FAINT;
+            // Where all are faint, all of them count.
+            let are_faint = !opacities.iter().any(is_shown);
+            for i in range.filter(|i| are_faint || is_shown(&opacities[*i])) {
                 let (s, t) = gaussians.ellipse(i);
                 let axes = || (m.transform_vector3(s), m.transform_vector3(t));
                 let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;

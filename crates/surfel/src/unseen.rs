@@ -13,6 +13,9 @@ const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 /// an otherwise white image.
 const UNSEEN: u8 = 8;
 
+/// Alpha below which a splat changes no pixel of 8 bits.
+const LEAST_ALPHA: f32 = 0.5 / 255.0;
+
 /// True if no pixel of `frame`, whose plane is that of linear colours or that of 8 bits, differs from the background's
 /// colour (linear RGB and straight alpha) by more than 8 levels of 255.
 pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
@@ -26,13 +29,14 @@ pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
 
 /// Why pictures of this scene may show nothing, and what to do, in words without a full stop.
 pub fn why_blank(scene: &Scene) -> &'static str {
+    let are_clear = |alphas: &[f32]| alphas.iter().all(|a| *a < LEAST_ALPHA);
     let invisible = |geometry: &Geometry| match geometry {
-        Geometry::Splats(cloud) => cloud.data().alphas.as_ref().is_some_and(|all| all.iter().all(|a| *a == 0.0)),
-        Geometry::Gaussians(cloud) => cloud.data().opacities.iter().all(|a| *a == 0.0),
+        Geometry::Splats(cloud) => cloud.data().alphas.as_ref().is_some_and(|all| are_clear(all)),
+        Geometry::Gaussians(cloud) => are_clear(&cloud.data().opacities),
         Geometry::Mesh(_) | Geometry::Octree(_) => false,
     };
     if !scene.objects.is_empty() && scene.objects.iter().all(|object| invisible(&object.geometry)) {
-        return "all splats have an alpha of 0 (--transparency off draws them opaque)";
+        return "all splats have an alpha of almost 0 (--transparency off draws them opaque)";
     }
     let bounds = |geometry: &Geometry| {
         let Geometry::Splats(cloud) = geometry else { return None };

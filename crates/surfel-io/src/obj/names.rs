@@ -1,5 +1,5 @@
-//! File names in OBJ and MTL statements, which have several of them, blanks in them, and options before them. What names
-//! a file that is there is one.
+//! File names in OBJ and MTL statements, which have several of them, blanks in them, and options before or after them.
+//! What names a file that is there is one.
 
 use crate::files::Siblings;
 
@@ -7,8 +7,8 @@ use crate::files::Siblings;
 const MOST_WORDS: usize = 12;
 const MOST_LIBRARIES: usize = 64;
 
-/// Texture options and the most words that follow them (the MTL specification). All but one of three numbers may be left
-/// out.
+/// Texture options and the most words that follow them (the MTL specification). Of three numbers all but one may be
+/// left out.
 const OPTIONS: [(&str, usize); 15] = [
     ("-blendu", 1),
     ("-blendv", 1),

@@ -1,5 +1,5 @@
-//! Comments with a meaning: which axis is up, the interior weight, that normals are oriented, and that float colours are
-//! linear.
+//! Comments with a meaning: which axis is up, the interior weight, that normals are oriented, and that float colours
+//! are linear.
 
 use crate::error::{Fault, Problem, quote};
 use surfel_model::Up;
