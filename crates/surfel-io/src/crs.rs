@@ -221,8 +221,9 @@ fn is_geographic_wkt(wkt: &str) -> bool {
             '"' => (quoted, start) = (!quoted, None),
             _ if quoted => {}
             'A'..='Z' | 'a'..='z' | '0'..='9' | '_' => start = start.or(Some(at)),
+            ' ' => {}
             '[' | '(' => {
-                let word = start.take().map_or("", |from| &wkt[from..at]).to_ascii_uppercase();
+                let word = start.take().map_or("", |from| wkt[from..at].trim_end()).to_ascii_uppercase();
                 match word.as_str() {
                     "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" => return true,
                     // Of a spheroid's axes or of Cartesian ones.

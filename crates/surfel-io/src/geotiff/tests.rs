@@ -229,10 +229,19 @@ fn marks_are_a_last_band_of_their_own() {
         tiles[1].write_color([0, 0], 300, &[[1.0; 4]; 600], &marked)
     });
     done.unwrap();
-    let [of_dsm, of_rgb] = [&dsm, &rgb].map(|image| images(&image.path));
-    let (DecodingResult::F32(numbers), DecodingResult::U8(levels)) = (&of_dsm[0].1, &of_rgb[0].1) else { panic!() };
+    let DecodingResult::F32(numbers) = &images(&dsm.path)[0].1 else { panic!() };
     assert_eq!(numbers[..8], [0.0, 1.0, GeoSamples::NODATA, GeoSamples::NODATA, 2.0, 0.0, 3.0, 1.0]);
-    assert_eq!(levels[..10], [255, 255, 255, 255, 255, 255, 255, 255, 255, 0]);
+    // The decoder leaves the fifth band of colours 0: by hand.
+    let mut decoder = Decoder::new(File::open(&rgb.path).unwrap()).unwrap();
+    let offset = decoder.get_tag_u64_vec(Tag::TileOffsets).unwrap()[0] as usize;
+    let mut row = vec![0; 256 * 5];
+    flate2::read::ZlibDecoder::new(&std::fs::read(&rgb.path).unwrap()[offset..]).read_exact(&mut row).unwrap();
+    for i in 5..row.len() {
+        row[i] = row[i].wrapping_add(row[i - 5]);
+    }
+    for (i, pixel) in row.chunks_exact(5).enumerate() {
+        assert_eq!(pixel, [255, 255, 255, 255, if i % 3 == 0 { 255 } else { 0 }], "{i}");
+    }
     let mut decoder = Decoder::new(File::open(&dsm.path).unwrap()).unwrap();
     let metadata = decoder.get_tag(Tag::Unknown(42_112)).unwrap().into_string().unwrap();
     assert!(metadata.contains(r#"sample="1" role="description">filled<"#), "{metadata}");
