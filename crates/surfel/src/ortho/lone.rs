@@ -1,17 +1,16 @@
 //! Points that stand alone in height: birds, reflections in the air and below the ground.
 //!
 //! Such a point is one of many where it is seen from above, and one of few at its height. A point stands alone if fewer
-//! than two others lie within an ellipsoid of eight spacings beside it and four above and below, where at least sixteen
-//! lie within eight spacings at any height. The few points of the ground under a tree have others of the ground beside
-//! them, and a wire has more of the wire. Sparse returns, as of water, have few points at any height.
+//! than two others lie within eight spacings of it, and at least sixteen do that in the plane, at any height. The few
+//! points of the ground under a tree have others of the ground beside them, and a wire has more of the wire. Sparse
+//! returns, as of water, have few points at any height.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// How far points count, in spacings: in the plane, and in height.
-pub(crate) const BESIDE: f64 = 8.0;
-const ABOVE: f64 = 4.0;
-/// Others at its height that make a point no lone one.
+/// How far points count, in spacings.
+const REACH: f64 = 8.0;
+/// Others within that distance that make a point no lone one.
 const COMPANIONS: usize = 2;
 /// Others at any height, without which nothing is judged.
 const LEAST_AROUND: usize = 16;
@@ -23,11 +22,10 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
         return vec![false; positions.len()];
     }
-    let beside = BESIDE * spacing;
-    let reaches = DVec3::new(beside, beside, ABOVE * spacing);
-    let sides = reaches / CELLS;
+    let reach_squared = (REACH * spacing).powi(2);
+    let side = REACH * spacing / CELLS;
     let least = positions.iter().copied().fold(DVec3::INFINITY, DVec3::min);
-    let cell = |p: DVec3| ((p - least) / sides).to_array().map(|v| v as u32);
+    let cell = |p: DVec3| ((p - least) / side).to_array().map(|v| v as u32);
     let mut sorted: Vec<([u32; 3], u32)> =
         positions.par_iter().with_min_len(4096).zip(0..positions.len() as u32).map(|(p, i)| (cell(*p), i)).collect();
     sorted.par_sort_unstable();
@@ -39,19 +37,25 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
         let [x, y, z] = cell;
         for column in x.saturating_sub(reach)..=x.saturating_add(reach) {
             for row in y.saturating_sub(reach)..=y.saturating_add(reach) {
+<<<<<<< HEAD
                 let near = |entry: &&([u32; 3], u32)| {
                     (positions[entry.1 as usize] - p).truncate().length_squared() < beside * beside
                 };
                 let at_height =
                     |entry: &&([u32; 3], u32)| ((positions[entry.1 as usize] - p) / reaches).length_squared() < 1.0;
+=======
+                let from_here = |entry: &([u32; 3], u32)| positions[entry.1 as usize] - p;
+                let near = |entry: &&([u32; 3], u32)| from_here(entry).truncate().length_squared() < reach_squared;
+                let beside = |entry: &&([u32; 3], u32)| from_here(entry).length_squared() < reach_squared;
+>>>>>>> 6948aca (Judge lone points by a sphere, which keeps the rims of trees)
                 let from = first_at([column, row, z.saturating_sub(reach)]);
                 let to = first_at([column, row, z.saturating_add(reach + 1)]);
-                companions += sorted[from..to].iter().filter(near).filter(at_height).take(COMPANIONS + 1).count();
+                companions += sorted[from..to].iter().filter(beside).take(COMPANIONS + 1).count();
                 // The point itself is one of them.
                 if companions > COMPANIONS {
                     return false;
                 }
-                let [from, to] = [from_column(column, row, &first_at), from_column(column, row + 1, &first_at)];
+                let [from, to] = [row, row.saturating_add(1)].map(|row| first_at([column, row, 0]));
                 if around <= LEAST_AROUND {
                     around += sorted[from..to].iter().filter(near).take(LEAST_AROUND + 1).count();
                 }
@@ -70,10 +74,6 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     let mut lone = vec![false; positions.len()];
     found.into_iter().for_each(|i| lone[i as usize] = true);
     lone
-}
-
-fn from_column(column: u32, row: u32, first_at: &impl Fn([u32; 3]) -> usize) -> usize {
-    first_at([column, row, 0])
 }
 
 #[cfg(test)]
@@ -99,7 +99,7 @@ mod tests {
         let ground = |x: f64, y: f64| 5.0 * (0.2 * x).sin() + 0.7 * y;
         let at = |x: f64, y: f64, over: f64| [x, y, ground(x, y) + over];
         // A bird, another with its echo, and one below the ground.
-        let birds = [at(20.2, 30.1, 40.0), at(70.0, 20.0, 9.0), at(70.4, 20.1, 9.3), at(50.5, 80.2, -12.0)];
+        let birds = [at(20.2, 30.1, 40.0), at(70.0, 20.0, 14.0), at(70.4, 20.1, 14.3), at(50.5, 80.2, -12.0)];
         assert_eq!(found(&birds), [10_000, 10_001, 10_002, 10_003]);
         // A wire, a tree, and a mast.
         let wire: Vec<[f64; 3]> = (0..60).map(|i| [f64::from(i) * 1.5, 40.0, 70.0]).collect();

@@ -313,7 +313,7 @@ fn strays_that_make_an_image_absurdly_large_are_named() {
     };
     // Beyond any image, and one that fits into a file but is absurd.
     for (k, stray) in
-        [[0.0, 0.0, 0.0], [500_015.0, 4_020_000.5, 280.0], [503_000.0, 4_002_000.0, 10.0]].iter().enumerate()
+        [[0.0, 0.0, 0.0], [520_015.0, 4_020_000.5, 280.0], [503_000.0, 4_002_000.0, 10.0]].iter().enumerate()
     {
         let path = write(&folder, &format!("stray-{k}.xyz"), cloud(&[*stray]));
         let found = message(&path, &OrthoOptions::new(1.0));
