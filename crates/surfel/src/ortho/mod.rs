@@ -241,7 +241,7 @@ impl Ortho {
         progress: &dyn Progress,
     ) -> Result<OrthoStats, Error> {
         let kinds = [
-            (Shown::Color, files.color.as_ref(), GeoSamples::Rgba8, vec![]),
+            (Shown::Color, files.color.as_ref(), GeoSamples::Rgba8, vec!["red", "green", "blue", "alpha", "filled"]),
             (Shown::Height, files.dsm.as_ref(), GeoSamples::F32(1), vec!["height", "filled"]),
             (Shown::Normal, files.normals.as_ref(), GeoSamples::F32(3), vec!["x", "y", "z", "filled"]),
         ];
