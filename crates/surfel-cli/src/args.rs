@@ -452,8 +452,8 @@ pub(crate) struct OrthoArgs {
     /// Image size in pixels, with its lower left corner at --origin.
     #[arg(long, value_name = "WxH", value_parser = values::size, conflicts_with = "bounds", requires = "origin")]
     pub(crate) size: Option<[u32; 2]>,
-    /// Close gaps that no circle of this radius fits into, in the units of x and y, by interpolation. A last band of each
-    /// image marks the pixels that are interpolated.
+    /// Close gaps that no circle of this radius (in the units of x and y) fits into, by interpolation. A last band of
+    /// each image marks the pixels that are interpolated.
     #[arg(long, value_name = "DISTANCE", value_parser = values::positive)]
     pub(crate) fill: Option<f64>,
     /// Coordinate reference system of the image, in place of the files'.

@@ -21,7 +21,8 @@ pub struct LoadOptions {
     pub max_texture: Option<u32>,
     /// Names of the columns of text and of NumPy's arrays; with types, those of a binary file without a header.
     pub columns: Option<TableColumns>,
-    /// Reads points of LAS files that are flagged as withheld, too, with a column `withheld`, instead of leaving them out.
+    /// Reads points of LAS files that are flagged as withheld, too, with a column `withheld`, instead of leaving them
+    /// out.
     pub withheld: bool,
 }
 

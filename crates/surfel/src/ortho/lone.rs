@@ -37,17 +37,9 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
         let [x, y, z] = cell;
         for column in x.saturating_sub(reach)..=x.saturating_add(reach) {
             for row in y.saturating_sub(reach)..=y.saturating_add(reach) {
-<<<<<<< HEAD
-                let near = |entry: &&([u32; 3], u32)| {
-                    (positions[entry.1 as usize] - p).truncate().length_squared() < beside * beside
-                };
-                let at_height =
-                    |entry: &&([u32; 3], u32)| ((positions[entry.1 as usize] - p) / reaches).length_squared() < 1.0;
-=======
                 let from_here = |entry: &([u32; 3], u32)| positions[entry.1 as usize] - p;
                 let near = |entry: &&([u32; 3], u32)| from_here(entry).truncate().length_squared() < reach_squared;
                 let beside = |entry: &&([u32; 3], u32)| from_here(entry).length_squared() < reach_squared;
->>>>>>> 6948aca (Judge lone points by a sphere, which keeps the rims of trees)
                 let from = first_at([column, row, z.saturating_sub(reach)]);
                 let to = first_at([column, row, z.saturating_add(reach + 1)]);
                 companions += sorted[from..to].iter().filter(beside).take(COMPANIONS + 1).count();
