@@ -82,8 +82,8 @@ pub struct LoadOptions {
     pub all_points: bool,
     /// Points that their file flags as withheld are read, too.
     pub withheld: bool,
-    /// Points that are no surface are left out, as surface models need it: noise (classes 7 and 18), and points that are
-    /// withheld, unless `classes` or `condition` choose them by their class.
+    /// Points that are no surface are left out, as surface models need it: noise (classes 7 and 18), and points that
+    /// are withheld, unless `classes` or `condition` choose them by their class.
     pub surface: bool,
     /// Whether points that stand alone count ([`surfel_sample::outliers`]). Where not, COPC files are read whole.
     pub outliers: Outliers,

@@ -1,5 +1,5 @@
-//! Points that are no surface by what their file says: noise, and points that are withheld; and water, whose few returns
-//! are no outliers.
+//! Points that are no surface by what their file says: noise, and points that are withheld; and water, whose few
+//! returns are no outliers.
 
 use crate::LoadOptions;
 use crate::words::counted;

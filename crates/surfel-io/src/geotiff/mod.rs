@@ -1,9 +1,10 @@
-//! GeoTIFF (OGC 19-008r4) images, written rectangle by rectangle in any order: tiled, deflated, north up, cloud-optimised
-//! (OGC 21-026) with overviews, as BigTIFF where 4 GiB may not be enough. Pixels that are never written are no data.
+//! GeoTIFF (OGC 19-008r4) images, written rectangle by rectangle in any order: tiled, deflated, north up,
+//! cloud-optimised (OGC 21-026) with overviews, as BigTIFF where 4 GiB may not be enough. Pixels that are never written
+//! are no data.
 //!
 //! A cloud-optimised file begins with its directories, then come the tiles of the smallest overview, of the next larger
-//! one, and so on; those of the image itself are last. Tiles are finished in another order, so they wait, compressed, in
-//! an unnamed file beside the output.
+//! one, and so on; those of the image itself are last. Tiles are finished in another order, so they wait, compressed,
+//! in an unnamed file beside the output.
 
 mod head;
 mod reduce;
@@ -202,8 +203,8 @@ impl<'a> GeoTiles<'a> {
     }
 
     /// Writes a rectangle of an image of [`GeoSamples::Rgba8`], whose left upper pixel is `at`: rows of `width` pixels
-    /// from the top, linear RGBA, premultiplied. `marked` says which pixels are interpolated, where the image has marks.
-    /// No pixel may be written twice.
+    /// from the top, linear RGBA, premultiplied. `marked` says which pixels are interpolated, where the image has
+    /// marks. No pixel may be written twice.
     ///
     /// # Errors
     /// [`IoError::System`] if the file can't be written.
@@ -286,7 +287,8 @@ impl<'a> GeoTiles<'a> {
         self.store(0, whole).map_err(|e| failed(&self.image.path, e))
     }
 
-    /// Compresses tiles on all threads, stores them in their order, and puts what the next overview shows of them there.
+    /// Compresses tiles on all threads, stores them in their order, and puts what the next overview shows of them
+    /// there.
     fn store(&mut self, level: usize, tiles: Vec<Finished>) -> io::Result<()> {
         if tiles.is_empty() {
             return Ok(());

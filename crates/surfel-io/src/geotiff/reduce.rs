@@ -1,7 +1,7 @@
 //! Overviews: a pixel is the mean of up to four pixels of the level below.
 //!
-//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that are data; means of
-//! three are normals, which stay unit vectors.
+//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that are data; means
+//! of three are normals, which stay unit vectors.
 
 use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;

@@ -106,7 +106,8 @@ fn u32_at(bytes: &[u8], at: usize) -> usize {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
 }
 
-/// Places of the directories of a classic TIFF, in the order of their links, and the place after the last one's entries.
+/// Places of the directories of a classic TIFF, in the order of their links, and the place after the last one's
+/// entries.
 fn directories(bytes: &[u8]) -> (Vec<usize>, usize) {
     let (mut found, mut at, mut end) = (Vec::new(), u32_at(bytes, 4), 0);
     while at != 0 {

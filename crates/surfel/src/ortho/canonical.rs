@@ -1,8 +1,8 @@
 //! Coordinates that are the same numbers whatever file the points come from.
 //!
-//! LAS counts steps of a scale, text prints decimals, PLY and NPY hold floats of 32 or 64 bits, and each reader rounds in
-//! its own way: by 2⁻²⁴ of the distance from an origin at most. A surface model is the same to the last bit only if its
-//! points are. So coordinates that lie within what such rounding loses of multiples of a decimal step become those
+//! LAS counts steps of a scale, text prints decimals, PLY and NPY hold floats of 32 or 64 bits, and each reader rounds
+//! in its own way: by 2⁻²⁴ of the distance from an origin at most. A surface model is the same to the last bit only if
+//! its points are. So coordinates that lie within what such rounding loses of multiples of a decimal step become those
 //! multiples, and others, near the origin, numbers of 32 bits. No coordinate moves by more than its rounding.
 
 use glam::DVec3;

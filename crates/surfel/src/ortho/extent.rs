@@ -83,8 +83,8 @@ struct Strays {
     others: [f64; 4],
 }
 
-/// Refuses an image that a few strays make absurdly large, or that is too large for a file, where nothing but the points
-/// say its bounds.
+/// Refuses an image that a few strays make absurdly large, or that is too large for a file, where nothing but the
+/// points say its bounds.
 pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
     let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
     let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);

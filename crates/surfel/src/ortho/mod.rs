@@ -317,7 +317,8 @@ impl Ortho {
         Ok(())
     }
 
-    /// Draws the blocks that have pixels of a grid, from north to south, so that few tiles of a file are begun at a time.
+    /// Draws the blocks that have pixels of a grid, from north to south, so that few tiles of a file are begun at a
+    /// time.
     fn draw_blocks(
         &mut self,
         grid: &Grid,

@@ -109,8 +109,8 @@ impl Ortho {
         let ms = |time: std::time::Duration| time.as_secs_f64() * 1e3;
         json!({
             "size": self.size(), "bounds": self.rounded_bounds(), "gsd": self.options.gsd, "pixels": stats.pixels,
-            "covered": stats.covered, "filled": stats.filled, "lone": stats.lone, "splats": stats.splats, "prepare_ms": ms(stats.preparing),
-            "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing), "backend": backend,
+            "covered": stats.covered, "filled": stats.filled, "lone": stats.lone, "splats": stats.splats,
+            "prepare_ms": ms(stats.preparing), "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing), "backend": backend,
         })
     }
 

@@ -35,7 +35,8 @@ fn surface(u: f64, v: f64) -> (f64, u8) {
     (120.0 + 3.0 * (u / 17.0).sin() * (v / 13.0).cos(), 2)
 }
 
-/// Returns of the surface with 3 cm of noise, 2 % of them of water, and `spikes` far above and below it, in millimetres.
+/// Returns of the surface with 3 cm of noise, 2 % of them of water, and `spikes` far above and below it, in
+/// millimetres.
 fn survey(spikes: u64, spike_class: Option<[u8; 2]>) -> Vec<Return> {
     let count = (SIDE_M * SIDE_M * DENSITY) as u64;
     let place = |u: f64, v: f64, z: f64| [CORNER[0] + u, CORNER[1] + v, z].map(|c| (c * 1000.0).round() / 1000.0);
