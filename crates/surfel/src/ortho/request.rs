@@ -110,7 +110,8 @@ impl Ortho {
         json!({
             "size": self.size(), "bounds": self.rounded_bounds(), "gsd": self.options.gsd, "pixels": stats.pixels,
             "covered": stats.covered, "filled": stats.filled, "lone": stats.lone, "splats": stats.splats,
-            "prepare_ms": ms(stats.preparing), "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing), "backend": backend,
+            "prepare_ms": ms(stats.preparing), "draw_ms": ms(stats.drawing), "write_ms": ms(stats.writing),
+            "backend": backend,
         })
     }
 
