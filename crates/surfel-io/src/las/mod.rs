@@ -173,7 +173,8 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
         notes.push("its colours count to 255 instead of 65535: taken as 8 bits".into());
     }
     if withheld > 0 {
-        notes.push(format!("left out {} flagged as withheld", counted(withheld, "points")));
+        let points = counted(withheld, "points");
+        notes.push(format!("left out {points} flagged as withheld (--classes all reads them)"));
     }
     if matches!(header.format, 4 | 5 | 9 | 10) {
         notes.push("left out its waveforms".into());
