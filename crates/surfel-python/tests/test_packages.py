@@ -93,7 +93,7 @@ def test_pyvista_meshes_and_their_arrays():
     ball["RGB"], ball["Ångström [nm]"] = colors, ball.points[:, 2]
     scene = surfel.scene(ball)
     wanted = surfel.scene(ball.points, faces=ball.regular_faces, colors=colors, normals=ball.point_normals)
-    assert same(scene.render(**FLAT), wanted.render(**FLAT)) and "colors: the array 'RGB'" in scene.prepare(**FLAT)
+    assert same(scene.render(**FLAT), wanted.render(**FLAT)) and "colors: the array 'RGB'" in scene.prepare(view="front")
     for grid in (ball.cast_to_unstructured_grid(), pyvista.MultiBlock({"a": ball, "nothing": None}), ball.strip()):
         assert kind(grid) == "mesh" and same(surfel.scene(grid).render(**FLAT), wanted.render(**FLAT), 1e-3)
 
@@ -225,7 +225,7 @@ def test_tables_of_pandas_polars_and_arrow():
     for table in (pandas.DataFrame(columns), polars.DataFrame(columns), pyarrow.table(columns)):
         scene = surfel.scene(table)
         assert same(scene.render(**FLAT), wanted) and same(scene.render(**FLAT, color_by="err (m)"), by_error)
-        assert "points: left out the columns that hold no numbers: kind" in scene.prepare(**FLAT)
+        assert "points: left out the columns that hold no numbers: kind" in scene.prepare(view="front")
     frame = pandas.DataFrame(columns)
     # Columns and their pieces are arrays; missing values are none.
     assert same(surfel.scene(frame[["X", "Y", "Z"]].to_numpy(), colors=frame[["R", "G", "B"]]).render(**FLAT), wanted)
