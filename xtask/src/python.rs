@@ -66,8 +66,8 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     } else {
         build(root)
     };
-    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", "not engines and not packages", TESTS])
-    {
+    let quick = "not engines and not packages";
+    if !is_built || !ran(&["-m", "pytest", "-q", "-p", "no:cacheprovider", "-m", quick, TESTS]) {
         return Tested::Failed;
     }
     if !full {

@@ -17,7 +17,9 @@ pub(crate) fn in_python(message: &str) -> String {
     let mut rest = message;
     while let Some(at) = rest.find("--") {
         let (before, after) = (&rest[..at], &rest[at + 2..]);
-        let is_flag = !before.ends_with(['-', '/', '.']) && after.starts_with(|c: char| c.is_ascii_lowercase());
+        // A file's name may have dashes within.
+        let begins = !before.ends_with(|c: char| c.is_alphanumeric() || matches!(c, '-' | '/' | '.' | '_'));
+        let is_flag = begins && after.starts_with(|c: char| c.is_ascii_lowercase());
         let length = after.find(|c: char| !c.is_ascii_alphanumeric() && c != '-').unwrap_or(after.len());
         text.push_str(before);
         if is_flag {
@@ -102,7 +104,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
                 ErrorKind::PermissionDenied => pyo3::exceptions::PyPermissionError::new_err(message),
                 ErrorKind::IsADirectory => pyo3::exceptions::PyIsADirectoryError::new_err(message),
                 ErrorKind::NotADirectory => pyo3::exceptions::PyNotADirectoryError::new_err(message),
-                ErrorKind::OutOfMemory => pyo3::exceptions::PyMemoryError::new_err(message),
+                ErrorKind::OutOfMemory => pyo3::exceptions::PyMemoryError::new_err(in_python(&message)),
                 _ => pyo3::exceptions::PyOSError::new_err(message),
             };
         }

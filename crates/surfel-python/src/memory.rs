@@ -26,10 +26,13 @@ pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), E
         return Ok(());
     }
     let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
-    let may = if bytes > budget { gigabytes(budget) } else { "less".to_owned() };
-    let problem = format!("{} are needed, and {may} may be used", gigabytes(bytes));
+    let problem = if bytes > budget {
+        format!("{} are needed, and {} may be used, or more by --memory", gigabytes(bytes), gigabytes(budget))
+    } else {
+        format!("{} are needed, which the system doesn't give", gigabytes(bytes))
+    };
     let source = std::io::Error::new(ErrorKind::OutOfMemory, problem);
-    Err(IoError::System { path: what.into(), action: "fit it into memory", source }.into())
+    Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
 }
 
 /// Refuses arrays of so many points, and as many splats of a mesh as the options ask for.

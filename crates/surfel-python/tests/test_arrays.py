@@ -32,7 +32,7 @@ def test_floats_are_as_displayed_unless_linear():
     # Disks, whose file has a profile of its own, and meshes: the same rule.
     disks = {"normals": POINTS, "radii": 0.2}
     assert np.abs(color_of(colors=levels / 255, **disks) - wanted).max() < 1e-6
-    box = surfel.scene(BOX, faces=QUADS, colors=np.tile(levels[:1] / 255, (8, 1))).render(**FLAT)
+    box = surfel.scene(BOX, faces=QUADS, colors=np.tile(levels[:1] / 255, (8, 1)), splats=2000).render(**FLAT)
     assert np.abs(box.linear[box.linear[..., 3] == 1][0, :3] - wanted).max() < 1e-6
     # Light may be brighter than white, and rounding may go beyond it.
     assert color_of(colors=np.full((800, 3), 1.5), linear=True)[0] > 1.4
@@ -48,7 +48,7 @@ def test_whole_numbers_are_levels_by_the_largest_of_them():
         inside = image.linear[image.linear[..., 3] == 1]
         assert np.abs(inside[0, :3] - wanted).max() < 1e-6, kind
         note = f"colors: took {np.dtype(kind)} up to {230 * factor} as levels of {bits} bits"
-        assert note in image.notes and note in scene.prepare(**FLAT), image.notes
+        assert note in image.notes and note in scene.prepare(view="front"), image.notes
     assert not any(note.startswith("colors") for note in surfel.scene(POINTS, colors=COLORS).render(**FLAT).notes)
 
 
@@ -159,7 +159,7 @@ def test_quads_and_triangles_are_the_same_mesh():
 def test_messages_and_notes_name_arguments_and_not_files():
     scene = surfel.scene(np.where(np.arange(2400).reshape(800, 3) == 7, np.nan, POINTS), attributes={"e": POINTS[:, 0]})
     told = []
-    for flags in ({"splats": 9}, {"color_by": "heat"}, {"sharp": True}, {"texture": "fit"}, {"where": "heat>1"},
+    for flags in ({"splats": 9}, {"color_by": "heat"}, {"texture": "fit"}, {"where": "heat>1"},
                   {"composite": "over"}, {"sort": "pixel"}, {"label": "heat"}, {"crop": (9, 9, 9, 10, 10, 10)},
                   {"error": 0.1}, {"returns": "last"}, {"classes": [2]}):
         with pytest.raises(surfel.Error) as caught:

@@ -73,7 +73,7 @@ def test_cameras_are_made_of_numbers_and_of_matrices():
     half = camera.with_size(32, 24)
     assert np.allclose(half.K[:2, :2], 0.5 * camera.K[:2, :2]) and half.size == (32, 24)
     small = scene.render(camera=half, **flags)
-    assert abs(np.isfinite(small.depth).mean() - np.isfinite(drawn.depth).mean()) < 0.02
+    assert abs(np.isfinite(small.depth).mean() - np.isfinite(drawn.depth).mean()) < 0.04
 
 
 def test_many_cameras_are_any_of_these():
@@ -99,15 +99,17 @@ def test_lights_are_the_scenes_or_those_given():
     right = scene.render(lights={"directional": {"direction": (-1, 0, 0), "color": [1, 0, 0]}})
     assert dark.lights == [] and dark.linear.sum() < left.linear.sum()
     half = np.isfinite(image.depth)
-    half[:, 32:] = False
-    assert left.linear[half].mean() > 2 * right.linear[half].mean()
+    half[:, 28:] = False
+    # Each lights its side alone, and the second is red.
+    assert left.linear[half][:, 0].mean() > right.linear[half][:, 0].mean() + 0.1
+    assert right.linear[half[:, ::-1]][:, 0].mean() > right.linear[half[:, ::-1]][:, 1].mean() + 0.1
     assert left.lights == [{"directional": {"direction": [1, 0, 0], "color": [1, 1, 1], "shadow": False}}]
     assert scene.render(lights=left.lights, shadows=True).lights[0]["directional"]["shadow"]
     more = [{"point": {"position": (0, -5, 0)}},
             {"spot": {"position": (0, -5, 0), "direction": (0, 1, 0), "inner_deg": 5, "outer_deg": 9}}]
     assert scene.render(lights=more).linear.sum() > dark.linear.sum()
     camera = surfel.Camera((0, -4, 0), (0, 0, 0), (64, 48), fov_y=45, up=(0, 0, 1))
-    many = list(scene.render_many([camera], lights=more))
+    many = list(surfel.scene(POINTS).render_many([camera], lights=more))
     assert [list(light) for light in many[0].lights] == [["point"], ["spot"]]
 
 
@@ -231,8 +233,8 @@ def test_exceptions_are_those_of_the_manual(tmp_path):
 LIMITED = """
 import resource, sys
 import numpy as np, surfel
-points = np.random.default_rng(1).normal(size=({count}, 3)).astype(np.float32)
-scene = surfel.scene(points[:500], size=(16, 16), threads=1, up="+y", view="front")
+points = np.zeros(({count}, 3), np.float32)
+scene = surfel.scene(np.random.default_rng(1).normal(size=(500, 3)), size=(16, 16), threads=1, up="+y", view="front")
 scene.render()
 used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
 resource.setrlimit(resource.RLIMIT_AS, (used + {more}, resource.getrlimit(resource.RLIMIT_AS)[1]))
@@ -255,7 +257,7 @@ def test_what_does_not_fit_is_a_memory_error():
         "lambda: scene.render(size=(16384, 16384), planes=['depth', 'position'])",
         "lambda: next(iter(scene.render_many(frames=1000000))) and 1 / 0",
     ]
-    code = LIMITED.format(count=4_000_000, more=150 << 20, calls=", ".join(calls))
+    code = LIMITED.format(count=6_000_000, more=130 << 20, calls=", ".join(calls))
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     told = done.stdout.splitlines()
     assert done.returncode == 0 and len(told) == len(calls), done.stdout + done.stderr[-2000:]

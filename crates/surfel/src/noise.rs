@@ -97,6 +97,15 @@ mod tests {
         assert_eq!(found.flags, [false, true, true, false, true, true]);
         assert_eq!(found.words(), "3 points of noise (classes 7 and 18) and 1 point flagged as withheld");
         assert!(no_surface(&extras()[..0], 6, &all).is_none());
+        let flags = |text: &str| {
+            let options = LoadOptions::default().with_classes(Some(text.parse().unwrap()));
+            no_surface(&extras(), 6, &options).map(|found| found.flags)
+        };
+        assert_eq!(flags("all"), None);
+        assert_eq!(flags("2,7").unwrap(), [false, false, false, false, true, true]);
+        assert_eq!(flags("!2").unwrap(), [false, true, true, false, true, true]);
+        let named = LoadOptions::default().with_condition(Some("Classification = 7".into()));
+        assert_eq!(no_surface(&extras(), 6, &named).unwrap().words(), "2 points flagged as withheld");
         assert_eq!(water(&extras(), 6).unwrap(), [false, false, false, true, false, false]);
     }
 }

@@ -158,9 +158,15 @@ def _has_texture(mesh) -> bool:
     return getattr(mesh.visual, "uv", None) is not None and any(image is not None for image in images)
 
 
-def _as_glb(scene) -> bytes:
-    """A file with the textures in it."""
-    return scene.export(file_type="glb")
+def _as_glb(thing) -> bytes:
+    """A file of a mesh or scene with the textures in it."""
+    thing = thing.copy()
+    for mesh in getattr(thing, "geometry", {"": thing}).values():
+        material = getattr(getattr(mesh, "visual", None), "material", None)
+        # The grey that trimesh gives materials without a colour would darken the texture.
+        if getattr(material, "image", None) is not None and list(getattr(material, "diffuse", ())) == [102, 102, 102, 255]:
+            material.diffuse = [255, 255, 255, 255]
+    return thing.export(file_type="glb")
 
 
 def _trimesh_cloud(cloud, _alone: bool) -> Arrays:

@@ -22,7 +22,7 @@ _RESERVED = frozenset(
     " clip_mode clip_theta1 clip_theta3 clip_u clip_v clip_w packed_position packed_color vertex_indices vertex_index"
     " texnumber texcoord".split()
 )
-_NUMBERED = re.compile(r"(scale|rot|f_dc|f_rest|clip_line)_?\d.*")
+_NUMBERED = re.compile(r"(scale|rot|f_dc|f_rest|clip_line)_?\d+(_[abc])?")
 _CHANNELS = ("red", "green", "blue", "alpha")
 # How far colours may be above 1 by rounding.
 _ROUNDING = 1e-3
