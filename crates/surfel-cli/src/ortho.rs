@@ -3,7 +3,6 @@
 use crate::args::OrthoArgs;
 use crate::console::Console;
 use crate::failure::Failure;
-use surfel::io::ShowPath as _;
 
 #[cfg(not(feature = "ortho"))]
 pub(crate) fn run(_: &OrthoArgs, _: usize, _: &Console) -> Result<(), Failure> {
@@ -20,6 +19,7 @@ mod with_ortho {
     use super::{Console, Failure, OrthoArgs};
     use crate::stdin::{Stdin, is_stdin};
     use crate::{options, stdout};
+    use surfel::io::ShowPath as _;
     use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
     use surfel::render::Renderer;
     use surfel::{Backend, BackendOptions};
