@@ -193,7 +193,7 @@ fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 
 
 /// Distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson, Real-Time Collision
 /// Detection, §5.1.5).
-fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
+pub(super) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));

@@ -496,9 +496,9 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
 
 /// The error of a conversion with `resume` that goes on with what one left that was interrupted at `stage`, after
 /// `change` was made to its folder.
-fn refused_after(test: &str, stage: &str, change: impl FnOnce(&Path)) -> IoError {
+fn refused_after((test, points): (&str, u64), stage: &str, change: impl FnOnce(&Path)) -> IoError {
     let folder = folder_of_test(test);
-    let inputs = tiles(&folder, 3, 3_000);
+    let inputs = tiles(&folder, 3, points);
     let output = folder.join("out.copc.laz");
     let resume = CopcOptions { resume: true, ..CopcOptions::default() };
     let interrupt = |name: &'static str, _: u64, _: u64| assert!(name != stage, "interrupted");
@@ -520,13 +520,15 @@ fn changed_state_of_an_interrupted_conversion_is_refused() {
             std::fs::write(folder.join(name), bytes).unwrap();
         }
     };
-    for (stage, name, at, part) in [
-        ("building the octree", resume::POINTS, 12_345, "has changed: bytes from"),
-        ("writing the file", resume::CHUNKS, 1_000, "has changed: bytes from"),
-        ("writing the file", resume::SORTED, 40, "has a changed or damaged sorted.json"),
-        ("writing the file", resume::BUILT, 11, "has a changed or damaged built.json"),
+    // Of few points all are in a node above the parts; of many, nodes of the parts are chunks.
+    for (stage, points, name, at, part) in [
+        ("building the octree", 3_000, resume::POINTS, 12_345, "has changed: bytes from"),
+        ("writing the file", 3_000, resume::UPPER, 1_000, "has changed: bytes from"),
+        ("writing the file", 30_000, resume::CHUNKS, 1_000, "has changed: bytes from"),
+        ("writing the file", 3_000, resume::SORTED, 40, "has a changed or damaged sorted.json"),
+        ("writing the file", 3_000, resume::BUILT, 11, "has a changed or damaged built.json"),
     ] {
-        let error = refused_after("changed", stage, flip(name, at)).to_string();
+        let error = refused_after(("changed", points), stage, flip(name, at)).to_string();
         assert!(error.contains(part) && error.contains("delete this folder to start anew"), "{name}: {error}");
     }
 }
@@ -546,19 +548,21 @@ fn links_in_the_folder_of_an_interrupted_conversion_are_refused() {
     };
     let stage = "writing the file";
     for name in [resume::POINTS, resume::BUILT, "lock", "built.json.new"] {
-        let soft = refused_after("soft", stage, replace(name, |to, from| symlink(to, from).unwrap())).to_string();
-        let hard = refused_after("hard", stage, replace(name, |to, from| std::fs::hard_link(to, from).unwrap()));
+        let soft =
+            refused_after(("soft", 3_000), stage, replace(name, |to, from| symlink(to, from).unwrap())).to_string();
+        let hard =
+            refused_after(("hard", 3_000), stage, replace(name, |to, from| std::fs::hard_link(to, from).unwrap()));
         for error in [soft, hard.to_string()] {
             assert!(error.contains(&format!("holds {name}, which is a link or no file")), "{error}");
         }
     }
-    let error = refused_after("elsewhere", stage, |folder| {
+    let error = refused_after(("elsewhere", 3_000), stage, |folder| {
         let other = folder.with_extension("elsewhere");
         std::fs::rename(folder, &other).unwrap();
         symlink(&other, folder).unwrap();
     });
     assert!(error.to_string().contains("is a link or a file, expected a folder"), "{error}");
-    let error = refused_after("shared", stage, |folder| {
+    let error = refused_after(("shared", 3_000), stage, |folder| {
         std::fs::set_permissions(folder, std::fs::Permissions::from_mode(0o777)).unwrap();
     });
     assert!(error.to_string().contains("can be written to by other users"), "{error}");
