@@ -22,11 +22,12 @@ const SMALL_SPLATS: usize = 100;
 
 /// Frames of a scene and size: as many as fit the time, within these bounds.
 const FRAMES: std::ops::RangeInclusive<usize> = 5..=30;
-const SMALL_FRAMES: std::ops::RangeInclusive<usize> = 3..=10;
+const SMALL_FRAMES: std::ops::RangeInclusive<usize> = 3..=5;
 const TIME: Duration = Duration::from_millis(500);
 
 /// Frames that are hashed.
 const HASHED: usize = 5;
+const SMALL_HASHED: usize = 2;
 
 /// Times frames of every scene of the kit.
 pub(super) fn run(backend: crate::Backend, on: &On) -> Result<(), Failure> {
@@ -102,7 +103,7 @@ fn measured(backend: &mut Backend, drawn: &Drawn<'_>) -> Result<record::Frame, F
         samples.stats.push(stats);
     }
     let mut hashes: BTreeMap<String, Vec<String>> = BTreeMap::new();
-    for _ in 0..HASHED {
+    for _ in 0..if small { SMALL_HASHED } else { HASHED } {
         backend.render_into(resident, &view, &settings, Planes::ALL, &mut frame)?;
         for (plane, hash) in plane_hashes(&frame) {
             hashes.entry(plane.to_owned()).or_default().push(hash);

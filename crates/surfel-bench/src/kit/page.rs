@@ -326,10 +326,9 @@ fn probes(found: &Found<'_>) -> String {
 
 /// Passes by whether frames that they occur in are the same each time.
 fn determinism(found: &Found<'_>) -> String {
-    let mut text =
-        "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times (scenes of \
-                    the former twice by software), and its planes are hashed.\n\n"
-            .to_owned();
+    let mut text = "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times, by \
+                    software twice, and its planes are hashed.\n\n"
+        .to_owned();
     for backend in GPU_BACKENDS {
         let scenes = found.conformance.iter().filter(|scene| scene.backend == backend && !scene.hashes.is_empty());
         let of_scenes = scenes.map(|scene| Repeats {

@@ -186,7 +186,7 @@ mod tests {
     #[test]
     fn work_grows_with_what_is_asked_for() {
         let plain = work(Settings::default().with_shader(Shader::Unlit));
-        let lit = work(Settings::default().with_shader(Shader::Phong));
+        let lit = work(Settings::default().with_shader(Shader::Normal));
         assert_eq!(lit[2].fill, [("blend two".to_owned(), 4000.0)]);
         assert!(lit[2].bytes > plain[2].bytes && lit[3].compute_flops > plain[3].compute_flops);
         let edges = work(Settings::default().with_edge_aa(EdgeAa::Coverage));
