@@ -149,7 +149,11 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
             |(values, (start, step)): (&Vec<f64>, &(f64, f64))| Part::of(values, range.start, *start, *step);
         numbers.iter().zip(&lines).map(of_column).collect()
     };
-    let blocks: Vec<Vec<Part>> = (0..rows.div_ceil(block)).into_par_iter().map_init(buffers, of_block).collect();
+    let blocks: Vec<Vec<Part>> = match rows.div_ceil(block) {
+        // Small tables are many, and waking threads takes longer than they do.
+        1 => vec![of_block(&mut buffers(), 0)],
+        count => (0..count).into_par_iter().map_init(buffers, of_block).collect(),
+    };
     let joined = blocks.into_iter().reduce(|a, b| a.into_iter().zip(b).map(|(a, b)| a.join(b)).collect());
     let parts = joined.unwrap_or_default().into_iter().zip(lines).zip(sample);
     let column = |((part, (_, step)), sample): ((Part, (f64, f64)), Vec<f64>)| Column {
