@@ -5,7 +5,7 @@ use std::process::Command;
 
 use crate::{cargo, python};
 
-/// Stack of threads that say nothing else, in bytes, with which the optimised program runs: the least that systems give.
+/// Default stack of threads, in bytes, with which the optimised program runs: the least that systems give.
 const LEAST_STACK: &str = "524288";
 
 /// Builds the program of README.md and runs it, unoptimised and as a release. What went wrong is printed.
@@ -30,8 +30,8 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     let program = program_of(&readme).ok_or("README.md has no program under '## As a library'")?;
     let library = root.join("crates").join("surfel");
     let manifest = format!(
-        "[package]\nname = \"front-page\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[workspace]\n\n[dependencies]\nsurfel \
-         = {{ path = {:?} }}\n",
+        "[package]\nname = \"front-page\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[workspace]\n\n\
+         [dependencies]\nsurfel = {{ path = {:?} }}\n",
         library.display().to_string()
     );
     std::fs::create_dir_all(folder.join("src")).map_err(failed)?;

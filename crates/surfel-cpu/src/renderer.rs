@@ -12,8 +12,8 @@ use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, Ren
 
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
-/// Stack of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3 MiB, more
-/// than threads have by default. Memory that isn't used isn't taken.
+/// Stack of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3 MiB,
+/// more than threads have by default. Memory that isn't used isn't taken.
 const STACK_BYTES: usize = 8 << 20;
 
 /// The CPU backend. It has its own threads; the global thread pool is left alone.

@@ -71,8 +71,8 @@ pub fn write_seekable(
     pending.publish()
 }
 
-/// The error of a file whose content could not be written. An error of another file that the content is made from, which
-/// [`io::Error`] may hold, stays what it is.
+/// The error of a file whose content could not be written. An error of another file that the content is made from,
+/// which [`io::Error`] may hold, stays what it is.
 fn unwritten(path: &Path, action: &'static str, source: io::Error) -> IoError {
     let system = |source| IoError::System { path: path.to_path_buf(), action, source };
     source.downcast::<IoError>().unwrap_or_else(system)
@@ -204,9 +204,9 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     }
 }
 
-/// Removes the temporary files in `folder` that killed writers left: the name says that the writer was a process of this
-/// host that has ended, or nobody has written to the file for [`names::OLD`]. A lock that somebody holds protects the
-/// file, but a free lock proves nothing: on some shared file systems locks are local to a host.
+/// Removes the temporary files in `folder` that killed writers left: the name states a process of this host that has
+/// ended, or nobody has written to the file for [`names::OLD`]. A lock that somebody holds protects the file. A free
+/// lock proves nothing: on some shared file systems locks are local to a host.
 fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let Some(name) = entry.file_name().to_str().and_then(Name::parse) else { continue };

@@ -182,8 +182,8 @@ impl Backend {
         Self::by_name("auto", &BackendOptions::default())
     }
 
-    /// Frees the memory that frames leave to later frames, where the backend says how: after an image that is much larger
-    /// than the next ones.
+    /// Frees the memory that frames leave to later frames, where the backend says how: after an image that is much
+    /// larger than the next ones.
     pub fn release_memory(&mut self) {
         #[cfg(feature = "cpu")]
         if let Self::Cpu(renderer) = self {

@@ -19,8 +19,9 @@ use surfel_model::{
 /// Most splats of one level of the octree.
 const MOST_IN_LEVEL: f64 = 4e6;
 
-/// Most splats of a level, which its side asks for where triangles reach far beyond their node's cube, as those of a fan
-/// do: a mean of so many a node, or a triangle, but for small levels. A closed surface has 200 to 800 a node.
+/// Limits of a level's splats: a mean number per node and per triangle, and a number that every level may have. They
+/// matter where triangles reach far beyond their node's cube, as those of a fan do. A closed surface has 200 to 800
+/// splats a node.
 const MOST_IN_NODE: usize = 1024;
 const MOST_ON_TRIANGLE: usize = 8;
 const SMALL_LEVEL: usize = 16_384;

@@ -64,8 +64,8 @@ impl Borders {
         Self { tree: KdTree::new(&samples), all, spacing }
     }
 
-    /// Borders of a region that come into a box about `p`, given by its half-axes, in ascending order: those of a sliver
-    /// are far fewer than those within its length.
+    /// Borders of a region that come into a box about `p`, given by its half-axes, in ascending order. The box of a
+    /// sliver holds far fewer borders than the ball about it.
     fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
         // Points between the samples are no farther from them.

@@ -174,8 +174,8 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         list
     }
 
-    /// Hands over the blocks of a list in the order in which they came. A block that has changed since it was written is
-    /// the error [`Changed`].
+    /// Hands over the blocks of a list in the order in which they came. A block that has changed since it was written
+    /// is the error [`Changed`].
     pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let mut bytes = Vec::new();
         for (at, length, sum) in &list.blocks {
