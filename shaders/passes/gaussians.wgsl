@@ -1,9 +1,9 @@
 // Trained Gaussians, one over another (docs/gaussians.md), once a pixel. The host has projected them, put them in
 // order, and listed them by cells of 16×16 pixels.
 //
-// A dispatch takes a bounded number of steps, because drivers stop what runs for long: some, in software, silently after
-// 65,535 turns of all loops together. What a pixel has come to is kept in its state, and the host dispatches again while
-// a pixel isn't finished.
+// A dispatch takes a bounded number of steps, because drivers stop what runs for long: some, in software, silently
+// after 65,535 turns of all loops together. What a pixel has come to is kept in its state, and the host dispatches
+// again while a pixel isn't finished.
 
 // A Gaussian as the view shows it.
 struct GaussianRecord {

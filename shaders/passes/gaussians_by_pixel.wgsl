@@ -9,7 +9,8 @@ struct WaitingGaussian {
     at: u32,
 }
 
-// Steps of a dispatch in the order of pixels. Each may pass through a pixel's room thrice, in at most 18 turns of a loop.
+// Steps of a dispatch in the order of pixels. Each may pass through a pixel's room thrice, in at most 18 turns of a
+// loop.
 const GAUSSIAN_STEPS: u32 = 1024u;
 const NO_LIMIT: u32 = 0xffffffffu;
 // Fragments that wait at first; four times as many in every further turn, as far as there is room.
@@ -81,9 +82,10 @@ fn sink_gaussian(pixel: u32, count: u32, waiting: WaitingGaussian) {
     set_waiting_gaussian(pixel, place, waiting);
 }
 
-// In the order of the pixel, exactly, in turns: a turn reads the list as far as a fragment may be among the nearest that
-// are left and have room, puts these in order, and blends them. The next turn begins where the first entry is that this
-// one has left. Records come in the order in which they begin, so that none after one that begins too late counts.
+// In the order of the pixel, exactly, in turns: a turn reads the list as far as a fragment may be among the nearest
+// that are left and have room, puts these in order, and blends them. The next turn begins where the first entry is
+// that this one has left. Records come in the order in which they begin, so that none after one that begins too late
+// counts.
 @compute @workgroup_size(8, 8)
 fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

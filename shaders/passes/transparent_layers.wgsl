@@ -49,8 +49,8 @@ fn gathered_accumulates(in: AttributeVertex, z: f32) -> bool {
     return peeled_accumulates(in, z);
 }
 
-// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight: the other one is 1
-// under every filter. So a record of an A-buffer has both, and alpha, in full precision.
+// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight: the other one
+// is 1 under every filter. So a record of an A-buffer has both, and alpha, in full precision.
 fn scale_is_coverage() -> bool {
     return frame.filter_kind == FILTER_CLAMP || frame.filter_kind == FILTER_ADJUST;
 }

@@ -208,7 +208,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         Layer { sums, alpha, next }
     }
 
-    /// The next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The same bits as those of
+    /// The next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The bits are those of
     /// [`Self::layer`].
     #[inline(always)]
     pub(crate) fn surface(&self, scratch: &mut LayerScratch) -> Option<Layer<S>> {

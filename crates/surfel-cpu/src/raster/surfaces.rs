@@ -1,9 +1,9 @@
 //! The surfaces of an A-buffer (§8), where a block has so many fragments that looking through them for each surface
 //! would take their square.
 //!
-//! A pixel's surfaces end at its depth thresholds, which are found from the fragments in the order of depth; then each
-//! fragment's surface is the first whose threshold isn't nearer than it. A block's fragments are so brought to the order
-//! of their surfaces, and within a surface they stay in the order of splats.
+//! A pixel's surfaces end at its depth thresholds, which are found from the fragments in the order of depth; then
+//! each fragment's surface is the first whose threshold isn't nearer than it. A block's fragments are so brought to
+//! the order of their surfaces, and within a surface they stay in the order of splats.
 
 use crate::raster::layers::Remembered;
 use crate::simd::lanes::LANES;

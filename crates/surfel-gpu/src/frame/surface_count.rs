@@ -1,5 +1,5 @@
-//! How many surfaces an A-buffer (§8) has at least: counted in f64 at some pixels, so that a frame that has more than a
-//! GPU draws is refused before most of them are drawn.
+//! The least number of surfaces of an A-buffer (§8): counted in f64 at some pixels, so that a frame that has more than
+//! a GPU draws is refused before most of them are drawn.
 
 use crate::frame::uniforms::FrameScene;
 use crate::passes::pass_list::is_of_shadow_map;
