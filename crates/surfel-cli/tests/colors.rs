@@ -16,9 +16,23 @@ fn tile(i: u32) -> String {
     text
 }
 
+/// The same of splats.
+fn splat_tile(i: u32) -> String {
+    let properties =
+        ["x", "y", "z", "nx", "ny", "nz", "radius"].map(|name| format!("property float {name}\n")).concat();
+    let mut text =
+        format!("ply\nformat ascii 1.0\ncomment shows both sides\nelement vertex 36\n{properties}end_header\n");
+    for k in 0..36 {
+        let (x, y) = (f64::from(i % 6 * 60 + k % 6 * 10) / 6.0, f64::from(i / 6 * 60 + k / 6 * 10) / 6.0);
+        text += &format!("{x} {y} {} -0.436 -0.218 0.873 1.5\n", x * 0.5 + y * 0.25);
+    }
+    text
+}
+
 /// The range that a word of a command says.
 fn range_in(line: &str) -> [f64; 2] {
-    let text = line.split_whitespace().find_map(|word| word.strip_prefix("--range=")).unwrap_or_else(|| panic!("{line}"));
+    let text =
+        line.split_whitespace().find_map(|word| word.strip_prefix("--range=")).unwrap_or_else(|| panic!("{line}"));
     let numbers: Vec<f64> = text.split(',').map(|v| v.parse().unwrap()).collect();
     numbers.try_into().unwrap()
 }
@@ -44,8 +58,8 @@ fn shows(image: &Planes, levels: [u8; 3]) -> bool {
 #[test]
 fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     let f = Folder::new("sixty");
-    let names: Vec<String> = (0..60).map(|i| format!("t{i:02}.csv")).collect();
-    names.iter().zip(0..).for_each(|(name, i)| f.write(name, tile(i)));
+    let names: Vec<String> = (0..60).map(|i| format!("t{i:02}.ply")).collect();
+    names.iter().zip(0..).for_each(|(name, i)| f.write(name, splat_tile(i)));
     let inputs = names.join(" ");
     let flags = "--color-by height --up +z --view top --ortho --shader unlit";
     let said = f.run(&format!("{inputs} {flags} --size 60x100 -o whole.png")).code(0).stderr();
@@ -73,9 +87,11 @@ fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     f.run(&format!("{inputs} {flags} --size 30x50 --turntable --frames 3 -o w{{frame}}.png")).code(0);
     assert!((0..3).all(|i| f.image(&format!("s{i:04}.png")).color == f.image(&format!("w{i:04}.png")).color));
     // A range that is given is not looked for, so that the files needn't be here.
-    let given = f.run(&format!("jobs not-here.csv --cuecmd --tiles 1 -o x.png -- {flags} --range=1,2")).code(0).stdout();
+    let given =
+        f.run(&format!("jobs not-here.csv --cuecmd --tiles 1 -o x.png -- {flags} --range=1,2")).code(0).stdout();
     assert_eq!(range_in(&given), [1.0, 2.0]);
-    f.run(&format!("jobs not-here.csv --cuecmd --tiles 1 -o x.png -- {flags}")).fails(3, "--range LO,HI says the range");
+    f.run(&format!("jobs not-here.csv --cuecmd --tiles 1 -o x.png -- {flags}"))
+        .fails(3, "--range LO,HI says the range");
 }
 
 #[test]
@@ -98,9 +114,10 @@ fn images_of_one_input_each_share_a_range_if_asked_to() {
     f.run(&format!("{flags} --range shared --shard 1/2 -o part-{{input}}.png")).code(0);
     assert_eq!((range("part-t59.png"), f.has("part-t00.png")), (range("t59.png"), false));
     assert!(f.run("again t59.png -o again.png").code(0).stderr().contains("the same image"));
-    let job = f.run(&format!("jobs t00.csv t59.csv --cuecmd --tasks 2 -o {{input}}.png -- {} --range shared", &flags[16..]));
+    let job =
+        f.run(&format!("jobs t00.csv t59.csv --cuecmd --tasks 2 -o {{input}}.png -- {} --range shared", &flags[16..]));
     let job = job.code(0).stdout();
-    assert!(job.lines().all(|line| range_in(line) == [lo, hi]) && !job.contains("shared"), "{job}");
+    assert!(job.lines().all(|line| range_in(line) == [lo, hi]) && !job.contains("=shared"), "{job}");
     f.run("t00.csv --range shared -o x.png").fails(2, "give --color-by ATTRIBUTE");
     f.run("t00.csv --color-by height --range 3 -o x.png").fails(2, "or shared");
 }
@@ -231,7 +248,8 @@ fn meshes_are_coloured_and_labelled_by_their_own_columns() {
     };
     assert_eq!((labels("kind"), labels("part")), (vec![3, 7], vec![0, 1, 2, 3]));
     f.run("m.ply --label temp -o l.exr -f").fails(3, "expected whole numbers");
-    f.run("m.ply --color-by pressure -o x.png").fails(2, "no attribute 'pressure' but height, normal, temp, kind, part");
+    f.run("m.ply --color-by pressure -o x.png")
+        .fails(2, "no attribute 'pressure' but height, normal, temp, kind, part");
 }
 
 #[test]
@@ -258,7 +276,8 @@ fn classes_are_left_out_and_conditions_are_joined() {
     // 50 of the first hundred, and 2 of 6 rows' first columns beyond them, of which each is of class 2.
     assert_eq!(f.run("s.json --stats").code(0).json()["splats"], 56);
     assert_eq!(f.run_words(&["s.json", "--stats", "--where", "x=0"]).code(0).json()["splats"], 20);
-    let said = f.run_words(&["ortho", "a.csv", "--gsd", "1", "-o", "o.tif", "--classes", "!7,18", "--where", "not x<1"]);
+    let said =
+        f.run_words(&["ortho", "a.csv", "--gsd", "1", "-o", "o.tif", "--classes", "!7,18", "--where", "not x<1"]);
     assert!(said.code(0).stderr().contains("--classes leaves 200, --where leaves 180"));
     for (words, part) in [
         (["--where", "intensity>1 and (x<2"], "ends after character 20, expected 'and', 'or' or ')'"),

@@ -55,7 +55,10 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
     }
     if !all.left_out.is_empty() {
         let names: Vec<&str> = all.left_out.iter().map(String::as_str).collect();
-        context.note(format!("ignored the attributes {}: they aren't one number a vertex, or are more than {MOST_OWN_COLUMNS}", list(&names)));
+        context.note(format!(
+            "ignored the attributes {}: they aren't one number a vertex, or are more than {MOST_OWN_COLUMNS}",
+            list(&names)
+        ));
     }
     if all.lines > 0 {
         context.note(format!("ignored {} primitives that are lines", all.lines));

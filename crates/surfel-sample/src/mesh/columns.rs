@@ -14,7 +14,7 @@ const SAME_PLACE: f64 = 1e-6;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
-/// Where splats are on the mesh that they were made of.
+/// Places of splats on the mesh that they were made of.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
     /// The nearest triangle of each splat; [`NONE`] at a vertex without triangles.
