@@ -304,7 +304,7 @@ mod tests {
             ("()", "has ')' at character 2, expected a comparison"),
             ("not", "ends after character 3, expected a comparison"),
             ("and", "has 'and' at character 1, expected a comparison"),
-            ("\"a>1", "has '\"a>1' at character 1, expected a second"),
+            ("\"a>1", "has '\\\"a>1' at character 1, expected a second"),
             ("\" \">1", "at character 1, expected a comparison"),
             ("1<a<5", "has 'a<5' at character 3, expected a number"),
             ("a>1 b>2 and ccccccccccccccccccccccccccccccccccccc>1", "has 'b>2 and cccccccccccccccc…' at character 5"),

@@ -1,7 +1,7 @@
 //! Properties of a mesh's vertices and faces as columns of its splats.
 
-use crate::coloring::ColorScale;
 use crate::coloring::tally::Tally;
+use crate::coloring::{ColorScale, is_class};
 use surfel_model::{Colormap, ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
@@ -42,7 +42,8 @@ impl MeshColumns {
     }
 
     /// Gives splats the column that they are coloured by: interpolated over triangles if it is a measure, else of the
-    /// nearest vertex, because nothing lies between two categories.
+    /// nearest vertex, because nothing lies between two categories. Few whole numbers are categories; of a type with
+    /// fractions only if they are the same at all corners of most triangles, as labels are.
     pub(crate) fn values(
         &mut self,
         cloud: SplatCloud,
@@ -54,7 +55,9 @@ impl MeshColumns {
         };
         let mut tally = Tally::new(&column.name, map, range);
         tally.add((0..column.values.len()).map(|i| column.values.get(i)));
-        let are_categories = matches!(tally.scale(None), ColorScale::Categories(_));
+        let is_sure = column.values.is_integer() || is_class(&column.name) || map == Some(Colormap::Tab20);
+        let are_categories = matches!(tally.scale(None), ColorScale::Categories(_))
+            && (is_sure || is_constant_over_most(&self.mesh, &column.values));
         self.with_column(cloud, attribute, are_categories)
     }
 
@@ -79,7 +82,42 @@ impl MeshColumns {
     }
 }
 
+/// True if a column of the vertices is the same at all three corners of more than half of the triangles.
+fn is_constant_over_most(mesh: &Mesh, column: &ExtraValues) -> bool {
+    let is_constant = |triangle: &&[u32; 3]| {
+        let [a, b, c] = triangle.map(|i| column.get(i as usize));
+        a == b && b == c
+    };
+    2 * mesh.triangles.iter().filter(is_constant).count() > mesh.triangles.len()
+}
+
 /// A column's name, and whether its values are whole numbers.
 fn named(extra: &ExtraColumn) -> (String, bool) {
     (extra.name.clone(), extra.values.is_integer())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Column3;
+
+    #[test]
+    fn whole_numbers_with_a_fraction_s_type_are_labels_where_triangles_have_one() {
+        let positions = (0..12).map(|i| glam::DVec3::new(f64::from(i / 2), f64::from(i % 2), 0.0)).collect::<Vec<_>>();
+        let triangles: Vec<[u32; 3]> = (0..10).map(|i| [i, i + 1 + i % 2, i + 2 - i % 2]).collect();
+        let splats = |values: ExtraValues| {
+            let vertex_extras = vec![ExtraColumn { name: "a".into(), values }];
+            let positions = Column3::from_f64(&positions);
+            let mesh = Mesh { positions, triangles: triangles.clone(), vertex_extras, ..Mesh::default() };
+            let cloud = SplatCloud::disks(&[[0.7, 0.5, 0.0]], &[[0.0, 0.0, 1.0_f32]], &[1.0_f32]).unwrap();
+            let cloud = MeshColumns::new(mesh).unwrap().values(cloud, "a", (None, None)).unwrap();
+            cloud.data().extras[0].values.get(0)
+        };
+        let columns = |f: fn(u32) -> u32| (0..12).map(|i| f(i / 2)).collect::<Vec<u32>>();
+        let floats = |f: fn(u32) -> u32| ExtraValues::F32(columns(f).iter().map(|v| *v as f32).collect());
+        // A measure that goes by tens, and labels of two halves.
+        assert!((splats(floats(|x| 10 * x)) - 7.0).abs() < 1e-5);
+        assert_eq!(splats(ExtraValues::U32(columns(|x| 10 * x))), 10.0);
+        assert_eq!(splats(floats(|x| if x < 1 { 5 } else { 9 })), 9.0);
+    }
 }

@@ -14,7 +14,7 @@ const SAME_PLACE: f64 = 1e-6;
 /// No triangle.
 const NONE: u32 = u32::MAX;
 
-/// Where splats are on the mesh that they were made of.
+/// Places of splats on the mesh that they were made of.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
     /// The nearest triangle of each splat; [`NONE`] at a vertex without triangles.
@@ -308,7 +308,7 @@ mod tests {
         positions.push(DVec3::new(0.5, 0.5, 9.0));
         mesh.positions = Column3::from_f64(&positions);
         let normals = [[0.0, 0.0, 1.0_f32]; 2];
-        let centers = [[0.5, 0.5, 9.0], [0.9, 0.1, 0.0]].map(|p: [f64; 3]| p.map(|c| c + 1e5));
+        let centers = [[0.5, 0.5, 9.0], [0.9, 0.1, 0.0]].map(|p: [f64; 3]| p.map(|c| (c + 1e5) as f32));
         let cloud = SplatCloud::disks(&centers, &normals, &[1.0_f32; 2]).unwrap();
         let places = MeshPlaces::new(&mesh, &cloud);
         let values = places.interpolated(&ExtraValues::F64(vec![1.0, 2.0, 3.0, 4.0, 5.0]));

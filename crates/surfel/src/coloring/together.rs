@@ -136,7 +136,8 @@ impl Tallies {
                     self.add_values(job, attribute, &data.extras, &mut attribute.values(member.cloud, up));
                 }
                 Err(mut known) => {
-                    known.extend(job.others.iter().cloned());
+                    let others: Vec<String> = job.others.iter().filter(|name| !known.contains(name)).cloned().collect();
+                    known.extend(others);
                     lacking.push(Lacking { member: i, known });
                 }
             }
