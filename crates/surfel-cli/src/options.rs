@@ -113,6 +113,7 @@ mod tests {
             "crop" => "0,1,2,3,4,5",
             "range" => "-1.5,2",
             "classes" => "2,6",
+            "columns" => "x,y,z,_",
             "memory" => "1.5G",
             "where" => "intensity>3",
             "eye" | "target" | "camera-up" => "1,2.5,-3",

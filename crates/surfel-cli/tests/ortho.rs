@@ -33,7 +33,7 @@ fn heights_are_written_alone() {
     let f = Folder::new("dsm-alone");
     f.write("in.las", las_with(|_, _| ()));
     let run = f.run("ortho in.las --gsd 0.2 --dsm dsm.tif").code(0);
-    assert!(f.has("dsm.tif") && run.stderr().contains("dsm.tif: 31 x 31 pixels"), "{}", run.stderr());
+    assert!(f.has("dsm.tif") && run.stderr().contains("dsm.tif: 30 x 30 pixels"), "{}", run.stderr());
     f.run("ortho in.las --gsd 0.2 --normals n.tif --dsm dsm.tif -f").code(0);
     f.run("ortho in.las --gsd 0.2 -o all.tif --dsm again.tif").code(0);
     assert!(f.read("again.tif") == f.read("dsm.tif"));
@@ -77,7 +77,7 @@ fn noise_and_withheld_points_move_no_frame_and_are_no_surface() {
         assert!(apart(&found) < 1.0 && said.contains(names), "{words}: {found:?} {clean:?} {said}");
         // The automatic view and up, too.
         let (found, said) = eye(words);
-        assert!((found[2] - clean[2]).abs() < 30.0 && said.contains("up is z"), "{words}: {found:?} {said}");
+        assert!((found[2] - clean[2]).abs() < 30.0 && said.contains("up is +z"), "{words}: {found:?} {said}");
         let (found, _) = eye(&format!("{words} --view 30,30 --classes all"));
         assert!(apart(&found) > 20.0, "{words}: {found:?}");
         let model = |flags: &str| {
@@ -108,7 +108,7 @@ fn conversion_drops_no_noise_and_nothing_withheld() {
     );
     f.run("convert in.las -o out.ply").code(0);
     let found = f.run("info --json out.ply").code(0).json();
-    assert_eq!(found["count"], SIDE * SIDE, "{found}");
+    assert_eq!(found["splats"], SIDE * SIDE, "{found}");
     assert!(f.run("info out.ply").code(0).stdout().contains("withheld"));
     f.run("convert in.las -o out.copc.laz").code(0);
     // A table's column is as good as a flag.
