@@ -22,7 +22,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         eprintln!("error: {problem}");
     }
     let must_run = must_run(gpu, driver.as_ref().ok());
-    let (summary, exit_ok) = match run_cargo(root, must_run) {
+    let (summary, exit_ok) = match run_cargo(root, must_run, full) {
         Ok(result) => result,
         Err(error) => {
             eprintln!("error: could not run cargo test: {error}");
@@ -78,13 +78,17 @@ fn must_run(gpu: Gpu, vulkan: Option<&Verdict>) -> &'static str {
 }
 
 /// Runs all tests, passing the output through, and whether cargo was content.
-fn run_cargo(root: &Path, must_run: &str) -> std::io::Result<(Summary, bool)> {
+fn run_cargo(root: &Path, must_run: &str, full: bool) -> std::io::Result<(Summary, bool)> {
     // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo_for_tests(root);
     command.args(["test", "--workspace", "--features", FEATURES, "--locked", "--no-fail-fast"]);
     // A test that had nothing to work on says so and passes.
     command.args(["--", "--show-output"]);
+    if full {
+        // Those that take minutes on a software driver.
+        command.arg("--include-ignored");
+    }
     // Mesa's software driver compiles 700 shaders for small images: a fifth faster without LLVM's optimisations.
     if std::env::var_os("GALLIVM_PERF").is_none() {
         command.env("GALLIVM_PERF", "nopt");

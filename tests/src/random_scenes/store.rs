@@ -100,6 +100,9 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
     if let (Some(name), true) = (texture, mesh.texture.is_some()) {
         line(format_args!("comment TextureFile {name}"));
     }
+    if mesh.colors.is_some() {
+        line(format_args!("comment colors linear"));
+    }
     line(format_args!("element vertex {}", mesh.positions.len()));
     let mut properties = |kind: &str, names: &[&str]| {
         names.iter().for_each(|name| line(format_args!("property {kind} {name}")));

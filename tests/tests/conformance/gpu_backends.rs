@@ -269,6 +269,7 @@ fn scene_of_any_size_agrees_with_the_reference(mut renderer: impl Renderer) {
 }
 
 #[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
     let (Some(mut ash), Some(mut wgpu)) = (validated_gpu::ash(), validated_gpu::wgpu()) else { return };
     if ash.info().adapter != wgpu.info().adapter {

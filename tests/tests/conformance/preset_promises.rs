@@ -171,6 +171,7 @@ fn preset_fidelity_holds_on_wgpu() {
 }
 
 #[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn preset_fidelity_holds_on_ash() {
     if let Some(mut renderer) = validated_gpu::ash() {
         hold_fidelity(&mut renderer, 1);

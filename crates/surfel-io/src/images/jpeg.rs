@@ -23,18 +23,9 @@ pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     open(bytes).map(|(_, width, height)| (width, height))
 }
 
-/// True if the marker that ends an image comes after the last one that begins compressed texels, which can't hold it.
-fn is_whole(bytes: &[u8]) -> bool {
-    let last = |marker: [u8; 2]| bytes.windows(2).rposition(|w| w == marker);
-    last([0xff, 0xd9]) > last([0xff, 0xda])
-}
-
 /// Decodes an image whose size has been checked.
 pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, String> {
     let (mut decoder, width, height) = open(bytes)?;
-    if !is_whole(bytes) {
-        return Err("it is cut off: its JPEG has no end".into());
-    }
     let grey = decoder.input_colorspace() == Some(ColorSpace::Luma);
     let (space, channels) = if grey { (ColorSpace::Luma, 1) } else { (ColorSpace::RGB, 3) };
     decoder.set_options(decoder.options().jpeg_set_out_colorspace(space));
@@ -45,17 +36,4 @@ pub(super) fn decode(bytes: &[u8]) -> Result<Decoded, String> {
         return Err(format!("it has {} texels instead of {expected}", texels.len()));
     }
     Ok(Decoded { width, height, samples: Samples::Eight(texels) })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::is_whole;
-
-    #[test]
-    fn images_end_after_their_last_scan() {
-        let [scan, end] = [&[0xff, 0xda, 1, 2][..], &[0xff, 0xd9]];
-        // A thumbnail's end comes before the image's own scan; some cameras append bytes, or further images.
-        assert!(is_whole(&[scan, end].concat()) && is_whole(&[scan, end, scan, end, b"more"].concat()));
-        assert!(!is_whole(&[scan, end, scan].concat()) && !is_whole(scan) && !is_whole(&[]));
-    }
 }
