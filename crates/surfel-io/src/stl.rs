@@ -1,8 +1,8 @@
 //! STL: loose triangles, text or binary. Corners at exactly the same place become one vertex.
 //!
 //! Binary triangles have two bytes for which two conventions exist. VisCAM and SolidView set bit 15 of a triangle with
-//! a colour, whose red is in the bits from 10 on. Materialise Magics states a colour for all in the header (`COLOR=` and
-//! four bytes), and clears bit 15 of a triangle with one of its own, whose red is in the lowest bits. Both are
+//! a colour, whose red is in the bits from 10 on. Materialise Magics states a colour for all in the header (`COLOR=`
+//! and four bytes), and clears bit 15 of a triangle with one of its own, whose red is in the lowest bits. Both are
 //! sRGB-encoded.
 
 use crate::ascii::{Lines, number_f32, words};

@@ -264,8 +264,8 @@ pub enum Mapping {
     Affine,
 }
 
-/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5). Scene files
-/// have `{"relative": K}` or `{"absolute": D}`; they may also have the command line's forms, `K` and `"abs:D"`.
+/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5). Scene
+/// files have `{"relative": K}` or `{"absolute": D}`; they may also have the command line's forms, `K` and `"abs:D"`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",

@@ -8,8 +8,8 @@ use surfel_model::{ExtraValues, Mesh, SplatCloud};
 
 /// Triangles of a leaf of the tree.
 const LEAF: usize = 4;
-/// Of two triangles whose distances differ by less than this share of the mesh's extent, the one that faces as the splat
-/// does is the nearer one: thin plates have two in one place.
+/// Largest difference of two triangles' distances, as a share of the mesh's extent, at which the triangle that faces as
+/// the splat does counts as the nearer one: thin plates have two in one place.
 const SAME_PLACE: f64 = 1e-6;
 /// No triangle.
 const NONE: u32 = u32::MAX;
