@@ -133,8 +133,9 @@ fn ply_splats_and_meshes_have_other_names_too() {
         assert_eq!((cloud.normal(0), cloud.radius_max(0)), (DVec3::Y, 0.5));
     }
     let text = "ply\nformat ascii 1.0\nelement Vertex 3\nproperty float X\nproperty float Y\nproperty float Z\n\
-                property uchar r\nproperty uchar g\nproperty uchar b\nelement faces 1\nproperty list uchar int corners\n\
-                end_header\n0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 255 0 0\n3 0 1 2\n";
+                property uchar r\nproperty uchar g\nproperty uchar b\nelement faces 1\n\
+                property list uchar int corners\nend_header\n0 0 0 255 0 0\n1 0 0 255 0 0\n0 1 0 255 0 0\n\
+                3 0 1 2\n";
     let found = mesh(read(Format::Ply, text));
     assert_eq!((found.triangles, found.colors.unwrap()[2]), (vec![[0, 1, 2]], [1.0, 0.0, 0.0]));
     // Of two lists none is guessed.
