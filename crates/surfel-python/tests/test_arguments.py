@@ -172,6 +172,6 @@ def test_stubs_know_every_flag():
             flags[node.name] = {item.target.id for item in node.body if isinstance(item, ast.AnnAssign)}
     assert flags["_Splats"] == SPLATS
     assert flags["_Splats"] | flags["_Render"] == RENDER
-    assert flags["_Splats"] | flags["_Ortho"] | {"gsd", "dsm", "normals"} == ORTHO
+    assert flags["_Splats"] | flags["_Ortho"] | {"gsd", "dsm", "normals", "fill"} == ORTHO
     defined = {n.name for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef))} | {"__version__"}
     assert set(surfel.__all__) <= defined

@@ -162,6 +162,7 @@ fn preset_fidelity_holds_on_cpu() {
 }
 
 #[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn preset_fidelity_holds_on_wgpu() {
     // `gpu_backends` holds every scene's image to that of ash.
     if let Some(mut renderer) = validated_gpu::wgpu() {

@@ -46,6 +46,7 @@ fn random_scenes_wgpu_agrees_with_the_reference() {
 }
 
 #[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn random_scenes_ash_agrees_with_the_reference() {
     if let Some(ash) = validated_gpu::ash() {
         agrees(ash, 300..320, 12);
