@@ -38,7 +38,7 @@ fn heights_are_written_alone() {
     f.run("ortho in.las --gsd 0.2 -o all.tif --dsm again.tif").code(0);
     assert!(f.read("again.tif") == f.read("dsm.tif"));
     f.run("ortho in.las --gsd 0.2 --dsm dsm.tif").fails(1, "exists");
-    f.run("ortho in.las --gsd 0.2").fails(2, "--dsm");
+    f.run("ortho in.las --gsd 0.2").fails(2, "--output");
     // Its legend is called as the first image is.
     f.run("ortho in.las --gsd 0.2 --dsm d.tif --color-by height --colorbar").code(0);
     assert!(f.has("d-colorbar.png"), "{:?}", f.names());
