@@ -35,8 +35,23 @@ macro_rules! on_each_backend {
     };
 }
 
+#[test]
+fn ash_agrees_with_the_reference_on_every_scene() {
+    if let Some(renderer) = validated_gpu::ash() {
+        agrees_with_the_reference_on_every_scene(renderer);
+    }
+}
+
+#[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
+fn wgpu_agrees_with_the_reference_on_every_scene() {
+    if let Some(renderer) = validated_gpu::wgpu() {
+        agrees_with_the_reference_on_every_scene(renderer);
+        validated_gpu::no_messages();
+    }
+}
+
 on_each_backend!(
-    agrees_with_the_reference_on_every_scene,
     region_is_that_part_of_the_whole,
     fragment_is_kept_by_its_own_splat_without_tolerance,
     fragments_are_counted_as_the_cpu_does,
