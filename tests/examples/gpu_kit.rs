@@ -1,4 +1,4 @@
-//! What a GPU kit measures with, in one program: `bench` and `conformance`. `cargo xtask gpu-kit` packs it.
+//! The GPU kit's program, with the commands `bench` and `conformance`. `cargo xtask gpu-kit` packs it.
 
 use std::process::ExitCode;
 

@@ -50,7 +50,7 @@ impl Run {
     }
 }
 
-/// How a backend is started.
+/// Options for starting a backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
     /// A part of the adapter's name; `None`: any adapter.
@@ -183,7 +183,7 @@ pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Ex
     run_reporting(backend, Start { adapter, validation: true }, truths, extent, |_, _, _, _| ())
 }
 
-/// As [`run`], handing each scene's report and the time of drawing it to `report` as soon as they are known.
+/// Runs as [`run`] does, and hands each scene's report and drawing time to `report` at once.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.

@@ -1,4 +1,4 @@
-//! What the Vulkan devices of this machine are, without opening one.
+//! Limits and features of this machine's Vulkan devices, read without opening one.
 
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};

@@ -64,7 +64,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     Ok(extra)
 }
 
-/// What a flag takes: nothing, a value, a value each time that it is given, or a free text that may be left out.
+/// Kind of a flag's value: none, one, one per occurrence, or an optional text.
 #[derive(Clone, Copy, PartialEq)]
 enum Kind {
     Switch,

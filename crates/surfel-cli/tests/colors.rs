@@ -42,7 +42,7 @@ fn run_task(f: &Folder, line: &str) {
     f.run(&line.split_once("surfel ").unwrap().1.replace('\'', "")).code(0);
 }
 
-/// What an image says of its scene.
+/// Returns the scene in an image's metadata.
 fn scene_of(image: &Planes) -> Value {
     let text = image.metadata.iter().find(|(key, _)| key == "surfel:scene").unwrap();
     serde_json::from_str(&text.1).unwrap()

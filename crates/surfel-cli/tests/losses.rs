@@ -1,4 +1,4 @@
-//! What the program must not do to files of its user, and whom it blames.
+//! Tests that no output is lost or overwritten, and that errors name the file at fault.
 
 #![cfg(unix)]
 

@@ -108,9 +108,9 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
 
-/// What is expected of a text.
+/// Columns that a message about a text expects.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
-/// What to do about columns that Surfel doesn't understand.
+/// Help for a table whose columns Surfel doesn't recognise.
 const NAME_THEM: &str = "--columns x,y,z,_,r,g,b names the columns; _ leaves one out";
 
 /// Writes the numbers of all points to `data`.

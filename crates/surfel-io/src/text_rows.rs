@@ -15,7 +15,7 @@ const JUDGED_LINES: usize = 100;
 /// Lines by which the division of lines and the columns of words are chosen.
 const PLANNED_LINES: usize = 1000;
 
-/// What divides a line into cells.
+/// Separator of the cells of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Divider {
     /// Any number of blanks, commas and semicolons.
@@ -26,7 +26,7 @@ enum Divider {
     Each(u8),
 }
 
-/// How a line is divided and its numbers are written.
+/// Separator and decimal mark of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Dialect {
     divider: Divider,
@@ -114,7 +114,7 @@ impl<'a> Iterator for Words<'a> {
     }
 }
 
-/// Where a cell ends; a divider within quotes doesn't end it.
+/// Returns the end of a cell; a separator within quotes doesn't end the cell.
 fn cell_end(rest: &[u8], divider: u8) -> usize {
     let mut quoted = false;
     let is_quoted = rest.trim_ascii_start().first() == Some(&b'"');
@@ -141,7 +141,7 @@ pub(crate) fn is_missing(cell: &[u8]) -> bool {
     cell.is_empty() || [&b"NA"[..], b"N/A", b"null", b"none"].iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
 
-/// How the rows of a table are read.
+/// Dialect of a table and the columns that are read.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) dialect: Dialect,
@@ -282,7 +282,7 @@ impl Plan {
         }
     }
 
-    /// What is left out, in words.
+    /// Returns notes about the columns that are left out.
     pub(crate) fn notes(&self, names: Option<&[String]>) -> Vec<String> {
         let place = |i: &usize| match names.and_then(|names| names.get(i - 1)).filter(|name| !name.is_empty()) {
             Some(name) => format!("{i} ({})", name.chars().take(60).flat_map(char::escape_debug).collect::<String>()),

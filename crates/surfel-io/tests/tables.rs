@@ -14,7 +14,7 @@ use surfel_model::PointCloud;
 struct Random(u64);
 
 impl Random {
-    /// From 0 to 1.
+    /// Returns a random number from 0 to 1.
     fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 40) as f64 / f64::from(1 << 24)

@@ -17,7 +17,7 @@ pub enum Returns {
     Single,
 }
 
-/// Which classes of points count. Written `2,6`, `!7,18` (all but these) or `all`; in scene files `[2, 6]`, too.
+/// Selection of point classes. Written `2,6`, `!7,18` (all but these) or `all`; in scene files `[2, 6]`, too.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "ClassesKey", into = "ClassesKey"))]
 pub enum Classes {

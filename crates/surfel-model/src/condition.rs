@@ -16,7 +16,7 @@ const QUOTED: usize = 24;
 /// Example that messages give.
 const EXAMPLE: &str = "such as intensity>100 and not (z<=5 or classification=7)";
 
-/// How two numbers are compared.
+/// Comparison operator of a condition.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[expect(missing_docs, reason = "the names say it")]
 pub enum Comparison {
@@ -47,9 +47,9 @@ impl Comparison {
 pub struct ConditionTerm {
     /// `x`, `y`, `z` or the name of an attribute.
     pub name: String,
-    /// How they are compared.
+    /// Operator between the attribute and the number.
     pub comparison: Comparison,
-    /// The number; not NaN.
+    /// Number that the attribute is compared with; not NaN.
     pub value: f64,
 }
 

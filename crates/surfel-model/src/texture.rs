@@ -51,10 +51,10 @@ impl Texture {
     }
 }
 
-/// Which textures have an alpha below 1. A texture is examined once, however many materials share it.
+/// Cache of which textures have an alpha below 1. A texture is examined once, however many materials share it.
 #[derive(Debug, Default)]
 pub struct SeeThroughTextures {
-    /// By address.
+    /// Result of each texture examined, by the texture's address.
     known: HashMap<*const Texture, bool>,
     examined: usize,
 }
@@ -123,7 +123,8 @@ impl Mipmaps {
         Self { texture, levels }
     }
 
-    /// Those of a mesh's texture, if the mesh shows one. Meshes that share a texture share its mipmaps by `known`.
+    /// Returns the mipmaps of a mesh's texture, if the mesh shows one. Meshes that share a texture share its mipmaps by
+    /// `known`.
     pub fn of_mesh(mesh: &Mesh, known: &mut KnownMipmaps) -> Option<Arc<Self>> {
         let texture = mesh.texture.as_ref().filter(|_| mesh.uvs.is_some())?;
         let made = known.entry(Arc::as_ptr(texture)).or_insert_with(|| Arc::new(Self::new(texture.clone())));

@@ -83,7 +83,7 @@ pub(crate) struct Job {
 pub(crate) enum From {
     /// The options'.
     Options,
-    /// One of several, or another program's, and whether its near and far planes are the scene's to choose.
+    /// A camera given by the caller, and true if near and far planes are fitted to the scene.
     Camera(Camera, bool),
     /// A frame of a turn in so many.
     Turn(u32, u32),

@@ -15,9 +15,9 @@ const MOST: usize = 4;
 
 /// Cameras of several images.
 pub(crate) enum Views {
-    /// Those of a list, their names, and whether their near and far planes are the scene's to choose.
+    /// Cameras of a list: names, cameras, and true if near and far planes are fitted to the scene.
     Cameras(Vec<(String, Camera, bool)>),
-    /// So many frames of a turn.
+    /// Number of frames of a turn.
     Turn(u32),
 }
 

@@ -156,7 +156,7 @@ pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]
     columns.chain(known.iter().map(|name| (name.clone(), range(content, name)))).collect()
 }
 
-/// As [`ranges`], of a mesh: what its columns are of is said, too.
+/// Returns [`ranges`] of a mesh, and for each column whether it belongs to vertices or faces.
 pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &Mesh) -> Map<String, Value> {
     let extras: Vec<ExtraColumn> = mesh.vertex_extras.iter().chain(&mesh.triangle_extras).cloned().collect();
     let mut found = ranges(content, names, &extras);

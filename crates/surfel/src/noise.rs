@@ -11,7 +11,7 @@ const WATER: f64 = 9.0;
 
 /// Points of a file that are no surface.
 pub(crate) struct NoSurface {
-    /// A flag a point.
+    /// One flag per point, true for noise and withheld points.
     pub(crate) flags: Vec<bool>,
     noise: u64,
     withheld: u64,
@@ -35,7 +35,7 @@ pub(crate) fn no_surface(extras: &[ExtraColumn], count: usize, options: &LoadOpt
 }
 
 impl NoSurface {
-    /// What they are, in words: "12 points of noise (classes 7 and 18)".
+    /// Describes the points for a note: "12 points of noise (classes 7 and 18)".
     pub(crate) fn words(&self) -> String {
         let noise = (self.noise > 0).then(|| format!("{} of noise (classes 7 and 18)", counted(self.noise, "points")));
         let withheld = (self.withheld > 0).then(|| format!("{} flagged as withheld", counted(self.withheld, "points")));
@@ -43,7 +43,7 @@ impl NoSurface {
     }
 }
 
-/// Which points are judged.
+/// Criteria by which points count as noise.
 struct Judged {
     by_class: bool,
     by_flag: bool,
@@ -58,7 +58,7 @@ impl Judged {
     }
 }
 
-/// Which points are water; `None`: none is.
+/// Returns a flag per point, true for water (class 9); `None` if no point is water.
 pub(crate) fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
     let class = &ExtraColumn::find(extras, "classification")?.values;
     let flags: Vec<bool> = (0..count).map(|i| class.get(i) == WATER).collect();

@@ -313,7 +313,7 @@ fn is_colored(geometry: &Geometry) -> bool {
     }
 }
 
-/// As [`load_objects`], with the files' own colours.
+/// Loads objects as [`load_objects`] does, but with the files' own colours.
 fn load_uncolored(
     objects: &[ObjectFile],
     base_dir: &Path,

@@ -33,7 +33,7 @@ pub(super) struct Surface<'a> {
 /// The surfaces of a block's pixels.
 #[derive(Default)]
 pub(super) struct SurfaceNumbers {
-    /// Those of each splat's fragments.
+    /// Index, object and label of each fragment's splat.
     numbers: Vec<Numbers>,
     members: Vec<Member>,
     /// Index of the next surface's first member.
@@ -112,7 +112,7 @@ mod tests {
     use super::*;
     use crate::simd::xorshift::Xorshift;
 
-    /// What a pixel's surfaces are by definition: one after the other.
+    /// Splits a pixel's fragments into surfaces by the definition, one surface after the other.
     fn one_by_one(fragments: &[Remembered], lane: usize) -> Vec<Vec<u32>> {
         let (mut surfaces, mut beyond) = (Vec::new(), f32::NEG_INFINITY);
         while beyond < f32::INFINITY {

@@ -45,7 +45,7 @@ pub struct GaussianLists {
     pub room_bytes: u64,
     /// Number of records.
     pub count: u32,
-    /// Where the states begin in `lists`, if pixels may need more than one dispatch.
+    /// Offset of the per-pixel states in `lists`, in words; `None` if one dispatch finishes every pixel.
     pub(crate) states_at: Option<u32>,
     /// Fragments that a pixel has room for.
     pub(crate) room: u32,
@@ -63,8 +63,8 @@ const MOST_TURNS: u64 = 64;
 const MOST_DISPATCHES: u32 = 64;
 
 impl GaussianLists {
-    /// How many more dispatches to try after so many, the last of which left some pixel unfinished; `None` if it left
-    /// none. `planes` are the first words of the planes.
+    /// Returns the number of dispatches to add after `dispatches` of them; `None` if the last one finished every pixel.
+    /// `planes` are the first words of the planes.
     pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {
         let unfinished = planes.get(layout::GAUSSIANS_UNFINISHED_AT as usize).map(|&word| f32::from_bits(word));
         let is_unfinished = self.states_at.is_some() && unfinished == Some(dispatches as f32);

@@ -33,7 +33,7 @@ struct Shape {
     epsilon: f64,
 }
 
-/// What is found at a pixel.
+/// Fragments found at a pixel.
 #[derive(Clone, Default)]
 struct Pile {
     /// Depths of transparent fragments, and these plus their ε.

@@ -53,7 +53,7 @@ fn peeled_layers(plan: &FramePlan) -> usize {
 /// ([`crate::least_surfaces`]), once a tile.
 ///
 /// # Errors
-/// What is wrong and what to do, if there can't be so many.
+/// A message that says what is wrong and what to do, if the frame needs more layers than GPUs draw.
 pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
     if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {

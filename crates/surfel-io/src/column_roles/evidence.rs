@@ -77,7 +77,7 @@ impl Column {
     }
 }
 
-/// What some rows say of a column.
+/// Measures of a column over some rows.
 #[derive(Clone, Copy)]
 struct Part {
     first: f64,
@@ -196,7 +196,7 @@ fn distinct(sample: &[f64]) -> usize {
     found.len()
 }
 
-/// What colours count to.
+/// Largest value of a colour channel: 1, 255 or 65535.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Scale {
     One,
@@ -308,7 +308,7 @@ impl<'a> Triple<'a> {
         Some(score)
     }
 
-    /// How far the three values of a row are apart, on average: colours are mostly near grey.
+    /// Returns the mean difference between the largest and the least value of a row: colours are mostly near grey.
     fn mean_spread(&self) -> f64 {
         let spread = |row: [f64; 3]| {
             let [least, most] = row.iter().fold([f64::INFINITY, 0.0], |[lo, hi], v| [v.min(lo), v.max(hi)]);

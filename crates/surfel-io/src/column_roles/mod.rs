@@ -19,7 +19,7 @@ use crate::strided::Strided;
 use evidence::{Column, MANY_ROWS, Scale, Triple, measure};
 use std::collections::{HashMap, HashSet};
 
-/// What some neighbouring columns hold.
+/// Meaning of one column or of neighbouring columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Role {
     /// The number of a row, or an identifier.
@@ -93,7 +93,7 @@ pub(crate) struct Part {
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     pub(crate) parts: Vec<Part>,
-    /// What decided, in words.
+    /// Reasons of the choice, for the note.
     pub(crate) reasons: Vec<String>,
 }
 
@@ -136,7 +136,7 @@ pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
     Choice { columns: &measured, best: HashMap::new() }.index(State::default()).is_some()
 }
 
-/// What has been decided of the columns before one.
+/// Roles chosen for the columns before the current one.
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 struct State {
     next: usize,
@@ -364,7 +364,7 @@ impl Choice<'_> {
         self.rows() >= MANY_ROWS && is_small(number) && is_small(count) && !count.is_constant() && is_within
     }
 
-    /// What decided for a role, in words; `None` of what needs no reason.
+    /// Returns the reason of a role, for the note; `None` if the role needs none.
     fn reason(&self, part: Part, numbers: &[usize]) -> Option<String> {
         let Part { role, first } = part;
         let last = first + role.names().len() - 1;

@@ -47,7 +47,7 @@ fn is_rotation(rows: [[f64; 3]; 3]) -> bool {
     (0..3).all(|i| (i..3).all(|j| (dot(rows[i], rows[j]) - expected(i, j)).abs() <= ROUNDING))
 }
 
-/// What an array of matrices holds.
+/// Kind of matrices in an array.
 #[cfg(feature = "npy")]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Matrix {
@@ -55,8 +55,8 @@ pub(crate) enum Matrix {
     Intrinsics,
 }
 
-/// What matrices of three or four rows hold, if they are no points: `columns` are those of all matrices, one below the
-/// other, of `height` rows each; or, where they are `interleaved`, their first rows, then their second rows, and so on.
+/// Detects matrices of three or four rows that are no points. `columns` holds the matrices one below the other, of
+/// `height` rows each; if `interleaved`, it holds all first rows, then all second rows, and so on.
 #[cfg(feature = "npy")]
 pub(crate) fn matrix_kind(columns: &[Strided<'_>], height: usize, interleaved: bool) -> Option<Matrix> {
     const MOST: usize = 100;

@@ -3,8 +3,8 @@
 use super::{GeoImage, GeoSamples, TILE};
 use std::io;
 
-/// What GDAL reads after the header: that all directories come before all tiles. The blank at the end leaves room for
-/// YES, which a program that changes the file writes there.
+/// GDAL's description of the structure, written after the header: all directories come before all tiles. The blank at
+/// the end leaves room for YES, which a program that changes the file writes there.
 const STRUCTURE: &str = "LAYOUT=IFDS_BEFORE_DATA\nKNOWN_INCOMPATIBLE_EDITION=NO\n ";
 
 const SHORT: u16 = 3;
@@ -13,7 +13,7 @@ const ASCII: u16 = 2;
 const DOUBLE: u16 = 12;
 const LONG8: u16 = 16;
 
-/// Where the tiles of a level are in the file, row by row.
+/// Offsets and lengths of a level's tiles in the file, row by row.
 pub(super) struct TileList {
     pub(super) offsets: Vec<u64>,
     pub(super) lengths: Vec<u32>,

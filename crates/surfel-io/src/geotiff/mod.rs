@@ -31,12 +31,12 @@ const LEVEL: u32 = 1;
 /// Raw bytes, with overviews, from which a file is a BigTIFF: deflate adds less than one byte in a thousand.
 const BIG_FROM: u64 = 4_200_000_000;
 
-/// What a pixel holds.
+/// Format of a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeoSamples {
     /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. No data is alpha 0.
     Rgba8,
-    /// So many numbers, f32. No data is [`GeoSamples::NODATA`].
+    /// A number of f32 bands. No data is [`GeoSamples::NODATA`].
     F32(u16),
 }
 
@@ -52,7 +52,7 @@ pub struct GeoImage {
     pub path: PathBuf,
     /// Columns and rows, at least 1.
     pub size: [u32; 2],
-    /// What a pixel holds.
+    /// Format of a pixel.
     pub samples: GeoSamples,
     /// Names of the bands, which GDAL shows as their descriptions; empty: none.
     pub bands: Vec<&'static str>,
@@ -112,7 +112,7 @@ struct Level {
     size: [u32; 2],
     /// Tiles that have some of their pixels, by row and column, and how many.
     begun: BTreeMap<(u32, u32), (Vec<u8>, usize)>,
-    /// Where each tile waits, and its length, row by row; length 0: it isn't finished.
+    /// Offset and length of each tile in the temporary file, row by row; length 0 until the tile is finished.
     places: Vec<(u64, u32)>,
 }
 
@@ -230,7 +230,8 @@ impl<'a> GeoTiles<'a> {
         self.write(at, width, &bytes)
     }
 
-    /// As [`GeoTiles::write_color`], of an image of [`GeoSamples::F32`]: the numbers of a pixel beside each other.
+    /// Writes a rectangle of an image of [`GeoSamples::F32`] as [`GeoTiles::write_color`] does, with the numbers of a
+    /// pixel beside each other.
     ///
     /// # Errors
     /// As [`GeoTiles::write_color`].

@@ -7,7 +7,7 @@ use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;
 use surfel_math::srgb::nearest_8_bit;
 
-/// What the next overview shows of a tile, of which so many columns and rows are inside of the image.
+/// Returns a tile at half its size, for the next overview; `columns` and `rows` of the tile lie inside the image.
 pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -> Vec<u8> {
     let pixel = image.pixel_bytes();
     let mut half = Vec::with_capacity((columns.div_ceil(2) * rows.div_ceil(2)) as usize * pixel);

@@ -21,7 +21,7 @@ pub(crate) struct TextureDecoder {
     max_side: u32,
     /// How many were reduced, and the sizes of the first before and after.
     reduced: Option<(usize, [u32; 4])>,
-    /// How many are cut off and drawn all the same, and the name of the first.
+    /// Number of cut-off JPEG textures that are drawn as far as they go, and the name of the first.
     cut: Option<(usize, String)>,
 }
 

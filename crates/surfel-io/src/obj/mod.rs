@@ -34,7 +34,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
 #[derive(Default)]
 struct Obj {
     positions: Vec<DVec3>,
-    /// As printed, NaN where a vertex has none; shorter than `positions` where the last vertices have none.
+    /// Colours as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices have none.
     printed_colors: Vec<[f64; 3]>,
     /// Linear.
     colors: Vec<[f32; 3]>,
@@ -321,7 +321,7 @@ impl Obj {
     }
 }
 
-/// What corners may refer to besides a vertex.
+/// Names of the elements that corners refer to besides vertices.
 const KINDS: [&str; 2] = ["texture coordinate", "normal"];
 
 fn no_such_vertex(text: &[u8], count: usize) -> Problem {

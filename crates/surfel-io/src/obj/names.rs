@@ -140,13 +140,13 @@ fn moved(options: &[&str]) -> Option<String> {
     (!all.is_empty()).then(|| all.join(" "))
 }
 
-/// Where the words are.
+/// Returns the byte range of each word.
 fn words(statement: &str) -> Vec<std::ops::Range<usize>> {
     let start = |word: &str| word.as_ptr() as usize - statement.as_ptr() as usize;
     statement.split_whitespace().map(|word| start(word)..start(word) + word.len()).collect()
 }
 
-/// From the first word to the last.
+/// Returns the text from the first of `words` to the last.
 fn part<'a>(statement: &'a str, words: &[std::ops::Range<usize>]) -> &'a str {
     match (words.first(), words.last()) {
         (Some(first), Some(last)) => &statement[first.start..last.end],

@@ -17,12 +17,12 @@ const BRIGHTEST: f64 = 8.0;
 pub(crate) enum FloatColors {
     /// Linear light: the splat profile's, and those of a file with the comment `colors linear`.
     Linear,
-    /// As a program displays them, sRGB-encoded: those of points and meshes.
+    /// sRGB-encoded, as displayed: the colours of points and meshes.
     Displayed,
 }
 
 impl FloatColors {
-    /// Those of points and meshes with these comments.
+    /// Returns the encoding that the comments of a file of points or meshes state.
     pub(crate) fn of_comments(comments: &[String]) -> Self {
         if comments.iter().any(|c| super::comments::are_colors_linear(c)) { Self::Linear } else { Self::Displayed }
     }
@@ -49,7 +49,7 @@ impl ColorType {
     }
 }
 
-/// What the numbers of colours mean.
+/// Encoding of colour values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColorScale {
     Linear,
@@ -155,7 +155,7 @@ pub(super) fn take_printed(
 struct Printed<'a>([&'a [f64]; 3]);
 
 impl Printed<'_> {
-    /// What they count to, which is noted where their type doesn't state it.
+    /// Returns the encoding of the values, and notes it if their type doesn't state it.
     fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
         let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
         let largest = all().fold(0.0, f64::max);

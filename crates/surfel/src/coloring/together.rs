@@ -73,7 +73,7 @@ impl Colorings {
         self.scales.iter().flat_map(|scale| scale.paths.iter().map(|path| (path.as_path(), &scale.coloring)))
     }
 
-    /// What the user should know of each scale, with the first file that it is of.
+    /// Returns the note on each scale, with the first file that the scale colours.
     pub(crate) fn notes(&self) -> impl Iterator<Item = (&Path, &str)> {
         self.scales.iter().filter_map(|scale| Some((scale.paths.first()?.as_path(), scale.note.as_str())))
     }

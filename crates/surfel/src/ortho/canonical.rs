@@ -15,12 +15,12 @@ const MOST_DIGITS: i32 = 8;
 const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
 /// Rounding over the step that it may be the multiple of.
 const MOST_OF_A_STEP: f64 = 0.3;
-/// What files by levels round of a coordinate, over the extent: they count to 2³⁰.
+/// Rounding step of coordinates in COPC files, as a share of the extent: COPC counts to 2³⁰.
 const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
 /// Extents from the coordinate origin up to which readers hold measured numbers in 32 bits.
 const NEAR: f64 = 32.0;
 
-/// What becomes of one coordinate.
+/// Rounding of one coordinate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axis {
     /// The nearest multiple of `numerator / denominator`.

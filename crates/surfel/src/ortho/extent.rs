@@ -1,4 +1,4 @@
-//! Whether coordinates are degrees, and whether a few strays make an image absurdly large.
+//! Checks of the extent: coordinates in degrees, and strays that make an image absurdly large.
 
 use super::OrthoOptions;
 use super::grid::Grid;
@@ -48,7 +48,7 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
 
-/// How much the numbers of points speak for degrees, where no system says what they are.
+/// Returns the score of the evidence that coordinates without a reference system are degrees.
 fn score(source: &Source) -> u32 {
     let Holds::Points(points) = &source.holds else { return 0 };
     let (lo, hi) = source.bounds;
@@ -72,11 +72,11 @@ fn score(source: &Source) -> u32 {
     steps + steep + far
 }
 
-/// What a stray does to an image.
+/// Strays that enlarge an image.
 struct Strays {
     count: usize,
     farthest: DVec3,
-    /// How far that is from the bounds of the others.
+    /// Distance of the farthest stray from the bounds of the other points.
     distance: f64,
     path: PathBuf,
     /// Bounds in the plane without them.

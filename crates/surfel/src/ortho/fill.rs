@@ -65,7 +65,7 @@ impl Planes {
     }
 }
 
-/// Which planes there are beside the heights.
+/// Flags of the planes stored beside the heights.
 #[derive(Clone, Copy)]
 pub(crate) struct Has {
     pub(crate) color: bool,
@@ -84,7 +84,7 @@ pub(crate) struct BlockStore {
     file: BufWriter<File>,
     bytes: u64,
     has: Has,
-    /// Where a block's rows begin, from the top, by its row and column in the plane.
+    /// Offset of each block's first row in the temporary file, by the block's row and column in the plane.
     places: BTreeMap<(i64, i64), u64>,
     block_px: usize,
 }
@@ -97,7 +97,7 @@ impl BlockStore {
         Ok(Self { file, bytes: 0, has, places: BTreeMap::new(), block_px })
     }
 
-    /// Which planes it holds.
+    /// Returns the flags of the stored planes.
     pub(crate) fn has(&self) -> Has {
         self.has
     }
@@ -206,7 +206,7 @@ pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes
     }
 }
 
-/// What a pixel of a gap shows, by the pixels around the gap.
+/// Interpolates a pixel of a gap from the pixels around the gap.
 fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Option<(f32, [f32; 4], [f32; 3])> {
     let width = planes.width;
     let height = is_data.len() / width;

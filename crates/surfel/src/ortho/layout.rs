@@ -29,7 +29,7 @@ pub(crate) struct Layout {
     pub(crate) margin_px: i64,
     /// How far beyond what is drawn points count, in the units of x and y.
     pub(crate) halo: f64,
-    /// How far apart points are; 0 without points.
+    /// Mean distance between points; 0 without points.
     pub(crate) spacing: f64,
 }
 

@@ -8,7 +8,7 @@
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// How far points count, in spacings.
+/// Radius of a point's neighbourhood, in spacings.
 const REACH: f64 = 8.0;
 /// Others within that distance that make a point no lone one.
 const COMPANIONS: usize = 2;
@@ -17,7 +17,7 @@ const LEAST_AROUND: usize = 16;
 /// Cells along a distance that counts: points in one cell are companions.
 const CELLS: f64 = 2.0;
 
-/// Which points stand alone in height, where points are `spacing` apart on average.
+/// Returns a flag per point, true if the point stands alone in height; `spacing` is the mean distance between points.
 pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
         return vec![false; positions.len()];

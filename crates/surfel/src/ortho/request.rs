@@ -115,7 +115,7 @@ impl Ortho {
         })
     }
 
-    /// What the user should know of what was drawn, as sentences without a full stop.
+    /// Returns notes on the drawn image, as sentences without a full stop.
     pub fn notes_of(&self, stats: &OrthoStats) -> Vec<String> {
         let mut notes = Vec::new();
         if stats.lone > 0 {

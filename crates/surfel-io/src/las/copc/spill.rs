@@ -37,7 +37,7 @@ pub(super) struct Spill<K> {
     last: Option<(K, usize)>,
 }
 
-/// Where a part of a list begins in the file, its number of bytes, and their checksum.
+/// Offset of a list's block in the file, its number of bytes, and their checksum.
 pub(super) type Block = (u64, usize, u32);
 pub(super) type Blocks = Vec<Block>;
 

@@ -232,8 +232,8 @@ fn make_private(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// What a folder is or holds that no conversion of this user made, if anything: a link would have this program write to
-/// where it leads.
+/// Returns what makes a folder unsafe to resume in, if anything: links, which this program would write through, and
+/// files or folders that other users own or can write to.
 fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
     let found = fs::symlink_metadata(folder)?;
     if !found.is_dir() {
