@@ -6,7 +6,7 @@ use std::process::Command;
 
 use crate::cargo;
 
-/// Where the kit goes, and the page.
+/// Folder of the kit, and the page of the report.
 const FOLDER: &str = "target/gpu-kit";
 const PAGE: &str = "docs/data/gpu.md";
 /// Bytes of the folder at most.
@@ -18,9 +18,25 @@ const SCRIPT: &str = include_str!("gpu_kit/run.sh");
 const SPOT: [&str; 5] = ["spot.json", "spot.obj", "spot.mtl", "spot_texture.png", "LICENSE.txt"];
 
 /// Libraries of this machine that a bare one may lack, by the kit's folder, with their licences' names.
-const LIBRARIES: [(&str, &str, &str); 2] = [
-    ("vulkan", "libvulkan.so.1", "The Khronos Vulkan loader, Apache License 2.0.\n"),
-    ("libgcc", "libgcc_s.so.1", "GCC's run-time library, GPL 3 with the GCC Runtime Library Exception.\n"),
+const LIBRARIES: [(&str, &[&str], &str); 3] = [
+    ("vulkan", &["libvulkan.so.1"], "The Khronos Vulkan loader, Apache License 2.0.\n"),
+    ("libgcc", &["libgcc_s.so.1"], "GCC's run-time library, GPL 3 with the GCC Runtime Library Exception.\n"),
+    (
+        "glvnd",
+        &[
+            "libGLdispatch.so.0",
+            "libGLX.so.0",
+            "libEGL.so.1",
+            "libXext.so.6",
+            "libX11.so.6",
+            "libxcb.so.1",
+            "libXau.so.6",
+            "libXdmcp.so.6",
+            "libbsd.so.0",
+            "libmd.so.0",
+        ],
+        "libglvnd and X.Org's client libraries, MIT licence and alike; libbsd and libmd, BSD licences.\n",
+    ),
 ];
 
 /// Builds the kit.
@@ -45,14 +61,16 @@ fn build(root: &Path) -> Result<(), String> {
     for (from, to) in [("surfel", "surfel"), ("examples/gpu_kit", "gpu-kit")] {
         glibc = glibc.max(program(&release.join(from), &folder.join(to))?);
     }
-    for (place, name, licence) in LIBRARIES {
-        match library(name) {
-            Some(file) => {
-                let bytes = copy(&file, &folder.join(place).join(name))?;
-                glibc = glibc.max(least_glibc(&bytes));
-                write(&folder.join(place).join("LICENSE.txt"), licence)?;
+    for (place, names, licence) in LIBRARIES {
+        for name in names {
+            match library(name) {
+                Some(file) => {
+                    let bytes = copy(&file, &folder.join(place).join(name))?;
+                    glibc = glibc.max(least_glibc(&bytes));
+                    write(&folder.join(place).join("LICENSE.txt"), licence)?;
+                }
+                None => println!("note: this machine has no {name} to pack: the kit relies on the target's"),
             }
-            None => println!("note: this machine has no {name} to pack: the kit relies on the target's"),
         }
     }
     for name in SPOT {
@@ -125,7 +143,7 @@ pub(crate) fn test(root: &Path) -> bool {
     passed && is_written && problems.is_empty()
 }
 
-/// What is wrong with what the script wrote, where Vulkan is installed.
+/// Returns the problems of the script's results, on a machine with Vulkan.
 fn problems(results: &str, page: &str) -> Vec<String> {
     let mut problems = Vec::new();
     let mut expect = |is_so: bool, problem: &str| problems.extend((!is_so).then(|| format!("GPU kit: {problem}")));
@@ -144,7 +162,7 @@ fn problems(results: &str, page: &str) -> Vec<String> {
     problems
 }
 
-/// What the page says until a GPU was measured.
+/// Text of the page while no GPU is measured.
 pub(crate) const NOT_MEASURED: &str = "**Not measured.**";
 
 fn is_of_gpu(line: &str) -> bool {

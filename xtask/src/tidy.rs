@@ -48,7 +48,7 @@ fn problems(root: &Path) -> Vec<String> {
     problems
 }
 
-/// What pages say while no GPU was measured.
+/// Text that pages must have while no GPU is measured.
 const NO_GPU: &str = "No GPU has been measured";
 
 /// Pages that say whether a GPU was measured, and what they must agree with.

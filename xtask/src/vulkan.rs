@@ -15,7 +15,7 @@ const PACKAGES: [&str; 3] = ["libvulkan1", "mesa-vulkan-drivers", "vulkan-valida
 /// Name of the Khronos validation layer. Mesa and vendors install other explicit layers beside it.
 const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 
-/// How far the tests of the GPU backends can run.
+/// Extent to which tests of the GPU backends can run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
     /// Every test runs, watched by the validation layer.
@@ -77,7 +77,7 @@ impl Parts {
         parts.into_iter().filter(|(is_there, _)| !is_there).map(|(_, name)| name).collect()
     }
 
-    /// How far the tests run with these parts. `problem` says why no other part was installed.
+    /// Decides how far the tests run with these parts. `problem` says why no other part was installed.
     fn verdict(self, problem: &str) -> Verdict {
         let reason = format!("no {}, {problem}", self.missing().join(", no "));
         match self {

@@ -144,38 +144,54 @@ use_driver() {
     export VK_DRIVER_FILES VK_ICD_FILENAMES
 }
 
-if ! sees_gpu; then
-    first=$seen
-    before=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
-    libraries_before=$LD_LIBRARY_PATH
-    say "no GPU is seen as the machine is set up: other places of drivers are tried"
+# Looks for a GPU through drivers that the loader doesn't find by itself.
+try_drivers() {
     for file in /usr/local/nvidia/share/vulkan/icd.d/*.json /run/opengl-driver/share/vulkan/icd.d/*.json \
         /opt/*/share/vulkan/icd.d/*.json /usr/local/*/share/vulkan/icd.d/*.json; do
         [ -e "$file" ] || continue
         use_driver "$file"
         if sees_gpu; then
             note "driver: $file, which the loader doesn't find by itself"
-            break
+            return
         fi
     done
     # A container often has the driver's libraries without the file that names them. libGLX_nvidia needs X libraries,
     # libEGL_nvidia does not.
+    libraries_of_loader=$LD_LIBRARY_PATH
     for name in libGLX_nvidia.so.0 libEGL_nvidia.so.0; do
-        [ "$seen" -eq 0 ] && break
         file=$(library $name)
         [ -n "$file" ] || continue
         json=$out/driver.json
         printf '{"file_format_version":"1.0.0","ICD":{"library_path":"%s","api_version":"1.3.0"}}\n' "$file" >"$json"
         use_driver "$json"
-        LD_LIBRARY_PATH=$libraries_before:$(dirname "$file")
+        LD_LIBRARY_PATH=$libraries_of_loader:$(dirname "$file")
         if sees_gpu; then
             note "driver: $file, for which $json was written"
-        else
-            say "FAILED: $file shows no device"
-            LD_LIBRARY_PATH=$libraries_before
+            return
         fi
+        lacking=$(ldd "$file" 2>/dev/null | sed -n 's/[[:space:]]*\(.*\) => not found/\1/p' | tr '\n' ' ')
+        say "$file shows no device${lacking:+; it lacks: $lacking}"
+        LD_LIBRARY_PATH=$libraries_of_loader
     done
+}
+
+if ! sees_gpu; then
+    first=$seen
+    before=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
+    libraries_before=$LD_LIBRARY_PATH
+    say "no GPU is seen as the machine is set up: other places of drivers are tried"
+    try_drivers
+    # A driver may be whole but for the libraries of EGL and GLX, which containers often lack.
+    if [ "$seen" -ne 0 ] && [ -d "$kit/glvnd" ]; then
+        say "the kit's own libraries of EGL and GLX are tried"
+        unset VK_DRIVER_FILES VK_ICD_FILENAMES
+        [ -n "$before" ] && use_driver "$before"
+        LD_LIBRARY_PATH=$libraries_before:$kit/glvnd
+        sees_gpu || try_drivers
+        [ "$seen" -eq 0 ] && note "missing: libraries of EGL or GLX, which the driver needs; the kit's own are used"
+    fi
     if [ "$seen" -ne 0 ]; then
+        LD_LIBRARY_PATH=$libraries_before
         unset VK_DRIVER_FILES VK_ICD_FILENAMES
         [ -n "$before" ] && use_driver "$before"
         seen=$first

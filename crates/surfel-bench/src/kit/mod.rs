@@ -52,7 +52,7 @@ enum Step {
     },
 }
 
-/// Where a step runs and writes.
+/// Backend, adapter and output folder of a step.
 #[derive(Debug, Args)]
 pub(crate) struct On {
     /// Folder whose `results.jsonl` is appended to.

@@ -113,7 +113,7 @@ fn page(records: &[Record], bad: &[usize]) -> String {
     text
 }
 
-/// What was measured, in a sentence.
+/// Returns the sentence that names the measured device.
 fn head(found: &Found<'_>) -> String {
     let software = found.on_gpu().next().map(|frame| frame.adapter.as_str());
     let mut text = match (found.measured(), software) {
@@ -290,7 +290,7 @@ fn passes(found: &Found<'_>) -> String {
     );
     let farthest = farthest(&judged);
     if !farthest.is_empty() {
-        text += "\nFarthest from their bound, of passes that take a twentieth of their frame's passes or more:\n\n";
+        text += "\nFarthest from their bound, of passes that take a fiftieth of their frame's passes or more:\n\n";
         for (i, pass) in farthest.iter().enumerate() {
             let Some(bound) = &pass.bound else { continue };
             let _ = writeln!(

@@ -1,5 +1,5 @@
-//! What the device does at best: memory, arithmetic in compute and fragment shaders, small quads, atomics, and the
-//! renderers' own fill rates.
+//! Probes of the device's peak rates: memory, arithmetic in compute and fragment shaders, small quads, atomics, and the
+//! fill rates of the renderers.
 
 use std::sync::mpsc;
 use std::time::Instant;
@@ -40,7 +40,7 @@ const SMALL_SIDE_PX: u32 = 64;
 /// Runs of each probe, the best of which counts.
 const RUNS: usize = 5;
 
-/// What a probe records.
+/// Commands that a probe records.
 #[derive(Clone, Copy)]
 enum Work {
     /// Invocations of a compute shader.

@@ -33,7 +33,7 @@ pub(crate) enum Record {
     Probe(Probe),
 }
 
-/// What was built.
+/// Commit and build of the kit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kit {
     /// The commit, with `+` where files differ from it.
@@ -101,7 +101,7 @@ pub struct Conformance {
     pub why: String,
     /// Plane that is farthest off; none where nothing was compared.
     pub plane: Option<String>,
-    /// How far it is off, as a multiple of the tolerance; none too where it is infinitely far off.
+    /// Largest error as a multiple of the tolerance; `None` if nothing was compared or the error is infinite.
     pub worst: Option<f64>,
     /// Pixels outside of the decision margin that are off by more than the tolerance.
     pub outliers: u64,
@@ -122,7 +122,7 @@ pub(crate) struct Probe {
     pub adapter: String,
     pub is_software: bool,
     pub name: String,
-    /// What is counted: `byte`, `flop`, `fragment`, `quad` or `atomic`.
+    /// Unit of the count: `byte`, `flop`, `fragment`, `quad` or `atomic`.
     pub unit: String,
     pub per_s: f64,
 }
@@ -134,7 +134,7 @@ impl Lines {
     /// Opens `results.jsonl` of a folder, which is made.
     ///
     /// # Errors
-    /// As the system gives them.
+    /// [`std::io::Error`] if the folder or the file can't be made.
     pub fn open(folder: &Path) -> std::io::Result<Self> {
         Writer::open(folder).map(Self)
     }
@@ -142,7 +142,7 @@ impl Lines {
     /// Appends a line.
     ///
     /// # Errors
-    /// As the system gives them.
+    /// [`std::io::Error`] if the file can't be written.
     pub fn append(&mut self, scene: &Conformance) -> std::io::Result<()> {
         self.0.write(&Record::Conformance(scene.clone()))
     }

@@ -6,7 +6,7 @@ use super::record::{Frame, Probe};
 use super::work::Work;
 
 /// Passes that take less of their frame's passes are dominated by what every pass costs.
-const LEAST_SHARE: f64 = 0.05;
+const LEAST_SHARE: f64 = 0.02;
 /// Passes that are named.
 const NAMED: usize = 3;
 
@@ -27,12 +27,12 @@ pub(super) struct Judged<'a> {
     pub name: &'a str,
     pub ms: f64,
     pub work: Option<&'a Work>,
-    /// None where there is no estimate, or no probe of what it needs.
+    /// Lower bound of the time; `None` if the pass has no estimate or the probe that it needs is missing.
     pub bound: Option<Bound>,
 }
 
 impl Judged<'_> {
-    /// How many times its bound it takes; 0 without one.
+    /// Returns the measured time over the bound; 0 without a bound.
     pub(super) fn times_over(&self) -> f64 {
         self.bound.as_ref().map_or(0.0, |bound| self.ms / bound.ms)
     }
