@@ -4,8 +4,6 @@ use super::system::shares_at;
 use super::*;
 use crate::NoProgress;
 use crate::mesh::random::Random;
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
 use glam::Vec3;
 use std::sync::Arc;
 use surfel_model::{CloudData, Texture};
@@ -212,11 +210,28 @@ fn normal_equations_are_the_sums_over_all_pairs() {
     }
 }
 
-/// Solves a dense symmetric positive definite system by faer's Cholesky decomposition.
+/// Solves a dense symmetric positive definite system by Cholesky's decomposition, and checks the residual.
 fn dense(n: usize, gram: impl Fn(usize, usize) -> f64, b: impl Fn(usize) -> f64) -> Vec<f64> {
-    let matrix = Mat::from_fn(n, n, gram);
-    let found = matrix.llt(Side::Lower).unwrap().solve(Mat::from_fn(n, 1, |k, _| b(k)));
-    (0..n).map(|k| found[(k, 0)]).collect()
+    let mut lower = vec![vec![0.0; n]; n];
+    for i in 0..n {
+        for j in 0..=i {
+            let rest = gram(i, j) - (0..j).map(|k| lower[i][k] * lower[j][k]).sum::<f64>();
+            lower[i][j] = if i == j { rest.sqrt() } else { rest / lower[j][j] };
+        }
+    }
+    let mut x: Vec<f64> = (0..n).map(b).collect();
+    let right = x.clone();
+    for i in 0..n {
+        x[i] = (x[i] - (0..i).map(|k| lower[i][k] * x[k]).sum::<f64>()) / lower[i][i];
+    }
+    for i in (0..n).rev() {
+        x[i] = (x[i] - (i + 1..n).map(|k| lower[k][i] * x[k]).sum::<f64>()) / lower[i][i];
+    }
+    for i in 0..n {
+        let residual = (0..n).map(|k| gram(i, k) * x[k]).sum::<f64>() - right[i];
+        assert!(residual.abs() <= 1e-12 * (1.0 + right[i].abs()), "row {i} of the dense solver: {residual:e}");
+    }
+    x
 }
 
 #[test]
