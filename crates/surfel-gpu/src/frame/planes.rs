@@ -15,9 +15,16 @@ pub struct PlaneLayout {
     pub(crate) alpha_at: u32,
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
-    /// Floats in all.
+    /// Where surfaces that passes after cells read begin, behind the planes.
+    pub(crate) surfaces_at: u32,
+    /// Floats of the planes, which the host reads.
     pub floats: u32,
+    /// Floats of the buffer, surfaces included.
+    pub buffer_floats: u32,
 }
+
+/// Floats of a pixel's surface: normal and depth.
+pub(crate) const SURFACE_FLOATS: u32 = 4;
 
 /// Floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
@@ -58,8 +65,15 @@ impl PlaneLayout {
             alpha_at,
             median_depth_at,
             distortion_at,
+            surfaces_at: layout::ABSENT,
             floats,
+            buffer_floats: floats,
         }
+    }
+
+    /// The layout with surfaces of so many pixels of targets behind the planes.
+    pub(crate) fn with_surfaces(self, pixels: u32) -> Self {
+        Self { surfaces_at: self.floats, buffer_floats: self.floats + SURFACE_FLOATS * pixels, ..self }
     }
 
     /// Copies a tile's planes into their place in the frame of `region`. Returns the number of fragments, where they
