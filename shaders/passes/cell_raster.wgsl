@@ -2,22 +2,29 @@
 // through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
 // to it. Then the pixel is divided, lit and written from registers.
 
-// Records of a batch.
-const BATCH: u32 = 128u;
-const BATCH_WORDS: u32 = 4u;
-// Blocks of 8×4 pixels of a cell. Which records of a batch touch a block is found once for all of its pixels.
+// Records of a batch, and words of a bit for each.
+const BATCH: u32 = 96u;
+const BATCH_WORDS: u32 = 3u;
+// Blocks of 8×4 pixels of a cell. The records of a batch that touch a block are found once for all of its pixels.
 const BLOCK_COLUMNS: u32 = 8u;
 const BLOCK_ROWS: u32 = 4u;
 const CELL_BLOCKS: u32 = 8u;
-// Parts of a record that are staged in workgroup memory.
-const STAGED_PARTS: u32 = 7u;
+// Pixels in a cell of a small splat, at most. Two invocations visit the pixels of a small splat; the pixels of a block
+// visit larger ones.
+const SMALL_SPLAT_PX: u32 = 64u;
+const IS_SMALL: u32 = 0x80000000u;
 
-// Part k of record r of the batch is at k·BATCH + r.
-var<workgroup> staged: array<vec4u, 896>;
-// The part of each record's box in the cell: first column and row, end column and row, five bits each.
+// Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
+var<workgroup> staged: array<vec4u, 672>;
+// The part of each record's box in the cell: first column and row, end column and row, five bits each; with IS_SMALL.
+// 0 if there is none.
 var<workgroup> staged_boxes: array<u32, BATCH>;
-// A bit for each record that touches a block, by block and word.
-var<workgroup> block_bits: array<atomic<u32>, 32>;
+// A bit for each larger record that touches a block, by block and word; twice, for a batch and the next.
+var<workgroup> block_bits: array<atomic<u32>, 48>;
+// A bit for each small record that contributes to a pixel, by word and pixel.
+var<workgroup> pixel_bits: array<atomic<u32>, 768>;
+// Bits of the depth threshold of each pixel, as a reversed depth: they compare as the numbers do.
+var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
 
 fn staged_part(part: u32, r: u32) -> vec4u {
     return staged[part * BATCH + r];
@@ -33,22 +40,42 @@ fn pixel_in_cell(i: u32) -> vec2u {
     );
 }
 
-// Stages the part of a record's box in a cell, and marks the blocks that it touches.
-fn stage_box(corner: vec2u, pixels: vec2u, r: u32) {
+// The invocation of a pixel.
+fn invocation_of(x: u32, y: u32) -> u32 {
+    let block = (y / BLOCK_ROWS) * 2u + x / BLOCK_COLUMNS;
+    return block * 32u + (y % BLOCK_ROWS) * BLOCK_COLUMNS + x % BLOCK_COLUMNS;
+}
+
+// The part of a record's box in a cell, as it is staged.
+fn box_in_cell(corner: vec2u, pixels: vec2u) -> u32 {
     let first_px = max(vec2u(pixels.x & 0xffffu, pixels.x >> 16u), corner);
     let end_px = min(vec2u(pixels.y & 0xffffu, pixels.y >> 16u), corner + CELL_SIDE);
     if first_px.x >= end_px.x || first_px.y >= end_px.y {
-        return;
+        return 0u;
     }
     let first = first_px - corner;
     let end = end_px - corner;
-    staged_boxes[r] = first.x | (first.y << 5u) | (end.x << 10u) | (end.y << 15u);
+    let size = end - first;
+    let small = select(0u, IS_SMALL, size.x * size.y <= SMALL_SPLAT_PX);
+    return first.x | (first.y << 5u) | (end.x << 10u) | (end.y << 15u) | small;
+}
+
+fn first_of(box: u32) -> vec2u {
+    return vec2u(box & 31u, (box >> 5u) & 31u);
+}
+
+fn end_of(box: u32) -> vec2u {
+    return vec2u((box >> 10u) & 31u, (box >> 15u) & 31u);
+}
+
+// Marks the blocks that a box touches.
+fn mark_blocks(box: u32, r: u32, bits_at: u32) {
     let size = vec2u(BLOCK_COLUMNS, BLOCK_ROWS);
-    let first_block = first / size;
-    let end_block = (end + (size - 1u)) / size;
+    let first_block = first_of(box) / size;
+    let end_block = (end_of(box) + (size - 1u)) / size;
     for (var row = first_block.y; row < end_block.y; row++) {
         for (var column = first_block.x; column < end_block.x; column++) {
-            atomicOr(&block_bits[(row * 2u + column) * BATCH_WORDS + r / 32u], 1u << (r % 32u));
+            atomicOr(&block_bits[bits_at + (row * 2u + column) * BATCH_WORDS + r / 32u], 1u << (r % 32u));
         }
     }
 }
@@ -56,14 +83,12 @@ fn stage_box(corner: vec2u, pixels: vec2u, r: u32) {
 // True if the box of record r holds a pixel of the cell.
 fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
     let box = staged_boxes[r];
-    let first = vec2u(box & 31u, (box >> 5u) & 31u);
-    let end = vec2u((box >> 10u) & 31u, box >> 15u);
-    return all(first <= in_cell) && all(in_cell < end);
+    return all(first_of(box) <= in_cell) && all(in_cell < end_of(box));
 }
 
 // Brings a batch into workgroup memory: what the first loop reads, or what the second does. Two invocations bring a
 // record.
-fn stage(first: u32, count: u32, corner: vec2u, i: u32, visible: bool, surface: bool) {
+fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, surface: bool) {
     let r = i / 2u;
     if r >= count {
         return;
@@ -71,7 +96,11 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, visible: bool, surface: 
     let at = RECORD_PARTS * pairs_in[first + r].record;
     if i % 2u == 0u {
         let boxes = cell_records[at + 8u];
-        stage_box(corner, select(boxes.zw, boxes.xy, visible), r);
+        let box = box_in_cell(corner, select(boxes.zw, boxes.xy, visible));
+        staged_boxes[r] = box;
+        if box != 0u && (box & IS_SMALL) == 0u {
+            mark_blocks(box, r, bits_at);
+        }
         staged[r] = cell_records[at];
         staged[BATCH + r] = cell_records[at + 2u];
         staged[2u * BATCH + r] = cell_records[at + 3u];
@@ -114,38 +143,81 @@ fn threshold_of(r: u32, pixel: vec2i) -> f32 {
     return select(0.0, reversed_depth(z + plane.w), is_there);
 }
 
-// Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
-fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: ptr<function, CellSums>) {
+// The contribution of record r to a pixel.
+fn contribution_of(r: u32, pixel: vec2i) -> Contribution {
     let d = staged_offset(r, pixel);
     let plane = bitcast<vec4f>(staged_part(1u, r));
     let more = staged_part(2u, r);
-    let range = bitcast<vec2f>(more.xy);
-    let flags = more.w;
-    let gradients = bitcast<vec4f>(staged_part(3u, r));
     let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
-    let color_and_w = bitcast<vec4f>(staged_part(5u, r));
-    let c = contribution_at(
+    return contribution_at(
         d,
-        gradients,
+        bitcast<vec4f>(staged_part(3u, r)),
         w_and_anchor.xy,
-        vec3f(w_and_anchor.zw, color_and_w.w),
-        vec4f(plane.xy, range),
+        vec3f(w_and_anchor.zw, bitcast<f32>(staged_part(5u, r).w)),
+        vec4f(plane.xy, bitcast<vec2f>(more.xy)),
         plane.z,
-        flags,
+        more.w,
         bitcast<f32>(more.z),
     );
-    if !(c.is_there && threshold <= reversed_depth(c.z)) {
+}
+
+// True for a fragment no deeper than the threshold.
+fn is_within(threshold: f32, c: Contribution) -> bool {
+    return c.is_there && threshold <= reversed_depth(c.z);
+}
+
+// Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
+fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: ptr<function, CellSums>) {
+    let c = contribution_of(r, pixel);
+    if !is_within(threshold, c) {
         return;
     }
-    (*sums).color += vec4f(color_and_w.xyz, 1.0) * c.weight;
+    (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
     if surface {
         let normal = bitcast<vec3f>(staged_part(6u, r).xyz);
         (*sums).surface += vec4f(normal, c.z * frame.per_depth_unit) * c.weight;
     }
     if frame.has_materials != 0u {
-        (*sums).material += objects[flags >> RECORD_OBJECT].material * c.weight;
+        (*sums).material += objects[staged_part(2u, r).w >> RECORD_OBJECT].material * c.weight;
     }
     (*sums).fragments += 1.0;
+}
+
+// Raises the thresholds of the pixels of a small splat; two invocations share its rows.
+fn raise_thresholds(r: u32, half: u32, corner: vec2u) {
+    let box = staged_boxes[r];
+    if (box & IS_SMALL) == 0u {
+        return;
+    }
+    let first = first_of(box);
+    let end = end_of(box);
+    for (var y = first.y + half; y < end.y; y += 2u) {
+        for (var x = first.x; x < end.x; x++) {
+            let threshold = threshold_of(r, vec2i(corner + vec2u(x, y)));
+            if threshold > 0.0 {
+                atomicMax(&thresholds[invocation_of(x, y)], bitcast<u32>(threshold));
+            }
+        }
+    }
+}
+
+// Marks the pixels that a small splat contributes to.
+fn mark_pixels(r: u32, half: u32, corner: vec2u) {
+    let box = staged_boxes[r];
+    if (box & IS_SMALL) == 0u {
+        return;
+    }
+    let first = first_of(box);
+    let end = end_of(box);
+    for (var y = first.y + half; y < end.y; y += 2u) {
+        for (var x = first.x; x < end.x; x++) {
+            let at = invocation_of(x, y);
+            let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
+            if is_within(threshold, contribution_of(r, vec2i(corner + vec2u(x, y)))) {
+                atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
+            }
+        }
+    }
 }
 
 // Draws a pixel of a cell. `surface` and `full` (see `shade`) are compile-time constants.
@@ -157,17 +229,27 @@ fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
     let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
     let range = vec2u(pairs.cell, pairs.record);
     let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
+    if i < 2u * of_batch {
+        atomicStore(&block_bits[i], 0u);
+    }
+    atomicStore(&thresholds[i], 0u);
+    for (var word = 0u; word < BATCH_WORDS; word++) {
+        atomicStore(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
+    }
+    // Where the bits of a batch are; those of the next are elsewhere, and cleared meanwhile.
+    var bits_at = 0u;
     var threshold = 0.0;
     for (var first = range.x; first < range.y; first += BATCH) {
+        let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        if i < CELL_BLOCKS * BATCH_WORDS {
-            atomicStore(&block_bits[i], 0u);
+        stage(first, count, corner, i, bits_at, true, surface);
+        workgroupBarrier();
+        if i / 2u < count {
+            raise_thresholds(i / 2u, i % 2u, corner);
         }
-        workgroupBarrier();
-        stage(first, min(range.y - first, BATCH), corner, i, true, surface);
-        workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
-            var bits = atomicLoad(&block_bits[words + word]);
+            var bits = atomicLoad(&block_bits[bits_at + words + word]);
             while bits != 0u {
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
@@ -176,19 +258,32 @@ fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
                 }
             }
         }
+        bits_at = of_batch - bits_at;
+        if i < of_batch {
+            atomicStore(&block_bits[bits_at + i], 0u);
+        }
+    }
+    atomicMax(&thresholds[i], bitcast<u32>(threshold));
+    workgroupBarrier();
+    threshold = bitcast<f32>(atomicLoad(&thresholds[i]));
+    // The last batch's bits are not cleared yet.
+    if i < 2u * of_batch {
+        atomicStore(&block_bits[i], 0u);
     }
     let none = vec4f(0.0, 0.0, 0.0, 0.0);
     var sums = CellSums(none, none, none, 0.0);
     for (var first = range.x; first < range.y; first += BATCH) {
+        let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        if i < CELL_BLOCKS * BATCH_WORDS {
-            atomicStore(&block_bits[i], 0u);
+        stage(first, count, corner, i, bits_at, false, surface);
+        workgroupBarrier();
+        if i / 2u < count {
+            mark_pixels(i / 2u, i % 2u, corner);
         }
         workgroupBarrier();
-        stage(first, min(range.y - first, BATCH), corner, i, false, surface);
-        workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
-            var bits = atomicLoad(&block_bits[words + word]);
+            let of_blocks = atomicLoad(&block_bits[bits_at + words + word]);
+            var bits = of_blocks | atomicExchange(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
             while bits != 0u {
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
@@ -196,6 +291,10 @@ fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
                     add_contribution(r, pixel, threshold, surface, &sums);
                 }
             }
+        }
+        bits_at = of_batch - bits_at;
+        if i < of_batch {
+            atomicStore(&block_bits[bits_at + i], 0u);
         }
     }
     if own.x < frame.size_px.x && own.y < frame.size_px.y {

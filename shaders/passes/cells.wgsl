@@ -41,7 +41,7 @@ struct CellCounters {
     // Splats that were set up and touch the tile: records that they need.
     records: atomic<u32>,
     // Pairs that they need; the largest u32 where there are more.
-    pairs: u32,
+    pairs: atomic<u32>,
 }
 
 // The same, for passes that only read them.
@@ -126,7 +126,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
     if cell == 0u {
         atomicStore(&cell_counters.records, 0u);
-        cell_counters.pairs = 0u;
+        atomicStore(&cell_counters.pairs, 0u);
     }
     if cell < frame.cell_count {
         pairs_out[cell] = CellPair(0u, 0u);
@@ -263,11 +263,14 @@ fn scan_length(pairs: u32) -> u32 {
 
 const SCAN_PER_INVOCATION: u32 = 8u;
 
-// A scan takes three passes: sums of blocks, a scan of these by one workgroup, and scans of blocks from there on.
+// A scan takes two passes: sums of blocks, and scans of blocks from the sum of all before them on.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
     let length = scan_length(pair_count());
+    if block * CELL_BLOCK >= length {
+        return;
+    }
     let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
     var sum = 0u;
     for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
@@ -276,37 +279,23 @@ fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
         }
     }
     let before = workgroup_scan(i, sum);
-    if i == CELL_WORKGROUP - 1u && block < arrayLength(&scan_sums) {
+    if i == CELL_WORKGROUP - 1u {
         scan_sums[block] = saturating_sum(before, sum);
     }
 }
 
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_scan_sums(@builtin(local_invocation_index) i: u32) {
-    let pairs = drawn_pairs(atomicLoad(&cell_counters.records), cell_counters.pairs);
-    let blocks = blocks_of(scan_length(pairs));
-    let share = (blocks + (CELL_WORKGROUP - 1u)) / CELL_WORKGROUP;
-    let first = min(i * share, blocks);
-    let end = min(first + share, blocks);
-    var sum = 0u;
-    for (var block = first; block < end; block++) {
-        sum = saturating_sum(sum, scan_sums[block]);
-    }
-    var before = workgroup_scan(i, sum);
-    for (var block = first; block < end; block++) {
-        let own = scan_sums[block];
-        scan_sums[block] = before;
-        before = saturating_sum(before, own);
-    }
-    if i == CELL_WORKGROUP - 1u && cell_round.scanned == SCANNED_GROUPS {
-        cell_counters.pairs = before;
-    }
-}
-
+// Finishes a scan. Groups' pairs are counted with it.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
-    let length = scan_length(pair_count());
+    let length = scan_length(drawn_pairs(atomicLoad(&cell_counters.records), atomicLoad(&cell_counters.pairs)));
+    var of_blocks = 0u;
+    for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
+        of_blocks = saturating_sum(of_blocks, scan_sums[earlier]);
+    }
+    let unused = workgroup_scan(i, of_blocks);
+    let before_block = scan_partial[CELL_WORKGROUP - 1u];
+    workgroupBarrier();
     let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
     var values: array<u32, SCAN_PER_INVOCATION>;
     var sum = 0u;
@@ -316,15 +305,15 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             sum = saturating_sum(sum, values[k]);
         }
     }
-    var before = workgroup_scan(i, sum);
-    if first < length {
-        before = saturating_sum(before, scan_sums[block]);
-    }
+    var before = saturating_sum(before_block, workgroup_scan(i, sum));
     for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
         if first + k < length {
             scanned[first + k] = before;
             before = saturating_sum(before, values[k]);
         }
+    }
+    if cell_round.scanned == SCANNED_GROUPS && i == CELL_WORKGROUP - 1u && block + 1u == blocks_of(length) {
+        atomicStore(&cell_counters.pairs, before);
     }
 }
 

@@ -150,6 +150,7 @@ impl<'a> CellTile<'a> {
     pub(crate) fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
         let TileInputs { pipelines, targets, queries, data, .. } = self.inputs;
         queries.begin(commands);
+        commands.barrier();
         for (stage, sets) in self.stages.iter().zip(&self.sets) {
             queries.timed(commands, stage.name, || {
                 stage.steps.iter().zip(sets).try_for_each(|(step, sets)| {
@@ -157,7 +158,10 @@ impl<'a> CellTile<'a> {
                     bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
                     dispatch(commands, step.workgroups);
-                    commands.barrier();
+                    // Segments are set up side by side.
+                    if step.segment.is_none() || stage.steps.last() == Some(step) {
+                        commands.barrier_of_compute();
+                    }
                     Ok::<(), Failure>(())
                 })
             })?;
@@ -171,8 +175,8 @@ impl<'a> CellTile<'a> {
                 dispatch(commands, [workgroups(size[0], pass.entry(), 0), workgroups(size[1], pass.entry(), 1)]);
                 Ok::<(), Failure>(())
             })?;
-            commands.barrier();
         }
+        commands.barrier();
         queries.end(commands);
         let bytes = 4 * u64::from(data.planes.floats.max(1));
         commands.copy(targets.planes.raw(), targets.readback.raw(), bytes);

@@ -63,6 +63,17 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, all, none, &[memory], &[], &[]) };
     }
 
+    /// All that compute shaders wrote is seen by compute shaders that follow.
+    pub(crate) fn barrier_of_compute(&self) {
+        let memory = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+        let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recorded outside of render passes.
+        unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, compute, compute, none, &[memory], &[], &[]) };
+    }
+
     /// As [`Commands::barrier`], up to the host that reads.
     pub(crate) fn barrier_to_host(&self) {
         let memory = vk::MemoryBarrier::default()

@@ -515,7 +515,8 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let mut stats = Stats::default().with_splats(plan.splats);
-        frame.reset(view.region.width, view.region.height, plan.planes);
+        // Tiles write every pixel; colours that are asked for in 8 bits alone are encoded from the device's.
+        frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
@@ -526,7 +527,6 @@ impl surfel_render::Renderer for Renderer {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;
         }
         frame.locate(view);
-        frame.encode(planes);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

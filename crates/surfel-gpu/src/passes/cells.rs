@@ -263,7 +263,7 @@ impl CellRoom {
 
     fn within([records, pairs]: [u64; 2], cells: &CellCounts, limits: Limits) -> Option<Self> {
         let room = Self { records: records.try_into().ok()?, pairs: pairs.try_into().ok()? };
-        let most = limits.buffer_bytes.min(limits.record_bytes);
+        let most = limits.buffer_bytes.min(limits.cell_bytes);
         (room.record_bytes() <= most && room.pair_bytes(cells) <= most).then_some(room)
     }
 
@@ -353,7 +353,7 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
     if groups > 0 {
         let scan = |round, length: u64| {
             let count = blocks(length);
-            [step("cell_scan_blocks", round, count), step("cell_scan_sums", round, 1), step("cell_scan_add", round, count)]
+            [step("cell_scan_blocks", round, count), step("cell_scan_add", round, count)]
         };
         let mut sort = scan(CellRound::Groups, groups).to_vec();
         sort.push(step("cell_emit", CellRound::Groups, groups));
@@ -378,7 +378,6 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         "cell_setup",
         "cell_near",
         "cell_scan_blocks",
-        "cell_scan_sums",
         "cell_scan_add",
         "cell_emit",
         "cell_count_digits",
