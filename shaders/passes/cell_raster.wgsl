@@ -220,30 +220,31 @@ fn mark_pixels(r: u32, half: u32, corner: vec2u) {
     }
 }
 
-// Draws a pixel of a cell. `surface` and `full` (see `shade`) are compile-time constants.
-fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
-    let corner = cell * CELL_SIDE;
-    let in_cell = pixel_in_cell(i);
-    let own = corner + in_cell;
-    let pixel = vec2i(own);
-    let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
-    let range = vec2u(pairs.cell, pairs.record);
-    let words = (i / 32u) * BATCH_WORDS;
-    let of_batch = CELL_BLOCKS * BATCH_WORDS;
-    if i < 2u * of_batch {
+// Clears what the loops over batches write. A barrier follows before anything is read.
+fn clear_cell(i: u32) {
+    if i < 2u * CELL_BLOCKS * BATCH_WORDS {
         atomicStore(&block_bits[i], 0u);
     }
     atomicStore(&thresholds[i], 0u);
     for (var word = 0u; word < BATCH_WORDS; word++) {
         atomicStore(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
     }
+}
+
+// The first loop: the depth threshold of the invocation's pixel among the pairs of a range, which `thresholds` hold
+// afterwards. Block bits are clear before and after.
+fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
+    let in_cell = pixel_in_cell(i);
+    let pixel = vec2i(corner + in_cell);
+    let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
     // Where the bits of a batch are; those of the next are elsewhere, and cleared meanwhile.
     var bits_at = 0u;
     var threshold = 0.0;
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        stage(first, count, corner, i, bits_at, true, surface);
+        stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
             raise_thresholds(i / 2u, i % 2u, corner);
@@ -265,13 +266,25 @@ fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
     }
     atomicMax(&thresholds[i], bitcast<u32>(threshold));
     workgroupBarrier();
-    threshold = bitcast<f32>(atomicLoad(&thresholds[i]));
-    // The last batch's bits are not cleared yet.
     if i < 2u * of_batch {
         atomicStore(&block_bits[i], 0u);
     }
+    return bitcast<f32>(atomicLoad(&thresholds[i]));
+}
+
+fn no_cell_sums() -> CellSums {
     let none = vec4f(0.0, 0.0, 0.0, 0.0);
-    var sums = CellSums(none, none, none, 0.0);
+    return CellSums(none, none, none, 0.0);
+}
+
+// The second loop: sums of the invocation's pixel, up to the thresholds, among the pairs of a range.
+fn sum_pixel(range: vec2u, corner: vec2u, i: u32, threshold: f32, surface: bool) -> CellSums {
+    let in_cell = pixel_in_cell(i);
+    let pixel = vec2i(corner + in_cell);
+    let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
+    var bits_at = 0u;
+    var sums = no_cell_sums();
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
@@ -297,13 +310,33 @@ fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
             atomicStore(&block_bits[bits_at + i], 0u);
         }
     }
-    if own.x < frame.size_px.x && own.y < frame.size_px.y {
-        write_cell_pixel(own, sums, full);
+    return sums;
+}
+
+// First pair of a cell, and the end of its pairs.
+fn pairs_of(cell: vec2u) -> vec2u {
+    let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
+    return vec2u(pairs.cell, pairs.record);
+}
+
+// Draws a cell that isn't dense. `surface` and `full` (see `shade`) are compile-time constants.
+fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x > DENSE_PAIRS {
+        return;
     }
+    let corner = cell * CELL_SIDE;
+    clear_cell(i);
+    let threshold = find_threshold(range, corner, i);
+    let sums = sum_pixel(range, corner, i, threshold, surface);
+    write_cell_pixel(corner + pixel_in_cell(i), sums, full);
 }
 
 // Divides a pixel's sums by Σw, lights it, and writes its planes.
 fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
+    if own.x >= frame.size_px.x || own.y >= frame.size_px.y {
+        return;
+    }
     let pixel = vec2i(own);
     let point = point_of(sums.color, sums.surface, sums.material);
     if frame.surfaces_at != ABSENT {
@@ -353,6 +386,139 @@ fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_i
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, true, true);
+}
+
+// Dense cells, which have more pairs than this, are drawn in parts by workgroups of their own, so that no workgroup's
+// work grows with the number of splats. Parts are combined in their order.
+const DENSE_PAIRS: u32 = 4096u;
+// Pairs of a part at most. Two parts may begin in as many pairs: the end of a dense cell's, and the beginning of
+// another's.
+const PART_PAIRS: u32 = 2048u;
+// Words that a part has for each pixel: its threshold, and sums of colours, surface, material and fragments.
+const PART_WORDS: u32 = 14u;
+
+// Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
+@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<f32>;
+@group(1) @binding(55) var<storage, read> cell_parts: array<f32>;
+
+// A part: its cell, and its pairs, of which there are none if it isn't there.
+struct CellPart {
+    cell: u32,
+    range: vec2u,
+}
+
+// Part 2b + 1 is of a dense cell whose pairs begin among the PART_PAIRS pairs from b·PART_PAIRS on; part 2b is of one
+// whose pairs begin before them.
+fn part_of(number: u32) -> CellPart {
+    let count = pair_count();
+    let begin = (number / 2u) * PART_PAIRS;
+    if begin >= count {
+        return CellPart(0u, vec2u(0u, 0u));
+    }
+    let first = frame.cell_count + begin;
+    let end = frame.cell_count + min(begin + PART_PAIRS, count);
+    let begins_here = number % 2u == 1u;
+    let cell = pairs_in[select(first, end - 1u, begins_here)].cell;
+    let of_cell = pairs_in[cell];
+    let is_dense = of_cell.record - of_cell.cell > DENSE_PAIRS;
+    if !is_dense || (of_cell.cell >= first) != begins_here {
+        return CellPart(0u, vec2u(0u, 0u));
+    }
+    return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
+}
+
+// Number of the k-th part of a dense cell with these pairs, and of its parts.
+fn part_number(range: vec2u, k: u32) -> u32 {
+    let block = (range.x - frame.cell_count) / PART_PAIRS;
+    return 2u * (block + k) + select(0u, 1u, k == 0u);
+}
+
+fn parts_of(range: vec2u) -> u32 {
+    return (range.y - 1u - frame.cell_count) / PART_PAIRS - (range.x - frame.cell_count) / PART_PAIRS + 1u;
+}
+
+fn part_word(part: u32, k: u32, i: u32) -> u32 {
+    return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
+}
+
+fn corner_of_cell(cell: u32) -> vec2u {
+    return vec2u(cell % frame.cell_columns, cell / frame.cell_columns) * CELL_SIDE;
+}
+
+// Finds the depth thresholds of parts.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    let part = part_of(number);
+    if part.range.x == part.range.y {
+        return;
+    }
+    clear_cell(i);
+    let threshold = find_threshold(part.range, corner_of_cell(part.cell), i);
+    cell_parts_out[part_word(number, 0u, i)] = threshold;
+}
+
+// Sums what a part contributes, up to the thresholds of all parts of its cell.
+fn sum_part(number: u32, i: u32, surface: bool) {
+    let part = part_of(number);
+    if part.range.x == part.range.y {
+        return;
+    }
+    let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
+    var threshold = 0.0;
+    for (var k = 0u; k < parts_of(of_cell); k++) {
+        threshold = max(threshold, cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]);
+    }
+    clear_cell(i);
+    workgroupBarrier();
+    atomicStore(&thresholds[i], bitcast<u32>(threshold));
+    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, threshold, surface);
+    for (var k = 0u; k < 4u; k++) {
+        cell_parts_out[part_word(number, 1u + k, i)] = sums.color[k];
+        cell_parts_out[part_word(number, 5u + k, i)] = sums.surface[k];
+        cell_parts_out[part_word(number, 9u + k, i)] = sums.material[k];
+    }
+    cell_parts_out[part_word(number, 13u, i)] = sums.fragments;
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_colors(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, false);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, true);
+}
+
+// Draws a dense cell of its parts.
+fn combine_cell(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x <= DENSE_PAIRS {
+        return;
+    }
+    var sums = no_cell_sums();
+    for (var k = 0u; k < parts_of(range); k++) {
+        let part = part_number(range, k);
+        for (var c = 0u; c < 4u; c++) {
+            sums.color[c] += cell_parts[part_word(part, 1u + c, i)];
+            sums.surface[c] += cell_parts[part_word(part, 5u + c, i)];
+            sums.material[c] += cell_parts[part_word(part, 9u + c, i)];
+        }
+        sums.fragments += cell_parts[part_word(part, 13u, i)];
+    }
+    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums, full);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, false);
+}
+
+// The same of an image with shadows, or by `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, true);
 }
 
 // Draws what depends on neighbours into the colours: outlines and eye-dome lighting.

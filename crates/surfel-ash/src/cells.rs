@@ -27,12 +27,7 @@ pub(crate) struct CellBuffers {
 
 impl CellBuffers {
     /// Makes buffers that have room for a tile, where those that are there don't.
-    pub(crate) fn prepare(
-        &mut self,
-        device: &Arc<Device>,
-        cells: &CellCounts,
-        room: CellRoom,
-    ) -> Result<(), Failure> {
+    pub(crate) fn prepare(&mut self, device: &Arc<Device>, cells: &CellCounts, room: CellRoom) -> Result<(), Failure> {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = buffer.bytes(cells, room);

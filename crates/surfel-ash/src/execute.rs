@@ -407,7 +407,12 @@ pub(crate) fn bind_pipeline(commands: &Commands<'_>, pipeline: &Pipeline, point:
     unsafe { commands.device.raw.cmd_bind_pipeline(commands.raw, point, pipeline.raw.raw) };
 }
 
-pub(crate) fn bind_sets(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint, sets: &[vk::DescriptorSet]) {
+pub(crate) fn bind_sets(
+    commands: &Commands<'_>,
+    pipeline: &Pipeline,
+    point: vk::PipelineBindPoint,
+    sets: &[vk::DescriptorSet],
+) {
     let layout = pipeline.layout.raw;
     // SAFETY: the sets were made with the layouts that the pipeline's is made of, from set 0 on.
     unsafe { commands.device.raw.cmd_bind_descriptor_sets(commands.raw, point, layout, 0, sets, &[]) };

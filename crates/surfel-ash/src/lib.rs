@@ -40,7 +40,7 @@ pub use options::Options;
 pub use renderer::{RawDevice, Renderer};
 pub use scene::ResidentScene;
 pub use summary::{DeviceSummary, devices};
-pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
 

@@ -18,14 +18,17 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    COUNTER_BYTES, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits,
-    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    cell_entries, cell_stages, count_frame_bytes, count_layers, layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
+    COUNTER_BYTES, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
+    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes, count_layers,
+    layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
     with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
+};
 
 /// A device that a program has anyway.
 pub struct RawDevice {
@@ -111,11 +114,7 @@ impl Renderer {
         Self::start(device, &candidate, &Options::default())
     }
 
-    fn start(
-        device: Arc<Device>,
-        candidate: &Candidate,
-        options: &Options,
-    ) -> Result<Self, RenderError> {
+    fn start(device: Arc<Device>, candidate: &Candidate, options: &Options) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
         if !device.caps.blends_f32 {
@@ -226,7 +225,7 @@ impl Renderer {
             let work = TileWork::of(&job.plan, &data, scene, Vec::new());
             self.prepare(&job.plan, &data, &work)?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let queries = Queries::new(&self.device, Some(SHADOW_MAPS))?;
+            let queries = Queries::new(&self.device, Some(SHADOW_MAPS), work.steps.len())?;
             let none = self.shadow_buffer(1)?;
             let tile = Tile::new(
                 &self.device,
@@ -291,7 +290,8 @@ impl Renderer {
                 floats: data.planes.buffer_floats,
             })?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let queries = Queries::new(&self.device, None)?;
+            let stages = cell_stages(job.plan, cells, tried);
+            let queries = Queries::new(&self.device, None, stages.len() + pixel_passes.len())?;
             let none = self.shadow_buffer(1)?;
             let inputs = TileInputs {
                 scene: job.scene,
@@ -304,7 +304,6 @@ impl Renderer {
                 shadow_texels: job.shadow_texels,
                 drawn_shadow_texels: &none,
             };
-            let stages = cell_stages(job.plan, cells, tried);
             let tile = CellTile::new(&self.device, &inputs, &self.cells, &stages)?;
             submit(&self.device, |commands| tile.record(commands))?;
             let counters = tile.counters.words((COUNTER_BYTES / 4) as usize)?;
@@ -312,7 +311,7 @@ impl Renderer {
                 room = tried.grown(counters, cells, self.limits);
                 continue;
             }
-            stats.drawn += u64::from(CellRoom::drawn(counters));
+            CellRoom::count(counters, stats);
             queries.add(stats)?;
             let planes = targets.readback.words(data.planes.floats as usize)?;
             let nothing = |_, _| Identity::NOTHING;
@@ -371,7 +370,7 @@ impl Renderer {
     ) -> Result<(T, bool), Failure> {
         self.prepare(job.plan, data, work)?;
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-        let queries = Queries::new(&self.device, None)?;
+        let queries = Queries::new(&self.device, None, work.steps.len())?;
         let none = self.shadow_buffer(1)?;
         let inputs = TileInputs {
             scene: job.scene,
@@ -385,7 +384,8 @@ impl Renderer {
             drawn_shadow_texels: &none,
         };
         let tile = Tile::new(&self.device, &inputs)?;
-        let sample_queries = Queries::new(&self.device, Some(EDGE_SAMPLES))?;
+        let sample_steps = work.samples.iter().map(|part| part.steps.len()).sum();
+        let sample_queries = Queries::new(&self.device, Some(EDGE_SAMPLES), sample_steps)?;
         let mut parts = Vec::with_capacity(work.samples.len());
         for SamplePart { data, steps } in &work.samples {
             let tile = Tile::new(&self.device, &TileInputs { data, queries: &sample_queries, ..inputs })?;

@@ -26,8 +26,8 @@ pub use frame::tile::{NearRecords, SegmentData, TileData};
 pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
 pub use passes::cells::{
-    COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, GpuPath, cell_entries,
-    cell_stages, pixel_passes_after_cells,
+    CELL_PAIRS, COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, GpuPath,
+    cell_entries, cell_stages, pixel_passes_after_cells,
 };
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};

@@ -127,10 +127,8 @@ impl<'a> CellTile<'a> {
         let pixels = inputs.pixel_passes.iter().filter_map(|&pass| {
             let layout = &pipelines.pixels(pass)?.group;
             let slots = binding_slots(&[pass.entry()], 1);
-            let planes = wgpu::BindGroupEntry {
-                binding: PIXEL_PASS_BUFFERS[0],
-                resource: targets.planes.as_entire_binding(),
-            };
+            let planes =
+                wgpu::BindGroupEntry { binding: PIXEL_PASS_BUFFERS[0], resource: targets.planes.as_entire_binding() };
             let all = targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain([planes]);
             let entries: Vec<_> = all.filter(|entry| slots.iter().any(|slot| slot.binding == entry.binding)).collect();
             let own = device.create_bind_group(&wgpu::BindGroupDescriptor {

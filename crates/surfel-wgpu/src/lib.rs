@@ -36,7 +36,7 @@ pub use host_target::{HostDepth, HostTarget};
 pub use options::Options;
 pub use renderer::Renderer;
 pub use scene::ResidentScene;
-pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
 

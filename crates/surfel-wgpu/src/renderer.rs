@@ -12,14 +12,17 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    COUNTER_BYTES, CellBuffer, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits,
-    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    cell_entries, cell_stages, count_frame_bytes, count_layers, layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
+    COUNTER_BYTES, CellBuffer, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame,
+    FrameScene, FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart,
+    ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes,
+    count_layers, layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
     with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
+};
 
 /// The wgpu backend.
 pub struct Renderer {
@@ -37,6 +40,8 @@ pub struct Renderer {
     queries: Queries,
     /// Buffers of the compute path.
     cells: CellBuffers,
+    /// The buffer by which the last frame was read.
+    readback: Option<wgpu::Buffer>,
     /// The shadow maps of the frame before.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
     /// The lesser of the device's limits and the options'.
@@ -94,6 +99,7 @@ impl Renderer {
             map_targets: None,
             queries,
             cells: CellBuffers::default(),
+            readback: None,
             maps: None,
             limits,
             storage: options.storage,
@@ -278,23 +284,24 @@ impl Renderer {
                     (counters, COUNTER_BYTES),
                     costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
                 ];
-                let readback = Readback::record(&device, &mut encoder, &parts);
+                let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
                 self.queue.submit([encoder.finish()]);
                 Some(readback)
             })?;
             let pass_record = self.queries.pass_record();
-            let more = recorded.ok_or_else(missing)?.read(&device, |parts| {
+            let (more, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
                 let [planes, counters, costs] = parts else { return None };
                 if !tried.holds(counters) {
                     return Some(tried.grown(counters, cells, self.limits));
                 }
                 pass_record.add(costs, stats);
-                stats.drawn += u64::from(CellRoom::drawn(counters));
+                CellRoom::count(counters, stats);
                 let nothing = |_, _| Identity::NOTHING;
                 let planes = bytemuck::cast_slice(planes);
                 stats.fragments += data.planes.store(planes, data.tile, job.view.region, frame, nothing);
                 None
             })?;
+            self.readback = Some(readback);
             self.errors.check()?;
             let Some(grown) = more else {
                 let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
@@ -406,13 +413,13 @@ impl Renderer {
                 costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
             ];
             parts.extend(layers_of_samples.iter().map(|draws| (draws, LAYER_HEADER_BYTES)));
-            let readback = Readback::record(&device, &mut encoder, &parts);
+            let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
             Some(readback)
         })?;
         let missing = || failed("the targets were not made");
         let pass_record = self.queries.pass_record();
-        let result = recorded.ok_or_else(missing)?.read(&device, |parts| {
+        let (result, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
             let [planes, drawn, layers, costs, of_samples @ ..] = parts else { return None };
             if !layers.is_empty() {
                 count_layers(layers, stats);
@@ -422,6 +429,7 @@ impl Renderer {
             let is_whole = !layers_remain(layers) && !of_samples.iter().any(|layers| layers_remain(layers));
             Some((read(planes), is_whole))
         })?;
+        self.readback = Some(readback);
         self.errors.check()?;
         result.ok_or_else(missing)
     }

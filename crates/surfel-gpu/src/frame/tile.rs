@@ -362,16 +362,8 @@ fn segment_data(
     let is_transparent = segment.is_transparent && setup.plan.separates_transparent;
     let (chunks, near_bits) = (Vec::new(), Vec::new());
     let (is_outside_tile, runs, farthest, splats) = (true, Vec::new(), 0.0, 0);
-    let mut data = SegmentData {
-        variant,
-        is_transparent,
-        chunks,
-        near_bits,
-        is_outside: is_outside_tile,
-        runs,
-        farthest,
-        splats,
-    };
+    let mut data =
+        SegmentData { variant, is_transparent, chunks, near_bits, is_outside: is_outside_tile, runs, farthest, splats };
     let mut near = NearPlaneRecords::default();
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
@@ -422,7 +414,8 @@ fn segment_data(
         for (word, value) in words.iter_mut().zip(center.as_vec3().to_array()) {
             *word = value.to_bits();
         }
-        let mut put = |offset: usize, value: u32| words.iter_mut().skip(offset / 4).take(1).for_each(|word| *word = value);
+        let mut put =
+            |offset: usize, value: u32| words.iter_mut().skip(offset / 4).take(1).for_each(|word| *word = value);
         if by_cells {
             use layout::cell_chunk as at;
             put(at::STATE, state);

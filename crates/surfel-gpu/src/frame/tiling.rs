@@ -151,9 +151,11 @@ mod tests {
         assert_eq!(targets_of(tile, &view, &plain), tile);
         assert_eq!(targets_of(tile, &view, &edges), Region { x: 0, y: 29, width: 51, height: 41 });
         assert!(
-            tiles(&view, &edges, Limits::default().within(1 << 27, 64), false)
-                .iter()
-                .all(|t| targets_of(*t, &view, &edges).width <= 64)
+            tiles(&view, &edges, Limits::default().within(1 << 27, 64), false).iter().all(|t| targets_of(
+                *t, &view, &edges
+            )
+            .width
+                <= 64)
         );
     }
 }

@@ -3,8 +3,8 @@
 
 use crate::passes::pixel_pass::PixelPass;
 use crate::scene::limits::Limits;
-use surfel_model::ClipPolicy;
-use surfel_render::{FramePlan, Pass};
+use surfel_model::{Accumulate, ClipPolicy, Shader};
+use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
 /// Largest side of a tile that the compute path draws, pixels: its cells are sorted by two digits of eight bits.
@@ -23,9 +23,9 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats on one surface. Clipped or
-    /// transparent splats, both facings of oriented clouds, polygons, trained Gaussians, antialiased edges, the planes
-    /// of indices and shadow maps need raster hardware.
+    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats on one surface, whose sums
+    /// are f32. Clipped or transparent splats, both facings of oriented clouds, polygons, trained Gaussians, antialiased
+    /// edges, the plane of indices and shadow maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
@@ -33,9 +33,14 @@ impl GpuPath {
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
         let is_whole = plan.clip == ClipPolicy::Off && !plan.keeps_facings && !plan.separates_transparent;
-        self != Self::Raster && has_splats && is_whole && !plan.planes.index && plan.passes.iter().all(is_drawn)
+        let is_exact = plan.accumulate == Accumulate::F32;
+        let has_only_these = plan.passes.iter().all(is_drawn) && !plan.planes.index;
+        self != Self::Raster && has_splats && is_whole && is_exact && has_only_these
     }
 }
+
+/// Name of the counter of pairs of splat and cell that the compute path drew.
+pub const CELL_PAIRS: &str = "cell_pairs";
 
 /// Which of the repeated passes a step is of.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -67,12 +72,22 @@ pub enum CellBuffer {
     Digits,
     /// Sums of scanned blocks.
     Sums,
+    /// Thresholds and sums of dense cells' parts.
+    Parts,
 }
 
 impl CellBuffer {
     /// All of them.
-    pub const ALL: [Self; 7] =
-        [Self::Records, Self::Groups, Self::Counters, Self::Pairs, Self::HalfSortedPairs, Self::Digits, Self::Sums];
+    pub const ALL: [Self; 8] = [
+        Self::Records,
+        Self::Groups,
+        Self::Counters,
+        Self::Pairs,
+        Self::HalfSortedPairs,
+        Self::Digits,
+        Self::Sums,
+        Self::Parts,
+    ];
 
     /// A name for messages and debuggers.
     pub fn name(self) -> &'static str {
@@ -84,6 +99,7 @@ impl CellBuffer {
             Self::HalfSortedPairs => "half-sorted pairs",
             Self::Digits => "digits",
             Self::Sums => "scanned sums",
+            Self::Parts => "parts of cells",
         }
     }
 
@@ -98,6 +114,7 @@ impl CellBuffer {
             Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
             Self::Digits => 4 * digits,
             Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups()))),
+            Self::Parts => room.part_bytes(),
         }
     }
 }
@@ -134,7 +151,7 @@ pub enum CellBinding {
 impl CellBinding {
     /// What a binding number of group 1 is in a step of a round; `None` for numbers that no step has.
     pub fn of(binding: u32, round: CellRound) -> Option<Self> {
-        use CellBuffer::{Counters, Digits, Groups, HalfSortedPairs, Pairs, Records, Sums};
+        use CellBuffer::{Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
         Some(match binding {
             0 => Self::Segment,
             1 => Self::Splats,
@@ -151,6 +168,7 @@ impl CellBinding {
             47 => Self::Buffer(Sums),
             48 => Self::Buffer(if round == CellRound::High { HalfSortedPairs } else { Pairs }),
             49 => Self::Buffer(if round == CellRound::Low { HalfSortedPairs } else { Pairs }),
+            54 | 55 => Self::Buffer(Parts),
             _ => return None,
         })
     }
@@ -241,9 +259,14 @@ impl CellRoom {
         kept.or_else(|| Self::estimate(cells, limits))
     }
 
-    /// Splats that were drawn, of the words of [`CellBuffer::Counters`].
-    pub fn drawn(counters: &[u32]) -> u32 {
-        needed(counters)[0] as u32
+    /// Counts what was drawn, by the words of [`CellBuffer::Counters`].
+    pub fn count(counters: &[u32], stats: &mut Stats) {
+        let [records, pairs] = needed(counters);
+        stats.drawn += records;
+        match stats.counters.iter_mut().find(|counter| counter.0 == CELL_PAIRS) {
+            Some(counter) => counter.1 += pairs as f64,
+            None => stats.counters.push((CELL_PAIRS, pairs as f64)),
+        }
     }
 
     /// True if the buffers held what a tile needed: words of [`CellBuffer::Counters`]. What didn't fit wasn't drawn.
@@ -264,11 +287,22 @@ impl CellRoom {
     fn within([records, pairs]: [u64; 2], cells: &CellCounts, limits: Limits) -> Option<Self> {
         let room = Self { records: records.try_into().ok()?, pairs: pairs.try_into().ok()? };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
-        (room.record_bytes() <= most && room.pair_bytes(cells) <= most).then_some(room)
+        let bytes = room.record_bytes().max(room.pair_bytes(cells)).max(room.part_bytes());
+        (bytes <= most).then_some(room)
     }
 
     fn record_bytes(self) -> u64 {
         layout::record::SIZE as u64 * u64::from(self.records)
+    }
+
+    /// Parts that dense cells may have; 0 where there is no room for a dense cell.
+    fn parts(self) -> u64 {
+        let is_any_dense = self.pairs > layout::DENSE_PAIRS;
+        if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
+    }
+
+    fn part_bytes(self) -> u64 {
+        4 * u64::from(layout::PART_WORDS * layout::CELL_WORKGROUP) * self.parts()
     }
 
     fn pair_bytes(self, cells: &CellCounts) -> u64 {
@@ -310,14 +344,28 @@ pub fn pixel_passes_after_cells(plan: &FramePlan) -> Vec<PixelPass> {
     looks_at_neighbours.then_some(PixelPass::CellNeighbours).into_iter().collect()
 }
 
-/// The entry point that draws a plan's cells.
-pub(crate) fn raster_entry(plan: &FramePlan) -> &'static str {
-    let has_surface = plan.attributes.normal || plan.attributes.depth;
-    let is_full = !plan.shadow_maps.is_empty() || plan.shader == surfel_model::Shader::Toon;
-    match (is_full, has_surface) {
-        (true, _) => "cell_shadowed_surfaces",
-        (false, true) => "cell_surfaces",
-        (false, false) => "cell_colors",
+/// The entry points that draw a plan's cells.
+struct RasterEntries {
+    cells: &'static str,
+    /// Sums of dense cells' parts.
+    parts: &'static str,
+    /// Dense cells of their parts.
+    combine: &'static str,
+}
+
+/// The entry point that finds the thresholds of dense cells' parts.
+const PART_THRESHOLDS: &str = "cell_part_thresholds";
+
+impl RasterEntries {
+    fn of(plan: &FramePlan) -> Self {
+        let has_surface = plan.attributes.normal || plan.attributes.depth;
+        let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
+        let (cells, parts) = match (is_full, has_surface) {
+            (true, _) => ("cell_shadowed_surfaces", "cell_part_surfaces"),
+            (false, true) => ("cell_surfaces", "cell_part_surfaces"),
+            (false, false) => ("cell_colors", "cell_part_colors"),
+        };
+        Self { cells, parts, combine: if is_full { "cell_combine_shadowed" } else { "cell_combine" } }
     }
 }
 
@@ -342,12 +390,13 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
     if cells.near > 0 {
         setup.push(step("cell_near", CellRound::Groups, u64::from(cells.near_groups())));
     }
-    let raster = CellStep {
-        entry: raster_entry(plan),
-        round: CellRound::Sorted,
-        segment: None,
-        workgroups: cells.size,
-    };
+    let entries = RasterEntries::of(plan);
+    let of_cells = |entry| CellStep { workgroups: cells.size, ..step(entry, CellRound::Sorted, 0) };
+    let mut raster = vec![of_cells(entries.cells)];
+    if room.parts() > 0 && cells.groups() > 0 {
+        let of_parts = |entry| step(entry, CellRound::Sorted, room.parts());
+        raster.extend([of_parts(PART_THRESHOLDS), of_parts(entries.parts), of_cells(entries.combine)]);
+    }
     let mut stages = vec![CellStage { name: "setup", steps: setup }];
     let groups = u64::from(cells.groups());
     if groups > 0 {
@@ -367,12 +416,13 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
         sort.push(step("cell_find_ranges", CellRound::Sorted, u64::from(room.pairs).div_ceil(workgroup)));
         stages.push(CellStage { name: "sort", steps: sort });
     }
-    stages.push(CellStage { name: "raster", steps: vec![raster] });
+    stages.push(CellStage { name: "raster", steps: raster });
     stages
 }
 
 /// The entry points that a plan's cells may need, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
+    let entries = RasterEntries::of(plan);
     vec![
         "cell_begin",
         "cell_setup",
@@ -383,6 +433,154 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         "cell_count_digits",
         "cell_scatter",
         "cell_find_ranges",
-        raster_entry(plan),
+        entries.cells,
+        PART_THRESHOLDS,
+        entries.parts,
+        entries.combine,
     ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
+    use surfel_shaders::{BindingKind, ENTRIES};
+
+    fn planned(summary: &SceneSummary, planes: Planes, change: impl FnOnce(&mut Settings)) -> FramePlan {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        plan(summary, &view, &settings, planes, &Capabilities::everything("test")).unwrap()
+    }
+
+    fn cells(chunks: &[u32], near: u32) -> CellCounts {
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats: 256 * u64::from(chunks.iter().sum::<u32>()), near }
+    }
+
+    #[test]
+    fn compute_shaders_draw_opaque_whole_splats_and_nothing_else() {
+        let plain = SceneSummary::default();
+        for shader in [Shader::Unlit, Shader::Phong, Shader::Normal, Shader::Toon, Shader::Edl, Shader::Matcap] {
+            let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
+            let drawn = [GpuPath::Auto, GpuPath::Compute, GpuPath::Raster].map(|path| path.draws_cells(&plan));
+            assert_eq!(drawn, [true, true, false], "{shader:?}");
+        }
+        let with = |change: fn(&mut SceneSummary)| {
+            let mut summary = SceneSummary::default();
+            change(&mut summary);
+            summary
+        };
+        let others = [
+            planned(&with(|s| s.clips = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.both_facings = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
+                s.transparency = "peel:2".parse().unwrap();
+            }),
+            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Coverage),
+            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Samples),
+            planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16),
+            planned(&plain, Planes::COLOR.with_index(true), |_| ()),
+        ];
+        for (i, plan) in others.iter().enumerate() {
+            assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
+        }
+        // Clips that are turned off, and transparency that is, leave opaque whole splats.
+        let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
+            s.clip = ClipPolicy::Off;
+            s.transparency = "off".parse().unwrap();
+        });
+        assert!(GpuPath::Auto.draws_cells(&off));
+    }
+
+    #[test]
+    fn plan_runs_what_it_asks_for_and_no_more() {
+        let plain = SceneSummary::default();
+        let of = |shader| {
+            let plan = planned(&plain, Planes::COLOR, |s| s.shader = shader);
+            (RasterEntries::of(&plan).cells, pixel_passes_after_cells(&plan))
+        };
+        assert_eq!(of(Shader::Unlit), ("cell_colors", vec![]));
+        assert_eq!(of(Shader::Phong), ("cell_surfaces", vec![]));
+        assert_eq!(of(Shader::Toon), ("cell_shadowed_surfaces", vec![PixelPass::CellNeighbours]));
+        assert_eq!(of(Shader::Edl), ("cell_surfaces", vec![PixelPass::CellNeighbours]));
+        let plan = planned(&plain, Planes::COLOR, |s| s.shader = Shader::Unlit);
+        let names = |cells: &CellCounts, pairs| -> Vec<&str> {
+            let stages = cell_stages(&plan, cells, CellRoom { records: 100, pairs });
+            stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
+        };
+        // A tile that nothing touches is cleared and shaded.
+        assert_eq!(names(&cells(&[0, 0], 0), 9999), ["cell_begin", "cell_colors"]);
+        // Few pairs make no cell dense.
+        let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
+        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
+        assert!(!few.contains(&"cell_near") && !few.contains(&PART_THRESHOLDS) && few.contains(&"cell_emit"));
+        let many = names(&cells(&[3, 2], 7), layout::DENSE_PAIRS + 1);
+        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
+        assert_eq!(&many[many.len() - 3..], [PART_THRESHOLDS, "cell_part_colors", "cell_combine"]);
+        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
+    }
+
+    #[test]
+    fn passes_bind_what_every_device_has() {
+        for entry in ENTRIES.iter().filter(|entry| entry.name.starts_with("cell_")) {
+            let storage = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
+            let buffers = entry.bindings.iter().filter(|binding| storage(binding.kind)).count();
+            assert!(buffers <= 8, "{} binds {buffers} storage buffers", entry.name);
+            let invocations: u32 = entry.workgroup.iter().product();
+            assert!(invocations <= 256, "{}", entry.name);
+            if entry.name == PixelPass::CellNeighbours.entry() {
+                continue;
+            }
+            for binding in entry.bindings.iter().filter(|binding| binding.group == 1) {
+                for round in CellRound::ALL {
+                    assert!(CellBinding::of(binding.binding, round).is_some(), "{} {binding:?}", entry.name);
+                }
+            }
+        }
+        for count in [1, 32_768, 32_769, 10_000_000] {
+            let [x, y] = grid(count);
+            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
+        }
+    }
+
+    #[test]
+    fn digits_tell_all_cells_apart() {
+        for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
+            let counts = CellCounts { size, ..CellCounts::default() };
+            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(&counts));
+            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{size:?}");
+            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(counts.cells()), "{size:?}");
+            assert!(low[2].max(high[2]) <= DIGITS as u32, "{size:?}");
+        }
+        assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
+    }
+
+    #[test]
+    fn room_grows_to_what_is_needed_or_is_refused() {
+        let (counts, all) = (cells(&[4], 3), Limits::default());
+        let room = CellRoom::estimate(&counts, all).unwrap();
+        assert_eq!(room.records, 4 * 256 + 3);
+        assert!(room.holds(&[room.records, room.pairs]) && !room.holds(&[room.records + 1, 0]));
+        let needed = [room.records, 40_000_000];
+        assert!(!room.holds(&needed));
+        let grown = room.grown(&needed, &counts, all).unwrap();
+        assert!(grown.holds(&needed) && grown.records >= room.records);
+        // Room is kept from tile to tile while it is within the limits.
+        assert_eq!(CellRoom::start(Some(grown), &counts, all), Some(grown));
+        let little = Limits { cell_bytes: 1 << 20, ..all };
+        assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
+        assert_eq!(room.grown(&needed, &counts, little), None);
+        assert_eq!(CellRoom::estimate(&counts, Limits { cell_bytes: 1000, ..all }), None);
+        // More pairs than are counted.
+        assert_eq!(room.grown(&[1, u32::MAX], &counts, all), None);
+        for buffer in CellBuffer::ALL {
+            let [less, more] = [room, grown].map(|room| buffer.bytes(&counts, room));
+            assert!(less <= more, "{buffer:?}");
+        }
+    }
 }
