@@ -93,32 +93,66 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
     if r >= count {
         return;
     }
-    let at = RECORD_PARTS * pairs_in[first + r].record;
+    let record = pairs_in[first + r].record;
     if i % 2u == 0u {
-        let boxes = cell_records[at + 8u];
+        let boxes = cell_records[part_at(8u, record)];
         let box = box_in_cell(corner, select(boxes.zw, boxes.xy, visible));
         staged_boxes[r] = box;
         if box != 0u && (box & IS_SMALL) == 0u {
             mark_blocks(box, r, bits_at);
         }
-        staged[r] = cell_records[at];
-        staged[BATCH + r] = cell_records[at + 2u];
-        staged[2u * BATCH + r] = cell_records[at + 3u];
+        staged[r] = cell_records[part_at(0u, record)];
+        staged[BATCH + r] = cell_records[part_at(2u, record)];
+        staged[2u * BATCH + r] = cell_records[part_at(3u, record)];
     } else {
-        staged[3u * BATCH + r] = cell_records[at + select(4u, 1u, visible)];
-        staged[4u * BATCH + r] = cell_records[at + 5u];
-        staged[5u * BATCH + r] = cell_records[at + 6u];
+        staged[3u * BATCH + r] = cell_records[part_at(select(4u, 1u, visible), record)];
+        staged[4u * BATCH + r] = cell_records[part_at(5u, record)];
+        staged[5u * BATCH + r] = cell_records[part_at(6u, record)];
         if !visible && surface {
-            staged[6u * BATCH + r] = cell_records[at + 7u];
+            staged[6u * BATCH + r] = cell_records[part_at(7u, record)];
         }
     }
 }
 
-// From the anchor of record r to the centre of a pixel.
-fn staged_offset(r: u32, pixel: vec2i) -> vec2f {
+// A staged record in registers. Its gradients are those of the unfiltered (u·w, v·w) in the first loop and of the filtered
+// in the second.
+struct CellRecord {
+    base: vec2i,
+    // From the anchor to the centre of its pixel.
+    to_center: vec2f,
+    // Gradient and range of the depth form.
+    depth: vec4f,
+    scale: f32,
+    epsilon: f32,
+    weight_scale: f32,
+    flags: u32,
+    uv: vec4f,
+    w: vec2f,
+    at_anchor: vec3f,
+}
+
+fn staged_record(r: u32) -> CellRecord {
     let anchor = staged_part(0u, r);
-    let whole = pixel + frame.origin_px - bitcast<vec2i>(anchor.xy);
-    return vec2f(whole) + (vec2f(0.5, 0.5) - bitcast<vec2f>(anchor.zw));
+    let plane = bitcast<vec4f>(staged_part(1u, r));
+    let more = staged_part(2u, r);
+    let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
+    return CellRecord(
+        bitcast<vec2i>(anchor.xy),
+        vec2f(0.5, 0.5) - bitcast<vec2f>(anchor.zw),
+        vec4f(plane.xy, bitcast<vec2f>(more.xy)),
+        plane.z,
+        plane.w,
+        bitcast<f32>(more.z),
+        more.w,
+        bitcast<vec4f>(staged_part(3u, r)),
+        w_and_anchor.xy,
+        vec3f(w_and_anchor.zw, bitcast<f32>(staged_part(5u, r).w)),
+    );
+}
+
+// From a record's anchor to the centre of a pixel.
+fn offset_in(record: CellRecord, pixel: vec2i) -> vec2f {
+    return vec2f(pixel + frame.origin_px - record.base) + record.to_center;
 }
 
 // Sums of a pixel.
@@ -129,35 +163,25 @@ struct CellSums {
     fragments: f32,
 }
 
-// Reversed depth z_near/(z + ε) of the unfiltered splat of record r at a pixel; 0 where it has no fragment.
-fn threshold_of(r: u32, pixel: vec2i) -> f32 {
-    let d = staged_offset(r, pixel);
-    let plane = bitcast<vec4f>(staged_part(1u, r));
-    let more = staged_part(2u, r);
-    let range = bitcast<vec2f>(more.xy);
-    let flags = more.w;
-    let at_anchor = vec3f(bitcast<vec2f>(staged_part(4u, r).zw), bitcast<f32>(staged_part(5u, r).w));
-    let uv = bitcast<vec4f>(staged_part(3u, r));
-    let z = fragment_depth(d, vec4f(plane.xy, range), plane.z, at_anchor.z, flags);
-    let is_there = is_in_unfiltered(d, uv, plane.xy, at_anchor, flags) && exists(z);
-    return select(0.0, reversed_depth(z + plane.w), is_there);
+// Reversed depth z_near/(z + ε) of a record's unfiltered splat at a pixel; 0 where it has no fragment.
+fn threshold_of(record: CellRecord, pixel: vec2i) -> f32 {
+    let d = offset_in(record, pixel);
+    let z = fragment_depth(d, record.depth, record.scale, record.at_anchor.z, record.flags);
+    let is_there = is_in_unfiltered(d, record.uv, record.depth.xy, record.at_anchor, record.flags) && exists(z);
+    return select(0.0, reversed_depth(z + record.epsilon), is_there);
 }
 
-// The contribution of record r to a pixel.
-fn contribution_of(r: u32, pixel: vec2i) -> Contribution {
-    let d = staged_offset(r, pixel);
-    let plane = bitcast<vec4f>(staged_part(1u, r));
-    let more = staged_part(2u, r);
-    let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
+// The contribution of a record to a pixel.
+fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
     return contribution_at(
-        d,
-        bitcast<vec4f>(staged_part(3u, r)),
-        w_and_anchor.xy,
-        vec3f(w_and_anchor.zw, bitcast<f32>(staged_part(5u, r).w)),
-        vec4f(plane.xy, bitcast<vec2f>(more.xy)),
-        plane.z,
-        more.w,
-        bitcast<f32>(more.z),
+        offset_in(record, pixel),
+        record.uv,
+        record.w,
+        record.at_anchor,
+        record.depth,
+        record.scale,
+        record.flags,
+        record.weight_scale,
     );
 }
 
@@ -168,7 +192,8 @@ fn is_within(threshold: f32, c: Contribution) -> bool {
 
 // Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
 fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: ptr<function, CellSums>) {
-    let c = contribution_of(r, pixel);
+    let record = staged_record(r);
+    let c = contribution_of(record, pixel);
     if !is_within(threshold, c) {
         return;
     }
@@ -178,7 +203,7 @@ fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: p
         (*sums).surface += vec4f(normal, c.z * frame.per_depth_unit) * c.weight;
     }
     if frame.has_materials != 0u {
-        (*sums).material += objects[staged_part(2u, r).w >> RECORD_OBJECT].material * c.weight;
+        (*sums).material += objects[record.flags >> RECORD_OBJECT].material * c.weight;
     }
     (*sums).fragments += 1.0;
 }
@@ -191,9 +216,10 @@ fn raise_thresholds(r: u32, half: u32, corner: vec2u) {
     }
     let first = first_of(box);
     let end = end_of(box);
+    let record = staged_record(r);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
-            let threshold = threshold_of(r, vec2i(corner + vec2u(x, y)));
+            let threshold = threshold_of(record, vec2i(corner + vec2u(x, y)));
             if threshold > 0.0 {
                 atomicMax(&thresholds[invocation_of(x, y)], bitcast<u32>(threshold));
             }
@@ -209,11 +235,12 @@ fn mark_pixels(r: u32, half: u32, corner: vec2u) {
     }
     let first = first_of(box);
     let end = end_of(box);
+    let record = staged_record(r);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
             let at = invocation_of(x, y);
             let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
-            if is_within(threshold, contribution_of(r, vec2i(corner + vec2u(x, y)))) {
+            if is_within(threshold, contribution_of(record, vec2i(corner + vec2u(x, y)))) {
                 atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
             }
         }
@@ -255,7 +282,7 @@ fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    threshold = max(threshold, threshold_of(r, pixel));
+                    threshold = max(threshold, threshold_of(staged_record(r), pixel));
                 }
             }
         }

@@ -107,6 +107,12 @@ fn workgroup_scan(i: u32, value: u32) -> u32 {
     return scan_partial[i - 1u];
 }
 
+// Where part k of a record is: records are stored part by part, so that invocations that write or read records side by
+// side share memory transactions.
+fn part_at(k: u32, record: u32) -> u32 {
+    return k * frame.cell_record_room + record;
+}
+
 fn workgroup_number(group: vec3u) -> u32 {
     return group.y * CELL_ROW + group.x;
 }
@@ -184,17 +190,17 @@ fn write_group(group: u32, i: u32, record: Record, is_there: bool) {
         cell_groups[at + 1u] = live;
     }
     if is_there && first + rank < frame.cell_record_room {
-        let at = RECORD_PARTS * (first + rank);
-        cell_records_out[at] = vec4u(bitcast<vec2u>(record.base), bitcast<vec2u>(record.fraction));
-        cell_records_out[at + 1u] = bitcast<vec4u>(vec4f(record.visible_u, record.visible_v));
-        cell_records_out[at + 2u] = bitcast<vec4u>(vec4f(record.depth, record.scale, record.epsilon));
-        cell_records_out[at + 3u] =
+        let at = first + rank;
+        cell_records_out[part_at(0u, at)] = vec4u(bitcast<vec2u>(record.base), bitcast<vec2u>(record.fraction));
+        cell_records_out[part_at(1u, at)] = bitcast<vec4u>(vec4f(record.visible_u, record.visible_v));
+        cell_records_out[part_at(2u, at)] = bitcast<vec4u>(vec4f(record.depth, record.scale, record.epsilon));
+        cell_records_out[part_at(3u, at)] =
             vec4u(bitcast<vec2u>(record.range), bitcast<u32>(record.weight_scale), record.flags);
-        cell_records_out[at + 4u] = bitcast<vec4u>(vec4f(record.u, record.v));
-        cell_records_out[at + 5u] = bitcast<vec4u>(vec4f(record.w, record.at_anchor));
-        cell_records_out[at + 6u] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
-        cell_records_out[at + 7u] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
-        cell_records_out[at + 8u] = boxes;
+        cell_records_out[part_at(4u, at)] = bitcast<vec4u>(vec4f(record.u, record.v));
+        cell_records_out[part_at(5u, at)] = bitcast<vec4u>(vec4f(record.w, record.at_anchor));
+        cell_records_out[part_at(6u, at)] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
+        cell_records_out[part_at(7u, at)] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
+        cell_records_out[part_at(8u, at)] = boxes;
     }
 }
 
@@ -329,7 +335,7 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     let live = cell_groups[at + 1u];
     var own = 0u;
     if i < live {
-        let cells = cells_of(cell_records[RECORD_PARTS * (first + i) + 8u]);
+        let cells = cells_of(cell_records[part_at(8u, first + i)]);
         own = cells.z * cells.w;
     }
     let unused = workgroup_scan(i, own);
@@ -348,7 +354,7 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
             }
         }
         let record = first + low;
-        let cells = cells_of(cell_records[RECORD_PARTS * record + 8u]);
+        let cells = cells_of(cell_records[part_at(8u, record)]);
         var before = 0u;
         if low > 0u {
             before = scan_partial[low - 1u];
