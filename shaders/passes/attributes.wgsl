@@ -51,18 +51,32 @@ fn contribution(in: AttributeVertex) -> Contribution {
 
 fn contribution_by(in: AttributeVertex, weight_scale: f32) -> Contribution {
     let d = offset_of(in.position, in.base, in.anchor.xy);
-    let u = form_at(in.uv.xy, d, in.at_anchor.x);
-    let v = form_at(in.uv.zw, d, in.at_anchor.y);
-    let w = form_at(in.w.xy, d, in.at_anchor.z);
+    return contribution_at(d, in.uv, in.w.xy, in.at_anchor, in.depth, in.anchor.z, in.flags, weight_scale);
+}
+
+// The contribution at an offset from the anchor, of the filtered footprint of these gradients.
+fn contribution_at(
+    d: vec2f,
+    uv: vec4f,
+    w_gradient: vec2f,
+    at_anchor: vec3f,
+    depth: vec4f,
+    scale: f32,
+    flags: u32,
+    weight_scale: f32,
+) -> Contribution {
+    let u = form_at(uv.xy, d, at_anchor.x);
+    let v = form_at(uv.zw, d, at_anchor.y);
+    let w = form_at(w_gradient, d, at_anchor.z);
     let square = fma(u, u, v * v);
     var inside = 0.0 < w && square <= w * w;
     var rho_squared = square / (select(1.0, w * w, inside));
-    if (in.flags & RECORD_CLAMP) != 0u {
+    if (flags & RECORD_CLAMP) != 0u {
         let disk = fma(d.x, d.x, d.y * d.y) / (frame.radius_px * frame.radius_px);
         rho_squared = min(select(disk, rho_squared, inside), disk);
         inside = inside || disk <= 1.0;
     }
-    let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
+    let z = fragment_depth(d, depth, scale, at_anchor.z, flags);
     return Contribution(weight(rho_squared, frame.cutoff) * weight_scale, z, inside && exists(z));
 }
 

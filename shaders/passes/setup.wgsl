@@ -96,20 +96,24 @@ struct ClipFootprints {
     filtered: Footprint,
     visible_turn: Turn,
     filtered_turn: Turn,
+}
+
+// A splat that was set up; `is_there` is false for one that takes part in no pass.
+struct SetUpSplat {
+    record: Record,
+    footprints: ClipFootprints,
     is_there: bool,
 }
 
-// The value for a splat that takes part in no pass.
-fn no_clip_footprints() -> ClipFootprints {
-    let none = linear_new(0.0, vec2f(0.0, 0.0));
-    let empty = Footprint(none, none, none);
-    return ClipFootprints(empty, empty, turn_none(), turn_none(), false);
+fn no_set_up_splat() -> SetUpSplat {
+    var none: SetUpSplat;
+    return none;
 }
 
 @compute @workgroup_size(WORKGROUP)
 fn setup(@builtin(global_invocation_id) id: vec3u) {
     if id.x < segment.count {
-        set_up(id.x);
+        write_record(id.x, set_up_of_chunk(id.x));
     }
 }
 
@@ -120,33 +124,55 @@ fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     if i >= segment.count {
         return;
     }
-    let footprints = set_up(i);
-    if footprints.is_there {
-        let clip = stored_clip(i);
-        record_clips_out[i] = RecordClip(
-            clip_through(clip, footprints.visible, footprints.visible_turn),
-            clip_through(clip, footprints.filtered, footprints.filtered_turn),
-        );
+    let splat = set_up_of_chunk(i);
+    write_record(i, splat);
+    if splat.is_there {
+        record_clips_out[i] = clips_of(i, splat.footprints);
     }
 }
 
-// Sets up splat i of the segment.
-fn set_up(i: u32) -> ClipFootprints {
-    records_out[i].visible_box = vec2u(0u, 0u);
-    records_out[i].filtered_box = vec2u(0u, 0u);
-    let at = i * segment.stride;
-    let code = stored_word(at);
+fn clips_of(i: u32, footprints: ClipFootprints) -> RecordClip {
+    let clip = stored_clip(i);
+    return RecordClip(
+        clip_through(clip, footprints.visible, footprints.visible_turn),
+        clip_through(clip, footprints.filtered, footprints.filtered_turn),
+    );
+}
+
+// Writes the record of splat i; a splat that takes part in no pass has empty boxes.
+fn write_record(i: u32, splat: SetUpSplat) {
+    if splat.is_there {
+        records_out[i] = splat.record;
+        atomicAdd(&drawn, 1u);
+    } else {
+        records_out[i].visible_box = vec2u(0u, 0u);
+        records_out[i].filtered_box = vec2u(0u, 0u);
+    }
+}
+
+// Sets up splat i of the segment, unless its chunk is outside of the view or the CPU has set it up.
+fn set_up_of_chunk(i: u32) -> SetUpSplat {
+    let code = stored_word(i * segment.stride);
     let chunk = chunks[code / CHUNK_SPLATS];
-    if chunk.state == CHUNK_OUTSIDE {
-        return no_clip_footprints();
+    if chunk.state == CHUNK_OUTSIDE || is_set_up_by_host(code, chunk.state) {
+        return no_set_up_splat();
     }
-    if chunk.state != CHUNK_ORDINARY {
-        let in_chunk = code % CHUNK_SPLATS;
-        if (near_bits[chunk.state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u {
-            return no_clip_footprints();
-        }
+    return set_up(i, code / CHUNK_SPLATS, chunk.center);
+}
+
+// True if a splat reaches the near plane, given its code and the state of its chunk.
+fn is_set_up_by_host(code: u32, state: u32) -> bool {
+    if state == CHUNK_ORDINARY {
+        return false;
     }
-    let scales = stored_scales(code / CHUNK_SPLATS);
+    let in_chunk = code % CHUNK_SPLATS;
+    return (near_bits[state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u;
+}
+
+// Sets up splat i of the segment, which is of this chunk about this origin.
+fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
+    let at = i * segment.stride;
+    let scales = stored_scales(chunk);
     let shape_at = at + segment.shape_at;
     let object = objects[segment.object];
     var pair: Pair;
@@ -162,7 +188,7 @@ fn set_up(i: u32) -> ClipFootprints {
         outward = v3_cross(pair.s * (1.0 / v3_max_abs(pair.s)), pair.t * (1.0 / v3_max_abs(pair.t)));
     }
     let world_normal = unit(object.normals * outward);
-    let p = object.linear * stored_numbers(at + segment.center_at, scales.x) + chunk.center;
+    let p = object.linear * stored_numbers(at + segment.center_at, scales.x) + center;
     let n = frame.view_from_world * world_normal;
     let splat = ViewSplat(p, object.linear * pair.s, object.linear * pair.t, n);
     var shading = world_normal;
@@ -176,8 +202,8 @@ fn set_up(i: u32) -> ClipFootprints {
     return project(i, splat, shading, color, object);
 }
 
-// Projects a splat whose centre is at or beyond z_near, and writes its record.
-fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> ClipFootprints {
+// Projects a splat whose centre is at or beyond z_near.
+fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Object) -> SetUpSplat {
     let projection = frame.projection;
     let projective = frame.projective != 0u;
     let perspective = projection.kind == PERSPECTIVE;
@@ -197,7 +223,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let back_facing = 0.0 <= projected.facing;
     let outside = z + extent < projection.near || projection.far < z - extent;
     if outside || projected_is_edge_on(projected) || (back_facing && object.cull_back != 0u) {
-        return no_clip_footprints();
+        return no_set_up_splat();
     }
     let visible = footprint_unfiltered(projected, projective);
     let filtered = filtered_by(projected, visible);
@@ -221,7 +247,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     let visible_box = sampled_part(visible_pixels);
     let filtered_box = sampled_part(filtered_pixels);
     if box_is_empty(visible_box) && box_is_empty(filtered_box) {
-        return no_clip_footprints();
+        return no_set_up_splat();
     }
     var record: Record;
     record.base = vec2i(base);
@@ -266,7 +292,6 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
     }
     record.visible_box = packed_box(visible_box);
     record.filtered_box = packed_box(filtered_box);
-    records_out[i] = record;
-    atomicAdd(&drawn, 1u);
-    return ClipFootprints(visible, filtered.footprint, turn, turn_after(turn, filtered.turn), true);
+    let footprints = ClipFootprints(visible, filtered.footprint, turn, turn_after(turn, filtered.turn));
+    return SetUpSplat(record, footprints, true);
 }

@@ -139,6 +139,9 @@ fn splat_coverage(pixel: vec2i) -> f32 {
 
 // Depth of the front surface; +∞ without one.
 fn front_depth(pixel: vec2i) -> f32 {
+    if frame.surfaces_at != ABSENT {
+        return planes[frame.surfaces_at + 4u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x)) + 3u];
+    }
     let weight = textureLoad(color_sums, pixel, 0).w;
     let is_there = LEAST_WEIGHT <= weight;
     let z = select(frame.empty_depth, textureLoad(surface_sums, pixel, 0).w / weight * frame.depth_unit, is_there);
@@ -302,6 +305,14 @@ fn shade_pixel(id: vec3u, full: bool) {
     if frame.color_at != ABSENT {
         write_color(at, composite_over(layers, opaque.color));
     }
+    write_planes(at, surface);
+    if frame.fragments_at != ABSENT {
+        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + f32(fragments_of(layers));
+    }
+}
+
+// Writes the planes of a pixel's nearest surface, except its colour.
+fn write_planes(at: u32, surface: Surface) {
     if frame.depth_at != ABSENT {
         planes[frame.depth_at + at] = select(frame.empty_depth, surface.z, surface.is_there);
     }
@@ -313,9 +324,6 @@ fn shade_pixel(id: vec3u, full: bool) {
     }
     if frame.weight_at != ABSENT {
         planes[frame.weight_at + at] = surface.weight;
-    }
-    if frame.fragments_at != ABSENT {
-        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + f32(fragments_of(layers));
     }
 }
 

@@ -107,6 +107,16 @@ struct Frame {
     first_pixel: vec2u,
     // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
     host_depth: vec2f,
+    // Of the compute path: cells in a row, and in all, chunks that may touch the tile, groups of records, and how many records and
+    // pairs there is room for.
+    cell_columns: u32,
+    cell_count: u32,
+    cell_chunk_count: u32,
+    cell_group_count: u32,
+    cell_record_room: u32,
+    cell_pair_room: u32,
+    // Where `planes` hold the surfaces that passes over neighbours look at, or ABSENT.
+    surfaces_at: u32,
     // A uniform buffer aligns structs so.
     @align(16) tolerance: Tolerance,
 }

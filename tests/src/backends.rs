@@ -6,6 +6,7 @@ use crate::scenes::Case;
 use std::collections::BTreeMap;
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
+use surfel_ash::GpuPath;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
 /// What is held against the reference.
@@ -57,6 +58,8 @@ pub struct Start<'a> {
     pub adapter: Option<&'a str>,
     /// Has validation layers check every call, where they are installed.
     pub validation: bool,
+    /// Compute shaders or raster hardware, on a GPU.
+    pub path: GpuPath,
 }
 
 /// Frames of a case that was drawn several times.
@@ -99,7 +102,7 @@ impl Session {
     /// # Errors
     /// [`RenderError`] if it doesn't start.
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
-        Self::start_as(backend, Start { adapter, validation: true })
+        Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto })
     }
 
     /// Starts a backend.
@@ -115,10 +118,11 @@ impl Session {
                     listen();
                 }
                 let options = surfel_wgpu::Options::default().with_adapter(adapter).with_validation(start.validation);
+                let options = options.with_path(start.path);
                 Drawing::Wgpu(Box::new(surfel_wgpu::Renderer::new(options)?))
             }
             Backend::Ash => {
-                let options = surfel_ash::Options::default().with_adapter(adapter);
+                let options = surfel_ash::Options::default().with_adapter(adapter).with_path(start.path);
                 if start.validation {
                     // What the layer says is an error of the call.
                     let (renderer, note) = start_ash(options)?;
@@ -180,7 +184,7 @@ impl Session {
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
 pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
-    run_reporting(backend, Start { adapter, validation: true }, truths, extent, |_, _, _, _| ())
+    run_reporting(backend, Start { adapter, validation: true, path: GpuPath::Auto }, truths, extent, |_, _, _, _| ())
 }
 
 /// Runs as [`run`] does, and hands each scene's report and drawing time to `report` at once.

@@ -10,6 +10,7 @@ use crate::truths;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
+use surfel_ash::GpuPath;
 use surfel_bench::kit::{Conformance, Lines};
 
 const HELP: &str = "\
@@ -30,6 +31,7 @@ Options:
   --truths FILE    Read the reference's images from FILE instead of drawing them
   --out FOLDER     Append a line of JSON for each scene to FOLDER/results.jsonl, as soon as it is drawn, with hashes of
                    repeated frames of it
+  --path PATH      compute or raster: the path that wgpu and ash draw by; auto by default
   --no-validation  Draw without validation layers
   -h, --help       Print this
 
@@ -51,9 +53,10 @@ struct Arguments {
     truths: Option<PathBuf>,
     out: Option<PathBuf>,
     no_validation: bool,
+    path: GpuPath,
 }
 
-const FLAGS: [&str; 11] = [
+const FLAGS: [&str; 12] = [
     "--backend",
     "--adapter",
     "--scene",
@@ -65,6 +68,7 @@ const FLAGS: [&str; 11] = [
     "--write-truths",
     "--truths",
     "--out",
+    "--path",
 ];
 
 fn whole(flag: &str, value: &str) -> Result<u64, String> {
@@ -109,6 +113,14 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
             "--write-truths" => found.write_truths = Some(value.into()),
             "--truths" => found.truths = Some(value.into()),
             "--out" => found.out = Some(value.into()),
+            "--path" => {
+                found.path = match value.as_str() {
+                    "auto" => GpuPath::Auto,
+                    "compute" => GpuPath::Compute,
+                    "raster" => GpuPath::Raster,
+                    _ => return Err(format!("--path '{value}': expected auto, compute or raster")),
+                }
+            }
             _ => found.report = Some(value.into()),
         }
     }
@@ -164,7 +176,8 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
     }
     let extent = if arguments.scene.is_empty() { Extent::EveryScene } else { Extent::SomeScenes };
     let mut lines = arguments.out.as_deref().map(Lines::open).transpose()?;
-    let start = Start { adapter: arguments.adapter.as_deref(), validation: !arguments.no_validation };
+    let start =
+        Start { adapter: arguments.adapter.as_deref(), validation: !arguments.no_validation, path: arguments.path };
     let mut entries = Vec::new();
     for &backend in &arguments.backends {
         eprintln!("{}: {} scenes", backend.name(), truths.len());

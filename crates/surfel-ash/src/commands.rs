@@ -5,7 +5,7 @@ use crate::error::Failure;
 use crate::memory::{Image, whole};
 use crate::object::{Owned, destroy};
 use ash::vk;
-use std::sync::Arc;
+use std::sync::{Arc, PoisonError};
 
 /// Commands that are being recorded.
 pub(crate) struct Commands<'a> {
@@ -13,41 +13,85 @@ pub(crate) struct Commands<'a> {
     pub raw: vk::CommandBuffer,
 }
 
+/// A command buffer with its pool and fence, reused from one submission to the next: making and destroying them takes a
+/// driver longer than recording a frame.
+pub(crate) struct Recorder {
+    pool: vk::CommandPool,
+    buffer: vk::CommandBuffer,
+    fence: vk::Fence,
+}
+
+impl Recorder {
+    fn new(device: &Arc<Device>) -> Result<Self, Failure> {
+        let vulkan = &device.raw;
+        let info = vk::CommandPoolCreateInfo::default()
+            .queue_family_index(device.family)
+            .flags(vk::CommandPoolCreateFlags::TRANSIENT);
+        // SAFETY: the family is the device's.
+        let pool = unsafe { vulkan.create_command_pool(&info, None) }?;
+        // Destroyed below unless everything could be made.
+        let owned_pool = Owned::new(device, pool, "commands", destroy!(destroy_command_pool));
+        let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
+        // SAFETY: the pool is this device's, and only this function uses it.
+        let buffers = unsafe { vulkan.allocate_command_buffers(&info) }?;
+        let buffer = *buffers.first().ok_or(Failure::OutOfMemory)?;
+        // SAFETY: no requirement.
+        let fence = unsafe { vulkan.create_fence(&vk::FenceCreateInfo::default(), None) }?;
+        device.name(fence, "submitted");
+        owned_pool.keep();
+        Ok(Self { pool, buffer, fence })
+    }
+
+    /// Destroys it. No submission of it is being executed.
+    pub(crate) fn destroy(self, device: &ash::Device) {
+        // SAFETY: the fence is the device's, and no submission that signals it is being executed.
+        unsafe { device.destroy_fence(self.fence, None) };
+        // SAFETY: the pool is the device's, and none of its command buffers is being executed.
+        unsafe { device.destroy_command_pool(self.pool, None) };
+    }
+
+    fn submit(
+        &self,
+        device: &Arc<Device>,
+        record: impl FnOnce(&Commands<'_>) -> Result<(), Failure>,
+    ) -> Result<(), Failure> {
+        let (vulkan, raw) = (&device.raw, self.buffer);
+        // SAFETY: what was recorded before was executed and waited for.
+        unsafe { vulkan.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }?;
+        let fences = [self.fence];
+        // SAFETY: no submission that signals the fence is being executed.
+        unsafe { vulkan.reset_fences(&fences) }?;
+        let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
+        // SAFETY: the command buffer is new, or was reset with its pool.
+        unsafe { vulkan.begin_command_buffer(raw, &info) }?;
+        record(&Commands { device, raw })?;
+        // SAFETY: it is being recorded; recorders end the render passes that they begin.
+        unsafe { vulkan.end_command_buffer(raw) }?;
+        let command_buffers = [raw];
+        let submission = vk::SubmitInfo::default().command_buffers(&command_buffers);
+        // SAFETY: the commands are recorded, the fence is not signalled, and the queue is used by this thread alone: a
+        // renderer is borrowed mutably while it works.
+        unsafe { vulkan.queue_submit(device.queue, &[submission], self.fence) }?;
+        // SAFETY: the fence is this device's. After an error the device is lost, and executes nothing any more.
+        unsafe { vulkan.wait_for_fences(&fences, true, u64::MAX) }?;
+        Ok(())
+    }
+}
+
 /// Records commands, submits them, and waits until the device has executed them.
 pub(crate) fn submit(
     device: &Arc<Device>,
     record: impl FnOnce(&Commands<'_>) -> Result<(), Failure>,
 ) -> Result<(), Failure> {
-    let vulkan = &device.raw;
-    let info = vk::CommandPoolCreateInfo::default()
-        .queue_family_index(device.family)
-        .flags(vk::CommandPoolCreateFlags::TRANSIENT);
-    // SAFETY: the family is the device's.
-    let pool = unsafe { vulkan.create_command_pool(&info, None) }?;
-    // Frees its command buffers, too.
-    let pool = Owned::new(device, pool, "commands", destroy!(destroy_command_pool));
-    let info = vk::CommandBufferAllocateInfo::default().command_pool(pool.raw).command_buffer_count(1);
-    // SAFETY: the pool is this device's, and only this function uses it.
-    let buffers = unsafe { vulkan.allocate_command_buffers(&info) }?;
-    let raw = *buffers.first().ok_or(Failure::OutOfMemory)?;
-    let info = vk::CommandBufferBeginInfo::default().flags(vk::CommandBufferUsageFlags::ONE_TIME_SUBMIT);
-    // SAFETY: the command buffer is new.
-    unsafe { vulkan.begin_command_buffer(raw, &info) }?;
-    record(&Commands { device, raw })?;
-    // SAFETY: it is being recorded; recorders end the render passes that they begin.
-    unsafe { vulkan.end_command_buffer(raw) }?;
-    // SAFETY: no requirement.
-    let fence = unsafe { vulkan.create_fence(&vk::FenceCreateInfo::default(), None) }?;
-    let fence = Owned::new(device, fence, "submitted", destroy!(destroy_fence));
-    let command_buffers = [raw];
-    let submission = vk::SubmitInfo::default().command_buffers(&command_buffers);
-    // SAFETY: the commands are recorded, the fence is new, and the queue is used by this thread alone: a renderer is
-    // borrowed mutably while it works.
-    unsafe { vulkan.queue_submit(device.queue, &[submission], fence.raw) }?;
-    let fences = [fence.raw];
-    // SAFETY: the fence is this device's. After an error the device is lost, and executes nothing any more.
-    unsafe { vulkan.wait_for_fences(&fences, true, u64::MAX) }?;
-    Ok(())
+    let kept = device.recorder.lock().unwrap_or_else(PoisonError::into_inner).take();
+    let recorder = kept.map_or_else(|| Recorder::new(device), Ok)?;
+    let submitted = recorder.submit(device, record);
+    if submitted.is_err() {
+        recorder.destroy(&device.raw);
+    } else {
+        *device.recorder.lock().unwrap_or_else(PoisonError::into_inner) = Some(recorder);
+    }
+    submitted
 }
 
 impl Commands<'_> {
@@ -61,6 +105,17 @@ impl Commands<'_> {
         let none = vk::DependencyFlags::empty();
         // SAFETY: recorded outside of render passes.
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, all, none, &[memory], &[], &[]) };
+    }
+
+    /// All that compute shaders wrote is seen by compute shaders that follow.
+    pub(crate) fn barrier_of_compute(&self) {
+        let memory = vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+        let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
+        let none = vk::DependencyFlags::empty();
+        // SAFETY: recorded outside of render passes.
+        unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, compute, compute, none, &[memory], &[], &[]) };
     }
 
     /// As [`Commands::barrier`], up to the host that reads.

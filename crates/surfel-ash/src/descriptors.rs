@@ -44,6 +44,13 @@ impl SetLayout {
     }
 }
 
+impl SetLayout {
+    /// Numbers of its bindings.
+    pub(crate) fn numbers(&self) -> Vec<u32> {
+        self.bindings.iter().map(|(number, _)| *number).collect()
+    }
+}
+
 fn descriptor_type(kind: BindingKind) -> vk::DescriptorType {
     match kind {
         BindingKind::Uniform => vk::DescriptorType::UNIFORM_BUFFER,

@@ -1,5 +1,6 @@
 //! The device, its queue and its memory.
 
+use crate::commands::Recorder;
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};
 use ash::{ext, vk};
@@ -7,7 +8,7 @@ use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};
 use std::ffi::CString;
 use std::mem::ManuallyDrop;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// A logical device. Everything that is made of it holds it.
 pub(crate) struct Device {
@@ -18,6 +19,8 @@ pub(crate) struct Device {
     pub instance: Arc<Instance>,
     /// Dropped before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
+    /// What the last submission was recorded by.
+    pub recorder: Mutex<Option<Recorder>>,
     names: Option<ext::debug_utils::Device>,
     is_own: bool,
 }
@@ -141,7 +144,17 @@ impl Device {
             }
         };
         let names = instance.has_names.then(|| ext::debug_utils::Device::new(&instance.raw, &raw));
-        Ok(Arc::new(Self { raw, queue, family: candidate.family, caps, instance, allocator, names, is_own }))
+        Ok(Arc::new(Self {
+            raw,
+            queue,
+            family: candidate.family,
+            caps,
+            instance,
+            allocator,
+            recorder: Mutex::default(),
+            names,
+            is_own,
+        }))
     }
 
     /// Names an object for messages and debuggers.
@@ -156,6 +169,10 @@ impl Device {
 
 impl Drop for Device {
     fn drop(&mut self) {
+        let recorder = self.recorder.get_mut().unwrap_or_else(PoisonError::into_inner).take();
+        if let Some(recorder) = recorder {
+            recorder.destroy(&self.raw);
+        }
         // SAFETY: dropped once, here; all that was allocated from it holds the device and so is gone.
         unsafe { ManuallyDrop::drop(&mut self.allocator) };
         if self.is_own {

@@ -402,18 +402,23 @@ impl<'a> Tile<'a> {
     }
 }
 
-fn bind_pipeline(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint) {
+pub(crate) fn bind_pipeline(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint) {
     // SAFETY: the pipeline is of that bind point and outlives the submission.
     unsafe { commands.device.raw.cmd_bind_pipeline(commands.raw, point, pipeline.raw.raw) };
 }
 
-fn bind_sets(commands: &Commands<'_>, pipeline: &Pipeline, point: vk::PipelineBindPoint, sets: &[vk::DescriptorSet]) {
+pub(crate) fn bind_sets(
+    commands: &Commands<'_>,
+    pipeline: &Pipeline,
+    point: vk::PipelineBindPoint,
+    sets: &[vk::DescriptorSet],
+) {
     let layout = pipeline.layout.raw;
     // SAFETY: the sets were made with the layouts that the pipeline's is made of, from set 0 on.
     unsafe { commands.device.raw.cmd_bind_descriptor_sets(commands.raw, point, layout, 0, sets, &[]) };
 }
 
-fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
+pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
     // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a
     // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };

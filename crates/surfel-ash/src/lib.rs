@@ -18,6 +18,7 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod cells;
 mod commands;
 mod descriptors;
 mod device;
@@ -39,7 +40,7 @@ pub use options::Options;
 pub use renderer::{RawDevice, Renderer};
 pub use scene::ResidentScene;
 pub use summary::{DeviceSummary, devices};
-pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
 

@@ -19,6 +19,13 @@ impl<H: Copy + vk::Handle> Owned<H> {
     }
 }
 
+impl<H: Copy> Owned<H> {
+    /// Leaves it to the caller to destroy the object.
+    pub(crate) fn keep(mut self) {
+        self.destroy = |_, _| ();
+    }
+}
+
 impl<H: Copy> Drop for Owned<H> {
     fn drop(&mut self) {
         (self.destroy)(&self.device.raw, self.raw);

@@ -1,6 +1,6 @@
 //! Options of a renderer.
 
-use surfel_gpu::Limits;
+use surfel_gpu::{GpuPath, Limits};
 use surfel_model::Storage;
 
 /// How a [`Renderer`](crate::Renderer) is opened.
@@ -15,6 +15,8 @@ pub struct Options {
     pub limits: Limits,
     /// How splats are stored in the device's memory.
     pub storage: Storage,
+    /// Compute shaders or raster hardware.
+    pub path: GpuPath,
 }
 
 impl Options {
@@ -29,5 +31,6 @@ impl Options {
         with_validation validation: bool,
         with_limits limits: Limits,
         with_storage storage: Storage,
+        with_path path: GpuPath,
     }
 }

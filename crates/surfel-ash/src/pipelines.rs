@@ -32,6 +32,15 @@ pub(crate) struct Pipelines {
     pixels: HashMap<PixelPass, PixelPipeline>,
     splats: HashMap<Variant, SplatPipeline>,
     draws: HashMap<DrawKey, DrawPipeline>,
+    cells: HashMap<&'static str, CellPipeline>,
+}
+
+/// The pipeline of a pass of the compute path, and the layouts of its sets. Each has its own of the frame: with all
+/// buffers of the frame some would bind more than every device does.
+pub(crate) struct CellPipeline {
+    pub pipeline: Pipeline,
+    pub frame_set: SetLayout,
+    pub set: SetLayout,
 }
 
 /// A pipeline and its layout.
@@ -81,6 +90,7 @@ impl Pipelines {
             pixels: HashMap::new(),
             splats: HashMap::new(),
             draws: HashMap::new(),
+            cells: HashMap::new(),
         })
     }
 
@@ -97,6 +107,21 @@ impl Pipelines {
 
     pub(crate) fn pixels(&self, pixels: PixelPass) -> Result<&PixelPipeline, Failure> {
         self.pixels.get(&pixels).ok_or_else(|| Failure::other("a pixel pass was recorded that was not prepared"))
+    }
+
+    /// Builds the pipeline of a pass of the compute path, if it hasn't been built.
+    pub(crate) fn prepare_cells(&mut self, entry: &'static str) -> Result<(), Failure> {
+        let Entry::Vacant(place) = self.cells.entry(entry) else { return Ok(()) };
+        let [frame_set, set] = [0, 1].map(|group| SetLayout::new(&self.device, entry, &[entry], group));
+        let (frame_set, set) = (frame_set?, set?);
+        let layout = pipeline_layout(&self.device, entry, &[&frame_set, &set])?;
+        let raw = compute_pipeline(&self.device, self.cache.raw, layout.raw, entry)?;
+        place.insert(CellPipeline { pipeline: Pipeline { raw, layout }, frame_set, set });
+        Ok(())
+    }
+
+    pub(crate) fn cells(&self, entry: &str) -> Result<&CellPipeline, Failure> {
+        self.cells.get(entry).ok_or_else(|| Failure::other("a pass over cells was recorded that was not prepared"))
     }
 
     /// Builds the setup pipeline of a variant, if it hasn't been built.

@@ -26,6 +26,8 @@ pub(crate) struct Queries {
     times: Option<Owned<vk::QueryPool>>,
     invocations: Option<Owned<vk::QueryPool>>,
     samples: Option<Owned<vk::QueryPool>>,
+    /// Steps that there are queries for.
+    most_steps: u32,
     /// Replaces the steps' own names.
     label: Option<&'static str>,
     /// Names of the steps timed so far.
@@ -35,8 +37,10 @@ pub(crate) struct Queries {
 }
 
 impl Queries {
-    /// Queries of a tile, whose steps have the name `label` rather than their own: their fragments don't count.
-    pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>) -> Result<Self, Failure> {
+    /// Queries of a tile of so many steps, which have the name `label` rather than their own: their fragments don't
+    /// count.
+    pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>, steps: usize) -> Result<Self, Failure> {
+        let most_steps = (steps as u32).clamp(1, MOST_STEPS);
         let caps = &device.caps;
         let pool = |wanted: bool, kind, count, statistics| -> Result<Option<Owned<vk::QueryPool>>, Failure> {
             if !wanted {
@@ -51,9 +55,10 @@ impl Queries {
         let none = vk::QueryPipelineStatisticFlags::empty();
         Ok(Self {
             device: device.clone(),
-            times: pool(caps.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * MOST_STEPS, none)?,
+            times: pool(caps.timestamp_period > 0.0, vk::QueryType::TIMESTAMP, 2 * most_steps, none)?,
             invocations: pool(caps.counts_invocations, vk::QueryType::PIPELINE_STATISTICS, 1, COUNTED)?,
-            samples: pool(caps.counts_samples && label.is_none(), vk::QueryType::OCCLUSION, MOST_STEPS, none)?,
+            samples: pool(caps.counts_samples && label.is_none(), vk::QueryType::OCCLUSION, most_steps, none)?,
+            most_steps,
             label,
             steps: RefCell::default(),
             counted_passes: RefCell::default(),
@@ -62,7 +67,7 @@ impl Queries {
 
     /// Starts a tile.
     pub(crate) fn begin(&self, commands: &Commands<'_>) {
-        let counts = [(&self.times, 2 * MOST_STEPS), (&self.invocations, 1), (&self.samples, MOST_STEPS)];
+        let counts = [(&self.times, 2 * self.most_steps), (&self.invocations, 1), (&self.samples, self.most_steps)];
         for (pool, count) in counts {
             if let Some(pool) = pool {
                 // SAFETY: the pool has that many queries; recorded outside of render passes.
@@ -87,7 +92,7 @@ impl Queries {
     /// Times what `step` records.
     pub(crate) fn timed<T>(&self, commands: &Commands<'_>, name: &'static str, step: impl FnOnce() -> T) -> T {
         let index = self.steps.borrow().len() as u32;
-        let pool = self.times.as_ref().filter(|_| index < MOST_STEPS);
+        let pool = self.times.as_ref().filter(|_| index < self.most_steps);
         if pool.is_some() {
             self.steps.borrow_mut().push(self.label.unwrap_or(name));
         }
@@ -106,7 +111,7 @@ impl Queries {
     /// Counts the fragments of what `draw` records, inside of a render pass.
     pub(crate) fn counted<T>(&self, commands: &Commands<'_>, draw: impl FnOnce() -> T) -> T {
         let index = *self.counted_passes.borrow();
-        let Some(pool) = self.samples.as_ref().filter(|_| index < MOST_STEPS) else { return draw() };
+        let Some(pool) = self.samples.as_ref().filter(|_| index < self.most_steps) else { return draw() };
         *self.counted_passes.borrow_mut() += 1;
         let precise = vk::QueryControlFlags::PRECISE;
         // SAFETY: the query was reset, precise counting is enabled, and it ends in the same subpass.

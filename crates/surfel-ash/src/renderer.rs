@@ -1,5 +1,6 @@
 //! The backend: scenes in, frames out.
 
+use crate::cells::{CellBuffers, CellTile};
 use crate::commands::submit;
 use crate::device::Device;
 use crate::error::Failure;
@@ -17,14 +18,17 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
-    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels,
+    COUNTER_BYTES, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
+    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes, count_layers,
+    layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
     with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
+};
 
 /// A device that a program has anyway.
 pub struct RawDevice {
@@ -50,6 +54,8 @@ pub struct Renderer {
     map_targets: Option<Targets>,
     /// The shadow maps of the frame before.
     maps: Option<ShadowMapCache<Arc<Buffer>>>,
+    /// Buffers of the compute path.
+    cells: CellBuffers,
     pipelines: Pipelines,
     device: Arc<Device>,
     info: RendererInfo,
@@ -57,6 +63,7 @@ pub struct Renderer {
     /// The lesser of the device's limits and the options'.
     limits: Limits,
     storage: Storage,
+    path: GpuPath,
 }
 
 impl Renderer {
@@ -83,7 +90,7 @@ impl Renderer {
             .into());
         };
         let device = Device::new(instance, candidate)?;
-        Self::start(device, candidate, options.limits, options.storage)
+        Self::start(device, candidate, &options)
     }
 
     /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
@@ -104,15 +111,10 @@ impl Renderer {
         let candidate = Candidate::with_family(&instance.raw, physical, family, timestamp_bits);
         let candidate = candidate.ok_or_else(|| Failure::other("the device is of Vulkan 1.0, expected 1.1"))?;
         let device = Device::borrowed(instance, &candidate, device, queue)?;
-        Self::start(device, &candidate, Limits::default(), Storage::default())
+        Self::start(device, &candidate, &Options::default())
     }
 
-    fn start(
-        device: Arc<Device>,
-        candidate: &Candidate,
-        limits: Limits,
-        storage: Storage,
-    ) -> Result<Self, RenderError> {
+    fn start(device: Arc<Device>, candidate: &Candidate, options: &Options) -> Result<Self, RenderError> {
         let pipelines = Pipelines::new(&device)?;
         let mut driver = candidate.driver.clone();
         if !device.caps.blends_f32 {
@@ -126,18 +128,20 @@ impl Renderer {
             capabilities: CAPABILITIES,
         };
         let is_software = candidate.is_software();
-        let limits = limits.within(device.caps.buffer_bytes(), device.caps.texture_side());
+        let limits = options.limits.within(device.caps.buffer_bytes(), device.caps.texture_side());
         let limits = limits.within_memory(device.caps.memory_bytes);
         let renderer = Self {
             targets: None,
             map_targets: None,
             maps: None,
+            cells: CellBuffers::default(),
             pipelines,
             device,
             info,
             is_software,
             limits,
-            storage,
+            storage: options.storage,
+            path: options.path,
         };
         renderer.check_messages()?;
         Ok(renderer)
@@ -172,7 +176,11 @@ impl Renderer {
             }
         }
         let size = data.target_size(plan);
-        let key = TargetKey { size, precision, draws, floats: data.planes.floats };
+        self.prepare_targets(TargetKey { size, precision, draws, floats: data.planes.buffer_floats })
+    }
+
+    /// Makes targets, where they aren't there from the frame before.
+    fn prepare_targets(&mut self, key: TargetKey) -> Result<(), Failure> {
         // The old targets are freed first: both may not fit.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
         self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
@@ -217,7 +225,7 @@ impl Renderer {
             let work = TileWork::of(&job.plan, &data, scene, Vec::new());
             self.prepare(&job.plan, &data, &work)?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let queries = Queries::new(&self.device, Some(SHADOW_MAPS))?;
+            let queries = Queries::new(&self.device, Some(SHADOW_MAPS), work.steps.len())?;
             let none = self.shadow_buffer(1)?;
             let tile = Tile::new(
                 &self.device,
@@ -241,6 +249,82 @@ impl Renderer {
 
     /// Draws one tile into the frame.
     fn tile(
+        &mut self,
+        job: &FrameJob<'_>,
+        data: &mut TileData,
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<(), Failure> {
+        let Some(cells) = data.cells.clone() else { return self.raster_tile(job, data, frame, stats) };
+        if !self.cell_tile(job, data, &cells, frame, stats)? {
+            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, data.tile);
+            self.raster_tile(job, &data, frame, stats)?;
+        }
+        Ok(())
+    }
+
+    /// Draws one tile by the compute path. Returns false, and draws nothing, if it doesn't fit the device.
+    fn cell_tile(
+        &mut self,
+        job: &FrameJob<'_>,
+        data: &mut TileData,
+        cells: &CellCounts,
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<bool, Failure> {
+        let mut room = CellRoom::start(self.cells.room, cells, self.limits);
+        while let Some(tried) = room {
+            data.put_room(tried);
+            self.cells.prepare(&self.device, cells, tried)?;
+            let pixel_passes = pixel_passes_after_cells(job.plan);
+            for &pass in &pixel_passes {
+                self.pipelines.prepare_pixels(pass)?;
+            }
+            for entry in cell_entries(job.plan) {
+                self.pipelines.prepare_cells(entry)?;
+            }
+            self.prepare_targets(TargetKey {
+                size: data.target_size(job.plan),
+                precision: Precision::F32,
+                draws: Vec::new(),
+                floats: data.planes.buffer_floats,
+            })?;
+            let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
+            let stages = cell_stages(job.plan, cells, tried);
+            let queries = Queries::new(&self.device, None, stages.len() + pixel_passes.len())?;
+            let none = self.shadow_buffer(1)?;
+            let inputs = TileInputs {
+                scene: job.scene,
+                pipelines: &self.pipelines,
+                targets,
+                queries: &queries,
+                frame: job.frame_scene,
+                data,
+                pixel_passes: &pixel_passes,
+                shadow_texels: job.shadow_texels,
+                drawn_shadow_texels: &none,
+            };
+            let tile = CellTile::new(&self.device, &inputs, &self.cells, &stages)?;
+            submit(&self.device, |commands| tile.record(commands))?;
+            let counters = tile.counters.words((COUNTER_BYTES / 4) as usize)?;
+            if !tried.holds(counters) {
+                room = tried.grown(counters, cells, self.limits);
+                continue;
+            }
+            CellRoom::count(counters, stats);
+            queries.add(stats)?;
+            let planes = targets.readback.words(data.planes.floats as usize)?;
+            let nothing = |_, _| Identity::NOTHING;
+            stats.fragments +=
+                data.planes.store(bytemuck::cast_slice(planes), data.tile, job.view.region, frame, nothing);
+            count_frame_bytes(targets.key.bytes() + self.cells.bytes(), job.shadow_texels.bytes, stats);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Draws one tile into the frame by raster hardware.
+    fn raster_tile(
         &mut self,
         job: &FrameJob<'_>,
         data: &TileData,
@@ -286,7 +370,7 @@ impl Renderer {
     ) -> Result<(T, bool), Failure> {
         self.prepare(job.plan, data, work)?;
         let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-        let queries = Queries::new(&self.device, None)?;
+        let queries = Queries::new(&self.device, None, work.steps.len())?;
         let none = self.shadow_buffer(1)?;
         let inputs = TileInputs {
             scene: job.scene,
@@ -300,7 +384,8 @@ impl Renderer {
             drawn_shadow_texels: &none,
         };
         let tile = Tile::new(&self.device, &inputs)?;
-        let sample_queries = Queries::new(&self.device, Some(EDGE_SAMPLES))?;
+        let sample_steps = work.samples.iter().map(|part| part.steps.len()).sum();
+        let sample_queries = Queries::new(&self.device, Some(EDGE_SAMPLES), sample_steps)?;
         let mut parts = Vec::with_capacity(work.samples.len());
         for SamplePart { data, steps } in &work.samples {
             let tile = Tile::new(&self.device, &TileInputs { data, queries: &sample_queries, ..inputs })?;
@@ -426,16 +511,16 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let mut stats = Stats::default().with_splats(plan.splats);
-        frame.reset(view.region.width, view.region.height, plan.planes);
+        // Tiles write every pixel; colours that are asked for in 8 bits alone are encoded from the device's.
+        frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
-            self.tile(&job, &data.map_err(Failure::Other)?, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits, self.path) {
+            self.tile(&job, &mut data.map_err(Failure::Other)?, frame, &mut stats)?;
         }
         self.check_messages()?;
         frame.locate(view);
-        frame.encode(planes);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

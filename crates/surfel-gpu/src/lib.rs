@@ -25,6 +25,10 @@ pub use frame::surface_count::least_surfaces;
 pub use frame::tile::{NearRecords, SegmentData, TileData};
 pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
+pub use passes::cells::{
+    CELL_PAIRS, COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, GpuPath,
+    cell_entries, cell_stages, pixel_passes_after_cells,
+};
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
 pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words, layers_remain};

@@ -362,7 +362,7 @@ impl<'a> Tile<'a> {
 }
 
 /// Records a compute pass.
-fn compute(
+pub(crate) fn compute(
     encoder: &mut wgpu::CommandEncoder,
     name: &'static str,
     queries: Option<&mut Queries>,

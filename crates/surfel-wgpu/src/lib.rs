@@ -18,6 +18,7 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod adapter;
+mod cells;
 mod error;
 mod execute;
 mod host;
@@ -35,7 +36,7 @@ pub use host_target::{HostDepth, HostTarget};
 pub use options::Options;
 pub use renderer::Renderer;
 pub use scene::ResidentScene;
-pub use surfel_gpu::{FillRate, FillRateProbe, Limits};
+pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
 

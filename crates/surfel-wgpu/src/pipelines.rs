@@ -71,6 +71,15 @@ pub(crate) struct Pipelines {
     pixels: HashMap<PixelPass, PixelPipeline>,
     draws: HashMap<DrawKey, DrawPipeline>,
     composites: HashMap<HostKey, wgpu::RenderPipeline>,
+    cells: HashMap<&'static str, CellPipeline>,
+}
+
+/// The pipeline of a pass of the compute path, and the layouts of its bindings. Each has its own of the frame: with all
+/// buffers of the frame some would bind more than every adapter does.
+pub(crate) struct CellPipeline {
+    pub raw: wgpu::ComputePipeline,
+    pub frame_group: wgpu::BindGroupLayout,
+    pub group: wgpu::BindGroupLayout,
 }
 
 /// The pipeline of a pixel pass, and the layout of its bindings.
@@ -150,6 +159,7 @@ impl Pipelines {
             splats: HashMap::new(),
             draws: HashMap::new(),
             composites: HashMap::new(),
+            cells: HashMap::new(),
         }
     }
 
@@ -164,6 +174,19 @@ impl Pipelines {
 
     pub(crate) fn pixels(&self, pixels: PixelPass) -> Option<&PixelPipeline> {
         self.pixels.get(&pixels)
+    }
+
+    /// Builds the pipeline of a pass of the compute path, if it hasn't been built.
+    pub(crate) fn prepare_cells(&mut self, device: &wgpu::Device, entry: &'static str) {
+        self.cells.entry(entry).or_insert_with(|| {
+            let [frame_group, own] = [0, 1].map(|number| group(device, entry, &[entry], number));
+            let raw = compute(device, &self.module, entry, &[&frame_group, &own]);
+            CellPipeline { raw, frame_group, group: own }
+        });
+    }
+
+    pub(crate) fn cells(&self, entry: &str) -> Option<&CellPipeline> {
+        self.cells.get(entry)
     }
 
     /// Builds the setup pipeline of a variant, if it hasn't been built.
@@ -259,7 +282,7 @@ fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayo
     })
 }
 
-/// Workgroup memory isn't zeroed: there is none.
+/// Workgroup memory isn't zeroed: what is read of it is written before.
 fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }

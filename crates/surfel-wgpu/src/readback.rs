@@ -18,9 +18,22 @@ impl Readback {
         encoder: &mut wgpu::CommandEncoder,
         parts: &[(&wgpu::Buffer, u64)],
     ) -> Self {
+        Self::record_into(None, device, encoder, parts)
+    }
+
+    /// The same, into a buffer that [`Readback::read_and_keep`] gave back, if it fits: the pages of a new one would be
+    /// the system's first.
+    pub(crate) fn record_into(
+        kept: Option<wgpu::Buffer>,
+        device: &wgpu::Device,
+        encoder: &mut wgpu::CommandEncoder,
+        parts: &[(&wgpu::Buffer, u64)],
+    ) -> Self {
         let lengths: Vec<u64> = parts.iter().map(|part| part.1).collect();
         let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;
-        let buffer = empty(device, "readback", lengths.iter().sum(), usage);
+        let bytes: u64 = lengths.iter().sum();
+        let kept = kept.filter(|buffer| (bytes..=4 * bytes).contains(&buffer.size()));
+        let buffer = kept.unwrap_or_else(|| empty(device, "readback", bytes, usage));
         let mut at = 0;
         for &(from, length) in parts.iter().filter(|part| part.1 > 0) {
             encoder.copy_buffer_to_buffer(from, 0, &buffer, at, length);
@@ -31,6 +44,15 @@ impl Readback {
 
     /// Waits for the device and hands the words of each part to `read`.
     pub(crate) fn read<T>(self, device: &wgpu::Device, read: impl FnOnce(&[&[u32]]) -> T) -> Result<T, RenderError> {
+        self.read_and_keep(device, read).map(|(result, _)| result)
+    }
+
+    /// The same, and gives the buffer back for [`Readback::record_into`].
+    pub(crate) fn read_and_keep<T>(
+        self,
+        device: &wgpu::Device,
+        read: impl FnOnce(&[&[u32]]) -> T,
+    ) -> Result<(T, wgpu::Buffer), RenderError> {
         let (sender, receiver) = mpsc::channel();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| {
             // The receiver is gone if waiting failed.
@@ -48,6 +70,9 @@ impl Readback {
             parts.push(part);
             rest = after;
         }
-        Ok(read(&parts))
+        let result = read(&parts);
+        drop(view);
+        self.buffer.unmap();
+        Ok((result, self.buffer))
     }
 }

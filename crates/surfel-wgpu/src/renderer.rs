@@ -1,6 +1,7 @@
 //! The backend: scenes in, frames out.
 
 use crate::adapter::{self, OpenDevice, blends_f32, renderer_info};
+use crate::cells::{CellBuffers, CellTile};
 use crate::error::{ErrorSink, failed, scoped};
 use crate::execute::{Tile, TileInputs};
 use crate::options::Options;
@@ -11,14 +12,17 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene, FrameTiles, LAYER_HEADER_BYTES, Limits,
-    PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant,
-    count_frame_bytes, count_layers, layers_remain, least_surfaces, schedule, shadow_map_jobs, shadow_texels,
+    COUNTER_BYTES, CellBuffer, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame,
+    FrameScene, FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart,
+    ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes,
+    count_layers, layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
     with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
+use surfel_render::{
+    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
+};
 
 /// The wgpu backend.
 pub struct Renderer {
@@ -34,11 +38,16 @@ pub struct Renderer {
     /// Targets of shadow maps.
     map_targets: Option<Targets>,
     queries: Queries,
+    /// Buffers of the compute path.
+    cells: CellBuffers,
+    /// The buffer by which the last frame was read.
+    readback: Option<wgpu::Buffer>,
     /// The shadow maps of the frame before.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
     /// The lesser of the device's limits and the options'.
     pub(crate) limits: Limits,
     storage: Storage,
+    path: GpuPath,
 }
 
 impl Renderer {
@@ -50,7 +59,7 @@ impl Renderer {
     /// [`RenderError::Backend`] if there is no adapter, none of that name, or it doesn't start.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let OpenDevice { device, queue, info } = adapter::open(&options)?;
-        Self::start(device, queue, &info, options.limits, options.storage)
+        Self::start(device, queue, &info, &options)
     }
 
     /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
@@ -61,22 +70,21 @@ impl Renderer {
     /// [`RenderError::Backend`] if the device refuses the shaders.
     pub fn from_device(device: wgpu::Device, queue: wgpu::Queue) -> Result<Self, RenderError> {
         let info = device.adapter_info();
-        Self::start(device, queue, &info, Limits::default(), Storage::default())
+        Self::start(device, queue, &info, &Options::default())
     }
 
     fn start(
         device: wgpu::Device,
         queue: wgpu::Queue,
         info: &wgpu::AdapterInfo,
-        limits: Limits,
-        storage: Storage,
+        options: &Options,
     ) -> Result<Self, RenderError> {
         let errors = ErrorSink::of(&device);
         let f32_sums = blends_f32(&device);
         let (pipelines, queries) = scoped(&device, || (Pipelines::new(&device), Queries::new(&device, &queue)))?;
         let own = device.limits();
         let buffer_bytes = own.max_storage_buffer_binding_size.min(own.max_buffer_size);
-        let limits = limits.within(buffer_bytes, own.max_texture_dimension_2d);
+        let limits = options.limits.within(buffer_bytes, own.max_texture_dimension_2d);
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
         let info = renderer_info(info, f32_sums);
         Ok(Self {
@@ -90,9 +98,12 @@ impl Renderer {
             targets: None,
             map_targets: None,
             queries,
+            cells: CellBuffers::default(),
+            readback: None,
             maps: None,
             limits,
-            storage,
+            storage: options.storage,
+            path: options.path,
         })
     }
 
@@ -107,7 +118,7 @@ impl Renderer {
             size: data.target_size(plan),
             precision: Precision::of(plan, self.f32_sums),
             draws: Draw::of(plan),
-            floats: data.planes.floats,
+            floats: data.planes.buffer_floats,
         }
     }
 
@@ -122,6 +133,11 @@ impl Renderer {
                 self.pipelines.prepare(&self.device, draw, variant, key.precision);
             }
         }
+        self.prepare_targets(key);
+    }
+
+    /// Makes targets, where they aren't there from the frame before.
+    fn prepare_targets(&mut self, key: TargetKey) {
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
             // The old targets are freed first: both may not fit.
             self.targets = None;
@@ -200,6 +216,105 @@ impl Renderer {
 
     /// Draws one tile into the frame.
     fn tile(
+        &mut self,
+        job: &FrameJob<'_>,
+        data: &mut TileData,
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<(), RenderError> {
+        let Some(cells) = data.cells.clone() else { return self.raster_tile(job, data, frame, stats) };
+        if !self.cell_tile(job, data, &cells, frame, stats)? {
+            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, data.tile);
+            self.raster_tile(job, &data, frame, stats)?;
+        }
+        Ok(())
+    }
+
+    /// Draws one tile by the compute path. Returns false, and draws nothing, if it doesn't fit the device.
+    fn cell_tile(
+        &mut self,
+        job: &FrameJob<'_>,
+        data: &mut TileData,
+        cells: &CellCounts,
+        frame: &mut Frame,
+        stats: &mut Stats,
+    ) -> Result<bool, RenderError> {
+        let device = self.device.clone();
+        let missing = || failed("the targets were not made");
+        let mut room = CellRoom::start(self.cells.room, cells, self.limits);
+        while let Some(tried) = room {
+            data.put_room(tried);
+            let pixel_passes = pixel_passes_after_cells(job.plan);
+            let stages = cell_stages(job.plan, cells, tried);
+            let floats = data.planes.floats;
+            let key = TargetKey {
+                size: data.target_size(job.plan),
+                precision: Precision::F32,
+                draws: Vec::new(),
+                floats: data.planes.buffer_floats,
+            };
+            let recorded = scoped(&device, || {
+                self.cells.prepare(&device, cells, tried);
+                pixel_passes.iter().for_each(|&pass| self.pipelines.prepare_pixels(&device, pass));
+                cell_entries(job.plan).into_iter().for_each(|entry| self.pipelines.prepare_cells(&device, entry));
+                self.prepare_targets(key);
+                let targets = self.targets.as_ref()?;
+                let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
+                let inputs = TileInputs {
+                    scene: job.scene,
+                    pipelines: &self.pipelines,
+                    targets,
+                    frame: job.frame_scene,
+                    data,
+                    pixel_passes: &pixel_passes,
+                    shadow_texels: job.shadow_texels,
+                    drawn_shadow_texels: &none,
+                    host_depth: None,
+                };
+                let tile = CellTile::new(&device, &self.queue, &inputs, (cells, &self.cells), &stages);
+                let descriptor = wgpu::CommandEncoderDescriptor { label: Some("tile of cells") };
+                let mut encoder = device.create_command_encoder(&descriptor);
+                self.queries.restart(None);
+                tile.record(&mut encoder, &mut self.queries);
+                let costs = self.queries.resolve(&device, &mut encoder);
+                let counters = self.cells.get(CellBuffer::Counters)?;
+                let none = (counters, 0);
+                let parts = [
+                    (&targets.planes, 4 * u64::from(floats)),
+                    (counters, COUNTER_BYTES),
+                    costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
+                ];
+                let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
+                self.queue.submit([encoder.finish()]);
+                Some(readback)
+            })?;
+            let pass_record = self.queries.pass_record();
+            let (more, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
+                let [planes, counters, costs] = parts else { return None };
+                if !tried.holds(counters) {
+                    return Some(tried.grown(counters, cells, self.limits));
+                }
+                pass_record.add(costs, stats);
+                CellRoom::count(counters, stats);
+                let nothing = |_, _| Identity::NOTHING;
+                let planes = bytemuck::cast_slice(planes);
+                stats.fragments += data.planes.store(planes, data.tile, job.view.region, frame, nothing);
+                None
+            })?;
+            self.readback = Some(readback);
+            self.errors.check()?;
+            let Some(grown) = more else {
+                let target_bytes = self.targets.as_ref().map_or(0, |targets| targets.key.bytes());
+                count_frame_bytes(target_bytes + self.cells.bytes(), job.shadow_texels.size(), stats);
+                return Ok(true);
+            };
+            room = grown;
+        }
+        Ok(false)
+    }
+
+    /// Draws one tile into the frame by raster hardware.
+    fn raster_tile(
         &mut self,
         job: &FrameJob<'_>,
         data: &TileData,
@@ -298,13 +413,13 @@ impl Renderer {
                 costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
             ];
             parts.extend(layers_of_samples.iter().map(|draws| (draws, LAYER_HEADER_BYTES)));
-            let readback = Readback::record(&device, &mut encoder, &parts);
+            let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
             self.queue.submit([encoder.finish()]);
             Some(readback)
         })?;
         let missing = || failed("the targets were not made");
         let pass_record = self.queries.pass_record();
-        let result = recorded.ok_or_else(missing)?.read(&device, |parts| {
+        let (result, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
             let [planes, drawn, layers, costs, of_samples @ ..] = parts else { return None };
             if !layers.is_empty() {
                 count_layers(layers, stats);
@@ -314,6 +429,7 @@ impl Renderer {
             let is_whole = !layers_remain(layers) && !of_samples.iter().any(|layers| layers_remain(layers));
             Some((read(planes), is_whole))
         })?;
+        self.readback = Some(readback);
         self.errors.check()?;
         result.ok_or_else(missing)
     }
@@ -407,18 +523,18 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let mut stats = Stats::default().with_splats(plan.splats);
-        frame.reset(view.region.width, view.region.height, plan.planes);
+        // Tiles write every pixel; colours that are asked for in 8 bits alone are encoded from the device's.
+        frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
-        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits) {
-            self.tile(&job, &data.map_err(failed)?, frame, &mut stats)?;
+        for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits, self.path) {
+            self.tile(&job, &mut data.map_err(failed)?, frame, &mut stats)?;
         }
         for MapCost { readback, pass_record } in costs {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;
         }
         frame.locate(view);
-        frame.encode(planes);
         stats.bytes_per_splat = scene.bytes() as f64 / scene.cpu.summary.splats.max(1) as f64;
         stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
         Ok(stats)

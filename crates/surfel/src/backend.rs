@@ -1,5 +1,7 @@
 //! Which program draws: one enum over all backends that are built in.
 
+#[cfg(feature = "ash")]
+pub use surfel_ash::GpuPath;
 #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
@@ -7,6 +9,8 @@ use surfel_render::{
     Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
     unsupported,
 };
+#[cfg(all(feature = "wgpu", not(feature = "ash")))]
+pub use surfel_wgpu::GpuPath;
 
 #[cfg(not(any(feature = "cpu", feature = "wgpu", feature = "ash", feature = "reference")))]
 compile_error!("surfel draws by a backend: build it with one at least of its features cpu, wgpu, ash and reference");
@@ -44,6 +48,9 @@ pub struct BackendOptions {
     /// Splats are kept in 16 bits within a chunk: half the memory or less, and a measured error (docs/accuracy.md). The
     /// reference takes no notice.
     pub quantised: bool,
+    /// Compute shaders or raster hardware, for wgpu and ash; the CPU's backends take no notice.
+    #[cfg(any(feature = "wgpu", feature = "ash"))]
+    pub path: GpuPath,
 }
 
 impl BackendOptions {
@@ -57,6 +64,11 @@ impl BackendOptions {
     surfel_model::setters! {
         with_threads threads: usize,
         with_quantised quantised: bool,
+    }
+
+    #[cfg(any(feature = "wgpu", feature = "ash"))]
+    surfel_model::setters! {
+        with_path path: GpuPath,
     }
 
     #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
@@ -270,7 +282,7 @@ impl Backend {
     fn ash(options: &BackendOptions) -> Result<Self, BackendError> {
         let start =
             surfel_ash::Options::default().with_adapter(options.adapter.clone()).with_storage(options.storage());
-        let start = surfel_ash::Renderer::new(start);
+        let start = surfel_ash::Renderer::new(start.with_path(options.path));
         let renderer = start.map_err(|source| BackendError::NoStart { name: "ash", source })?;
         Ok(Self::Ash(Box::new(renderer)))
     }
@@ -279,7 +291,7 @@ impl Backend {
     fn wgpu(options: &BackendOptions) -> Result<Self, BackendError> {
         let start =
             surfel_wgpu::Options::default().with_adapter(options.adapter.clone()).with_storage(options.storage());
-        let start = surfel_wgpu::Renderer::new(start);
+        let start = surfel_wgpu::Renderer::new(start.with_path(options.path));
         let renderer = start.map_err(|source| BackendError::NoStart { name: "wgpu", source })?;
         Ok(Self::Wgpu(Box::new(renderer)))
     }

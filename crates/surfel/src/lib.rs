@@ -84,6 +84,8 @@ pub use surfel_render as render;
 pub use surfel_sample as sample;
 
 pub use auto::{LoadedScene, open};
+#[cfg(any(feature = "wgpu", feature = "ash"))]
+pub use backend::GpuPath;
 pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
 pub use error::Error;
 pub use level_store::LevelStore;

@@ -7,7 +7,7 @@ use glam::DVec3;
 use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, scene, sphere, with_alpha};
 use surfel_conformance::polygons::{mesh_object, quad};
 use surfel_conformance::scenes::{self, Case};
-use surfel_gpu::{Draw, Precision, Target, target_bytes};
+use surfel_gpu::{Draw, GpuPath, Precision, Target, target_bytes};
 use surfel_model::{
     ClipLine, ClipMode, ClipPolicy, Cull, EdgeAa, Geometry, Light, Matcap, Material, Settings, Shader, Transparency,
 };
@@ -412,10 +412,10 @@ fn takes_no_memory_of_the_gpu(renderer: &mut impl Renderer) {
 
 #[test]
 fn feature_that_is_absent_takes_no_memory_of_gpus() {
-    if let Some(mut ash) = validated_gpu::ash() {
+    if let Some(mut ash) = validated_gpu::ash_by(GpuPath::Raster) {
         takes_no_memory_of_the_gpu(&mut ash);
     }
-    if let Some(mut wgpu) = validated_gpu::wgpu() {
+    if let Some(mut wgpu) = validated_gpu::wgpu_by(GpuPath::Raster) {
         takes_no_memory_of_the_gpu(&mut wgpu);
         validated_gpu::no_messages();
     }

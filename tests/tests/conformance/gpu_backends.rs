@@ -317,7 +317,8 @@ fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
 }
 
 /// Room for 256 clipped splats a buffer, a seventh of an image a tile, and no record beyond the next pass.
-const LITTLE: Limits = Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, memory_bytes: u64::MAX };
+const LITTLE: Limits =
+    Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, cell_bytes: u64::MAX, memory_bytes: u64::MAX };
 
 /// Of scenes without edges' samples every `step`-th is drawn.
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer, step: usize) {

@@ -3,6 +3,7 @@
 use crate::drawing::{counter, frame_and_stats};
 use crate::validated_gpu;
 use surfel_conformance::scenes::{self, Case};
+use surfel_gpu::GpuPath;
 use surfel_model::{Camera, EdgeAa, Light, Settings, Shader};
 use surfel_render::{Frame, Planes, Renderer, Stats, View};
 
@@ -81,14 +82,14 @@ fn draws_samples_about_edges_alone(renderer: &mut impl Renderer) {
     assert!(with[1] - without[1] < 0.3 * fine[1]);
 }
 
-/// Runs a test of the backends that there are.
+/// Runs a test of the backends that there are, by raster hardware.
 macro_rules! on_both {
     ($($test:ident: $run:ident;)+) => {
         $(#[test] fn $test() {
-            if let Some(mut ash) = validated_gpu::ash() {
+            if let Some(mut ash) = validated_gpu::ash_by(GpuPath::Raster) {
                 $run(&mut ash);
             }
-            if let Some(mut wgpu) = validated_gpu::wgpu() {
+            if let Some(mut wgpu) = validated_gpu::wgpu_by(GpuPath::Raster) {
                 $run(&mut wgpu);
                 validated_gpu::no_messages();
             }

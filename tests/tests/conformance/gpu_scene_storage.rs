@@ -101,8 +101,13 @@ fn splats_in_16_bits_take_half_the_memory() {
 }
 
 /// Room for 5000 records a buffer.
-const SMALL_BUFFERS: Limits =
-    Limits { buffer_bytes: 5000 * 144, texture_side: u32::MAX, record_bytes: u64::MAX, memory_bytes: u64::MAX };
+const SMALL_BUFFERS: Limits = Limits {
+    buffer_bytes: 5000 * 144,
+    texture_side: u32::MAX,
+    record_bytes: u64::MAX,
+    cell_bytes: u64::MAX,
+    memory_bytes: u64::MAX,
+};
 
 /// Of the ball's splats, the records of half of them, and none of the rest.
 const LITTLE_MEMORY: Limits = Limits { memory_bytes: 20_000 * 32 + 10_000 * 144, ..SMALL_BUFFERS };

@@ -5,7 +5,7 @@
 //!   [`transparency_closed_forms`],
 //!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
 //!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`], [`trained_gaussians`];
-//! - backends: [`cpu_backend`], [`gpu_backends`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
+//! - backends: [`cpu_backend`], [`gpu_backends`], [`compute_path`], [`gpu_frame_costs`], [`gpu_scene_storage`], [`feature_costs`],
 //!   [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
 //! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
 //!   [`texture_acquisition`]; real data: [`real_models`];
@@ -17,6 +17,7 @@ mod checkerboard_filter_errors;
 mod clean_images;
 mod clip_closed_forms;
 mod closed_forms;
+mod compute_path;
 mod conformance_report;
 mod cpu_backend;
 mod decision_margin;

@@ -4,6 +4,7 @@ use std::sync::{Once, OnceLock};
 use surfel_conformance::backends::{is_required, listen, start_ash, take_messages};
 use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::{Checked, Truth, check_all};
+use surfel_gpu::GpuPath;
 use surfel_model::Storage;
 use surfel_render::Renderer;
 
@@ -50,6 +51,19 @@ pub(crate) fn wgpu() -> Option<surfel_wgpu::Renderer> {
 pub(crate) fn wgpu_with(limits: surfel_wgpu::Limits, storage: Storage) -> Option<surfel_wgpu::Renderer> {
     listen();
     let options = surfel_wgpu::Options::default().with_validation(true).with_limits(limits).with_storage(storage);
+    started("wgpu", surfel_wgpu::Renderer::new(options))
+}
+
+/// The Vulkan backend that draws by one path.
+pub(crate) fn ash_by(path: GpuPath) -> Option<surfel_ash::Renderer> {
+    let options = surfel_ash::Options::default().with_path(path);
+    started("ash", start_ash(options)).map(|(renderer, _)| renderer)
+}
+
+/// The wgpu backend that draws by one path.
+pub(crate) fn wgpu_by(path: GpuPath) -> Option<surfel_wgpu::Renderer> {
+    listen();
+    let options = surfel_wgpu::Options::default().with_validation(true).with_path(path);
     started("wgpu", surfel_wgpu::Renderer::new(options))
 }
 

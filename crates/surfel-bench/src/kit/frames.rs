@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use surfel::render::{SceneSummary, plan};
 use surfel::{Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Renderer, View};
+use surfel_gpu::CELL_PAIRS;
 
 use super::On;
 use super::record::{self, Record, Writer, plane_hashes};
@@ -122,6 +123,7 @@ fn measured(backend: &mut Backend, drawn: &Drawn<'_>) -> Result<record::Frame, F
                 fragments: samples.fragments as f64,
                 pixels: f64::from(size[0]) * f64::from(size[1]),
                 bytes_per_splat: last.bytes_per_splat,
+                pairs: last.counters.iter().find(|counter| counter.0 == CELL_PAIRS).map_or(0.0, |counter| counter.1),
             },
         )
     } else {

@@ -11,6 +11,11 @@ use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
 
 /// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
+/// Bytes of a pair of splat and cell that sorting moves: emitted, then read twice and written for each of two digits,
+/// and read once more (`cells.wgsl`).
+const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
+/// Bytes of a record that the two loops over a cell's records read (`cell_raster.wgsl`).
+const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
 /// Operations of a fragment of the visibility pass (`visibility.wgsl`).
 const VISIBILITY_FLOPS: f64 = 35.0;
 /// Operations of a fragment of the attribute pass (`attributes.wgsl`).
@@ -34,6 +39,8 @@ pub(crate) struct Counts {
     pub pixels: f64,
     /// Resident bytes a splat.
     pub bytes_per_splat: f64,
+    /// Pairs of splat and cell, where compute shaders drew.
+    pub pairs: f64,
 }
 
 /// Work of one pass of a frame.
@@ -56,6 +63,9 @@ pub(crate) struct Work {
 impl Work {
     /// The work of every pass of a plan that there is an estimate of.
     pub(crate) fn of(plan: &FramePlan, counts: Counts) -> Vec<Self> {
+        if counts.pairs > 0.0 {
+            return Self::of_cells(plan, counts);
+        }
         let mut all: Vec<Self> = Vec::new();
         let draws = Draw::of(plan);
         if draws.iter().any(|draw| draw.draws_records()) {
@@ -80,6 +90,21 @@ impl Work {
             }
         }));
         all
+    }
+
+    /// The work of the compute path's passes.
+    fn of_cells(plan: &FramePlan, counts: Counts) -> Vec<Self> {
+        let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
+        // The second loop finds a fragment, and sums it.
+        let of_fragment = VISIBILITY_FLOPS + 2.0 * ATTRIBUTE_FLOPS;
+        let sort = Self { pass: "sort".to_owned(), bytes: counts.pairs * SORT_PAIR_BYTES, ..Self::default() };
+        let raster = Self {
+            pass: "raster".to_owned(),
+            bytes: counts.pairs * RASTER_RECORD_BYTES + counts.pixels * 4.0 * plane_floats(plan),
+            compute_flops: counts.fragments * of_fragment + counts.pixels * (RESOLVE_FLOPS + light),
+            ..Self::default()
+        };
+        vec![Self::of_setup(counts), sort, raster]
     }
 
     fn of_setup(counts: Counts) -> Self {
@@ -163,7 +188,14 @@ mod tests {
         let view = View::new(&camera).unwrap();
         let capabilities = Capabilities::everything("test");
         let plan = plan(&SceneSummary::default(), &view, &settings, Planes::COLOR, &capabilities).unwrap();
-        let counts = Counts { splats: 1000.0, drawn: 500.0, fragments: 4000.0, pixels: 100.0, bytes_per_splat: 40.0 };
+        let counts = Counts {
+            splats: 1000.0,
+            drawn: 500.0,
+            fragments: 4000.0,
+            pixels: 100.0,
+            bytes_per_splat: 40.0,
+            pairs: 0.0,
+        };
         Work::of(&plan, counts)
     }
 
@@ -181,6 +213,29 @@ mod tests {
         assert_eq!((all[2].quads, all[2].fill.clone()), (500.0, vec![("blend".to_owned(), 4000.0)]));
         // Sums in, colours out.
         assert_eq!((all[3].bytes, all[3].compute_flops), (100.0 * 32.0, 100.0 * RESOLVE_FLOPS));
+    }
+
+    #[test]
+    fn work_of_cells_is_of_pairs() {
+        let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);
+        let view = View::new(&camera).unwrap();
+        let capabilities = Capabilities::everything("test");
+        let plan = plan(&SceneSummary::default(), &view, &Settings::default(), Planes::COLOR, &capabilities).unwrap();
+        let counts = Counts {
+            splats: 1000.0,
+            drawn: 500.0,
+            fragments: 4000.0,
+            pixels: 100.0,
+            bytes_per_splat: 40.0,
+            pairs: 700.0,
+        };
+        let all = Work::of(&plan, counts);
+        let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
+        assert_eq!(names, ["setup", "sort", "raster"]);
+        assert_eq!(all[1].bytes, 700.0 * 64.0);
+        // Each pair's record twice, and colours out.
+        assert_eq!(all[2].bytes, 700.0 * 240.0 + 100.0 * 16.0);
+        assert!(all.iter().all(|work| work.fill.is_empty() && work.quads == 0.0));
     }
 
     #[test]

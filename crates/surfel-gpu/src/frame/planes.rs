@@ -1,5 +1,7 @@
 //! Planes of a tile as the shading pass writes them: one array of floats.
 
+use rayon::prelude::*;
+use surfel_math::srgb::encode_rgba8;
 use surfel_render::{Frame, Identity, Planes, Region};
 use surfel_shaders::layout;
 
@@ -15,9 +17,19 @@ pub struct PlaneLayout {
     pub(crate) alpha_at: u32,
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
-    /// Floats in all.
+    /// Where surfaces that passes after cells read begin, behind the planes.
+    pub(crate) surfaces_at: u32,
+    /// Floats of the planes, which the host reads.
     pub floats: u32,
+    /// Floats of the buffer, surfaces included.
+    pub buffer_floats: u32,
 }
+
+/// Rows of pixels that a thread copies at least.
+const ROWS_OF_A_TASK: usize = 16;
+
+/// Floats of a pixel's surface: normal and depth.
+pub(crate) const SURFACE_FLOATS: u32 = 4;
 
 /// Floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
@@ -58,11 +70,19 @@ impl PlaneLayout {
             alpha_at,
             median_depth_at,
             distortion_at,
+            surfaces_at: layout::ABSENT,
             floats,
+            buffer_floats: floats,
         }
     }
 
-    /// Copies a tile's planes into their place in the frame of `region`. Returns the number of fragments, where they
+    /// The layout with surfaces of so many pixels of targets behind the planes.
+    pub(crate) fn with_surfaces(self, pixels: u32) -> Self {
+        Self { surfaces_at: self.floats, buffer_floats: self.floats + SURFACE_FLOATS * pixels, ..self }
+    }
+
+    /// Copies a tile's planes into their place in the frame of `region`, and encodes its colours where the frame has
+    /// them in 8 bits. Returns the number of fragments, where they
     /// were counted. `identity` says what the numbers of a draw, less one of polygons, and of a record stand for.
     pub fn store(
         &self,
@@ -79,15 +99,25 @@ impl PlaneLayout {
             if at == layout::ABSENT { None } else { values.get(start..start + channels * pixels) }
         };
         let rows = |row: usize| ((tile.y - region.y) as usize + row) * width + left;
+        let first_row = (tile.y - region.y) as usize;
         let copy = |from: Option<&[f32]>, channels: usize, to: &mut [f32]| {
-            for (row, line) in from.into_iter().flat_map(|f| f.chunks_exact(columns * channels)).enumerate() {
-                let start = rows(row) * channels;
-                if let Some(place) = to.get_mut(start..start + line.len()) {
-                    place.copy_from_slice(line);
+            let to = to.par_chunks_exact_mut((width * channels).max(1)).skip(first_row);
+            let from = from.unwrap_or_default().par_chunks_exact((columns * channels).max(1));
+            to.zip(from).with_min_len(ROWS_OF_A_TASK).for_each(|(line, values)| {
+                let start = left * channels;
+                if let Some(place) = line.get_mut(start..start + values.len()) {
+                    place.copy_from_slice(values);
                 }
-            }
+            });
         };
         copy(part(self.color_at, 4), 4, frame.color_mut().as_flattened_mut());
+        let encoded = frame.rgba8_mut().par_chunks_exact_mut(width.max(1)).skip(first_row);
+        let colors = part(self.color_at, 4).unwrap_or_default().par_chunks_exact((4 * columns).max(1));
+        encoded.zip(colors).with_min_len(ROWS_OF_A_TASK).for_each(|(line, colors)| {
+            for (place, color) in line.iter_mut().skip(left).zip(colors.as_chunks().0) {
+                *place = encode_rgba8(*color);
+            }
+        });
         copy(part(self.depth_at, 1), 1, frame.depth_mut());
         copy(part(self.normal_at, 3), 3, frame.normal_mut().as_flattened_mut());
         copy(part(self.weight_at, 1), 1, frame.weight_mut());

@@ -66,7 +66,7 @@ impl ShadowMapJob {
 
     /// The map's tiles.
     pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
-        let tiles = tiles(&self.view, &self.plan, limits);
+        let tiles = tiles(&self.view, &self.plan, limits, false);
         tiles.into_iter().map(|tile| TileData::new(scene, &self.frame, &self.view, &self.plan, tile)).collect()
     }
 }

@@ -8,12 +8,12 @@ use crate::frame::planes::PlaneLayout;
 use crate::frame::polygons::polygon_words;
 use crate::frame::tiling::targets_of;
 use crate::frame::uniforms::{FrameScene, TileRegions, frame_words};
+use crate::passes::cells::{CellCounts, CellRoom};
 use crate::passes::pass_list::is_of_shadow_map;
 use crate::passes::schedule::VisibleSegments;
 use crate::scene::clip::Variant;
 use crate::scene::limits::Limits;
 use crate::scene::segment::{Segment, UploadedScene};
-use crate::struct_writer::StructWriter;
 use rayon::prelude::*;
 use std::ops::Range;
 use surfel_model::{ClipPolicy, NO_LABEL};
@@ -30,7 +30,7 @@ pub struct SegmentData {
     pub variant: Variant,
     /// Whether it is drawn in layers.
     pub is_transparent: bool,
-    /// The shaders' `chunks`.
+    /// The shaders' `chunks`, or for cells those `cell_chunks` that can touch the tile.
     pub chunks: Vec<u32>,
     /// The shaders' `near_bits`, one word at least.
     pub near_bits: Vec<u32>,
@@ -40,6 +40,8 @@ pub struct SegmentData {
     pub runs: Vec<Range<u32>>,
     /// Depth of the farthest chunk that can touch it.
     farthest: f64,
+    /// Splats of the chunks that can touch it.
+    splats: u64,
 }
 
 /// Splats that reach the near plane and are drawn by the same pipelines; one at least.
@@ -94,17 +96,75 @@ pub struct TileData {
     mesh_polygons: Vec<u32>,
     /// Layout of the planes that the tile's shading writes.
     pub planes: PlaneLayout,
+    /// Counts of its cells, where the compute path draws it.
+    pub cells: Option<CellCounts>,
 }
 
 impl TileData {
-    /// The data of a tile of a frame.
+    /// The data of a tile of a frame that raster hardware draws.
     pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+        Self::by(scene, frame, view, plan, tile, false)
+    }
+
+    /// The data of a tile of a frame that the compute path draws.
+    pub fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+        let mut data = Self::by(scene, frame, view, plan, tile, true);
+        let mut cells = CellCounts {
+            size: CellCounts::size_of([data.targets.width, data.targets.height]),
+            near: data.near.iter().map(NearRecords::count).sum(),
+            ..CellCounts::default()
+        };
+        for segment in &mut data.segments {
+            let first = cells.all_chunks();
+            for (group, chunk) in (first..).zip(segment.chunks.chunks_exact_mut(layout::cell_chunk::SIZE / 4)) {
+                chunk[layout::cell_chunk::GROUP / 4] = group;
+            }
+            cells.chunks.push((segment.chunks.len() / (layout::cell_chunk::SIZE / 4)) as u32);
+            cells.splats += segment.splats;
+        }
+        use layout::frame as at;
+        let words = [
+            (at::CELL_COLUMNS, cells.size[0]),
+            (at::CELL_COUNT, cells.cells()),
+            (at::CELL_CHUNK_COUNT, cells.all_chunks()),
+            (at::CELL_GROUP_COUNT, cells.groups()),
+        ];
+        data.put_frame_words(&words);
+        data.cells = Some(cells);
+        data
+    }
+
+    /// Says for how many records and pairs there is room.
+    pub fn put_room(&mut self, room: CellRoom) {
+        use layout::frame as at;
+        self.put_frame_words(&[(at::CELL_RECORD_ROOM, room.records), (at::CELL_PAIR_ROOM, room.pairs)]);
+    }
+
+    fn put_frame_words(&mut self, words: &[(usize, u32)]) {
+        for &(offset, value) in words {
+            if let Some(word) = self.frame.get_mut(offset / 4) {
+                *word = value;
+            }
+        }
+    }
+
+    fn by(
+        scene: &UploadedScene,
+        frame: &FrameScene,
+        view: &View,
+        plan: &FramePlan,
+        tile: Region,
+        by_cells: bool,
+    ) -> Self {
         let of_tile = if plan.has(Pass::Gaussians) { PlaneLayout::of_gaussians } else { PlaneLayout::new };
-        let planes = of_tile(plan.planes, tile.width * tile.height);
+        let mut planes = of_tile(plan.planes, tile.width * tile.height);
         let targets = targets_of(tile, view, plan);
+        if by_cells && plan.reach_px() > 0 {
+            planes = planes.with_surfaces(targets.width * targets.height);
+        }
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
-            scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &setup)).collect();
+            scene.segments.par_iter().map(|segment| segment_data(scene, frame, segment, &setup, by_cells)).collect();
         let of_meshes = match plan.has(Pass::Polygons) {
             true => polygon_words(&scene.meshes, &plan.octrees, view, targets, is_of_shadow_map(plan)),
             false => Vec::new(),
@@ -148,7 +208,19 @@ impl TileData {
             }
         }
         let gaussians = None;
-        Self { targets, tile, frame, segments, near, polygons, polygon_count, gaussians, mesh_polygons, planes }
+        Self {
+            targets,
+            tile,
+            frame,
+            segments,
+            near,
+            polygons,
+            polygon_count,
+            gaussians,
+            mesh_polygons,
+            planes,
+            cells: None,
+        }
     }
 
     /// Gives it trained Gaussians.
@@ -283,21 +355,24 @@ fn segment_data(
     frame: &FrameScene,
     segment: &Segment,
     setup: &NearPlaneSetup<'_>,
+    by_cells: bool,
 ) -> (SegmentData, NearPlaneRecords) {
     use layout::chunk as at;
     let variant = if setup.plan.clip == ClipPolicy::Off { Variant::Whole } else { segment.variant };
     let is_transparent = segment.is_transparent && setup.plan.separates_transparent;
     let (chunks, near_bits) = (Vec::new(), Vec::new());
+    let (is_outside_tile, runs, farthest, splats) = (true, Vec::new(), 0.0, 0);
     let mut data =
-        SegmentData { variant, is_transparent, chunks, near_bits, is_outside: true, runs: Vec::new(), farthest: 0.0 };
+        SegmentData { variant, is_transparent, chunks, near_bits, is_outside: is_outside_tile, runs, farthest, splats };
     let mut near = NearPlaneRecords::default();
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else {
         return (data, near);
     };
     let selection = object.octree.as_ref().and_then(|(index, _)| setup.plan.selection_of(*index));
-    data.chunks.reserve(segment.chunks.len() * at::SIZE / 4);
-    for chunk in &segment.chunks {
+    let chunk_bytes = if by_cells { layout::cell_chunk::SIZE } else { at::SIZE };
+    data.chunks.reserve(segment.chunks.len() * chunk_bytes / 4);
+    for (number, chunk) in (0..).zip(&segment.chunks) {
         let center = transform.point(chunk.space.origin);
         let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
         let members = members.unwrap_or_default();
@@ -329,10 +404,27 @@ fn segment_data(
             data.is_outside = false;
             add_run(&mut data.runs, chunk.first..chunk.first + chunk.count);
             data.farthest = data.farthest.max(center.z);
+            data.splats += u64::from(chunk.count);
+        } else if by_cells {
+            continue;
         }
-        let mut words = StructWriter::new(at::SIZE);
-        words.vec3(at::CENTER, center).u32(at::STATE, state);
-        data.chunks.extend(words.into_words());
+        let start = data.chunks.len();
+        data.chunks.resize(start + chunk_bytes / 4, 0);
+        let words = data.chunks.get_mut(start..).unwrap_or_default();
+        for (word, value) in words.iter_mut().zip(center.as_vec3().to_array()) {
+            *word = value.to_bits();
+        }
+        let mut put =
+            |offset: usize, value: u32| words.iter_mut().skip(offset / 4).take(1).for_each(|word| *word = value);
+        if by_cells {
+            use layout::cell_chunk as at;
+            put(at::STATE, state);
+            put(at::FIRST, chunk.first);
+            put(at::COUNT, chunk.count);
+            put(at::CHUNK, number);
+        } else {
+            put(at::STATE, state);
+        }
     }
     if data.near_bits.is_empty() {
         data.near_bits.push(0);

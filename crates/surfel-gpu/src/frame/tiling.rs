@@ -1,9 +1,10 @@
 //! Cuts a frame into tiles that fit the device.
 
 use crate::frame::gaussians::{ProjectedGaussians, halves};
-use crate::frame::planes::floats_per_pixel;
+use crate::frame::planes::{SURFACE_FLOATS, floats_per_pixel};
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
+use crate::passes::cells::{GpuPath, LARGEST_CELL_TILE};
 use crate::passes::pass_list::has_layers;
 use crate::scene::limits::Limits;
 use crate::scene::segment::UploadedScene;
@@ -18,11 +19,13 @@ pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region 
     tile.grown(plan.reach_px(), view.size)
 }
 
-/// Cuts the view's region into tiles whose targets and planes are within the limits.
-pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits) -> Vec<Region> {
-    let side = limits.texture_side.min(LARGEST_SIDE).saturating_sub(2 * plan.reach_px()).max(1);
+/// Cuts the view's region into tiles whose targets and planes are within the limits, for raster hardware or for cells.
+pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: bool) -> Vec<Region> {
+    let largest = if by_cells { LARGEST_CELL_TILE } else { LARGEST_SIDE };
+    let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
-    let bytes = layer_bytes.max(4 * u64::from(floats_per_pixel(plan.planes).max(1)));
+    let surface = if by_cells && plan.reach_px() > 0 { SURFACE_FLOATS } else { 0 };
+    let bytes = layer_bytes.max(4 * u64::from((floats_per_pixel(plan.planes) + surface).max(1)));
     // Less a float of those of Gaussians.
     let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)).saturating_sub(4) / bytes).max(1);
     // The border counts, too.
@@ -52,24 +55,27 @@ pub struct FrameTiles<'a> {
     view: &'a View,
     plan: &'a FramePlan,
     limits: Limits,
+    by_cells: bool,
     gaussians: Option<ProjectedGaussians>,
     /// What is still to be drawn, the last first.
     regions: Vec<Region>,
 }
 
 impl<'a> FrameTiles<'a> {
-    /// The tiles of a frame, whose Gaussians are projected here.
+    /// The tiles of a frame that is drawn by a path. Its Gaussians are projected here.
     pub fn new(
         scene: &'a UploadedScene,
         frame: &'a FrameScene,
         view: &'a View,
         plan: &'a FramePlan,
         limits: Limits,
+        path: GpuPath,
     ) -> Self {
+        let by_cells = path.draws_cells(plan);
         let gaussians = plan.has(Pass::Gaussians).then(|| ProjectedGaussians::new(scene, view, plan));
-        let mut regions = tiles(view, plan, limits);
+        let mut regions = tiles(view, plan, limits, by_cells);
         regions.reverse();
-        Self { scene, frame, view, plan, limits, gaussians, regions }
+        Self { scene, frame, view, plan, limits, by_cells, gaussians, regions }
     }
 }
 
@@ -90,7 +96,8 @@ impl Iterator for FrameTiles<'_> {
                 (Err(too_many), None) => return Some(Err(too_many.message(self.limits))),
             }
         }
-        let mut data = TileData::new(self.scene, self.frame, self.view, self.plan, region);
+        let make = if self.by_cells { TileData::of_cells } else { TileData::new };
+        let mut data = make(self.scene, self.frame, self.view, self.plan, region);
         if let Some(lists) = lists {
             data.put_gaussians(lists);
         }
@@ -121,7 +128,7 @@ mod tests {
         let plan = planned(&view, Planes::ALL);
         // 9 floats, 36 bytes a pixel: at most 277 pixels a tile.
         let limits = |side, bytes| Limits::default().within(bytes, side);
-        let tiles = tiles(&view, &plan, limits(64, 10_000));
+        let tiles = tiles(&view, &plan, limits(64, 10_000), false);
         let mut hits = vec![0; 7000];
         for t in &tiles {
             assert!(t.width <= 64 && t.height <= 64 && t.width * t.height <= 277, "{t:?}");
@@ -132,7 +139,7 @@ mod tests {
             }
         }
         assert!(hits.iter().all(|&h| h == 1));
-        assert_eq!(super::tiles(&view, &plan, limits(8192, 1 << 27)).len(), 1);
+        assert_eq!(super::tiles(&view, &plan, limits(8192, 1 << 27), false).len(), 1);
     }
 
     #[test]
@@ -144,9 +151,11 @@ mod tests {
         assert_eq!(targets_of(tile, &view, &plain), tile);
         assert_eq!(targets_of(tile, &view, &edges), Region { x: 0, y: 29, width: 51, height: 41 });
         assert!(
-            tiles(&view, &edges, Limits::default().within(1 << 27, 64))
-                .iter()
-                .all(|t| targets_of(*t, &view, &edges).width <= 64)
+            tiles(&view, &edges, Limits::default().within(1 << 27, 64), false).iter().all(|t| targets_of(
+                *t, &view, &edges
+            )
+            .width
+                <= 64)
         );
     }
 }

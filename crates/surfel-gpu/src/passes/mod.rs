@@ -1,5 +1,6 @@
 //! The passes of a frame: what each draws, into which targets, in which order, and what that costs.
 
+pub(crate) mod cells;
 pub(crate) mod draw;
 pub(crate) mod fill_rate;
 pub(crate) mod layer_draws;

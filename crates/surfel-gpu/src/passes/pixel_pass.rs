@@ -27,6 +27,8 @@ pub enum PixelPass {
     Shade,
     /// Shades an image of opaque splats alone, without shadows and screen-space passes.
     ShadeSplats,
+    /// Draws what depends on neighbours, after cells.
+    CellNeighbours,
     /// Shades samples and writes their means over the colours of sampled pixels.
     ResolveSamples,
     /// Draws trained Gaussians, in the order of their centres.
@@ -91,6 +93,7 @@ impl PixelPass {
             Self::Nearest => "nearest",
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
+            Self::CellNeighbours => "cell_neighbours",
             Self::ResolveSamples => "resolve_samples",
             Self::Gaussians => "gaussians",
             Self::GaussiansByPixel => "gaussians_by_pixel",
@@ -105,7 +108,12 @@ impl PixelPass {
     /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
-            Self::Shade | Self::ShadeSplats | Self::Nearest | Self::Gaussians | Self::GaussiansByPixel => shaded,
+            Self::Shade
+            | Self::ShadeSplats
+            | Self::CellNeighbours
+            | Self::Nearest
+            | Self::Gaussians
+            | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
@@ -128,7 +136,7 @@ impl PixelPass {
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Nearest => "nearest",
-            Self::Shade | Self::ShadeSplats => "shade",
+            Self::Shade | Self::ShadeSplats | Self::CellNeighbours => "shade",
             Self::ResolveSamples => EDGE_SAMPLES,
             Self::Gaussians | Self::GaussiansByPixel => "gaussians",
         }

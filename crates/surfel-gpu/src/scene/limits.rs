@@ -10,15 +10,19 @@ pub struct Limits {
     /// Records of a scene that take more than this, in bytes, share one buffer and are set up again for each pass,
     /// which takes less memory and more time. Trained Gaussians whose records and lists do are drawn in parts.
     pub record_bytes: u64,
+    /// Largest buffer of records or pairs of the compute path, bytes. Frames that need more are drawn by raster hardware.
+    pub cell_bytes: u64,
     /// Memory that a scene and its records may take, bytes. A scene that needs more is refused before anything is
     /// allocated.
     pub memory_bytes: u64,
 }
 
 impl Default for Limits {
-    /// All of the device, and half a gibibyte of records.
+    /// All of the device, and half a gibibyte of records; of the compute path four.
     fn default() -> Self {
-        Self { buffer_bytes: u64::MAX, texture_side: u32::MAX, record_bytes: 512 << 20, memory_bytes: u64::MAX }
+        let all = u64::MAX;
+        let (record_bytes, cell_bytes) = (512 << 20, 4 << 30);
+        Self { buffer_bytes: all, texture_side: u32::MAX, record_bytes, cell_bytes, memory_bytes: all }
     }
 }
 
@@ -33,9 +37,9 @@ impl Limits {
         }
     }
 
-    /// The lesser of these limits and a device's memory, bytes.
+    /// The lesser of these limits and a device's memory, bytes, an eighth of it for records of the compute path.
     #[must_use]
     pub fn within_memory(self, bytes: u64) -> Self {
-        Self { memory_bytes: self.memory_bytes.min(bytes), ..self }
+        Self { memory_bytes: self.memory_bytes.min(bytes), cell_bytes: self.cell_bytes.min(bytes / 8), ..self }
     }
 }

@@ -1,0 +1,220 @@
+//! The compute path: buffers of cells, and the steps of a tile.
+
+use crate::commands::Commands;
+use crate::descriptors::{Resource, Sets, numbered};
+use crate::device::Device;
+use crate::error::Failure;
+use crate::execute::{TileInputs, bind_pipeline, bind_sets, dispatch};
+use crate::memory::Buffer;
+use crate::scene::ResidentScene;
+use crate::targets::Targets;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::collections::HashMap;
+use std::sync::Arc;
+use surfel_gpu::{
+    COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, PIXEL_PASS_TEXTURES,
+    PixelPass, SETUP_STEPS_BINDING, Target, workgroups,
+};
+
+/// Buffers of the compute path, reused from frame to frame while they fit.
+#[derive(Default)]
+pub(crate) struct CellBuffers {
+    buffers: HashMap<CellBuffer, Buffer>,
+    /// What they have room for; `None` before the first tile.
+    pub room: Option<CellRoom>,
+}
+
+impl CellBuffers {
+    /// Makes buffers that have room for a tile, where those that are there don't.
+    pub(crate) fn prepare(&mut self, device: &Arc<Device>, cells: &CellCounts, room: CellRoom) -> Result<(), Failure> {
+        self.room = Some(room);
+        for buffer in CellBuffer::ALL {
+            let bytes = buffer.bytes(cells, room);
+            if self.buffers.get(&buffer).is_none_or(|made| made.bytes < bytes) {
+                // The old one is freed first: both may not fit.
+                self.buffers.remove(&buffer);
+                let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
+                let made = Buffer::new(device, buffer.name(), bytes, usage, MemoryLocation::GpuOnly)?;
+                self.buffers.insert(buffer, made);
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of all buffers.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.buffers.values().map(|buffer| buffer.bytes).sum()
+    }
+
+    fn get(&self, buffer: CellBuffer) -> Result<&Buffer, Failure> {
+        self.buffers.get(&buffer).ok_or_else(|| Failure::other("a buffer of cells was not made"))
+    }
+}
+
+/// A tile of cells: everything that its steps read. It is dropped after they were executed.
+pub(crate) struct CellTile<'a> {
+    inputs: TileInputs<'a>,
+    cells: &'a CellBuffers,
+    stages: &'a [CellStage],
+    /// Descriptor sets of each dispatch, stage by stage.
+    sets: Vec<Vec<[vk::DescriptorSet; 2]>>,
+    pixels: Vec<(PixelPass, [vk::DescriptorSet; 2])>,
+    /// The counters, for the host to read.
+    pub counters: Buffer,
+    _buffers: Vec<Buffer>,
+    /// The pool of the sets.
+    _sets: Sets,
+}
+
+/// Buffers of a segment.
+struct SegmentBuffers {
+    chunks: Buffer,
+    near_bits: Buffer,
+}
+
+impl<'a> CellTile<'a> {
+    pub(crate) fn new(
+        device: &Arc<Device>,
+        inputs: &TileInputs<'a>,
+        cells: &'a CellBuffers,
+        stages: &'a [CellStage],
+    ) -> Result<Self, Failure> {
+        let TileInputs { scene, pipelines, targets, frame, data, pixel_passes, .. } = *inputs;
+        let counts = data.cells.as_ref().ok_or_else(|| Failure::other("a tile has no cells"))?;
+        let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+        let dispatches: usize = stages.iter().map(|stage| stage.steps.len()).sum();
+        // One of the frame and one of the step's own for each dispatch.
+        let sets = Sets::new(device, 2 * (dispatches + pixel_passes.len()) as u32)?;
+        let frame_buffers = [
+            Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
+            Buffer::filled(device, "objects", &frame.objects, storage)?,
+            Buffer::filled(device, "lights", &frame.lights, storage)?,
+            Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
+            Buffer::filled(device, "matcap", &frame.matcap, storage)?,
+        ];
+        let [uniform, objects, lights, maps, matcap] = &frame_buffers;
+        let frame_resources = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
+        let round = |round: CellRound| {
+            let words = round.words(counts);
+            Ok((round, Buffer::filled(device, "round", &words, vk::BufferUsageFlags::UNIFORM_BUFFER)?))
+        };
+        let rounds: HashMap<CellRound, Buffer> =
+            CellRound::ALL.into_iter().map(round).collect::<Result<_, Failure>>()?;
+        let near: Vec<u32> = data.near.iter().flat_map(|near| near.records.iter().copied()).collect();
+        let near = Buffer::filled(device, "near records", if near.is_empty() { &[0] } else { &near }, storage)?;
+        let mut segments = HashMap::new();
+        for (index, segment) in data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside) {
+            let chunks = Buffer::filled(device, "chunks of cells", &segment.chunks, storage)?;
+            let near_bits = Buffer::filled(device, "near bits", &segment.near_bits, storage)?;
+            segments.insert(index, SegmentBuffers { chunks, near_bits });
+        }
+        let resources = Resources { scene, targets, cells, rounds: &rounds, near: &near, segments: &segments };
+        let mut all = Vec::with_capacity(stages.len());
+        for stage in stages {
+            let mut of_stage = Vec::with_capacity(stage.steps.len());
+            for step in &stage.steps {
+                let pipeline = pipelines.cells(step.entry)?;
+                let own = resources.of(step, &pipeline.set.numbers())?;
+                of_stage.push([
+                    sets.set(&pipeline.frame_set, "frame of cells", &frame_resources)?,
+                    sets.set(&pipeline.set, step.entry, &own)?,
+                ]);
+            }
+            all.push(of_stage);
+        }
+        let mut pixels = Vec::new();
+        for &pass in pixel_passes {
+            let images = targets.images(&PIXEL_PASS_TEXTURES);
+            let mut own: Vec<(u32, Resource<'_>)> =
+                images.into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect();
+            own.push((surfel_gpu::PIXEL_PASS_BUFFERS[0], Resource::Buffer(&targets.planes)));
+            let frame = sets.set(&pipelines.frame_set, "frame", &frame_resources)?;
+            pixels.push((pass, [frame, sets.set(&pipelines.pixels(pass)?.set, pass.entry(), &own)?]));
+        }
+        let to_host = vk::BufferUsageFlags::TRANSFER_DST;
+        let counters = Buffer::new(device, "counters to read", COUNTER_BYTES, to_host, MemoryLocation::GpuToCpu)?;
+        let mut buffers: Vec<Buffer> = frame_buffers.into();
+        buffers.extend(rounds.into_values());
+        buffers.extend(segments.into_values().flat_map(|segment| [segment.chunks, segment.near_bits]));
+        buffers.push(near);
+        Ok(Self { inputs: *inputs, cells, stages, sets: all, pixels, counters, _buffers: buffers, _sets: sets })
+    }
+
+    /// Records all stages, and copies of what the host reads.
+    pub(crate) fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
+        let TileInputs { pipelines, targets, queries, data, .. } = self.inputs;
+        queries.begin(commands);
+        commands.barrier();
+        for (stage, sets) in self.stages.iter().zip(&self.sets) {
+            queries.timed(commands, stage.name, || {
+                stage.steps.iter().zip(sets).try_for_each(|(step, sets)| {
+                    let pipeline = &pipelines.cells(step.entry)?.pipeline;
+                    bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
+                    bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
+                    dispatch(commands, step.workgroups);
+                    // Segments are set up side by side.
+                    if step.segment.is_none() || stage.steps.last() == Some(step) {
+                        commands.barrier_of_compute();
+                    }
+                    Ok::<(), Failure>(())
+                })
+            })?;
+        }
+        for (pass, sets) in &self.pixels {
+            queries.timed(commands, pass.name(), || {
+                let pipeline = &pipelines.pixels(*pass)?.pipeline;
+                bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
+                bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
+                let size = pass.size([data.targets.width, data.targets.height], [data.tile.width, data.tile.height]);
+                dispatch(commands, [workgroups(size[0], pass.entry(), 0), workgroups(size[1], pass.entry(), 1)]);
+                Ok::<(), Failure>(())
+            })?;
+        }
+        commands.barrier();
+        queries.end(commands);
+        let bytes = 4 * u64::from(data.planes.floats.max(1));
+        commands.copy(targets.planes.raw(), targets.readback.raw(), bytes);
+        commands.copy(self.cells.get(CellBuffer::Counters)?.raw(), self.counters.raw(), COUNTER_BYTES);
+        commands.barrier_to_host();
+        Ok(())
+    }
+}
+
+/// What bindings of steps may be.
+struct Resources<'a> {
+    scene: &'a ResidentScene,
+    targets: &'a Targets,
+    cells: &'a CellBuffers,
+    rounds: &'a HashMap<CellRound, Buffer>,
+    near: &'a Buffer,
+    segments: &'a HashMap<usize, SegmentBuffers>,
+}
+
+impl<'a> Resources<'a> {
+    /// The resources of a step's bindings.
+    fn of(&self, step: &CellStep, bindings: &[u32]) -> Result<Vec<(u32, Resource<'a>)>, Failure> {
+        let missing = || Failure::other(format!("{} binds what a tile of cells doesn't have", step.entry));
+        let resident = || step.segment.and_then(|index| self.scene.segments.get(index)).ok_or_else(missing);
+        let segment = || step.segment.and_then(|index| self.segments.get(&index)).ok_or_else(missing);
+        let one = |&binding: &u32| {
+            let buffer = match CellBinding::of(binding, step.round).ok_or_else(missing)? {
+                CellBinding::Segment => &resident()?.uniform,
+                CellBinding::Splats => &resident()?.splats,
+                CellBinding::Chunks => &segment()?.chunks,
+                CellBinding::NearBits => &segment()?.near_bits,
+                CellBinding::NearRecords => self.near,
+                CellBinding::Planes => &self.targets.planes,
+                CellBinding::Round => self.rounds.get(&step.round).ok_or_else(missing)?,
+                CellBinding::Buffer(buffer) => self.cells.get(buffer)?,
+                CellBinding::Steps => {
+                    let images = self.targets.images(&[(SETUP_STEPS_BINDING, Target::Steps)]);
+                    let (_, image) = images.into_iter().next().ok_or_else(missing)?;
+                    return Ok((binding, Resource::Image(image)));
+                }
+            };
+            Ok((binding, Resource::Buffer(buffer)))
+        };
+        bindings.iter().map(one).collect()
+    }
+}

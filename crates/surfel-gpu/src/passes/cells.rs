@@ -1,0 +1,586 @@
+//! The compute path, which draws opaque splats without raster hardware: which frames it draws, its buffers, and its
+//! steps. `shaders/passes/cells.wgsl` says how it works.
+
+use crate::passes::pixel_pass::PixelPass;
+use crate::scene::limits::Limits;
+use surfel_model::{Accumulate, ClipPolicy, Shader};
+use surfel_render::{FramePlan, Pass, Stats};
+use surfel_shaders::layout;
+
+/// Largest side of a tile that the compute path draws, pixels: its cells are sorted by two digits of eight bits.
+pub(crate) const LARGEST_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
+
+/// The way in which a GPU draws frames. The images are the same up to the rounding of sums.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum GpuPath {
+    /// Compute shaders where they draw a frame, else raster hardware.
+    #[default]
+    Auto,
+    /// Raster hardware: quads, depth tests and additive blending.
+    Raster,
+    /// Compute shaders wherever they draw a frame, else raster hardware. Today it does what [`GpuPath::Auto`] does.
+    Compute,
+}
+
+impl GpuPath {
+    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats on one surface, whose sums
+    /// are f32. Clipped or transparent splats, both facings of oriented clouds, polygons, trained Gaussians, antialiased
+    /// edges, the plane of indices and shadow maps themselves need raster hardware.
+    pub fn draws_cells(self, plan: &FramePlan) -> bool {
+        let is_drawn = |pass: &Pass| {
+            use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
+            matches!(pass, ShadowMap | Visibility | Attributes | Shade | Outlines | EyeDome)
+        };
+        let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
+        let is_whole = plan.clip == ClipPolicy::Off && !plan.keeps_facings && !plan.separates_transparent;
+        let is_exact = plan.accumulate == Accumulate::F32;
+        let has_only_these = plan.passes.iter().all(is_drawn) && !plan.planes.index;
+        self != Self::Raster && has_splats && is_whole && is_exact && has_only_these
+    }
+}
+
+/// Name of the counter of pairs of splat and cell that the compute path drew.
+pub const CELL_PAIRS: &str = "cell_pairs";
+
+/// Which of the repeated passes a step is of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CellRound {
+    /// Counting the pairs of groups, and emitting them.
+    Groups,
+    /// Sorting by the lower digit of the cell.
+    Low,
+    /// Sorting by the upper digit.
+    High,
+    /// Reading the sorted pairs.
+    Sorted,
+}
+
+/// A buffer of the compute path, whose contents last for a tile.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum CellBuffer {
+    /// The shaders' `cell_records`.
+    Records,
+    /// The shaders' `cell_groups`.
+    Groups,
+    /// The shaders' `cell_counters`, which the host reads: see [`CellRoom::holds`].
+    Counters,
+    /// Pairs, as they are emitted and at last sorted.
+    Pairs,
+    /// Pairs, sorted by the lower digit.
+    HalfSortedPairs,
+    /// How often each block has each digit.
+    Digits,
+    /// Sums of scanned blocks.
+    Sums,
+    /// Thresholds and sums of dense cells' parts.
+    Parts,
+}
+
+impl CellBuffer {
+    /// All of them.
+    pub const ALL: [Self; 8] = [
+        Self::Records,
+        Self::Groups,
+        Self::Counters,
+        Self::Pairs,
+        Self::HalfSortedPairs,
+        Self::Digits,
+        Self::Sums,
+        Self::Parts,
+    ];
+
+    /// A name for messages and debuggers.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Records => "records of cells",
+            Self::Groups => "groups",
+            Self::Counters => "counters",
+            Self::Pairs => "pairs",
+            Self::HalfSortedPairs => "half-sorted pairs",
+            Self::Digits => "digits",
+            Self::Sums => "scanned sums",
+            Self::Parts => "parts of cells",
+        }
+    }
+
+    /// Its size in bytes for a tile.
+    pub fn bytes(self, cells: &CellCounts, room: CellRoom) -> u64 {
+        let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
+        let digits = DIGITS * blocks(u64::from(room.pairs));
+        match self {
+            Self::Records => room.record_bytes(),
+            Self::Groups => 4 * u64::from(1 + layout::GROUP_WORDS) * u64::from(cells.groups()),
+            Self::Counters => COUNTER_BYTES,
+            Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
+            Self::Digits => 4 * digits,
+            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups()))),
+            Self::Parts => room.part_bytes(),
+        }
+    }
+}
+
+/// Values of a digit.
+const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
+
+/// Bytes of [`CellBuffer::Counters`], all of which the host reads.
+pub const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
+
+/// What a binding of the compute path's passes is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum CellBinding {
+    /// The shaders' `segment` of the step's segment.
+    Segment,
+    /// Its `splats`.
+    Splats,
+    /// Its `cell_chunks`.
+    Chunks,
+    /// Its `near_bits`.
+    NearBits,
+    /// The target `Steps`, which frames of samples alone have.
+    Steps,
+    /// Records of splats at the near plane.
+    NearRecords,
+    /// The frame's `planes`.
+    Planes,
+    /// The uniform of [`CellRound::words`].
+    Round,
+    /// A buffer of the path.
+    Buffer(CellBuffer),
+}
+
+impl CellBinding {
+    /// What a binding number of group 1 is in a step of a round; `None` for numbers that no step has.
+    pub fn of(binding: u32, round: CellRound) -> Option<Self> {
+        use CellBuffer::{Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
+        Some(match binding {
+            0 => Self::Segment,
+            1 => Self::Splats,
+            3 => Self::NearBits,
+            4 => Self::Planes,
+            7 => Self::Steps,
+            40 | 52 => Self::Buffer(Records),
+            41 => Self::Buffer(Groups),
+            42 | 53 => Self::Buffer(Counters),
+            43 => Self::Chunks,
+            44 => Self::NearRecords,
+            45 => Self::Round,
+            46 => Self::Buffer(if round == CellRound::Groups { Groups } else { Digits }),
+            47 => Self::Buffer(Sums),
+            48 => Self::Buffer(if round == CellRound::High { HalfSortedPairs } else { Pairs }),
+            49 => Self::Buffer(if round == CellRound::Low { HalfSortedPairs } else { Pairs }),
+            54 | 55 => Self::Buffer(Parts),
+            _ => return None,
+        })
+    }
+}
+
+impl CellRound {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::Groups, Self::Low, Self::High, Self::Sorted];
+
+    /// Words of the shaders' `CellRound` for a tile.
+    pub fn words(self, cells: &CellCounts) -> Vec<u32> {
+        let bits = u32::BITS - cells.cells().saturating_sub(1).leading_zeros();
+        let low = bits.div_ceil(2);
+        let (scanned, shift, digits) = match self {
+            Self::Groups | Self::Sorted => (layout::SCANNED_GROUPS, 0, 1),
+            Self::Low => (layout::SCANNED_DIGITS, 0, 1 << low),
+            Self::High => (layout::SCANNED_DIGITS, low, 1 << (bits - low)),
+        };
+        let mut words = vec![scanned, shift, digits];
+        words.resize(layout::cell_round::SIZE.next_multiple_of(16) / 4, 0);
+        words
+    }
+}
+
+/// Counts of a tile that the host knows.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct CellCounts {
+    /// Columns and rows of cells.
+    pub size: [u32; 2],
+    /// Chunks of each segment that may touch the tile.
+    pub chunks: Vec<u32>,
+    /// Splats of these.
+    pub splats: u64,
+    /// Records of splats at the near plane.
+    pub near: u32,
+}
+
+impl CellCounts {
+    /// Cells of targets of this size.
+    pub(crate) fn size_of([width, height]: [u32; 2]) -> [u32; 2] {
+        [width, height].map(|side| side.div_ceil(layout::CELL_SIDE))
+    }
+
+    /// Number of cells.
+    pub fn cells(&self) -> u32 {
+        self.size.iter().product()
+    }
+
+    /// Number of chunks that may touch the tile.
+    pub(crate) fn all_chunks(&self) -> u32 {
+        self.chunks.iter().sum()
+    }
+
+    /// Groups of records: one of each chunk, and those of splats at the near plane.
+    pub fn groups(&self) -> u32 {
+        self.all_chunks() + self.near_groups()
+    }
+
+    fn near_groups(&self) -> u32 {
+        self.near.div_ceil(layout::CELL_WORKGROUP)
+    }
+}
+
+/// How many records and pairs the buffers of the compute path have room for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellRoom {
+    /// Records.
+    pub records: u32,
+    /// Pairs of records and cells.
+    pub pairs: u32,
+}
+
+impl CellRoom {
+    /// Room for a tile before its first frame was drawn: most splats are drawn or half of them, and touch two cells.
+    /// `None` if the tile doesn't fit the limits.
+    pub fn estimate(cells: &CellCounts, limits: Limits) -> Option<Self> {
+        let splats = cells.splats + u64::from(cells.near);
+        let few = splats.min(1 << 18);
+        let records = few.max(splats * 3 / 5);
+        let pairs = (2 * records + 4 * u64::from(cells.cells())).min(u64::from(u32::MAX));
+        Self::within([records.max(1), pairs], cells, limits)
+    }
+
+    /// Room to draw a tile with: what there is from tiles before, or an estimate. `None` if the tile doesn't fit the
+    /// limits.
+    pub fn start(before: Option<Self>, cells: &CellCounts, limits: Limits) -> Option<Self> {
+        let kept = before.and_then(|room| Self::within([room.records, room.pairs].map(u64::from), cells, limits));
+        kept.or_else(|| Self::estimate(cells, limits))
+    }
+
+    /// Counts what was drawn, by the words of [`CellBuffer::Counters`].
+    pub fn count(counters: &[u32], stats: &mut Stats) {
+        let [records, pairs] = needed(counters);
+        stats.drawn += records;
+        match stats.counters.iter_mut().find(|counter| counter.0 == CELL_PAIRS) {
+            Some(counter) => counter.1 += pairs as f64,
+            None => stats.counters.push((CELL_PAIRS, pairs as f64)),
+        }
+    }
+
+    /// True if the buffers held what a tile needed: words of [`CellBuffer::Counters`]. What didn't fit wasn't drawn.
+    pub fn holds(self, counters: &[u32]) -> bool {
+        let [records, pairs] = needed(counters);
+        records <= u64::from(self.records) && pairs <= u64::from(self.pairs)
+    }
+
+    /// Room for what a tile turned out to need, and a quarter more. `None` if it doesn't fit the limits.
+    pub fn grown(self, counters: &[u32], cells: &CellCounts, limits: Limits) -> Option<Self> {
+        let [records, pairs] = needed(counters);
+        let exact = [records.max(self.records.into()), pairs.max(self.pairs.into())];
+        let ample = [records + records / 4, pairs + pairs / 4];
+        let ample = [ample[0].max(exact[0]), ample[1].max(exact[1])];
+        Self::within(ample, cells, limits).or_else(|| Self::within([records, pairs], cells, limits))
+    }
+
+    fn within([records, pairs]: [u64; 2], cells: &CellCounts, limits: Limits) -> Option<Self> {
+        let room = Self { records: records.try_into().ok()?, pairs: pairs.try_into().ok()? };
+        let most = limits.buffer_bytes.min(limits.cell_bytes);
+        let bytes = room.record_bytes().max(room.pair_bytes(cells)).max(room.part_bytes());
+        (bytes <= most).then_some(room)
+    }
+
+    fn record_bytes(self) -> u64 {
+        layout::record::SIZE as u64 * u64::from(self.records)
+    }
+
+    /// Parts that dense cells may have; 0 where there is no room for a dense cell.
+    fn parts(self) -> u64 {
+        let is_any_dense = self.pairs > layout::DENSE_PAIRS;
+        if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
+    }
+
+    fn part_bytes(self) -> u64 {
+        4 * u64::from(layout::PART_WORDS * layout::CELL_WORKGROUP) * self.parts()
+    }
+
+    fn pair_bytes(self, cells: &CellCounts) -> u64 {
+        layout::cell_pair::SIZE as u64 * (u64::from(cells.cells()) + u64::from(self.pairs))
+    }
+}
+
+/// Records and pairs that counters say a tile needs.
+fn needed(counters: &[u32]) -> [u64; 2] {
+    [layout::cell_counters::RECORDS, layout::cell_counters::PAIRS]
+        .map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from))
+}
+
+/// A dispatch of the compute path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellStep {
+    /// Entry point.
+    pub entry: &'static str,
+    /// What its bindings are, and what its uniform says.
+    pub round: CellRound,
+    /// The segment whose splats it reads.
+    pub segment: Option<usize>,
+    /// Workgroups along x and y.
+    pub workgroups: [u32; 2],
+}
+
+/// Dispatches of one name in the statistics.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CellStage {
+    /// The name.
+    pub name: &'static str,
+    /// The dispatches, each of which needs all before it.
+    pub steps: Vec<CellStep>,
+}
+
+/// The pixel passes that follow a plan's cells.
+pub fn pixel_passes_after_cells(plan: &FramePlan) -> Vec<PixelPass> {
+    let looks_at_neighbours = plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome));
+    looks_at_neighbours.then_some(PixelPass::CellNeighbours).into_iter().collect()
+}
+
+/// The entry points that draw a plan's cells.
+struct RasterEntries {
+    cells: &'static str,
+    /// Sums of dense cells' parts.
+    parts: &'static str,
+    /// Dense cells of their parts.
+    combine: &'static str,
+}
+
+/// The entry point that finds the thresholds of dense cells' parts.
+const PART_THRESHOLDS: &str = "cell_part_thresholds";
+
+impl RasterEntries {
+    fn of(plan: &FramePlan) -> Self {
+        let has_surface = plan.attributes.normal || plan.attributes.depth;
+        let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
+        let (cells, parts) = match (is_full, has_surface) {
+            (true, _) => ("cell_shadowed_surfaces", "cell_part_surfaces"),
+            (false, true) => ("cell_surfaces", "cell_part_surfaces"),
+            (false, false) => ("cell_colors", "cell_part_colors"),
+        };
+        Self { cells, parts, combine: if is_full { "cell_combine_shadowed" } else { "cell_combine" } }
+    }
+}
+
+/// Workgroups of a dispatch of so many, as rows of [`layout::CELL_ROW`].
+fn grid(count: u64) -> [u32; 2] {
+    let row = u64::from(layout::CELL_ROW);
+    [count.min(row) as u32, count.div_ceil(row) as u32]
+}
+
+/// The stages of a tile.
+pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<CellStage> {
+    let workgroup = u64::from(layout::CELL_WORKGROUP);
+    let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
+    let step = |entry, round, count: u64| CellStep { entry, round, segment: None, workgroups: grid(count) };
+    let begin = step("cell_begin", CellRound::Groups, u64::from(cells.cells()).div_ceil(workgroup));
+    let mut setup = vec![begin];
+    let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
+    setup.extend(of_segments.map(|(segment, &chunks)| CellStep {
+        segment: Some(segment),
+        ..step("cell_setup", CellRound::Groups, u64::from(chunks))
+    }));
+    if cells.near > 0 {
+        setup.push(step("cell_near", CellRound::Groups, u64::from(cells.near_groups())));
+    }
+    let entries = RasterEntries::of(plan);
+    let of_cells = |entry| CellStep { workgroups: cells.size, ..step(entry, CellRound::Sorted, 0) };
+    let mut raster = vec![of_cells(entries.cells)];
+    if room.parts() > 0 && cells.groups() > 0 {
+        let of_parts = |entry| step(entry, CellRound::Sorted, room.parts());
+        raster.extend([of_parts(PART_THRESHOLDS), of_parts(entries.parts), of_cells(entries.combine)]);
+    }
+    let mut stages = vec![CellStage { name: "setup", steps: setup }];
+    let groups = u64::from(cells.groups());
+    if groups > 0 {
+        let scan = |round, length: u64| {
+            let count = blocks(length);
+            [step("cell_scan_blocks", round, count), step("cell_scan_add", round, count)]
+        };
+        let mut sort = scan(CellRound::Groups, groups).to_vec();
+        sort.push(step("cell_emit", CellRound::Groups, groups));
+        let pair_blocks = blocks(u64::from(room.pairs));
+        for round in [CellRound::Low, CellRound::High] {
+            let digits = round.words(cells).get(2).copied().map_or(1, u64::from);
+            sort.push(step("cell_count_digits", round, pair_blocks));
+            sort.extend(scan(round, digits * pair_blocks));
+            sort.push(step("cell_scatter", round, pair_blocks));
+        }
+        sort.push(step("cell_find_ranges", CellRound::Sorted, u64::from(room.pairs).div_ceil(workgroup)));
+        stages.push(CellStage { name: "sort", steps: sort });
+    }
+    stages.push(CellStage { name: "raster", steps: raster });
+    stages
+}
+
+/// The entry points that a plan's cells may need, each once.
+pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
+    let entries = RasterEntries::of(plan);
+    vec![
+        "cell_begin",
+        "cell_setup",
+        "cell_near",
+        "cell_scan_blocks",
+        "cell_scan_add",
+        "cell_emit",
+        "cell_count_digits",
+        "cell_scatter",
+        "cell_find_ranges",
+        entries.cells,
+        PART_THRESHOLDS,
+        entries.parts,
+        entries.combine,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
+    use surfel_shaders::{BindingKind, ENTRIES};
+
+    fn planned(summary: &SceneSummary, planes: Planes, change: impl FnOnce(&mut Settings)) -> FramePlan {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        plan(summary, &view, &settings, planes, &Capabilities::everything("test")).unwrap()
+    }
+
+    fn cells(chunks: &[u32], near: u32) -> CellCounts {
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats: 256 * u64::from(chunks.iter().sum::<u32>()), near }
+    }
+
+    #[test]
+    fn compute_shaders_draw_opaque_whole_splats_and_nothing_else() {
+        let plain = SceneSummary::default();
+        for shader in [Shader::Unlit, Shader::Phong, Shader::Normal, Shader::Toon, Shader::Edl, Shader::Matcap] {
+            let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
+            let drawn = [GpuPath::Auto, GpuPath::Compute, GpuPath::Raster].map(|path| path.draws_cells(&plan));
+            assert_eq!(drawn, [true, true, false], "{shader:?}");
+        }
+        let with = |change: fn(&mut SceneSummary)| {
+            let mut summary = SceneSummary::default();
+            change(&mut summary);
+            summary
+        };
+        let others = [
+            planned(&with(|s| s.clips = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.both_facings = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
+            planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
+                s.transparency = "peel:2".parse().unwrap();
+            }),
+            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Coverage),
+            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Samples),
+            planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16),
+            planned(&plain, Planes::COLOR.with_index(true), |_| ()),
+        ];
+        for (i, plan) in others.iter().enumerate() {
+            assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
+        }
+        // Clips that are turned off, and transparency that is, leave opaque whole splats.
+        let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
+            s.clip = ClipPolicy::Off;
+            s.transparency = "off".parse().unwrap();
+        });
+        assert!(GpuPath::Auto.draws_cells(&off));
+    }
+
+    #[test]
+    fn plan_runs_what_it_asks_for_and_no_more() {
+        let plain = SceneSummary::default();
+        let of = |shader| {
+            let plan = planned(&plain, Planes::COLOR, |s| s.shader = shader);
+            (RasterEntries::of(&plan).cells, pixel_passes_after_cells(&plan))
+        };
+        assert_eq!(of(Shader::Unlit), ("cell_colors", vec![]));
+        assert_eq!(of(Shader::Phong), ("cell_surfaces", vec![]));
+        assert_eq!(of(Shader::Toon), ("cell_shadowed_surfaces", vec![PixelPass::CellNeighbours]));
+        assert_eq!(of(Shader::Edl), ("cell_surfaces", vec![PixelPass::CellNeighbours]));
+        let plan = planned(&plain, Planes::COLOR, |s| s.shader = Shader::Unlit);
+        let names = |cells: &CellCounts, pairs| -> Vec<&str> {
+            let stages = cell_stages(&plan, cells, CellRoom { records: 100, pairs });
+            stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
+        };
+        // A tile that nothing touches is cleared and shaded.
+        assert_eq!(names(&cells(&[0, 0], 0), 9999), ["cell_begin", "cell_colors"]);
+        // Few pairs make no cell dense.
+        let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
+        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
+        assert!(!few.contains(&"cell_near") && !few.contains(&PART_THRESHOLDS) && few.contains(&"cell_emit"));
+        let many = names(&cells(&[3, 2], 7), layout::DENSE_PAIRS + 1);
+        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
+        assert_eq!(&many[many.len() - 3..], [PART_THRESHOLDS, "cell_part_colors", "cell_combine"]);
+        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
+    }
+
+    #[test]
+    fn passes_bind_what_every_device_has() {
+        for entry in ENTRIES.iter().filter(|entry| entry.name.starts_with("cell_")) {
+            let storage = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
+            let buffers = entry.bindings.iter().filter(|binding| storage(binding.kind)).count();
+            assert!(buffers <= 8, "{} binds {buffers} storage buffers", entry.name);
+            let invocations: u32 = entry.workgroup.iter().product();
+            assert!(invocations <= 256, "{}", entry.name);
+            if entry.name == PixelPass::CellNeighbours.entry() {
+                continue;
+            }
+            for binding in entry.bindings.iter().filter(|binding| binding.group == 1) {
+                for round in CellRound::ALL {
+                    assert!(CellBinding::of(binding.binding, round).is_some(), "{} {binding:?}", entry.name);
+                }
+            }
+        }
+        for count in [1, 32_768, 32_769, 10_000_000] {
+            let [x, y] = grid(count);
+            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
+        }
+    }
+
+    #[test]
+    fn digits_tell_all_cells_apart() {
+        for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
+            let counts = CellCounts { size, ..CellCounts::default() };
+            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(&counts));
+            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{size:?}");
+            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(counts.cells()), "{size:?}");
+            assert!(low[2].max(high[2]) <= DIGITS as u32, "{size:?}");
+        }
+        assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
+    }
+
+    #[test]
+    fn room_grows_to_what_is_needed_or_is_refused() {
+        let (counts, all) = (cells(&[4], 3), Limits::default());
+        let room = CellRoom::estimate(&counts, all).unwrap();
+        assert_eq!(room.records, 4 * 256 + 3);
+        assert!(room.holds(&[room.records, room.pairs]) && !room.holds(&[room.records + 1, 0]));
+        let needed = [room.records, 40_000_000];
+        assert!(!room.holds(&needed));
+        let grown = room.grown(&needed, &counts, all).unwrap();
+        assert!(grown.holds(&needed) && grown.records >= room.records);
+        // Room is kept from tile to tile while it is within the limits.
+        assert_eq!(CellRoom::start(Some(grown), &counts, all), Some(grown));
+        let little = Limits { cell_bytes: 1 << 20, ..all };
+        assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
+        assert_eq!(room.grown(&needed, &counts, little), None);
+        assert_eq!(CellRoom::estimate(&counts, Limits { cell_bytes: 1000, ..all }), None);
+        // More pairs than are counted.
+        assert_eq!(room.grown(&[1, u32::MAX], &counts, all), None);
+        for buffer in CellBuffer::ALL {
+            let [less, more] = [room, grown].map(|room| buffer.bytes(&counts, room));
+            assert!(less <= more, "{buffer:?}");
+        }
+    }
+}

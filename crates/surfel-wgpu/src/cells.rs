@@ -1,0 +1,173 @@
+//! The compute path: buffers of cells, and the steps of a tile.
+
+use crate::execute::{TileInputs, compute};
+use crate::pipelines::CellPipeline;
+use crate::queries::Queries;
+use crate::scene::{empty, filled};
+use std::collections::HashMap;
+use surfel_gpu::{
+    CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, PIXEL_PASS_BUFFERS,
+    PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Target, binding_slots, workgroups,
+};
+
+/// Buffers of the compute path, reused from frame to frame while they fit.
+#[derive(Default)]
+pub(crate) struct CellBuffers {
+    buffers: HashMap<CellBuffer, wgpu::Buffer>,
+    /// What they have room for; `None` before the first tile.
+    pub room: Option<CellRoom>,
+}
+
+impl CellBuffers {
+    /// Makes buffers that have room for a tile, where those that are there don't.
+    pub(crate) fn prepare(&mut self, device: &wgpu::Device, cells: &CellCounts, room: CellRoom) {
+        self.room = Some(room);
+        for buffer in CellBuffer::ALL {
+            let bytes = buffer.bytes(cells, room);
+            if self.buffers.get(&buffer).is_none_or(|made| made.size() < bytes) {
+                // The old one is freed first: both may not fit.
+                self.buffers.remove(&buffer);
+                let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
+                self.buffers.insert(buffer, empty(device, buffer.name(), bytes, usage));
+            }
+        }
+    }
+
+    /// Bytes of all buffers.
+    pub(crate) fn bytes(&self) -> u64 {
+        self.buffers.values().map(wgpu::Buffer::size).sum()
+    }
+
+    pub(crate) fn get(&self, buffer: CellBuffer) -> Option<&wgpu::Buffer> {
+        self.buffers.get(&buffer)
+    }
+}
+
+/// A tile of cells: everything that its steps read.
+pub(crate) struct CellTile<'a> {
+    inputs: TileInputs<'a>,
+    stages: &'a [CellStage],
+    /// Bind groups of each dispatch, stage by stage; `None` for one that lacks something.
+    groups: Vec<Vec<Option<[wgpu::BindGroup; 2]>>>,
+    pixels: Vec<(PixelPass, [wgpu::BindGroup; 2])>,
+}
+
+impl<'a> CellTile<'a> {
+    pub(crate) fn new(
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        inputs: &TileInputs<'a>,
+        (counts, buffers): (&CellCounts, &CellBuffers),
+        stages: &'a [CellStage],
+    ) -> Self {
+        let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
+        let (storage, uniforms) = (wgpu::BufferUsages::STORAGE, wgpu::BufferUsages::UNIFORM);
+        let frame_buffers = [
+            filled(device, queue, "frame", &data.frame, uniforms),
+            filled(device, queue, "objects", &frame.objects, storage),
+            filled(device, queue, "lights", &frame.lights, storage),
+            filled(device, queue, "shadow maps", &frame.shadow_maps, storage),
+            inputs.shadow_texels.clone(),
+            filled(device, queue, "matcap", &frame.matcap, storage),
+        ];
+        let rounds: HashMap<CellRound, wgpu::Buffer> = CellRound::ALL
+            .into_iter()
+            .map(|round| (round, filled(device, queue, "round", &round.words(counts), uniforms)))
+            .collect();
+        let near: Vec<u32> = data.near.iter().flat_map(|near| near.records.iter().copied()).collect();
+        let near = filled(device, queue, "near records", if near.is_empty() { &[0] } else { &near }, storage);
+        let seen = data.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
+        let segments: HashMap<usize, [wgpu::Buffer; 2]> = seen
+            .map(|(index, segment)| {
+                let chunks = filled(device, queue, "chunks of cells", &segment.chunks, storage);
+                (index, [chunks, filled(device, queue, "near bits", &segment.near_bits, storage)])
+            })
+            .collect();
+        let frame_group = |entry: &str, layout: &wgpu::BindGroupLayout| {
+            let slots = binding_slots(&[entry], 0);
+            let entries = slots.iter().filter_map(|slot| {
+                let resource = frame_buffers.get(slot.binding as usize)?.as_entire_binding();
+                Some(wgpu::BindGroupEntry { binding: slot.binding, resource })
+            });
+            let entries: Vec<_> = entries.collect();
+            device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some("frame of cells"),
+                layout,
+                entries: &entries,
+            })
+        };
+        let steps = targets.entries(&[(SETUP_STEPS_BINDING, Target::Steps)]);
+        let group = |step: &CellStep, layout: &wgpu::BindGroupLayout| {
+            let resident = || scene.segments.get(step.segment?);
+            let segment = || segments.get(&step.segment?);
+            let one = |binding: u32| {
+                let buffer = match CellBinding::of(binding, step.round)? {
+                    CellBinding::Segment => &resident()?.uniform,
+                    CellBinding::Splats => &resident()?.splats,
+                    CellBinding::Chunks => &segment()?[0],
+                    CellBinding::NearBits => &segment()?[1],
+                    CellBinding::NearRecords => &near,
+                    CellBinding::Planes => &targets.planes,
+                    CellBinding::Round => rounds.get(&step.round)?,
+                    CellBinding::Buffer(buffer) => buffers.get(buffer)?,
+                    CellBinding::Steps => return steps.first().cloned(),
+                };
+                Some(wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
+            };
+            let slots = binding_slots(&[step.entry], 1);
+            let entries = slots.iter().map(|slot| one(slot.binding)).collect::<Option<Vec<_>>>()?;
+            let descriptor = wgpu::BindGroupDescriptor { label: Some(step.entry), layout, entries: &entries };
+            Some(device.create_bind_group(&descriptor))
+        };
+        let of_step = |step: &CellStep| {
+            let CellPipeline { frame_group: frame_layout, group: layout, .. } = pipelines.cells(step.entry)?;
+            Some([frame_group(step.entry, frame_layout), group(step, layout)?])
+        };
+        let groups = stages.iter().map(|stage| stage.steps.iter().map(of_step).collect()).collect();
+        let pixels = inputs.pixel_passes.iter().filter_map(|&pass| {
+            let layout = &pipelines.pixels(pass)?.group;
+            let slots = binding_slots(&[pass.entry()], 1);
+            let planes =
+                wgpu::BindGroupEntry { binding: PIXEL_PASS_BUFFERS[0], resource: targets.planes.as_entire_binding() };
+            let all = targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain([planes]);
+            let entries: Vec<_> = all.filter(|entry| slots.iter().any(|slot| slot.binding == entry.binding)).collect();
+            let own = device.create_bind_group(&wgpu::BindGroupDescriptor {
+                label: Some(pass.entry()),
+                layout,
+                entries: &entries,
+            });
+            let all: Vec<&wgpu::Buffer> = frame_buffers.iter().collect();
+            Some((pass, [crate::scene::bind(device, "frame", &pipelines.frame_group, &all), own]))
+        });
+        Self { pixels: pixels.collect(), inputs: *inputs, stages, groups }
+    }
+
+    /// Records all stages.
+    pub(crate) fn record(&self, encoder: &mut wgpu::CommandEncoder, queries: &mut Queries) {
+        let TileInputs { pipelines, data, .. } = self.inputs;
+        for (stage, groups) in self.stages.iter().zip(&self.groups) {
+            compute(encoder, stage.name, Some(&mut *queries), |pass| {
+                for (step, groups) in stage.steps.iter().zip(groups) {
+                    let (Some(pipeline), Some([frame, own])) = (pipelines.cells(step.entry), groups) else { continue };
+                    pass.set_pipeline(&pipeline.raw);
+                    pass.set_bind_group(0, frame, &[]);
+                    pass.set_bind_group(1, own, &[]);
+                    let [x, y] = step.workgroups;
+                    pass.dispatch_workgroups(x, y, 1);
+                }
+            });
+        }
+        for (pixels, [frame, own]) in &self.pixels {
+            let Some(pipeline) = pipelines.pixels(*pixels) else { continue };
+            compute(encoder, pixels.name(), Some(&mut *queries), |pass| {
+                pass.set_pipeline(&pipeline.raw);
+                pass.set_bind_group(0, frame, &[]);
+                pass.set_bind_group(1, own, &[]);
+                let targets = [data.targets.width, data.targets.height];
+                let [width, height] = pixels.size(targets, [data.tile.width, data.tile.height]);
+                let entry = pixels.entry();
+                pass.dispatch_workgroups(workgroups(width, entry, 0), workgroups(height, entry, 1), 1);
+            });
+        }
+    }
+}

@@ -1,0 +1,549 @@
+// The last pass of the compute path: a workgroup draws a cell, an invocation each of its pixels. The cell's records pass
+// through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
+// to it. Then the pixel is divided, lit and written from registers.
+
+// Records of a batch, and words of a bit for each.
+const BATCH: u32 = 96u;
+const BATCH_WORDS: u32 = 3u;
+// Blocks of 8×4 pixels of a cell. The records of a batch that touch a block are found once for all of its pixels.
+const BLOCK_COLUMNS: u32 = 8u;
+const BLOCK_ROWS: u32 = 4u;
+const CELL_BLOCKS: u32 = 8u;
+// Pixels in a cell of a small splat, at most. Two invocations visit the pixels of a small splat; the pixels of a block
+// visit larger ones.
+const SMALL_SPLAT_PX: u32 = 64u;
+const IS_SMALL: u32 = 0x80000000u;
+
+// Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
+var<workgroup> staged: array<vec4u, 672>;
+// The part of each record's box in the cell: first column and row, end column and row, five bits each; with IS_SMALL.
+// 0 if there is none.
+var<workgroup> staged_boxes: array<u32, BATCH>;
+// A bit for each larger record that touches a block, by block and word; twice, for a batch and the next.
+var<workgroup> block_bits: array<atomic<u32>, 48>;
+// A bit for each small record that contributes to a pixel, by word and pixel.
+var<workgroup> pixel_bits: array<atomic<u32>, 768>;
+// Bits of the depth threshold of each pixel, as a reversed depth: they compare as the numbers do.
+var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
+
+fn staged_part(part: u32, r: u32) -> vec4u {
+    return staged[part * BATCH + r];
+}
+
+// The pixel of invocation i of a cell: blocks of pixels are invocations that follow each other.
+fn pixel_in_cell(i: u32) -> vec2u {
+    let block = i / 32u;
+    let in_block = i % 32u;
+    return vec2u(
+        (block % 2u) * BLOCK_COLUMNS + in_block % BLOCK_COLUMNS,
+        (block / 2u) * BLOCK_ROWS + in_block / BLOCK_COLUMNS,
+    );
+}
+
+// The invocation of a pixel.
+fn invocation_of(x: u32, y: u32) -> u32 {
+    let block = (y / BLOCK_ROWS) * 2u + x / BLOCK_COLUMNS;
+    return block * 32u + (y % BLOCK_ROWS) * BLOCK_COLUMNS + x % BLOCK_COLUMNS;
+}
+
+// The part of a record's box in a cell, as it is staged.
+fn box_in_cell(corner: vec2u, pixels: vec2u) -> u32 {
+    let first_px = max(vec2u(pixels.x & 0xffffu, pixels.x >> 16u), corner);
+    let end_px = min(vec2u(pixels.y & 0xffffu, pixels.y >> 16u), corner + CELL_SIDE);
+    if first_px.x >= end_px.x || first_px.y >= end_px.y {
+        return 0u;
+    }
+    let first = first_px - corner;
+    let end = end_px - corner;
+    let size = end - first;
+    let small = select(0u, IS_SMALL, size.x * size.y <= SMALL_SPLAT_PX);
+    return first.x | (first.y << 5u) | (end.x << 10u) | (end.y << 15u) | small;
+}
+
+fn first_of(box: u32) -> vec2u {
+    return vec2u(box & 31u, (box >> 5u) & 31u);
+}
+
+fn end_of(box: u32) -> vec2u {
+    return vec2u((box >> 10u) & 31u, (box >> 15u) & 31u);
+}
+
+// Marks the blocks that a box touches.
+fn mark_blocks(box: u32, r: u32, bits_at: u32) {
+    let size = vec2u(BLOCK_COLUMNS, BLOCK_ROWS);
+    let first_block = first_of(box) / size;
+    let end_block = (end_of(box) + (size - 1u)) / size;
+    for (var row = first_block.y; row < end_block.y; row++) {
+        for (var column = first_block.x; column < end_block.x; column++) {
+            atomicOr(&block_bits[bits_at + (row * 2u + column) * BATCH_WORDS + r / 32u], 1u << (r % 32u));
+        }
+    }
+}
+
+// True if the box of record r holds a pixel of the cell.
+fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
+    let box = staged_boxes[r];
+    return all(first_of(box) <= in_cell) && all(in_cell < end_of(box));
+}
+
+// Brings a batch into workgroup memory: what the first loop reads, or what the second does. Two invocations bring a
+// record.
+fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, surface: bool) {
+    let r = i / 2u;
+    if r >= count {
+        return;
+    }
+    let at = RECORD_PARTS * pairs_in[first + r].record;
+    if i % 2u == 0u {
+        let boxes = cell_records[at + 8u];
+        let box = box_in_cell(corner, select(boxes.zw, boxes.xy, visible));
+        staged_boxes[r] = box;
+        if box != 0u && (box & IS_SMALL) == 0u {
+            mark_blocks(box, r, bits_at);
+        }
+        staged[r] = cell_records[at];
+        staged[BATCH + r] = cell_records[at + 2u];
+        staged[2u * BATCH + r] = cell_records[at + 3u];
+    } else {
+        staged[3u * BATCH + r] = cell_records[at + select(4u, 1u, visible)];
+        staged[4u * BATCH + r] = cell_records[at + 5u];
+        staged[5u * BATCH + r] = cell_records[at + 6u];
+        if !visible && surface {
+            staged[6u * BATCH + r] = cell_records[at + 7u];
+        }
+    }
+}
+
+// From the anchor of record r to the centre of a pixel.
+fn staged_offset(r: u32, pixel: vec2i) -> vec2f {
+    let anchor = staged_part(0u, r);
+    let whole = pixel + frame.origin_px - bitcast<vec2i>(anchor.xy);
+    return vec2f(whole) + (vec2f(0.5, 0.5) - bitcast<vec2f>(anchor.zw));
+}
+
+// Sums of a pixel.
+struct CellSums {
+    color: vec4f,
+    surface: vec4f,
+    material: vec4f,
+    fragments: f32,
+}
+
+// Reversed depth z_near/(z + ε) of the unfiltered splat of record r at a pixel; 0 where it has no fragment.
+fn threshold_of(r: u32, pixel: vec2i) -> f32 {
+    let d = staged_offset(r, pixel);
+    let plane = bitcast<vec4f>(staged_part(1u, r));
+    let more = staged_part(2u, r);
+    let range = bitcast<vec2f>(more.xy);
+    let flags = more.w;
+    let at_anchor = vec3f(bitcast<vec2f>(staged_part(4u, r).zw), bitcast<f32>(staged_part(5u, r).w));
+    let uv = bitcast<vec4f>(staged_part(3u, r));
+    let z = fragment_depth(d, vec4f(plane.xy, range), plane.z, at_anchor.z, flags);
+    let is_there = is_in_unfiltered(d, uv, plane.xy, at_anchor, flags) && exists(z);
+    return select(0.0, reversed_depth(z + plane.w), is_there);
+}
+
+// The contribution of record r to a pixel.
+fn contribution_of(r: u32, pixel: vec2i) -> Contribution {
+    let d = staged_offset(r, pixel);
+    let plane = bitcast<vec4f>(staged_part(1u, r));
+    let more = staged_part(2u, r);
+    let w_and_anchor = bitcast<vec4f>(staged_part(4u, r));
+    return contribution_at(
+        d,
+        bitcast<vec4f>(staged_part(3u, r)),
+        w_and_anchor.xy,
+        vec3f(w_and_anchor.zw, bitcast<f32>(staged_part(5u, r).w)),
+        vec4f(plane.xy, bitcast<vec2f>(more.xy)),
+        plane.z,
+        more.w,
+        bitcast<f32>(more.z),
+    );
+}
+
+// True for a fragment no deeper than the threshold.
+fn is_within(threshold: f32, c: Contribution) -> bool {
+    return c.is_there && threshold <= reversed_depth(c.z);
+}
+
+// Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
+fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: ptr<function, CellSums>) {
+    let c = contribution_of(r, pixel);
+    if !is_within(threshold, c) {
+        return;
+    }
+    (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
+    if surface {
+        let normal = bitcast<vec3f>(staged_part(6u, r).xyz);
+        (*sums).surface += vec4f(normal, c.z * frame.per_depth_unit) * c.weight;
+    }
+    if frame.has_materials != 0u {
+        (*sums).material += objects[staged_part(2u, r).w >> RECORD_OBJECT].material * c.weight;
+    }
+    (*sums).fragments += 1.0;
+}
+
+// Raises the thresholds of the pixels of a small splat; two invocations share its rows.
+fn raise_thresholds(r: u32, half: u32, corner: vec2u) {
+    let box = staged_boxes[r];
+    if (box & IS_SMALL) == 0u {
+        return;
+    }
+    let first = first_of(box);
+    let end = end_of(box);
+    for (var y = first.y + half; y < end.y; y += 2u) {
+        for (var x = first.x; x < end.x; x++) {
+            let threshold = threshold_of(r, vec2i(corner + vec2u(x, y)));
+            if threshold > 0.0 {
+                atomicMax(&thresholds[invocation_of(x, y)], bitcast<u32>(threshold));
+            }
+        }
+    }
+}
+
+// Marks the pixels that a small splat contributes to.
+fn mark_pixels(r: u32, half: u32, corner: vec2u) {
+    let box = staged_boxes[r];
+    if (box & IS_SMALL) == 0u {
+        return;
+    }
+    let first = first_of(box);
+    let end = end_of(box);
+    for (var y = first.y + half; y < end.y; y += 2u) {
+        for (var x = first.x; x < end.x; x++) {
+            let at = invocation_of(x, y);
+            let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
+            if is_within(threshold, contribution_of(r, vec2i(corner + vec2u(x, y)))) {
+                atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
+            }
+        }
+    }
+}
+
+// Clears what the loops over batches write. A barrier follows before anything is read.
+fn clear_cell(i: u32) {
+    if i < 2u * CELL_BLOCKS * BATCH_WORDS {
+        atomicStore(&block_bits[i], 0u);
+    }
+    atomicStore(&thresholds[i], 0u);
+    for (var word = 0u; word < BATCH_WORDS; word++) {
+        atomicStore(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
+    }
+}
+
+// The first loop: the depth threshold of the invocation's pixel among the pairs of a range, which `thresholds` hold
+// afterwards. Block bits are clear before and after.
+fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
+    let in_cell = pixel_in_cell(i);
+    let pixel = vec2i(corner + in_cell);
+    let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
+    // Where the bits of a batch are; those of the next are elsewhere, and cleared meanwhile.
+    var bits_at = 0u;
+    var threshold = 0.0;
+    for (var first = range.x; first < range.y; first += BATCH) {
+        let count = min(range.y - first, BATCH);
+        workgroupBarrier();
+        stage(first, count, corner, i, bits_at, true, false);
+        workgroupBarrier();
+        if i / 2u < count {
+            raise_thresholds(i / 2u, i % 2u, corner);
+        }
+        for (var word = 0u; word < BATCH_WORDS; word++) {
+            var bits = atomicLoad(&block_bits[bits_at + words + word]);
+            while bits != 0u {
+                let r = word * 32u + firstTrailingBit(bits);
+                bits &= bits - 1u;
+                if staged_box_holds(r, in_cell) {
+                    threshold = max(threshold, threshold_of(r, pixel));
+                }
+            }
+        }
+        bits_at = of_batch - bits_at;
+        if i < of_batch {
+            atomicStore(&block_bits[bits_at + i], 0u);
+        }
+    }
+    atomicMax(&thresholds[i], bitcast<u32>(threshold));
+    workgroupBarrier();
+    if i < 2u * of_batch {
+        atomicStore(&block_bits[i], 0u);
+    }
+    return bitcast<f32>(atomicLoad(&thresholds[i]));
+}
+
+fn no_cell_sums() -> CellSums {
+    let none = vec4f(0.0, 0.0, 0.0, 0.0);
+    return CellSums(none, none, none, 0.0);
+}
+
+// The second loop: sums of the invocation's pixel, up to the thresholds, among the pairs of a range.
+fn sum_pixel(range: vec2u, corner: vec2u, i: u32, threshold: f32, surface: bool) -> CellSums {
+    let in_cell = pixel_in_cell(i);
+    let pixel = vec2i(corner + in_cell);
+    let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
+    var bits_at = 0u;
+    var sums = no_cell_sums();
+    for (var first = range.x; first < range.y; first += BATCH) {
+        let count = min(range.y - first, BATCH);
+        workgroupBarrier();
+        stage(first, count, corner, i, bits_at, false, surface);
+        workgroupBarrier();
+        if i / 2u < count {
+            mark_pixels(i / 2u, i % 2u, corner);
+        }
+        workgroupBarrier();
+        for (var word = 0u; word < BATCH_WORDS; word++) {
+            let of_blocks = atomicLoad(&block_bits[bits_at + words + word]);
+            var bits = of_blocks | atomicExchange(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
+            while bits != 0u {
+                let r = word * 32u + firstTrailingBit(bits);
+                bits &= bits - 1u;
+                if staged_box_holds(r, in_cell) {
+                    add_contribution(r, pixel, threshold, surface, &sums);
+                }
+            }
+        }
+        bits_at = of_batch - bits_at;
+        if i < of_batch {
+            atomicStore(&block_bits[bits_at + i], 0u);
+        }
+    }
+    return sums;
+}
+
+// First pair of a cell, and the end of its pairs.
+fn pairs_of(cell: vec2u) -> vec2u {
+    let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
+    return vec2u(pairs.cell, pairs.record);
+}
+
+// Draws a cell that isn't dense. `surface` and `full` (see `shade`) are compile-time constants.
+fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x > DENSE_PAIRS {
+        return;
+    }
+    let corner = cell * CELL_SIDE;
+    clear_cell(i);
+    let threshold = find_threshold(range, corner, i);
+    let sums = sum_pixel(range, corner, i, threshold, surface);
+    write_cell_pixel(corner + pixel_in_cell(i), sums, full);
+}
+
+// Divides a pixel's sums by Σw, lights it, and writes its planes.
+fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
+    if own.x >= frame.size_px.x || own.y >= frame.size_px.y {
+        return;
+    }
+    let pixel = vec2i(own);
+    let point = point_of(sums.color, sums.surface, sums.material);
+    if frame.surfaces_at != ABSENT {
+        write_surface(own, point);
+    }
+    let shaded = own - frame.shade_origin_px;
+    if own.x < frame.shade_origin_px.x || own.y < frame.shade_origin_px.y
+        || shaded.x >= frame.shade_size_px.x || shaded.y >= frame.shade_size_px.y {
+        return;
+    }
+    let at = shaded.y * frame.shade_size_px.x + shaded.x;
+    if frame.color_at != ABSENT {
+        var color = frame.background;
+        if point.is_there {
+            color = vec4f(color_of(position_at(pixel, point.z), point, full), 1.0);
+        }
+        write_color(at, color);
+    }
+    write_planes(at, Surface(vec3f(0.0, 0.0, 0.0), point.normal, point.z, point.weight, point.is_there));
+    if frame.fragments_at != ABSENT {
+        planes[frame.fragments_at + at] = sums.fragments;
+    }
+}
+
+// Where passes look at neighbours, `planes` hold a surface of each pixel of the targets: its normal and depth.
+fn write_surface(own: vec2u, point: Point) {
+    let to = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
+    planes[to] = point.normal.x;
+    planes[to + 1u] = point.normal.y;
+    planes[to + 2u] = point.normal.z;
+    planes[to + 3u] = select(frame.empty_depth, point.z, point.is_there);
+}
+
+// Draws cells of an image that has neither normals nor depths.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, false, false);
+}
+
+// Draws cells.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, true, false);
+}
+
+// Draws cells of an image with shadows, or by `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, true, true);
+}
+
+// Dense cells, which have more pairs than this, are drawn in parts by workgroups of their own, so that no workgroup's
+// work grows with the number of splats. Parts are combined in their order.
+const DENSE_PAIRS: u32 = 4096u;
+// Pairs of a part at most. Two parts may begin in as many pairs: the end of a dense cell's, and the beginning of
+// another's.
+const PART_PAIRS: u32 = 2048u;
+// Words that a part has for each pixel: its threshold, and sums of colours, surface, material and fragments.
+const PART_WORDS: u32 = 14u;
+
+// Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
+@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<f32>;
+@group(1) @binding(55) var<storage, read> cell_parts: array<f32>;
+
+// A part: its cell, and its pairs, of which there are none if it isn't there.
+struct CellPart {
+    cell: u32,
+    range: vec2u,
+}
+
+// Part 2b + 1 is of a dense cell whose pairs begin among the PART_PAIRS pairs from b·PART_PAIRS on; part 2b is of one
+// whose pairs begin before them.
+fn part_of(number: u32) -> CellPart {
+    let count = pair_count();
+    let begin = (number / 2u) * PART_PAIRS;
+    if begin >= count {
+        return CellPart(0u, vec2u(0u, 0u));
+    }
+    let first = frame.cell_count + begin;
+    let end = frame.cell_count + min(begin + PART_PAIRS, count);
+    let begins_here = number % 2u == 1u;
+    let cell = pairs_in[select(first, end - 1u, begins_here)].cell;
+    let of_cell = pairs_in[cell];
+    let is_dense = of_cell.record - of_cell.cell > DENSE_PAIRS;
+    if !is_dense || (of_cell.cell >= first) != begins_here {
+        return CellPart(0u, vec2u(0u, 0u));
+    }
+    return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
+}
+
+// Number of the k-th part of a dense cell with these pairs, and of its parts.
+fn part_number(range: vec2u, k: u32) -> u32 {
+    let block = (range.x - frame.cell_count) / PART_PAIRS;
+    return 2u * (block + k) + select(0u, 1u, k == 0u);
+}
+
+fn parts_of(range: vec2u) -> u32 {
+    return (range.y - 1u - frame.cell_count) / PART_PAIRS - (range.x - frame.cell_count) / PART_PAIRS + 1u;
+}
+
+fn part_word(part: u32, k: u32, i: u32) -> u32 {
+    return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
+}
+
+fn corner_of_cell(cell: u32) -> vec2u {
+    return vec2u(cell % frame.cell_columns, cell / frame.cell_columns) * CELL_SIDE;
+}
+
+// Finds the depth thresholds of parts.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    let part = part_of(number);
+    if part.range.x == part.range.y {
+        return;
+    }
+    clear_cell(i);
+    let threshold = find_threshold(part.range, corner_of_cell(part.cell), i);
+    cell_parts_out[part_word(number, 0u, i)] = threshold;
+}
+
+// Sums what a part contributes, up to the thresholds of all parts of its cell.
+fn sum_part(number: u32, i: u32, surface: bool) {
+    let part = part_of(number);
+    if part.range.x == part.range.y {
+        return;
+    }
+    let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
+    var threshold = 0.0;
+    for (var k = 0u; k < parts_of(of_cell); k++) {
+        threshold = max(threshold, cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]);
+    }
+    clear_cell(i);
+    workgroupBarrier();
+    atomicStore(&thresholds[i], bitcast<u32>(threshold));
+    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, threshold, surface);
+    for (var k = 0u; k < 4u; k++) {
+        cell_parts_out[part_word(number, 1u + k, i)] = sums.color[k];
+        cell_parts_out[part_word(number, 5u + k, i)] = sums.surface[k];
+        cell_parts_out[part_word(number, 9u + k, i)] = sums.material[k];
+    }
+    cell_parts_out[part_word(number, 13u, i)] = sums.fragments;
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_colors(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, false);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, true);
+}
+
+// Draws a dense cell of its parts.
+fn combine_cell(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x <= DENSE_PAIRS {
+        return;
+    }
+    var sums = no_cell_sums();
+    for (var k = 0u; k < parts_of(range); k++) {
+        let part = part_number(range, k);
+        for (var c = 0u; c < 4u; c++) {
+            sums.color[c] += cell_parts[part_word(part, 1u + c, i)];
+            sums.surface[c] += cell_parts[part_word(part, 5u + c, i)];
+            sums.material[c] += cell_parts[part_word(part, 9u + c, i)];
+        }
+        sums.fragments += cell_parts[part_word(part, 13u, i)];
+    }
+    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums, full);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, false);
+}
+
+// The same of an image with shadows, or by `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, true);
+}
+
+// Draws what depends on neighbours into the colours: outlines and eye-dome lighting.
+@compute @workgroup_size(8, 8)
+fn cell_neighbours(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
+        return;
+    }
+    let own = id.xy + frame.shade_origin_px;
+    let at = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
+    let normal = vec3f(planes[at], planes[at + 1u], planes[at + 2u]);
+    let z = planes[at + 3u];
+    if !(z < frame.empty_depth) {
+        return;
+    }
+    var share = 1.0;
+    if frame.has_outlines != 0u {
+        let surface = Surface(vec3f(0.0, 0.0, 0.0), normal, z, 0.0, true);
+        share = select(1.0, 0.0, has_outline(vec2i(own), surface));
+    }
+    if frame.has_eye_dome != 0u {
+        share *= eye_dome_shading(vec2i(own), z);
+    }
+    let to = frame.color_at + 4u * (id.y * frame.shade_size_px.x + id.x);
+    planes[to] *= share;
+    planes[to + 1u] *= share;
+    planes[to + 2u] *= share;
+}

@@ -1,0 +1,459 @@
+// The compute path: opaque splats drawn without raster hardware. The targets are cut into cells of 16×16 pixels. Setup
+// writes the records of the splats that are drawn, close together. Each record becomes a pair with every cell that it
+// may touch; the pairs are sorted by cell, and a workgroup draws each cell (cell_raster.wgsl). The sort is stable, and
+// pairs are emitted in the order of splats, so a pixel's sums have one order whatever the device does in parallel.
+//
+// Nothing here is sorted by depth: visibility is a maximum, and attributes are sums.
+
+// Pixels on a side of a cell.
+const CELL_SIDE: u32 = 16u;
+// Invocations of the workgroups of all passes here; also the number of splats of a chunk, and of digits of the sort.
+const CELL_WORKGROUP: u32 = 256u;
+// Workgroups in a row of a dispatch, for a device takes 65535 along an axis.
+const CELL_ROW: u32 = 32768u;
+// Elements that a workgroup scans or sorts.
+const CELL_BLOCK: u32 = 2048u;
+// vec4u of a record.
+const RECORD_PARTS: u32 = 9u;
+// Words of a group's entry after those of the groups' pairs: its first record, and their number.
+const GROUP_WORDS: u32 = 2u;
+
+// Elements that CellRound says are scanned: pairs of each group, or how often each block has each digit.
+const SCANNED_GROUPS: u32 = 0u;
+const SCANNED_DIGITS: u32 = 1u;
+
+// A chunk that may touch the tile, whose splats a workgroup sets up. Its records are a group.
+struct CellChunk {
+    // View position of the origin.
+    center: vec3f,
+    // CHUNK_ORDINARY, or where its splats' bits in `near_bits` start.
+    state: u32,
+    // Its first splat in the segment, and their number.
+    first: u32,
+    count: u32,
+    // Its index among the segment's chunks, and among the groups.
+    chunk: u32,
+    group: u32,
+}
+
+// Counts of a tile.
+struct CellCounters {
+    // Splats that were set up and touch the tile: records that they need.
+    records: atomic<u32>,
+    // Pairs that they need; the largest u32 where there are more.
+    pairs: atomic<u32>,
+}
+
+// The same, for passes that only read them.
+struct CellCounts {
+    records: u32,
+    pairs: u32,
+}
+
+// A record and a cell that it may touch. Before the pairs of a buffer there is one for each cell: where the cell's sorted
+// pairs begin and end.
+struct CellPair {
+    cell: u32,
+    record: u32,
+}
+
+// What a pass does that runs several times: which elements are scanned, and which digit of the cell is sorted by.
+struct CellRound {
+    scanned: u32,
+    shift: u32,
+    digits: u32,
+}
+
+@group(1) @binding(40) var<storage, read_write> cell_records_out: array<vec4u>;
+// A word for each group: its pairs, then, by a scan, its first pair. Then each group's first record and their number.
+@group(1) @binding(41) var<storage, read_write> cell_groups: array<u32>;
+@group(1) @binding(42) var<storage, read_write> cell_counters: CellCounters;
+@group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
+@group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
+@group(1) @binding(45) var<uniform> cell_round: CellRound;
+@group(1) @binding(46) var<storage, read_write> scanned: array<u32>;
+@group(1) @binding(47) var<storage, read_write> scan_sums: array<u32>;
+@group(1) @binding(48) var<storage, read> pairs_in: array<CellPair>;
+@group(1) @binding(49) var<storage, read_write> pairs_out: array<CellPair>;
+@group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
+@group(1) @binding(53) var<storage, read> cell_counts: CellCounts;
+
+// A partial sum of each invocation.
+var<workgroup> scan_partial: array<u32, CELL_WORKGROUP>;
+
+// Sums that exceed u32 stay at its largest: so many pairs fit no buffer.
+fn saturating_sum(a: u32, b: u32) -> u32 {
+    let sum = a + b;
+    return select(sum, 0xffffffffu, sum < a);
+}
+
+// Sum of the values of the invocations before this one. All invocations of the workgroup call it, and
+// `scan_partial[CELL_WORKGROUP - 1u]` is the sum of all after a barrier.
+fn workgroup_scan(i: u32, value: u32) -> u32 {
+    scan_partial[i] = value;
+    workgroupBarrier();
+    for (var reach = 1u; reach < CELL_WORKGROUP; reach *= 2u) {
+        var sum = scan_partial[i];
+        if i >= reach {
+            sum = saturating_sum(sum, scan_partial[i - reach]);
+        }
+        workgroupBarrier();
+        scan_partial[i] = sum;
+        workgroupBarrier();
+    }
+    if i == 0u {
+        return 0u;
+    }
+    return scan_partial[i - 1u];
+}
+
+fn workgroup_number(group: vec3u) -> u32 {
+    return group.y * CELL_ROW + group.x;
+}
+
+// Pairs that are drawn: none where records or pairs don't fit their buffers, for the host then draws the tile again.
+fn drawn_pairs(records: u32, pairs: u32) -> u32 {
+    return select(0u, pairs, records <= frame.cell_record_room && pairs <= frame.cell_pair_room);
+}
+
+fn pair_count() -> u32 {
+    return drawn_pairs(cell_counts.records, cell_counts.pairs);
+}
+
+// Starts a tile: no records, and no cell has pairs.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = workgroup_number(group) * CELL_WORKGROUP + i;
+    if cell == 0u {
+        atomicStore(&cell_counters.records, 0u);
+        atomicStore(&cell_counters.pairs, 0u);
+    }
+    if cell < frame.cell_count {
+        pairs_out[cell] = CellPair(0u, 0u);
+    }
+}
+
+// The cells that a record's footprints may touch: first column and row, numbers of columns and rows.
+fn cells_of(boxes: vec4u) -> vec4u {
+    let empty = vec2<bool>(boxes.y == 0u, boxes.w == 0u);
+    let first = vec4u(boxes.x & 0xffffu, boxes.x >> 16u, boxes.z & 0xffffu, boxes.z >> 16u);
+    let end = vec4u(boxes.y & 0xffffu, boxes.y >> 16u, boxes.w & 0xffffu, boxes.w >> 16u);
+    var least = min(first.xy, first.zw);
+    var most = max(end.xy, end.zw);
+    if empty.x {
+        least = first.zw;
+        most = end.zw;
+    }
+    if empty.y {
+        least = first.xy;
+        most = end.xy;
+    }
+    let from_cell = least / CELL_SIDE;
+    return vec4u(from_cell, (most + (CELL_SIDE - 1u)) / CELL_SIDE - from_cell);
+}
+
+var<workgroup> group_first_record: u32;
+var<workgroup> group_pairs: atomic<u32>;
+
+// Writes a group's records one after another and counts its pairs. All invocations of the workgroup call it, those
+// without a record with `is_there` false.
+fn write_group(group: u32, i: u32, record: Record, is_there: bool) {
+    if i == 0u {
+        atomicStore(&group_pairs, 0u);
+    }
+    let rank = workgroup_scan(i, select(0u, 1u, is_there));
+    let live = scan_partial[CELL_WORKGROUP - 1u];
+    let boxes = vec4u(record.visible_box, record.filtered_box);
+    if is_there {
+        let cells = cells_of(boxes);
+        atomicAdd(&group_pairs, cells.z * cells.w);
+    }
+    if i == 0u {
+        var first = 0u;
+        if live > 0u {
+            first = atomicAdd(&cell_counters.records, live);
+        }
+        group_first_record = first;
+    }
+    workgroupBarrier();
+    let first = group_first_record;
+    if i == 0u {
+        cell_groups[group] = atomicLoad(&group_pairs);
+        let at = frame.cell_group_count + GROUP_WORDS * group;
+        cell_groups[at] = first;
+        cell_groups[at + 1u] = live;
+    }
+    if is_there && first + rank < frame.cell_record_room {
+        let at = RECORD_PARTS * (first + rank);
+        cell_records_out[at] = vec4u(bitcast<vec2u>(record.base), bitcast<vec2u>(record.fraction));
+        cell_records_out[at + 1u] = bitcast<vec4u>(vec4f(record.visible_u, record.visible_v));
+        cell_records_out[at + 2u] = bitcast<vec4u>(vec4f(record.depth, record.scale, record.epsilon));
+        cell_records_out[at + 3u] =
+            vec4u(bitcast<vec2u>(record.range), bitcast<u32>(record.weight_scale), record.flags);
+        cell_records_out[at + 4u] = bitcast<vec4u>(vec4f(record.u, record.v));
+        cell_records_out[at + 5u] = bitcast<vec4u>(vec4f(record.w, record.at_anchor));
+        cell_records_out[at + 6u] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
+        cell_records_out[at + 7u] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
+        cell_records_out[at + 8u] = boxes;
+    }
+}
+
+// Sets up the splats of a chunk.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_setup(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    if number >= arrayLength(&cell_chunks) {
+        return;
+    }
+    let chunk = cell_chunks[number];
+    let own = chunk.first + i;
+    var splat = no_set_up_splat();
+    if i < chunk.count && !is_set_up_by_host(stored_word(own * segment.stride), chunk.state) {
+        splat = set_up(own, chunk.chunk, chunk.center);
+    }
+    write_group(chunk.group, i, splat.record, splat.is_there);
+}
+
+fn near_vec2(bits: vec2u) -> vec2f {
+    return bitcast<vec2f>(bits);
+}
+
+// Takes over the records of splats at the near plane, which the host has set up, as groups after those of chunks.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    let index = number * CELL_WORKGROUP + i;
+    let count = arrayLength(&near_records) / RECORD_PARTS;
+    if number * CELL_WORKGROUP >= count {
+        return;
+    }
+    var record: Record;
+    var is_there = index < count;
+    if is_there {
+        let at = RECORD_PARTS * index;
+        record = Record(
+            bitcast<vec2i>(near_records[at].xy), near_vec2(near_records[at].zw),
+            near_vec2(near_records[at + 1u].xy), near_vec2(near_records[at + 1u].zw),
+            near_vec2(near_records[at + 2u].xy), bitcast<f32>(near_records[at + 2u].z),
+            bitcast<f32>(near_records[at + 2u].w),
+            near_vec2(near_records[at + 3u].xy), bitcast<f32>(near_records[at + 3u].z), near_records[at + 3u].w,
+            near_vec2(near_records[at + 4u].xy), near_vec2(near_records[at + 4u].zw),
+            near_vec2(near_records[at + 5u].xy), near_vec2(near_records[at + 5u].zw),
+            bitcast<vec3f>(near_records[at + 6u].xyz), bitcast<f32>(near_records[at + 6u].w),
+            bitcast<vec3f>(near_records[at + 7u].xyz), bitcast<f32>(near_records[at + 7u].w),
+            near_records[at + 8u].xy, near_records[at + 8u].zw,
+        );
+        is_there = record.visible_box.y != 0u || record.filtered_box.y != 0u;
+    }
+    write_group(frame.cell_chunk_count + number, i, record, is_there);
+}
+
+// Blocks of so many elements.
+fn blocks_of(count: u32) -> u32 {
+    return (count + (CELL_BLOCK - 1u)) / CELL_BLOCK;
+}
+
+// Elements that are scanned.
+fn scan_length(pairs: u32) -> u32 {
+    if cell_round.scanned == SCANNED_GROUPS {
+        return frame.cell_group_count;
+    }
+    return cell_round.digits * blocks_of(pairs);
+}
+
+const SCAN_PER_INVOCATION: u32 = 8u;
+
+// A scan takes two passes: sums of blocks, and scans of blocks from the sum of all before them on.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let block = workgroup_number(group);
+    let length = scan_length(pair_count());
+    if block * CELL_BLOCK >= length {
+        return;
+    }
+    let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
+    var sum = 0u;
+    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
+        if first + k < length {
+            sum = saturating_sum(sum, scanned[first + k]);
+        }
+    }
+    let before = workgroup_scan(i, sum);
+    if i == CELL_WORKGROUP - 1u {
+        scan_sums[block] = saturating_sum(before, sum);
+    }
+}
+
+// Finishes a scan. Groups' pairs are counted with it.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let block = workgroup_number(group);
+    let length = scan_length(drawn_pairs(atomicLoad(&cell_counters.records), atomicLoad(&cell_counters.pairs)));
+    var of_blocks = 0u;
+    for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
+        of_blocks = saturating_sum(of_blocks, scan_sums[earlier]);
+    }
+    let unused = workgroup_scan(i, of_blocks);
+    let before_block = scan_partial[CELL_WORKGROUP - 1u];
+    workgroupBarrier();
+    let first = block * CELL_BLOCK + i * SCAN_PER_INVOCATION;
+    var values: array<u32, SCAN_PER_INVOCATION>;
+    var sum = 0u;
+    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
+        if first + k < length {
+            values[k] = scanned[first + k];
+            sum = saturating_sum(sum, values[k]);
+        }
+    }
+    var before = saturating_sum(before_block, workgroup_scan(i, sum));
+    for (var k = 0u; k < SCAN_PER_INVOCATION; k++) {
+        if first + k < length {
+            scanned[first + k] = before;
+            before = saturating_sum(before, values[k]);
+        }
+    }
+    if cell_round.scanned == SCANNED_GROUPS && i == CELL_WORKGROUP - 1u && block + 1u == blocks_of(length) {
+        atomicStore(&cell_counters.pairs, before);
+    }
+}
+
+// Emits the pairs of a group, each invocation every 256th of them: large splats are shared out as small ones are.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let number = workgroup_number(group);
+    if number >= frame.cell_group_count || pair_count() == 0u {
+        return;
+    }
+    let at = frame.cell_group_count + GROUP_WORDS * number;
+    let first = cell_groups[at];
+    let live = cell_groups[at + 1u];
+    var own = 0u;
+    if i < live {
+        let cells = cells_of(cell_records[RECORD_PARTS * (first + i) + 8u]);
+        own = cells.z * cells.w;
+    }
+    let unused = workgroup_scan(i, own);
+    let count = scan_partial[CELL_WORKGROUP - 1u];
+    let to = frame.cell_count + cell_groups[number];
+    for (var k = i; k < count; k += CELL_WORKGROUP) {
+        // The first record whose pairs end after k.
+        var low = 0u;
+        var high = CELL_WORKGROUP - 1u;
+        while low < high {
+            let middle = (low + high) / 2u;
+            if scan_partial[middle] <= k {
+                low = middle + 1u;
+            } else {
+                high = middle;
+            }
+        }
+        let record = first + low;
+        let cells = cells_of(cell_records[RECORD_PARTS * record + 8u]);
+        var before = 0u;
+        if low > 0u {
+            before = scan_partial[low - 1u];
+        }
+        let in_record = k - before;
+        let column = cells.x + in_record % cells.z;
+        let row = cells.y + in_record / cells.z;
+        pairs_out[to + k] = CellPair(row * frame.cell_columns + column, record);
+    }
+}
+
+fn digit_of(pair: CellPair) -> u32 {
+    return (pair.cell >> cell_round.shift) & (cell_round.digits - 1u);
+}
+
+var<workgroup> digit_counts: array<atomic<u32>, CELL_WORKGROUP>;
+
+// Counts how often a block of pairs has each digit.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let block = workgroup_number(group);
+    let count = pair_count();
+    if block * CELL_BLOCK >= count {
+        return;
+    }
+    atomicStore(&digit_counts[i], 0u);
+    workgroupBarrier();
+    for (var k = 0u; k < CELL_BLOCK; k += CELL_WORKGROUP) {
+        let at = block * CELL_BLOCK + k + i;
+        if at < count {
+            atomicAdd(&digit_counts[digit_of(pairs_in[frame.cell_count + at])], 1u);
+        }
+    }
+    workgroupBarrier();
+    if i < cell_round.digits {
+        scanned[i * blocks_of(count) + block] = atomicLoad(&digit_counts[i]);
+    }
+}
+
+const ROUND_WORDS: u32 = 8u;
+
+// A bit for each of 256 pairs, by word of 32 of them and digit.
+var<workgroup> round_bits: array<atomic<u32>, 2048>;
+// Where the next pair of each digit goes.
+var<workgroup> digit_ends: array<u32, CELL_WORKGROUP>;
+
+// Writes the pairs of a block where they belong by one digit, in their order: 256 at a time find by bits how many
+// before them have the same digit.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let block = workgroup_number(group);
+    let count = pair_count();
+    if block * CELL_BLOCK >= count {
+        return;
+    }
+    for (var word = 0u; word < ROUND_WORDS; word++) {
+        atomicStore(&round_bits[word * CELL_WORKGROUP + i], 0u);
+    }
+    if i < cell_round.digits {
+        digit_ends[i] = scanned[i * blocks_of(count) + block];
+    }
+    workgroupBarrier();
+    let own_word = i / 32u;
+    let own_bit = 1u << (i % 32u);
+    for (var k = 0u; k < CELL_BLOCK; k += CELL_WORKGROUP) {
+        let at = block * CELL_BLOCK + k + i;
+        var pair: CellPair;
+        var digit = 0u;
+        if at < count {
+            pair = pairs_in[frame.cell_count + at];
+            digit = digit_of(pair);
+            atomicOr(&round_bits[own_word * CELL_WORKGROUP + digit], own_bit);
+        }
+        workgroupBarrier();
+        if at < count {
+            var rank = countOneBits(atomicLoad(&round_bits[own_word * CELL_WORKGROUP + digit]) & (own_bit - 1u));
+            for (var word = 0u; word < own_word; word++) {
+                rank += countOneBits(atomicLoad(&round_bits[word * CELL_WORKGROUP + digit]));
+            }
+            pairs_out[frame.cell_count + digit_ends[digit] + rank] = pair;
+        }
+        workgroupBarrier();
+        var found = 0u;
+        for (var word = 0u; word < ROUND_WORDS; word++) {
+            found += countOneBits(atomicExchange(&round_bits[word * CELL_WORKGROUP + i], 0u));
+        }
+        digit_ends[i] += found;
+        workgroupBarrier();
+    }
+}
+
+// Finds where the pairs of each cell begin and end.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let index = workgroup_number(group) * CELL_WORKGROUP + i;
+    let count = pair_count();
+    if index >= count {
+        return;
+    }
+    let at = frame.cell_count + index;
+    let cell = pairs_out[at].cell;
+    if index == 0u || pairs_out[at - 1u].cell != cell {
+        pairs_out[cell].cell = at;
+    }
+    if index + 1u == count || pairs_out[at + 1u].cell != cell {
+        pairs_out[cell].record = at + 1u;
+    }
+}

@@ -1,0 +1,198 @@
+//! The GPU backends' compute path: the raster path's image, in one order of sums whatever a device does in parallel.
+
+use crate::drawing::{counter, drawn_once};
+use crate::validated_gpu;
+use glam::DVec3;
+use surfel_ash::Limits;
+use surfel_conformance::build::{Splat, camera, scene};
+use surfel_conformance::expectations::Extent;
+use surfel_conformance::harness::{Truth, check_all};
+use surfel_conformance::scenes::{self, Case};
+use surfel_gpu::{CELL_PAIRS, GpuPath};
+use surfel_model::Storage;
+use surfel_render::{Frame, Planes, Renderer, SceneSummary, Stats, plan};
+
+fn planes() -> Planes {
+    Planes::ALL.with_fragments(true)
+}
+
+fn is_by_cells(stats: &Stats) -> bool {
+    counter(stats, CELL_PAIRS).is_some()
+}
+
+/// True if the rule has the compute path draw a case.
+fn is_for_cells(case: &Case, renderer: &impl Renderer) -> bool {
+    let summary = SceneSummary::of(&case.scene);
+    let plan = plan(&summary, &case.view(), &case.settings, planes(), &renderer.info().capabilities);
+    plan.is_ok_and(|plan| GpuPath::Auto.draws_cells(&plan))
+}
+
+/// Disks side by side over the whole image, and behind each other.
+fn wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
+    let disk = |i: usize| {
+        let angle = i as f64 * 2.399_963;
+        let at = DVec3::new(angle.cos(), angle.sin(), 0.0) * (spread * (i as f64 / count as f64).sqrt());
+        let color = [0.1 + 0.8 * (i % 7) as f32 / 7.0, 0.5, 0.9 - 0.8 * (i % 3) as f32 / 3.0];
+        Splat::disk(at - DVec3::Z * (0.001 * (i % 5) as f64), DVec3::Z, radius, color)
+    };
+    let splats: Vec<Splat> = (0..count).map(disk).collect();
+    Case::new("wall", scene(&splats), camera(4.0, 30.0, size))
+}
+
+fn values(frame: &Frame) -> [&[f32]; 4] {
+    [frame.color().as_flattened(), frame.normal().as_flattened(), frame.depth(), frame.weight()]
+}
+
+/// Sums in another order differ by rounding alone.
+fn are_alike(a: &Frame, b: &Frame, name: &str) {
+    for (a, b) in values(a).iter().zip(values(b)).flat_map(|(a, b)| a.iter().zip(b)).filter(|(a, b)| a != b) {
+        assert!((a - b).abs() <= 2e-5 * b.abs().max(1.0), "{name}: {a} {b}");
+    }
+    assert_eq!(a.fragments(), b.fragments(), "{name}");
+}
+
+/// Calls a test with both backends by a path, as far as they are there.
+macro_rules! with_each {
+    ($path:expr, $run:expr) => {
+        if let Some(mut ash) = validated_gpu::ash_by($path) {
+            $run(&mut ash);
+        }
+        if let Some(mut wgpu) = validated_gpu::wgpu_by($path) {
+            $run(&mut wgpu);
+            validated_gpu::no_messages();
+        }
+    };
+}
+
+fn agrees_by_raster_hardware(renderer: &mut impl Renderer) {
+    let checked = check_all(renderer, Truth::of_every_scene().unwrap(), Extent::EveryScene);
+    let failed: Vec<String> = checked.iter().filter(|c| !c.report.is_ok()).map(|c| c.report.to_string()).collect();
+    assert!(failed.is_empty(), "{}", failed.join("\n"));
+}
+
+/// The tests of `gpu_backends` draw by compute shaders what these draw.
+#[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
+fn raster_hardware_agrees_with_the_reference_on_every_scene() {
+    if let Some(mut ash) = validated_gpu::ash_by(GpuPath::Raster) {
+        agrees_by_raster_hardware(&mut ash);
+    }
+    if let Some(mut wgpu) = validated_gpu::wgpu_by(GpuPath::Raster) {
+        agrees_by_raster_hardware(&mut wgpu);
+        validated_gpu::no_messages();
+    }
+}
+
+#[test]
+fn rule_decides_which_path_draws() {
+    let follows = |renderer: &mut dyn FnMut(&Case) -> (bool, Stats)| {
+        let mut drawn = [0; 2];
+        for case in scenes::all().iter().step_by(9) {
+            let (is_for_cells, stats) = renderer(case);
+            assert_eq!(is_by_cells(&stats), is_for_cells, "{}", case.name);
+            drawn[usize::from(is_for_cells)] += 1;
+        }
+        assert!(drawn.iter().all(|&count| count > 3), "{drawn:?}");
+    };
+    let Some(mut ash) = validated_gpu::ash() else { return };
+    follows(&mut |case| (is_for_cells(case, &ash), drawn_once(&mut ash, case, planes()).1));
+    let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
+    assert!(!is_by_cells(&drawn_once(&mut raster, &scenes::closed_sphere(), planes()).1));
+}
+
+#[test]
+fn both_paths_draw_the_same_image() {
+    let (Some(mut cells), Some(mut raster)) =
+        (validated_gpu::ash_by(GpuPath::Compute), validated_gpu::ash_by(GpuPath::Raster))
+    else {
+        return;
+    };
+    let cases = scenes::all();
+    let some = cases.iter().filter(|case| is_for_cells(case, &cells)).step_by(4);
+    for case in some.collect::<Vec<_>>() {
+        let (ours, stats) = drawn_once(&mut cells, case, planes());
+        let (theirs, of_raster) = drawn_once(&mut raster, case, planes());
+        assert!(is_by_cells(&stats) && !is_by_cells(&of_raster), "{}", case.name);
+        assert_eq!((stats.drawn, stats.fragments), (of_raster.drawn, of_raster.fragments), "{}", case.name);
+        are_alike(&ours, &theirs, &case.name);
+    }
+}
+
+#[test]
+fn every_run_and_both_backends_have_the_same_bits() {
+    let (Some(mut ash), Some(mut wgpu)) =
+        (validated_gpu::ash_by(GpuPath::Compute), validated_gpu::wgpu_by(GpuPath::Compute))
+    else {
+        return;
+    };
+    let is_same_device = ash.info().adapter == wgpu.info().adapter;
+    // The last has dense cells.
+    for case in [scenes::closed_sphere(), wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])] {
+        let (first, stats) = drawn_once(&mut ash, &case, planes());
+        assert!(is_by_cells(&stats), "{}", case.name);
+        assert_eq!(first, drawn_once(&mut ash, &case, planes()).0, "{}", case.name);
+        let (other, stats) = drawn_once(&mut wgpu, &case, planes());
+        assert!(is_by_cells(&stats), "{}", case.name);
+        assert_eq!(other, drawn_once(&mut wgpu, &case, planes()).0, "{}", case.name);
+        assert!(!is_same_device || first == other, "{}", case.name);
+    }
+    validated_gpu::no_messages();
+}
+
+/// A cell of more pairs than one workgroup draws is drawn in parts.
+fn draws_dense_cells(renderer: &mut impl Renderer) {
+    let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
+    for (count, radius) in [(4000, 0.02), (9000, 0.02), (5000, 0.4)] {
+        let case = wall(count, radius, 0.1, [40, 40]);
+        let (ours, stats) = drawn_once(renderer, &case, planes());
+        assert!(is_by_cells(&stats), "{count}");
+        are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &format!("{count} of {radius}"));
+    }
+}
+
+#[test]
+fn dense_cells_are_drawn_in_parts() {
+    with_each!(GpuPath::Compute, draws_dense_cells);
+}
+
+/// Each of few splats touches every cell: more pairs than are estimated.
+fn draws_again_where_pairs_do_not_fit(renderer: &mut impl Renderer) {
+    let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
+    let case = wall(100, 3.0, 0.1, [200, 150]);
+    let (ours, stats) = drawn_once(renderer, &case, planes());
+    let pairs = counter(&stats, CELL_PAIRS).unwrap();
+    // 13 × 10 cells.
+    assert_eq!((stats.drawn, pairs), (100, 100.0 * 130.0));
+    assert!(pairs > 2.0 * 100.0 + 4.0 * 130.0);
+    are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &case.name);
+}
+
+#[test]
+fn tile_whose_pairs_do_not_fit_is_drawn_again() {
+    with_each!(GpuPath::Compute, draws_again_where_pairs_do_not_fit);
+}
+
+fn falls_back_to_raster_hardware(renderer: &mut impl Renderer, whole: &mut impl Renderer) {
+    let case = wall(100, 3.0, 0.1, [200, 150]);
+    let (ours, stats) = drawn_once(renderer, &case, planes());
+    assert!(!is_by_cells(&stats) && stats.drawn == 100);
+    are_alike(&ours, &drawn_once(whole, &case, planes()).0, &case.name);
+    // What fits is drawn by cells.
+    let small = wall(20, 0.1, 0.5, [40, 40]);
+    assert!(is_by_cells(&drawn_once(renderer, &small, planes()).1));
+}
+
+#[test]
+fn tile_beyond_the_limits_is_drawn_by_raster_hardware() {
+    // Records fit, and the estimate of pairs, but not the pairs.
+    let limits = Limits { cell_bytes: 60_000, ..Limits::default() };
+    let parts = validated_gpu::ash_with(limits, Storage::F32);
+    if let (Some(mut parts), Some(mut whole)) = (parts, validated_gpu::ash()) {
+        falls_back_to_raster_hardware(&mut parts, &mut whole);
+    }
+    let parts = validated_gpu::wgpu_with(limits, Storage::F32);
+    if let (Some(mut parts), Some(mut whole)) = (parts, validated_gpu::wgpu()) {
+        falls_back_to_raster_hardware(&mut parts, &mut whole);
+        validated_gpu::no_messages();
+    }
+}
