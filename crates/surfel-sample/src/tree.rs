@@ -222,6 +222,11 @@ impl Nearest {
         Self { limit, bound: distance * distance, items: Vec::with_capacity(limit) }
     }
 
+    /// Looks for none farther than `distance` from now on.
+    pub(crate) fn look_within(&mut self, distance: f64) {
+        self.bound = distance * distance;
+    }
+
     /// (squared distance, slot), nearest first.
     pub(crate) fn items(&self) -> &[(f64, u32)] {
         &self.items
