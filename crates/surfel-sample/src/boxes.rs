@@ -24,7 +24,7 @@ struct Node {
 }
 
 /// Boxes to be searched by place.
-pub(super) struct Boxes {
+pub(crate) struct Boxes {
     /// A node, its first part, its second part.
     nodes: Vec<Node>,
     order: Vec<u32>,
@@ -33,7 +33,7 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// Boxes about shapes, each within the hull of its points.
-    pub(super) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
+    pub(crate) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
         let mut boxes = Self { nodes: Vec::new(), order: (0..shapes.len() as u32).collect(), slack: 0.0 };
         if !shapes.is_empty() {
             boxes.build(shapes, 0..shapes.len());
@@ -68,7 +68,7 @@ impl Boxes {
 
     /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
     /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
-    pub(super) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
+    pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
         let mut open = Vec::with_capacity(64);
         open.extend(self.nodes.first().map(|root| (root.distance(p), 0)));
@@ -126,9 +126,9 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measure::closest;
     use super::*;
     use crate::mesh::random::Random;
+    use crate::sharp::measure::closest;
 
     #[test]
     fn nearest_shape_is_that_of_brute_force() {

@@ -18,6 +18,7 @@
 //! as fast. A small k-d tree serves where the queries aren't the points themselves.
 
 mod assemble;
+mod boxes;
 mod cell;
 mod eigen;
 mod error;

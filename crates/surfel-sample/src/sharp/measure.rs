@@ -1,7 +1,7 @@
 //! How far clipped splats and the mesh that they were made of are apart.
 
-use super::boxes::Boxes;
 use super::clip::ClippedSplat;
+use crate::boxes::Boxes;
 use crate::mesh::geometry::Geometry;
 use crate::parallel::map_tasks;
 use glam::DVec3;
@@ -193,7 +193,7 @@ fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 
 
 /// Distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson, Real-Time Collision
 /// Detection, §5.1.5).
-pub(super) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
+pub(crate) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));
