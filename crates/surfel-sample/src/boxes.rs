@@ -3,6 +3,8 @@
 
 use crate::eigen::symmetric3;
 use glam::DVec3;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::ops::Range;
 
 /// Shapes of a leaf, at most.
@@ -68,13 +70,18 @@ impl Boxes {
 
     /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
     /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
+    ///
+    /// The nearest boxes are opened first, wherever they are: the distance of a shape may be far larger than that of its
+    /// box, and boxes that hold `p` overlap.
     pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
-        let mut open = Vec::with_capacity(64);
-        open.extend(self.nodes.first().map(|root| (root.distance(p), 0)));
-        while let Some((bound, index)) = open.pop() {
-            if bound - self.slack > best.0 {
-                continue;
+        let mut open = BinaryHeap::with_capacity(64);
+        // Bits of numbers from 0 up are ordered as these.
+        let entry = |node: usize| Reverse((self.nodes[node].distance(p).to_bits(), node));
+        open.extend(self.nodes.first().map(|_| entry(0)));
+        while let Some(Reverse((bound, index))) = open.pop() {
+            if f64::from_bits(bound) - self.slack > best.0 {
+                break;
             }
             let node = &self.nodes[index];
             if node.second == 0 {
@@ -84,12 +91,9 @@ impl Boxes {
                         best = found;
                     }
                 }
-                continue;
+            } else {
+                open.extend([index + 1, node.second].map(entry));
             }
-            let parts = [index + 1, node.second].map(|part| (self.nodes[part].distance(p), part));
-            // The nearer one is looked at first.
-            let nearer = usize::from(parts[1].0 < parts[0].0);
-            open.extend([parts[1 - nearer], parts[nearer]]);
         }
         best
     }
