@@ -19,6 +19,7 @@
 
 mod assemble;
 mod block;
+mod boxes;
 mod cell;
 mod class;
 mod eigen;
