@@ -108,6 +108,8 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
 
+/// The columns of a PTS file that has all of them.
+const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blue"];
 /// Columns that a message about a text expects.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
 /// Help for a table whose columns Surfel doesn't recognise.
@@ -136,6 +138,8 @@ pub(crate) fn unpack(
     let mut cells = kept.map_or(0, <[bool]>::len);
     let mut header: Option<Vec<String>> = None;
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
+    // True while the last three of seven columns are bytes, as the colours of a PTS file are.
+    let mut ends_in_bytes = true;
     each_line(bytes, |line_number, line| {
         if is_comment(line) {
             if table.rows == 0 && table.comments.len() < 1000 {
@@ -217,6 +221,8 @@ pub(crate) fn unpack(
             }
             return Err(problem.expected(format!("{cells}, as in the lines before")).into());
         }
+        let is_byte = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
+        ends_in_bytes &= row.len() == PTS_COLUMNS.len() && row[4..].iter().all(is_byte);
         table.push(&row, data)
     })?;
     if table.rows == 0 {
@@ -230,6 +236,9 @@ pub(crate) fn unpack(
     } else {
         plan.notes(header.as_deref().filter(|names| names.len() == cells)).into_iter().for_each(|n| context.note(n));
         table.names = header.map(|names| chosen(names, kept));
+        if pts && ends_in_bytes && table.names.is_none() {
+            table.names = Some(PTS_COLUMNS.map(str::to_owned).to_vec());
+        }
     }
     if dialect.has_decimal_commas {
         context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
@@ -363,7 +372,7 @@ pub(crate) fn unpack_ptx(
         let points = counted(no_return, "points");
         context.note(format!("left out {points} at 0 0 0: the scanner got no return there"));
     }
-    let names = ["x", "y", "z", "intensity", "red", "green", "blue"].iter().take(table.width - 1);
+    let names = PTS_COLUMNS.iter().take(table.width - 1);
     table.hidden = usize::from(scans == 1);
     table.names = Some(names.copied().chain((scans > 1).then_some("scan")).map(str::to_owned).collect());
     Ok(table)

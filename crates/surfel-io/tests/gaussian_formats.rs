@@ -403,7 +403,7 @@ fn draco_files_hold_meshes_or_points() {
     let Content::Points(cloud) = try_load("a", cut).unwrap().content else { panic!() };
     assert_eq!((cloud.len(), cloud.extras[0].name.as_str()), (5, "generic_2"));
     let numbers = match &cloud.extras[0].values {
-        surfel_model::ExtraValues::F32(v) => v.clone(),
+        surfel_model::ExtraValues::U8(v) => v.clone(),
         other => panic!("{other:?}"),
     };
     for (i, number) in numbers.into_iter().enumerate() {

@@ -453,6 +453,27 @@ fn seven_columns_are_told_by_their_numbers() {
 }
 
 #[test]
+fn pts_of_seven_columns_have_an_intensity_and_colors() {
+    // Greens that are far from grey, over a range that other numbers may have, too.
+    let text: String = (0..400)
+        .map(|i| {
+            let (x, y) = (f64::from(i % 20), f64::from(i / 20));
+            format!("{x:.4} {y:.4} {:.4} 0.0000 {} {} {}\n", (x * y).sin(), i % 58, 91 + i % 80, 45 + i % 19)
+        })
+        .collect();
+    let loaded = load("a.pts", &text);
+    assert_eq!(loaded.notes, ["took the colours as sRGB-encoded, from 0 to 255"]);
+    let cloud = points(loaded);
+    assert_eq!(cloud.extras.iter().map(|extra| extra.name.as_str()).collect::<Vec<_>>(), ["intensity"]);
+    let colors = cloud.colors.unwrap();
+    let linear = ((98.0_f64 / 255.0 + 0.055) / 1.055).powf(2.4);
+    assert!((f64::from(colors[7][1]) - linear).abs() < 1e-6);
+    // What no colours can be is judged as in other tables.
+    let other = points(load("a.pts", &text.replace(" 91 ", " 91.5 ")));
+    assert!(other.colors.is_none());
+}
+
+#[test]
 fn pts_of_every_dialect() {
     for (text, rows, attributes) in [
         ("2\n1 2 3\n4 5 6\n", 2, "position"),

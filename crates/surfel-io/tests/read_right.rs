@@ -722,3 +722,79 @@ fn extras_keep_their_type_beside_other_names() {
         assert_eq!(found.extras[1].values, ExtraValues::U8(vec![9]), "one letter alone is no colour");
     }
 }
+
+/// A Draco stream of points without compression. An attribute is what it is for (0: positions, 2: colours, 4: anything),
+/// its number type, its components, and its numbers, little-endian.
+#[cfg(feature = "draco")]
+fn draco_points(version: [u8; 2], count: u32, attributes: &[(u8, u8, u8, Vec<u8>)]) -> Vec<u8> {
+    // Points, sequential, no flags; one decoder of all attributes, each as it is stored.
+    let mut bytes = [&b"DRACO"[..], &version, &[0; 4]].concat();
+    bytes.extend(count.to_le_bytes());
+    bytes.extend([1, attributes.len() as u8]);
+    // Draco 2 has shorter numbers.
+    let padding = |zeros: usize| vec![0; if version[0] < 2 { zeros } else { 0 }];
+    bytes.extend(padding(3));
+    for (i, (purpose, kind, components, _)) in attributes.iter().enumerate() {
+        bytes.extend([*purpose, *kind, *components, 0, i as u8]);
+        bytes.extend(padding(1));
+    }
+    bytes.extend(attributes.iter().map(|_| 0));
+    attributes.iter().for_each(|(.., numbers)| bytes.extend(numbers));
+    bytes
+}
+
+#[cfg(feature = "draco")]
+#[test]
+fn draco_numbers_keep_their_digits_and_colors_count_to_what_they_need() {
+    // Draco's numbers of its types.
+    let [u8s, u16s, i32s, u32s, f32s, f64s] = [2, 4, 5, 6, 9, 10];
+    let places = [[637_012.24, 849_028.31, 431.66], [637_013.5, 849_029.75, -2.125]];
+    let doubles: Vec<u8> = places.iter().flatten().flat_map(|x: &f64| x.to_le_bytes()).collect();
+    let shorts = |levels: &[u16]| levels.iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
+    let times = [245_380.782_548_54_f64, 1e9 + 0.25];
+    let read_points = |attributes: &[_]| {
+        let loaded = read(Format::Drc, draco_points([2, 3], 2, attributes));
+        (loaded.notes.clone(), points(loaded))
+    };
+    let (notes, cloud) = read_points(&[
+        (0, f64s, 3, doubles.clone()),
+        (2, u16s, 3, shorts(&[68, 77, 88, 255, 0, 1])),
+        (4, f64s, 1, times.iter().flat_map(|t| t.to_le_bytes()).collect()),
+        (4, u16s, 1, shorts(&[7326, 65_535])),
+        (4, i32s, 1, [-3_i32, i32::MAX].iter().flat_map(|t| t.to_le_bytes()).collect()),
+    ]);
+    for (i, place) in places.iter().enumerate() {
+        let error = (cloud.origin + cloud.positions.get(i) - DVec3::from(*place)).length();
+        assert!(error < 1e-9, "{i}: {error}");
+    }
+    let colors = cloud.colors.unwrap();
+    assert_color(colors[0], [68.0, 77.0, 88.0], 255.0);
+    assert_color(colors[1], [255.0, 0.0, 1.0], 255.0);
+    assert_eq!(notes, ["its colours count to 255 instead of 65535: taken as 8 bits"]);
+    let values: Vec<_> = cloud.extras.iter().map(|extra| extra.values.clone()).collect();
+    let expected =
+        [ExtraValues::F64(times.to_vec()), ExtraValues::U16(vec![7326, 65_535]), ExtraValues::I32(vec![-3, i32::MAX])];
+    assert_eq!(values, expected);
+
+    // Colours of other types, and what they count to.
+    let floats = |levels: &[f32]| levels.iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
+    let words = |levels: &[u32]| levels.iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
+    for (kind, numbers, levels, most) in [
+        (u8s, vec![68, 77, 88, 1, 0, 1], [68.0, 77.0, 88.0], 255.0),
+        (u16s, shorts(&[68, 77, 256, 1, 0, 1]), [68.0, 77.0, 256.0], 65_535.0),
+        (u32s, words(&[68, 77, 88, 1, 0, 1]), [68.0, 77.0, 88.0], 255.0),
+        (f32s, floats(&[0.25, 0.5, 1.0, 0.0, 0.0, 0.0]), [0.25, 0.5, 1.0], 1.0),
+        (f32s, floats(&[68.0, 77.0, 88.0, 1.0, 0.0, 1.0]), [68.0, 77.0, 88.0], 255.0),
+    ] {
+        let (_, cloud) = read_points(&[(0, f64s, 3, doubles.clone()), (2, kind, 3, numbers)]);
+        assert_color(cloud.colors.unwrap()[0], levels, most);
+    }
+    // Opaque where the alphas count as far as the colours.
+    let four = shorts(&[68, 77, 88, 255, 1, 0, 1, 51]);
+    let (_, cloud) = read_points(&[(0, f64s, 3, doubles), (2, u16s, 4, four)]);
+    assert_eq!(cloud.alphas.unwrap(), [1.0, 0.2]);
+    // Streams of Draco before 1.0 (bitstream 1.1), of which many are about.
+    let old = draco_points([1, 1], 2, &[(0, f32s, 3, floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.5]))]);
+    let cloud = points(read(Format::Drc, old));
+    assert_eq!([0, 1].map(|i| cloud.positions.get(i)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.5)]);
+}

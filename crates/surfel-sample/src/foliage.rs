@@ -1,5 +1,10 @@
-//! Splats of points that lie in no surface, such as those of leaves.
+//! Evidence for foliage, and its rule for normals.
+//!
+//! Leaves lie in no surface, and planes through them point anywhere. A point is among leaves where many points around
+//! it are tangled, and what is around it is thick. Its normal then is that of the crown: away from the middle of what is
+//! around it, and some toward the outside.
 
+use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
 use crate::nearest::Search;
 use crate::normals::{WIDE, covariance, wider};
@@ -10,28 +15,26 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Share of the neighbours that lie in no surface themselves, from which a point is among foliage; of one whose disk is
-/// large, and in a forest, less is enough, here and below.
+/// Share of the neighbours that are tangled themselves, from which a point is among foliage; of one whose disk is large,
+/// and in a forest, less is enough, here and below.
 const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Share of all points that lie in no surface, from which each point is looked at: a forest.
+/// Share of all points that are tangled, from which each point is looked at: a forest.
 const FOREST: f64 = 0.25;
 /// Cosine of how far disks of the ground of such a cloud lean at most.
 const STEEP: f64 = 0.5;
-/// How much of a normal is the direction that such points are seen from, over the distance of their neighbours.
+/// Weight of the direction toward the outside in a normal, over the distance of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Radius of a disk in no surface, at most, and that beyond which a disk in a surface is looked at, in those that the
-/// density rule gives where points are as far apart as is typical.
+/// Two limits, in units of the radius that the density rule gives for the typical spacing: the largest radius of a
+/// tangled point, and the radius above which a point in a surface is looked at.
 const MOST: f64 = 1.3;
 const LARGE: f64 = 2.0;
 
-/// Gives points among foliage that have no normals of their own those of the crown that they are part of: away from
-/// the middle of what is around them, and some toward the outside. Those of planes through leaves point anywhere. Their
-/// disks reach to the fourth neighbour, no farther than the disks of a surface with as many points: what is between
-/// leaves isn't known.
-pub(crate) fn soften(
+/// Reclassifies points among foliage that have no normals of their own, and gives them those of the crown that they are
+/// part of. Their disks reach to the fourth neighbour: what is between leaves isn't known.
+pub(crate) fn find(
     points: &SortedPoints,
     oriented: &mut [Oriented],
     sizes: &mut Sizes,
@@ -39,18 +42,21 @@ pub(crate) fn soften(
     outside: Outside,
 ) {
     let usual = DENSITY * sizes.typical;
-    let mut is_tangled = vec![false; points.len()];
-    sizes.tangled.iter().for_each(|slot| is_tangled[*slot as usize] = true);
-    let is_large = |slot: usize| sizes.radius(slot) > LARGE * usual;
-    let is_forest = sizes.tangled.len() as f64 > FOREST * points.len() as f64;
-    let is_suspect = |slot: usize| is_forest || is_tangled[slot] || is_large(slot);
-    let mut is_candidate: Vec<bool> = (0..points.len()).map(|slot| !is_given(slot) && is_suspect(slot)).collect();
+    let is_tangled: Vec<bool> = (0..points.len()).map(|slot| sizes.evidence(slot).has(Evidence::TANGLED)).collect();
+    let tangled = is_tangled.iter().filter(|is| **is).count();
+    let is_large = |sizes: &Sizes, slot: usize| sizes.radius(slot) > LARGE * usual;
+    let is_forest = tangled as f64 > FOREST * points.len() as f64;
+    let is_suspect = |slot: usize| is_forest || is_tangled[slot] || is_large(sizes, slot);
+    let is_in_question = |slot: usize| sizes.class(slot) != PointClass::Isolated || is_tangled[slot];
+    let mut is_candidate: Vec<bool> =
+        (0..points.len()).map(|slot| is_in_question(slot) && is_suspect(slot) && !is_given(slot)).collect();
+    let measured = &*sizes;
     let crown = |search: &mut Search, slot: usize| -> Option<Leaf> {
-        let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2(), 16));
+        let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2, 16));
         let among = near.iter().filter(|j| is_tangled[**j as usize]).count() as f64;
         let (variances, _) = smallest3(covariance(points, slot, near));
         let sum = variances.iter().sum::<f64>();
-        let least = usize::from(is_forest || is_large(slot));
+        let least = usize::from(is_forest || is_large(measured, slot));
         if among < AMONG[least] * near.len() as f64 || variances[0] < THICK[least] * sum {
             return None;
         }
@@ -58,7 +64,7 @@ pub(crate) fn soften(
         let middle = near.iter().map(|j| points.point(*j as usize)).sum::<DVec3>() / near.len() as f64;
         let (toward, spread) = (outside.at(p), (sum / near.len() as f64).sqrt());
         let normal = (p - middle + toward * (OUTSIDE * spread)).normalize_or(toward).as_vec3();
-        let radius = near.get(3).map_or(usual, |j| points.point(*j as usize).distance(p).min(usual));
+        let radius = near.get(3).map_or(usual, |j| points.point(*j as usize).distance(p));
         let nearest = std::array::from_fn(|k| near.get(k).map_or(slot as u32, |j| *j));
         Some(Leaf { normal, radius, nearest })
     };
@@ -82,14 +88,14 @@ pub(crate) fn soften(
         let slot = slot as usize;
         if let Some(leaf) = leaf {
             oriented[slot].normal = leaf.normal;
-            sizes.limit(slot, leaf.radius);
+            sizes.reclassify(slot, Evidence::AMONG_TANGLED, leaf.radius);
         } else if is_tangled[slot] || is_forest && is_steep(oriented[slot].normal, slot) {
             sizes.limit(slot, MOST * usual);
         }
     }
 }
 
-/// A point among foliage: its normal, how large its disk is at most, and the nearest others.
+/// A point among foliage: its normal, the largest radius of its disk, and the nearest others.
 #[derive(Clone)]
 struct Leaf {
     normal: Vec3,

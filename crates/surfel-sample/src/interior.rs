@@ -39,6 +39,7 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
     let tree = KdTree::new(&places);
     let largest = tree.largest_below(&reach);
+    let bounds = tree.bounds_below();
     let nearby = if count < LEAST_SIFTED { None } else { Nearby::of(&places, &reach) };
 
     let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
@@ -46,13 +47,18 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
         for j in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
             // Relative to the origin: adding it would cost digits.
             let center = cloud.data().centers.get(j);
-            let radius = cloud.radius_max(j);
-            if nearby.as_ref().is_some_and(|nearby| !nearby.may_meet(center, radius)) {
+            // No radius is larger than this one, which takes less to compute.
+            let bound = match &cloud.data().shape {
+                Shape::Disks { radii, .. } => f64::from(radii[j]),
+                Shape::Ellipses { s, t } => (s.get(j).length_squared() + t.get(j).length_squared()).sqrt(),
+            };
+            if nearby.as_ref().is_some_and(|nearby| !nearby.may_meet(center, bound)) {
                 continue;
             }
-            tree.near(center, radius, &largest, &mut |slot| {
+            let splat = Splat::of(cloud, j, center, cloud.radius_max(j));
+            tree.visit_below(&|node| splat.may_meet(bounds[node], largest[node]), &mut |slot| {
                 let probe = tree.index(slot);
-                sums[probe] += weight(cloud, j, center, radius, &probes[probe]);
+                sums[probe] += splat.weight(&probes[probe]);
             });
         }
         sums
@@ -141,39 +147,96 @@ fn probe(cloud: &SplatCloud, k: usize) -> Probe {
     Probe { at: cloud.data().centers.get(k) + 0.5 * (s + t), normal: cloud.normal(k), reach: cloud.radius_max(k) }
 }
 
-/// w of splat `j` where the probe's line meets its plane.
-fn weight(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64, probe: &Probe) -> f64 {
-    let d = probe.at - center;
-    if d.length_squared() > (radius + probe.reach).powi(2) {
-        return 0.0;
+/// A splat that probes' lines meet.
+struct Splat {
+    center: DVec3,
+    radius: f64,
+    normal: DVec3,
+    axes: Axes,
+    /// Unit directions in its plane, and how far it reaches along each.
+    sides: [(DVec3, f64); 2],
+}
+
+/// A splat's axes, as a point of its plane is expressed by them.
+enum Axes {
+    /// Unit axes of a disk, and its radius.
+    Disk { s: DVec3, t: DVec3, r: f64 },
+    /// Half-axes over the largest of their coordinates, and that.
+    Ellipse { s: DVec3, t: DVec3, scales: [f64; 2] },
+}
+
+impl Splat {
+    fn of(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64) -> Self {
+        let normal = cloud.normal(j);
+        let axes = match &cloud.data().shape {
+            Shape::Disks { radii, .. } => {
+                let (s, t) = orthonormal(normal);
+                Axes::Disk { s, t, r: f64::from(radii[j]) }
+            }
+            Shape::Ellipses { s, t } => {
+                let (s, t) = (s.get(j), t.get(j));
+                let (a, b) = (s.abs().max_element(), t.abs().max_element());
+                Axes::Ellipse { s: s / a, t: t / b, scales: [a, b] }
+            }
+        };
+        let (s, t) = cloud.axes(j);
+        let sides = [s, t].map(|axis| {
+            let side = surfel_math::basis::unit(axis);
+            (side, s.dot(side).hypot(t.dot(side)))
+        });
+        Self { center, radius, normal, axes, sides }
     }
-    let normal = cloud.normal(j);
-    let facing = normal.dot(probe.normal);
-    if facing < 0.5 {
-        return 0.0;
-    }
-    let along = -normal.dot(d) / facing;
-    if along.abs() > probe.reach {
-        return 0.0;
-    }
-    let hit = d + along * probe.normal;
-    let rho2 = match &cloud.data().shape {
-        Shape::Disks { radii, .. } => {
-            let (s, t) = orthonormal(normal);
-            let r = f64::from(radii[j]);
-            (hit.dot(s) / r).powi(2) + (hit.dot(t) / r).powi(2)
+
+    /// False where no probe within these bounds, whose reaches are `largest` at most, has a line that meets the splat.
+    ///
+    /// A line meets it from a height of `largest` at most, and at 60° to the normal at most: within √3 heights of the
+    /// ellipse. A sliver's probes are few, while all of a fan are in the ball about it.
+    fn may_meet(&self, (low, high): (DVec3, DVec3), largest: f64) -> bool {
+        // A hair for rounding, of the coordinates themselves as well.
+        let hair =
+            1e-9 * (self.radius + largest) + 1e-14 * (low.abs().max(high.abs()).max(self.center.abs())).max_element();
+        let beyond = (low - self.center).max(self.center - high).max(DVec3::ZERO);
+        if beyond.length_squared() > (self.radius + largest + hair).powi(2) {
+            return false;
         }
-        Shape::Ellipses { s, t } => {
-            // hit = u s + v t in the plane: the ratios of areas, with lengths scaled out.
-            let (s, t) = (s.get(j), t.get(j));
-            let (a, b) = (s.abs().max_element(), t.abs().max_element());
-            let (s, t) = (s / a, t / b);
-            let m = s.cross(t);
-            let scale = m.length_squared();
-            (hit.cross(t).dot(m) / scale / a).powi(2) + (s.cross(hit).dot(m) / scale / b).powi(2)
+        let (middle, half) = (0.5 * (low + high) - self.center, 0.5 * (high - low));
+        // How far from the centre the bounds reach along a direction, and how near they come.
+        let ends = |n: DVec3| (middle.dot(n).abs(), half.dot(n.abs()));
+        let (height, thickness) = ends(self.normal);
+        let aside = 3f64.sqrt() * (height + thickness).min(largest) + hair;
+        let is_near = |(side, length): &(DVec3, f64)| {
+            let (along, reach) = ends(*side);
+            along - reach <= length + aside
+        };
+        height - thickness <= largest + hair && self.sides.iter().all(is_near)
+    }
+
+    /// w where the probe's line meets the plane.
+    fn weight(&self, probe: &Probe) -> f64 {
+        let d = probe.at - self.center;
+        if d.length_squared() > (self.radius + probe.reach).powi(2) {
+            return 0.0;
         }
-    };
-    if rho2 <= 1.0 { (-2.0 * rho2).exp() } else { 0.0 }
+        let facing = self.normal.dot(probe.normal);
+        if facing < 0.5 {
+            return 0.0;
+        }
+        let along = -self.normal.dot(d) / facing;
+        if along.abs() > probe.reach {
+            return 0.0;
+        }
+        let hit = d + along * probe.normal;
+        let rho2 = match &self.axes {
+            Axes::Disk { s, t, r } => (hit.dot(*s) / r).powi(2) + (hit.dot(*t) / r).powi(2),
+            Axes::Ellipse { s, t, scales: [a, b] } => {
+                // hit = u s + v t in the plane: the ratios of areas, with lengths scaled out.
+                let m = s.cross(*t);
+                let scale = m.length_squared();
+                (hit.cross(*t).dot(m) / scale / a).powi(2) + (s.cross(hit).dot(m) / scale / b).powi(2)
+            }
+        };
+        if rho2 <= 1.0 { (-2.0 * rho2).exp() } else { 0.0 }
+    }
 }
 
 #[cfg(test)]
@@ -201,6 +264,62 @@ mod tests {
         }
         // Of lengths too different for a grid there is none.
         assert!(Nearby::of(&[DVec3::ZERO; 3], &[1.0, 1.0, 100.0]).is_none());
+    }
+
+    /// The interior weight by all pairs of splats and probes.
+    fn by_all_pairs(cloud: &SplatCloud) -> f64 {
+        let probes: Vec<Probe> = (0..cloud.len()).map(|k| probe(cloud, k)).collect();
+        let splats: Vec<Splat> =
+            (0..cloud.len()).map(|j| Splat::of(cloud, j, cloud.data().centers.get(j), cloud.radius_max(j))).collect();
+        let mut sums: Vec<f64> = probes.iter().map(|probe| splats.iter().map(|s| s.weight(probe)).sum()).collect();
+        crate::radii::median(&mut sums).unwrap()
+    }
+
+    #[test]
+    fn weight_is_that_of_all_pairs() {
+        let mut random = crate::mesh::random::Random::new(23);
+        // Rough surfaces of round splats and of slivers, upright and slanted axes, far from the origin as well.
+        for (offset, thin, rough) in [(0.0, 1.0, 0.0), (0.0, 0.01, 0.05), (1e4, 0.02, 0.3), (0.0, 0.3, 1.0)] {
+            let mut vector = |scale: f64| DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 * scale - scale;
+            let mut columns: [Vec<glam::Vec3>; 3] = Default::default();
+            for _ in 0..1500 {
+                let place = vector(1.0) * DVec3::new(1.0, 1.0, rough) + offset;
+                let s = DVec3::new(1.0, 0.7, 0.0) + vector(rough);
+                let t = s.cross(DVec3::Z + vector(rough)) * thin + s * 0.1 * thin;
+                let [centers, first, second] = &mut columns;
+                centers.push(place.as_vec3());
+                first.push((s * 0.3).as_vec3());
+                second.push((t * 0.3).as_vec3());
+            }
+            let [centers, s, t] = columns;
+            let cloud = SplatCloud::ellipses(&centers, &s, &t).unwrap();
+            assert_eq!(interior_weight(&cloud), Some(by_all_pairs(&cloud)), "{offset} {thin} {rough}");
+        }
+    }
+
+    #[test]
+    fn splats_of_a_fan_meet_few_probes() {
+        let work = |count: u32| {
+            let direction = |i: f64| (6.2 * i / f64::from(count)).sin_cos();
+            let spokes = (0..count).map(|i| direction(f64::from(i) + 0.5));
+            let spokes: Vec<glam::Vec3> = spokes.map(|(y, x)| DVec3::new(x, y, 0.0).as_vec3()).collect();
+            let centers: Vec<glam::Vec3> = spokes.iter().map(|s| *s * 0.66).collect();
+            let s: Vec<glam::Vec3> = spokes.iter().map(|s| *s * 0.73).collect();
+            let t: Vec<glam::Vec3> = spokes.iter().map(|s| glam::Vec3::Z.cross(*s) * (4.0 / count as f32)).collect();
+            let cloud = SplatCloud::ellipses(&centers, &s, &t).unwrap();
+            let probes: Vec<Probe> = (0..cloud.len()).map(|k| probe(&cloud, k)).collect();
+            let tree = KdTree::new(&probes.iter().map(|p| p.at).collect::<Vec<_>>());
+            let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
+            let (largest, bounds) = (tree.largest_below(&reach), tree.bounds_below());
+            let mut visited = 0;
+            for j in 0..cloud.len() {
+                let splat = Splat::of(&cloud, j, cloud.data().centers.get(j), cloud.radius_max(j));
+                tree.visit_below(&|node| splat.may_meet(bounds[node], largest[node]), &mut |_| visited += 1);
+            }
+            visited
+        };
+        let work = [500, 1000, 2000, 4000].map(work);
+        assert!(work.windows(2).all(|w| w[1] <= 23 * w[0] / 10) && work[3] < 100 * 4000, "{work:?}");
     }
 
     #[test]

@@ -18,13 +18,18 @@
 //! as fast. A small k-d tree serves where the queries aren't the points themselves.
 
 mod assemble;
+mod block;
+mod boxes;
 mod cell;
+mod class;
 mod eigen;
 mod error;
 mod fit;
 mod foliage;
 mod interior;
 mod lanes;
+mod largest;
+mod median;
 mod mesh;
 mod nearest;
 #[cfg(feature = "sharp")]
@@ -41,8 +46,8 @@ mod radii;
 mod sharp;
 mod sorted;
 mod tree;
-mod usual;
 
+pub use class::PointClass;
 pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};
 pub use interior::interior_weight;

@@ -1,30 +1,101 @@
 //! Unoriented normals by principal component analysis (Hoppe et al. 1992, "Surface reconstruction from unorganized
 //! points", §3.2).
 
-use crate::eigen::{Symmetric3, smallest3};
+use crate::eigen::{Symmetric3, smallest3, symmetric3};
 use crate::lanes::LANES;
-use crate::nearest::Search;
+use crate::nearest::{MOST_NEIGHBOURS, Search};
+use crate::orient::offset;
 use crate::sorted::SortedPoints;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
-use glam::DVec3;
+use glam::{DVec3, Vec3};
 
 /// Below this ratio of the middle to the largest variance, neighbours lie on one line (all on one scan line, say)
 /// and more of them are looked at. A 16-neighbourhood that touches the adjacent scan lines is above 0.05.
-const COLLINEAR: f64 = 0.02;
+pub(crate) const COLLINEAR: f64 = 0.02;
 
 /// Neighbours that a second look takes, where the first ones don't surround a point. 48 reach the adjacent scan line
 /// up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
 
+/// Neighbours that a last look takes where those lie on one line, too: a circle of so many reaches the adjacent scan line
+/// up to a spacing ratio of 1:50.
+pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
+/// Ratio of the smallest to the middle variance up to which neighbours lie in a plane that says how a disk lies, of those
+/// on a point's side and of all: where few are on its side, it may be in a corner.
+const PLANAR: [f64; 2] = [0.1, 0.01];
+/// Cosine of the angle between a stored normal and the plane of the neighbours (20°) from which the normal fits it.
+const FITS: f64 = 0.94;
+/// Neighbours whose stored normals agree with a point's own by this cosine are of its side.
+const SAME_SIDE: f32 = 0.5;
+/// Mean squared sine of the angle between the lines to neighbours and the planes across the mean of both stored normals
+/// (14° of a common lean), up to which these normals are those of a curved surface: of spheres and cylinders it is 0.
+const CURVED: f32 = 0.03;
+/// Fewest neighbours of a side that say how it lies.
+const FEWEST: usize = 6;
+
 /// A unit normal of arbitrary sign from a point's nearest neighbours, the farthest of which has this squared distance.
 pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
+    let is_line = |values: [f64; 3]| values[1] <= COLLINEAR * values[2];
     let (values, normal) = smallest3(covariance(points, slot, near));
-    if values[1] > COLLINEAR * values[2] || near.len() < 3 {
+    if !is_line(values) || near.len() < 3 {
         return normal;
     }
-    let (wide, _) = search.nearest(slot, WIDE, wider(farthest2, near.len()));
-    smallest3(covariance(points, slot, wide)).1
+    let (wide, wide2) = search.nearest(slot, WIDE, wider(farthest2, near.len()));
+    let (values, normal) = smallest3(covariance(points, slot, wide));
+    if !is_line(values) {
+        return normal;
+    }
+    let reach = WIDEST as f32 / WIDE as f32;
+    let (widest, _) = search.nearest(slot, WIDEST, wide2 * reach * reach);
+    smallest3(covariance(points, slot, widest)).1
+}
+
+/// The unit normal of the disk of a point with a stored one: the stored normal where it fits the layout of the
+/// neighbours, else the normal of their plane on the stored one's side. Only neighbours count whose own stored normals,
+/// if they have any, agree: beyond a crease, and on the back of a thin sheet, they lie otherwise.
+///
+/// Where a surface curves, neighbours to one side of a point lie in another plane than its own. Their normals show that:
+/// on a circle, the line between two points is at right angles to the mean of their normals.
+pub(crate) fn laid(
+    points: &SortedPoints,
+    slot: usize,
+    near: &[u32],
+    stored: Vec3,
+    given: impl Fn(usize) -> Vec3,
+) -> Vec3 {
+    let is_of_side = |j: &u32| {
+        let other = given(*j as usize);
+        other == Vec3::ZERO || other.dot(stored) >= SAME_SIDE
+    };
+    let mut side = [0; MOST_NEIGHBOURS];
+    let mut count = 0;
+    for j in near.iter().filter(|j| is_of_side(j)) {
+        side[count] = *j;
+        count += 1;
+    }
+    let (row, planar) = if count >= FEWEST { (&side[..count], PLANAR[0]) } else { (near, PLANAR[1]) };
+    let (values, normal) = smallest3(covariance(points, slot, row));
+    let is_plane = values[0] <= planar * values[1] && values[1] > COLLINEAR * values[2];
+    let fits = |n: Vec3| normal.dot(n.as_dvec3()).abs() >= FITS;
+    let chord = |j: &u32| {
+        let (d, mean) = (offset(points, slot, *j as usize), stored + given(*j as usize));
+        d.dot(mean).powi(2) / (d.length_squared() * mean.length_squared()).max(f32::MIN_POSITIVE)
+    };
+    let is_curved = || row.iter().map(chord).sum::<f32>() <= CURVED * row.len() as f32;
+    if !is_plane || fits(stored) || is_curved() {
+        return stored;
+    }
+    let cosine = normal.dot(stored.as_dvec3());
+    (if cosine < 0.0 { -normal } else { normal }).as_vec3()
+}
+
+/// The normal of a disk on a line of points: across the line, and as far toward the outside as that allows. `None` where
+/// not all that a last look finds lies on the line: a plane says more then.
+pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
+    let (values, vectors) = symmetric3(covariance(points, slot, near));
+    let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;
+    is_line.then(|| outside.reject_from_normalized(vectors[2]).try_normalize()).flatten()
 }
 
 /// A guess of the squared distance of the farthest of [`WIDE`] neighbours from that of `count`: some above what it is

@@ -1,6 +1,6 @@
 //! Options and report of the conversion of points to splats.
 
-use crate::SampleError;
+use crate::{PointClass, SampleError};
 use glam::DVec3;
 
 /// How splats are made of points.
@@ -68,9 +68,13 @@ pub struct PointReport {
     /// How many of these are left out, because there are more in their place, to 2⁻³⁰ of the extent, than the options
     /// want.
     pub left_out: usize,
-    /// Points that are much farther from their neighbours than these from each other; or than is usual in the cloud,
-    /// where too many of these are on no surface with them. Their radii are no larger than the cloud's typical one.
+    /// Number of points of each class, in the order of [`PointClass::ALL`].
+    pub classes: [usize; PointClass::ALL.len()],
+    /// Points of [`PointClass::Isolated`]: far from their neighbours, or so sparse and uneven that no surface is there.
+    /// Their radii are no larger than the cloud's typical one.
     pub isolated: usize,
+    /// Points whose normal from the file doesn't fit the layout of the points around: it shades only.
+    pub normals_off: usize,
     /// Which splats are level because their points lie in no surface, in ascending order, where the options ask for it.
     pub level: Vec<u32>,
     /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.

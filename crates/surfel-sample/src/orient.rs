@@ -6,12 +6,13 @@
 //! which is right around creases too. It says the less the more it leaves the tangent planes: it may then lead to
 //! another sheet. Union-finds carry the relative sign of each element to its root: no tree is ever built or walked.
 
+use crate::class::ROUGH;
+use crate::median::spread;
 use crate::nearest::Search;
-use crate::normals::{WIDE, estimate, wider};
+use crate::normals::{WIDE, estimate, laid, wider};
 use crate::parallel::{for_chunks, map_tasks};
 use crate::progress::Progress;
 use crate::sorted::{RUN, SortedPoints};
-use crate::usual::usual;
 use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
@@ -30,29 +31,21 @@ const ALONE: f32 = 3.0;
 /// Neighbours that a first look at strong edges takes, and one at whether normals agree.
 pub(crate) const NEAREST: usize = 8;
 
-/// A point's normal, and the squared distance of the farthest of its neighbours.
+/// Normal of a point's disk, and how far its neighbours are.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Oriented {
-    /// Of unit length.
+    /// Unit normal.
     pub(crate) normal: Vec3,
-    /// That distance, negative where the splat is level: a cloud has as many of these as points.
-    farthest2: f32,
+    /// Squared distance of the farthest neighbour, in steps; 0 where it isn't known.
+    pub(crate) farthest2: f32,
+    /// True of a point whose neighbours lie in no surface, so that its normal is up.
+    pub(crate) is_level: bool,
 }
 
 impl Oriented {
     /// A point whose neighbours aren't known.
     pub(crate) fn alone(normal: Vec3) -> Self {
-        Self { normal, farthest2: 0.0 }
-    }
-
-    /// In steps; 0 where it isn't known.
-    pub(crate) fn farthest2(self) -> f32 {
-        self.farthest2.abs()
-    }
-
-    /// True of a point whose neighbours lie in no surface, so that its normal is up.
-    pub(crate) fn is_level(self) -> bool {
-        self.farthest2 < 0.0
+        Self { normal, ..Self::default() }
     }
 }
 
@@ -113,8 +106,10 @@ pub(crate) fn normals(
             let from = rows.len();
             rows.extend_from_slice(near);
             o.farthest2 = farthest2;
-            o.normal = given(slot);
-            if o.normal == Vec3::ZERO {
+            let stored = given(slot);
+            if stored != Vec3::ZERO {
+                o.normal = laid(points, slot, &rows[from..], stored, given);
+            } else {
                 o.normal = estimate(&mut search, points, slot, &rows[from..], farthest2).as_vec3();
                 if let Outside::Toward(viewpoint) = outside
                     && o.normal.as_dvec3().dot(viewpoint - points.point(slot)) < 0.0
@@ -122,7 +117,7 @@ pub(crate) fn normals(
                     o.normal = -o.normal;
                 }
                 if level_where_scattered && is_rough(points, (slot, o.normal), &rows[from..]) {
-                    *o = Oriented { normal: Vec3::Z, farthest2: -farthest2 };
+                    *o = Oriented { normal: Vec3::Z, farthest2, is_level: true };
                 }
             }
         }
@@ -160,22 +155,23 @@ fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3))
 
 /// The vector between two points, in steps.
 #[inline]
-fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
+pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
     let (p, q) = (points.at(a), points.at(b));
     Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
-/// Mean squared sine of the angle between a tangent plane and neighbours (18°) beyond which these are scattered: of
-/// strays beside strays, whose normals may agree by chance, it is 0.17 and more, of sparse parts of scans below 0.05.
-const ROUGH: f32 = 0.1;
+/// True where neighbours of a point, which has this normal, lie in no plane.
+fn is_rough(points: &SortedPoints, at: (usize, Vec3), near: &[u32]) -> bool {
+    roughness(points, at, near) > ROUGH
+}
 
-/// Whether neighbours of a point, which has this normal, lie in no surface.
-pub(crate) fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> bool {
+/// Mean squared sine of the angle between the tangent plane of a point, which has this normal, and its neighbours.
+pub(crate) fn roughness(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> f32 {
     let sine2 = |j: &u32| {
         let d = offset(points, slot, *j as usize);
         d.dot(normal).powi(2) / d.length_squared()
     };
-    near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
+    near.iter().map(sine2).sum::<f32>() / near.len() as f32
 }
 
 /// Mean over `near` of how their normals lie to that of a point, mirrored to its place: 1 of a smooth surface, however
@@ -192,7 +188,7 @@ pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usiz
 /// Whether point `b` has all its neighbours far nearer than `a`, which then may be a stray.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
-    offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2()
+    offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
 }
 
 /// Union-find whose elements know their sign relative to their root.
@@ -470,7 +466,7 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut Sig
             if root(slot) == largest {
                 continue;
             }
-            let (wide, _) = search.nearest(slot, WIDE, wider(all[slot].farthest2(), 16));
+            let (wide, _) = search.nearest(slot, WIDE, wider(all[slot].farthest2, 16));
             let other = wide.iter().filter(|j| root(**j as usize) != root(slot));
             votes.extend(other.map(|j| atlas.vote(points, all, slot, *j as usize)));
         }
@@ -522,8 +518,8 @@ fn signs(
 ) -> Vec<bool> {
     let directions = directions();
     // Strays lie outermost, and say nothing about a surface.
-    let farthest = |slot: usize| all[slot].farthest2().sqrt();
-    let most = usual(all.len(), farthest).map_or(f64::INFINITY, |usual| usual.most(2.0));
+    let farthest = |slot: usize| all[slot].farthest2.sqrt();
+    let most = spread(all.len(), farthest).map_or(f64::INFINITY, |spread| spread.most(2.0));
     let found = map_tasks(atlas.blocks.len(), |i| {
         let block = &atlas.blocks[i];
         let mut evidence = vec![Evidence::default(); block.sizes.len()];

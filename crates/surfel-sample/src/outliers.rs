@@ -9,10 +9,11 @@
 //!
 //! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
 
+use crate::class::ALONE;
+use crate::median::spread;
 use crate::nearest::{Search, distance2};
 use crate::parallel::map_each;
 use crate::sorted::SortedPoints;
-use crate::usual::{ISOLATED, usual};
 use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
 use surfel_model::PointCloud;
@@ -48,13 +49,13 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     let sorted = SortedPoints::new(near.len(), |i| position(near[i] as usize))?;
     if sorted.len() >= LEAST_POINTS {
         let distances = distances(&sorted);
-        let limit = usual(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |usual| usual.most(ISOLATED));
+        let limit = spread(distances.len(), |i| distances[i]).map_or(f64::INFINITY, |spread| spread.most(ALONE));
         let least = distances.iter().copied().fold(f32::INFINITY, f32::min);
         let is_alone = |search: &mut Search<'_>, slot: usize| {
             let own = f64::from(distances[slot]);
-            let closer = |other: &&u32| own > ISOLATED * f64::from(distances[**other as usize]);
+            let closer = |other: &&u32| own > ALONE * f64::from(distances[**other as usize]);
             own > limit
-                || own > ISOLATED * f64::from(least)
+                || own > ALONE * f64::from(least)
                     && search.nearest(slot, NEIGHBOURS, 0.0).0.iter().filter(closer).count() > NEIGHBOURS / 2
         };
         let alone = map_each(sorted.len(), &NoProgress, || Search::new(&sorted), is_alone);

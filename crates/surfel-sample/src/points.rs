@@ -1,11 +1,14 @@
 //! Points to splats.
 
+use crate::class::PointClass;
+use crate::nearest::Search;
+use crate::normals::WIDEST;
 use crate::orient::{Oriented, Outside};
-use crate::parallel::map_each;
-use crate::radii::{self, Sizes, Spacing, Wanted};
-use crate::sorted::SortedPoints;
+use crate::parallel::{for_chunks, map_each};
+use crate::radii::{self, Sizes, Spacing};
+use crate::sorted::{RUN, SortedPoints};
 use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
-use crate::{assemble, foliage, interior, orient, usual};
+use crate::{assemble, foliage, interior, largest, median, normals, orient};
 use glam::{DVec3, Vec3};
 use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
@@ -22,14 +25,16 @@ pub const MOST_SPACINGS: f64 = 5.0;
 
 /// Makes a splat of each point.
 ///
-/// Normals that are there (finite, not zero) are kept; others are estimated from neighbours and oriented as
-/// [`PointOptions::viewpoint`] says; isolated points face it, or up: their neighbours are on no surface with them.
-/// Those among foliage, where neighbours lie in no surface either, face away from the middle of what is around them.
+/// Normals that are there (finite, not zero) are kept where they fit the layout of the points around. Where they don't,
+/// the layout lays the disk on the normal's side, and the normal becomes a shading normal. Points without normals get
+/// estimated ones, oriented as [`PointOptions::viewpoint`] says.
+///
 /// Radii are those that the points have, unless their median exceeds [`MOST_SPACINGS`]. Others come from the local
-/// spacing, so that the surface closes; where sampling is stretched (scan lines) splats are ellipses, and the whole
-/// cloud then is [`Shape::Ellipses`]. Order, origin, colours, alphas, extras, up and comments
-/// carry over, and the cloud's `interior_weight` is set. It is declared oriented if no normal is given: estimated ones
-/// all point out of the same surface.
+/// spacing and the class of the point ([`PointClass`]), so that surfaces close and other points stay small. Where
+/// sampling is stretched (scan lines) splats are ellipses, and the whole cloud then is [`Shape::Ellipses`].
+///
+/// Order, origin, colours, alphas, extras, up and comments carry over, and the cloud's `interior_weight` is set. It is
+/// declared oriented if no normal is given: estimated ones all point out of the same surface.
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
@@ -60,22 +65,22 @@ pub fn splats_from_points(
         Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
         None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
     };
-    let mut oriented = complete_normals(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
+    let mut layout = lay_out(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
-    let is_seen_around = report.normals_estimated > 0 && !options.level_where_scattered;
-    let wanted = Wanted { ellipses: options.ellipses, tangled: is_seen_around };
-    let mut sizes = radii::sizes(&sorted, &oriented, degree, lone, wanted, progress);
-    if is_seen_around {
-        let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
-        foliage::soften(&sorted, &mut oriented, &mut sizes, is_given, outside);
+    let mut sizes = radii::sizes(&sorted, &layout.oriented, degree, lone, options.ellipses, progress);
+    let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
+    if report.normals_estimated > 0 && !options.level_where_scattered {
+        foliage::find(&sorted, &mut layout.oriented, &mut sizes, is_given, outside);
     }
-    for slot in (0..sorted.len()).filter(|slot| sizes.is_isolated(*slot)) {
-        let inputs = sorted.inputs(slot);
-        report.isolated += inputs.len();
-        if inputs.iter().all(|i| given.get(*i as usize).is_none()) {
-            oriented[slot].normal = outside.at(sorted.point(slot)).as_vec3();
-        }
+    largest::shorten(&sorted, &mut sizes);
+    face_outside(&sorted, &mut layout.oriented, &sizes, is_given, outside);
+    for slot in 0..sorted.len() {
+        report.classes[sizes.class(slot) as usize] += sorted.inputs(slot).len();
     }
+    report.isolated = report.classes[PointClass::Isolated as usize];
+    let is_off = |i: &u32| given.get(*i as usize).is_some();
+    let off = (0..sorted.len()).filter(|slot| layout.is_off(*slot));
+    report.normals_off = off.map(|slot| sorted.inputs(slot).iter().filter(|i| is_off(i)).count()).sum();
     let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
     // One place alone has no spacing.
     let spacing = if slots > 1 { sizes.typical * sorted.step } else { f64::INFINITY };
@@ -98,17 +103,19 @@ pub fn splats_from_points(
     }
     report.splats = source.len();
     report.ellipses = sizes.stretched;
-    let made = Made { slot_of, kept, oriented, given, given_radii, scale };
+    let made = Made { slot_of, kept, layout, given, given_radii, scale };
     if options.level_where_scattered {
-        let is_level = |i: &u32| made.oriented[made.place(*i as usize).1].is_level();
+        let is_level = |i: &u32| made.layout.oriented[made.place(*i as usize).1].is_level;
         report.level = (0..report.splats as u32).filter(is_level).collect();
     }
+    let shading_normals = made.shading_normals(report.splats);
     let shape = made.shape(sizes, &mut report);
 
     let source = source.into_owned();
     let data = CloudData {
         colors: source.colors,
         alphas: source.alphas,
+        shading_normals,
         up: source.up,
         rows: source.rows,
         extras: source.extras,
@@ -151,7 +158,7 @@ impl<'a> GivenRadii<'a> {
     fn new(radii: &'a [f32], spacing: f64, options: &PointOptions, report: &mut PointReport) -> Option<Self> {
         let is_radius = |r: f32| r > 0.0 && r.is_finite();
         let value = |i: usize| if is_radius(radii[i]) { radii[i] } else { 0.0 };
-        let times = f64::from(usual::median_of(radii.len(), value)?) / spacing;
+        let times = f64::from(median::median_of(radii.len(), value)?) / spacing;
         if times > MOST_SPACINGS {
             report.radii_too_large = Some(times);
             return None;
@@ -166,14 +173,27 @@ impl<'a> GivenRadii<'a> {
     }
 }
 
-/// A unit normal for each slot: given where one of its points has one, else estimated and oriented.
-fn complete_normals(
+/// Normals of disks, one a slot.
+struct Layout {
+    oriented: Vec<Oriented>,
+    /// True where a slot's stored normal doesn't fit the layout of its neighbours; empty if all do.
+    is_off: Vec<bool>,
+}
+
+impl Layout {
+    fn is_off(&self, slot: usize) -> bool {
+        self.is_off.get(slot).copied().unwrap_or(false)
+    }
+}
+
+/// Lays out a disk in each slot: by the normal that one of its points has, where that fits the neighbours, else by these.
+fn lay_out(
     given: &GivenNormals,
     sorted: &SortedPoints,
     degree: usize,
     (outside, level_where_scattered): (Outside, bool),
     progress: &dyn Progress,
-) -> Vec<Oriented> {
+) -> Layout {
     let known = given.0.map(|_| {
         let normal = |slot: usize| {
             let first = sorted.inputs(slot).iter().find_map(|i| given.get(*i as usize));
@@ -181,10 +201,53 @@ fn complete_normals(
         };
         map_each(sorted.len(), &NoProgress, || (), |(), slot| normal(slot))
     });
-    if let Some(known) = known.as_ref().filter(|k| k.iter().all(|n| *n != Vec3::ZERO)) {
-        return known.iter().copied().map(Oriented::alone).collect();
+    let Some(known) = known else {
+        let oriented = orient::normals(sorted, degree, None, outside, level_where_scattered, progress);
+        return Layout { oriented, is_off: Vec::new() };
+    };
+    let oriented = if known.contains(&Vec3::ZERO) {
+        orient::normals(sorted, degree, Some(&known), outside, level_where_scattered, progress)
+    } else {
+        progress.stage("normals", sorted.len() as u64);
+        let mut oriented = vec![Oriented::default(); sorted.len()];
+        for_chunks(&mut oriented, RUN, &|first, chunk| {
+            let mut search = Search::new(sorted);
+            for (slot, o) in (first..).zip(chunk.iter_mut()) {
+                let (near, farthest2) = search.nearest(slot, degree, 0.0);
+                let normal = normals::laid(sorted, slot, near, known[slot], |other| known[other]);
+                *o = Oriented { normal, farthest2, is_level: false };
+            }
+            progress.advance(chunk.len() as u64);
+        });
+        oriented
+    };
+    let is_off = |slot: usize| known[slot] != Vec3::ZERO && known[slot] != oriented[slot].normal;
+    let is_off = if (0..sorted.len()).any(is_off) { (0..sorted.len()).map(is_off).collect() } else { Vec::new() };
+    Layout { oriented, is_off }
+}
+
+/// Gives points on lines, and isolated ones, that have no normals of their own the rule of their class.
+fn face_outside(
+    sorted: &SortedPoints,
+    oriented: &mut [Oriented],
+    sizes: &Sizes,
+    is_given: impl Fn(usize) -> bool,
+    outside: Outside,
+) {
+    let is_concerned = |slot: &usize| matches!(sizes.class(*slot), PointClass::Line | PointClass::Isolated);
+    let slots: Vec<usize> = (0..sorted.len()).filter(is_concerned).filter(|slot| !is_given(*slot)).collect();
+    let normal = |search: &mut Search, i: usize| {
+        let toward = outside.at(sorted.point(slots[i]));
+        if sizes.class(slots[i]) == PointClass::Isolated {
+            return Some(toward);
+        }
+        let (near, _) = search.nearest(slots[i], WIDEST, 0.0);
+        normals::across_line(sorted, slots[i], near, toward)
+    };
+    let found = map_each(slots.len(), &NoProgress, || Search::new(sorted), normal);
+    for (slot, normal) in slots.iter().zip(found) {
+        oriented[*slot].normal = normal.map_or(oriented[*slot].normal, |normal| normal.as_vec3());
     }
-    orient::normals(sorted, degree, known.as_deref(), outside, level_where_scattered, progress)
 }
 
 /// What there is to know about each splat but its size.
@@ -192,7 +255,7 @@ struct Made<'a> {
     slot_of: Vec<u32>,
     /// The index in the input of each splat; `None` where they are the same.
     kept: Option<Vec<u32>>,
-    oriented: Vec<Oriented>,
+    layout: Layout,
     given: GivenNormals<'a>,
     given_radii: Option<GivenRadii<'a>>,
     /// Object units of a step, times what radii are to be multiplied by.
@@ -204,6 +267,33 @@ impl Made<'_> {
     fn place(&self, i: usize) -> (usize, usize) {
         let input = self.kept.as_ref().map_or(i, |kept| kept[i] as usize);
         (input, self.slot_of[input] as usize)
+    }
+
+    /// The normal that the disk of an input point has from the file, if that fits the layout of its slot; else the layout's
+    /// on the same side.
+    fn disk_normal(&self, input: usize, slot: usize) -> Vec3 {
+        let own = self.layout.oriented[slot].normal;
+        // A given normal may be too short for f32, or too long.
+        match self.shading_normal(input) {
+            Some(normal) if self.layout.is_off(slot) => own * 1.0_f32.copysign(own.dot(normal)),
+            Some(normal) => normal,
+            None => own,
+        }
+    }
+
+    /// The normal that an input point has from the file.
+    fn shading_normal(&self, input: usize) -> Option<Vec3> {
+        self.given.get(input).map(DVec3::as_vec3).filter(|n| n.is_finite() && *n != Vec3::ZERO)
+    }
+
+    /// Normals that splats are shaded by, where some aren't those of their disks.
+    fn shading_normals(&self, count: usize) -> Option<Column3> {
+        let normal = |i: usize| {
+            let (input, slot) = self.place(i);
+            self.shading_normal(input).unwrap_or(self.layout.oriented[slot].normal)
+        };
+        let is_wanted = !self.layout.is_off.is_empty();
+        is_wanted.then(|| Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i))))
     }
 
     /// The shape column of all splats. Sizes are given up before their normals are laid out beside the radii.
@@ -219,24 +309,25 @@ impl Made<'_> {
             report.ellipses = 0;
             let radii = map_each(count, &NoProgress, || (), |(), i| radius(i));
             drop(sizes);
-            report.median_radius = usual::median_of(count, |i| radii[i]).map_or(0.0, f64::from);
+            report.median_radius = median::median_of(count, |i| radii[i]).map_or(0.0, f64::from);
             let normal = |i: usize| {
                 let (input, slot) = self.place(i);
-                // A given normal may be too short for f32, or too long.
-                let given = self.given.get(input).map(DVec3::as_vec3);
-                given.filter(|n| n.is_finite() && *n != Vec3::ZERO).unwrap_or(self.oriented[slot].normal)
+                self.disk_normal(input, slot)
             };
             let normals = Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i)));
             return Shape::Disks { normals, radii };
         }
-        report.median_radius = usual::median_of(count, radius).map_or(0.0, f64::from);
+        report.median_radius = median::median_of(count, radius).map_or(0.0, f64::from);
         let axes = |i: usize| {
             let (input, slot) = self.place(i);
-            let own = self.oriented[slot].normal.as_dvec3();
+            let own = self.layout.oriented[slot].normal.as_dvec3();
             let (s, t) = sizes.axes(slot, own);
             let (s, t) = (s * self.scale, t * self.scale);
             // Coincident points share a slot, but not always a normal.
-            let normal = self.given.get(input).map_or(own, unit);
+            let normal = match self.given.get(input) {
+                Some(_) if self.layout.is_off(slot) => self.disk_normal(input, slot).as_dvec3(),
+                given => given.map_or(own, unit),
+            };
             match normal.dot(own) {
                 same if same > 0.999 => (s, t),
                 opposite if opposite < -0.999 => (s, -t),

@@ -141,6 +141,53 @@ impl KdTree {
         }
     }
 
+    /// For each node the bounds of the items below it.
+    pub(crate) fn bounds_below(&self) -> Vec<(DVec3, DVec3)> {
+        let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); self.nodes.len()];
+        self.fill_bounds(0, self.nodes.len(), 0, self.items.len(), &mut bounds);
+        bounds
+    }
+
+    fn fill_bounds(
+        &self,
+        node: usize,
+        size: usize,
+        lo: usize,
+        hi: usize,
+        out: &mut [(DVec3, DVec3)],
+    ) -> (DVec3, DVec3) {
+        if size == 0 {
+            let ends = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+            return self.items[lo..hi].iter().fold(ends, |(low, high), i| (low.min(i.point), high.max(i.point)));
+        }
+        let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
+        let left = self.fill_bounds(node + 1, half, lo, mid, out);
+        let right = self.fill_bounds(node + 1 + half, half, mid, hi, out);
+        out[node] = (left.0.min(right.0), left.1.max(right.1));
+        out[node]
+    }
+
+    /// Visits, leaf by leaf, the slots below nodes that `enters` admits, as all nodes above them.
+    pub(crate) fn visit_below(&self, enters: &impl Fn(usize) -> bool, visit: &mut impl FnMut(usize)) {
+        self.walk_below((0, self.nodes.len()), (0, self.items.len()), enters, visit);
+    }
+
+    fn walk_below(
+        &self,
+        (node, size): (usize, usize),
+        (lo, hi): (usize, usize),
+        enters: &impl Fn(usize) -> bool,
+        visit: &mut impl FnMut(usize),
+    ) {
+        if size == 0 {
+            (lo..hi).for_each(visit);
+        } else if enters(node) {
+            let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
+            self.walk_below((node + 1, half), (lo, mid), enters, visit);
+            self.walk_below((node + 1 + half, half), (mid, hi), enters, visit);
+        }
+    }
+
     /// Visits the slots whose item is in a box about `center`, given by three directions (unit vectors at right angles,
     /// or zero for none) and how far the box reaches along each.
     pub(crate) fn in_box(&self, center: DVec3, sides: [(DVec3, f64); 3], visit: &mut impl FnMut(usize)) {
@@ -220,6 +267,11 @@ impl Nearest {
     pub(crate) fn within(limit: usize, distance: f64) -> Self {
         let limit = limit.max(1);
         Self { limit, bound: distance * distance, items: Vec::with_capacity(limit) }
+    }
+
+    /// Looks for none farther than `distance` from now on.
+    pub(crate) fn look_within(&mut self, distance: f64) {
+        self.bound = distance * distance;
     }
 
     /// (squared distance, slot), nearest first.

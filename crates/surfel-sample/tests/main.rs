@@ -4,6 +4,7 @@ mod common;
 mod interior_weight;
 mod mesh_cover;
 mod normal_maps;
+mod points_classes;
 mod points_cover;
 mod points_edge_cases;
 mod points_outlines;

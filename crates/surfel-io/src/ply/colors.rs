@@ -10,7 +10,7 @@ use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
 /// Largest float that may be light, or a displayed colour that a computation put above 1: floats beyond are levels.
-const BRIGHTEST: f64 = 8.0;
+pub(crate) const BRIGHTEST: f64 = 8.0;
 
 /// The meaning of float colours that a file doesn't state to be anything else.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,7 +71,7 @@ impl ColorScale {
     }
 
     /// The function that makes stored numbers linear.
-    fn linear(self) -> impl Fn(f64) -> f32 + Sync {
+    pub(crate) fn linear(self) -> impl Fn(f64) -> f32 + Sync {
         let bytes = linear_of_8_bit();
         let shorts = if self == Self::Encoded(65_535.0) { linear_of_16_bit() } else { &[] };
         move |level| match self {

@@ -522,7 +522,12 @@ fn every_level_of_an_octree_is_nearer_to_the_mesh() {
         // Nodes of a level follow each other, and end where their first child begins.
         let end = point.nodes()[first..].iter().map(|n| n.children.start as usize).find(|c| *c > first);
         let end = end.unwrap_or(point.nodes().len());
-        let ranges: Vec<_> = point.nodes()[first..end].iter().map(|n| n.splats.clone()).collect();
+        let nodes = &point.nodes()[first..end];
+        let mut ranges: Vec<_> = nodes.iter().map(|n| n.splats.clone()).collect();
+        if nodes.iter().all(|node| node.is_leaf()) {
+            // What is drawn in place of the leaves' splats along their edges.
+            ranges.extend(point.transitions().iter().map(|t| t.splats.clone()));
+        }
         let [before, after] = [&point, &fit].map(|o| missing(&o.cloud_of(&ranges).unwrap(), &mesh));
         println!("level {levels}: {before:.4} to {after:.4}");
         assert!(after < before, "level {levels}: {before} to {after}");

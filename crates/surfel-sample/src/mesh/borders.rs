@@ -44,6 +44,8 @@ const RESOLVED: f64 = 3.0;
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
+    /// True for each of its ends at which the whole border ends.
+    is_end: [bool; 2],
     face: u32,
     /// The face's unit normal.
     normal: DVec3,
@@ -118,7 +120,9 @@ impl Borders {
             let [a, b] = border.ends;
             let parts = (a.distance(b) / length).ceil().clamp(1.0, most as f64) as usize;
             let at = |i: usize| a.lerp(b, i as f64 / parts as f64);
-            for [a, b] in (0..parts).map(|i| [at(i), at(i + 1)]) {
+            for part in 0..parts {
+                let [a, b] = [at(part), at(part + 1)];
+                let (is_first, is_last) = (part == 0, part + 1 == parts);
                 let spacing = scale * density.at(&Sample::at(geometry, face, 0.5 * (a + b)));
                 let overhang = match (kind, border.across) {
                     (Kind::Bend, Some(other)) => STANDING_OUT * spacing / normal.cross(normal_of(other)).length(),
@@ -128,13 +132,21 @@ impl Borders {
                 // One where splats are as far apart everywhere.
                 let parts = (length / length_of(spacing)).ceil() as usize;
                 let at = |i: usize| if i == parts { b } else { a.lerp(b, i as f64 / parts as f64) };
-                let piece = |i: usize| Piece { ends: [at(i), at(i + 1)], face, normal, across, region, kind, overhang };
+                let piece = |i: usize| {
+                    let is_end = [is_first && i == 0, is_last && i + 1 == parts];
+                    Piece { ends: [at(i), at(i + 1)], is_end, face, normal, across, region, kind, overhang }
+                };
                 pieces.extend((0..parts).map(piece));
                 half = half.max(0.5 * a.distance(b) / parts as f64);
             }
         }
         let middles: Vec<DVec3> = pieces.iter().map(|piece| 0.5 * (piece.ends[0] + piece.ends[1])).collect();
         Self { tree: KdTree::new(&middles), pieces, half }
+    }
+
+    /// Buffer for [`Self::keep`].
+    pub(crate) fn nearest() -> Nearest {
+        Nearest::within(MOST_PIECES, 0.0)
     }
 
     pub(crate) fn is_empty(&self) -> bool {
@@ -151,8 +163,8 @@ impl Borders {
         self.ends().map(|piece| piece.ends[0].distance(piece.ends[1])).sum()
     }
 
-    /// Places on either side of creases and open edges, one a `step` of their length, and `inset` toward the middle of
-    /// its face, each with that.
+    /// Places on either side of creases and open edges, one a `step` of their length and at the ends of what is longer,
+    /// and `inset` toward the middle of its face, each with that.
     pub(crate) fn places(&self, geometry: &Geometry, step: f64, inset: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let mut next = 0.5 * step;
         self.ends().flat_map(move |piece| {
@@ -163,8 +175,10 @@ impl Borders {
             let first = next;
             let count = ((length - first) / step).ceil().max(0.0);
             next = first + count * step - length;
-            (0..count as usize).map(move |i| {
-                let on_edge = from.lerp(to, (first + i as f64 * step) / length);
+            let ends = [(0.0, piece.is_end[0]), (1.0, piece.is_end[1])].into_iter();
+            let ends = ends.filter(move |(_, is_end)| *is_end && length > step).map(|(share, _)| share);
+            (0..count as usize).map(move |i| (first + i as f64 * step) / length).chain(ends).map(move |share| {
+                let on_edge = from.lerp(to, share);
                 let way = middle - on_edge;
                 (piece.face, on_edge + way * (inset / way.length()).min(1.0))
             })
@@ -173,8 +187,11 @@ impl Borders {
 
     /// What the splat at `p` with the half-axes `axes`, s no shorter than t, keeps on a face of `region`; `None` where
     /// nothing cuts it.
-    pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32) -> Option<Kept> {
-        let segments = self.segments(p, axes, region);
+    pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<Kept> {
+        let segments = self.segments(p, axes, region, found);
+        if segments.is_empty() {
+            return None;
+        }
         let (mut lines, mut polygon): (Vec<Line>, Vec<DVec2>) = (Vec::new(), Vec::new());
         while lines.len() < MOST_LINES {
             let overhang = |line: &Line| {
@@ -200,11 +217,14 @@ impl Borders {
     }
 
     /// The pieces near a splat in its own (u, v), nearest first.
-    fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32) -> Vec<Segment> {
+    fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32, found: &mut Nearest) -> Vec<Segment> {
         let radius = s.length();
+        found.look_within(radius + self.half);
+        self.tree.nearest(p, found);
+        if found.items().is_empty() {
+            return Vec::new();
+        }
         let normal = s.cross(t).normalize_or_zero();
-        let mut found = Nearest::within(MOST_PIECES, radius + self.half);
-        self.tree.nearest(p, &mut found);
         let flat = |q: DVec3| {
             let d = q - p;
             DVec2::new(d.dot(s) / s.length_squared(), d.dot(t) / t.length_squared())
@@ -387,7 +407,7 @@ mod tests {
         let density = Density::even(&geometry, 1.0 / radii::DENSITY);
         let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, (&density, 1.0), 1000);
         let (u, v) = surfel_math::basis::orthonormal(geometry.normals[face]);
-        borders.keep(p, (u * radius, v * radius), smooth.regions[face])
+        borders.keep(p, (u * radius, v * radius), smooth.regions[face], &mut Borders::nearest())
     }
 
     fn keeps(kept: &Kept, q: DVec2) -> bool {

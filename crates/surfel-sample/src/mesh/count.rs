@@ -2,17 +2,17 @@
 
 use super::borders::Borders;
 use super::density::Density;
-use super::eliminate::{eliminate, reach};
+use super::eliminate::{Candidate, PartFacts, eliminate, reach};
 use super::gaps;
 use super::geometry::{Geometry, Kind, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::parts::Sample;
 use super::placed::{Bordered, Placed};
-use super::random::Random;
+use super::scatter::{PartPlace, Scatter};
 use super::see_through;
 use crate::orient::Oriented;
 use crate::parallel::map_each;
-use crate::radii::{Spacing, Wanted};
+use crate::radii::Spacing;
 use crate::sorted::SortedPoints;
 use crate::tree::{KdTree, Nearest};
 use crate::{Progress, SampleError, assemble, radii};
@@ -20,7 +20,7 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Mesh};
 
-/// Candidates a sample for elimination. Three cost half of Yuksel's five; the least distance falls by a tenth.
+/// Candidates per sample for elimination. Three cost half of Yuksel's five; the least distance falls by a tenth.
 const OVERSAMPLING: usize = 3;
 /// Above this many samples, stratification is all there is: elimination takes seconds a million.
 const MOST_ELIMINATED: usize = 1_000_000;
@@ -89,7 +89,7 @@ fn spread(
     report.feature_edges = feature_edges;
 
     let samples = places(geometry, density, count, progress);
-    let positions: Vec<DVec3> = samples.iter().map(|s| s.place(geometry)).collect();
+    let positions = map_each(samples.len(), &crate::NoProgress, || (), |(), i| samples[i].place(geometry));
     // Geometry alone decides where a splat lies and which side of it is seen.
     let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
     let mut radii = if count > MOST_ELIMINATED {
@@ -108,14 +108,12 @@ fn spread(
     }
     let Bordered { shape, clips } = on.bordered(&kept);
     let Placed { samples, positions, planes, .. } = on;
-    let smooth: Vec<DVec3> = samples
-        .iter()
-        .map(|s| {
-            let (face, b) = (s.face as usize, s.barycentric);
-            let sum: DVec3 = corner_normals[face].iter().zip(b).map(|(n, b)| *n * b).sum();
-            if sum.length() > 1e-6 { unit(sum) } else { geometry.normals[face] }
-        })
-        .collect();
+    let smooth = |i: usize| {
+        let (face, b) = (samples[i].face as usize, samples[i].barycentric);
+        let sum: DVec3 = corner_normals[face].iter().zip(b).map(|(n, b)| *n * b).sum();
+        if sum.length() > 1e-6 { unit(sum) } else { geometry.normals[face] }
+    };
+    let smooth = map_each(samples.len(), &crate::NoProgress, || (), |(), i| smooth(i));
     drop(corner_normals);
     let mut data = CloudData { clips, ..CloudData::new(mesh.origin, assemble::centers(mesh, &positions), shape) };
     let of_facets = planes.iter().zip(&smooth).filter(|(plane, smooth)| plane.dot(**smooth) >= FLAT).count();
@@ -166,8 +164,7 @@ fn measured_radii(
     let points = SortedPoints::new(positions.len(), |i| positions[i])?;
     let normal = |slot: usize| planes[points.inputs(slot)[0] as usize].as_vec3();
     let oriented: Vec<Oriented> = (0..points.len()).map(|slot| Oriented::alone(normal(slot))).collect();
-    let sizes =
-        radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), Wanted::default(), progress);
+    let sizes = radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), false, progress);
     let step = points.step;
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }
@@ -177,51 +174,31 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
     let splats = density.splats(geometry);
     let (weights, total) =
         if density.is_even() { (&geometry.areas, geometry.total_area()) } else { (&splats, splats.iter().sum()) };
-    let stratified = |count: usize| -> Vec<Sample> {
-        let places = stratified(weights, count, total, progress);
-        places.into_iter().map(|(part, b)| density.parts().place(part as usize, b)).collect()
+    let parts = density.parts();
+    let samples = |places: Vec<PartPlace>| -> Vec<Sample> {
+        places.into_iter().map(|(part, b)| parts.place(part as usize, b)).collect()
     };
     if count > MOST_ELIMINATED {
-        return stratified(count);
+        return samples(Scatter::new(weights, count, total).even(progress));
     }
-    let samples = stratified(count * OVERSAMPLING);
-    let positions: Vec<DVec3> = samples.iter().map(|s| s.place(geometry)).collect();
-    let normals: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
-    let tree = KdTree::new(&positions);
+    let scatter = Scatter::new(weights, count * OVERSAMPLING, total);
+    let mut candidates = scatter.irregular(progress, &|(part, b)| {
+        let position = parts.place(part as usize, b).place(geometry);
+        Candidate { position, part, number: 0 }
+    });
+    candidates.iter_mut().zip(0..).for_each(|(candidate, number)| candidate.number = number);
     let even = reach(geometry.total_area(), count as f64);
-    let reach_of = |i: usize| if density.is_even() { even } else { reach(density.at(&samples[i]).powi(2), 1.0) };
-    let left = eliminate(&tree, &normals, count, &reach_of, progress);
-    left.into_iter().map(|slot| samples[tree.index(slot as usize)]).collect()
+    let of_part = |part: u32| {
+        let part = part as usize;
+        let reach = if density.is_even() { even } else { reach(density.of_part(part).powi(2), 1.0) };
+        PartFacts { normal: geometry.normals[parts.face(part)], reach }
+    };
+    let left = eliminate(candidates, &of_part, count, progress);
+    samples(scatter.some_irregular(&left, progress))
 }
 
-/// Triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas` along the
-/// order of the triangles, and by the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g), frac(½ + i/g²),
-/// g³ = g + 1) within each triangle.
-pub(crate) fn stratified(areas: &[f64], count: usize, total: f64, progress: &dyn Progress) -> Vec<(u32, [f64; 3])> {
-    const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
-    progress.stage("samples", count as u64);
-    let mut sum = 0.0;
-    let ends: Vec<f64> = areas
-        .iter()
-        .map(|a| {
-            sum += a;
-            sum
-        })
-        .collect();
-    let last = areas.iter().rposition(|a| *a > 0.0).unwrap_or(0);
-    map_each(
-        count,
-        progress,
-        || (),
-        |(), i| {
-            let target = (i as f64 + Random::new(i as u64).unit()) / count as f64 * total;
-            // Rounding may lead past the end; faces without area end where they begin and are never met.
-            let face = ends.partition_point(|end| *end <= target).min(last);
-            let [mut a, mut b] = STEPS.map(|step| (0.5 + i as f64 * step).fract());
-            if a + b > 1.0 {
-                (a, b) = (1.0 - a, 1.0 - b);
-            }
-            (face as u32, [1.0 - a - b, a, b])
-        },
-    )
+/// Triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`
+/// ([`Scatter::even`]).
+pub(crate) fn stratified(areas: &[f64], count: usize, total: f64, progress: &dyn Progress) -> Vec<PartPlace> {
+    Scatter::new(areas, count, total).even(progress)
 }

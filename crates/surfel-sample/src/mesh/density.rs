@@ -114,6 +114,11 @@ impl Density {
         self.spacing[self.parts.at(sample)]
     }
 
+    /// That of a part.
+    pub(crate) fn of_part(&self, part: usize) -> f64 {
+        self.spacing[part]
+    }
+
     /// That of so many splats as there are on a face, evenly spread.
     pub(crate) fn of_face(&self, face: usize) -> f64 {
         let parts = &self.spacing[self.parts.of(face)];

@@ -64,7 +64,9 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
                 to
             })
             .collect();
-        let grown = map_each(moved.len(), &NoProgress, || (), |(), i| on.grown(moved[i], borders, regions));
+        let grown = map_each(moved.len(), &NoProgress, Borders::nearest, |found, i| {
+            on.grown(moved[i], borders, regions, found)
+        });
         moved.iter().zip(grown).for_each(|(to, grown)| kept[*to] = grown);
         if moved.is_empty() {
             return;

@@ -392,7 +392,8 @@ impl<'a> Geometry<'a> {
         for (x, y) in [-1.0, 0.0, 1.0].into_iter().flat_map(|y| [-1.0, 0.0, 1.0].map(|x| (x, y))) {
             let at: [f64; 3] = std::array::from_fn(|k| b[k] + (x * u[k] + y * v[k]) * extent / 3.0);
             // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
-            let [r, g, b, a] = if at.iter().all(|b| *b >= 0.0) { self.color(face, at) } else { own };
+            let is_other = (x != 0.0 || y != 0.0) && at.iter().all(|b| *b >= 0.0);
+            let [r, g, b, a] = if is_other { self.color(face, at) } else { own };
             sum.iter_mut().zip([r * a, g * a, b * a, a]).for_each(|(s, c)| *s += c);
             plain.iter_mut().zip([r, g, b]).for_each(|(s, c)| *s += c);
         }

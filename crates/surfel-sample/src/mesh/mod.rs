@@ -17,6 +17,7 @@ pub(crate) mod parts;
 pub(crate) mod per_face;
 mod placed;
 pub(crate) mod random;
+mod scatter;
 pub(crate) mod see_through;
 mod transitions;
 mod vertices;

@@ -7,6 +7,7 @@ use super::geometry::Geometry;
 use super::options::{MeshMethod, MeshReport};
 use super::placed::MOST_GROWN;
 use super::transitions::{EdgeSplat, distance_to_segment, shared_edges};
+use crate::boxes::Boxes;
 use crate::{Progress, SampleError, assemble, interior, radii};
 use glam::DVec3;
 use std::collections::BTreeMap;
@@ -100,11 +101,12 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
         for (i, node) in (first..).zip(level) {
             let edges = edges_of.get(&i).map_or(&[][..], Vec::as_slice);
             let start = splats.len();
+            // A leaf that can't be divided may have any number of edges.
+            let boxes = Boxes::new(edges);
             for &k in &sampled.splats_of[(i - first) as usize] {
-                let near = |edge: &[DVec3; 2]| {
-                    distance_to_segment(sampled.cloud.data().centers.get(k), *edge) < 0.5 * sampled.spacing
-                };
-                if !edges.iter().any(near) {
+                let center = sampled.cloud.data().centers.get(k);
+                let (distance, _) = boxes.nearest(center, |i| distance_to_segment(center, edges[i]));
+                if distance >= 0.5 * sampled.spacing {
                     splats.push(&sampled.cloud, k);
                 }
             }

@@ -61,8 +61,9 @@ pub(crate) fn splats(
     let borders: Vec<Border> = borders.into_iter().filter(|border| border.kind != Kind::Bend).collect();
     let spacing = (geometry.total_area() / faces.len() as f64).sqrt();
     let borders = Borders::new(&geometry, &borders, &regions, (&Density::even(&geometry, spacing), 1.0), faces.len());
-    let kept = |i: usize| borders.keep(centers[i], axes[i], regions[faces[i]]);
-    let kept = map_each(faces.len(), &crate::NoProgress, || (), |(), i| kept(i));
+    let kept = map_each(faces.len(), &crate::NoProgress, Borders::nearest, |found, i| {
+        borders.keep(centers[i], axes[i], regions[faces[i]], found)
+    });
     data.clips = clip_columns(kept.iter().map(Option::as_ref));
     if let Some(normals) = &mesh.normals {
         let at = |face: &usize| {

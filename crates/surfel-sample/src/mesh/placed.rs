@@ -5,6 +5,7 @@ use super::density::Density;
 use super::geometry::Geometry;
 use super::parts::Sample;
 use crate::parallel::map_each;
+use crate::tree::Nearest;
 use crate::{Progress, assemble, radii};
 use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
@@ -58,9 +59,9 @@ impl Placed<'_> {
     }
 
     /// What is left of a splat; `None` where no border cuts it.
-    pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32]) -> Option<Grown> {
+    pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32], found: &mut Nearest) -> Option<Grown> {
         let region = regions[self.samples[i].face as usize];
-        let at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region);
+        let mut at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region, found);
         let (mut scale, mut kept) = (1.0, at(1.0)?);
         for larger in GROWTH {
             if kept.area * scale * scale >= kept.least() {
@@ -80,7 +81,7 @@ impl Placed<'_> {
             return vec![None; count];
         }
         progress.stage("borders", count as u64);
-        map_each(count, progress, || (), |(), i| self.grown(i, borders, regions))
+        map_each(count, progress, Borders::nearest, |found, i| self.grown(i, borders, regions, found))
     }
 
     /// How far a splat reaches.
@@ -129,7 +130,7 @@ impl Placed<'_> {
             }
         } else {
             let scale = |i: usize| kept[i].as_ref().map_or(1.0, |(scale, _)| *scale);
-            assemble::ellipses(&(0..kept.len()).map(|i| self.axes(i, scale(i))).collect::<Vec<_>>())
+            assemble::ellipses(&map_each(kept.len(), &crate::NoProgress, || (), |(), i| self.axes(i, scale(i))))
         };
         Bordered { shape, clips }
     }

@@ -10,6 +10,11 @@ use surfel_math::basis::unit;
 /// splat centred on it would stand out.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
+/// Limits of all splats on edges: a mean number per edge, and a number that every mesh may have. They matter where
+/// edges reach far beyond the cubes of their leaves, as those of a fan do. A closed surface has about two an edge.
+const MOST_ON_EDGE: u64 = 8;
+const FEW: u64 = 16_384;
+
 /// A splat to be.
 #[derive(Clone, Copy)]
 pub(crate) struct EdgeSplat {
@@ -47,7 +52,8 @@ pub(crate) fn shared_edges(
         }
     }
     sides.sort_unstable();
-    let mut shared: BTreeMap<[u32; 2], Shared> = BTreeMap::new();
+    // Edges between leaves: leaves, face and corner at which the edge starts, spacing.
+    let (mut edges, mut between): (Vec<([u32; 2], u32, usize, f64)>, Vec<DVec3>) = Default::default();
     for edge in sides.chunk_by(|a, b| a.0 == b.0) {
         let (_, face, corner) = edge[0];
         let leaf = |face: u32| leaf_of_face[face as usize];
@@ -58,18 +64,31 @@ pub(crate) fn shared_edges(
         }
         let leaves = [leaf(face).min(leaf(*other)), leaf(face).max(leaf(*other))];
         let spacing = spacing_of(leaves[0]).min(spacing_of(leaves[1]));
-        let k = usize::from(corner);
+        edges.push((leaves, face, usize::from(corner), spacing));
+        between.push(unit(normals[0] + normals[1]));
+    }
+    let ends = |face: u32, k: usize| {
         let corners = geometry.corners(face as usize);
-        let (a, b) = (corners[k], corners[(k + 1) % 3]);
+        [corners[k], corners[(k + 1) % 3]]
+    };
+    let count_of = |(_, face, k, spacing): &([u32; 2], u32, usize, f64)| {
+        let [a, b] = ends(*face, *k);
+        ((b - a).length() / spacing).ceil().max(1.0) as u64
+    };
+    let counts: Vec<u64> = edges.iter().map(count_of).collect();
+    let most = most_each(&counts, FEW.max(MOST_ON_EDGE * counts.len() as u64));
+    let mut shared: BTreeMap<[u32; 2], Shared> = BTreeMap::new();
+    for (((leaves, face, k, spacing), between), count) in edges.into_iter().zip(between).zip(counts) {
+        let [a, b] = ends(face, k);
+        // Fewer splats are larger.
+        let (count, spacing) = if count > most { (most, (b - a).length() / most as f64) } else { (count, spacing) };
         let entry = shared.entry(leaves).or_default();
         entry.edges.push([a, b]);
-        let count = ((b - a).length() / spacing).ceil().max(1.0);
-        for i in 0..count as u64 {
-            let along = (i as f64 + 0.5) / count;
+        for i in 0..count {
+            let along = (i as f64 + 0.5) / count as f64;
             let mut barycentric = [0.0; 3];
             (barycentric[k], barycentric[(k + 1) % 3]) = (1.0 - along, along);
             let smooth: DVec3 = corner_normals[face as usize].iter().zip(barycentric).map(|(n, b)| *n * b).sum();
-            let between = unit(normals[0] + normals[1]);
             let smooth = if smooth.length() > 1e-6 { unit(smooth) } else { between };
             entry.splats.push(EdgeSplat {
                 center: a + (b - a) * along,
@@ -83,9 +102,43 @@ pub(crate) fn shared_edges(
     shared
 }
 
+/// The largest number that no count may exceed for the sum of all to be at most `limit`; at least 1.
+fn most_each(counts: &[u64], limit: u64) -> u64 {
+    let mut sorted = counts.to_vec();
+    sorted.sort_unstable();
+    let mut left = limit;
+    for (i, count) in sorted.iter().enumerate() {
+        let share = left / (sorted.len() - i) as u64;
+        if *count > share {
+            return share.max(1);
+        }
+        left -= count;
+    }
+    u64::MAX
+}
+
 /// Distance of a point from a segment.
 pub(crate) fn distance_to_segment(p: DVec3, [a, b]: [DVec3; 2]) -> f64 {
     let along = b - a;
     let t = ((p - a).dot(along) / along.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);
     (p - (a + along * t)).length()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_are_limited_where_they_are_largest() {
+        assert_eq!(most_each(&[1, 2, 3], 6), u64::MAX);
+        assert_eq!(most_each(&[], 0), u64::MAX);
+        assert_eq!(most_each(&[5, 5, 5], 1), 1);
+        for limit in [10, 57, 300, 1000] {
+            let counts: Vec<u64> = (0..40).map(|i| 1 + i * i % 97).collect();
+            let most = most_each(&counts, limit);
+            let sum = |most: u64| counts.iter().map(|c| (*c).min(most)).sum::<u64>();
+            assert!(sum(most) <= limit.max(40), "{limit}: {most}");
+            assert!(most == u64::MAX || sum(most + 1) > limit, "{limit}: {most}");
+        }
+    }
 }

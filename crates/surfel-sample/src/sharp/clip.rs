@@ -51,6 +51,13 @@ pub(crate) struct Border {
 /// All borders, to be found by place.
 pub(crate) struct Borders {
     pub all: Vec<Border>,
+    regions: HashMap<u32, RegionBorders>,
+}
+
+/// The borders of one region as samples in a tree.
+struct RegionBorders {
+    /// The border that each sample lies on.
+    border_of: Vec<u32>,
     tree: KdTree,
     /// Largest distance of neighbouring samples of a piece.
     spacing: f64,
@@ -58,27 +65,43 @@ pub(crate) struct Borders {
 
 impl Borders {
     pub(crate) fn new(all: Vec<Border>) -> Self {
-        let samples: Vec<DVec3> = all.iter().flat_map(|b| b.conic.even_points(PIECE_SAMPLES)).collect();
-        let spacing =
-            samples.chunks(PIECE_SAMPLES).flat_map(|c| c.windows(2)).map(|w| w[0].distance(w[1])).fold(0.0, f64::max);
-        Self { tree: KdTree::new(&samples), all, spacing }
+        let mut of_region: HashMap<u32, Vec<u32>> = HashMap::new();
+        (0..).zip(&all).for_each(|(i, border)| of_region.entry(border.region).or_default().push(i));
+        let regions = of_region.into_iter().map(|(region, own)| (region, RegionBorders::new(&all, &own))).collect();
+        Self { all, regions }
     }
 
     /// Borders of a region that come into a box about `p`, given by its half-axes, in ascending order. The box of a
     /// sliver holds far fewer borders than the ball about it.
     fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
+        let Some(own) = self.regions.get(&region) else { return found };
         // Points between the samples are no farther from them.
-        let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + self.spacing));
-        self.tree.in_box(p, sides, &mut |slot| {
-            let border = self.tree.index(slot) / PIECE_SAMPLES;
-            if self.all[border].region == region {
-                found.push(border);
-            }
-        });
+        let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + own.spacing));
+        own.tree.in_box(p, sides, &mut |slot| found.push(own.border_of[own.tree.index(slot)] as usize));
         found.sort_unstable();
         found.dedup();
         found
+    }
+}
+
+impl RegionBorders {
+    /// Samples the borders about evenly, each at [`PIECE_SAMPLES`] points or more: one long piece among short ones
+    /// would else make the boxes of all splats large. There are at most twice as many samples as pieces ask for.
+    fn new(all: &[Border], own: &[u32]) -> Self {
+        let length = |line: &[DVec3]| line.windows(2).map(|w| w[0].distance(w[1])).sum::<f64>();
+        let lines: Vec<Vec<DVec3>> = own.iter().map(|i| all[*i as usize].conic.even_points(PIECE_SAMPLES)).collect();
+        let steps = PIECE_SAMPLES - 1;
+        let step = lines.iter().map(|line| length(line)).sum::<f64>() / (steps * own.len().max(1)) as f64;
+        let (mut border_of, mut samples, mut spacing) = (Vec::new(), Vec::new(), 0.0_f64);
+        for (i, line) in own.iter().zip(lines) {
+            let count = (length(&line) / step).ceil() as usize + 1;
+            let line = if count > line.len() { all[*i as usize].conic.even_points(count) } else { line };
+            spacing = line.windows(2).map(|w| w[0].distance(w[1])).fold(spacing, f64::max);
+            border_of.resize(border_of.len() + line.len(), *i);
+            samples.extend(line);
+        }
+        Self { border_of, tree: KdTree::new(&samples), spacing }
     }
 }
 
@@ -411,26 +434,37 @@ impl Clipper {
 mod tests {
     use super::*;
 
-    /// Borders that the splats of a fan of so many slivers are compared with.
-    fn work_of_fan(count: u32) -> usize {
+    /// Borders that the splats of a fan of so many slivers are compared with. The two spokes at its ends are far longer
+    /// than the pieces of its rim; with creases every spoke is a border, and every sliver a region.
+    fn work_of_fan(count: u32, with_creases: bool) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();
             DVec3::new(cos, sin, 0.0)
         };
-        let border = |i: u32| Border {
-            conic: Conic::straight(rim(i), rim(i + 1)),
+        let region = |i: u32| if with_creases { i } else { 0 };
+        let border = |from: DVec3, to: DVec3, region: u32| Border {
+            conic: Conic::straight(from, to),
             ridge: 0,
-            region: 0,
+            region,
             normal: DVec3::Z,
             is_straight: true,
             overlap: 0.0,
         };
-        let borders = Borders::new((0..count).map(border).collect());
+        let mut all: Vec<Border> = (0..count).map(|i| border(rim(i), rim(i + 1), region(i))).collect();
+        for i in 0..count {
+            if i == 0 || with_creases {
+                all.push(border(DVec3::ZERO, rim(i), region(i)));
+            }
+            if i + 1 == count || with_creases {
+                all.push(border(rim(i + 1), DVec3::ZERO, region(i)));
+            }
+        }
+        let borders = Borders::new(all);
         let near = |i: u32| {
             let corners = [DVec3::ZERO, rim(i), rim(i + 1)];
             let ((s, t), center) = (steiner_axes(corners), corners.iter().sum::<DVec3>() / 3.0);
             let axes = [s * REACH, t * REACH, DVec3::Z * (0.5 * REACH * s.length())];
-            let found = borders.near(center, axes, 0);
+            let found = borders.near(center, axes, region(i));
             assert!(found.contains(&(i as usize)), "{i} of {count}");
             found.len()
         };
@@ -439,8 +473,10 @@ mod tests {
 
     #[test]
     fn work_of_a_fan_is_linear() {
-        let work = [500, 1000, 2000].map(work_of_fan);
-        assert!(work[1] as f64 <= 2.2 * work[0] as f64 && work[2] as f64 <= 2.2 * work[1] as f64, "{work:?}");
-        assert!(work[2] < 10 * 2000, "{work:?}");
+        for with_creases in [false, true] {
+            let work = [500, 1000, 2000].map(|count| work_of_fan(count, with_creases));
+            assert!(work[1] as f64 <= 2.2 * work[0] as f64 && work[2] as f64 <= 2.2 * work[1] as f64, "{work:?}");
+            assert!(work[2] < 20 * 2000, "{work:?}");
+        }
     }
 }

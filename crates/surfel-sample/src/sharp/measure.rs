@@ -1,7 +1,7 @@
 //! How far clipped splats and the mesh that they were made of are apart.
 
-use super::boxes::Boxes;
 use super::clip::ClippedSplat;
+use crate::boxes::Boxes;
 use crate::mesh::geometry::Geometry;
 use crate::parallel::map_tasks;
 use glam::DVec3;
@@ -132,17 +132,11 @@ impl<'a> MeshIndex<'a> {
         forward.iter().for_each(|of_splat| total.add(of_splat));
         let count = total.count.max(1) as f64;
 
-        // The corners of the rectangle about each ellipse.
-        let around = |s: &ClippedSplat| {
-            [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(u, v)| s.center + s.s * u + s.t * v)
-        };
-        let boxes = Boxes::new(&splats.iter().map(around).collect::<Vec<_>>());
+        let splat_index = SplatIndex::new(splats);
         let step = self.faces.len().div_ceil(MESH_SAMPLES).max(1);
         let back = map_tasks(self.faces.len().div_ceil(step), |i| {
             let [a, b, c] = self.geometry.corners(self.faces[i * step]);
-            let p = a + ((b - a) + (c - a)) / 3.0;
-            let distance = |i: usize| distance_to(&splats[i], clips[i].as_ref(), p);
-            boxes.nearest(p, distance).0
+            splat_index.distance(a + ((b - a) + (c - a)) / 3.0, &|| ())
         });
         let largest = back.iter().fold(0.0f64, |a, b| a.max(*b));
         SharpErrors {
@@ -150,6 +144,33 @@ impl<'a> MeshIndex<'a> {
             mesh_to_splats: [back.iter().sum::<f64>() / back.len().max(1) as f64, largest],
             normal_deg: total.degrees / count,
         }
+    }
+}
+
+/// Splats, to be found by place.
+struct SplatIndex<'a> {
+    splats: &'a [ClippedSplat],
+    clips: Vec<Option<Clip<f64>>>,
+    boxes: Boxes,
+}
+
+impl<'a> SplatIndex<'a> {
+    fn new(splats: &'a [ClippedSplat]) -> Self {
+        // The corners of the rectangle about each ellipse.
+        let around = |s: &ClippedSplat| {
+            [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(u, v)| s.center + s.s * u + s.t * v)
+        };
+        let boxes = Boxes::new(&splats.iter().map(around).collect::<Vec<_>>());
+        Self { splats, clips: splats.iter().map(clip_of).collect(), boxes }
+    }
+
+    /// Distance of a point to the nearest splat; each splat that it is compared with is `seen`.
+    fn distance(&self, p: DVec3, seen: &impl Fn()) -> f64 {
+        let distance = |i: usize| {
+            seen();
+            distance_to(&self.splats[i], self.clips[i].as_ref(), p)
+        };
+        self.boxes.nearest(p, distance).0
     }
 }
 
@@ -193,7 +214,7 @@ fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 
 
 /// Distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson, Real-Time Collision
 /// Detection, §5.1.5).
-pub(super) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
+pub(crate) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
     let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));
@@ -220,4 +241,52 @@ pub(super) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     };
     let nearest = a + ab * barycentric[1] + ac * barycentric[2];
     (p.distance(nearest), barycentric)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::cell::Cell;
+    use surfel_model::{Column3, Mesh};
+
+    /// Splats that a point on each of a fan's slivers is compared with, altogether.
+    fn work_of_fan(count: u32) -> usize {
+        let rim = |i: u32| {
+            let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();
+            DVec3::new(cos, sin, 0.0)
+        };
+        let positions: Vec<DVec3> = std::iter::once(DVec3::ZERO).chain((0..=count).map(rim)).collect();
+        let triangles = (0..count).map(|i| [0, i + 1, i + 2]).collect();
+        let mesh = Mesh { positions: Column3::from_f64(&positions), triangles, ..Mesh::default() };
+        let (cloud, _) =
+            crate::sharp_splats_from_mesh(&mesh, &crate::SharpOptions::default(), &crate::NoProgress).unwrap();
+        let splats: Vec<ClippedSplat> = (0..cloud.len())
+            .map(|i| {
+                let (s, t) = cloud.axes(i);
+                let lines = cloud
+                    .data()
+                    .clips
+                    .as_ref()
+                    .and_then(|c| c.lines.as_ref())
+                    .map_or([surfel_model::NO_LINE; 4], |l| l[i]);
+                ClippedSplat { center: cloud.center(i), s, t, curve: None, lines, is_cut_back: false }
+            })
+            .collect();
+        let geometry = Geometry::new(&mesh);
+        let index = MeshIndex::new(&geometry);
+        let asked = Cell::new(0);
+        let back = SplatIndex::new(&splats);
+        for face in 0..index.faces.len() {
+            let [a, b, c] = geometry.corners(index.faces[face]);
+            back.distance(a + ((b - a) + (c - a)) / 3.0, &|| asked.set(asked.get() + 1));
+        }
+        asked.get()
+    }
+
+    #[test]
+    fn work_of_a_fan_is_nearly_linear() {
+        let work = [500, 1000, 2000].map(work_of_fan);
+        assert!(work[1] as f64 <= 2.3 * work[0] as f64 && work[2] as f64 <= 2.3 * work[1] as f64, "{work:?}");
+        assert!(work[2] < 20 * 2000, "{work:?}");
+    }
 }

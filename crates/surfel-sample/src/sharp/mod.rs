@@ -10,11 +10,10 @@
 //!
 //! `points` does without a mesh: it clips the splats of a point cloud along the edges that the points show.
 
-mod boxes;
 mod clip;
 mod collapse;
 mod conic;
-mod measure;
+pub(crate) mod measure;
 mod points;
 mod surface;
 

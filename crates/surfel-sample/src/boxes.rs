@@ -3,6 +3,8 @@
 
 use crate::eigen::symmetric3;
 use glam::DVec3;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
 use std::ops::Range;
 
 /// Shapes of a leaf, at most.
@@ -24,7 +26,7 @@ struct Node {
 }
 
 /// Boxes to be searched by place.
-pub(super) struct Boxes {
+pub(crate) struct Boxes {
     /// A node, its first part, its second part.
     nodes: Vec<Node>,
     order: Vec<u32>,
@@ -33,7 +35,7 @@ pub(super) struct Boxes {
 
 impl Boxes {
     /// Boxes about shapes, each within the hull of its points.
-    pub(super) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
+    pub(crate) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
         let mut boxes = Self { nodes: Vec::new(), order: (0..shapes.len() as u32).collect(), slack: 0.0 };
         if !shapes.is_empty() {
             boxes.build(shapes, 0..shapes.len());
@@ -68,13 +70,18 @@ impl Boxes {
 
     /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
     /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
-    pub(super) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
+    ///
+    /// The nearest boxes are opened first, wherever they are: the distance of a shape may be far larger than that of its
+    /// box, and boxes that hold `p` overlap.
+    pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
-        let mut open = Vec::with_capacity(64);
-        open.extend(self.nodes.first().map(|root| (root.distance(p), 0)));
-        while let Some((bound, index)) = open.pop() {
-            if bound - self.slack > best.0 {
-                continue;
+        let mut open = BinaryHeap::with_capacity(64);
+        // Bits of numbers from 0 up are ordered as these.
+        let entry = |node: usize| Reverse((self.nodes[node].distance(p).to_bits(), node));
+        open.extend(self.nodes.first().map(|_| entry(0)));
+        while let Some(Reverse((bound, index))) = open.pop() {
+            if f64::from_bits(bound) - self.slack > best.0 {
+                break;
             }
             let node = &self.nodes[index];
             if node.second == 0 {
@@ -84,12 +91,9 @@ impl Boxes {
                         best = found;
                     }
                 }
-                continue;
+            } else {
+                open.extend([index + 1, node.second].map(entry));
             }
-            let parts = [index + 1, node.second].map(|part| (self.nodes[part].distance(p), part));
-            // The nearer one is looked at first.
-            let nearer = usize::from(parts[1].0 < parts[0].0);
-            open.extend([parts[1 - nearer], parts[nearer]]);
         }
         best
     }
@@ -126,9 +130,9 @@ impl Node {
 
 #[cfg(test)]
 mod tests {
-    use super::super::measure::closest;
     use super::*;
     use crate::mesh::random::Random;
+    use crate::sharp::measure::closest;
 
     #[test]
     fn nearest_shape_is_that_of_brute_force() {

@@ -1,4 +1,5 @@
-//! Ways to decide what a clip curve keeps, over blocks of sixteen pixels: `cargo bench -p surfel-cpu --bench clips`.
+//! Ways to decide what a clip curve keeps, over blocks of sixteen pixels. `cargo bench -p surfel-benches --bench clips`
+//! runs them.
 //!
 //! One thread; curves and splats are random, blocks lie anywhere on the splat's disk. Before the times it prints how
 //! many pixels each way decides otherwise than the implicit test in f64: of those blocks, and of pixels beside the
@@ -16,7 +17,7 @@ use surfel_math::{Real, V2};
 
 // The renderer's own lanes and instructions; they have more than this needs.
 #[allow(dead_code, unused_imports, unreachable_pub)]
-#[path = "../src/simd"]
+#[path = "../../crates/surfel-cpu/src/simd"]
 mod simd {
     pub(crate) mod lanes;
     pub(crate) mod level;

@@ -1,4 +1,5 @@
-//! Set-up, binning and the tile loops, by size of splat, and pixels by shader: `cargo bench -p surfel-cpu`.
+//! Set-up, binning and the tile loops, by size of splat, and pixels by shader. `cargo bench -p surfel-benches --bench
+//! stages` runs them.
 //!
 //! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times, seen in perspective: only so most splats
 //! are drawn by the cheapest evaluators. Each stage's time is the renderer's own, so that a stage is measured as a
@@ -12,7 +13,7 @@ use surfel_cpu::{Options, Renderer};
 use surfel_model::{Light, Scene, Settings, Shader};
 use surfel_render::{Frame, Planes, Renderer as _, SceneSummary, Stats, View};
 
-#[path = "../examples/plane/scene.rs"]
+#[path = "../../crates/surfel-cpu/examples/plane/scene.rs"]
 mod scene;
 
 /// Radii of the splats, pixels: below a pixel, the common case, large, huge.

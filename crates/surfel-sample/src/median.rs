@@ -1,23 +1,20 @@
-//! The middle of many values, and how large is still usual.
+//! Medians of many values, and the largest value that is no outlier.
 
 use crate::parallel::map_tasks;
 
-/// A point is isolated when its spacing is this many times that of more than half of its neighbours, or of the cloud
-/// where [`DEVIATIONS`] are less: borders and tufts of what is even otherwise stay.
-pub(crate) const ISOLATED: f64 = 8.0;
-/// Standard deviations of the logarithm of spacing, of its normal part, beyond which a point is isolated.
+/// Standard deviations of the logarithm of a value, of its normal part, beyond which the value is an outlier.
 const DEVIATIONS: f64 = 3.5;
 /// Standard deviations of a normal distribution that the median absolute deviation is.
 const MAD: f64 = 0.674_489_75;
 
-/// The middle of positive values, and how far they are spread about it.
-pub(crate) struct Usual {
+/// Median of positive values, and their spread about it.
+pub(crate) struct Spread {
     pub(crate) median: f64,
     /// The standard deviation of logarithms, as the median absolute deviation tells it.
     spread: f64,
 }
 
-impl Usual {
+impl Spread {
     /// The largest value that is no outlier: those beyond it are more than [`DEVIATIONS`] off, and at least this many
     /// times the median.
     pub(crate) fn most(&self, times: f64) -> f64 {
@@ -25,8 +22,8 @@ impl Usual {
     }
 }
 
-/// What is usual of these values; `None` where none is positive.
-pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Usual> {
+/// Measures the spread of values; `None` where none is positive.
+pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Spread> {
     let median = median_of(count, &value)?;
     // Of how many times more or less than the middle, whose order is that of their logarithms.
     let times = |i: usize| match value(i) {
@@ -34,7 +31,7 @@ pub(crate) fn usual(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option
         _ => 0.0,
     };
     let spread = median_of(count, times).map_or(0.0, |times| f64::from(times).ln()) / MAD;
-    Some(Usual { median: f64::from(median), spread })
+    Some(Spread { median: f64::from(median), spread })
 }
 
 /// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.

@@ -1,0 +1,532 @@
+//! Measures of the neighbourhoods of a run of points: a Voronoi cell in the tangent plane of each, and what the
+//! evidence for its class comes from.
+
+use crate::cell::{Cell, MOST_IN_CELL};
+use crate::class::{ALONE, FLAT, Measured, needs_coherence};
+use crate::eigen::{symmetric2, symmetric3};
+use crate::lanes::{LANES, compress, numbers, rank};
+use crate::nearest::{Search, distance2};
+use crate::normals::{COLLINEAR, WIDE, WIDEST, covariance, wider};
+use crate::orient::{NEAREST, Oriented, coherence, offset, roughness};
+use crate::radii::{Ellipse, MOST_STRETCHED, STRETCHED, Size};
+use crate::sorted::{LEAF, SortedPoints};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x16, u32x16};
+use glam::{Vec2, Vec3};
+use std::ops::Range;
+
+/// A closed cell is believed when its corners are no farther than this share of the farthest neighbour: at a border,
+/// where points jut out by chance, cells close far outside the surface. Shares for the table's neighbours and for
+/// the wider looks, which are more generous in themselves; half the spacing of scan lines must pass.
+const BELIEVED: f32 = 0.75;
+const BELIEVED_WIDE: f32 = 0.55;
+/// Neighbours take part in a point's cell when their normals agree within 60°, and they lie within 60° of its
+/// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
+pub(crate) const AGREE: f32 = 0.5;
+const STEEPEST: f32 = 0.866;
+/// Where these leave a cell open, the surface may go on around a crease or a limb. What lies there bounds the cell, so
+/// that its disk ends with the surface: all but the back, whose normals are more than 120° off.
+const TURNS_AWAY: f32 = -0.5;
+/// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
+const RING: usize = 6;
+/// The one whose distance sizes what no cell does: as many as surround it in a grid.
+const GRID: usize = 4;
+/// Squared distance from a line, over the largest of a look, from which a point belongs to another line.
+const BESIDE: f32 = 0.1;
+
+/// Measures of one point's cell, in steps.
+#[derive(Clone, Copy, Default)]
+struct Summary {
+    /// Area of a closed cell, else 0.
+    area: f32,
+    /// Distance of the farthest corner, 0 when there is none.
+    reach: f32,
+    /// Distances of the sixth neighbour and of the fourth.
+    spacing: f32,
+    fourth: f32,
+    /// Which neighbours closed it, if any did.
+    among: Among,
+    /// Share of the row's neighbours that are on no surface with the point, on either side.
+    elsewhere: f32,
+    /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
+    moments: [f32; 6],
+}
+
+/// What neighbours a cell is built among.
+#[derive(Clone, Copy, Default, PartialEq)]
+enum Among {
+    /// Those of its row on its side.
+    #[default]
+    Side,
+    /// All of its row but those on the other side.
+    Around,
+    /// More, on its side.
+    Wide,
+    /// Those of its row, and of the most there are those beside the line that the row is on.
+    Lines,
+}
+
+/// How a cell was built.
+struct Found {
+    is_closed: bool,
+    /// Of its lengths.
+    unit: f32,
+    /// As in [`Summary`].
+    among: Among,
+    elsewhere: f32,
+}
+
+/// Unit tangents of a unit normal, as `surfel_math::basis::orthonormal` has them.
+#[inline]
+pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
+    let sign = 1.0_f32.copysign(n.z);
+    let a = -1.0 / (sign + n.z);
+    let b = n.x * n.y * a;
+    (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
+}
+
+/// What sizes are measured by.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Scale {
+    /// Neighbours in a row.
+    pub(crate) degree: usize,
+    /// The spacing, where it is known beforehand: then no classes are wanted.
+    pub(crate) known: Option<f32>,
+    /// Median distance of the farthest neighbour in a row.
+    pub(crate) farthest: f32,
+    /// True if ellipses are wanted.
+    pub(crate) ellipses: bool,
+}
+
+/// Cells of a run of slots and of the points around them.
+pub(crate) struct Block<'a> {
+    points: &'a SortedPoints,
+    oriented: &'a [Oriented],
+    scale: Scale,
+    search: Search<'a>,
+    /// The leaf of the last row.
+    leaf: usize,
+    cell: Cell,
+    /// Of neighbours, x and y.
+    offsets: [[f32; MOST_IN_CELL + LANES]; 2],
+    /// How many neighbours of the last cell are on a surface with its point, on either side.
+    on_surface: usize,
+    /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
+    /// them all, own ones first.
+    own: Range<usize>,
+    halo: Vec<u32>,
+    rows: Vec<u32>,
+    summaries: Vec<Summary>,
+}
+
+impl<'a> Block<'a> {
+    pub(crate) fn new(points: &'a SortedPoints, oriented: &'a [Oriented], scale: Scale) -> Self {
+        Self {
+            points,
+            oriented,
+            scale,
+            search: Search::new(points),
+            leaf: usize::MAX,
+            cell: Cell::default(),
+            offsets: [[0.0; MOST_IN_CELL + LANES]; 2],
+            on_surface: 0,
+            own: 0..0,
+            halo: Vec::new(),
+            rows: Vec::new(),
+            summaries: Vec::new(),
+        }
+    }
+
+    /// Builds the cells.
+    pub(crate) fn measure(&mut self, own: Range<usize>) {
+        own.clone().for_each(|slot| self.add_row(slot));
+        self.halo.extend(self.rows.iter().filter(|j| !own.contains(&(**j as usize))));
+        self.halo.sort_unstable();
+        self.halo.dedup();
+        let halo = std::mem::take(&mut self.halo);
+        halo.iter().for_each(|slot| self.add_row(*slot as usize));
+        self.halo = halo;
+        let rows = std::mem::take(&mut self.rows);
+        for i in 0..own.len() + self.halo.len() {
+            let slot = if i < own.len() { own.start + i } else { self.halo[i - own.len()] as usize };
+            let summary = self.summary(slot, &rows[i * self.scale.degree..(i + 1) * self.scale.degree]);
+            self.summaries.push(summary);
+        }
+        (self.rows, self.own) = (rows, own);
+    }
+
+    /// Finds the neighbours of a slot.
+    fn add_row(&mut self, slot: usize) {
+        let leaf = slot / LEAF;
+        if leaf != self.leaf {
+            self.leaf = leaf;
+            let of_leaf = &self.oriented[self.points.leaf(leaf)];
+            self.search.expect(leaf, of_leaf.iter().map(|o| o.farthest2).fold(0.0, f32::max));
+        }
+        let (near, _) = self.search.nearest(slot, self.scale.degree, self.oriented[slot].farthest2);
+        self.rows.extend_from_slice(near);
+    }
+
+    #[inline]
+    fn same_side(&self, a: usize, b: usize) -> bool {
+        self.oriented[a].normal.dot(self.oriented[b].normal) >= AGREE
+    }
+
+    #[inline]
+    fn measured(&self, slot: u32) -> Option<&Summary> {
+        if self.own.contains(&(slot as usize)) {
+            return Some(&self.summaries[slot as usize - self.own.start]);
+        }
+        self.halo.binary_search(&slot).ok().map(|i| &self.summaries[self.own.len() + i])
+    }
+
+    /// Builds the cell of `slot` among those of `near` that are in question, unrolled into its tangent plane:
+    /// directions are projected, distances are kept, as on the surface itself, but where there is none. Lengths are in
+    /// units of the farthest one's distance, which is returned. True if it is closed, with corners within the believed
+    /// share of that distance.
+    fn build(&mut self, slot: usize, near: &[u32], among: Among) -> (bool, f32) {
+        let (agree, believed) = match among {
+            Among::Side => (AGREE, BELIEVED),
+            Among::Around => (TURNS_AWAY, BELIEVED),
+            Among::Wide | Among::Lines => (AGREE, BELIEVED_WIDE),
+        };
+        let Some(last) = near.last() else { return (false, 0.0) };
+        let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
+        let (points, oriented, cell) = (self.points, self.oriented, &mut self.cell);
+        let unrolled = (points, oriented, slot, limit2, agree);
+        let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
+        let (count, on_surface) = counts;
+        self.on_surface = on_surface;
+        // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
+        let share = count as f32 / near.len() as f32;
+        (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
+    }
+
+    /// Builds the cell of `slot`, among other neighbours when those of its row on its side don't close it.
+    fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
+        let (is_closed, unit) = self.build(slot, near, Among::Side);
+        let elsewhere = 1.0 - self.on_surface as f32 / near.len() as f32;
+        let found = Found { is_closed, unit, among: Among::Side, elsewhere };
+        if is_closed || self.points.len() <= near.len() + 1 {
+            return found;
+        }
+        if self.build(slot, near, Among::Around).0 {
+            return Found { is_closed: true, among: Among::Around, ..found };
+        }
+        let wide = self.wide(slot, unit);
+        let (is_closed, wide_unit) = self.build(slot, &wide, Among::Wide);
+        if is_closed {
+            return Found { is_closed, unit: wide_unit, among: Among::Wide, ..found };
+        }
+        if let Some(lines) = self.lines(slot, near) {
+            let (is_closed, unit) = self.build(slot, &lines, Among::Lines);
+            if is_closed {
+                return Found { is_closed, unit, among: Among::Lines, ..found };
+            }
+        }
+        // At a border the wider view only adds slivers along it.
+        self.build(slot, near, Among::Side);
+        found
+    }
+
+    /// More neighbours than a row has, the farthest of which is this far.
+    fn wide(&mut self, slot: usize, farthest: f32) -> WideRow {
+        let (found, _) = self.search.nearest(slot, WIDE, wider(farthest * farthest, self.scale.degree));
+        WideRow::of(found.iter().copied())
+    }
+
+    /// The row, if it lies on a line, and of many more neighbours the nearest of those that lie beside it: other scan
+    /// lines are farther than all that a wide look finds.
+    fn lines(&mut self, slot: usize, near: &[u32]) -> Option<WideRow> {
+        let (values, vectors) = symmetric3(covariance(self.points, slot, near));
+        if self.scale.known.is_some() || values[1] > COLLINEAR * values[2] {
+            return None;
+        }
+        let along = vectors[2].as_vec3();
+        let guess2 = self.oriented[slot].farthest2 * (WIDEST * WIDEST) as f32 / (near.len() * near.len()) as f32;
+        let (found, _) = self.search.nearest(slot, WIDEST, guess2);
+        let points = self.points;
+        let across2 = |j: u32| offset(points, slot, j as usize).reject_from_normalized(along).length_squared();
+        let least2 = BESIDE * found.iter().map(|j| across2(*j)).fold(0.0, f32::max);
+        let (row, rest) = found.split_at(near.len().min(found.len()));
+        Some(WideRow::of(row.iter().chain(rest.iter().filter(|j| across2(**j) > least2)).copied()))
+    }
+
+    fn summary(&mut self, slot: usize, near: &[u32]) -> Summary {
+        let Some(last) = near.last() else { return Summary::default() };
+        let distance = |count: usize| {
+            let other = near.get(count - 1).unwrap_or(last);
+            distance2(self.points.at(*other as usize), self.points.at(slot)).sqrt()
+        };
+        let (spacing, fourth) = (distance(RING), distance(GRID));
+        let Found { is_closed, unit, among, elsewhere } = self.best_cell(slot, near);
+        let reach = self.cell.reach() * unit;
+        if !is_closed {
+            return Summary { reach, spacing, fourth, among, elsewhere, ..Summary::default() };
+        }
+        let (area, [xx, xy, yy]) = self.cell.moments();
+        let square = unit * unit;
+        let mut moments = [0.0; 6];
+        if self.scale.ellipses {
+            let (u, v) = tangents(self.oriented[slot].normal);
+            let at =
+                |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
+            moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
+        }
+        Summary { area: area * square, reach, spacing, fourth, among, elsewhere, moments }
+    }
+
+    /// The size of the point at place `i` of the run.
+    pub(crate) fn size(&mut self, i: usize) -> (Size, Option<Ellipse>) {
+        let slot = self.own.start + i;
+        let rows = std::mem::take(&mut self.rows);
+        let near = &rows[i * self.scale.degree..(i + 1) * self.scale.degree];
+        let size = self.size_among(slot, near);
+        self.rows = rows;
+        size
+    }
+
+    fn size_among(&mut self, slot: usize, near: &[u32]) -> (Size, Option<Ellipse>) {
+        let own = self.summaries[slot - self.own.start];
+        let mut smooth = Smooth::default();
+        let (mut denser, mut together) = (0, 1);
+        for j in near {
+            let Some(other) = self.measured(*j) else { continue };
+            denser += usize::from(ALONE as f32 * other.spacing < own.spacing);
+            if self.same_side(slot, *j as usize) {
+                together += 1;
+                smooth.add(other);
+            }
+        }
+        smooth.add(&own);
+        let p = self.points.at(slot);
+        let nearest = near.iter().take(2).map(|j| distance2(self.points.at(*j as usize), p));
+        let second = nearest.fold(0.0, f32::max).sqrt();
+        let surrounded = Measured { together, closed: smooth.len, ..Measured::default() };
+        let area = smooth.median().filter(|_| surrounded.is_surrounded());
+        let spacing = area.map_or(second, |area| self.scale.known.unwrap_or(area.sqrt()));
+        let is_known = self.scale.known.is_some();
+        let m = Measured {
+            spacing,
+            second,
+            fourth: own.fourth,
+            // More than half of the neighbours, of which one may be the other of a pair.
+            denser: if near.len() >= RING { denser as f32 / (near.len() - 1) as f32 } else { 0.0 },
+            flat_reach: if is_known { f32::INFINITY } else { self.flat_reach(slot, near) },
+            is_open: !is_known && own.area == 0.0,
+            elsewhere: if is_known { 0.0 } else { own.elsewhere },
+            ..self.layout(slot, near, surrounded)
+        };
+        let evidence = m.evidence();
+        let class = evidence.class();
+        let radius = class.radius(&m, own.reach);
+        let has_ellipse = self.scale.ellipses && class.is_surface() && !m.is_cut();
+        let ellipse = if has_ellipse { self.ellipse(slot, near, own.among, &smooth.moments) } else { None };
+        let ellipse = ellipse.map(|(angle, ratio, reach)| Ellipse::new(class.covering(&m, reach), angle, ratio));
+        (Size { radius, spacing, evidence }, ellipse)
+    }
+
+    /// What the layout of the neighbours and their normals says, added to what is measured.
+    fn layout(&self, slot: usize, near: &[u32], measured: Measured) -> Measured {
+        let own = self.oriented[slot];
+        if self.scale.known.is_some() || own.is_level || near.is_empty() {
+            return Measured { coherence: 1.0, ..measured };
+        }
+        let sparseness = own.farthest2.sqrt() / self.scale.farthest;
+        let roughness = roughness(self.points, (slot, own.normal), near);
+        let coherence = match needs_coherence(sparseness, roughness) {
+            true => coherence(self.points, self.oriented, slot, &near[..near.len().min(NEAREST)]),
+            false => 1.0,
+        };
+        Measured { sparseness, roughness, coherence, ..measured }
+    }
+
+    /// How far the surface goes on along the tangent plane of a point: where it has turned by [`FLAT`] on average, as
+    /// the normals of the nearest tell.
+    fn flat_reach(&self, slot: usize, near: &[u32]) -> f32 {
+        let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
+        let (mut turns, mut squares) = (0.0, 0.0);
+        for j in near.iter().take(RING) {
+            let cosine = n.dot(self.oriented[*j as usize].normal);
+            if cosine >= TURNS_AWAY {
+                turns += 2.0 * (1.0 - cosine);
+                squares += distance2(self.points.at(*j as usize), p);
+            }
+        }
+        if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
+    }
+
+    /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches
+    /// once it is made round.
+    fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
+        let (u, v) = tangents(self.oriented[slot].normal);
+        let along = |a: Vec3, b: Vec3| {
+            f64::from(
+                a.x * (m[0] * b.x + m[1] * b.y + m[2] * b.z)
+                    + a.y * (m[1] * b.x + m[3] * b.y + m[4] * b.z)
+                    + a.z * (m[2] * b.x + m[4] * b.y + m[5] * b.z),
+            )
+        };
+        let (xx, xy, yy) = (along(u, u), along(u, v), along(v, v));
+        // Of eigenvalues a ± b, the ratio is above q where b > a·(q − 1)/(q + 1).
+        const LEAST: f64 = (STRETCHED * STRETCHED - 1.0) / (STRETCHED * STRETCHED + 1.0);
+        let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
+        if half * half + xy * xy <= LEAST * LEAST * mean * mean {
+            return None;
+        }
+        let ([large, small], direction) = symmetric2(xx, xy, yy);
+        let ratio = (large / small.max(large * 1e-9)).sqrt();
+        if ratio.is_nan() || ratio <= STRETCHED {
+            return None;
+        }
+        let ratio = ratio.min(MOST_STRETCHED);
+        let unit = match among {
+            Among::Wide => {
+                let wide = self.wide(slot, self.oriented[slot].farthest2.sqrt());
+                self.build(slot, &wide, among).1
+            }
+            Among::Lines => {
+                let lines = self.lines(slot, near);
+                self.build(slot, lines.as_deref().unwrap_or(near), among).1
+            }
+            _ => self.build(slot, near, among).1,
+        };
+        let (direction, root) = (direction.as_vec2(), ratio.sqrt() as f32);
+        let round = |c: Vec2| Vec2::new(c.dot(direction) / root, c.dot(direction.perp()) * root);
+        let reach = self.cell.corners().map(|c| round(c).length_squared()).fold(0.0, f32::max).sqrt() * unit;
+        Some((f64::from(direction.to_angle()), ratio, reach))
+    }
+}
+
+/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`, and whose normals agree
+/// by the cosine `least`: how many take part, and how many would if normals had no sign.
+#[inline(always)]
+fn build_by<S: Simd>(
+    simd: S,
+    (points, oriented, slot, limit2, least): (&SortedPoints, &[Oriented], usize, f32, f32),
+    near: &[u32],
+    offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
+    cell: &mut Cell,
+) -> (usize, usize) {
+    let (p, n) = (points.at(slot), oriented[slot].normal);
+    let ((u, v), is_level) = (tangents(n), oriented[slot].is_level);
+    let level_scale = f32x16::splat(simd, limit2.sqrt().recip());
+    let (mut count, mut on_surface) = (0, 0);
+    for part in near.chunks(LANES) {
+        let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
+        for (i, j) in part.iter().enumerate() {
+            let (q, o) = (points.at(*j as usize), oriented[*j as usize].normal);
+            for k in 0..3 {
+                (d[k][i], m[k][i]) = ((q[k] - p[k]) as f32, o[k]);
+            }
+        }
+        let d = d.map(|c| f32x16::load_array(simd, c));
+        let m = m.map(|c| f32x16::load_array(simd, c));
+        let square = dot(d, d);
+        let above = along(d, n);
+        let flat = [along(d, u), along(d, v)];
+        let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
+        let is_one = numbers(simd, 0).simd_lt(u32x16::splat(simd, part.len() as u32));
+        let (scale, takes_part, either_side) = if is_level {
+            (level_scale, is_one, is_one)
+        } else {
+            let is_flat = is_one & (above * above).simd_le(square * (STEEPEST * STEEPEST));
+            let agree = along(m, n);
+            (scale, is_flat & agree.simd_ge(least), is_flat & agree.abs().simd_ge(AGREE))
+        };
+        on_surface += either_side.to_bitmask().count_ones() as usize;
+        compress(flat[0] * scale, takes_part, &mut offsets[0], count);
+        compress(flat[1] * scale, takes_part, &mut offsets[1], count);
+        count += takes_part.to_bitmask().count_ones() as usize;
+    }
+    cell.build(simd, &offsets[0][..count], &offsets[1][..count]);
+    (count, on_surface)
+}
+
+#[inline(always)]
+fn dot<S: Simd>(a: [f32x16<S>; 3], b: [f32x16<S>; 3]) -> f32x16<S> {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+#[inline(always)]
+fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
+    a[0] * n.x + a[1] * n.y + a[2] * n.z
+}
+
+/// More slots than a row has.
+struct WideRow {
+    slots: [u32; MOST_IN_CELL],
+    len: usize,
+}
+
+impl WideRow {
+    fn of(slots: impl Iterator<Item = u32>) -> Self {
+        let mut row = Self { slots: [0; MOST_IN_CELL], len: 0 };
+        for slot in slots.take(MOST_IN_CELL) {
+            row.slots[row.len] = slot;
+            row.len += 1;
+        }
+        row
+    }
+}
+
+impl std::ops::Deref for WideRow {
+    type Target = [u32];
+
+    fn deref(&self) -> &[u32] {
+        &self.slots[..self.len]
+    }
+}
+
+/// Areas and the sum of the moments of closed cells.
+struct Smooth {
+    areas: [f32; MOST_AREAS],
+    len: usize,
+    moments: [f32; 6],
+}
+
+/// Those of a cell and its neighbours, in whole steps.
+const MOST_AREAS: usize = MOST_IN_CELL + LANES;
+
+impl Default for Smooth {
+    fn default() -> Self {
+        Self { areas: [0.0; MOST_AREAS], len: 0, moments: [0.0; 6] }
+    }
+}
+
+impl Smooth {
+    #[inline]
+    fn add(&mut self, cell: &Summary) {
+        self.areas[self.len] = cell.area;
+        self.len += usize::from(cell.area > 0.0);
+        for (sum, m) in self.moments.iter_mut().zip(cell.moments) {
+            *sum += m;
+        }
+    }
+
+    /// The lower median of the areas: the one with as many smaller ones.
+    fn median(&mut self) -> Option<f32> {
+        let middle = self.len.checked_sub(1)? / 2;
+        let mut ranks = [0; MOST_AREAS];
+        dispatch!(Level::new(), simd => rank(simd, &mut self.areas, self.len, &mut ranks));
+        self.areas.iter().zip(ranks).take(self.len).find(|(_, rank)| *rank as usize == middle).map(|(area, _)| *area)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_of_few_areas_are_those_of_sorted_values() {
+        let mut random = crate::mesh::random::Random::new(9);
+        for count in [0, 1, 2, 17, 60] {
+            let values: Vec<f32> = (0..count).map(|_| (random.unit() * 3.0 - 0.5).powi(3) as f32).collect();
+            let mut smooth = Smooth::default();
+            values.iter().for_each(|area| smooth.add(&Summary { area: *area, ..Summary::default() }));
+            let mut sorted: Vec<f32> = values.iter().copied().filter(|v| *v > 0.0).collect();
+            sorted.sort_by(f32::total_cmp);
+            assert_eq!(smooth.median(), sorted.len().checked_sub(1).map(|last| sorted[last / 2]));
+        }
+    }
+}

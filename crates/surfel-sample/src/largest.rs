@@ -1,0 +1,116 @@
+//! The largest disk that a point's surroundings allow.
+//!
+//! No disk is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. Most points are told at once
+//! to comply: where no radius is small enough, as far as those neighbours may be, none of them is looked for.
+
+use crate::nearest::Search;
+use crate::parallel::map_each;
+use crate::progress::NoProgress;
+use crate::radii::Sizes;
+use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
+
+/// Neighbours whose median radius limits a point's own.
+const AROUND: usize = 100;
+/// Largest radius, over that median.
+const TIMES: f64 = 6.0;
+/// Rounds at most: a disk that becomes smaller lowers the medians of others. Three have always sufficed.
+const ROUNDS: usize = 16;
+/// Share of the limit that splats are shortened to: what rounding the ratio of an ellipse's axes adds.
+const ROUNDING: f64 = 1.0 - 2e-4;
+
+/// Shortens the splats that are larger than their surroundings allow.
+pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
+    for _ in 0..ROUNDS {
+        let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
+        let least = Least::new(points, &radii);
+        let leaves = points.len().div_ceil(LEAF);
+        let may_exceed = map_each(leaves, &NoProgress, || (), |(), leaf| least.may_exceed(points, &radii, leaf));
+        let slots: Vec<usize> =
+            (0..leaves).filter(|leaf| may_exceed[*leaf]).flat_map(|leaf| points.leaf(leaf)).collect();
+        let limit = |search: &mut Search, i: usize| {
+            let slot = slots[i];
+            let (near, _) = search.nearest(slot, AROUND, 0.0);
+            median(near.iter().map(|j| radii[*j as usize]))
+                .map(|median| TIMES * f64::from(median))
+                .filter(|limit| f64::from(radii[slot]) > *limit)
+        };
+        let limits = map_each(slots.len(), &NoProgress, || Search::new(points), limit);
+        let mut is_done = true;
+        for (slot, limit) in slots.into_iter().zip(limits) {
+            if let Some(limit) = limit {
+                is_done = false;
+                sizes.shorten(slot, limit * ROUNDING);
+            }
+        }
+        if is_done {
+            return;
+        }
+    }
+}
+
+/// The lower median of a few values.
+fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
+    let mut all = [0.0; AROUND];
+    let mut count = 0;
+    for (to, value) in all.iter_mut().zip(values) {
+        *to = value;
+        count += 1;
+    }
+    let middle = usize::checked_sub(count, 1)? / 2;
+    Some(*all[..count].select_nth_unstable_by(middle, f32::total_cmp).1)
+}
+
+/// Least radii of leaves, of groups of leaves, and so on, like the levels of boxes.
+struct Least {
+    levels: Vec<Vec<f32>>,
+}
+
+impl Least {
+    fn new(points: &SortedPoints, radii: &[f32]) -> Self {
+        let least = |values: &[f32]| values.iter().copied().fold(f32::INFINITY, f32::min);
+        let mut levels = vec![radii.chunks(LEAF).map(least).collect::<Vec<f32>>()];
+        while levels.len() < points.levels().len() {
+            let above = levels[levels.len() - 1].chunks(FAN).map(least).collect();
+            levels.push(above);
+        }
+        Self { levels }
+    }
+
+    /// False where no radius near a leaf is so small that its own largest exceeds [`TIMES`] the median.
+    fn may_exceed(&self, points: &SortedPoints, radii: &[f32], leaf: usize) -> bool {
+        let largest = radii[points.leaf(leaf)].iter().copied().fold(0.0, f32::max);
+        let small = (f64::from(largest) / TIMES) as f32 * (1.0 + 1e-6);
+        // The boxes around the leaf, until one surely holds enough points: no neighbour is farther than it is wide.
+        let (mut level, mut index, mut size) = (0, leaf, LEAF);
+        let top = points.levels().len() - 1;
+        while size <= AROUND || (index + 1) * size > points.len() {
+            if level == top {
+                return self.levels[top].iter().any(|least| *least < small);
+            }
+            (level, index, size) = (level + 1, index / FAN, size * FAN);
+        }
+        let around = points.levels()[level][index / FAN].get(index % FAN);
+        let widest = (0..3).map(|k| (f64::from(around.hi[k]) - f64::from(around.lo[k])).powi(2)).sum::<f64>().sqrt();
+        let region = around.grown((widest * (1.0 + 1e-6) + 1.0).min(f64::from(i32::MAX)) as i32);
+        self.has_small(points, &region, small)
+    }
+
+    /// True if a leaf that meets `region` has a radius below `small`.
+    fn has_small(&self, points: &SortedPoints, region: &Bounds, small: f32) -> bool {
+        let top = points.levels().len() - 1;
+        let mut stack: Vec<(usize, usize)> = (0..self.levels[top].len()).map(|index| (top, index)).collect();
+        while let Some((level, index)) = stack.pop() {
+            let bounds = points.levels()[level][index / FAN].get(index % FAN);
+            let meets = (0..3).all(|k| bounds.lo[k] <= region.hi[k] && bounds.hi[k] >= region.lo[k]);
+            if !meets || self.levels[level][index] >= small {
+                continue;
+            }
+            if level == 0 {
+                return true;
+            }
+            let below = &self.levels[level - 1];
+            stack.extend((index * FAN..((index + 1) * FAN).min(below.len())).map(|index| (level - 1, index)));
+        }
+        false
+    }
+}
