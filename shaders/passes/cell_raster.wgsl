@@ -1,9 +1,9 @@
-// The last pass of the compute path: a workgroup draws a cell, an invocation each of its pixels. The cell's records pass
-// through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
-// to it. Then the pixel is divided, lit and written from registers.
+// The last pass of the compute path: a workgroup draws a cell, an invocation each of its pixels. The cell's records
+// pass through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes
+// up to it. Then the pixel is divided, lit and written from registers.
 
 // Records of a batch, and words of a bit for each.
-const BATCH: u32 = 96u;
+const BATCH: u32 = 92u;
 const BATCH_WORDS: u32 = 3u;
 // Blocks of 8×4 pixels of a cell. The records of a batch that touch a block are found once for all of its pixels.
 const BLOCK_COLUMNS: u32 = 8u;
@@ -15,7 +15,7 @@ const SMALL_SPLAT_PX: u32 = 64u;
 const IS_SMALL: u32 = 0x80000000u;
 
 // Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
-var<workgroup> staged: array<vec4u, 672>;
+var<workgroup> staged: array<vec4u, 644>;
 // The part of each record's box in the cell: first column and row, end column and row, five bits each; with IS_SMALL.
 // 0 if there is none.
 var<workgroup> staged_boxes: array<u32, BATCH>;
@@ -25,6 +25,9 @@ var<workgroup> block_bits: array<atomic<u32>, 48>;
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
 // Bits of the depth threshold of each pixel, as a reversed depth: they compare as the numbers do.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
+// Where sides of oriented splats are kept apart: in the first loop the nearness of back-facing splats, afterwards the
+// side that each pixel shows.
+var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
 fn staged_part(part: u32, r: u32) -> vec4u {
     return staged[part * BATCH + r];
@@ -114,8 +117,8 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
     }
 }
 
-// A staged record in registers. Its gradients are those of the unfiltered (u·w, v·w) in the first loop and of the filtered
-// in the second.
+// A staged record in registers. Its gradients are those of the unfiltered (u·w, v·w) in the first loop and of the
+// filtered in the second.
 struct CellRecord {
     base: vec2i,
     // From the anchor to the centre of its pixel.
@@ -163,12 +166,68 @@ struct CellSums {
     fragments: f32,
 }
 
-// Reversed depth z_near/(z + ε) of a record's unfiltered splat at a pixel; 0 where it has no fragment.
-fn threshold_of(record: CellRecord, pixel: vec2i) -> f32 {
+// Depth of a record's unfiltered splat at a pixel; 0 where it has no fragment.
+fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     let d = offset_in(record, pixel);
     let z = fragment_depth(d, record.depth, record.scale, record.at_anchor.z, record.flags);
     let is_there = is_in_unfiltered(d, record.uv, record.depth.xy, record.at_anchor, record.flags) && exists(z);
-    return select(0.0, reversed_depth(z + record.epsilon), is_there);
+    return select(0.0, z, is_there);
+}
+
+// The first loop's maxima of a pixel, reversed depths: thresholds of splats that have no side, of front-facing and of
+// back-facing ones, and how near the nearest of these come (rendering model §5). Without sides the first is all.
+struct Maxima {
+    threshold: f32,
+    front: f32,
+    back: f32,
+    front_nearness: f32,
+    back_nearness: f32,
+}
+
+// Maxima of a record's fragment at depth z.
+fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
+    let threshold = reversed_depth(z + record.epsilon);
+    let facing = record.flags & RECORD_FACING;
+    if !sided || facing == 0u {
+        return Maxima(threshold, 0.0, 0.0, 0.0, 0.0);
+    }
+    let is_back = facing == RECORD_BACK;
+    let nearest = reversed_depth(nearness(z, record.epsilon, is_back));
+    if is_back {
+        return Maxima(0.0, 0.0, threshold, 0.0, nearest);
+    }
+    return Maxima(0.0, threshold, 0.0, nearest, 0.0);
+}
+
+// Raises the maxima of an invocation's pixel in workgroup memory. Sides have those that only the second loop needs.
+fn raise(at: u32, m: Maxima, sided: bool) {
+    if m.threshold > 0.0 {
+        atomicMax(&thresholds[at], bitcast<u32>(m.threshold));
+    }
+    if sided && m.front > 0.0 {
+        atomicMax(&pixel_bits[at], bitcast<u32>(m.front));
+        atomicMax(&pixel_bits[2u * CELL_WORKGROUP + at], bitcast<u32>(m.front_nearness));
+    }
+    if sided && m.back > 0.0 {
+        atomicMax(&pixel_bits[CELL_WORKGROUP + at], bitcast<u32>(m.back));
+        atomicMax(&sides[at], bitcast<u32>(m.back_nearness));
+    }
+}
+
+fn greatest(a: Maxima, b: Maxima) -> Maxima {
+    return Maxima(
+        max(a.threshold, b.threshold),
+        max(a.front, b.front),
+        max(a.back, b.back),
+        max(a.front_nearness, b.front_nearness),
+        max(a.back_nearness, b.back_nearness),
+    );
+}
+
+// True if a pixel that shows a side shows this record; 0 is no side.
+fn shows_side(shown: u32, flags: u32) -> bool {
+    let own = flags & RECORD_FACING;
+    return own == 0u || shown == 0u || own == shown;
 }
 
 // The contribution of a record to a pixel.
@@ -190,11 +249,17 @@ fn is_within(threshold: f32, c: Contribution) -> bool {
     return c.is_there && threshold <= reversed_depth(c.z);
 }
 
+// What the second loop sums at a pixel: fragments up to a reversed depth, of a side if there are sides.
+struct CellLimit {
+    threshold: f32,
+    side: u32,
+}
+
 // Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
-fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: ptr<function, CellSums>) {
+fn add_contribution(r: u32, pixel: vec2i, limit: CellLimit, surface: bool, sums: ptr<function, CellSums>) {
     let record = staged_record(r);
     let c = contribution_of(record, pixel);
-    if !is_within(threshold, c) {
+    if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
         return;
     }
     (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
@@ -209,7 +274,7 @@ fn add_contribution(r: u32, pixel: vec2i, threshold: f32, surface: bool, sums: p
 }
 
 // Raises the thresholds of the pixels of a small splat; two invocations share its rows.
-fn raise_thresholds(r: u32, half: u32, corner: vec2u) {
+fn raise_thresholds(r: u32, half: u32, corner: vec2u, sided: bool) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -219,16 +284,16 @@ fn raise_thresholds(r: u32, half: u32, corner: vec2u) {
     let record = staged_record(r);
     for (var y = first.y + half; y < end.y; y += 2u) {
         for (var x = first.x; x < end.x; x++) {
-            let threshold = threshold_of(record, vec2i(corner + vec2u(x, y)));
-            if threshold > 0.0 {
-                atomicMax(&thresholds[invocation_of(x, y)], bitcast<u32>(threshold));
+            let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
+            if z > 0.0 {
+                raise(invocation_of(x, y), maxima_of(record, z, sided), sided);
             }
         }
     }
 }
 
 // Marks the pixels that a small splat contributes to.
-fn mark_pixels(r: u32, half: u32, corner: vec2u) {
+fn mark_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -240,7 +305,11 @@ fn mark_pixels(r: u32, half: u32, corner: vec2u) {
         for (var x = first.x; x < end.x; x++) {
             let at = invocation_of(x, y);
             let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
-            if is_within(threshold, contribution_of(record, vec2i(corner + vec2u(x, y)))) {
+            var shown = true;
+            if sided {
+                shown = shows_side(atomicLoad(&sides[at]), record.flags);
+            }
+            if shown && is_within(threshold, contribution_of(record, vec2i(corner + vec2u(x, y)))) {
                 atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
             }
         }
@@ -258,23 +327,26 @@ fn clear_cell(i: u32) {
     }
 }
 
-// The first loop: the depth threshold of the invocation's pixel among the pairs of a range, which `thresholds` hold
-// afterwards. Block bits are clear before and after.
-fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
+// The first loop: the limit of the invocation's pixel among the pairs of a range, which `thresholds` and `sides` hold
+// afterwards. Bits are clear before and after. `sided` is a compile-time constant: true where sides are kept apart.
+fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
     let of_batch = CELL_BLOCKS * BATCH_WORDS;
     // Where the bits of a batch are; those of the next are elsewhere, and cleared meanwhile.
     var bits_at = 0u;
-    var threshold = 0.0;
+    var maxima = Maxima(0.0, 0.0, 0.0, 0.0, 0.0);
+    if sided {
+        atomicStore(&sides[i], 0u);
+    }
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
         stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
-            raise_thresholds(i / 2u, i % 2u, corner);
+            raise_thresholds(i / 2u, i % 2u, corner, sided);
         }
         for (var word = 0u; word < BATCH_WORDS; word++) {
             var bits = atomicLoad(&block_bits[bits_at + words + word]);
@@ -282,7 +354,11 @@ fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    threshold = max(threshold, threshold_of(staged_record(r), pixel));
+                    let record = staged_record(r);
+                    let z = visible_depth_of(record, pixel);
+                    if z > 0.0 {
+                        maxima = greatest(maxima, maxima_of(record, z, sided));
+                    }
                 }
             }
         }
@@ -291,12 +367,26 @@ fn find_threshold(range: vec2u, corner: vec2u, i: u32) -> f32 {
             atomicStore(&block_bits[bits_at + i], 0u);
         }
     }
-    atomicMax(&thresholds[i], bitcast<u32>(threshold));
+    raise(i, maxima, sided);
     workgroupBarrier();
     if i < 2u * of_batch {
         atomicStore(&block_bits[i], 0u);
     }
-    return bitcast<f32>(atomicLoad(&thresholds[i]));
+    var limit = CellLimit(bitcast<f32>(atomicLoad(&thresholds[i])), 0u);
+    if sided {
+        let front = bitcast<f32>(atomicExchange(&pixel_bits[i], 0u));
+        let back = bitcast<f32>(atomicExchange(&pixel_bits[CELL_WORKGROUP + i], 0u));
+        let front_nearness = bitcast<f32>(atomicExchange(&pixel_bits[2u * CELL_WORKGROUP + i], 0u));
+        let back_nearness = bitcast<f32>(atomicLoad(&sides[i]));
+        if front_nearness > 0.0 && back_nearness <= front_nearness {
+            limit = CellLimit(max(limit.threshold, front), RECORD_FRONT);
+        } else if back_nearness > 0.0 {
+            limit = CellLimit(max(limit.threshold, back), RECORD_BACK);
+        }
+        atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
+        atomicStore(&sides[i], limit.side);
+    }
+    return limit;
 }
 
 fn no_cell_sums() -> CellSums {
@@ -304,8 +394,8 @@ fn no_cell_sums() -> CellSums {
     return CellSums(none, none, none, 0.0);
 }
 
-// The second loop: sums of the invocation's pixel, up to the thresholds, among the pairs of a range.
-fn sum_pixel(range: vec2u, corner: vec2u, i: u32, threshold: f32, surface: bool) -> CellSums {
+// The second loop: sums of the invocation's pixel, up to its limit, among the pairs of a range.
+fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, surface: bool, sided: bool) -> CellSums {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -318,7 +408,7 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, threshold: f32, surface: bool)
         stage(first, count, corner, i, bits_at, false, surface);
         workgroupBarrier();
         if i / 2u < count {
-            mark_pixels(i / 2u, i % 2u, corner);
+            mark_pixels(i / 2u, i % 2u, corner, sided);
         }
         workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
@@ -328,7 +418,7 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, threshold: f32, surface: bool)
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    add_contribution(r, pixel, threshold, surface, &sums);
+                    add_contribution(r, pixel, limit, surface, &sums);
                 }
             }
         }
@@ -346,16 +436,17 @@ fn pairs_of(cell: vec2u) -> vec2u {
     return vec2u(pairs.cell, pairs.record);
 }
 
-// Draws a cell that isn't dense. `surface` and `full` (see `shade`) are compile-time constants.
-fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool) {
+// Draws a cell, unless it is dense and sides don't matter. `surface`, `full` (see `shade`) and `sided` are compile-time
+// constants.
+fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool, sided: bool) {
     let range = pairs_of(cell);
-    if range.y - range.x > DENSE_PAIRS {
+    if !sided && range.y - range.x > DENSE_PAIRS {
         return;
     }
     let corner = cell * CELL_SIDE;
     clear_cell(i);
-    let threshold = find_threshold(range, corner, i);
-    let sums = sum_pixel(range, corner, i, threshold, surface);
+    let limit = find_limit(range, corner, i, sided);
+    let sums = sum_pixel(range, corner, i, limit, surface, sided);
     write_cell_pixel(corner + pixel_in_cell(i), sums, full);
 }
 
@@ -400,19 +491,31 @@ fn write_surface(own: vec2u, point: Point) {
 // Draws cells of an image that has neither normals nor depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, false, false);
+    draw_cell(cell.xy, i, false, false, false);
 }
 
 // Draws cells.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, false);
+    draw_cell(cell.xy, i, true, false, false);
 }
 
 // Draws cells of an image with shadows, or by `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, true);
+    draw_cell(cell.xy, i, true, true, false);
+}
+
+// Draws cells whose pixels show one side of oriented splats.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, true, false, true);
+}
+
+// The same of an image with shadows, or by `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, true, true, true);
 }
 
 // Dense cells, which have more pairs than this, are drawn in parts by workgroups of their own, so that no workgroup's
@@ -481,8 +584,7 @@ fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invo
         return;
     }
     clear_cell(i);
-    let threshold = find_threshold(part.range, corner_of_cell(part.cell), i);
-    cell_parts_out[part_word(number, 0u, i)] = threshold;
+    cell_parts_out[part_word(number, 0u, i)] = find_limit(part.range, corner_of_cell(part.cell), i, false).threshold;
 }
 
 // Sums what a part contributes, up to the thresholds of all parts of its cell.
@@ -499,7 +601,7 @@ fn sum_part(number: u32, i: u32, surface: bool) {
     clear_cell(i);
     workgroupBarrier();
     atomicStore(&thresholds[i], bitcast<u32>(threshold));
-    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, threshold, surface);
+    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, CellLimit(threshold, 0u), surface, false);
     for (var k = 0u; k < 4u; k++) {
         cell_parts_out[part_word(number, 1u + k, i)] = sums.color[k];
         cell_parts_out[part_word(number, 5u + k, i)] = sums.surface[k];

@@ -50,8 +50,8 @@ struct CellCounts {
     pairs: u32,
 }
 
-// A record and a cell that it may touch. Before the pairs of a buffer there is one for each cell: where the cell's sorted
-// pairs begin and end.
+// A record and a cell that it may touch. Before the pairs of a buffer there is one for each cell: where the cell's
+// sorted pairs begin and end.
 struct CellPair {
     cell: u32,
     record: u32,

@@ -107,8 +107,8 @@ struct Frame {
     first_pixel: vec2u,
     // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
     host_depth: vec2f,
-    // Of the compute path: cells in a row, and in all, chunks that may touch the tile, groups of records, and how many records and
-    // pairs there is room for.
+    // Of the compute path: cells in a row, and in all, chunks that may touch the tile, groups of records, and how many
+    // records and pairs there is room for.
     cell_columns: u32,
     cell_count: u32,
     cell_chunk_count: u32,

@@ -23,16 +23,16 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats on one surface, whose sums
-    /// are f32. Clipped or transparent splats, both facings of oriented clouds, polygons, trained Gaussians, antialiased
-    /// edges, the plane of indices and shadow maps themselves need raster hardware.
+    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats, whose sums are f32. Clipped
+    /// or transparent splats, polygons, trained Gaussians, antialiased edges, the plane of indices and shadow maps
+    /// themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
             matches!(pass, ShadowMap | Visibility | Attributes | Shade | Outlines | EyeDome)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
-        let is_whole = plan.clip == ClipPolicy::Off && !plan.keeps_facings && !plan.separates_transparent;
+        let is_whole = plan.clip == ClipPolicy::Off && !plan.separates_transparent;
         let is_exact = plan.accumulate == Accumulate::F32;
         let has_only_these = plan.passes.iter().all(is_drawn) && !plan.planes.index;
         self != Self::Raster && has_splats && is_whole && is_exact && has_only_these
@@ -347,25 +347,26 @@ pub fn pixel_passes_after_cells(plan: &FramePlan) -> Vec<PixelPass> {
 /// The entry points that draw a plan's cells.
 struct RasterEntries {
     cells: &'static str,
-    /// Sums of dense cells' parts.
-    parts: &'static str,
-    /// Dense cells of their parts.
-    combine: &'static str,
+    /// Thresholds and sums of dense cells' parts, and dense cells of their parts; `None` where sides of oriented splats
+    /// are kept apart, whose cells are drawn whole.
+    of_parts: Option<[&'static str; 3]>,
 }
-
-/// The entry point that finds the thresholds of dense cells' parts.
-const PART_THRESHOLDS: &str = "cell_part_thresholds";
 
 impl RasterEntries {
     fn of(plan: &FramePlan) -> Self {
         let has_surface = plan.attributes.normal || plan.attributes.depth;
         let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
+        if plan.keeps_facings {
+            let cells = if is_full { "cell_sided_shadowed_surfaces" } else { "cell_sided_surfaces" };
+            return Self { cells, of_parts: None };
+        }
         let (cells, parts) = match (is_full, has_surface) {
             (true, _) => ("cell_shadowed_surfaces", "cell_part_surfaces"),
             (false, true) => ("cell_surfaces", "cell_part_surfaces"),
             (false, false) => ("cell_colors", "cell_part_colors"),
         };
-        Self { cells, parts, combine: if is_full { "cell_combine_shadowed" } else { "cell_combine" } }
+        let combine = if is_full { "cell_combine_shadowed" } else { "cell_combine" };
+        Self { cells, of_parts: Some(["cell_part_thresholds", parts, combine]) }
     }
 }
 
@@ -393,9 +394,9 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
     let entries = RasterEntries::of(plan);
     let of_cells = |entry| CellStep { workgroups: cells.size, ..step(entry, CellRound::Sorted, 0) };
     let mut raster = vec![of_cells(entries.cells)];
-    if room.parts() > 0 && cells.groups() > 0 {
+    if let Some([thresholds, sums, combine]) = entries.of_parts.filter(|_| room.parts() > 0 && cells.groups() > 0) {
         let of_parts = |entry| step(entry, CellRound::Sorted, room.parts());
-        raster.extend([of_parts(PART_THRESHOLDS), of_parts(entries.parts), of_cells(entries.combine)]);
+        raster.extend([of_parts(thresholds), of_parts(sums), of_cells(combine)]);
     }
     let mut stages = vec![CellStage { name: "setup", steps: setup }];
     let groups = u64::from(cells.groups());
@@ -422,8 +423,8 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
 
 /// The entry points that a plan's cells may need, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
-    let entries = RasterEntries::of(plan);
-    vec![
+    let RasterEntries { cells, of_parts } = RasterEntries::of(plan);
+    let before = [
         "cell_begin",
         "cell_setup",
         "cell_near",
@@ -433,11 +434,8 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
         "cell_count_digits",
         "cell_scatter",
         "cell_find_ranges",
-        entries.cells,
-        PART_THRESHOLDS,
-        entries.parts,
-        entries.combine,
-    ]
+    ];
+    before.into_iter().chain([cells]).chain(of_parts.into_iter().flatten()).collect()
 }
 
 #[cfg(test)]
@@ -475,7 +473,6 @@ mod tests {
         };
         let others = [
             planned(&with(|s| s.clips = true), Planes::COLOR, |_| ()),
-            planned(&with(|s| s.both_facings = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.meshes = true), Planes::COLOR, |_| ()),
             planned(&with(|s| s.gaussians = Some(GaussianColors::Linear)), Planes::COLOR, |_| ()),
             planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
@@ -518,11 +515,26 @@ mod tests {
         // Few pairs make no cell dense.
         let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
         assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
-        assert!(!few.contains(&"cell_near") && !few.contains(&PART_THRESHOLDS) && few.contains(&"cell_emit"));
+        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
         let many = names(&cells(&[3, 2], 7), layout::DENSE_PAIRS + 1);
         assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
-        assert_eq!(&many[many.len() - 3..], [PART_THRESHOLDS, "cell_part_colors", "cell_combine"]);
+        assert_eq!(&many[many.len() - 3..], ["cell_part_thresholds", "cell_part_colors", "cell_combine"]);
         assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
+    }
+
+    #[test]
+    fn sides_are_kept_apart_only_where_a_plan_does() {
+        let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
+        for (shader, entry) in
+            [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
+        {
+            let plan = planned(&both, Planes::COLOR, |s| s.shader = shader);
+            assert!(GpuPath::Auto.draws_cells(&plan));
+            let entries = cell_entries(&plan);
+            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
+            let plan = planned(&SceneSummary::default(), Planes::COLOR, |s| s.shader = shader);
+            assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
+        }
     }
 
     #[test]

@@ -10,7 +10,8 @@ pub struct Limits {
     /// Records of a scene that take more than this, in bytes, share one buffer and are set up again for each pass,
     /// which takes less memory and more time. Trained Gaussians whose records and lists do are drawn in parts.
     pub record_bytes: u64,
-    /// Largest buffer of records or pairs of the compute path, bytes. Frames that need more are drawn by raster hardware.
+    /// Largest buffer of records or pairs of the compute path, bytes. Frames that need more are drawn by raster
+    /// hardware.
     pub cell_bytes: u64,
     /// Memory that a scene and its records may take, bytes. A scene that needs more is refused before anything is
     /// allocated.
