@@ -275,7 +275,14 @@ impl Renderer {
         let mut room = CellRoom::start(self.cells.room, cells, self.limits);
         while let Some(tried) = room {
             data.put_room(tried);
-            self.cells.prepare(&self.device, cells, tried)?;
+            match self.cells.prepare(&self.device, cells, tried) {
+                // Raster hardware may still have enough.
+                Err(Failure::OutOfMemory) => {
+                    self.cells = CellBuffers::default();
+                    return Ok(false);
+                }
+                prepared => prepared?,
+            }
             let pixel_passes = pixel_passes_after_cells(job.plan);
             for &pass in &pixel_passes {
                 self.pipelines.prepare_pixels(pass)?;

@@ -2,7 +2,7 @@
 
 use crate::adapter::{self, OpenDevice, blends_f32, renderer_info};
 use crate::cells::{CellBuffers, CellTile};
-use crate::error::{ErrorSink, failed, scoped};
+use crate::error::{ErrorSink, ScopedError, failed, scoped};
 use crate::execute::{Tile, TileInputs};
 use crate::options::Options;
 use crate::pipelines::Pipelines;
@@ -253,8 +253,14 @@ impl Renderer {
                 draws: Vec::new(),
                 floats: data.planes.buffer_floats,
             };
+            let made = scoped(&device, || self.cells.prepare(&device, cells, tried));
+            if matches!(made, Err(ScopedError::OutOfMemory)) {
+                // Raster hardware may still have enough.
+                self.cells = CellBuffers::default();
+                return Ok(false);
+            }
+            made?;
             let recorded = scoped(&device, || {
-                self.cells.prepare(&device, cells, tried);
                 pixel_passes.iter().for_each(|&pass| self.pipelines.prepare_pixels(&device, pass));
                 cell_entries(job.plan).into_iter().for_each(|entry| self.pipelines.prepare_cells(&device, entry));
                 self.prepare_targets(key);

@@ -525,8 +525,7 @@ mod tests {
     #[test]
     fn sides_are_kept_apart_only_where_a_plan_does() {
         let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
-        for (shader, entry) in
-            [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
+        for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
         {
             let plan = planned(&both, Planes::COLOR, |s| s.shader = shader);
             assert!(GpuPath::Auto.draws_cells(&plan));
