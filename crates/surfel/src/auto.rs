@@ -207,8 +207,8 @@ impl Whites {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// The background for a shader. Lit white surfaces are darker than a white background all along their outline, which
-    /// faces past the lights; unlit ones are not, and those of `edl` only beside what is nearer.
+    /// The background for a shader. Lit white surfaces are darker than a white background all along their outline,
+    /// which faces past the lights; unlit ones are not, and those of `edl` only beside what is nearer.
     fn background(&self, shader: Shader) -> [f64; 4] {
         let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }

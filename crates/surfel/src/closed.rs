@@ -52,15 +52,15 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
         let step = STEEPEST * reach_px * 2.0 / SIDE as f64;
         if faces_away(patch) && outer[pixel].0 - depth > step {
             away += 1;
-            holes += usize::from(!(farthest.around(pixel, reach_px) - depth > step));
+            holes += usize::from(farthest.around(pixel, reach_px) - depth <= step);
         }
     }
     let share = |count: usize| count as f64 / seen.max(1) as f64;
     (share(away), share(holes))
 }
 
-/// Largest depths of the squares of a thumbnail whose sides are powers of two. A few splats may cover all of it, so that
-/// each pixel asks for a square as large as the thumbnail.
+/// Largest depths of the squares of a thumbnail whose sides are powers of two. A few splats may cover all of it, so
+/// that each pixel asks for a square as large as the thumbnail.
 struct Farthest {
     /// For each power of two the largest depth of the square that begins at each pixel.
     levels: Vec<Vec<f64>>,

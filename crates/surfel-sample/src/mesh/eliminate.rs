@@ -503,8 +503,7 @@ mod tests {
         let neighbours = [1 << 16 | links[0], links[0], 2 << 16 | links[1], 1 << 16 | links[1], 3 << 16 | links[2]];
         let neighbours = [&neighbours[..], &[2 << 16 | links[2], 4 << 16 | links[3], 3 << 16 | links[3]]].concat();
         let ends = [1, 3, 5, 7, 8];
-        let mut queue = Queue::default();
-        queue.weights = vec![0.0; 5];
+        let mut queue = Queue { weights: vec![0.0; 5], ..Queue::default() };
         for (i, weight) in queue.weights.iter_mut().enumerate() {
             let start = if i == 0 { 0 } else { ends[i - 1] };
             *weight = neighbours[start..ends[i]].iter().map(|n| f64::from(f32::from_bits(n << 16))).sum();
