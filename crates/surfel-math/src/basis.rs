@@ -49,7 +49,9 @@ pub fn largest_singular_value(s: DVec3, t: DVec3) -> f64 {
     }
     let (s, t) = (s / scale, t / scale);
     let (a, b, c) = (s.dot(s), s.dot(t), t.dot(t));
-    scale * (0.5 * (a + c) + (0.5 * (a - c)).hypot(b)).sqrt()
+    // No more than 3 each: `hypot` is for numbers whose squares overflow.
+    let half = 0.5 * (a - c);
+    scale * (0.5 * (a + c) + (half * half + b * b).sqrt()).sqrt()
 }
 
 /// Half-axes at right angles of the ellipse u·s + v·t, with the same s × t: (s, t) turned within the unit disk.

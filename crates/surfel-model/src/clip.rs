@@ -71,9 +71,19 @@ impl ClipColumns {
         Some(Curve::from_angles(theta1, theta3, V2::new(u, v), w))
     }
 
+    /// True if splat `i` has a clip curve or line.
+    pub fn is_clipped(&self, i: usize) -> bool {
+        let is_there = |l: &ClipLine| !(l.a.is_nan() || l.b.is_nan() || l.c.is_nan());
+        self.lines.as_ref().is_some_and(|lines| lines[i].iter().any(is_there))
+            || self.curves.as_ref().is_some_and(|curves| !curves[i].w.is_nan())
+    }
+
     /// What splat `i` keeps of its disk under a policy; `None` where nothing clips it. [`ClipPolicy::Paper`] is the
     /// same image as [`ClipPolicy::Exact`] and has the same forms.
     pub fn clip(&self, i: usize, policy: ClipPolicy) -> Option<Clip<f64>> {
+        if policy == ClipPolicy::Off || !self.is_clipped(i) {
+            return None;
+        }
         let lines: Vec<[f64; 3]> = self
             .lines
             .iter()
@@ -82,9 +92,6 @@ impl ClipColumns {
             .filter(|l| l.iter().all(|x| !x.is_nan()))
             .collect();
         let curve = self.curve(i);
-        if policy == ClipPolicy::Off || (curve.is_none() && lines.is_empty()) {
-            return None;
-        }
         let any = self.modes.as_ref().is_some_and(|modes| modes[i] == ClipMode::Or);
         let clip = Clip::nothing().with_lines(&lines, any);
         Some(match (curve, policy) {

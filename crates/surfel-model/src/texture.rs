@@ -24,7 +24,8 @@ impl Texture {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
         }
-        bilinear(uv, self.width as usize, self.height as usize, |i| linear(self.srgba8[i]))
+        let decoded = &*DECODED;
+        bilinear(uv, self.width as usize, self.height as usize, |i| linear_by(decoded, self.srgba8[i]))
     }
 
     /// As [`Self::sample`], for images of numbers that no colour's encoding is applied to: each 0 to 1.
@@ -43,8 +44,9 @@ impl Texture {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
         }
+        let decoded = &*DECODED;
         let [r, g, b, a] = bilinear(uv, self.width as usize, self.height as usize, |i| {
-            let [r, g, b, a] = linear(self.srgba8[i]);
+            let [r, g, b, a] = linear_by(decoded, self.srgba8[i]);
             [r * a, g * a, b * a, a]
         });
         if a > 0.0 { [r / a, g / a, b / a, a] } else { self.sample(uv) }
@@ -84,7 +86,11 @@ static DECODED: LazyLock<[f32; 256]> =
 
 /// Linear RGB and alpha of a texel.
 pub(crate) fn linear(t: [u8; 4]) -> [f32; 4] {
-    [DECODED[t[0] as usize], DECODED[t[1] as usize], DECODED[t[2] as usize], f32::from(t[3]) / 255.0]
+    linear_by(&DECODED, t)
+}
+
+fn linear_by(decoded: &[f32; 256], [r, g, b, a]: [u8; 4]) -> [f32; 4] {
+    [decoded[usize::from(r)], decoded[usize::from(g)], decoded[usize::from(b)], f32::from(a) / 255.0]
 }
 
 /// A texture in half, a quarter … of its size, for surfaces that are seen smaller (rendering model §6).
@@ -174,11 +180,16 @@ fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> 
     let (x, y) = (wrap(uv[0]) * width as f32 - 0.5, wrap(uv[1]) * height as f32 - 0.5);
     let (x0, y0) = (x.floor(), y.floor());
     let (fx, fy) = (x - x0, y - y0);
-    let column = |dx: i64| (x0 as i64 + dx).rem_euclid(width as i64) as usize;
-    let row = |dy: i64| (y0 as i64 + dy).rem_euclid(height as i64) as usize;
-    let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(row(dy) * width + column(dx)));
+    let (columns, rows) = (wrapped(x0, width), wrapped(y0, height));
+    let corners = [(0, 0), (1, 0), (0, 1), (1, 1)].map(|(dx, dy)| texel(rows[dy] * width + columns[dx]));
     let weights = [(1.0 - fx) * (1.0 - fy), fx * (1.0 - fy), (1.0 - fx) * fy, fx * fy];
     std::array::from_fn(|c| corners.iter().zip(weights).map(|(t, w)| t[c] * w).sum())
+}
+
+/// A texel's number along an axis and the next one's, of one that is −1 to `size` − 1: repeated, without a division.
+fn wrapped(texel: f32, size: usize) -> [usize; 2] {
+    let next = (texel + 1.0) as usize;
+    [if next == 0 { size - 1 } else { (next - 1).min(size - 1) }, if next >= size { 0 } else { next }]
 }
 
 /// An image at half its size, each texel the mean of the area it covers.
@@ -235,6 +246,16 @@ mod tests {
         let mut known = KnownMipmaps::new();
         let [one, two] = [(), ()].map(|()| Mipmaps::of_mesh(&mesh.clone(), &mut known).unwrap());
         assert!(Arc::ptr_eq(&one, &two) && known.len() == 1);
+    }
+
+    #[test]
+    fn texels_repeat_at_both_ends() {
+        for size in [1_usize, 2, 3, 640] {
+            for texel in -1..size as i64 {
+                let expected = [texel, texel + 1].map(|t| t.rem_euclid(size as i64) as usize);
+                assert_eq!(wrapped(texel as f32, size), expected, "{texel} of {size}");
+            }
+        }
     }
 
     #[test]

@@ -44,7 +44,8 @@ pub struct AutoOptions {
     pub size: [u32; 2],
     /// A camera to use instead of a framed one.
     pub camera: Option<Camera>,
-    /// Linear RGB and straight alpha; `None`: white, or grey behind what is mostly white itself and drawn unlit.
+    /// Linear RGB and straight alpha; `None`: white, or grey behind what is mostly white itself and drawn by `unlit`
+    /// or `edl`.
     pub background: Option<[f64; 4]>,
     /// Settings.
     pub settings: Settings,
@@ -206,10 +207,10 @@ impl Whites {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// Lit white surfaces are darker than a white background all along their outline, which faces past the lights;
-    /// unlit ones are not.
+    /// The background for a shader. Lit white surfaces are darker than a white background all along their outline,
+    /// which faces past the lights; unlit ones are not, and those of `edl` only beside what is nearer.
     fn background(&self, shader: Shader) -> [f64; 4] {
-        let grey = shader == Shader::Unlit && self.share > WHITE.1;
+        let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }
     }
 }

@@ -5,6 +5,7 @@ use crate::patches::{MOST, Patch, Patches};
 use crate::viewpoint::draw;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::cell::LazyCell;
 
 /// Side of a thumbnail in pixels: holes of its pixels' size are found, as in a rocker arm's web of 10,000 points.
 const SIDE: usize = 128;
@@ -42,6 +43,7 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let growth = if patches.all.len() < MOST { 1.0 } else { GROWN };
     let all = draw(numbered(), 1.0, &axes, SIDE);
     let outer = draw(numbered().filter(|(_, patch)| !faces_away(patch)), growth, &axes, SIDE);
+    let farthest = LazyCell::new(|| Farthest::of(&all));
     let (mut seen, mut away, mut holes) = (0, 0, 0);
     for (pixel, (depth, number)) in all.iter().enumerate() {
         let Some(patch) = patches.all.get(*number) else { continue };
@@ -50,25 +52,49 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
         let step = STEEPEST * reach_px * 2.0 / SIDE as f64;
         if faces_away(patch) && outer[pixel].0 - depth > step {
             away += 1;
-            holes += usize::from(!is_near_rim(&all, pixel, reach_px, step));
+            holes += usize::from(farthest.around(pixel, reach_px) - depth <= step);
         }
     }
     let share = |count: usize| count as f64 / seen.max(1) as f64;
     (share(away), share(holes))
 }
 
-/// True where, within a square of this reach, something lies farther away by more than a step, or nothing lies.
-fn is_near_rim(pixels: &[(f64, usize)], pixel: usize, reach_px: f64, step: f64) -> bool {
-    let range = |at: usize| {
-        let (reach, at) = (reach_px.ceil().min(SIDE as f64) as usize, at + SIDE);
-        at - reach..=at + reach
-    };
-    // Places count from one image's width before the image.
-    let depth = |x: usize, y: usize| match (SIDE..2 * SIDE).contains(&x) && (SIDE..2 * SIDE).contains(&y) {
-        true => pixels[(y - SIDE) * SIDE + x - SIDE].0,
-        false => f64::INFINITY,
-    };
-    range(pixel / SIDE).any(|y| range(pixel % SIDE).any(|x| depth(x, y) - pixels[pixel].0 > step))
+/// Largest depths of the squares of a thumbnail whose sides are powers of two. A few splats may cover all of it, so
+/// that each pixel asks for a square as large as the thumbnail.
+struct Farthest {
+    /// For each power of two the largest depth of the square that begins at each pixel.
+    levels: Vec<Vec<f64>>,
+}
+
+impl Farthest {
+    fn of(pixels: &[(f64, usize)]) -> Self {
+        let mut levels = vec![pixels.iter().map(|(depth, _)| *depth).collect::<Vec<f64>>()];
+        while 1 << levels.len() <= SIDE {
+            let (half, last) = (1 << (levels.len() - 1), &levels[levels.len() - 1]);
+            // Squares that reach beyond the thumbnail are never asked for.
+            let at = |x: usize, y: usize| last[y.min(SIDE - 1) * SIDE + x.min(SIDE - 1)];
+            let largest = |i: usize| {
+                let (x, y) = (i % SIDE, i / SIDE);
+                at(x, y).max(at(x + half, y)).max(at(x, y + half)).max(at(x + half, y + half))
+            };
+            levels.push((0..SIDE * SIDE).map(largest).collect());
+        }
+        Self { levels }
+    }
+
+    /// Returns the largest depth within a square of this reach about a pixel; infinity beyond the thumbnail.
+    fn around(&self, pixel: usize, reach_px: f64) -> f64 {
+        let (x, y, reach) = (pixel % SIDE, pixel / SIDE, reach_px.ceil().min(SIDE as f64) as usize);
+        if x.min(y) < reach || x.max(y) + reach >= SIDE {
+            return f64::INFINITY;
+        }
+        let side = 2 * reach + 1;
+        let power = side.ilog2();
+        // Four squares that overlap.
+        let rest = side - (1 << power);
+        let at = |dx: usize, dy: usize| self.levels[power as usize][(y - reach + dy) * SIDE + x - reach + dx];
+        at(0, 0).max(at(rest, 0)).max(at(0, rest)).max(at(rest, rest))
+    }
 }
 
 #[cfg(test)]
@@ -128,6 +154,23 @@ mod tests {
             }
         }
         splats
+    }
+
+    #[test]
+    fn largest_depths_are_those_of_the_square_or_infinite_beyond_the_image() {
+        let depth = |i: usize| ((i * 7919) % 104_729) as f64;
+        let pixels: Vec<(f64, usize)> = (0..SIDE * SIDE).map(|i| (depth(i), 0)).collect();
+        let farthest = Farthest::of(&pixels);
+        for (x, y, reach) in
+            [(64, 64, 0), (64, 64, 1), (50, 70, 2), (40, 90, 37), (63, 63, 63), (64, 64, 63), (3, 9, 3)]
+        {
+            let square = (y - reach..=y + reach).flat_map(|y| (x - reach..=x + reach).map(move |x| y * SIDE + x));
+            let largest = square.map(depth).fold(0.0, f64::max);
+            assert_eq!(farthest.around(y * SIDE + x, reach as f64 - 0.5), largest, "{x} {y} {reach}");
+        }
+        for (x, y, reach) in [(63, 63, 64.0), (0, 64, 1.0), (64, 127, 1.0), (126, 3, 2.0), (64, 64, 1e9)] {
+            assert_eq!(farthest.around(y * SIDE + x, reach), f64::INFINITY, "{x} {y} {reach}");
+        }
     }
 
     #[test]

@@ -271,11 +271,12 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             Shape::Disks { radii, .. } => f64::from(radii[i]),
             Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
         };
-        match cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, ClipPolicy::Exact)) {
-            Some(clip) => {
+        match cloud.data().clips.as_ref().filter(|clips| clips.is_clipped(i)) {
+            Some(clips) => {
                 let outline = |f: &mut dyn FnMut(DVec3)| {
                     let (s, t) = axes();
-                    outline(&clip).for_each(|d| f(p + s * d.x + t * d.y));
+                    let clip = clips.clip(i, ClipPolicy::Exact);
+                    clip.iter().flat_map(outline).for_each(|d| f(p + s * d.x + t * d.y));
                 };
                 f(p, &Extent { reach: reach * growth * OUTSIDE, axes: &axes, outline: Some(&outline) });
             }
@@ -306,11 +307,6 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             }
         }
     }
-}
-
-/// Calls `f` with all of a scene.
-fn for_each_splat(scene: &Scene, mut f: impl FnMut(DVec3, &Extent)) {
-    scene.objects.iter().for_each(|object| for_each_of(object, 0..object.geometry.len(), &mut f));
 }
 
 /// What `add` makes of all of a scene, part by part on all threads; what the parts give, which begin with `none`, goes
@@ -380,13 +376,24 @@ fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
     let mut coordinates: [Vec<f64>; 3] = Default::default();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
     let step = (total / 20_000).max(1);
-    let mut index = 0;
-    for_each_splat(scene, |p, _| {
-        if index % step == 0 {
-            coordinates.iter_mut().zip(p.to_array()).for_each(|(c, x)| c.push(x));
+    let mut add = |p: DVec3| coordinates.iter_mut().zip(p.to_array()).for_each(|(c, x)| c.push(x));
+    let mut index = 0_usize;
+    for object in &scene.objects {
+        let len = object.geometry.len();
+        if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
+            // All of them count, so that those between need not be visited.
+            let first = index.next_multiple_of(step) - index;
+            (first..len).step_by(step).for_each(|i| for_each_of(object, i..i + 1, &mut |p, _| add(p)));
+            index += len;
+        } else {
+            for_each_of(object, 0..len, &mut |p, _| {
+                if index % step == 0 {
+                    add(p);
+                }
+                index += 1;
+            });
         }
-        index += 1;
-    });
+    }
     let everything = ((lo + hi) * 0.5, f64::INFINITY);
     let count = coordinates[0].len();
     if count < 200 {

@@ -2,8 +2,9 @@
 
 use std::path::Path;
 use std::sync::Arc;
+use surfel::framing::{FrameProjection, NamedView, ViewChoice};
 use surfel::glam::{DAffine3, DVec3};
-use surfel::model::{Geometry, Material, Object};
+use surfel::model::{Geometry, Material, Object, Up};
 use surfel::scene::{AutoOptions, LoadedObjects, ObjectFacts, assemble, auto_scene, bare_object};
 use surfel::{Backend, Settings, Shader, SplatCloud};
 
@@ -21,19 +22,26 @@ fn ball(color: Option<[f32; 3]>) -> LoadedObjects {
     if let Some(color) = color {
         cloud = cloud.with_colors(&vec![color; centers.len()]).unwrap();
     }
+    loaded(cloud, color.is_some())
+}
+
+fn loaded(cloud: SplatCloud, colored: bool) -> LoadedObjects {
     let object = Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
         world_from_object: DAffine3::IDENTITY,
         material: Material::default(),
     };
-    let facts = ObjectFacts { colored: color.is_some(), closed: true, ..ObjectFacts::default() };
+    let facts = ObjectFacts { colored, closed: true, ..ObjectFacts::default() };
     LoadedObjects { objects: vec![object], facts: vec![facts], ..LoadedObjects::default() }
 }
 
 /// Linear luminance of an automatic image, row by row, and the background's.
 fn image(loaded: LoadedObjects, shader: Shader) -> (Vec<Vec<f32>>, f32) {
-    let settings = Settings::default().with_shader(shader);
-    let options = AutoOptions::default().with_size([96, 96]).with_settings(settings);
+    image_by(loaded, AutoOptions::default().with_settings(Settings::default().with_shader(shader)))
+}
+
+fn image_by(loaded: LoadedObjects, options: AutoOptions) -> (Vec<Vec<f32>>, f32) {
+    let options = options.with_size([96, 96]);
     let file = auto_scene(vec![bare_object(Path::new("ball.ply"))], &loaded, &options).unwrap();
     let scene = assemble(&file, loaded.objects).unwrap();
     let mut backend = Backend::auto().unwrap();
@@ -81,6 +89,22 @@ fn unlit_white_objects_stand_before_grey() {
     let (rows, background) = image(ball(Some([0.5, 0.2, 0.1])), Shader::Unlit);
     assert_eq!(background, 1.0);
     assert!((rows[48][48] - 0.5).abs() < 1e-3);
+}
+
+#[test]
+fn white_ground_is_seen_from_above() {
+    let centers: Vec<[f32; 3]> = (0..2500).map(|i| [(i % 50) as f32, (i / 50) as f32, 0.0]).collect();
+    let ground = SplatCloud::disks(&centers, &vec![[0.0, 0.0, 1.0]; 2500], &vec![1.5; 2500]).unwrap();
+    let view = AutoOptions::default()
+        .with_up(Some(Up::PlusZ))
+        .with_view(ViewChoice::Named(NamedView::Top))
+        .with_projection(FrameProjection::Orthographic);
+    for shader in [Shader::Unlit, Shader::Phong, Shader::Toon, Shader::Matcap, Shader::Edl] {
+        let settings = Settings::default().with_shader(shader);
+        let (rows, background) = image_by(loaded(ground.clone(), false), view.clone().with_settings(settings));
+        let seen = rows.iter().flatten().filter(|v| (*v - background).abs() > 0.05).count();
+        assert!(seen > 5000, "{shader:?}: {seen} pixels");
+    }
 }
 
 #[test]

@@ -107,6 +107,15 @@ impl StoredClips {
         }
     }
 
+    /// Adds the slots of another part of the same columns, to which no filtered forms were added yet.
+    pub(crate) fn append(&mut self, part: Self) {
+        let (heads, forms) = (self.heads.len() as u32, self.forms.len() as u32);
+        let slots = part.of_slot.into_iter().map(|clip| if clip == NONE { NONE } else { clip + heads });
+        self.of_slot.extend(slots);
+        self.heads.extend(part.heads.into_iter().map(|head| Head { first: head.first + forms, ..head }));
+        self.forms.extend(part.forms);
+    }
+
     /// True if no slot has a clip.
     pub(crate) fn is_empty(&self) -> bool {
         self.heads.is_empty()
@@ -165,5 +174,39 @@ impl StoredClip<'_> {
             _ => (),
         }
         clip
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::{DVec3, Vec3};
+    use surfel_model::{ClipColumns, ClipLine, CloudData, Column3, NO_LINE, OnInvalid, Shape};
+
+    #[test]
+    fn parts_that_are_put_together_are_stored_as_one() {
+        let column = |v: Vec3| Column3::from_f32(vec![v; 7]);
+        let shape = Shape::Ellipses { s: column(Vec3::X), t: column(Vec3::Y) };
+        let line = |i: usize| ClipLine { a: 1.0, b: 0.1 * i as f32, c: 0.5 };
+        // Every other splat has lines, one more than the one before.
+        let lines = |i: usize| std::array::from_fn(|k| if i % 2 == 0 && k <= i / 2 { line(i + k) } else { NO_LINE });
+        let clips = ClipColumns { lines: Some((0..7).map(lines).collect()), ..ClipColumns::default() };
+        let data = CloudData { clips: Some(clips), ..CloudData::new(DVec3::ZERO, column(Vec3::ZERO), shape) };
+        let cloud = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
+        let stored = |splats: std::ops::Range<usize>| {
+            let mut stored = StoredClips::default();
+            splats.for_each(|i| stored.push(&cloud, i));
+            stored
+        };
+        let (whole, mut parts) = (stored(0..7), stored(0..3));
+        parts.append(stored(3..4));
+        parts.append(stored(4..7));
+        assert_eq!(whole.clipped(0), 0b101_0101);
+        assert_eq!(parts.clipped(0), whole.clipped(0));
+        for slot in 0..7 {
+            let [one, other] =
+                [&whole, &parts].map(|clips| clips.get(slot, ClipPolicy::Exact).map(|clip| clip.whole()));
+            assert_eq!(one, other, "{slot}");
+        }
     }
 }

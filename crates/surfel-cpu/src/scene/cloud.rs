@@ -175,10 +175,6 @@ impl StoredObject {
                             of_slots.resize(of_slots.len().next_multiple_of(LANES), u32::MAX);
                         }
                     }
-                    if stored.clips.is_some() {
-                        wave.iter().for_each(|(space, members)| stored.push_chunk(cloud, *space, members));
-                        continue;
-                    }
                     let part_of = |task: &[(ChunkSpace, &[u32])]| {
                         let mut part = Self::empty(cloud, place, storage, TASK * CHUNK);
                         task.iter().for_each(|(space, members)| part.push_chunk(cloud, *space, members));
@@ -199,7 +195,7 @@ impl StoredObject {
         stored
     }
 
-    /// Adds the chunks of another part of the same cloud, without clips.
+    /// Adds the chunks of another part of the same cloud.
     fn append(&mut self, part: Self) {
         let base = self.centers.len();
         self.chunks.extend(part.chunks.into_iter().map(|chunk| Chunk { first: base + chunk.first, ..chunk }));
@@ -216,6 +212,7 @@ impl StoredObject {
             }
             _ => debug_assert!(false, "parts of a cloud have its shape"),
         }
+        self.clips.iter_mut().zip(part.clips).for_each(|(clips, more)| clips.append(more));
         self.colors.iter_mut().zip(part.colors).for_each(|(column, more)| column.append(more));
         self.shading_normals.iter_mut().zip(part.shading_normals).for_each(|(column, more)| column.append(more));
         self.labels.iter_mut().zip(part.labels).for_each(|(column, more)| column.extend(more));

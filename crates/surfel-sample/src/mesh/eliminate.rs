@@ -175,6 +175,8 @@ struct Block {
     cells: Vec<(u64, u16)>,
     sorting: Vec<(u64, u16)>,
     pairs: Vec<Pair>,
+    /// Candidates near one, and their squared distances; the last is overwritten.
+    near: Vec<(u16, f32)>,
     /// For each candidate the end of its neighbours.
     ends: Vec<u32>,
     /// Neighbours, all candidates' one after another: the candidate in the upper half, the weight in the lower one.
@@ -252,33 +254,42 @@ impl Block {
 
     /// Compares the candidates of every cell with those of half of the cells about it.
     fn compare_cells(&mut self, [row, layer]: [u64; 2], level: u16, closest: f32) {
-        let Self { locals, cells, pairs, .. } = self;
-        // The middles of rows of three cells, and where each begins.
-        let rows = [row, layer - row, layer, layer + row];
-        let mut begins = [0; 4];
+        let Self { locals, cells, pairs, near, .. } = self;
+        // The middles of rows of three cells, the first of which the cell is in; where rows begin and end.
+        let middles = [0, row, layer - row, layer, layer + row];
+        let mut ranges = [(0, 0); 5];
+        let mut last = 0;
+        near.resize(middles.len() * MOST_IN_ROW + 1, (0, 0.0));
         for (place, &(cell, first)) in cells.iter().enumerate() {
+            if cell != last {
+                for (middle, (begin, end)) in middles.iter().map(|m| cell + m).zip(&mut ranges) {
+                    *begin += cells[*begin..].iter().take_while(|(other, _)| other + 1 < middle).count();
+                    *end += cells[*end..].iter().take_while(|(other, _)| *other <= middle + 1).count();
+                }
+                last = cell;
+            }
+            ranges[0].0 = place + 1;
             let a = &locals[usize::from(first)];
-            let mut compare = |range: &[(u64, u16)], last: u64| {
-                for &(_, second) in range.iter().take(MOST_IN_ROW).take_while(|(cell, _)| *cell <= last) {
-                    let b = &locals[usize::from(second)];
-                    let reach = a.reach.min(b.reach);
-                    let square = a.position.distance_squared(b.position);
-                    let is_of_level = a.level == level || b.level == level;
-                    if square < reach * reach && is_of_level && a.normal.dot(b.normal) >= 0.0 {
-                        let share = 1.0 - (square.sqrt() / reach).max(closest);
-                        if share > LEAST {
-                            let weight = (share.powi(ALPHA).to_bits() >> 16) as u16;
-                            pairs.push(Pair { first, second, weight });
-                        }
+            // Without a branch that depends on distances, which no processor foresees.
+            let mut count = 0;
+            for (begin, end) in ranges {
+                for &(_, second) in &cells[begin..end.min(begin + MOST_IN_ROW)] {
+                    let square = a.position.distance_squared(locals[usize::from(second)].position);
+                    near[count] = (second, square);
+                    count += usize::from(square < a.reach * a.reach);
+                }
+            }
+            for &(second, square) in &near[..count] {
+                let b = &locals[usize::from(second)];
+                let reach = a.reach.min(b.reach);
+                let is_of_level = a.level == level || b.level == level;
+                if square < reach * reach && is_of_level && a.normal.dot(b.normal) >= 0.0 {
+                    let share = 1.0 - (square.sqrt() / reach).max(closest);
+                    if share > LEAST {
+                        let weight = (share.powi(ALPHA).to_bits() >> 16) as u16;
+                        pairs.push(Pair { first, second, weight });
                     }
                 }
-            };
-            compare(&cells[place + 1..], cell + 1);
-            for (middle, begin) in rows.iter().zip(&mut begins) {
-                while *begin < cells.len() && cells[*begin].0 < cell + middle - 1 {
-                    *begin += 1;
-                }
-                compare(&cells[*begin..], cell + middle + 1);
             }
         }
     }
@@ -492,8 +503,7 @@ mod tests {
         let neighbours = [1 << 16 | links[0], links[0], 2 << 16 | links[1], 1 << 16 | links[1], 3 << 16 | links[2]];
         let neighbours = [&neighbours[..], &[2 << 16 | links[2], 4 << 16 | links[3], 3 << 16 | links[3]]].concat();
         let ends = [1, 3, 5, 7, 8];
-        let mut queue = Queue::default();
-        queue.weights = vec![0.0; 5];
+        let mut queue = Queue { weights: vec![0.0; 5], ..Queue::default() };
         for (i, weight) in queue.weights.iter_mut().enumerate() {
             let start = if i == 0 { 0 } else { ends[i - 1] };
             *weight = neighbours[start..ends[i]].iter().map(|n| f64::from(f32::from_bits(n << 16))).sum();

@@ -22,7 +22,8 @@ pub(crate) mod see_through;
 mod transitions;
 mod vertices;
 
-use crate::{Progress, SampleError, interior};
+use crate::parallel::map_each;
+use crate::{NoProgress, Progress, SampleError, interior};
 use surfel_model::{CloudData, Mesh, OnInvalid, SplatCloud};
 
 pub use closed::{BOTH_SIDES, CLOSED_MESH, FINE_SPLATS, FLAT_PARTS, is_closed, is_oriented, turn_outward};
@@ -134,7 +135,7 @@ fn finish(
     let (mut cloud, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
     progress.stage("interior weight", 1);
     report.splats = cloud.len();
-    let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
+    let mut radii = map_each(cloud.len(), &NoProgress, || (), |(), i| cloud.radius_max(i));
     report.median_radius = crate::radii::median(&mut radii).unwrap_or(0.0);
     report.interior_weight = interior::interior_weight(&cloud);
     if let Some(weight) = report.interior_weight {

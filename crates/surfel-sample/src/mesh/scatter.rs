@@ -7,8 +7,8 @@ use crate::progress::Progress;
 /// A place: a part's number, and barycentric coordinates of it.
 pub(crate) type PartPlace = (u32, [f64; 3]);
 
-/// Where the four triangles of half a triangle's size begin, in its barycentric coordinates 1 and 2, and their size; that
-/// of the middle one is negative, as it is turned.
+/// Where the four triangles of half a triangle's size begin, in its barycentric coordinates 1 and 2, and their size;
+/// that of the middle one is negative, as it is turned.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
 /// Most digits of a number that choose between four parts.
 const MOST_DIGITS: u32 = 16;
@@ -64,8 +64,8 @@ impl<'a> Scatter<'a> {
         self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, random))
     }
 
-    /// Results of `of` for `count` numbers, which ascend, in parallel and in order; `of` is given a number, its part and
-    /// its random numbers.
+    /// Results of `of` for `count` numbers, which ascend, in parallel and in order; `of` is given a number, its part
+    /// and its random numbers.
     fn map<T: Clone + Default + Send>(
         &self,
         count: usize,
