@@ -6,8 +6,8 @@ use crate::class::{ALONE, FLAT, Measured, needs_coherence};
 use crate::eigen::{symmetric2, symmetric3};
 use crate::lanes::{LANES, compress, numbers, rank};
 use crate::nearest::{Search, distance2};
-use crate::normals::{COLLINEAR, WIDE, WIDEST, covariance, wider};
-use crate::orient::{NEAREST, Oriented, coherence, offset, roughness};
+use crate::normals::{COLLINEAR, WIDE, WIDEST, covariance, sum, wider};
+use crate::orient::{NEAREST, Oriented, coherence, offset};
 use crate::radii::{Ellipse, MOST_STRETCHED, STRETCHED, Size};
 use crate::sorted::{LEAF, SortedPoints};
 use fearless_simd::prelude::*;
@@ -48,6 +48,8 @@ struct Summary {
     among: Among,
     /// Share of the row's neighbours that are on no surface with the point, on either side.
     elsewhere: f32,
+    /// Mean squared sine of the angle between the tangent plane and the row's neighbours.
+    roughness: f32,
     /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
     moments: [f32; 6],
 }
@@ -74,6 +76,7 @@ struct Found {
     /// As in [`Summary`].
     among: Among,
     elsewhere: f32,
+    roughness: f32,
 }
 
 /// Unit tangents of a unit normal, as `surfel_math::basis::orthonormal` has them.
@@ -102,6 +105,8 @@ pub(crate) struct Scale {
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
+    /// True of slots whose normals are up because their points lie in no surface; empty if there are none.
+    level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
     /// The leaf of the last row.
@@ -109,8 +114,10 @@ pub(crate) struct Block<'a> {
     cell: Cell,
     /// Of neighbours, x and y.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// How many neighbours of the last cell are on a surface with its point, on either side.
+    /// How many neighbours of the last cell are on a surface with its point, on either side, and the sum of the squared
+    /// sines of the angles between its tangent plane and the neighbours.
     on_surface: usize,
+    squared_sines: f32,
     /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
     /// them all, own ones first.
     own: Range<usize>,
@@ -120,16 +127,18 @@ pub(crate) struct Block<'a> {
 }
 
 impl<'a> Block<'a> {
-    pub(crate) fn new(points: &'a SortedPoints, oriented: &'a [Oriented], scale: Scale) -> Self {
+    pub(crate) fn new(points: &'a SortedPoints, (oriented, level): (&'a [Oriented], &'a [bool]), scale: Scale) -> Self {
         Self {
             points,
             oriented,
+            level,
             scale,
             search: Search::new(points),
             leaf: usize::MAX,
             cell: Cell::default(),
             offsets: [[0.0; MOST_IN_CELL + LANES]; 2],
             on_surface: 0,
+            squared_sines: 0.0,
             own: 0..0,
             halo: Vec::new(),
             rows: Vec::new(),
@@ -167,6 +176,10 @@ impl<'a> Block<'a> {
         self.rows.extend_from_slice(near);
     }
 
+    fn is_level(&self, slot: usize) -> bool {
+        self.level.get(slot).copied().unwrap_or(false)
+    }
+
     #[inline]
     fn same_side(&self, a: usize, b: usize) -> bool {
         self.oriented[a].normal.dot(self.oriented[b].normal) >= AGREE
@@ -192,11 +205,12 @@ impl<'a> Block<'a> {
         };
         let Some(last) = near.last() else { return (false, 0.0) };
         let limit2 = distance2(self.points.at(*last as usize), self.points.at(slot));
+        let is_level = self.is_level(slot);
         let (points, oriented, cell) = (self.points, self.oriented, &mut self.cell);
-        let unrolled = (points, oriented, slot, limit2, agree);
+        let unrolled = (points, oriented, (slot, is_level), limit2, agree);
         let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
-        let (count, on_surface) = counts;
-        self.on_surface = on_surface;
+        let (count, on_surface, squared_sines) = counts;
+        (self.on_surface, self.squared_sines) = (on_surface, squared_sines);
         // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
@@ -206,7 +220,8 @@ impl<'a> Block<'a> {
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
         let (is_closed, unit) = self.build(slot, near, Among::Side);
         let elsewhere = 1.0 - self.on_surface as f32 / near.len() as f32;
-        let found = Found { is_closed, unit, among: Among::Side, elsewhere };
+        let roughness = self.squared_sines / near.len() as f32;
+        let found = Found { is_closed, unit, among: Among::Side, elsewhere, roughness };
         if is_closed || self.points.len() <= near.len() + 1 {
             return found;
         }
@@ -259,10 +274,10 @@ impl<'a> Block<'a> {
             distance2(self.points.at(*other as usize), self.points.at(slot)).sqrt()
         };
         let (spacing, fourth) = (distance(RING), distance(GRID));
-        let Found { is_closed, unit, among, elsewhere } = self.best_cell(slot, near);
+        let Found { is_closed, unit, among, elsewhere, roughness } = self.best_cell(slot, near);
         let reach = self.cell.reach() * unit;
         if !is_closed {
-            return Summary { reach, spacing, fourth, among, elsewhere, ..Summary::default() };
+            return Summary { reach, spacing, fourth, among, elsewhere, roughness, ..Summary::default() };
         }
         let (area, [xx, xy, yy]) = self.cell.moments();
         let square = unit * unit;
@@ -273,7 +288,7 @@ impl<'a> Block<'a> {
                 |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
             moments = [at(0, 0), at(0, 1), at(0, 2), at(1, 1), at(1, 2), at(2, 2)];
         }
-        Summary { area: area * square, reach, spacing, fourth, among, elsewhere, moments }
+        Summary { area: area * square, reach, spacing, fourth, among, elsewhere, roughness, moments }
     }
 
     /// The size of the point at place `i` of the run.
@@ -309,13 +324,14 @@ impl<'a> Block<'a> {
         let m = Measured {
             spacing,
             second,
-            fourth: own.fourth,
+            fourth: if is_known { f32::INFINITY } else { own.fourth },
             // More than half of the neighbours, of which one may be the other of a pair.
             denser: if near.len() >= RING { denser as f32 / (near.len() - 1) as f32 } else { 0.0 },
             flat_reach: if is_known { f32::INFINITY } else { self.flat_reach(slot, near) },
-            is_open: !is_known && own.area == 0.0,
+            is_open: own.area == 0.0,
+            is_between_lines: own.among == Among::Lines,
             elsewhere: if is_known { 0.0 } else { own.elsewhere },
-            ..self.layout(slot, near, surrounded)
+            ..self.layout(slot, near, own.roughness, surrounded)
         };
         let evidence = m.evidence();
         let class = evidence.class();
@@ -327,13 +343,12 @@ impl<'a> Block<'a> {
     }
 
     /// What the layout of the neighbours and their normals says, added to what is measured.
-    fn layout(&self, slot: usize, near: &[u32], measured: Measured) -> Measured {
+    fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
-        if self.scale.known.is_some() || own.is_level || near.is_empty() {
+        if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
             return Measured { coherence: 1.0, ..measured };
         }
         let sparseness = own.farthest2.sqrt() / self.scale.farthest;
-        let roughness = roughness(self.points, (slot, own.normal), near);
         let coherence = match needs_coherence(sparseness, roughness) {
             true => coherence(self.points, self.oriented, slot, &near[..near.len().min(NEAREST)]),
             false => 1.0,
@@ -399,19 +414,22 @@ impl<'a> Block<'a> {
 }
 
 /// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`, and whose normals agree
-/// by the cosine `least`: how many take part, and how many would if normals had no sign.
+/// by the cosine `least`: how many take part, how many would if normals had no sign, and the sum of the squared sines of
+/// the angles between the tangent plane and all of `near`.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
-    (points, oriented, slot, limit2, least): (&SortedPoints, &[Oriented], usize, f32, f32),
+    (points, oriented, (slot, is_level), limit2, least): (&SortedPoints, &[Oriented], (usize, bool), f32, f32),
     near: &[u32],
     offsets: &mut [[f32; MOST_IN_CELL + LANES]; 2],
     cell: &mut Cell,
-) -> (usize, usize) {
+) -> (usize, usize, f32) {
     let (p, n) = (points.at(slot), oriented[slot].normal);
-    let ((u, v), is_level) = (tangents(n), oriented[slot].is_level);
+    let (u, v) = tangents(n);
     let level_scale = f32x16::splat(simd, limit2.sqrt().recip());
     let (mut count, mut on_surface) = (0, 0);
+    let zero = f32x16::splat(simd, 0.0);
+    let mut squared_sines = zero;
     for part in near.chunks(LANES) {
         let (mut d, mut m) = ([[0.0_f32; LANES]; 3], [[0.0_f32; LANES]; 3]);
         for (i, j) in part.iter().enumerate() {
@@ -427,6 +445,7 @@ fn build_by<S: Simd>(
         let flat = [along(d, u), along(d, v)];
         let scale = (square / ((flat[0] * flat[0] + flat[1] * flat[1]) * limit2)).sqrt();
         let is_one = numbers(simd, 0).simd_lt(u32x16::splat(simd, part.len() as u32));
+        squared_sines += is_one.select(above * above / square, zero);
         let (scale, takes_part, either_side) = if is_level {
             (level_scale, is_one, is_one)
         } else {
@@ -440,7 +459,7 @@ fn build_by<S: Simd>(
         count += takes_part.to_bitmask().count_ones() as usize;
     }
     cell.build(simd, &offsets[0][..count], &offsets[1][..count]);
-    (count, on_surface)
+    (count, on_surface, sum(squared_sines.to_array()) as f32)
 }
 
 #[inline(always)]

@@ -91,7 +91,8 @@ impl PointClass {
 const LARGEST: f64 = 2.5;
 /// The same at a border, where the corners of a cell may lie far outside the surface.
 const LARGEST_AT_BORDER: f64 = 1.5;
-/// The same of disks on lines, over the density radius of the typical spacing: limbs that few points go around have gaps.
+/// The same of disks on lines, over the density radius of the typical spacing: limbs that few points go around have
+/// gaps.
 const LARGEST_ON_LINE: f64 = 1.5;
 /// Where a surface turns within the radius of the density rule by so many radians (root mean square, over the nearest
 /// neighbours), a disk would stick out past the outline. It ends there, but not before it covers its cell, nor before
@@ -143,13 +144,19 @@ pub(crate) struct Measured {
     pub(crate) closed: usize,
     /// True if the point's own cell is open.
     pub(crate) is_open: bool,
+    /// True if points of other scan lines close it, far beyond those of its own.
+    pub(crate) is_between_lines: bool,
     /// Share of the neighbours that lie in other planes.
     pub(crate) elsewhere: f32,
 }
 
 impl Measured {
-    /// Radius that a disk has at least: that of the density rule, less where the surface turns.
+    /// Radius that a disk has at least: that of the density rule, less where the surface turns. Between lines that are
+    /// far apart a disk only covers its cell: at the last of them it would stick out by more than the gap is wide.
     fn least_radius(&self) -> f32 {
+        if self.is_between_lines {
+            return 0.0;
+        }
         self.flat_reach.clamp(LEAST * self.spacing, DENSITY as f32 * self.spacing)
     }
 

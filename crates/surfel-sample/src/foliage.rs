@@ -1,8 +1,8 @@
 //! Evidence for foliage, and its rule for normals.
 //!
 //! Leaves lie in no surface, and planes through them point anywhere. A point is among leaves where many points around
-//! it are tangled, and what is around it is thick. Its normal then is that of the crown: away from the middle of what is
-//! around it, and some toward the outside.
+//! it are tangled, and what is around it is thick. Its normal then is that of the crown: away from the middle of what
+//! is around it, and some toward the outside.
 
 use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
@@ -15,8 +15,8 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Share of the neighbours that are tangled themselves, from which a point is among foliage; of one whose disk is large,
-/// and in a forest, less is enough, here and below.
+/// Share of the neighbours that are tangled themselves, from which a point is among foliage; of one whose disk is
+/// large, and in a forest, less is enough, here and below.
 const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.

@@ -23,10 +23,19 @@ pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
         let least = Least::new(points, &radii);
-        let leaves = points.len().div_ceil(LEAF);
-        let may_exceed = map_each(leaves, &NoProgress, || (), |(), leaf| least.may_exceed(points, &radii, leaf));
-        let slots: Vec<usize> =
-            (0..leaves).filter(|leaf| may_exceed[*leaf]).flat_map(|leaf| points.leaf(leaf)).collect();
+        let may_exceed = |level: usize, size: usize| {
+            map_each(
+                points.len().div_ceil(size),
+                &NoProgress,
+                || (),
+                |(), i| least.may_exceed(points, &radii, level, i),
+            )
+        };
+        // Groups of leaves first: of most, no leaf needs a look.
+        let groups = may_exceed(1, FAN * LEAF);
+        let leaves = (0..points.len().div_ceil(LEAF)).filter(|leaf| groups[leaf / FAN]);
+        let leaves = leaves.filter(|leaf| least.may_exceed(points, &radii, 0, *leaf));
+        let slots: Vec<usize> = leaves.flat_map(|leaf| points.leaf(leaf)).collect();
         let limit = |search: &mut Search, i: usize| {
             let slot = slots[i];
             let (near, _) = search.nearest(slot, AROUND, 0.0);
@@ -76,15 +85,16 @@ impl Least {
         Self { levels }
     }
 
-    /// False where no radius near a leaf is so small that its own largest exceeds [`TIMES`] the median.
-    fn may_exceed(&self, points: &SortedPoints, radii: &[f32], leaf: usize) -> bool {
-        let largest = radii[points.leaf(leaf)].iter().copied().fold(0.0, f32::max);
+    /// False where no radius near box `index` of a level is so small that the box's largest exceeds [`TIMES`] the median.
+    fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
+        let mut size = LEAF * FAN.pow(level as u32);
+        let largest = radii[index * size..points.len().min((index + 1) * size)].iter().copied().fold(0.0, f32::max);
         let small = (f64::from(largest) / TIMES) as f32 * (1.0 + 1e-6);
-        // The boxes around the leaf, until one surely holds enough points: no neighbour is farther than it is wide.
-        let (mut level, mut index, mut size) = (0, leaf, LEAF);
+        // The boxes around, until one surely holds enough points: no neighbour is farther than it is wide.
+        let (mut level, mut index) = (level, index);
         let top = points.levels().len() - 1;
-        while size <= AROUND || (index + 1) * size > points.len() {
-            if level == top {
+        while level > top || size <= AROUND || (index + 1) * size > points.len() {
+            if level >= top {
                 return self.levels[top].iter().any(|least| *least < small);
             }
             (level, index, size) = (level + 1, index / FAN, size * FAN);

@@ -18,11 +18,11 @@ pub(crate) const COLLINEAR: f64 = 0.02;
 /// up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
 
-/// Neighbours that a last look takes where those lie on one line, too: a circle of so many reaches the adjacent scan line
-/// up to a spacing ratio of 1:50.
+/// Neighbours that a last look takes where those lie on one line, too: a circle of so many reaches the adjacent scan
+/// line up to a spacing ratio of 1:50.
 pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
-/// Ratio of the smallest to the middle variance up to which neighbours lie in a plane that says how a disk lies, of those
-/// on a point's side and of all: where few are on its side, it may be in a corner.
+/// Ratio of the smallest to the middle variance up to which neighbours lie in a plane that says how a disk lies, of
+/// those on a point's side and of all: where few are on its side, it may be in a corner.
 const PLANAR: [f64; 2] = [0.1, 0.01];
 /// Cosine of the angle between a stored normal and the plane of the neighbours (20°) from which the normal fits it.
 const FITS: f64 = 0.94;
@@ -55,8 +55,8 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
 /// neighbours, else the normal of their plane on the stored one's side. Only neighbours count whose own stored normals,
 /// if they have any, agree: beyond a crease, and on the back of a thin sheet, they lie otherwise.
 ///
-/// Where a surface curves, neighbours to one side of a point lie in another plane than its own. Their normals show that:
-/// on a circle, the line between two points is at right angles to the mean of their normals.
+/// Where a surface curves, neighbours to one side of a point lie in another plane than its own. Their normals show
+/// that: on a circle, the line between two points is at right angles to the mean of their normals.
 pub(crate) fn laid(
     points: &SortedPoints,
     slot: usize,
@@ -90,8 +90,8 @@ pub(crate) fn laid(
     (if cosine < 0.0 { -normal } else { normal }).as_vec3()
 }
 
-/// The normal of a disk on a line of points: across the line, and as far toward the outside as that allows. `None` where
-/// not all that a last look finds lies on the line: a plane says more then.
+/// The normal of a disk on a line of points: across the line, and as far toward the outside as that allows. `None`
+/// where not all that a last look finds lies on the line: a plane says more then.
 pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
     let (values, vectors) = symmetric3(covariance(points, slot, near));
     let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;
@@ -146,7 +146,7 @@ fn sums_by<S: Simd>(simd: S, points: &SortedPoints, slot: usize, neighbours: &[u
 }
 
 /// The sum of all lanes, in the same order on every machine.
-fn sum(mut lanes: [f32; LANES]) -> f64 {
+pub(crate) fn sum(mut lanes: [f32; LANES]) -> f64 {
     let mut half = LANES / 2;
     while half > 0 {
         for i in 0..half {

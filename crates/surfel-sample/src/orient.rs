@@ -38,8 +38,6 @@ pub(crate) struct Oriented {
     pub(crate) normal: Vec3,
     /// Squared distance of the farthest neighbour, in steps; 0 where it isn't known.
     pub(crate) farthest2: f32,
-    /// True of a point whose neighbours lie in no surface, so that its normal is up.
-    pub(crate) is_level: bool,
 }
 
 impl Oriented {
@@ -73,9 +71,10 @@ impl Outside {
 
 /// A unit normal for each slot: the one in `given` where that isn't zero, else estimated from the `degree` nearest.
 ///
-/// `level_where_scattered` makes the latter up where these neighbours lie in no surface.
+/// `level_where_scattered` makes the latter up where these neighbours lie in no surface; which slots these are is the
+/// second result, empty if there are none.
 ///
-/// Given normals stay, and their majority decides for what is connected with them.
+/// Given normals that fit the layout of the neighbours stay, and their majority decides for what is connected with them.
 pub(crate) fn normals(
     points: &SortedPoints,
     degree: usize,
@@ -83,7 +82,7 @@ pub(crate) fn normals(
     outside: Outside,
     level_where_scattered: bool,
     progress: &dyn Progress,
-) -> Vec<Oriented> {
+) -> (Vec<Oriented>, Vec<bool>) {
     let count = points.len();
     progress.stage("normals", count as u64);
     let given = |slot: usize| given.map_or(Vec3::ZERO, |g| g[slot]);
@@ -97,6 +96,7 @@ pub(crate) fn normals(
         .map(|((oriented, labels), patches)| Block { oriented, labels, patches })
         .collect();
     let edges = Mutex::new(Vec::new());
+    let level = Mutex::new(Vec::new());
     for_chunks(&mut blocks, 1, &|i, block| {
         let Block { oriented, labels, patches } = &mut block[0];
         let mut search = Search::new(points);
@@ -117,7 +117,8 @@ pub(crate) fn normals(
                     o.normal = -o.normal;
                 }
                 if level_where_scattered && is_rough(points, (slot, o.normal), &rows[from..]) {
-                    *o = Oriented { normal: Vec3::Z, farthest2, is_level: true };
+                    o.normal = Vec3::Z;
+                    level.lock().unwrap_or_else(PoisonError::into_inner).push(slot);
                 }
             }
         }
@@ -133,7 +134,10 @@ pub(crate) fn normals(
         orient(points, &mut all, &given, (labels, patches, edges), up);
         progress.advance(1);
     }
-    all
+    let slots = level.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let mut level = vec![false; if slots.is_empty() { 0 } else { count }];
+    slots.into_iter().for_each(|slot| level[slot] = true);
+    (all, level)
 }
 
 /// What a task works out.
@@ -161,17 +165,12 @@ pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
 }
 
 /// True where neighbours of a point, which has this normal, lie in no plane.
-fn is_rough(points: &SortedPoints, at: (usize, Vec3), near: &[u32]) -> bool {
-    roughness(points, at, near) > ROUGH
-}
-
-/// Mean squared sine of the angle between the tangent plane of a point, which has this normal, and its neighbours.
-pub(crate) fn roughness(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> f32 {
+fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> bool {
     let sine2 = |j: &u32| {
         let d = offset(points, slot, *j as usize);
         d.dot(normal).powi(2) / d.length_squared()
     };
-    near.iter().map(sine2).sum::<f32>() / near.len() as f32
+    near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
 }
 
 /// Mean over `near` of how their normals lie to that of a point, mirrored to its place: 1 of a smooth surface, however
@@ -606,7 +605,7 @@ mod tests {
     /// Wrong signs against `outward`, in percent.
     fn wrong(positions: &[DVec3], outward: &[DVec3]) -> f64 {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
-        let all = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, false, &NoProgress);
+        let (all, _) = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, false, &NoProgress);
         let is_wrong = |slot: &usize| {
             let exact = outward[points.inputs(*slot)[0] as usize];
             all[*slot].normal.as_dvec3().dot(exact) < 0.0

@@ -4,7 +4,7 @@ use crate::class::PointClass;
 use crate::nearest::Search;
 use crate::normals::WIDEST;
 use crate::orient::{Oriented, Outside};
-use crate::parallel::{for_chunks, map_each};
+use crate::parallel::{for_chunks, map_each, map_tasks};
 use crate::radii::{self, Sizes, Spacing};
 use crate::sorted::{RUN, SortedPoints};
 use crate::{NoProgress, PointOptions, PointReport, Progress, SampleError};
@@ -67,16 +67,15 @@ pub fn splats_from_points(
     };
     let mut layout = lay_out(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
-    let mut sizes = radii::sizes(&sorted, &layout.oriented, degree, lone, options.ellipses, progress);
+    let mut sizes =
+        radii::sizes(&sorted, (&layout.oriented, &layout.is_level), degree, lone, options.ellipses, progress);
     let is_given = |slot: usize| sorted.inputs(slot).iter().any(|i| given.get(*i as usize).is_some());
     if report.normals_estimated > 0 && !options.level_where_scattered {
         foliage::find(&sorted, &mut layout.oriented, &mut sizes, is_given, outside);
     }
     largest::shorten(&sorted, &mut sizes);
     face_outside(&sorted, &mut layout.oriented, &sizes, is_given, outside);
-    for slot in 0..sorted.len() {
-        report.classes[sizes.class(slot) as usize] += sorted.inputs(slot).len();
-    }
+    report.classes = classes(&sorted, &sizes);
     report.isolated = report.classes[PointClass::Isolated as usize];
     let is_off = |i: &u32| given.get(*i as usize).is_some();
     let off = (0..sorted.len()).filter(|slot| layout.is_off(*slot));
@@ -105,7 +104,7 @@ pub fn splats_from_points(
     report.ellipses = sizes.stretched;
     let made = Made { slot_of, kept, layout, given, given_radii, scale };
     if options.level_where_scattered {
-        let is_level = |i: &u32| made.layout.oriented[made.place(*i as usize).1].is_level;
+        let is_level = |i: &u32| made.layout.is_level(made.place(*i as usize).1);
         report.level = (0..report.splats as u32).filter(is_level).collect();
     }
     let shading_normals = made.shading_normals(report.splats);
@@ -176,17 +175,24 @@ impl<'a> GivenRadii<'a> {
 /// Normals of disks, one a slot.
 struct Layout {
     oriented: Vec<Oriented>,
+    /// True where a slot's point lies in no surface, so that its normal is up; empty if none does.
+    is_level: Vec<bool>,
     /// True where a slot's stored normal doesn't fit the layout of its neighbours; empty if all do.
     is_off: Vec<bool>,
 }
 
 impl Layout {
+    fn is_level(&self, slot: usize) -> bool {
+        self.is_level.get(slot).copied().unwrap_or(false)
+    }
+
     fn is_off(&self, slot: usize) -> bool {
         self.is_off.get(slot).copied().unwrap_or(false)
     }
 }
 
-/// Lays out a disk in each slot: by the normal that one of its points has, where that fits the neighbours, else by these.
+/// Lays out a disk in each slot: by the normal that one of its points has, where that fits the neighbours, else by
+/// these.
 fn lay_out(
     given: &GivenNormals,
     sorted: &SortedPoints,
@@ -202,10 +208,10 @@ fn lay_out(
         map_each(sorted.len(), &NoProgress, || (), |(), slot| normal(slot))
     });
     let Some(known) = known else {
-        let oriented = orient::normals(sorted, degree, None, outside, level_where_scattered, progress);
-        return Layout { oriented, is_off: Vec::new() };
+        let (oriented, is_level) = orient::normals(sorted, degree, None, outside, level_where_scattered, progress);
+        return Layout { oriented, is_level, is_off: Vec::new() };
     };
-    let oriented = if known.contains(&Vec3::ZERO) {
+    let (oriented, is_level) = if known.contains(&Vec3::ZERO) {
         orient::normals(sorted, degree, Some(&known), outside, level_where_scattered, progress)
     } else {
         progress.stage("normals", sorted.len() as u64);
@@ -215,15 +221,27 @@ fn lay_out(
             for (slot, o) in (first..).zip(chunk.iter_mut()) {
                 let (near, farthest2) = search.nearest(slot, degree, 0.0);
                 let normal = normals::laid(sorted, slot, near, known[slot], |other| known[other]);
-                *o = Oriented { normal, farthest2, is_level: false };
+                *o = Oriented { normal, farthest2 };
             }
             progress.advance(chunk.len() as u64);
         });
-        oriented
+        (oriented, Vec::new())
     };
     let is_off = |slot: usize| known[slot] != Vec3::ZERO && known[slot] != oriented[slot].normal;
     let is_off = if (0..sorted.len()).any(is_off) { (0..sorted.len()).map(is_off).collect() } else { Vec::new() };
-    Layout { oriented, is_off }
+    Layout { oriented, is_level, is_off }
+}
+
+/// Number of points of each class.
+fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len()] {
+    let parts = map_tasks(sorted.len().div_ceil(RUN), |task| {
+        let mut counts = [0; PointClass::ALL.len()];
+        for slot in task * RUN..sorted.len().min((task + 1) * RUN) {
+            counts[sizes.class(slot) as usize] += sorted.inputs(slot).len();
+        }
+        counts
+    });
+    std::array::from_fn(|class| parts.iter().map(|counts| counts[class]).sum())
 }
 
 /// Gives points on lines, and isolated ones, that have no normals of their own the rule of their class.
@@ -269,8 +287,8 @@ impl Made<'_> {
         (input, self.slot_of[input] as usize)
     }
 
-    /// The normal that the disk of an input point has from the file, if that fits the layout of its slot; else the layout's
-    /// on the same side.
+    /// The normal that the disk of an input point has from the file, if that fits the layout of its slot; else the
+    /// layout's on the same side.
     fn disk_normal(&self, input: usize, slot: usize) -> Vec3 {
         let own = self.layout.oriented[slot].normal;
         // A given normal may be too short for f32, or too long.

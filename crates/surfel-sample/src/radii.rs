@@ -201,10 +201,11 @@ pub(crate) enum Spacing {
     Known(f64),
 }
 
-/// Measures sizes and classes from the `degree` nearest of each point (one of `oriented` a slot).
+/// Measures sizes and classes from the `degree` nearest of each point (one of `oriented` a slot, and of `level` true where
+/// a point lies in no surface and its normal is up; none if no point does).
 pub(crate) fn sizes(
     points: &SortedPoints,
-    oriented: &[Oriented],
+    (oriented, level): (&[Oriented], &[bool]),
     degree: usize,
     spacing: Spacing,
     ellipses: bool,
@@ -220,7 +221,7 @@ pub(crate) fn sizes(
     // Of few slots, mostly: all of them have one only where the cloud is stretched.
     let ellipses = Mutex::new(Vec::new());
     for_chunks(&mut all, BLOCK, &|first, sizes| {
-        let mut block = Block::new(points, oriented, scale);
+        let mut block = Block::new(points, (oriented, level), scale);
         block.measure(first..first + sizes.len());
         let mut found = Vec::new();
         for (i, size) in sizes.iter_mut().enumerate() {

@@ -153,7 +153,7 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     }
     Ok(SceneFile {
         up: Some(up),
-        lights: Some(lights_of(&camera, loaded)),
+        lights: Some(lights_of(&camera, loaded, up)),
         camera,
         background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,

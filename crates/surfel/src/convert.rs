@@ -453,8 +453,14 @@ fn points_note(report: &PointReport) -> String {
             surfel_sample::MOST_SPACINGS
         );
     }
+    if report.normals_off > 0 {
+        let normals = counted(report.normals_off as u64, "normals");
+        note +=
+            &format!("; {normals} of the file off the layout of the points, which lays the disks: for shading only");
+    }
     if report.isolated > 0 {
-        note += &format!("; {} (--outliers drop leaves such out)", counted(report.isolated as u64, "isolated points"));
+        let points = counted(report.isolated as u64, "isolated points");
+        note += &format!("; {points} (drawn small; --outliers drop leaves out what stands alone)");
     }
     if report.left_out > 0 {
         note += &format!(

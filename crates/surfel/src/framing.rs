@@ -55,6 +55,43 @@ impl fmt::Display for ViewAngles {
     }
 }
 
+/// Evidence that decided from where a scene is shown.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ViewReason {
+    /// The view shows most details: places, directions, colours and curvature.
+    Details,
+    /// The scene's front is there.
+    Front,
+    /// The scene is open to that side, and shows its inside.
+    Opening,
+    /// All that is there faces that way, as a depth camera or a relief has it.
+    Camera,
+    /// Too little is there to judge.
+    Convention,
+}
+
+impl fmt::Display for ViewReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Details => "it shows most",
+            Self::Front => "the front is there",
+            Self::Opening => "that side is open",
+            Self::Camera => "all faces that way",
+            Self::Convention => "the usual view",
+        })
+    }
+}
+
+/// A view and the evidence that decided it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChosenView {
+    /// Where the view is from.
+    pub angles: ViewAngles,
+    /// The evidence that decided.
+    pub reason: ViewReason,
+}
+
 /// Which side a scene is shown from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
@@ -572,7 +609,7 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
 /// which up lies. Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x
 /// only if much speaks for them. At most 20,000 splats or triangles are looked at, always the same.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
-    upright::upright(Patches::of(objects).as_ref(), convention)
+    upright::upright(Patches::of(objects), |all| all.one_of(objects), convention)
 }
 
 /// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest
@@ -581,8 +618,14 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 ///
 /// Three-quarter views win over slightly better straight ones, and views of the front over those of the back. The front
 /// is that of [`NamedView::Front`], or of a mirror-symmetric body that stands on feet where it is taller, opposite to
-/// its tail, and away from its backrest. At most 20,000 splats or triangles are looked at, always the same; of objects
-/// with less than 24 it is [`ViewAngles::ISO`].
+/// its tail, and away from its backrest. A room that is open to one side is looked into from there. Equal things side
+/// by side are seen from where each would be. At most 20,000 splats or triangles are looked at, always the same; of
+/// objects with less than 24 it is [`ViewAngles::ISO`].
 pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
-    viewpoint::best_view(Patches::of(objects).as_ref(), up)
+    choose_view(objects, up).angles
+}
+
+/// The view of [`best_view`], and the evidence that decided it.
+pub fn choose_view(objects: &[Object], up: Up) -> ChosenView {
+    viewpoint::choose_view(Patches::of(objects), |all| all.one_of(objects), up)
 }

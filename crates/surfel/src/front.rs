@@ -1,4 +1,7 @@
 //! Which way things look that have a front: animals, seats and figures on two feet.
+//!
+//! Pieces of evidence each speak for a direction, with weights that stand in [`EVIDENCE`]; the direction with the most
+//! weight wins.
 
 use crate::patches::{Patch, Patches};
 use crate::upright::{axis_of, leads, mirror, others, standing};
@@ -39,26 +42,47 @@ const TOES: f64 = 0.015;
 const FEET: (f64, f64) = (0.9, 0.1);
 const FEWEST: usize = 20;
 
-/// The level unit vector toward which it looks; `None` where the shape doesn't say it.
-pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
-    front_of_body(patches, up).or_else(|| toes(patches, up))
+/// A piece of evidence for the direction in which a shape looks.
+struct Piece {
+    weight: f64,
+    direction: fn(&Patches, Up) -> Option<DVec3>,
 }
 
-/// Of animals and seats.
-fn front_of_body(patches: &Patches, up: Up) -> Option<DVec3> {
-    if !standing(patches, up).is_on_feet() {
-        return None;
-    }
-    let (mirror, extent) = (mirror(patches), patches.extent());
-    let is_mirror = |k: usize| leads(mirror, extent.to_array(), k) > 0.5 && mirror[k] > MIRRORED;
-    let [u, v] = others(axis_of(up));
-    let (across, along) = [(u, v), (v, u)].into_iter().find(|(across, _)| is_mirror(*across))?;
-    let body = Body { patches, up: up.vector(), height: extent[axis_of(up)] };
-    let (forward, length) = (DVec3::AXES[along], extent[along]);
-    let is_long = length > LONGER * extent[across];
+/// All evidence. A backrest outweighs a head, which outweighs a tail; toes say most where nothing else does.
+const EVIDENCE: [Piece; 4] = [
+    Piece { weight: 1.0, direction: away_from_backrest },
+    Piece { weight: 0.6, direction: toward_head },
+    Piece { weight: 0.3, direction: away_from_tail },
+    Piece { weight: 0.2, direction: toes },
+];
+/// Cosine of the angle between two directions that are one.
+const ALIKE: f64 = 0.7;
+
+/// Returns the level unit vector toward which a shape looks; `None` where the shape doesn't say it.
+pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
+    let found: Vec<(f64, DVec3)> =
+        EVIDENCE.iter().filter_map(|piece| Some((piece.weight, (piece.direction)(patches, up)?))).collect();
+    let score = |direction: DVec3| -> f64 {
+        found.iter().filter(|(_, other)| direction.dot(*other) > ALIKE).map(|(weight, _)| weight).sum()
+    };
+    let directions = found.iter().map(|(_, direction)| *direction);
+    directions.rev().max_by(|a, b| score(*a).total_cmp(&score(*b)))
+}
+
+fn away_from_backrest(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, _) = Body::on_feet(patches, up)?;
     body.backrest(forward, length)
-        .or_else(|| if is_long { body.head(forward, length) } else { None })
-        .or_else(|| body.tail(forward, length, DVec3::AXES[across]))
+}
+
+fn toward_head(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, across) = Body::on_feet(patches, up)?;
+    let is_long = length > LONGER * patches.extent().dot(across);
+    if is_long { body.head(forward, length) } else { None }
+}
+
+fn away_from_tail(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, across) = Body::on_feet(patches, up)?;
+    body.tail(forward, length, across)
 }
 
 /// What stands there.
@@ -68,7 +92,21 @@ struct Body<'a> {
     height: f64,
 }
 
-impl Body<'_> {
+impl<'a> Body<'a> {
+    /// An animal or a seat: it stands on feet, and is its own mirror image from left to right. With it the direction of
+    /// its length, that length, and the direction across.
+    fn on_feet(patches: &'a Patches, up: Up) -> Option<(Self, DVec3, f64, DVec3)> {
+        if !standing(patches, up).is_on_feet() {
+            return None;
+        }
+        let (mirror, extent) = (mirror(patches), patches.extent());
+        let is_mirror = |k: usize| leads(mirror, extent.to_array(), k) > 0.5 && mirror[k] > MIRRORED;
+        let [u, v] = others(axis_of(up));
+        let (across, along) = [(u, v), (v, u)].into_iter().find(|(across, _)| is_mirror(*across))?;
+        let body = Self { patches, up: up.vector(), height: extent[axis_of(up)] };
+        Some((body, DVec3::AXES[along], extent[along], DVec3::AXES[across]))
+    }
+
     /// Height above the ground, of the whole.
     fn height(&self, patch: &Patch) -> f64 {
         patch.position.dot(self.up) / self.height + 0.5

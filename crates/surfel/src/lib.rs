@@ -45,6 +45,7 @@ mod closed;
 pub mod coloring;
 pub mod compare;
 mod convert;
+mod equal;
 mod error;
 pub mod framing;
 mod front;

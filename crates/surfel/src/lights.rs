@@ -4,7 +4,7 @@ use crate::framing::ViewAxes;
 use crate::patches::Patches;
 use crate::scene::LoadedObjects;
 use glam::DVec3;
-use surfel_model::{Camera, Light};
+use surfel_model::{Camera, Light, Up};
 
 /// Where the key light comes from, along the camera's right, up and backward directions, and its linear RGB.
 const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]);
@@ -16,6 +16,11 @@ const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
 const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
 /// Cosine of the angle from the surface's normal at which the key light rakes: 60°, 30° above the surface.
 const RAKING: f64 = 0.5;
+/// The same of points that lie about ground, such as a survey or a sweep: those of woods and of streets face up by 0.5
+/// to 0.9 on average, or all down, those of bodies and rooms by less. And the cosine to the up axis within which they
+/// do.
+const FACES_UP: (f64, f64) = (0.4, 0.55);
+const UP: f64 = 0.9;
 /// How much stronger a raking light is at most.
 const STRONGEST: f64 = 1.4;
 
@@ -26,14 +31,26 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
 }
 
 /// [`studio_lights`], whose key light rakes over objects without colours that face one way as a whole, such as ground,
-/// walls and reliefs: in a light from the front slopes differ little from what is level. Colours show them, and often
-/// hold light already.
-pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects) -> Vec<Light> {
+/// walls and reliefs, and over points that lie about ground, as hillshades of maps do: in a light from the front slopes
+/// differ little from what is level. Colours show them, and often hold light already.
+pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects, up: Up) -> Vec<Light> {
     if loaded.facts.iter().any(|facts| facts.colored) {
         return studio_lights(camera);
     }
     let facing = Patches::of(&loaded.objects).map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
-    lights(camera, |key| raking(key, facing))
+    let is_of_points = loaded.facts.iter().all(|facts| facts.points);
+    let share = share_of_one_way(facing, if is_of_points { Some(up.vector()) } else { None });
+    lights(camera, |key| raking(key, facing.normalize_or_zero(), share))
+}
+
+/// How much a key light is to rake over a surface with this mean of unit normals, 0 to 1; of points, along this up
+/// axis.
+fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
+    let ramp = |(from, to): (f64, f64)| ((facing.length() - from) / (to - from)).clamp(0.0, 1.0);
+    match up {
+        Some(up) if facing.dot(up).abs() > UP * facing.length() => ramp(FACES_UP),
+        _ => ramp(FACES_ONE_WAY),
+    }
 }
 
 /// The three lights, the direction and strength of the key light by `key`, of unit vectors toward it.
@@ -46,11 +63,9 @@ fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     vec![light(key, KEY.1.map(|c| c * strength)), light(toward(FILL), FILL.1), light(toward(RIM), RIM.1)]
 }
 
-/// The direction toward a light at `toward` after it is lowered over a surface whose mean unit normal is `facing`, and
+/// The direction toward a light at `toward` after it is lowered by this share over a surface with this unit normal, and
 /// how much stronger it is then, so that what is level stays nearly as bright.
-fn raking(toward: DVec3, facing: DVec3) -> (DVec3, f64) {
-    let share = ((facing.length() - FACES_ONE_WAY.0) / (FACES_ONE_WAY.1 - FACES_ONE_WAY.0)).clamp(0.0, 1.0);
-    let normal = facing.normalize_or_zero();
+fn raking(toward: DVec3, normal: DVec3, share: f64) -> (DVec3, f64) {
     // Either side of a surface is seen, by light from that side.
     let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
     let from = normal.dot(toward);
@@ -69,21 +84,46 @@ mod tests {
     #[test]
     fn key_light_rakes_over_what_faces_one_way_alone() {
         let key = DVec3::new(0.3, 0.1, 0.9).normalize();
+        let rakes = |key: DVec3, facing: DVec3| raking(key, facing.normalize_or_zero(), share_of_one_way(facing, None));
         // Ground, seen from above and from below.
         for normal in [DVec3::Z, DVec3::NEG_Z] {
-            let (toward, strength) = raking(key, normal);
+            let (toward, strength) = rakes(key, normal);
             assert!((toward.z - RAKING).abs() < 1e-12 && (toward.length() - 1.0).abs() < 1e-12, "{toward}");
             // It comes from the same quarter, and level ground gets as much light, up to the strongest.
             assert!((toward.x / toward.y - 3.0).abs() < 1e-9 && strength == STRONGEST, "{toward} {strength}");
         }
         // Half of the way, from between.
-        let (toward, strength) = raking(key, DVec3::Z * 0.93);
+        let (toward, strength) = rakes(key, DVec3::Z * 0.93);
         assert!((toward.z - 0.5 * (key.z + RAKING)).abs() < 1e-9, "{toward}");
         assert!((strength * toward.z - key.z).abs() < 1e-9, "{strength}");
         // Bodies, what is lit from the side, and straight from above.
         let grazing = DVec3::new(0.9, 0.0, 0.3).normalize();
         for (key, facing) in [(key, DVec3::Z * 0.9), (key, DVec3::ZERO), (grazing, DVec3::Z), (DVec3::Z, DVec3::Z)] {
-            assert_eq!(raking(key, facing), (key, 1.0));
+            assert_eq!(rakes(key, facing), (key, 1.0));
         }
+    }
+
+    #[test]
+    fn key_light_rakes_over_points_about_ground_along_their_up_axis() {
+        let lean = |degrees: f64, length: f64| {
+            DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos()) * length
+        };
+        // Woods, a street and level ground; bodies; a wall, and ground whose up axis is another.
+        for (facing, up, share) in [
+            (lean(0.0, 0.6), DVec3::Z, 1.0),
+            (lean(20.0, 0.9), DVec3::Z, 1.0),
+            (lean(0.0, 0.475), DVec3::Z, 0.5),
+            (lean(0.0, 0.4), DVec3::Z, 0.0),
+            (lean(90.0, 0.6), DVec3::Z, 0.0),
+            (lean(0.0, 0.6), DVec3::Y, 0.0),
+            (lean(0.0, 0.96), DVec3::Y, 1.0),
+            // Estimated normals of ground may all point down.
+            (lean(180.0, 0.8), DVec3::Z, 1.0),
+            (DVec3::ZERO, DVec3::Z, 0.0),
+        ] {
+            assert!((share_of_one_way(facing, Some(up)) - share).abs() < 1e-9, "{facing} {up}");
+        }
+        // Of meshes it takes more.
+        assert_eq!(share_of_one_way(lean(0.0, 0.6), None), 0.0);
     }
 }

@@ -1,5 +1,6 @@
 //! A small sample of a scene's surface, on which up and view are judged: its cost doesn't grow with the data.
 
+use crate::equal;
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
 use surfel_model::{GaussianCloud, Geometry, Object};
@@ -27,9 +28,12 @@ pub(crate) struct Patch {
     pub(crate) color: [f32; 3],
     /// Whether the normal says which side is outside: that of a Gaussian is either of two.
     pub(crate) has_sides: bool,
-    /// Whether the normal comes from a file, rather than from the points about.
+    /// True if the normal comes from a file, rather than from the points around, and fits the layout of these.
     pub(crate) is_given: bool,
 }
+
+/// Cosine of the angle between the normal of a disk and its shading normal (20°) from which the latter fits the former.
+const FITS: f64 = 0.94;
 
 /// A sample of a scene's surface, without stray points.
 #[derive(Clone, Debug)]
@@ -86,6 +90,36 @@ impl Patches {
         Self::normalised(all)
     }
 
+    /// This sample of objects, or that of one of them where all are equal, or of one of its equal parts: two things are
+    /// judged as each of them would be.
+    pub(crate) fn one_of(self, objects: &[Object]) -> Self {
+        if let [first, others @ ..] = objects
+            && !others.is_empty()
+            && others.len() < equal::MOST
+            && let Some(one) = Self::of(std::slice::from_ref(first))
+        {
+            let is_equal = |other| Self::of(std::slice::from_ref(other)).is_some_and(|o| equal::are_equal(&one, &o));
+            if others.iter().all(is_equal) {
+                return one;
+            }
+        }
+        equal::one_part(&self).unwrap_or(self)
+    }
+
+    /// The sample of some of the patches.
+    pub(crate) fn some(&self, numbers: &[usize]) -> Option<Self> {
+        let in_world = |number: &usize| {
+            let p = self.all[*number];
+            Patch {
+                position: p.position * self.scale + self.middle,
+                axes: p.axes.map(|axis| axis * self.scale),
+                area: p.area * self.scale * self.scale,
+                ..p
+            }
+        };
+        Self::normalised(numbers.iter().map(in_world).collect())
+    }
+
     fn normalised(mut all: Vec<Patch>) -> Option<Self> {
         all.retain(|p| p.position.is_finite() && p.area.is_finite() && p.normal.is_finite());
         if all.len() < FEWEST {
@@ -134,11 +168,15 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
     let has_sides = !matches!(object.geometry, Geometry::Gaussians(_));
-    let is_given = match &object.geometry {
-        Geometry::Splats(cloud) => !cloud.data().oriented,
+    let is_given = |i: usize| match &object.geometry {
+        Geometry::Splats(cloud) => {
+            !cloud.data().oriented
+                && (cloud.data().shading_normals.is_none()
+                    || cloud.shading_normal(i).normalize_or_zero().dot(cloud.normal(i)) >= FITS)
+        }
         _ => false,
     };
-    let mut add = |p: DVec3, s: DVec3, t: DVec3, color: [f32; 3]| {
+    let mut add = |(p, s, t): (DVec3, DVec3, DVec3), color: [f32; 3], is_given: bool| {
         let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
         let cross = s.cross(t);
         let area = cross.length();
@@ -151,13 +189,13 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
         Geometry::Splats(cloud) => {
             for i in numbers {
                 let (s, t) = cloud.axes(i);
-                add(cloud.center(i), s, t, cloud.color(i));
+                add((cloud.center(i), s, t), cloud.color(i), is_given(i));
             }
         }
         Geometry::Gaussians(gaussians) => {
             for i in numbers {
                 let (s, t) = gaussians.ellipse(i);
-                add(gaussians.center(i), s, t, color_of(gaussians, i));
+                add((gaussians.center(i), s, t), color_of(gaussians, i), false);
             }
         }
         Geometry::Octree(octree) => {
@@ -165,7 +203,7 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
             let finest: Vec<u32> = octree.finest().flatten().collect();
             for i in numbers.map(|i| finest[i] as usize) {
                 let (s, t) = cloud.axes(i);
-                add(cloud.center(i), s, t, cloud.color(i));
+                add((cloud.center(i), s, t), cloud.color(i), false);
             }
         }
         Geometry::Mesh(mesh) => {
@@ -173,7 +211,7 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
                 let [a, b, c] = mesh.triangles[i].map(|v| mesh.positions.get(v as usize));
                 let color = mesh.colors.as_ref().map_or([1.0; 3], |c| c[mesh.triangles[i][0] as usize]);
                 // The ellipse of half the triangle's height about its centroid.
-                add(mesh.origin + (a + b + c) / 3.0, (b - a) / 3.0, (c - a) / 3.0, color);
+                add((mesh.origin + (a + b + c) / 3.0, (b - a) / 3.0, (c - a) / 3.0), color, false);
             }
         }
     }

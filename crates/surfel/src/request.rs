@@ -6,7 +6,7 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
 use crate::coloring::{ColorScale, Coloring};
-use crate::framing::{self, NamedView, Upright, ViewChoice};
+use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
 use crate::lights::lights_of;
@@ -473,8 +473,8 @@ impl Request {
         let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, note));
         let view = match options.view.unwrap_or_default() {
             ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
-                let angles = framing::best_view(&framed.objects, up);
-                note(format!("seen from --view {angles} (azimuth and elevation, by what it shows)"));
+                let ChosenView { angles, reason } = framing::choose_view(&framed.objects, up);
+                note(format!("seen from --view {angles} (azimuth and elevation; {reason})"));
                 ViewChoice::From(angles)
             }
             // Where options say the eye or the target, the other is that of the usual view.
@@ -504,7 +504,7 @@ impl Request {
             (Some(lights), _) => Some(lights.clone()),
             // One for all cameras, so that the scene stays as it is: the light along the view.
             (None, true) => None,
-            (None, false) => Some(lights_of(&file.camera, &framed)),
+            (None, false) => Some(lights_of(&file.camera, &framed, up)),
         };
         drop((framed, objects_only));
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };

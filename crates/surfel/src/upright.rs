@@ -1,5 +1,8 @@
 //! Which axis is up, from the shape of what is there.
 //!
+//! Pieces of evidence speak for an axis or against it: each is a function, and its weight stands in [`EVIDENCE`]. The
+//! axis with the highest score wins, less what convention asks of it, and the strongest piece is the reason.
+//!
 //! Upright things stand: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3),
 //! judge the planes that a shape can stand on by static stability, symmetry and support. Here the planes are the six
 //! that face a coordinate axis, since files are tilted by nothing else: y and z are mistaken for each other.
@@ -138,12 +141,12 @@ const FLOOR_WEIGHT: f64 = 1.2;
 /// how high it lies, of the whole.
 const FLOOR: (f64, f64) = (0.08, 0.16);
 const FLOOR_COS: f64 = 0.9;
+/// Share of the surface whose normals fit the layout of the points, from which they tell a floor.
+const FITTING: f64 = 0.8;
 const LOW: f64 = 0.25;
 /// The share of something thin that faces up, from which it begins to be ground and is, and what may face down.
 const ABOVE: (f64, f64) = (0.5, 0.7);
 const BELOW: f64 = 0.05;
-const MIRROR_WEIGHT: f64 = 0.8;
-const LYING_WEIGHT: f64 = 0.6;
 /// By how much the best mirror plane begins to be better than the next, and fully is; and the length across it below
 /// which every shape is its own mirror image, as cells go.
 const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
@@ -160,23 +163,52 @@ const TAPERED: f64 = 0.5;
 const FALLS: f64 = 0.15;
 const LIES: f64 = 1.0;
 
-/// The up axis of a scene whose files don't say it. Deterministic; time doesn't grow with the data.
-pub(crate) fn upright(patches: Option<&Patches>, convention: UpConvention) -> Upright {
+/// A piece of evidence for an axis, or against it.
+struct Piece {
+    reason: UpReason,
+    weight: f64,
+    measure: fn(&Shape, Up) -> f64,
+    /// What it adds to a score, from which it is the reason of a choice: of one against, for the others.
+    decides: f64,
+}
+
+/// All evidence, the strongest kind first: an axis's score is the sum of what is measured times the weights.
+const EVIDENCE: [Piece; 5] = [
+    Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
+    Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
+    Piece { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
+    Piece { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
+    Piece { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
+];
+
+impl Piece {
+    fn score(&self, shape: &Shape, up: Up) -> f64 {
+        self.weight * (self.measure)(shape, up)
+    }
+}
+
+/// The up axis of a scene whose files don't say it: by the place of all of it, or the shape of what `one_of` makes of it.
+/// Deterministic; time doesn't grow with the data.
+pub(crate) fn upright(
+    all: Option<Patches>,
+    one_of: impl FnOnce(Patches) -> Patches,
+    convention: UpConvention,
+) -> Upright {
     let nothing = Upright { up: convention.up(), reason: convention.reason() };
-    let Some(patches) = patches else { return nothing };
-    if let Some(up) = map_height(patches) {
+    let Some(all) = all else { return nothing };
+    if let Some(up) = map_height(&all) {
         return Upright { up, reason: UpReason::Georeferenced };
     }
+    let patches = &one_of(all);
     let shape = Shape::of(patches, convention);
-    let mut best = (f64::NEG_INFINITY, nothing);
+    let mut best = (f64::NEG_INFINITY, nothing.up);
     for (up, cost) in Up::ALL.into_iter().zip(convention.costs()) {
-        let evidence = shape.evidence(up);
-        let score = evidence.total() - cost;
+        let score = EVIDENCE.iter().map(|piece| piece.score(&shape, up)).sum::<f64>() - cost;
         if score > best.0 {
-            best = (score, Upright { up, reason: shape.reason(evidence).unwrap_or(nothing.reason) });
+            best = (score, up);
         }
     }
-    best.1
+    Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
 /// The axis that is height, where the two others are map coordinates.
@@ -197,22 +229,6 @@ pub(crate) fn others(k: usize) -> [usize; 2] {
 /// The axis of an up direction, 0 to 2.
 pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
-}
-
-/// What speaks for an axis.
-#[derive(Clone, Copy, Debug, Default)]
-struct Evidence {
-    base: f64,
-    ground: f64,
-    floor: f64,
-    mirror: f64,
-    lying: f64,
-}
-
-impl Evidence {
-    fn total(&self) -> f64 {
-        self.base + self.ground.max(self.floor) + self.mirror + self.lying
-    }
 }
 
 /// How a shape stands on its lowest points.
@@ -257,7 +273,7 @@ struct Shape {
     /// Evidence of ground, axis by axis.
     ground: [bool; 3],
     /// Evidence of a floor, with each of [`Up::ALL`] up, in points with normals of their own.
-    floor: [f64; 6],
+    floors: [f64; 6],
     /// Sums of the normals, axis by axis: negative where the surface faces down.
     facing: DVec3,
     /// What has two large faces was made lying, as printers and mills make it; elsewhere it may hang on a wall.
@@ -267,35 +283,55 @@ struct Shape {
 impl Shape {
     fn of(patches: &Patches, convention: UpConvention) -> Self {
         let extent = patches.extent().to_array();
-        let is_points = convention == UpConvention::Points && patches.all.iter().all(|p| p.is_given);
         Self {
             standing: Up::ALL.map(|up| standing(patches, up)),
             mirror: mirror(patches),
             extent,
             tapers: [0, 1, 2].map(|k| tapers(patches, k)),
             ground: [0, 1, 2].map(|k| is_ground(patches, k)),
-            floor: if is_points { floors(patches) } else { [0.0; 6] },
+            floors: if convention == UpConvention::Points { floors(patches) } else { [0.0; 6] },
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
     }
 
-    fn evidence(&self, up: Up) -> Evidence {
+    /// How much better the shape stands on this side than on the opposite one, 0 to 2.2.
+    fn base(&self, up: Up) -> f64 {
+        let sides = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
+        // The walls above a floor look like bases.
+        base(sides, is_negative(up)) * (1.0 - self.floors.into_iter().fold(0.0, f64::max))
+    }
+
+    /// 1 where the shape spreads out as ground does.
+    fn ground(&self, up: Up) -> f64 {
         let k = axis_of(up);
-        let [here, opposite] = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
+        if self.ground[k] && !is_negative(up) && self.facing[k] >= 0.0 { 1.0 } else { 0.0 }
+    }
+
+    /// How much more the ground says than a floor that faces this way, by their weights.
+    fn ground_beyond_floor(&self, up: Up) -> f64 {
+        (self.ground(up) - FLOOR_WEIGHT / GROUND_WEIGHT * self.floor(up)).max(0.0)
+    }
+
+    /// Evidence of a floor that faces this way, 0 to 1.
+    fn floor(&self, up: Up) -> f64 {
+        self.floors[up as usize]
+    }
+
+    /// 1 across the best mirror plane, in which up lies.
+    fn is_mirror_axis(&self, up: Up) -> f64 {
+        self.leads(axis_of(up))
+    }
+
+    /// 1 where the shape would fall over and lies otherwise.
+    fn topples(&self, up: Up) -> f64 {
+        let k = axis_of(up);
         let [u, v] = others(k);
-        let negative = up.vector()[k] < 0.0;
+        let [here, opposite] = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
         let falls = here.rest().max(opposite.rest()) < FALLS;
         let long = self.extent[k] > LONG * self.extent[u].max(self.extent[v]) && self.tapers[k];
         let mirrored_across = self.leads(u).max(self.leads(v)) > 0.5;
-        Evidence {
-            // The walls above a floor look like bases.
-            base: base([here, opposite], negative) * (1.0 - self.floor.into_iter().fold(0.0, f64::max)),
-            ground: if self.ground[k] && !negative && self.facing[k] >= 0.0 { GROUND_WEIGHT } else { 0.0 },
-            floor: FLOOR_WEIGHT * self.floor[up as usize],
-            mirror: -MIRROR_WEIGHT * self.leads(k),
-            lying: if falls && (long && mirrored_across || self.is_plate()) { -LYING_WEIGHT } else { 0.0 },
-        }
+        if falls && (long && mirrored_across || self.is_plate()) { 1.0 } else { 0.0 }
     }
 
     fn is_plate(&self) -> bool {
@@ -307,21 +343,21 @@ impl Shape {
         leads(self.mirror, self.extent, k)
     }
 
-    /// The strongest of what speaks for an axis, or against the others.
-    fn reason(&self, evidence: Evidence) -> Option<UpReason> {
-        let against = |f: fn(&Evidence) -> f64| Up::ALL.into_iter().any(|up| f(&self.evidence(up)) < -0.2);
-        let reasons =
-            [(evidence.floor, UpReason::Floor), (evidence.ground, UpReason::Ground), (evidence.base, UpReason::Base)];
-        let strongest = reasons.into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
-        if let Some((_, reason)) = strongest.filter(|(weight, _)| *weight > 0.25) {
-            return Some(reason);
-        }
-        match (against(|e| e.lying), against(|e| e.mirror)) {
-            (true, _) => Some(UpReason::Lying),
-            (_, true) => Some(UpReason::Mirrored),
-            _ => None,
-        }
+    /// The strongest piece of evidence for an axis, or else the first that speaks against others.
+    fn reason(&self, up: Up) -> Option<UpReason> {
+        let strongest = EVIDENCE
+            .iter()
+            .filter(|piece| piece.decides > 0.0 && piece.score(self, up) > piece.decides)
+            .max_by(|a, b| a.score(self, up).total_cmp(&b.score(self, up)));
+        let against = |piece: &&Piece| {
+            piece.decides < 0.0 && Up::ALL.into_iter().any(|other| piece.score(self, other) < piece.decides)
+        };
+        strongest.or_else(|| EVIDENCE.iter().find(against)).map(|piece| piece.reason)
     }
+}
+
+fn is_negative(up: Up) -> bool {
+    up.vector()[axis_of(up)] < 0.0
 }
 
 /// 1 where the mirror plane across axis `k` is clearly better than the two others, 0 where it isn't.
@@ -392,10 +428,14 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
 
 /// What speaks, 0 to 1, for a floor that faces each of [`Up::ALL`]: a good share of the surface does, low in
 /// it; or it is thin, and most of it faces more or less that way, hardly any the other. Only of the axes that are up in
-/// files of points, since walls look like floors, and less where another one has such evidence too.
+/// files of points, since walls look like floors, and less where another one has such evidence too. Nothing speaks
+/// where the file's normals are missing, or mostly don't fit the layout of the points.
 fn floors(patches: &Patches) -> [f64; 6] {
     let share =
         |is: &dyn Fn(&Patch) -> bool| patches.all.iter().filter(|p| is(p)).map(|p| p.area).sum::<f64>() / patches.area;
+    if share(&|p| p.is_given) < FITTING {
+        return [0.0; 6];
+    }
     let extent = patches.extent();
     let of = |up: Up| {
         let (axis, k) = (up.vector(), axis_of(up));

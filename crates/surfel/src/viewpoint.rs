@@ -1,13 +1,15 @@
-//! From which side a scene shows most.
+//! The side from which a scene shows most.
 //!
-//! Views on a ring are compared by viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using
-//! Viewpoint Entropy"), with cells of equal size, direction and colour in place of a mesh's faces, so that tessellation
-//! says nothing; and by the curvature they show, as Lee, Varshney, Jacobs 2005, "Mesh Saliency", choose views. Both are
-//! terms of the goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of Viewpoint Preference"
-//! (ACM TOG 30:5) fit to people's choices, as is a preference for views from slightly above. A front is preferred over
-//! a back that shows little more: what files hold mostly faces the front by convention.
+//! Views on a ring are compared by pieces of evidence: each is a function, and its weight stands in [`EVIDENCE`].
+//! Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is measured
+//! over cells of equal size, direction and colour in place of a mesh's faces, so that tessellation says nothing. The
+//! curvature that is visible is as Lee, Varshney, Jacobs 2005, "Mesh Saliency", choose views. Both are terms of the
+//! goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of Viewpoint Preference" (ACM TOG
+//! 30:5) fit to people's choices, as is a preference for views from slightly above. A front is preferred over a back
+//! that shows little more: what files hold mostly faces the front by convention. What is open to one side is looked
+//! into.
 
-use crate::framing::{ViewAngles, ViewAxes};
+use crate::framing::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use crate::front::front;
 use crate::patches::{Patch, Patches};
 use crate::upright::{axis_of, others};
@@ -31,25 +33,136 @@ const FLAT_DEG: f64 = 50.0;
 const FLAT: f64 = 0.22;
 const LOW_DEG: f64 = HIGH_DEG;
 const LOW: f64 = 0.4;
-/// What views of the front win over those straight at the back is twice this; entropy and curvature weigh ½ each, in
-/// those of the best view. Within this cosine, views are of the front alike.
-const FRONT_WEIGHT: f64 = 0.2;
+/// Elevation of the ring about a room that is open to one side: from higher its roof hides more.
+const ROOM_DEG: f64 = 10.0;
+/// Within this cosine, views are of the front alike.
 const FRONT_COS: f64 = 0.8;
-/// What a view from high above must show more, and one straight at the front, the back or a side.
-const HIGH_COST: f64 = 0.1;
-const STRAIGHT_COST: f64 = 0.05;
 /// Views whose scores differ by less are equally good: the preferred one is taken.
 const TIE: f64 = 0.03;
-/// Share of visible surface that faces away over the whole ring, from which facing means nothing.
+/// Share of visible surface that faces away over the whole ring, from which facing means nothing; unless from some side
+/// at most the second share faces away: a room that is open there.
 const MEANINGLESS: f64 = 0.6;
+const OPENING: f64 = 0.5;
+/// Share of visible surface that faces away over the whole ring, up to which these are rims of what closes.
+const RIMS: f64 = 0.3;
+/// How much less of what is visible must face away than in all views, for an opening to decide.
+const OPENS: f64 = 0.2;
 
 /// Steepest ray of a depth camera, over its axis, and the share of a surface that faces it: rims face anywhere.
 const WIDEST: f64 = 1.5;
 const SEEN: f64 = 0.95;
 
-/// The view from which the most is seen. Deterministic; time doesn't grow with the data.
-pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
-    let Some(patches) = patches else { return ViewAngles::ISO };
+/// A piece of evidence for a view, or against it.
+struct Piece {
+    reason: ViewReason,
+    weight: f64,
+    measure: fn(&Compared, &Candidate) -> f64,
+}
+
+/// All evidence: a view's score is the sum of what is measured times the weights. Entropy and curvature are 1 for the
+/// best views of the ring.
+const EVIDENCE: [Piece; 6] = {
+    const fn piece(reason: ViewReason, weight: f64, measure: fn(&Compared, &Candidate) -> f64) -> Piece {
+        Piece { reason, weight, measure }
+    }
+    [
+        piece(ViewReason::Details, 0.5, entropy),
+        piece(ViewReason::Details, 0.5, curvature_shown),
+        piece(ViewReason::Front, 0.2, frontal),
+        piece(ViewReason::Opening, 0.4, open),
+        piece(ViewReason::Details, -0.05, straight),
+        piece(ViewReason::Details, -0.1, from_high),
+    ]
+};
+
+/// Viewpoint entropy, over that of the best view of the ring.
+fn entropy(compared: &Compared, view: &Candidate) -> f64 {
+    compared.shown(&view.seen).entropy / compared.best.entropy
+}
+
+/// Visible curvature, over that of the best view of the ring.
+fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
+    compared.shown(&view.seen).curvature / compared.best.curvature
+}
+
+/// Cosine of the angle to the front, within [`FRONT_COS`].
+fn frontal(compared: &Compared, view: &Candidate) -> f64 {
+    let level = ViewAngles { elevation_deg: 0.0, ..view.angles };
+    (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
+}
+
+/// How much less of what is visible faces away than in all views, where facing means something.
+fn open(compared: &Compared, view: &Candidate) -> f64 {
+    if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
+}
+
+/// 1 straight at the front, the back or a side.
+fn straight(_: &Compared, view: &Candidate) -> f64 {
+    f64::from(u8::from(view.angles.azimuth_deg % 90.0 == 0.0))
+}
+
+/// 1 of a view from higher than the ring: it must show clearly more.
+fn from_high(compared: &Compared, view: &Candidate) -> f64 {
+    f64::from(u8::from(view.angles.elevation_deg > compared.elevation_deg))
+}
+
+/// A view that may be chosen.
+struct Candidate {
+    angles: ViewAngles,
+    seen: Seen,
+}
+
+/// What views are compared by.
+struct Compared {
+    up: Up,
+    /// Unit vector toward which the scene looks, and true if its shape says so.
+    front: DVec3,
+    has_front: bool,
+    /// Elevation of the ring.
+    elevation_deg: f64,
+    /// True if facing means nothing.
+    two_sided: bool,
+    /// Share of visible surface that faces away, over the ring.
+    away: f64,
+    /// The most that a view of the ring shows, each by itself.
+    best: Shown,
+}
+
+impl Compared {
+    fn shown<'a>(&self, seen: &'a Seen) -> &'a Shown {
+        if self.two_sided { &seen.all } else { &seen.facing }
+    }
+
+    fn score(&self, view: &Candidate) -> f64 {
+        EVIDENCE.iter().map(|piece| piece.weight * (piece.measure)(self, view)).sum()
+    }
+
+    /// The evidence by which a view leads most over the mean of the ring. What only an opening shows, entropy measures,
+    /// too, so that the opening decides where it is one.
+    fn reason(&self, view: &Candidate, ring: &[Candidate]) -> ViewReason {
+        if open(self, view) >= OPENS {
+            return ViewReason::Opening;
+        }
+        let lead = |reason: ViewReason| {
+            let of = |view: &Candidate| -> f64 {
+                let pieces = EVIDENCE.iter().filter(|piece| piece.reason == reason);
+                pieces.map(|piece| piece.weight * (piece.measure)(self, view)).sum()
+            };
+            of(view) - ring.iter().map(of).sum::<f64>() / ring.len() as f64
+        };
+        let is_from_front = self.has_front && lead(ViewReason::Front) > lead(ViewReason::Details);
+        if is_from_front { ViewReason::Front } else { ViewReason::Details }
+    }
+}
+
+/// Chooses the view that the evidence speaks for most, of what `one_of` makes of a scene; how low it is counts of all.
+/// Deterministic; time doesn't grow with the data.
+pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
+    let Some(all) = all else {
+        return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
+    };
+    let mut elevation_deg = elevation(&all, up);
+    let patches = &one_of(all);
     let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
     let ahead = match up {
         Up::MinusY => DVec3::Z,
@@ -57,42 +170,44 @@ pub(crate) fn best_view(patches: Option<&Patches>, up: Up) -> ViewAngles {
         _ => DVec3::ZERO,
     };
     if is_seen_along(ahead, patches) {
-        return level;
+        return ChosenView { angles: level, reason: ViewReason::Camera };
     }
-    let from_front = ViewAxes::turned(level, up);
-    let front = front(patches, up).unwrap_or(-from_front.forward);
     let judge = Judge::new(patches);
-    let elevation_deg = elevation(patches, up);
-    let ring = RING.map(|azimuth_deg| {
-        let angles = ViewAngles { azimuth_deg, elevation_deg };
-        (angles, judge.look(&ViewAxes::turned(angles, up)))
-    });
-    let sum = |f: fn(&Seen) -> f64| ring.iter().map(|(_, seen)| f(seen)).sum::<f64>();
-    let two_sided = sum(|s| s.away) > MEANINGLESS * (sum(|s| s.away) + sum(|s| s.toward));
-    let shown = |seen: &Seen| if two_sided { seen.all } else { seen.facing };
-    let best = |f: fn(&Shown) -> f64| ring.iter().map(|(_, seen)| f(&shown(seen))).fold(f64::MIN_POSITIVE, f64::max);
-    let (entropy, curvature) = (best(|s| s.entropy), best(|s| s.curvature));
-    let score = |angles: ViewAngles, seen: &Seen| {
-        let level = ViewAxes::turned(ViewAngles { elevation_deg: 0.0, ..angles }, up).forward;
-        let shown = shown(seen);
-        let straight = if angles.azimuth_deg % 90.0 == 0.0 { STRAIGHT_COST } else { 0.0 };
-        0.5 * (shown.entropy / entropy + shown.curvature / curvature)
-            + FRONT_WEIGHT * (-level.dot(front)).min(FRONT_COS)
-            - straight
+    let candidate = |angles: ViewAngles| Candidate { angles, seen: judge.look(&ViewAxes::turned(angles, up)) };
+    let ring_at = |elevation_deg: f64| RING.map(|azimuth_deg| candidate(ViewAngles { azimuth_deg, elevation_deg }));
+    let away = |ring: &[Candidate]| {
+        let sum = |f: fn(&Seen) -> f64| ring.iter().map(|view| f(&view.seen)).sum::<f64>();
+        sum(|s| s.away) / (sum(|s| s.away) + sum(|s| s.toward)).max(1.0)
     };
-    let mut chosen = (f64::NEG_INFINITY, ViewAngles::ISO);
-    for (angles, seen) in &ring {
-        let score = score(*angles, seen);
-        if score > chosen.0 + TIE {
-            chosen = (score, *angles);
+    let mut ring = ring_at(elevation_deg);
+    let mut two_sided = away(&ring) > MEANINGLESS;
+    if two_sided {
+        let lower = ring_at(ROOM_DEG);
+        if lower.iter().any(|view| view.seen.share_away() < OPENING) {
+            (ring, elevation_deg, two_sided) = (lower, ROOM_DEG, false);
         }
     }
-    if elevation_deg > ELEVATION_DEG {
-        return chosen.1;
+    let away = away(&ring);
+    let found = front(patches, up);
+    let front = found.unwrap_or(-ViewAxes::turned(level, up).forward);
+    let has_front = found.is_some();
+    let mut compared = Compared { up, front, has_front, elevation_deg, two_sided, away, best: Shown::default() };
+    let best =
+        |f: fn(&Shown) -> f64| ring.iter().map(|view| f(compared.shown(&view.seen))).fold(f64::MIN_POSITIVE, f64::max);
+    compared.best = Shown { entropy: best(|s| s.entropy), curvature: best(|s| s.curvature) };
+    let mut chosen = (f64::NEG_INFINITY, &ring[0]);
+    for view in &ring {
+        let score = compared.score(view);
+        if score > chosen.0 + TIE {
+            chosen = (score, view);
+        }
     }
-    let high = ViewAngles { elevation_deg: HIGH_DEG, ..chosen.1 };
-    let from_high = score(high, &judge.look(&ViewAxes::turned(high, up)));
-    if from_high - HIGH_COST > chosen.0 { high } else { chosen.1 }
+    let (score, mut view) = chosen;
+    let high = candidate(ViewAngles { elevation_deg: HIGH_DEG, ..view.angles });
+    if elevation_deg <= ELEVATION_DEG && compared.score(&high) > score {
+        view = &high;
+    }
+    ChosenView { angles: view.angles, reason: compared.reason(view, &ring) }
 }
 
 /// How far above the horizon the ring is, in degrees: what lies low would be a line, or hide behind its own rim.
@@ -116,6 +231,13 @@ fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
         p.normal.dot(if is_before_origin { at } else { ahead }) < 0.0
     };
     patches.all.iter().filter(is_seen).count() as f64 > SEEN * patches.all.len() as f64
+}
+
+impl Seen {
+    /// Share of what is visible that faces away.
+    fn share_away(&self) -> f64 {
+        self.away / (self.away + self.toward).max(1.0)
+    }
 }
 
 /// What a view shows.

@@ -8,5 +8,6 @@ mod level_pops;
 mod orientation;
 mod ortho;
 mod out_of_sight;
+mod rooms;
 mod swap;
 mod whites;

@@ -164,7 +164,7 @@ fn measured_radii(
     let points = SortedPoints::new(positions.len(), |i| positions[i])?;
     let normal = |slot: usize| planes[points.inputs(slot)[0] as usize].as_vec3();
     let oriented: Vec<Oriented> = (0..points.len()).map(|slot| Oriented::alone(normal(slot))).collect();
-    let sizes = radii::sizes(&points, &oriented, 16, Spacing::Known(spacing / points.step), false, progress);
+    let sizes = radii::sizes(&points, (&oriented, &[]), 16, Spacing::Known(spacing / points.step), false, progress);
     let step = points.step;
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }

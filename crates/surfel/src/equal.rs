@@ -1,0 +1,89 @@
+//! Equal things side by side: what is decided of a shape is decided of one of them.
+
+use crate::patches::Patches;
+use glam::DVec3;
+
+/// Objects, or parts, that are compared at most.
+pub(crate) const MOST: usize = 33;
+/// Parts of parts: rows of rows of rows.
+const DEPTH: usize = 3;
+/// Width of a gap between two parts, of half the diagonal of all.
+const GAP: f64 = 0.01;
+/// Share of the area that a part has at least, and that what is none has at most.
+const PART: f64 = 0.02;
+const REST: f64 = 0.01;
+/// Largest difference of the lengths of equal things, and the least share of one that lies where the other has surface.
+const LENGTHS: f64 = 0.04;
+const SAME: f64 = 0.95;
+/// Cells along half a diagonal in which two are compared, at most; of fewer patches, a cell holds a few.
+const CELLS: f64 = 16.0;
+const PATCHES_OF_CELLS: f64 = 6.0;
+
+/// One of the parts that a shape consists of, if these are equal and gaps along an axis part them.
+pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
+    let mut found: Option<Patches> = None;
+    for _ in 0..DEPTH {
+        let whole = found.as_ref().unwrap_or(patches);
+        let Some(part) = (0..3).find_map(|k| one_along(whole, k)) else { break };
+        found = Some(part);
+    }
+    found
+}
+
+/// The same by gaps along axis `k`.
+fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
+    let reach = |number: usize| {
+        let [s, t] = patches.all[number].axes;
+        let (at, reach) = (patches.all[number].position[k], s[k].hypot(t[k]));
+        [at - reach, at + reach]
+    };
+    let mut order: Vec<usize> = (0..patches.all.len()).collect();
+    order.sort_by(|a, b| reach(*a)[0].total_cmp(&reach(*b)[0]).then(a.cmp(b)));
+    let mut parts: Vec<Vec<usize>> = Vec::new();
+    let mut end = f64::NEG_INFINITY;
+    for number in order {
+        let [from, to] = reach(number);
+        if from > end + GAP {
+            parts.push(Vec::new());
+        }
+        end = end.max(to);
+        parts.last_mut()?.push(number);
+    }
+    let area = |part: &Vec<usize>| part.iter().map(|number| patches.all[*number].area).sum::<f64>() / patches.area;
+    let rest: f64 = parts.iter().map(area).filter(|area| *area < PART).sum();
+    parts.retain(|part| area(part) >= PART);
+    if parts.len() < 2 || parts.len() >= MOST || rest > REST {
+        return None;
+    }
+    let samples = parts.iter().map(|part| patches.some(part)).collect::<Option<Vec<Patches>>>()?;
+    let (first, others) = samples.split_first()?;
+    others.iter().all(|other| are_equal(first, other)).then(|| first.clone())
+}
+
+/// True of samples of equal shapes, wherever they are.
+pub(crate) fn are_equal(a: &Patches, b: &Patches) -> bool {
+    let lengths = [a, b].map(|patches| patches.extent() * patches.scale);
+    let is_same_length = |k: usize| (lengths[0][k] - lengths[1][k]).abs() <= LENGTHS * a.scale.max(b.scale);
+    (0..3).all(is_same_length) && share_on(a, b) >= SAME && share_on(b, a) >= SAME
+}
+
+/// The share of a shape's area that lies where another has surface, within a cell, once their middles are in one place.
+fn share_on(of: &Patches, on: &Patches) -> f64 {
+    // Positions are within 1 of the middle.
+    const SIDE: usize = 2 * (CELLS as usize + 2) + 1;
+    let fewer = of.all.len().min(on.all.len());
+    let cells = (fewer as f64 / PATCHES_OF_CELLS).sqrt().min(CELLS);
+    let cell = |p: DVec3| (p * cells).round().to_array().map(|c| (c + CELLS + 2.0) as usize);
+    let index = |[x, y, z]: [usize; 3]| (z * SIDE + y) * SIDE + x;
+    let mut near = vec![false; SIDE * SIDE * SIDE];
+    for p in &on.all {
+        let [x, y, z] = cell(p.position);
+        for z in z - 1..=z + 1 {
+            for y in y - 1..=y + 1 {
+                let middle = index([x, y, z]);
+                near[middle - 1..=middle + 1].fill(true);
+            }
+        }
+    }
+    of.all.iter().filter(|p| near[index(cell(p.position))]).map(|p| p.area).sum::<f64>() / of.area
+}
