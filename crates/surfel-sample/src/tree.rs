@@ -189,7 +189,7 @@ impl KdTree {
     }
 
     /// Visits the slots whose item is in a box about `center`, given by three directions (unit vectors at right angles,
-    /// or zero for none) and how far the box reaches along each; `bounds` come from [`KdTree::bounds_below`]. A long box
+    /// or zero for none) and how far the box reaches along each; `bounds` are [`KdTree::bounds_below`]. A long box
     /// crosses many cells of the tree in which there is nothing near.
     pub(crate) fn in_box(
         &self,
