@@ -39,6 +39,9 @@ use failure::Failure;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
+/// Stack for reading the arguments: the grammar of all commands takes most of 1 MiB.
+const STACK_BYTES: usize = 8 << 20;
+
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", feature = "wgpu"))]
     wayland::silence();
@@ -50,7 +53,13 @@ fn main() -> ExitCode {
     #[cfg(unix)]
     signals::watch();
     let arguments: Vec<OsString> = std::env::args_os().collect();
-    std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1))
+    let guarded = |arguments| std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1));
+    // A thread of its own: the stack of the first one may be as small as `ulimit -s` says.
+    let own = arguments.clone();
+    match std::thread::Builder::new().stack_size(STACK_BYTES).spawn(move || guarded(own)) {
+        Ok(thread) => thread.join().unwrap_or(ExitCode::from(1)),
+        Err(_) => guarded(arguments),
+    }
 }
 
 fn run(arguments: Vec<OsString>) -> ExitCode {

@@ -114,16 +114,16 @@ fn points_that_do_not_fit_into_memory_are_refused_with_what_to_do() {
     folder.run("convert in.las -o out.copc.laz --memory 2G").code(0);
     folder.run("render in.las --size 16x16 -o a.png --memory 2M").code(0);
     for (command, expected) in [
-        ("render in.las --memory 512K", "surfel convert"),
-        ("render in.las --memory 100K --max-points 513", "0.0 GB of memory at 200 bytes"),
-        ("render out.copc.laz --memory 100K", "at most 682 points (--max-points)"),
-        ("render out.copc.laz --memory 100K --all-levels", "at most 682 points (--max-points)"),
-        ("render in.xyz --memory 1K", "has 6 points to draw"),
+        ("render in.las --memory 256K", "surfel convert"),
+        ("render in.las --memory 100K --max-points 1024", "0.0 GB of memory at 1"),
+        ("render out.copc.laz --memory 100K", "at most 930 points (--max-points)"),
+        ("render out.copc.laz --memory 100K --all-levels", "at most 930 points (--max-points)"),
+        ("render in.xyz --memory 256", "has 6 points to draw"),
         ("render in.las --memory 1K --every 2", "has 1800 points to draw"),
     ] {
         folder.run(&format!("{command} -o b.png")).fails(3, expected).fails(3, "--memory");
     }
-    folder.run("convert in.las -o b.ply --memory 512K").fails(3, "--memory");
+    folder.run("convert in.las -o b.ply --memory 256K").fails(3, "--memory");
     folder.run("render in.las --size 16x16 -o c.png --memory 100K --max-points 512").code(0);
     folder.run("convert in.las -o less.copc.laz --memory 128M").fails(2, "takes at least");
     assert_eq!(folder.names(), ["a.png", "c.png", "in.las", "in.xyz", "out.copc.laz"]);
@@ -172,7 +172,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     assert!(covered("largest.png") > 96 * 80 / 4);
 }
 
-/// A file of 1.2 GB of points, by what they take in memory, none of which are stored on disk.
+/// A file of 0.8 GB of points, by what they take in memory, none of which are stored on disk.
 #[cfg(target_os = "linux")]
 #[test]
 fn render_that_is_ended_while_it_writes_levels_leaves_nothing() {
@@ -188,7 +188,7 @@ fn render_that_is_ended_while_it_writes_levels_leaves_nothing() {
     file.set_len(375 + 36 * points).unwrap();
     let held = || std::fs::read_dir(folder.path().join("temporary")).unwrap().count();
     for later in [0, 700] {
-        let words = "render in.las --memory 1G --size 16x16 -o out.png";
+        let words = "render in.las --memory 512M --size 16x16 -o out.png";
         let mut child = folder.spawn_with(words, &[("TMPDIR", "temporary")]);
         let began = Instant::now();
         while held() == 0 {
@@ -223,11 +223,11 @@ fn server_draws_by_levels_what_does_not_fit() {
         folder.write(&format!("{name}.json"), scene);
     }
     lines.push(r#"{"output": "d.png", "view": "iso", "size": [80, 60]}"#.to_owned());
-    // All 360,000 points take 36 MB.
+    // All 360,000 points take 32 MB.
     for name in ["a", "b", "c"] {
-        folder.run(&format!("{name}.json -o {name}-plain.png --memory 34M --no-metadata")).code(0);
+        folder.run(&format!("{name}.json -o {name}-plain.png --memory 30M --no-metadata")).code(0);
     }
-    let answers = folder.run_in("", "serve --stdio a.json --memory 34M --no-metadata", lines.join("\n").as_bytes());
+    let answers = folder.run_in("", "serve --stdio a.json --memory 30M --no-metadata", lines.join("\n").as_bytes());
     let (answers, notes) = (answers.stdout(), answers.stderr());
     assert!(
         notes.contains("drawn by levels") && answers.lines().all(|line| line.contains(r#""ok":true"#)),

@@ -191,3 +191,14 @@ fn serve_gives_back_the_memory_of_a_large_image() {
     drop(requests);
     assert!(child.wait().unwrap().success());
 }
+
+#[test]
+fn a_small_stack_of_the_first_thread_suffices() {
+    let f = Folder::new("small-stack");
+    f.write("a.xyz", hill());
+    let program = env!("CARGO_BIN_EXE_surfel");
+    let words = format!("ulimit -s 256 && exec {program} render a.xyz --size 32x32 -o a.png");
+    let output = std::process::Command::new("sh").current_dir(f.path()).args(["-c", &words]).output().unwrap();
+    assert!(output.status.success(), "{output:?}");
+    assert_eq!(f.image("a.png").width, 32);
+}

@@ -15,6 +15,7 @@ use crate::error::{Fault, IoError, Problem, READ, unwritable};
 use crate::files::{Siblings, most_unpacked};
 use crate::format::Format;
 use crate::gzip;
+use crate::las::PointCount;
 use crate::ply;
 use crate::ply::colors::FloatColors;
 use crate::point_columns::{Named, Roles};
@@ -53,8 +54,7 @@ pub(crate) struct ColumnFile {
 /// What the start of a file says.
 pub(crate) struct Survey {
     pub(crate) format: Format,
-    /// How many points there are; of text it is an estimate.
-    pub(crate) points: u64,
+    pub(crate) count: PointCount,
     /// Which axis is up, if it says so.
     pub(crate) up: Option<Up>,
 }
@@ -113,15 +113,19 @@ pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Surv
 fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head, bytes, columns)?;
+    // Colours are assumed where the start doesn't say it.
+    let (mut has_normals, mut has_colors) = (false, true);
     let (points, least_bytes, up) = match format {
         Format::Ply => {
             let vertices = ply::points::Vertices::of(bytes).ok()??;
+            (has_normals, has_colors) = (vertices.has("nx"), vertices.has("red"));
             (vertices.points(), vertices.least_bytes(), vertices.up())
         }
         #[cfg(feature = "pcd")]
         Format::Pcd => {
             let table = crate::pcd::Table::of(&head).ok()?;
             let up = table.up(&mut context(&LoadOptions::default()));
+            (has_normals, has_colors) = (table.has("normal_x"), table.has("rgb") || table.has("rgba"));
             (table.points() as u64, table.least_bytes() as u64, up)
         }
         #[cfg(feature = "npy")]
@@ -138,6 +142,8 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
         Format::Colmap if crate::format::is_binary(&head) => (crate::colmap_points::count(bytes)?, 0, None),
         #[cfg(feature = "points")]
         Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap => {
+            // Fewer numbers than places and colours take.
+            has_colors = head.split(|b| *b == b'\n').take(2).any(|line| line.split(|b| *b <= b',').count() > 5);
             // By lines at its start, in its middle and at its end.
             let places = [0, bytes.len() / 2, bytes.len().saturating_sub(HEAD_BYTES)];
             let (mut seen, mut lines) = (0, 1);
@@ -149,7 +155,9 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
         }
         _ => return None,
     };
-    (points > 0 && least_bytes <= most).then_some(Survey { format, points, up })
+    let row_bytes = all / points.max(1);
+    let count = PointCount { points, has_radii: false, has_normals, has_colors, row_bytes };
+    (points > 0 && least_bytes <= most).then_some(Survey { format, count, up })
 }
 
 impl ColumnFile {

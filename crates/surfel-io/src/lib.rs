@@ -117,7 +117,7 @@ pub use images::{read_image, read_image_bytes};
 #[cfg(feature = "laz")]
 pub use las::copc;
 #[cfg(feature = "las")]
-pub use las::survey_points;
+pub use las::{PointCount, survey_points};
 pub use load::{Loaded, PointSurvey, load, load_bytes, names_geometry, survey};
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;

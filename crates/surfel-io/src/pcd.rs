@@ -89,6 +89,10 @@ impl<'a> Table<'a> {
         self.0.points
     }
 
+    pub(crate) fn has(&self, field: &str) -> bool {
+        self.0.fields.iter().any(|f| f.name == field)
+    }
+
     /// Least bytes that the points take.
     pub(crate) fn least_bytes(&self) -> usize {
         let point = match self.0.encoding {

@@ -723,7 +723,7 @@ fn extras_keep_their_type_beside_other_names() {
     }
 }
 
-/// A Draco stream of points without compression. An attribute is what it is for (0: positions, 2: colours, 4: anything),
+/// A Draco stream of points without compression. An attribute is its purpose (0: positions, 2: colours, 4: anything),
 /// its number type, its components, and its numbers, little-endian.
 #[cfg(feature = "draco")]
 fn draco_points(version: [u8; 2], count: u32, attributes: &[(u8, u8, u8, Vec<u8>)]) -> Vec<u8> {

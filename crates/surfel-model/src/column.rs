@@ -213,6 +213,14 @@ impl ExtraValues {
         each_extra!(self, v => v.len())
     }
 
+    /// Bytes of a value.
+    pub fn value_bytes(&self) -> usize {
+        fn bytes<T>(_: &[T]) -> usize {
+            size_of::<T>()
+        }
+        each_extra!(self, v => bytes(v))
+    }
+
     /// True when there is no value.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -71,8 +71,8 @@ impl Boxes {
     /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
     /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
     ///
-    /// The nearest boxes are opened first, wherever they are: the distance of a shape may be far larger than that of its
-    /// box, and boxes that hold `p` overlap.
+    /// The nearest boxes are opened first, wherever they are: the distance of a shape may be far larger than its box's,
+    /// and boxes that hold `p` overlap.
     pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
         let mut open = BinaryHeap::with_capacity(64);

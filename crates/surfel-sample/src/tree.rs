@@ -189,45 +189,28 @@ impl KdTree {
     }
 
     /// Visits the slots whose item is in a box about `center`, given by three directions (unit vectors at right angles,
-    /// or zero for none) and how far the box reaches along each.
-    pub(crate) fn in_box(&self, center: DVec3, sides: [(DVec3, f64); 3], visit: &mut impl FnMut(usize)) {
-        let bounds = (DVec3::NEG_INFINITY, DVec3::INFINITY);
-        self.walk_box((0, self.nodes.len()), (0, self.items.len()), bounds, &(center, sides), visit);
-    }
-
-    fn walk_box(
+    /// or zero for none) and how far the box reaches along each; `bounds` are [`KdTree::bounds_below`]. A long box
+    /// crosses many cells of the tree in which there is nothing near.
+    pub(crate) fn in_box(
         &self,
-        (node, size): (usize, usize),
-        (lo, hi): (usize, usize),
-        (low, high): (DVec3, DVec3),
-        area: &(DVec3, [(DVec3, f64); 3]),
+        center: DVec3,
+        sides: [(DVec3, f64); 3],
+        bounds: &[(DVec3, DVec3)],
         visit: &mut impl FnMut(usize),
     ) {
-        let (center, sides) = area;
-        if size == 0 {
-            let is_in = |p: DVec3| sides.iter().all(|(n, reach)| (p - center).dot(*n).abs() <= *reach);
-            (lo..hi).filter(|slot| is_in(self.items[*slot].point)).for_each(visit);
-            return;
-        }
-        // The node's bounds along a direction; unbounded ones reach anywhere.
-        let meets = |(n, reach): &(DVec3, f64)| {
-            let along = |k: usize| {
-                let ends =
-                    [low[k] - center[k], high[k] - center[k]].map(|end| if n[k] == 0.0 { 0.0 } else { end * n[k] });
-                (ends[0].min(ends[1]), ends[0].max(ends[1]))
-            };
-            let [x, y, z] = [0, 1, 2].map(along);
-            x.0 + y.0 + z.0 <= *reach && x.1 + y.1 + z.1 >= -*reach
+        let is_in = |p: DVec3| sides.iter().all(|(n, reach)| (p - center).dot(*n).abs() <= *reach);
+        let meets = |node: usize| {
+            let (low, high) = bounds[node];
+            let (middle, half) = (0.5 * (low + high) - center, 0.5 * (high - low));
+            // For rounding.
+            let hair = 1e-14 * low.abs().max(high.abs()).max(center.abs()).max_element();
+            sides.iter().all(|(n, reach)| middle.dot(*n).abs() - half.dot(n.abs()) <= reach + hair)
         };
-        if !sides.iter().all(meets) {
-            return;
-        }
-        let Node { split, axis } = self.nodes[node];
-        let (mid, half) = (lo + (hi - lo) / 2, (size - 1) / 2);
-        let (mut below, mut above) = (high, low);
-        (below[axis as usize], above[axis as usize]) = (split, split);
-        self.walk_box((node + 1, half), (lo, mid), (low, below), area, visit);
-        self.walk_box((node + 1 + half, half), (mid, hi), (above, high), area, visit);
+        self.visit_below(&meets, &mut |slot| {
+            if is_in(self.items[slot].point) {
+                visit(slot);
+            }
+        });
     }
 }
 
@@ -336,11 +319,12 @@ mod tests {
     fn box_visits_what_is_in_it_and_little_more() {
         let points = scattered(2000, 1e9);
         let tree = KdTree::new(&points);
+        let bounds = tree.bounds_below();
         let (u, v) = (DVec3::new(0.6, 0.8, 0.0), DVec3::new(-0.8, 0.6, 0.0));
         for q in scattered(30, 11.0) {
             for sides in [[(u, 0.5), (v, 0.02), (DVec3::Z, 0.1)], [(u, 2.0), (v, 2.0), (DVec3::ZERO, 0.0)]] {
                 let mut visited = vec![false; 2000];
-                tree.in_box(q, sides, &mut |s| visited[tree.index(s)] = true);
+                tree.in_box(q, sides, &bounds, &mut |s| visited[tree.index(s)] = true);
                 let is_in = |p: DVec3| sides.iter().all(|(n, reach)| (p - q).dot(*n).abs() <= *reach);
                 assert!((0..2000).all(|i| visited[i] == is_in(points[i])));
             }

@@ -237,7 +237,7 @@ pub(crate) fn splats_of_points(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let remedy = memory::Remedy::Points;
-    memory::check(path, points.len() as u64, memory::PREPARED_BYTES, options.memory, remedy)?;
+    memory::check(path, points.len() as u64, memory::prepared_bytes(points), options.memory, remedy)?;
     let point_options = PointOptions {
         radius_scale: options.radius_scale,
         viewpoint: above,

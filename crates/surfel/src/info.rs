@@ -72,7 +72,7 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
 /// What a file of many points holds, if its format is read by blocks.
 fn survey_of_many(path: &Path, options: &LoadOptions) -> Result<Option<Survey>, Error> {
     match surfel_io::survey_points(path, options.columns.as_ref()) {
-        Some((count, _)) if count > ALL as u64 => survey(path, count, options),
+        Some(count) if count.points > ALL as u64 => survey(path, count.points, options),
         _ => Ok(None),
     }
 }

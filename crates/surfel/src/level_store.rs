@@ -246,7 +246,7 @@ mod tests {
         }
         fs::write(&input, bytes).unwrap();
         levels::save_copc(std::slice::from_ref(&input), &converted, &CopcRequest::default(), &NoProgress).unwrap();
-        let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
+        let (memory, eye) = ("9M", [20.0, -150.0, 80.0]);
         let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });
         let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
         assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
@@ -255,7 +255,7 @@ mod tests {
         // But for what the file says is up, which COPC can't.
         let [found, expected] = [&found, &expected].map(|resolved| cloud(resolved).data());
         assert!((&found.centers, &found.shape) == (&expected.centers, &expected.shape));
-        let options = LoadOptions::default().with_memory(Some(12 << 20)).with_levels(Some(levels::Levels::Overview));
+        let options = LoadOptions::default().with_memory(Some(9 << 20)).with_levels(Some(levels::Levels::Overview));
         let loaded = crate::load(&input, &options.with_level_store(Some(store)), &NoProgress).unwrap();
         assert_eq!((loaded.format, loaded.up), (surfel_io::Format::Ply, surfel_model::Up::MinusY));
         assert_eq!(loaded.up_reason, Some(crate::framing::UpReason::Stated));

@@ -401,14 +401,12 @@ pub(crate) fn read_needed(
 pub(crate) fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     let is_file = options.stdin.is_none() || path != Path::new(STDIN);
     let is_all = is_file && !options.chooses_points();
-    let Some((points, has_radii)) = surfel_io::survey_points(path, options.columns.as_ref()).filter(|_| is_all) else {
+    let Some(count) = surfel_io::survey_points(path, options.columns.as_ref()).filter(|_| is_all) else {
         return Ok(());
     };
-    let points = options.max_points.map_or(points, |most| points.min(most as u64));
-    let (bytes, remedy) = match has_radii {
-        true => (memory::KNOWN_BYTES, memory::Remedy::Fewer),
-        false => (memory::PREPARED_BYTES, memory::Remedy::Levels),
-    };
+    let points = options.max_points.map_or(count.points, |most| count.points.min(most as u64));
+    let remedy = if count.has_radii { memory::Remedy::Fewer } else { memory::Remedy::Levels };
+    let bytes = memory::loaded_bytes(&count);
     memory::check(path, points, bytes, options.memory, remedy)
 }
 

@@ -14,7 +14,7 @@ use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
 use crate::noise::{no_surface, surface_of};
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
-use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
 use std::io::Read;
 use std::path::{Path, PathBuf};
@@ -458,8 +458,10 @@ pub fn refine_objects(
     let named = objects.iter().filter(|o| o.splats.is_some() || o.mesh.is_some());
     let partial: Vec<(usize, &ObjectFile)> =
         named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
-    let colored: Vec<ObjectNote> = loaded.colorings.notes().map(|(path, text)| ObjectNote::new(path, text)).collect();
-    loaded.notes.retain(|note| !colored.contains(note));
+    let colored: HashSet<(&Path, &str)> = loaded.colorings.notes().collect();
+    loaded.notes.retain(|note| !colored.contains(&(note.path.as_path(), note.text.as_str())));
+    // The notes on each file, of the object that was read last.
+    let mut fresh: HashMap<PathBuf, (usize, Vec<ObjectNote>)> = HashMap::new();
     for (i, object) in &partial {
         let levels = seen.levels(object.world_from_object()?);
         let options = options.clone().with_levels(Some(levels));
@@ -469,10 +471,19 @@ pub fn refine_objects(
         loaded.color_jobs.0[*i] = finer.color_jobs.0.pop().flatten();
         // Not yet coloured.
         loaded.facts[*i] = ObjectFacts { partial: true, noise: loaded.facts[*i].noise || facts.noise, ..facts };
-        let same = |path: &Path| finer.notes.iter().any(|note| note.path == path);
-        loaded.notes.retain(|note| !same(&note.path));
-        loaded.notes.append(&mut finer.notes);
+        for note in finer.notes {
+            let (of, notes) = fresh.entry(note.path.clone()).or_default();
+            if *of != *i {
+                notes.clear();
+            }
+            *of = *i;
+            notes.push(note);
+        }
     }
+    loaded.notes.retain(|note| !fresh.contains_key(&note.path));
+    let mut fresh: Vec<_> = fresh.into_iter().collect();
+    fresh.sort_by(|(a, (i, _)), (b, (j, _))| (i, a).cmp(&(j, b)));
+    loaded.notes.extend(fresh.into_iter().flat_map(|(_, (_, notes))| notes));
     loaded.color(false)?;
     for (i, _) in partial {
         let colored = is_colored(&loaded.objects[i].geometry);

@@ -110,6 +110,16 @@ pub(super) fn check_size(header: &Header, points: u64, file_bytes: u64) -> Resul
     Ok(())
 }
 
+/// Makes `bytes` so long, by zeros. One chunk may hold all points of a file, which needn't fit into memory.
+fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
+    if bytes.try_reserve_exact(length.saturating_sub(bytes.len())).is_err() {
+        let what = format!("has a chunk of {length} bytes of points, which the system gives no memory for");
+        return Err(Problem::new(what).help("free memory, or write the file again in smaller chunks"));
+    }
+    bytes.resize(length, 0);
+    Ok(())
+}
+
 /// The compressor of LASzip 1: one piece, which only the header's count ends.
 fn read_in_one_piece(
     source: &mut dyn Source,
@@ -254,11 +264,11 @@ fn read_chunks(
             (points, packed_bytes, group) = (more, packed_bytes + chunk.bytes, group + 1);
         }
         let (now, rest) = chunks.split_at(group);
-        packed.resize(packed_bytes as usize, 0);
+        resize(&mut packed, packed_bytes as usize)?;
         source.seek(SeekFrom::Start(start)).map_err(unreadable)?;
         source.read_exact(&mut packed).map_err(unreadable)?;
         bytes.clear();
-        bytes.resize(points as usize * size, 0);
+        resize(&mut bytes, points as usize * size)?;
         let entries: Vec<(u64, u64)> = now.iter().map(|c| (c.points, c.bytes)).collect();
         decode(&packed, &mut bytes, vlr, &entries).map_err(|e| {
             let what = format!("is damaged among points {done} to {}: {e}", done + points);
@@ -331,7 +341,7 @@ fn read_without_table(
         let now = chunk.min(said - took);
         check_size(header, took + now, file_bytes)?;
         bytes.clear();
-        bytes.resize(now as usize * header.record_bytes, 0);
+        resize(&mut bytes, now as usize * header.record_bytes)?;
         if decoder.decompress_many(&mut bytes).is_err() {
             break;
         }
@@ -453,4 +463,19 @@ pub(super) fn decode_some(
     let entry = |c: &(u64, u64)| ChunkTableEntry { point_count: c.0, byte_count: c.1 };
     let entries: Vec<ChunkTableEntry> = chunks.iter().map(entry).collect();
     ::laz::laszip::parallel::par_decompress_selective(packed, points, vlr, &entries, fields)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn chunks_that_no_memory_holds_are_refused() {
+        let mut bytes = vec![7; 3];
+        assert!(resize(&mut bytes, 5).is_ok());
+        assert_eq!(bytes, [7, 7, 7, 0, 0]);
+        assert!(resize(&mut bytes, 2).is_ok());
+        let problem = resize(&mut bytes, isize::MAX as usize).unwrap_err().to_string();
+        assert!(problem.contains("gives no memory for"), "{problem}");
+    }
 }

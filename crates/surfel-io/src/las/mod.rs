@@ -91,29 +91,62 @@ fn read_records(
     Err(Problem::not_built("LAZ", "laz"))
 }
 
-/// How many points a file has that can be written by levels, as its header says, and whether they have radii of splats,
-/// as Surfel adds them to LAS; `None` for other files, and for those whose header can't be right. Of text it is an
-/// estimate. `columns` as [`crate::LoadOptions`] has them.
+/// What the start of a file says of its points: how many there are, and what each takes in memory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PointCount {
+    /// Number of points; an estimate for text.
+    pub points: u64,
+    /// True if points have the radii of splats, as Surfel adds them to LAS.
+    pub has_radii: bool,
+    /// True if points have normals, as far as the start of the file says it.
+    pub has_normals: bool,
+    /// True if points have colours, or may have them.
+    pub has_colors: bool,
+    /// Bytes of the file that a point takes, and of its columns besides position, normal and colour.
+    pub row_bytes: u64,
+}
+
+/// Columns that LAS has of a point: intensity, classification, returns and time, and the low digits of its place.
+const LAS_COLUMN_BYTES: u64 = 25;
+/// Bytes of a point's part of the chunks that are decompressed at a time.
+#[cfg(feature = "laz")]
+const LAZ_BYTES: u64 = 15;
+
+/// The points of a file that can be written by levels, by its start; `None` for other files, and for those whose header
+/// can't be right. `columns` as [`crate::LoadOptions`] has them.
 #[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
-pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<(u64, bool)> {
+pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<PointCount> {
     let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
         #[cfg(feature = "laz")]
-        return crate::column_file::survey(path, columns).map(|survey| (survey.points, false));
+        return crate::column_file::survey(path, columns).map(|survey| survey.count);
         #[cfg(not(feature = "laz"))]
         return None;
     }
     let file_bytes = file.seek(SeekFrom::End(0)).ok()?;
     let header = Header::read(&mut file, file_bytes).ok()?;
-    let has_radii = header.extra.iter().any(|e| e.name == RADIUS);
+    let has = |name: &str| header.extra.iter().any(|e| e.name == name);
+    let extra_bytes = header.record_bytes - header::POINT_BYTES[usize::from(header.format)];
+    let count = |points: u64, stored: u64| PointCount {
+        points,
+        has_radii: has(RADIUS),
+        has_normals: has("NormalX"),
+        has_colors: records::has_colors(header.format),
+        row_bytes: stored + LAS_COLUMN_BYTES + extra_bytes as u64,
+    };
     if !header.compressed {
-        return Some((header.count.min((header.end - header.start) / header.record_bytes as u64), has_radii));
+        let points = header.count.min((header.end - header.start) / header.record_bytes as u64);
+        return Some(count(points, header.record_bytes as u64));
     }
     #[cfg(feature = "laz")]
-    laz::check_size(&header, header.count, file_bytes).ok()?;
-    Some((header.count, has_radii))
+    {
+        laz::check_size(&header, header.count, file_bytes).ok()?;
+        Some(count(header.count, file_bytes / header.count.max(1) + LAZ_BYTES))
+    }
+    #[cfg(not(feature = "laz"))]
+    Some(count(header.count, 0))
 }
 
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {

@@ -8,6 +8,11 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
+/// True for the point formats with colours.
+pub(super) fn has_colors(format: u8) -> bool {
+    matches!(format, 2 | 3 | 5 | 7 | 8 | 10)
+}
+
 /// A column that blocks of records are appended to.
 trait Gather: Send {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
@@ -64,7 +69,7 @@ impl Columns {
     /// Only what splats are made of: positions, colours and extra bytes, scaled ones as f32.
     pub(super) fn of_splats(header: &Header, expected: usize) -> Self {
         let format = header.format;
-        let has_colors = matches!(format, 2 | 3 | 5 | 7 | 8 | 10);
+        let has_colors = has_colors(format);
         let color_at = match format {
             2 => 20,
             3 | 5 => 28,

@@ -63,6 +63,10 @@ impl Vertices {
         self.vertices().count
     }
 
+    pub(crate) fn has(&self, property: &str) -> bool {
+        self.vertices().properties.iter().any(|p| p.name == property)
+    }
+
     /// Least bytes that they take.
     pub(crate) fn least_bytes(&self) -> u64 {
         let row = match self.header.encoding {

@@ -59,6 +59,8 @@ struct RegionBorders {
     /// The border that each sample lies on.
     border_of: Vec<u32>,
     tree: KdTree,
+    /// Bounds of the samples below each node.
+    bounds: Vec<(DVec3, DVec3)>,
     /// Largest distance of neighbouring samples of a piece.
     spacing: f64,
 }
@@ -78,7 +80,7 @@ impl Borders {
         let Some(own) = self.regions.get(&region) else { return found };
         // Points between the samples are no farther from them.
         let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + own.spacing));
-        own.tree.in_box(p, sides, &mut |slot| found.push(own.border_of[own.tree.index(slot)] as usize));
+        own.tree.in_box(p, sides, &own.bounds, &mut |slot| found.push(own.border_of[own.tree.index(slot)] as usize));
         found.sort_unstable();
         found.dedup();
         found
@@ -101,7 +103,8 @@ impl RegionBorders {
             border_of.resize(border_of.len() + line.len(), *i);
             samples.extend(line);
         }
-        Self { border_of, tree: KdTree::new(&samples), spacing }
+        let tree = KdTree::new(&samples);
+        Self { border_of, bounds: tree.bounds_below(), tree, spacing }
     }
 }
 

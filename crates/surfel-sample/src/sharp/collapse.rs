@@ -92,8 +92,10 @@ struct Collapser<'a> {
     /// From a point to the mesh.
     distance: &'a dyn Fn(DVec3) -> f64,
     alive: Vec<bool>,
-    /// Triangles at each vertex.
+    /// Triangles at each vertex, and some that are gone.
     around: Vec<Vec<u32>>,
+    /// Number of those that aren't gone.
+    valences: Vec<u32>,
     quadrics: Vec<Quadric>,
     longest: f64,
     heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
@@ -122,12 +124,14 @@ pub(crate) fn collapse(
     }
     let even = (4.0 / 3f64.sqrt() * total / limits.faces.max(1) as f64).sqrt();
     let alive = vec![true; surface.faces.len()];
+    let valences = around.iter().map(|faces| faces.len() as u32).collect();
     let mut collapser = Collapser {
         surface,
         limits,
         distance,
         alive,
         around,
+        valences,
         quadrics,
         longest: LONGEST * even,
         heap: BinaryHeap::new(),
@@ -217,9 +221,14 @@ impl Collapser<'_> {
         self.surface.pieces.get(&edge(a, b)).copied()
     }
 
+    /// Triangles at a vertex.
+    fn faces_at(&self, v: u32) -> impl Iterator<Item = u32> {
+        self.around[v as usize].iter().copied().filter(|face| self.alive[*face as usize])
+    }
+
     /// Vertices that share an edge with `v`, in ascending order.
     fn neighbours(&self, v: u32) -> Vec<u32> {
-        let faces = self.around[v as usize].iter().flat_map(|f| self.surface.faces[*f as usize]);
+        let faces = self.faces_at(v).flat_map(|f| self.surface.faces[f as usize]);
         let mut all: Vec<u32> = faces.filter(|o| *o != v).collect();
         all.sort_unstable();
         all.dedup();
@@ -228,13 +237,13 @@ impl Collapser<'_> {
 
     /// Two vertices, first that of fewer triangles: the middle of a fan has as many as the fan.
     fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
-        if self.around[a as usize].len() <= self.around[b as usize].len() { (a, b) } else { (b, a) }
+        if self.valences[a as usize] <= self.valences[b as usize] { (a, b) } else { (b, a) }
     }
 
     /// True if two vertices share an edge.
     fn are_joined(&self, a: u32, b: u32) -> bool {
         let (few, other) = self.by_triangles(a, b);
-        self.around[few as usize].iter().any(|f| self.surface.faces[*f as usize].contains(&other))
+        self.faces_at(few).any(|f| self.surface.faces[f as usize].contains(&other))
     }
 
     fn offer(&mut self, a: u32, b: u32) {
@@ -296,12 +305,11 @@ impl Collapser<'_> {
 
     /// A candidate with the largest distance of the new triangles' middles and edges from the mesh.
     fn measured(&self, c: &Candidate) -> Candidate {
-        let (keep_faces, remove_faces) = (&self.around[c.keep as usize], &self.around[c.remove as usize]);
         let moves = c.target != self.position(c.keep);
-        let moved = keep_faces.iter().filter(|_| moves);
+        let moved = moves.then(|| self.faces_at(c.keep)).into_iter().flatten();
         let mut largest = 0.0f64;
-        for face in remove_faces.iter().chain(moved) {
-            let t = self.surface.faces[*face as usize];
+        for face in self.faces_at(c.remove).chain(moved) {
+            let t = self.surface.faces[face as usize];
             if t.contains(&c.keep) && t.contains(&c.remove) {
                 continue;
             }
@@ -314,20 +322,20 @@ impl Collapser<'_> {
     }
 
     fn is_feasible(&self, c: &Candidate) -> bool {
-        let (keep_faces, remove_faces) = (&self.around[c.keep as usize], &self.around[c.remove as usize]);
+        let valence = |v: u32| self.valences[v as usize] as usize;
         let (few, other) = self.by_triangles(c.keep, c.remove);
         let has = |face: &u32, v: u32| self.surface.faces[*face as usize].contains(&v);
-        let shared = self.around[few as usize].iter().filter(|f| has(f, other)).count();
+        let shared = self.faces_at(few).filter(|f| has(f, other)).count();
         let common = self.neighbours(few).into_iter().filter(|v| *v != other && self.are_joined(*v, other)).count();
         // Topology: every common neighbour is the third corner of a triangle that goes.
-        if common != shared || shared == 0 || shared > 2 || keep_faces.len() + remove_faces.len() <= 2 * shared {
+        if common != shared || shared == 0 || shared > 2 || valence(c.keep) + valence(c.remove) <= 2 * shared {
             return false;
         }
         let merged = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove));
         let moves = c.target != self.position(c.keep);
-        let changed = remove_faces.iter().filter(|f| !has(f, c.keep));
-        let moved = keep_faces.iter().filter(|f| moves && !has(f, c.remove));
-        changed.chain(moved).all(|f| self.is_sound(c, *f, merged))
+        let changed = self.faces_at(c.remove).filter(|f| !has(f, c.keep));
+        let moved = moves.then(|| self.faces_at(c.keep)).into_iter().flatten().filter(|f| !has(f, c.remove));
+        changed.chain(moved).all(|f| self.is_sound(c, f, merged))
     }
 
     /// True if a triangle is well-shaped after the collapse, and its splat can be clipped.
@@ -371,12 +379,12 @@ impl Collapser<'_> {
 
     /// True if the triangle beyond edge (a, b), where it isn't changed itself, still meets this one smoothly.
     fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
-        let other = self.around[self.by_triangles(a, b).0 as usize].iter().find(|f| {
-            let t = self.surface.faces[**f as usize];
-            **f != face && t.contains(&a) && t.contains(&b) && !t.contains(&c.remove) && !t.contains(&c.keep)
+        let other = self.faces_at(self.by_triangles(a, b).0).find(|f| {
+            let t = self.surface.faces[*f as usize];
+            *f != face && t.contains(&a) && t.contains(&b) && !t.contains(&c.remove) && !t.contains(&c.keep)
         });
         other.is_none_or(|f| {
-            let beyond = normal_of(self.surface.corners(self.surface.faces[*f as usize]));
+            let beyond = normal_of(self.surface.corners(self.surface.faces[f as usize]));
             normal.dot(beyond) >= self.limits.crease_cos
         })
     }
@@ -392,18 +400,23 @@ impl Collapser<'_> {
         self.quadrics[c.keep as usize] = self.quadrics[c.keep as usize].plus(&self.quadrics[c.remove as usize]);
         let mut removed = 0;
         for face in std::mem::take(&mut self.around[c.remove as usize]) {
+            if !self.alive[face as usize] {
+                continue;
+            }
             let t = &mut self.surface.faces[face as usize];
             if t.contains(&c.keep) {
                 self.alive[face as usize] = false;
                 removed += 1;
                 for v in *t {
-                    self.around[v as usize].retain(|f| *f != face);
+                    self.forget_face(v);
                 }
             } else {
                 t.iter_mut().for_each(|v| *v = if *v == c.remove { c.keep } else { *v });
                 self.around[c.keep as usize].push(face);
+                self.valences[c.keep as usize] += 1;
             }
         }
+        self.valences[c.remove as usize] = 0;
         for other in self.neighbours(c.keep) {
             self.offer(c.keep, other);
             // A ridge's next vertex now has another piece on this side.
@@ -414,6 +427,17 @@ impl Collapser<'_> {
             }
         }
         removed
+    }
+
+    /// Counts a triangle less at a vertex. Those that are gone are taken out where they are most, so that the middle of
+    /// a fan isn't searched for each.
+    fn forget_face(&mut self, v: u32) {
+        let valence = &mut self.valences[v as usize];
+        *valence = valence.saturating_sub(1);
+        let faces = &mut self.around[v as usize];
+        if faces.len() > 2 * *valence as usize {
+            faces.retain(|face| self.alive[*face as usize]);
+        }
     }
 
     fn compact(self) {

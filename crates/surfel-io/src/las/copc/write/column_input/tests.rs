@@ -200,7 +200,7 @@ fn points_of_every_format_are_the_same_whatever_fits_into_memory() {
     for (name, bytes) in files {
         let input = folder.join(name);
         std::fs::write(&input, bytes).unwrap();
-        assert_eq!(crate::survey_points(&input, None).map(|(points, _)| points.abs_diff(70_000) < 7_000), Some(true));
+        assert_eq!(crate::survey_points(&input, None).map(|count| count.points.abs_diff(70_000) < 7_000), Some(true));
         let (one_by_one, notes) = written(&input, Limits { held_points: 0, ..LARGE }).unwrap();
         assert!(written(&input, LARGE).unwrap().0 == one_by_one, "{name}");
         assert!(notes.is_empty(), "{name}: {notes:?}");
