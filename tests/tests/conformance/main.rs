@@ -6,7 +6,8 @@
 //!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
 //!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`], [`trained_gaussians`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`compute_path`], [`gpu_frame_costs`], [`gpu_scene_storage`],
-//!   [`feature_costs`], [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`], [`own_images`];
+//!   [`feature_costs`], [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`],
+//!   [`own_images`];
 //! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
 //!   [`texture_acquisition`]; real data: [`real_models`];
 //! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`],

@@ -23,9 +23,9 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats, whose sums are f32. Clipped
-    /// or transparent splats, polygons, trained Gaussians, antialiased edges, the plane of indices and shadow maps
-    /// themselves need raster hardware.
+    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats, whose sums are f32.
+    /// Clipped or transparent splats, polygons, trained Gaussians, antialiased edges, the plane of indices and shadow
+    /// maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
