@@ -363,7 +363,7 @@ fn npz_ptx_and_gzip_are_written_by_levels_as_they_are_read() {
         assert_eq!(all.points.len(), count, "{name}");
         let path = std::env::temp_dir().join(format!("surfel-survey-{}-{name}", std::process::id()));
         std::fs::write(&path, &bytes).unwrap();
-        let surveyed = surfel_io::survey_points(&path, None).map(|(points, _)| points);
+        let surveyed = surfel_io::survey_points(&path, None).map(|count| count.points);
         std::fs::remove_file(&path).unwrap();
         // What has no header is estimated, from the first bytes where it is compressed.
         assert!(surveyed.unwrap().abs_diff(3000) < 600, "{name}: {surveyed:?}");
