@@ -1,24 +1,41 @@
 //! `cargo xtask bench`: builds the package surfel-bench for release and runs it.
 
 use std::path::Path;
+use std::process::Command;
 
 use crate::cargo;
 
 /// Backends that are features of surfel-bench: built only where they are asked for, since they take a minute.
 const GPU_BACKENDS: [&str; 2] = ["wgpu", "ash"];
 
-/// Runs the bench with these arguments, in the workspace.
+/// Runs the bench with these arguments, in the workspace. `start` times the program, which is built first.
 pub(crate) fn run(root: &Path, arguments: &[&str]) -> bool {
+    if times_own_program(arguments) {
+        let mut command = cargo(root);
+        command.args(["build", "--release", "--locked", "--package", "surfel-cli", "--bin", "surfel"]);
+        if !succeeds(&mut command, "cargo build") {
+            return false;
+        }
+    }
     let mut command = cargo(root);
     command.args(["run", "--release", "--locked", "--package", "surfel-bench"]);
     let features = features(arguments);
     if !features.is_empty() {
         command.args(["--features", &features.join(",")]);
     }
-    match command.arg("--").args(arguments).status() {
+    succeeds(command.arg("--").args(arguments), "cargo run")
+}
+
+/// True for `start` without another build of the program.
+fn times_own_program(arguments: &[&str]) -> bool {
+    arguments.first() == Some(&"start") && !arguments.iter().any(|word| word.starts_with("--program"))
+}
+
+fn succeeds(command: &mut Command, name: &str) -> bool {
+    match command.status() {
         Ok(status) => status.success(),
         Err(error) => {
-            eprintln!("error: could not run cargo run: {error}");
+            eprintln!("error: could not run {name}: {error}");
             false
         }
     }
@@ -35,6 +52,13 @@ fn features(arguments: &[&str]) -> Vec<&'static str> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_program_is_built_where_no_other_is_given() {
+        assert!(times_own_program(&["start"]) && times_own_program(&["start", "--runs", "3"]));
+        assert!(!times_own_program(&["start", "--program", "old"]) && !times_own_program(&["start", "--program=old"]));
+        assert!(!times_own_program(&["prepare"]) && !times_own_program(&[]));
+    }
 
     #[test]
     fn bench_builds_only_the_backends_that_are_asked_for() {

@@ -18,6 +18,7 @@ mod program;
 mod report;
 mod scale;
 mod scenes;
+mod start;
 mod table;
 mod tradeoff;
 

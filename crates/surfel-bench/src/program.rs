@@ -8,7 +8,7 @@ use clap::{Parser, ValueEnum};
 
 use crate::measure::Plan;
 use crate::report::Report;
-use crate::{alternate, compare, growth, kit, measure, prepare, scale, scenes, table, tradeoff};
+use crate::{alternate, compare, growth, kit, measure, prepare, scale, scenes, start, table, tradeoff};
 
 /// What goes wrong, said in one line.
 pub(crate) type Failure = Box<dyn std::error::Error>;
@@ -111,6 +111,8 @@ enum Command {
     Scale(scale::Arguments),
     /// What it costs to make splats of points.
     Prepare(prepare::Arguments),
+    /// Time from a command to its image: the whole program, for inputs of several sizes.
+    Start(start::Arguments),
     /// How levels of points grow, as a chart.
     Growth(growth::Arguments),
     /// Measure this machine's GPU, step by step; as the script of `cargo xtask gpu-kit` does.
@@ -133,6 +135,7 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
         Some(Command::Tradeoff(arguments)) => return tradeoff::run(arguments),
         Some(Command::Scale(arguments)) => return scale::run(arguments),
         Some(Command::Prepare(arguments)) => return prepare::run(arguments),
+        Some(Command::Start(arguments)) => return start::run(arguments),
         Some(Command::Growth(arguments)) => return growth::run(arguments),
         Some(Command::Kit(arguments)) => return kit::run(arguments),
         None => {}
