@@ -414,8 +414,8 @@ impl<'a> Block<'a> {
 }
 
 /// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`, and whose normals agree
-/// by the cosine `least`: how many take part, how many would if normals had no sign, and the sum of the squared sines of
-/// the angles between the tangent plane and all of `near`.
+/// by the cosine `least`: how many take part, how many would if normals had no sign, and the sum of the squared sines
+/// of the angles between the tangent plane and all of `near`.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,

@@ -85,7 +85,8 @@ impl Least {
         Self { levels }
     }
 
-    /// False where no radius near box `index` of a level is so small that the box's largest exceeds [`TIMES`] the median.
+    /// False where no radius near box `index` of a level is so small that the box's largest exceeds [`TIMES`] the
+    /// median.
     fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
         let mut size = LEAF * FAN.pow(level as u32);
         let largest = radii[index * size..points.len().min((index + 1) * size)].iter().copied().fold(0.0, f32::max);

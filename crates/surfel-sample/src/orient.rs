@@ -74,7 +74,8 @@ impl Outside {
 /// `level_where_scattered` makes the latter up where these neighbours lie in no surface; which slots these are is the
 /// second result, empty if there are none.
 ///
-/// Given normals that fit the layout of the neighbours stay, and their majority decides for what is connected with them.
+/// Given normals that fit the layout of the neighbours stay, and their majority decides for what is connected with
+/// them.
 pub(crate) fn normals(
     points: &SortedPoints,
     degree: usize,

@@ -201,8 +201,8 @@ pub(crate) enum Spacing {
     Known(f64),
 }
 
-/// Measures sizes and classes from the `degree` nearest of each point (one of `oriented` a slot, and of `level` true where
-/// a point lies in no surface and its normal is up; none if no point does).
+/// Measures sizes and classes from the `degree` nearest of each point (one of `oriented` a slot, and of `level` true
+/// where a point lies in no surface and its normal is up; none if no point does).
 pub(crate) fn sizes(
     points: &SortedPoints,
     (oriented, level): (&[Oriented], &[bool]),

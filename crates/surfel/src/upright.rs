@@ -187,8 +187,8 @@ impl Piece {
     }
 }
 
-/// The up axis of a scene whose files don't say it: by the place of all of it, or the shape of what `one_of` makes of it.
-/// Deterministic; time doesn't grow with the data.
+/// The up axis of a scene whose files don't say it: by the place of all of it, or the shape of what `one_of` makes of
+/// it. Deterministic; time doesn't grow with the data.
 pub(crate) fn upright(
     all: Option<Patches>,
     one_of: impl FnOnce(Patches) -> Patches,
