@@ -650,6 +650,42 @@ fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invo
     combine_cell(cell.xy, i, true);
 }
 
+// Depth of the surface at a pixel of the targets, from `planes`. `front_depth`, which shading and host targets use,
+// reads textures: one buffer more would exceed WebGPU's core limits there.
+fn cell_depth(pixel: vec2i) -> f32 {
+    return planes[frame.surfaces_at + 4u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x)) + 3u];
+}
+
+// `has_outline` by the depths in `planes`.
+fn has_cell_outline(pixel: vec2i, surface: Surface) -> bool {
+    let limit = outline_limit(pixel, surface, frame.projection);
+    let last = vec2i(frame.size_px) - 1;
+    var line = false;
+    for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
+        for (var x = max(pixel.x - 1, 0); x <= min(pixel.x + 1, last.x); x++) {
+            line = line || cell_depth(vec2i(x, y)) > limit;
+        }
+    }
+    return line;
+}
+
+// `eye_dome_shading` by the depths in `planes`.
+fn cell_eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
+    let last = vec2i(frame.size_px) - 1;
+    var rise = 0.0;
+    for (var j = -1; j <= 1; j++) {
+        for (var i = -1; i <= 1; i++) {
+            let offset = vec2i(i, j) * EYE_DOME_REACH;
+            let at = pixel + offset;
+            if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
+                continue;
+            }
+            rise += eye_dome_rise(offset, z, cell_depth(at));
+        }
+    }
+    return eye_dome_brightness(z, rise, frame.projection);
+}
+
 // Draws what depends on neighbours into the colours: outlines and eye-dome lighting.
 @compute @workgroup_size(8, 8)
 fn cell_neighbours(@builtin(global_invocation_id) id: vec3u) {
@@ -666,10 +702,10 @@ fn cell_neighbours(@builtin(global_invocation_id) id: vec3u) {
     var share = 1.0;
     if frame.has_outlines != 0u {
         let surface = Surface(vec3f(0.0, 0.0, 0.0), normal, z, 0.0, true);
-        share = select(1.0, 0.0, has_outline(vec2i(own), surface));
+        share = select(1.0, 0.0, has_cell_outline(vec2i(own), surface));
     }
     if frame.has_eye_dome != 0u {
-        share *= eye_dome_shading(vec2i(own), z);
+        share *= cell_eye_dome_shading(vec2i(own), z);
     }
     let to = frame.color_at + 4u * (id.y * frame.shade_size_px.x + id.x);
     planes[to] *= share;

@@ -1,5 +1,10 @@
 // Eye-dome lighting, the shader `edl` (rendering model §5): a pixel is darker the deeper it lies among its neighbours.
 
+// The part that a neighbour at an offset has in the rise of the surface above depth z.
+fn eye_dome_rise(offset: vec2i, z: f32, neighbour: f32) -> f32 {
+    return eye_dome_rise_weight(vec2f(offset), frame.projection) * select(0.0, z - neighbour, neighbour < z);
+}
+
 // Brightness of depth z at a pixel, by the front surfaces of its neighbours.
 fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     let last = vec2i(frame.size_px) - 1;
@@ -12,8 +17,7 @@ fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
             if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
                 continue;
             }
-            let neighbour = front_depth(at);
-            rise += eye_dome_rise_weight(vec2f(offset), frame.projection) * select(0.0, z - neighbour, neighbour < z);
+            rise += eye_dome_rise(offset, z, front_depth(at));
         }
     }
     return eye_dome_brightness(z, rise, frame.projection);

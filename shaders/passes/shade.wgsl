@@ -139,9 +139,6 @@ fn splat_coverage(pixel: vec2i) -> f32 {
 
 // Depth of the front surface; +∞ without one.
 fn front_depth(pixel: vec2i) -> f32 {
-    if frame.surfaces_at != ABSENT {
-        return planes[frame.surfaces_at + 4u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x)) + 3u];
-    }
     let weight = textureLoad(color_sums, pixel, 0).w;
     let is_there = LEAST_WEIGHT <= weight;
     let z = select(frame.empty_depth, textureLoad(surface_sums, pixel, 0).w / weight * frame.depth_unit, is_there);

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Our packages from the bottom up. A package depends only on packages of a lower number; development
 /// dependencies are free.
-const LAYERS: [(&str, u32); 19] = [
+const LAYERS: [(&str, u32); 20] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -18,6 +18,7 @@ const LAYERS: [(&str, u32); 19] = [
     ("surfel-render", 3),
     ("surfel-reference", 4),
     ("surfel-cpu", 4),
+    ("surfel-benches", 5),
     ("surfel-shaders", 4),
     ("surfel-gpu", 5),
     ("surfel-wgpu", 6),

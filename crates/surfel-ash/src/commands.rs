@@ -4,6 +4,7 @@ use crate::device::Device;
 use crate::error::Failure;
 use crate::memory::{Image, whole};
 use crate::object::{Owned, destroy};
+use crate::recorder::Recorder;
 use ash::vk;
 use std::sync::{Arc, PoisonError};
 
@@ -11,14 +12,6 @@ use std::sync::{Arc, PoisonError};
 pub(crate) struct Commands<'a> {
     pub device: &'a Arc<Device>,
     pub raw: vk::CommandBuffer,
-}
-
-/// A command buffer with its pool and fence, reused from one submission to the next: making and destroying them takes a
-/// driver longer than recording a frame.
-pub(crate) struct Recorder {
-    pool: vk::CommandPool,
-    buffer: vk::CommandBuffer,
-    fence: vk::Fence,
 }
 
 impl Recorder {
@@ -40,14 +33,6 @@ impl Recorder {
         device.name(fence, "submitted");
         owned_pool.keep();
         Ok(Self { pool, buffer, fence })
-    }
-
-    /// Destroys it. No submission of it is being executed.
-    pub(crate) fn destroy(self, device: &ash::Device) {
-        // SAFETY: the fence is the device's, and no submission that signals it is being executed.
-        unsafe { device.destroy_fence(self.fence, None) };
-        // SAFETY: the pool is the device's, and none of its command buffers is being executed.
-        unsafe { device.destroy_command_pool(self.pool, None) };
     }
 
     fn submit(

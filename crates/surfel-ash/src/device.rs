@@ -1,8 +1,8 @@
 //! The device, its queue and its memory.
 
-use crate::commands::Recorder;
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};
+use crate::recorder::Recorder;
 use ash::{ext, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use gpu_allocator::{AllocationSizes, AllocatorDebugSettings};

@@ -31,6 +31,7 @@ mod options;
 mod passes;
 mod pipelines;
 mod queries;
+mod recorder;
 mod renderer;
 mod scene;
 mod summary;

@@ -27,7 +27,7 @@ pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
 pub use passes::cells::{
     CELL_PAIRS, COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, GpuPath,
-    cell_entries, cell_stages, pixel_passes_after_cells,
+    cell_entries, cell_stages, is_cell_entry, pixel_passes_after_cells,
 };
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};

@@ -17,7 +17,11 @@
 //! The last three are in no surface: whatever their neighbours are, their disks are no larger than the density radius
 //! of the cloud's typical spacing, and half as large again on lines.
 
-use crate::radii::{COVER, DENSITY};
+/// Radius over the square root of the area per point.
+pub(crate) const DENSITY: f64 = 1.65;
+/// Radius over the reach of the Voronoi cell: what curvature and tilted neighbours may take away, and a weight of
+/// exp(−2/1.15²) = 0.22 instead of exp(−2) = 0.14 at the corner, times the three or more splats that meet there.
+pub(crate) const COVER: f64 = 1.15;
 
 /// Kind of place that a point is in, by the points around it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

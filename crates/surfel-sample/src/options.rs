@@ -21,6 +21,9 @@ pub struct PointOptions {
     /// Makes splats level (their normals are +z) where a point has no normal and its neighbours lie in no surface, as
     /// those of leaves: seen from above, they close. Default false.
     pub level_where_scattered: bool,
+    /// Lays disks by the points' own normals even where these don't fit the layout of the neighbours: normals of a
+    /// mesh's faces say where its surface is. Default false.
+    pub lays_by_normals: bool,
 }
 
 impl Default for PointOptions {
@@ -32,6 +35,7 @@ impl Default for PointOptions {
             coincident: usize::MAX,
             ellipses: true,
             level_where_scattered: false,
+            lays_by_normals: false,
         }
     }
 }

@@ -65,7 +65,7 @@ pub fn splats_from_points(
         Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
         None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
     };
-    let mut layout = lay_out(&given, &sorted, degree, (outside, options.level_where_scattered), progress);
+    let mut layout = lay_out(&given, &sorted, degree, (outside, options), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);
     let mut sizes =
         radii::sizes(&sorted, (&layout.oriented, &layout.is_level), degree, lone, options.ellipses, progress);
@@ -197,9 +197,10 @@ fn lay_out(
     given: &GivenNormals,
     sorted: &SortedPoints,
     degree: usize,
-    (outside, level_where_scattered): (Outside, bool),
+    (outside, options): (Outside, &PointOptions),
     progress: &dyn Progress,
 ) -> Layout {
+    let level_where_scattered = options.level_where_scattered;
     let known = given.0.map(|_| {
         let normal = |slot: usize| {
             let first = sorted.inputs(slot).iter().find_map(|i| given.get(*i as usize));
@@ -211,7 +212,7 @@ fn lay_out(
         let (oriented, is_level) = orient::normals(sorted, degree, None, outside, level_where_scattered, progress);
         return Layout { oriented, is_level, is_off: Vec::new() };
     };
-    let (oriented, is_level) = if known.contains(&Vec3::ZERO) {
+    let (mut oriented, is_level) = if known.contains(&Vec3::ZERO) {
         orient::normals(sorted, degree, Some(&known), outside, level_where_scattered, progress)
     } else {
         progress.stage("normals", sorted.len() as u64);
@@ -227,6 +228,10 @@ fn lay_out(
         });
         (oriented, Vec::new())
     };
+    if options.lays_by_normals {
+        let given = oriented.iter_mut().zip(&known).filter(|(_, normal)| **normal != Vec3::ZERO);
+        given.for_each(|(o, normal)| o.normal = *normal);
+    }
     let is_off = |slot: usize| known[slot] != Vec3::ZERO && known[slot] != oriented[slot].normal;
     let is_off = if (0..sorted.len()).any(is_off) { (0..sorted.len()).map(is_off).collect() } else { Vec::new() };
     Layout { oriented, is_level, is_off }

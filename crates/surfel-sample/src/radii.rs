@@ -10,6 +10,7 @@
 //! that makes them round, and the splat is an ellipse. At last, no disk is larger than [`crate::largest`] allows.
 
 use crate::block::{Block, Scale, tangents};
+pub(crate) use crate::class::{COVER, DENSITY};
 use crate::class::{Evidence, PointClass};
 use crate::median::median_of;
 use crate::orient::Oriented;
@@ -20,11 +21,6 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use std::sync::{Mutex, PoisonError};
 
-/// Radius over the square root of the area per point.
-pub(crate) const DENSITY: f64 = 1.65;
-/// Radius over the reach of the Voronoi cell: what curvature and tilted neighbours may take away, and a weight of
-/// exp(−2/1.15²) = 0.22 instead of exp(−2) = 0.14 at the corner, times the three or more splats that meet there.
-pub(crate) const COVER: f64 = 1.15;
 /// A point is sparse whose spacing is this many times that of the cloud. Where fewer than so many of these are within
 /// so many times its spacing, of some 80 in a surface and 40 at its border, no more is known of a surface there than of
 /// strays: a few returns of a spire, say.

@@ -1,7 +1,7 @@
 //! Layouts and pipelines, built once for each format of the sums.
 
 use std::collections::HashMap;
-use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots};
+use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
 /// The texture format of a target.
@@ -145,7 +145,8 @@ impl Pipelines {
         let all: Vec<&str> = ENTRIES.iter().map(|entry| entry.name).collect();
         let setups = [Variant::Whole, Variant::Clipped].map(Variant::setup);
         let setup_frame_group = group(device, "frame of setup", &setups, 0);
-        let drawn: Vec<&str> = all.into_iter().filter(|name| !setups.iter().any(|setup| setup == name)).collect();
+        let is_drawn = |name: &&str| !is_cell_entry(name) && !setups.iter().any(|setup| setup == name);
+        let drawn: Vec<&str> = all.into_iter().filter(is_drawn).collect();
         let frame_group = group(device, "frame", &drawn, 0);
         let composite_group = group(device, "sums to compose", &["composite_fragment"], 1);
         let polygons_group = group(device, "polygons", &["polygon_vertex", "polygon_fragment"], 1);

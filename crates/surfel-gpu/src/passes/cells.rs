@@ -421,6 +421,11 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
     stages
 }
 
+/// True for the entry points of cells, whose pipelines have a layout of the frame's buffers of their own.
+pub fn is_cell_entry(entry: &str) -> bool {
+    entry.starts_with("cell_") && entry != PixelPass::CellNeighbours.entry()
+}
+
 /// The entry points that a plan's cells may need, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     let RasterEntries { cells, of_parts } = RasterEntries::of(plan);

@@ -100,7 +100,8 @@ pub(crate) fn splats(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, MeshReport), SampleError> {
     let Vertices { mut points, sources, weld } = vertices(mesh)?;
-    let point_options = PointOptions { radius_scale: options.radius_scale, ..PointOptions::default() };
+    let point_options =
+        PointOptions { radius_scale: options.radius_scale, lays_by_normals: true, ..PointOptions::default() };
     let geometry = Geometry::new(mesh);
     // The mesh's own normals shade; where a splat lies and which side of it is seen is its faces' to decide.
     let shading = points.normals.clone().filter(|_| mesh.normals.is_some());
