@@ -23,19 +23,8 @@ const LIBRARIES: [(&str, &[&str], &str); 3] = [
     ("libgcc", &["libgcc_s.so.1"], "GCC's run-time library, GPL 3 with the GCC Runtime Library Exception.\n"),
     (
         "glvnd",
-        &[
-            "libGLdispatch.so.0",
-            "libGLX.so.0",
-            "libEGL.so.1",
-            "libXext.so.6",
-            "libX11.so.6",
-            "libxcb.so.1",
-            "libXau.so.6",
-            "libXdmcp.so.6",
-            "libbsd.so.0",
-            "libmd.so.0",
-        ],
-        "libglvnd and X.Org's client libraries, MIT licence and alike; libbsd and libmd, BSD licences.\n",
+        &["libGLdispatch.so.0", "libGLX.so.0", "libEGL.so.1"],
+        "libglvnd, the GL Vendor-Neutral Dispatch library, MIT licence and alike.\n",
     ),
 ];
 
