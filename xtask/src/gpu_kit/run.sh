@@ -166,7 +166,7 @@ try_drivers() {
         use_driver "$json"
         LD_LIBRARY_PATH=$libraries_of_loader:$(dirname "$file")
         if sees_gpu; then
-            note "driver: $file, for which $json was written"
+            note "driver: $file, for which driver.json in the output folder was written"
             return
         fi
         lacking=$(ldd "$file" 2>/dev/null | sed -n 's/[[:space:]]*\(.*\) => not found/\1/p' | tr '\n' ' ')
