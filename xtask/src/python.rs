@@ -90,6 +90,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
 fn build(root: &Path) -> bool {
     let mut command = cargo_for_tests(root);
     command.args(["build", "--quiet", "--workspace", "--lib", "--tests", "--features", FEATURES, "--locked"]);
+    command.args(["--exclude", "surfel-benches"]);
     // As maturin does: Python itself isn't linked.
     command.env("PYO3_BUILD_EXTENSION_MODULE", "1");
     if !command.status().is_ok_and(|status| status.success()) {
