@@ -267,8 +267,8 @@ step 30 devices devices
 if [ "$seen" -eq 0 ] || [ "$seen" -eq 3 ]; then
     step 90 "frames on ash" bench frames ash
     step 90 "frames on wgpu" bench frames wgpu
-    step 90 "conformance of ash" conformance ash
-    step 90 "conformance of wgpu" conformance wgpu
+    step 150 "conformance of ash" conformance ash
+    step 150 "conformance of wgpu" conformance wgpu
     step 40 probes bench probes
     step 15 "image by ash" image ash
     step 15 "image by wgpu" image wgpu
