@@ -4,7 +4,7 @@ use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};
 use crate::device::Device;
 use crate::error::Failure;
-use crate::execute::{TileInputs, bind_pipeline, bind_sets, dispatch};
+use crate::execute::{TileInputs, bind_pipeline, bind_sets, dispatch, frame_buffers};
 use crate::memory::Buffer;
 use crate::scene::ResidentScene;
 use crate::targets::Targets;
@@ -86,13 +86,7 @@ impl<'a> CellTile<'a> {
         let dispatches: usize = stages.iter().map(|stage| stage.steps.len()).sum();
         // One of the frame and one of the step's own for each dispatch.
         let sets = Sets::new(device, 2 * (dispatches + pixel_passes.len()) as u32)?;
-        let frame_buffers = [
-            Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
-            Buffer::filled(device, "objects", &frame.objects, storage)?,
-            Buffer::filled(device, "lights", &frame.lights, storage)?,
-            Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
-            Buffer::filled(device, "matcap", &frame.matcap, storage)?,
-        ];
+        let frame_buffers = frame_buffers(device, data, frame)?;
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
         let frame_resources = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
         let round = |round: CellRound| {

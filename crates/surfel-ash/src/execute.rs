@@ -102,13 +102,7 @@ impl<'a> Tile<'a> {
             (3 + draws.len() + pixel_passes.len() + 2 * data.near.len() + 3 * scene.segments.len()) as u32,
         )?;
         let mut buffers = Vec::new();
-        let frame_buffers = [
-            Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
-            Buffer::filled(device, "objects", &frame.objects, storage)?,
-            Buffer::filled(device, "lights", &frame.lights, storage)?,
-            Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
-            Buffer::filled(device, "matcap", &frame.matcap, storage)?,
-        ];
+        let frame_buffers = frame_buffers(device, data, frame)?;
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
         let all = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
         let frame_set = sets.set(&pipelines.frame_set, "frame", &all)?;
@@ -422,4 +416,16 @@ pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
     // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a
     // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
+}
+
+/// Returns the buffers of the frame's set, in the order of their bindings, without the texels of shadow maps.
+pub(crate) fn frame_buffers(device: &Arc<Device>, data: &TileData, frame: &FrameScene) -> Result<[Buffer; 5], Failure> {
+    let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+    Ok([
+        Buffer::filled(device, "frame", &data.frame, vk::BufferUsageFlags::UNIFORM_BUFFER)?,
+        Buffer::filled(device, "objects", &frame.objects, storage)?,
+        Buffer::filled(device, "lights", &frame.lights, storage)?,
+        Buffer::filled(device, "shadow maps", &frame.shadow_maps, storage)?,
+        Buffer::filled(device, "matcap", &frame.matcap, storage)?,
+    ])
 }

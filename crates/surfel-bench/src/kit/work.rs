@@ -183,25 +183,19 @@ mod tests {
     use surfel::render::{Capabilities, SceneSummary, plan};
     use surfel::{Camera, Planes, Settings, View};
 
-    fn work(settings: Settings) -> Vec<Work> {
+    fn work(settings: Settings, pairs: f64) -> Vec<Work> {
         let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);
         let view = View::new(&camera).unwrap();
         let capabilities = Capabilities::everything("test");
         let plan = plan(&SceneSummary::default(), &view, &settings, Planes::COLOR, &capabilities).unwrap();
-        let counts = Counts {
-            splats: 1000.0,
-            drawn: 500.0,
-            fragments: 4000.0,
-            pixels: 100.0,
-            bytes_per_splat: 40.0,
-            pairs: 0.0,
-        };
+        let counts =
+            Counts { splats: 1000.0, drawn: 500.0, fragments: 4000.0, pixels: 100.0, bytes_per_splat: 40.0, pairs };
         Work::of(&plan, counts)
     }
 
     #[test]
     fn work_of_an_unlit_image_is_four_passes_with_the_bytes_of_their_targets() {
-        let all = work(Settings::default().with_shader(Shader::Unlit));
+        let all = work(Settings::default().with_shader(Shader::Unlit), 0.0);
         let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
         assert_eq!(names, ["setup", "visibility", "attributes", "shade"]);
         assert_eq!(all[0].bytes, 1000.0 * 40.0 + 500.0 * record_bytes());
@@ -217,19 +211,7 @@ mod tests {
 
     #[test]
     fn work_of_cells_is_of_pairs() {
-        let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);
-        let view = View::new(&camera).unwrap();
-        let capabilities = Capabilities::everything("test");
-        let plan = plan(&SceneSummary::default(), &view, &Settings::default(), Planes::COLOR, &capabilities).unwrap();
-        let counts = Counts {
-            splats: 1000.0,
-            drawn: 500.0,
-            fragments: 4000.0,
-            pixels: 100.0,
-            bytes_per_splat: 40.0,
-            pairs: 700.0,
-        };
-        let all = Work::of(&plan, counts);
+        let all = work(Settings::default(), 700.0);
         let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
         assert_eq!(names, ["setup", "sort", "raster"]);
         assert_eq!(all[1].bytes, 700.0 * 64.0);
@@ -240,11 +222,11 @@ mod tests {
 
     #[test]
     fn work_grows_with_what_is_asked_for() {
-        let plain = work(Settings::default().with_shader(Shader::Unlit));
-        let lit = work(Settings::default().with_shader(Shader::Normal));
+        let plain = work(Settings::default().with_shader(Shader::Unlit), 0.0);
+        let lit = work(Settings::default().with_shader(Shader::Normal), 0.0);
         assert_eq!(lit[2].fill, [("blend two".to_owned(), 4000.0)]);
         assert!(lit[2].bytes > plain[2].bytes && lit[3].compute_flops > plain[3].compute_flops);
-        let edges = work(Settings::default().with_edge_aa(EdgeAa::Coverage));
+        let edges = work(Settings::default().with_edge_aa(EdgeAa::Coverage), 0.0);
         assert!(edges.iter().any(|work| work.pass == "edges"), "{edges:?}");
         // Two draws over the splats have one name.
         let attributes = edges.iter().find(|work| work.pass == "attributes").unwrap();
