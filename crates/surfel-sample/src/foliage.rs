@@ -21,8 +21,13 @@ const AMONG: [f64; 2] = [0.4, 0.25];
 /// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
 /// third, of noise as large as the spacing of a plane's points a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Share of all points that are tangled, from which each point is looked at: a forest.
+/// Share of all points that are tangled, from which a cloud may be a forest.
 const FOREST: f64 = 0.25;
+/// Share of the tangled points with thick surroundings, from which such a cloud is a forest. A noisy surface is as
+/// tangled, but thin: with noise as large as the spacing 0.4 % of its points are in thick surroundings.
+const FOREST_THICK: f64 = 0.25;
+/// Maximum number of tangled points whose surroundings decide whether a cloud is a forest.
+const FOREST_SAMPLE: usize = 4096;
 /// Cosine of how far disks of the ground of such a cloud lean at most.
 const STEEP: f64 = 0.5;
 /// Weight of the direction toward the outside in a normal, over the distance of the neighbours.
@@ -43,9 +48,8 @@ pub(crate) fn find(
 ) {
     let usual = DENSITY * sizes.typical;
     let is_tangled: Vec<bool> = (0..points.len()).map(|slot| sizes.evidence(slot).has(Evidence::TANGLED)).collect();
-    let tangled = is_tangled.iter().filter(|is| **is).count();
     let is_large = |sizes: &Sizes, slot: usize| sizes.radius(slot) > LARGE * usual;
-    let is_forest = tangled as f64 > FOREST * points.len() as f64;
+    let is_forest = is_forest(points, oriented, &is_tangled);
     let is_suspect = |slot: usize| is_forest || is_tangled[slot] || is_large(sizes, slot);
     let is_in_question = |slot: usize| sizes.class(slot) != PointClass::Isolated || is_tangled[slot];
     let mut is_candidate: Vec<bool> =
@@ -93,6 +97,25 @@ pub(crate) fn find(
             sizes.limit(slot, MOST * usual);
         }
     }
+}
+
+/// Returns true for a forest: a cloud in which many points are tangled, and whose tangled points have thick
+/// surroundings. Every point of a forest is a candidate for foliage.
+fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) -> bool {
+    let tangled: Vec<usize> = (0..points.len()).filter(|slot| is_tangled[*slot]).collect();
+    if tangled.len() as f64 <= FOREST * points.len() as f64 {
+        return false;
+    }
+    let mut search = Search::new(points);
+    let mut is_thick = |slot: usize| {
+        let (near, _) = search.nearest(slot, WIDE, wider(oriented[slot].farthest2, 16));
+        let (variances, _) = smallest3(covariance(points, slot, near));
+        variances[0] >= THICK[0] * variances.iter().sum::<f64>()
+    };
+    let step = tangled.len().div_ceil(FOREST_SAMPLE);
+    let sample = tangled.iter().step_by(step);
+    let (count, thick) = sample.fold((0, 0), |(n, thick), slot| (n + 1, thick + usize::from(is_thick(*slot))));
+    thick as f64 > FOREST_THICK * count as f64
 }
 
 /// A point among foliage: its normal, the largest radius of its disk, and the nearest others.

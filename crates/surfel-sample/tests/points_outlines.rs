@@ -177,3 +177,23 @@ fn what_stands_in_a_forest_is_small_and_its_ground_closes() {
     println!("{upward} upward, {steep} on the plate, {far} on sparse ground, {holes} holes");
     assert!(upward > 0.95 && steep < 0.15 && far > 0.15 && holes == 0, "{upward} {steep} {far} {holes}");
 }
+
+#[test]
+fn a_surface_with_noise_as_large_as_its_spacing_is_no_forest() {
+    // A unit sphere of 20,000 points, 0.025 apart, each off by up to 0.02 along each axis.
+    let mut random = Lcg(21);
+    let mut on_sphere = || loop {
+        let p = DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+        if (0.01..1.0).contains(&p.length()) {
+            let mut shake = || 0.04 * random.unit() - 0.02;
+            return p.normalize() + DVec3::new(shake(), shake(), shake());
+        }
+    };
+    let positions: Vec<DVec3> = (0..20_000).map(|_| on_sphere()).collect();
+    let cloud = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap().0;
+    let inward = (0..cloud.len()).filter(|i| cloud.normal(*i).dot(positions[*i]) < 0.0).count();
+    let radii = radii(&cloud);
+    let least = quantile(radii.iter().copied(), 0.02) / quantile(radii.iter().copied(), 0.5);
+    println!("{inward} inward, 2 % of the radii are below {least} medians");
+    assert!(inward < 40 && least > 0.7, "{inward} {least}");
+}
