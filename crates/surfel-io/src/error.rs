@@ -29,7 +29,7 @@ pub enum IoError {
     Invalid {
         /// The file.
         path: PathBuf,
-        /// What is wrong, where, what was expected and what to do.
+        /// Description of what is wrong, where, what was expected and what to do.
         problem: Box<Problem>,
     },
     /// The file was read, but its data violate the rules of the model.
@@ -127,11 +127,11 @@ impl fmt::Display for Location {
 /// Description of what is wrong with a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// What was found.
+    /// Description of the fault.
     pub what: String,
     /// The position in the file.
     pub location: Option<Location>,
-    /// What was expected instead.
+    /// The expected content.
     pub expected: Option<String>,
     /// Advice for the user.
     pub help: Option<String>,
