@@ -9,7 +9,8 @@ use surfel_io::{Crs, GeoImage, GeoSamples, write_geotiffs};
 fuzz_target!(|text: &str| {
     let comments: Vec<String> = text.lines().map(str::to_owned).collect();
     let Some(crs) = Crs::of_comments(&comments) else { return };
-    // The comments it writes give the same system, except for the code, which text and keys already state.
+    // The comments that a system writes state the same system again, except for the code, which text and keys already
+    // state.
     let again = Crs::of_comments(&crs.comments()).expect("a system says something");
     assert_eq!((crs.epsg(), crs.is_geographic()), (again.epsg(), again.is_geographic()));
     assert_eq!(crs.words(), again.words());

@@ -1,6 +1,6 @@
 //! Writes a survey flight over generated terrain as LAZ tiles of a million points each, to measure how conversion
-//! scales: `cargo run --release -p surfel-io --example tiles -- FOLDER TILES`. Each run writes the same tiles, and a
-//! run with more tiles contains those of a run with fewer. `cargo xtask growth` runs it.
+//! scales. Usage: `cargo run --release -p surfel-io --example tiles -- FOLDER TILES`. Each run writes the same tiles,
+//! and more tiles include all tiles of a smaller run. `cargo xtask growth` runs it.
 
 use laz::laszip::LasZipCompressor;
 use laz::{LazVlr, LazVlrBuilder};

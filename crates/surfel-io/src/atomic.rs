@@ -126,8 +126,8 @@ impl Pending {
     }
 }
 
-/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program; after a
-/// kill, when a process next creates such a file in that folder.
+/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program. After a
+/// kill, the next process that creates a temporary file in that folder removes it.
 #[derive(Debug)]
 pub struct Temporary {
     file: NamedTempFile,

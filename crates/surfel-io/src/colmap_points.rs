@@ -81,7 +81,7 @@ pub(crate) fn count(bytes: Bytes<'_>) -> Option<u64> {
     (count.saturating_mul(POINT_BYTES as u64) <= bytes.len() as u64).then_some(count)
 }
 
-/// A point.
+/// A point, without its track.
 struct Record {
     position: [f64; 3],
     color: [u8; 3],

@@ -1,6 +1,6 @@
-//! Point files in columns, read block by block, so that they may be larger than memory: PLY, PCD, NPY, NPZ, E57, PTX,
-//! COLMAP points, text, and rows without a header, each also with gzip. Text and compressed files are first converted
-//! to binary columns in a temporary file without a name.
+//! Point files in columns, read block by block, so that they may be larger than memory. Formats are PLY, PCD, NPY, NPZ,
+//! E57, PTX, COLMAP points, text, and rows without a header, each also with gzip. Text and compressed files are first
+//! converted to binary columns in a temporary file without a name.
 
 #![cfg_attr(
     not(all(feature = "e57", feature = "npy", feature = "pcd", feature = "points")),

@@ -114,8 +114,8 @@ pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     }
 }
 
-/// Converts measured positions, such as from text or a transformation. Digits beyond f32 are significant only if f32 is
-/// coarse at the points' distance from the origin.
+/// Converts measured positions, which come from text or a transformation. Digits beyond f32 are significant only if f32
+/// is coarse at the points' distance from the origin.
 #[cfg(any(feature = "gltf", feature = "obj", feature = "off"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);

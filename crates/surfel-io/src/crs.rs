@@ -5,7 +5,7 @@
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 
-/// Comment of point clouds whose x and y are degrees, as the names or the steps of their columns show, without a stated
+/// Comment of point clouds whose x and y are degrees. The names or the steps of the columns show it; the file states no
 /// coordinate reference system.
 pub const IN_DEGREES: &str = "coordinates longitude latitude";
 

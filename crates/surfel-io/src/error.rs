@@ -8,7 +8,7 @@ use surfel_model::ModelError;
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IoError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}", .path.shown())]
     System {
         /// The file or folder.

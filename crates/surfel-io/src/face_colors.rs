@@ -4,7 +4,7 @@ use crate::context::Context;
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// Linear RGB and alpha.
+/// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
 /// Colours triangles by their faces, unless the mesh's vertices have colours of their own. A triangle without a face

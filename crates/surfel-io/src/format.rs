@@ -27,9 +27,9 @@ pub enum Format {
     Ptx,
     /// PCD of the Point Cloud Library.
     Pcd,
-    /// An array of NumPy.
+    /// A NumPy array (`.npy`).
     Npy,
-    /// Arrays of NumPy with names.
+    /// Named NumPy arrays (`.npz`).
     Npz,
     /// Object File Format: a mesh or points as text.
     Off,
@@ -49,11 +49,11 @@ pub enum Format {
     Copc,
     /// Scans of terrestrial scanners: ASTM E2807.
     E57,
-    /// Points in the tiles of 3D Tiles 1.0 and 1.1, by the tileset's JSON.
+    /// Point tiles of 3D Tiles 1.0 and 1.1; the file is the tileset's JSON.
     Tileset,
-    /// A tile of points of 3D Tiles 1.0.
+    /// A point tile of 3D Tiles 1.0.
     Pnts,
-    /// Sparse points of COLMAP: `points3D.txt` or `points3D.bin`.
+    /// COLMAP's sparse points: `points3D.txt` or `points3D.bin`.
     Colmap,
     /// Rows of numbers without a header; the caller names the columns ([`crate::LoadOptions::columns`]).
     Raw,
@@ -274,7 +274,7 @@ pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
     Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
 }
 
-/// Returns the format of a ZIP file by the names of its members, which are uncompressed before each member and in the
+/// Returns the format of a ZIP file by the names of its members. Names are uncompressed, before each member and in the
 /// directory at the end.
 fn zipped(bytes: &[u8]) -> Result<Format, Problem> {
     let ends = [&bytes[..bytes.len().min(1 << 16)], &bytes[bytes.len().saturating_sub(1 << 16)..]];

@@ -14,7 +14,7 @@ use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 pub(crate) struct PointsPart {
     pub(crate) positions: Vec<DVec3>,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB and alpha.
+    /// Point colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) extras: Vec<ExtraColumn>,
 }

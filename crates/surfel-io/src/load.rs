@@ -53,7 +53,8 @@ pub struct Loaded {
     /// Format of the file.
     pub format: Format,
     /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
-    /// Gaussian-splat PLY, SPLAT and SOG (their cameras have +z forward and y down), and +y for all others.
+    /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
+    /// hence −y.
     pub up: Up,
     /// True if the splats are Gaussians.
     pub gaussian: bool,
@@ -154,8 +155,8 @@ fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)
     Some((format, file))
 }
 
-/// True if a JSON file, which could be a scene file by its name, describes geometry in other files: a 3D Tiles tileset
-/// or SOG's `meta.json`.
+/// True if a JSON file describes geometry in other files: a 3D Tiles tileset or SOG's `meta.json`. By its name alone,
+/// it could be a scene file.
 pub fn names_geometry(path: &Path) -> bool {
     let is_known: [fn(&[u8]) -> bool; _] = [
         #[cfg(feature = "gltf")]
@@ -175,7 +176,7 @@ pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &Loa
     run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
 }
 
-/// Runs a reader of a file that refers to no other.
+/// Runs a reader without access to other files.
 #[cfg(feature = "laz")]
 pub(crate) fn run_plain(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,

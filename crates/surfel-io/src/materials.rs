@@ -18,7 +18,7 @@ use surfel_model::{
 /// Material of a part: base colour, alpha mode, normal map and emission.
 #[derive(Clone, Debug)]
 pub(crate) struct Material {
-    /// Linear RGB and straight alpha.
+    /// Base colour, in linear RGB and straight alpha.
     pub(crate) factor: [f32; 4],
     /// Index of the colour texture in the file's textures.
     pub(crate) texture: Option<usize>,
@@ -166,7 +166,7 @@ pub(crate) struct Parts {
     pub(crate) exact: bool,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
     pub(crate) uvs: Option<Vec<[f32; 2]>>,
-    /// Linear RGB and alpha.
+    /// Vertex colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) materials_of: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,

@@ -146,7 +146,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     finish(vertices, triangles, &colors_of, context)
 }
 
-/// Returns the largest value of printed colours: 255 if any is above 1, else 1.
+/// Returns the range of printed colours: 255 if any value is above 1, else 1.
 fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Context<'_>) -> f64 {
     let largest = printed.flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
     let scale = if largest > 1.0 { 255.0 } else { 1.0 };

@@ -112,7 +112,7 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
 const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blue"];
 /// Expected columns, for messages about text files.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
-/// Help for a table whose columns Surfel doesn't recognise.
+/// Help text for a table whose columns Surfel doesn't recognise.
 const NAME_THEM: &str = "--columns x,y,z,_,r,g,b names the columns; _ leaves one out";
 
 /// Writes the numbers of all points to `data`.

@@ -295,7 +295,7 @@ mod tests {
             [2.0, 1.0],
         ];
         assert_exact(&window, "window");
-        // A spike out of a side and back.
+        // A spike that leaves a side and returns on itself.
         assert_exact(&[[0.0, 0.0], [2.0, 0.0], [2.0, -1.0], [2.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 0.5]], "spike");
     }
 

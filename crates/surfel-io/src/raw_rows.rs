@@ -121,6 +121,6 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     point_columns::build(named, &roles, Source::Typed, Vec::new(), context)
 }
 
-/// Help for a binary file without a header.
+/// Help text for a binary file without a header.
 pub(crate) const RAW_HELP: &str =
     "--columns f4:x,y,z,intensity reads numbers without a header, here float32 as in KITTI's files";

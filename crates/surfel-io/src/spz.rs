@@ -182,8 +182,8 @@ fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Res
     })
 }
 
-/// Unpacks a unit quaternion without its largest component: the component's index in 2 bits, and the others with a sign
-/// and 9 bits each, the last of them in the lowest bits.
+/// Unpacks a unit quaternion without its largest component. The component's index has 2 bits, and the others have a
+/// sign and 9 bits each, the last of them in the lowest bits.
 fn smallest_three(mut packed: u32) -> DQuat {
     let largest = (packed >> 30) as usize;
     let (mut parts, mut squares) = ([0.0; 4], 0.0);

@@ -2,8 +2,7 @@
 //!
 //! Binary triangles have two attribute bytes with two conventions. VisCAM and SolidView set bit 15 of a triangle with a
 //! colour, with red from bit 10 on. Materialise Magics states a colour for all triangles in the header (`COLOR=` and
-//! four bytes), and clears bit 15 of a triangle with its own colour, with red in the lowest bits. Both are
-//! sRGB-encoded.
+//! four bytes). It clears bit 15 of a triangle with its own colour, with red in the lowest bits. Both are sRGB-encoded.
 
 use crate::ascii::{Lines, number_f32, words};
 use crate::color::linear_of_8_bit;

@@ -38,8 +38,9 @@ pub(crate) const POINTS: Dialect = Dialect { divider: Divider::Any, has_decimal_
 const DECIMAL_COMMAS: Dialect = Dialect { divider: Divider::NoComma, has_decimal_commas: true };
 
 impl Dialect {
-    /// Detects the dialect, ignoring columns of words. Decimal commas are chosen if no line is valid without them: all
-    /// words between blanks and semicolons are numbers, at least three, and a comma has digits on both sides.
+    /// Detects the dialect, ignoring columns of words. Decimal commas are chosen if no line is valid without them. All
+    /// words between blanks and semicolons must then be numbers, at least three, and a comma must have digits on both
+    /// sides.
     pub(crate) fn of(head: &[u8]) -> Self {
         let mut with_comma = false;
         for (_, line) in Lines::new(head).filter(|(_, line)| !is_comment(line)).take(JUDGED_LINES) {
@@ -347,8 +348,8 @@ pub(crate) fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
         .or_else(|| of(&|b| matches!(b, b',' | b';') || b.is_ascii_whitespace(), false))
 }
 
-/// True if `head`, the start of a file, has a line of at least three numbers, preceded only by names and a count; or
-/// has names of a position with numbers in these columns below.
+/// True if `head`, the start of a file, looks like a table. Either a line has at least three numbers, preceded only by
+/// names and a count. Or a line has names of a position, with numbers in these columns below.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let dialect = Dialect::of(head);
     let mut lines = Lines::new(head).map(|(_, line)| line).filter(|line| !is_comment(line));

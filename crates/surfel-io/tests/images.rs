@@ -243,8 +243,8 @@ fn webp_is_read_and_its_size_is_held_against_its_bytes() {
     assert!(error.contains("says that it has 16383x16383 pixels, but is"), "{error}");
 }
 
-/// Encodes a baseline JPEG of 8×8 texels of one colour, given as differences of (Y, Cb, Cr) or of a grey from 128, each
-/// −127 to 127.
+/// Encodes a baseline JPEG of 8×8 texels of one colour. The colour is given as differences of (Y, Cb, Cr) or of a grey
+/// from 128, each −127 to 127.
 fn jpeg(levels: &[i32]) -> Vec<u8> {
     let mut bytes = vec![0xff, 0xd8];
     let mut segment = |marker: u8, data: &[u8]| {

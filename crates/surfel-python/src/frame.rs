@@ -345,7 +345,8 @@ pub(crate) fn frame_of(
     })
 }
 
-/// Takes a plane by name: contiguous, read-only, and with as many pixels as the planes before it.
+/// Returns a plane by name, after checking that it is contiguous, read-only, and has as many pixels as the planes
+/// before it.
 fn given<T: Element>(
     planes: &Bound<'_, PyDict>,
     name: &str,

@@ -120,8 +120,9 @@ fn lights(json: &str) -> Result<Vec<Light>, String> {
     Ok(scene.lights.unwrap_or_default())
 }
 
-/// Reads cameras from a file or folder, or from JSON: a list of cameras in a supported file format, and of objects with
-/// a scene file's `camera`. Returns each camera's name, and true if near and far planes are fitted to the scene.
+/// Reads cameras from a file or folder, or from JSON. JSON is a list of cameras in a supported file format, or of
+/// objects with a scene file's `camera`. Returns each camera's name, and true if near and far planes are fitted to the
+/// scene.
 fn cameras(
     (path, json): (Option<PathBuf>, Option<String>),
     size: Option<[u32; 2]>,

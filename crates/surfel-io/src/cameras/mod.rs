@@ -1,9 +1,9 @@
 //! Cameras of other programs: COLMAP, nerfstudio and instant-ngp, 3DGS, Open3D, KITTI, and K, R, t as JSON.
 //!
-//! All readers return one convention (rendering model §1): pixel coordinates start at the image's upper left corner, so
-//! that the first pixel's centre is (0.5, 0.5). COLMAP, nerfstudio, instant-ngp and 3DGS use this convention. OpenCV,
-//! Open3D and KITTI start at the first pixel's centre, so that half a pixel is added to their principal points. No
-//! reader undistorts: a camera with distortion is refused with a command that undistorts.
+//! All readers return one convention (rendering model §1). Pixel coordinates start at the image's upper left corner, so
+//! the first pixel's centre is (0.5, 0.5). COLMAP, nerfstudio, instant-ngp and 3DGS use this convention. OpenCV, Open3D
+//! and KITTI start at the first pixel's centre, so that half a pixel is added to their principal points. No reader
+//! undistorts: a camera with distortion is refused with a command that undistorts.
 
 mod colmap;
 mod json;

@@ -30,7 +30,7 @@ pub(crate) enum Role {
     Normal,
     /// Red, green, blue.
     Color,
-    /// Full opacity, after a colour.
+    /// Alpha after a colour: full opacity in all rows.
     Alpha,
     Intensity,
     /// Classes or instance ids.

@@ -36,7 +36,7 @@ const BIG_FROM: u64 = 4_200_000_000;
 pub enum GeoSamples {
     /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. No data has alpha 0.
     Rgba8,
-    /// A number of f32 bands. No data is [`GeoSamples::NODATA`].
+    /// The given number of f32 bands. No data is [`GeoSamples::NODATA`].
     F32(u16),
 }
 
@@ -86,8 +86,8 @@ impl GeoImage {
         }
     }
 
-    /// Returns the sizes of the image and its overviews: each has half the columns and rows of the one before, and the
-    /// last one fits into a tile.
+    /// Returns the sizes of the image and its overviews. Each overview has half the columns and rows of the level
+    /// before; the last one fits into a tile.
     fn sizes(&self) -> Vec<[u32; 2]> {
         let mut sizes = vec![self.size];
         while let Some(size) = sizes.last().filter(|size| size.iter().any(|side| *side > TILE)) {

@@ -112,8 +112,8 @@ pub(super) fn parse(json: &[u8]) -> Result<CheckedDocument, Problem> {
     check_required(&raw)?;
     let mut read = raw.clone();
     let notes = strip(&mut read);
-    // Goes through text because the crate's own parsing function is already compiled; another instantiation would add
-    // seconds to each build.
+    // The detour through text uses the crate's own parsing function, which is already compiled; another instantiation
+    // would add seconds to each build.
     let text = serde_json::to_vec(&read).map_err(|e| not_valid(&e))?;
     let root = Root::from_slice(&text).map_err(|error| {
         // The original document gives the right location of the error.

@@ -28,7 +28,7 @@ pub(super) struct Attributes<'a> {
 pub(super) struct Vertices {
     pub(super) positions: Vec<DVec3>,
     pub(super) normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB and alpha.
+    /// Vertex colours, in linear RGB and alpha.
     pub(super) colors: Option<Vec<[f32; 4]>>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,
     /// True if the placement mirrors, which reverses the winding order.

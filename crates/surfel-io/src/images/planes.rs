@@ -14,7 +14,7 @@ pub struct Planes {
     pub color: Option<Vec<[f32; 4]>>,
     /// View-space planar depth in world units; +∞ for background.
     pub depth: Option<Vec<f32>>,
-    /// World normal; unit length, or zero for background.
+    /// World normal; unit length or zero.
     pub normal: Option<Vec<[f32; 3]>>,
     /// Sum of splat weights, Σw.
     pub weight: Option<Vec<f32>>,

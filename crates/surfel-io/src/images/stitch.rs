@@ -91,8 +91,8 @@ pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
 /// with one row of a PNG or 16 rows of an EXR in memory.
 ///
 /// # Errors
-/// [`IoError`] if a pixel is in no tile or in two, if tiles differ in pixel format or can't be read, or if `out` can't
-/// be written, or exists and `overwrite` is false.
+/// [`IoError`] if a pixel is in no tile or in two, or if tiles differ in pixel format or can't be read. Also if `out`
+/// can't be written, or exists and `overwrite` is false.
 pub fn stitch(
     out: &Path,
     overwrite: bool,

@@ -121,7 +121,7 @@ fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     Ok(())
 }
 
-/// Reads a file of LASzip's compressor 1: a single piece, whose end only the header's count gives.
+/// Reads a file of LASzip's compressor 1: a single piece, whose end follows only from the header's count.
 fn read_in_one_piece(
     source: &mut dyn Source,
     header: &mut Header,
@@ -400,9 +400,9 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
-/// Removes layers from the chunk that begins at `start`, which is the last one, so that they aren't decoded: colours if
-/// `colors`, and the marked extra bytes. All points of the chunk get zeros for removed layers. [`chunk_points`] must
-/// have checked the chunk.
+/// Removes layers from the last chunk, which begins at `start`, so that they aren't decoded: colours if `colors`, and
+/// the marked extra bytes. All points of the chunk get zeros for removed layers. [`chunk_points`] must have checked the
+/// chunk.
 pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
     if !is_layered(vlr) {
         return;

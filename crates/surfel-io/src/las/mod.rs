@@ -1,8 +1,8 @@
 //! LAS 1.0 to 1.5, LAZ and COPC: points of laser scanners. A COPC file is a LAZ file whose chunks are the nodes of an
 //! octree; its points are those of all nodes.
 //!
-//! The file is read in blocks and never held in memory as a whole. Counts in the header are checked before they are
-//! used. The crate `laz` decodes compressed chunks, as many at a time as there are threads.
+//! The file is read in blocks and is never in memory as a whole. Counts in the header are checked before they are used.
+//! The crate `laz` decodes compressed chunks, as many at a time as there are threads.
 
 #![cfg_attr(not(feature = "laz"), allow(unused, unreachable_pub))]
 

@@ -1,7 +1,7 @@
 //! Reader of Wavefront OBJ with MTL materials.
 //!
-//! Positions are parsed without loss. Vertex colours (`v x y z r g b`) are values that a program displayed: they are
-//! sRGB-encoded, with a range of 1 or, if a value is larger, of 255. `Kd` is linear and multiplies the texture.
+//! Positions are parsed without loss. Vertex colours (`v x y z r g b`) are values that a program displayed, so they are
+//! sRGB-encoded. Their range is 1 or, if a value is larger, 255. `Kd` is linear and multiplies the texture.
 
 mod mtl;
 mod names;

@@ -1,10 +1,10 @@
 //! File names in OBJ and MTL statements. A statement may have several names, names with blanks, and options before or
-//! after them; text that is the name of an existing file is a name.
+//! after them. Text that names an existing file is a name.
 
 use crate::files::Siblings;
 
-/// Maximum number of words at the start or end of a statement that a name may begin or end with, and maximum number of
-/// libraries of a statement.
+/// Maximum number of words at the start or end of a statement at which a name may begin or end. Then the maximum number
+/// of libraries of a statement.
 const MOST_WORDS: usize = 12;
 const MOST_LIBRARIES: usize = 64;
 
@@ -72,8 +72,8 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
     if are_names { found } else { vec![statement.to_owned()] }
 }
 
-/// Returns the file of a texture statement, which may have options before and after the name: the longest part that is
-/// an existing file, else the text after the options.
+/// Returns the file of a texture statement, which may have options before and after the name. The name is the longest
+/// part that is an existing file, else the text after the options.
 pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     let words = words(statement);
     let first = after_options(statement, &words);
@@ -100,7 +100,7 @@ fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
         let known = OPTIONS.iter().find(|(name, _)| *name == option);
         let most = known.map_or(usize::MAX, |(_, most)| *most);
         let is_number = |i: usize| word(i).parse::<f64>().is_ok();
-        // The last word is the file. An unknown option takes the words that look like arguments.
+        // The last word is the file. Words that look like arguments belong to an unknown option.
         for taken in 0..most {
             let is_taken = match most {
                 1 => true,

@@ -6,11 +6,11 @@ use std::fmt;
 /// WGS 84: the equatorial radius in metres, and the square of the eccentricity.
 const EQUATOR: f64 = 6_378_137.0;
 const ECCENTRICITY_2: f64 = 6.694_379_990_141_316_5e-3;
-/// Distances from the Earth's centre, in metres, that count as places on Earth: from the polar radius less 10 km to the
+/// Distances from the Earth's centre, in metres, that count as on Earth: from the polar radius less 10 km to the
 /// equatorial radius plus 20 km.
 const ON_EARTH: std::ops::RangeInclusive<f64> = 6_346_752.0..=6_398_137.0;
 
-/// East, north and up at a place.
+/// Local axes at a place on Earth: east, north and up.
 pub(super) struct Horizon {
     /// Origin of east, north and up, from the Earth's centre.
     pub(super) center: DVec3,

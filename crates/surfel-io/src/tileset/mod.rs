@@ -73,7 +73,7 @@ struct Sketch {
     _root: IgnoredAny,
 }
 
-/// True for the JSON of a tileset.
+/// True if the bytes are the JSON of a tileset.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     bytes.trim_ascii_start().starts_with(b"{") && serde_json::from_slice::<Sketch>(bytes).is_ok()
 }

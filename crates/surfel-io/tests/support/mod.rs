@@ -196,8 +196,9 @@ impl Ordered {
     }
 }
 
-/// Converts a file to COPC and compares its points with those read at once: positions within `metres`, all else
-/// exactly, except for colours, which become 16 bits. Returns both, with the notes of the conversion.
+/// Converts a file to COPC and compares its points with the same points read at once. Positions must agree within
+/// `metres` and all else exactly, except for colours, which become 16 bits. Returns both, with the notes of the
+/// conversion.
 pub fn same_by_levels(
     name: &str,
     bytes: &[u8],

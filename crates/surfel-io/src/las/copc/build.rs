@@ -1,7 +1,7 @@
 //! Assignment of the points of a cloud to the levels of an octree.
 //!
-//! A node's cube is divided into 128³ cells. The point of a cell nearest to the cell's middle is selected for that
-//! level and represents all points of the cell, unless the cell has a point of a level above. Points that aren't
+//! A node's cube is divided into 128³ cells. In each cell, the point nearest to the middle is selected for that level
+//! and represents all points of the cell. A cell that has a point of a level above gets none. Points that aren't
 //! selected go to the levels below. A node with few points contains all of them.
 
 use super::octants::cell;

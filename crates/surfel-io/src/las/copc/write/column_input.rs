@@ -334,7 +334,7 @@ impl ColumnInput {
         described.into_iter().chain(wkt).collect()
     }
 
-    /// Returns the WKT of the file's coordinate reference system, if a variable length record can hold it.
+    /// Returns the WKT of the file's coordinate reference system, unless it is too long for a variable length record.
     fn wkt(&self) -> Option<&String> {
         self.file.crs.wkt.as_ref().filter(|wkt| wkt.len() < usize::from(u16::MAX))
     }
@@ -391,7 +391,7 @@ impl ColumnInput {
             if let Some(i) = self.intensity {
                 put(12, &(numbers[i][row] as u16).to_le_bytes());
             }
-            // The first return of one.
+            // Return 1 of 1.
             put(14, &[0x11]);
             if let Some(colors) = self.colors {
                 let levels = levels(colors, |i| numbers[i][row]);

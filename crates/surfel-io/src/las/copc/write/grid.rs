@@ -5,8 +5,8 @@ use crate::las::copc::octants::{BITS, code};
 use glam::DVec3;
 use std::io;
 
-/// Cell side divided by the margin's width. A part also sees the points in its neighbours that are nearer to its border
-/// than this margin: about 16 points of a surface whose cells are as full as the grid is made for.
+/// Cell side divided by the margin's width. A part also sees points of its neighbours within this margin of its border.
+/// The margin is about 16 points wide for a surface with `cell_points` points per cell.
 const MARGIN: i64 = 64;
 
 /// The grid that points are sorted into, aligned to the inputs' own coordinate steps.

@@ -145,18 +145,18 @@ struct Sources<'a> {
 /// and text become records whose step is a power of two, the same for all inputs.
 ///
 /// Each point gets, as extra bytes, the mean colour of the points that it represents at its level. With `prepare`, each
-/// point also gets its radius, its normal and the mean normal; `prepare` is called for several parts of the cloud at
-/// once, each with the points around it. The output is deterministic, whatever the number of threads. `progress`
+/// point also gets its radius, its normal and the mean normal. `prepare` runs for several parts of the cloud in
+/// parallel, each with the points around it. The output is deterministic, whatever the number of threads. `progress`
 /// receives a stage's name, the amount done and the total.
 ///
 /// With [`CopcOptions::shard`] the output is one shard. Passing all shards as `inputs` merges them. The merged file
-/// doesn't depend on the number of shards. It equals a file written at once if the bounds in the inputs' headers are
-/// those of their points. If the bounds are wider, the octree may be larger, which a note states; a point outside of
-/// them is an error.
+/// doesn't depend on the number of shards. It equals a file written without shards if the bounds in the inputs' headers
+/// are exact. If the bounds are wider, the octree may be larger, which a note states; a point outside of them is an
+/// error.
 ///
 /// # Errors
-/// [`IoError::Invalid`] for an input of another format, a damaged one or one that doesn't match the first, and for a
-/// resume folder of another conversion; [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
+/// [`IoError::Invalid`] for an unsupported or damaged input, for one that doesn't match the first, and for a resume
+/// folder of another conversion. [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
@@ -614,8 +614,8 @@ impl<'a> Writer<'a> {
         Ok(self.compress(batch)?)
     }
 
-    /// Saves the state after `parts` parts, none of which is waiting. `taken` needn't be saved: its cells are octants
-    /// of level 7 or more, and parts are of level 7 at most, so no later part shares a cell with an earlier one.
+    /// Saves the state after `parts` parts, none of which is waiting. `taken` needn't be saved. Its cells are octants
+    /// of level 7 or more, and parts are of level 7 at most, so no cell extends over two parts.
     fn keep(&mut self, parts: usize) -> Result<(), Stop> {
         let Some(kept) = self.kept else { return Ok(()) };
         self.chunk_file.sync_data()?;

@@ -59,8 +59,8 @@ pub(super) struct Maker<'a> {
 }
 
 impl Maker<'_> {
-    /// Assigns levels to the points of a part and compresses the nodes inside it. `taken` holds the occupied selection
-    /// cells that are larger than a part.
+    /// Assigns levels to the points of a part and compresses the nodes inside it. `taken` contains the occupied
+    /// selection cells that are larger than a part.
     pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<(u32, u64)>) -> io::Result<Made> {
         let (size, Loaded { part, records, margin }) = (self.sorted_bytes, loaded);
         let splats = self.splats(records, margin)?;

@@ -233,8 +233,8 @@ fn make_private(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// Describes why a folder is unsafe to resume in, if it is: it has links, which this program would write through, or
-/// files or folders that other users own or can write to.
+/// Describes why a folder is unsafe to resume in, if it is. Links are unsafe because this program would write through
+/// them; so are files or folders that other users own or can write to.
 fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
     let found = fs::symlink_metadata(folder)?;
     if !found.is_dir() {
