@@ -1,4 +1,5 @@
-//! Reads any bytes as PLY, PCD or arrays of NumPy, from a file, part by part, and from memory: both say the same.
+//! Reads arbitrary bytes as PLY, PCD or NumPy arrays, from a file part by part and from memory: both must give the same
+//! result.
 
 #![no_main]
 
@@ -6,14 +7,14 @@ use libfuzzer_sys::fuzz_target;
 use std::path::PathBuf;
 use surfel_io::{Format, LoadOptions, load, load_bytes};
 
-/// A file of this process, in memory where the system has such a folder.
+/// Returns the path of this process's file, in a memory file system if there is one.
 fn path(extension: &str) -> PathBuf {
     let shared = PathBuf::from("/dev/shm");
     let folder = if shared.is_dir() { shared } else { std::env::temp_dir() };
     folder.join(format!("surfel-fuzz-{}.{extension}", std::process::id()))
 }
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let options = LoadOptions { repair: bytes.len() % 2 == 1, ..LoadOptions::default() };
     let extension = match bytes {
@@ -21,7 +22,7 @@ fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
         [b'P', b'K', ..] => "npz",
         [b'p', b'l', ..] => "ply",
         [b'#' | b'V' | b'F', ..] => "pcd",
-        // Other formats are read in other ways.
+        // Other formats aren't read part by part.
         _ => return,
     };
     let path = path(extension);

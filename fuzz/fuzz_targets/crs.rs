@@ -1,4 +1,4 @@
-//! Takes any text for a coordinate reference system, as the comments of a file carry it, and writes an image in it.
+//! Parses arbitrary text as a coordinate reference system in a file's comments, and writes an image with it.
 
 #![no_main]
 
@@ -9,7 +9,8 @@ use surfel_io::{Crs, GeoImage, GeoSamples, write_geotiffs};
 fuzz_target!(|text: &str| {
     let comments: Vec<String> = text.lines().map(str::to_owned).collect();
     let Some(crs) = Crs::of_comments(&comments) else { return };
-    // What it writes of itself is it, but for the code that text and keys say already.
+    // The comments that a system writes state the same system again, except for the code, which text and keys already
+    // state.
     let again = Crs::of_comments(&crs.comments()).expect("a system says something");
     assert_eq!((crs.epsg(), crs.is_geographic()), (again.epsg(), again.is_geographic()));
     assert_eq!(crs.words(), again.words());

@@ -1,4 +1,4 @@
-//! Reads any bytes as E57 files, with check sums that are right: others are refused before anything is read.
+//! Reads arbitrary bytes as E57 files with correct checksums: other files are refused before anything is read.
 
 #![no_main]
 
@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use surfel_io::{LoadOptions, load_bytes};
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let mut bytes = [b"ASTM-E57", bytes].concat();
     bytes.resize(bytes.len().div_ceil(1024) * 1024, 0);

@@ -1,11 +1,11 @@
-//! Reads any bytes as a picture: EXR, PNG, JPEG or WebP.
+//! Reads arbitrary bytes as an image: EXR, PNG, JPEG or WebP.
 
 #![no_main]
 
 use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     if let Ok(planes) = surfel_io::read_image_bytes(bytes, Path::new("t")) {
         let pixels = planes.width as usize * planes.height as usize;

@@ -1,4 +1,4 @@
-//! Reads any bytes as LAS, LAZ or COPC files.
+//! Reads arbitrary bytes as LAS, LAZ or COPC files.
 
 #![no_main]
 
@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use surfel_io::{LoadOptions, load_bytes};
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let bytes = [b"LASF", bytes].concat();
     for repair in [false, true] {

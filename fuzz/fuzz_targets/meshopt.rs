@@ -1,4 +1,4 @@
-//! Reads any bytes as a buffer that meshopt has compressed, within a GLB file. The first four choose mode, filter,
+//! Reads arbitrary bytes as a meshopt-compressed buffer within a GLB file. The first four bytes select mode, filter,
 //! stride and count.
 
 #![no_main]
@@ -10,7 +10,7 @@ use surfel_io::{Format, LoadOptions, load_bytes};
 const MODES: [&str; 3] = ["ATTRIBUTES", "TRIANGLES", "INDICES"];
 const FILTERS: [&str; 5] = ["NONE", "OCTAHEDRAL", "QUATERNION", "EXPONENTIAL", "COLOR"];
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let [mode, filter, stride, count, stream @ ..] = bytes else { return };
     let (mode, filter) = (MODES[usize::from(*mode) % 3], FILTERS[usize::from(*filter) % 5]);

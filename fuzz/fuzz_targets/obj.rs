@@ -1,4 +1,4 @@
-//! Reads any bytes as OBJ files.
+//! Reads arbitrary bytes as OBJ files.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Reads any bytes as octrees.
+//! Reads arbitrary bytes as octrees.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Reads any bytes as PCD files.
+//! Reads arbitrary bytes as PCD files.
 
 #![no_main]
 
@@ -6,7 +6,7 @@ use libfuzzer_sys::fuzz_target;
 use std::path::Path;
 use surfel_io::{Format, LoadOptions, load_bytes};
 
-// A decoder's panic that the reader catches is no find: without libFuzzer's hook, it unwinds as in the program.
+// A decoder's panic that the reader catches isn't a finding: without libFuzzer's hook it unwinds as in the program.
 fuzz_target!(init: std::panic::set_hook(Box::new(|_| ())), |bytes: &[u8]| {
     let options = LoadOptions { repair: bytes.len() % 2 == 1, ..LoadOptions::default() };
     for extension in ["pcd"] {

@@ -1,4 +1,4 @@
-//! Reads any bytes as PLY files.
+//! Reads arbitrary bytes as PLY files.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Reads any bytes as point text files.
+//! Reads arbitrary bytes as text files of points.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Reads any bytes as a scene file.
+//! Reads arbitrary bytes as a scene file.
 
 #![no_main]
 

@@ -1,4 +1,4 @@
-//! Reads any bytes as STL files.
+//! Reads arbitrary bytes as STL files.
 
 #![no_main]
 

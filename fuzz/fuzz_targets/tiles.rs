@@ -1,4 +1,4 @@
-//! Reads any bytes as a tile of points or a tileset of 3D Tiles.
+//! Reads arbitrary bytes as a point tile or a tileset of 3D Tiles.
 
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! Loads each file named on the command line five times and prints the median time, what was found, the most memory
-//! that the process had so far (where Linux tells it), and the notes.
+//! Loads each file named on the command line five times. Prints the median time, the contents, the peak memory of the
+//! process so far (on Linux), and the notes.
 
 use std::path::Path;
 use std::time::Instant;

@@ -1,6 +1,6 @@
-//! Writes a flight over generated land as LAZ tiles of a million points each, to measure growth with:
-//! `cargo run --release -p surfel-io --example tiles -- FOLDER TILES`. The same tiles whenever it runs, and a tile of
-//! more is one of fewer. `cargo xtask growth` runs it.
+//! Writes a survey flight over generated terrain as LAZ tiles of a million points each, to measure how conversion
+//! scales. Usage: `cargo run --release -p surfel-io --example tiles -- FOLDER TILES`. Each run writes the same tiles,
+//! and more tiles include all tiles of a smaller run. `cargo xtask growth` runs it.
 
 use laz::laszip::LasZipCompressor;
 use laz::{LazVlr, LazVlrBuilder};
@@ -9,16 +9,16 @@ use std::error::Error;
 use std::io::Cursor;
 use std::path::Path;
 
-/// Points along a tile's side, and how far they are apart, in millimetres.
+/// Points along a tile's side, and their spacing in millimetres.
 const SIDE: u32 = 1000;
 const APART_MM: f64 = 100.0;
 const CHUNK_POINTS: usize = 50_000;
-/// LAS's format with GPS time and colour.
+/// LAS point format with GPS time and colour.
 const FORMAT: u8 = 7;
 const RECORD_BYTES: usize = 36;
 const HEADER_BYTES: usize = 375;
 
-/// A number in 0 to 1 by a cell's place.
+/// Returns a pseudorandom number from 0 to 1 for a cell.
 fn hash(x: i64, y: i64, what: u64) -> f64 {
     let mut h = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (y as u64).wrapping_mul(0xc2b2_ae3d_27d4_eb4f) ^ what;
     for _ in 0..2 {
@@ -27,13 +27,13 @@ fn hash(x: i64, y: i64, what: u64) -> f64 {
     (h >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// Hills, from 300 m across down to 3 m, in millimetres.
+/// Returns the height of hills, from 300 m down to 3 m across, in millimetres.
 fn land(x: f64, y: f64) -> f64 {
     let wave = |length: f64, height: f64| height * (x / length).sin() * (y / (1.13 * length) + 1.0).cos();
     wave(50_000.0, 12_000.0) + wave(11_000.0, 1500.0) + wave(500.0, 60.0)
 }
 
-/// Height and colour where a point is: land, and a house in every third square of 25 m.
+/// Returns height and colour at a position: terrain, and a house in every third square of 25 m.
 fn surface(x: f64, y: f64) -> (f64, [u16; 3]) {
     let square = [x, y].map(|v| (v / 25_000.0).floor());
     let within = [x - square[0] * 25_000.0, y - square[1] * 25_000.0];
@@ -49,7 +49,7 @@ fn surface(x: f64, y: f64) -> (f64, [u16; 3]) {
     (z, [(14_000.0 + 26_000.0 * wet) as u16, (34_000.0 - 6000.0 * wet) as u16, (9000.0 + 9000.0 * wet) as u16])
 }
 
-/// The records of a tile, line by line as a scanner's.
+/// Returns the records of a tile, line by line as a scanner writes them.
 fn points(tile: [u32; 2]) -> (Vec<u8>, [i32; 2]) {
     let mut bytes = Vec::with_capacity((SIDE * SIDE) as usize * RECORD_BYTES);
     let mut ends = [i32::MAX, i32::MIN];
@@ -59,7 +59,7 @@ fn points(tile: [u32; 2]) -> (Vec<u8>, [i32; 2]) {
             let jitter = [4, 5].map(|what| 0.8 * (hash(at[0], at[1], what) - 0.5));
             let [x, y] = [0, 1].map(|k| ((at[k] as f64 + 0.5 + jitter[k]) * APART_MM).round());
             let (height, color) = surface(x, y);
-            // A scanner's noise, of 10 mm.
+            // Scanner noise of 10 mm.
             let noise = 10.0 * ((6..12).map(|what| hash(at[0], at[1], what)).sum::<f64>() - 3.0) * 2_f64.sqrt();
             let z = (height + noise).round() as i32;
             ends = [ends[0].min(z), ends[1].max(z)];
@@ -67,7 +67,7 @@ fn points(tile: [u32; 2]) -> (Vec<u8>, [i32; 2]) {
             let light = 0.9 + 0.2 * hash(at[0], at[1], 12);
             let intensity = (20_000.0 * light) as u16;
             bytes.extend_from_slice(&intensity.to_le_bytes());
-            // The only return, of ground, at a scan angle by the column.
+            // A single return, class ground, with the scan angle from the column.
             bytes.extend_from_slice(&[0x11, 0, 2, 0]);
             bytes.extend_from_slice(&((column as i16 - 500) * 5).to_le_bytes());
             bytes.extend_from_slice(&1_u16.to_le_bytes());
@@ -116,7 +116,7 @@ fn write(path: &Path, tile: [u32; 2]) -> Result<(), Box<dyn Error + Send + Sync>
     let mut vlr = Vec::new();
     laz.write_to(&mut vlr)?;
     let (points, heights) = points(tile);
-    // The table of chunks holds places in the file, so that the points are compressed behind its header.
+    // The chunk table has offsets in the file, so that the points are compressed after its header.
     let mut file = Cursor::new(header(tile, heights, &vlr));
     file.set_position(file.get_ref().len() as u64);
     let mut compressor = LasZipCompressor::new(file, laz)?;

@@ -1,4 +1,4 @@
-//! Lines, words and numbers of text formats, from bytes that may be anything.
+//! Lines, words and numbers of text formats, from arbitrary bytes.
 
 #![cfg_attr(not(all(feature = "laz", feature = "pcd", feature = "points")), allow(dead_code))]
 
@@ -6,7 +6,7 @@ use crate::bytes::Bytes;
 use crate::error::{Fault, Location, Problem};
 use std::io::{BufRead, Read};
 
-/// Splits bytes into lines at LF, CRLF or lone CR, and counts them from 1.
+/// Iterator over lines, which end at LF, CRLF or lone CR, with their numbers from 1.
 pub(crate) struct Lines<'a> {
     rest: &'a [u8],
     number: usize,
@@ -17,7 +17,7 @@ impl<'a> Lines<'a> {
         Self { rest: bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes), number: 0 }
     }
 
-    /// What comes after the lines that have been taken.
+    /// Returns the text after the lines returned so far.
     #[cfg(feature = "pcd")]
     pub(crate) fn rest(&self) -> &'a [u8] {
         self.rest
@@ -42,11 +42,11 @@ impl<'a> Iterator for Lines<'a> {
     }
 }
 
-/// Longest line of a file that is read line by line, in bytes.
+/// Maximum length of a line in a file that is read line by line, in bytes.
 const MAX_LINE_BYTES: usize = 1 << 24;
 
-/// Hands over the lines of a text, with their numbers from 1, as [`Lines`] divides it. Of a file only some are in
-/// memory at a time.
+/// Passes each line of a text and its number, from 1, to `each`. Lines are those of [`Lines`]. Only part of a file is
+/// in memory at a time.
 pub(crate) fn each_line(
     bytes: Bytes<'_>,
     mut each: impl FnMut(usize, &[u8]) -> Result<(), Fault>,
@@ -56,7 +56,7 @@ pub(crate) fn each_line(
     }
     let (mut reader, mut text, mut before) = (bytes.reader(), Vec::new(), 0);
     loop {
-        // Whole lines, whose end shows whether it is one sign or two.
+        // Reads up to a LF, so that a CRLF isn't split.
         let most = (MAX_LINE_BYTES - text.len()) as u64;
         let read = (&mut reader).take(most).read_until(b'\n', &mut text).unwrap_or(0);
         if read == 0 {
@@ -75,12 +75,12 @@ pub(crate) fn each_line(
     }
 }
 
-/// Words of a line, separated by blanks.
+/// Returns the words of a line, separated by blanks.
 pub(crate) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 
-/// UTF-8 of text in UTF-16 that begins with a byte order mark, as spreadsheets write it; `None` for anything else.
+/// Converts UTF-16 text with a byte order mark, as spreadsheets write it, to UTF-8; returns `None` for anything else.
 pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     let of: fn([u8; 2]) -> u16 = match bytes.first_chunk()? {
         [0xff, 0xfe] => u16::from_le_bytes,
@@ -93,13 +93,13 @@ pub(crate) fn utf8_of_utf16(bytes: &[u8]) -> Option<Vec<u8>> {
     Some(text.into_bytes())
 }
 
-/// A number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
+/// Parses a number as printed by any C library: also `nan`, `-nan(ind)`, `inf`, `1.#QNAN`.
 pub(crate) fn number(word: &[u8]) -> Option<f64> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| odd_number(text))
 }
 
-/// As [`number`], rounded once to f32.
+/// Parses a number like [`number`], rounded once to f32.
 pub(crate) fn number_f32(word: &[u8]) -> Option<f32> {
     let text = std::str::from_utf8(word).ok()?;
     text.parse().ok().or_else(|| odd_number(text).map(|v| v as f32))
@@ -114,7 +114,7 @@ fn odd_number(text: &str) -> Option<f64> {
     magnitude.starts_with("1.#inf").then(|| if lower.starts_with('-') { f64::NEG_INFINITY } else { f64::INFINITY })
 }
 
-/// The line, counted from 1, that `offset` lies in.
+/// Returns the number, from 1, of the line that contains `offset`.
 pub(crate) fn line_at(bytes: &[u8], offset: usize) -> usize {
     let before = &bytes[..offset.min(bytes.len())];
     1 + before
@@ -142,7 +142,7 @@ mod tests {
         assert!(number(b"1.#QNAN").is_some_and(f64::is_nan));
         assert_eq!(number(b"-1.#INF"), Some(f64::NEG_INFINITY));
         assert_eq!(number(b"1,5"), None);
-        // Halfway between two f32 in f64 rounding: parsing as f64 first would round twice.
+        // Halfway between two f32 values after rounding to f64: parsing as f64 first would round twice.
         assert_eq!(number_f32(b"1.00000017881393432617187499"), Some(1.000_000_1));
     }
 }

@@ -1,4 +1,4 @@
-//! Files that appear whole or not at all.
+//! Atomic writing: files appear complete or not at all.
 
 mod names;
 
@@ -10,24 +10,23 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use tempfile::NamedTempFile;
 
-/// The temporary files of this process that are there.
+/// Existing temporary files of this process.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
 
 fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Removes the temporary files of all writers of this process, and lets none make another: for a program that is about
-/// to end at once, by a signal.
+/// Removes all temporary files of this process and prevents new ones: for a program that is about to exit on a signal.
 pub fn remove_temporary_files() {
     let mut files = temporary_files();
     files.drain(..).for_each(|path| drop(fs::remove_file(path)));
-    // Nobody publishes or makes a file without the lock.
+    // Writers need this lock to create or publish a file, and never get it again.
     std::mem::forget(files);
 }
 
-/// The file that writing `path` makes or replaces, by its one absolute name: links are followed, and `.` and `..` are
-/// gone. Two paths of the same target are one file.
+/// Returns the canonical path of the file that writing `path` creates or replaces: absolute, with links followed,
+/// without `.` and `..`. Two paths of the same file have the same target.
 pub fn target(path: &Path) -> PathBuf {
     fs::canonicalize(path).unwrap_or_else(|_| match (fs::canonicalize(folder_of(path)), path.file_name()) {
         (Ok(folder), Some(name)) => folder.join(name),
@@ -35,15 +34,15 @@ pub fn target(path: &Path) -> PathBuf {
     })
 }
 
-/// Writes `path` by way of a temporary file in the same folder: synced, then renamed. A reader sees the old file
-/// or the whole new one, never a part; on failure the temporary file is removed and `path` is as it was.
+/// Writes `path` atomically: content goes to a temporary file in the same folder, which is synced and renamed. A reader
+/// sees the old file or the complete new one. On failure the temporary file is removed and `path` is unchanged.
 ///
-/// A symbolic link is followed; devices and pipes (`/dev/stdout`) are written directly. A file that is replaced keeps
-/// its permissions, a new one gets those that any new file of the process gets.
+/// A symbolic link is followed; devices and pipes (`/dev/stdout`) are written directly. A replaced file keeps its
+/// permissions; a new file gets the process's default permissions.
 ///
 /// # Errors
-/// [`IoError::Exists`] if there is such a file and `overwrite` is false (also if it appears meanwhile);
-/// [`IoError::System`] if the folder can't be written or `content` fails.
+/// [`IoError::Exists`] if the file exists, or appears meanwhile, and `overwrite` is false; [`IoError::System`] if the
+/// folder can't be written or `content` fails.
 pub fn write(
     path: &Path,
     overwrite: bool,
@@ -57,10 +56,10 @@ pub fn write(
     write_seekable(path, overwrite, |sink| content(sink))
 }
 
-/// As [`write`], for content that goes back to what it has written: not to devices and pipes.
+/// Writes `path` like [`write`], for content that seeks; devices and pipes aren't supported.
 ///
 /// # Errors
-/// As [`write`]; also if `path` is no file.
+/// As [`write`]; also if `path` isn't a regular file.
 pub fn write_seekable(
     path: &Path,
     overwrite: bool,
@@ -71,14 +70,14 @@ pub fn write_seekable(
     pending.publish()
 }
 
-/// The error of a file whose content could not be written. An error of another file that the content is made from,
-/// which [`io::Error`] may hold, stays what it is.
+/// Converts an error of writing a file's content. An [`IoError`] inside the [`io::Error`], of another file that the
+/// content is made from, is returned unchanged.
 fn unwritten(path: &Path, action: &'static str, source: io::Error) -> IoError {
     let system = |source| IoError::System { path: path.to_path_buf(), action, source };
     source.downcast::<IoError>().unwrap_or_else(system)
 }
 
-/// A file that is being written under another name, and appears when it is published. Dropped, it is gone.
+/// A file that is being written under a temporary name and appears when it is published. Dropping it removes the file.
 #[derive(Debug)]
 pub(crate) struct Pending {
     pub(crate) sink: BufWriter<File>,
@@ -91,7 +90,7 @@ pub(crate) struct Pending {
 }
 
 impl Pending {
-    /// A file that will be `path`, which must be a name for a regular file.
+    /// Creates a temporary file that will become `path`, which must be a name for a regular file.
     pub(crate) fn new(path: &Path, overwrite: bool) -> Result<Self, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
         let existing = fs::metadata(path).ok();
@@ -109,14 +108,14 @@ impl Pending {
         Ok(Self { sink, temporary, _registered: registered, path: path.to_path_buf(), target, existing, overwrite })
     }
 
-    /// Makes it appear, whole.
+    /// Makes the complete file appear.
     pub(crate) fn publish(self) -> Result<(), IoError> {
         let Self { mut sink, temporary, _registered, path, target, existing, overwrite } = self;
         let system = |source| IoError::System { path: path.clone(), action: WRITE, source };
         sink.flush().map_err(system)?;
         drop(sink);
         if let Some(found) = existing {
-            // Where the system refuses the old permissions, the new file's own are fine.
+            // If the system refuses the old permissions, the new file's own are fine.
             let _ = temporary.as_file().set_permissions(found.permissions());
         }
         temporary.as_file().sync_all().map_err(system)?;
@@ -127,8 +126,8 @@ impl Pending {
     }
 }
 
-/// A file for this process alone: gone when this is dropped and when a signal ends the program; if it is killed, when
-/// the next one makes such a file in that folder.
+/// A temporary file for this process alone. It is removed when it is dropped or when a signal ends the program. After a
+/// kill, the next process that creates a temporary file in that folder removes it.
 #[derive(Debug)]
 pub struct Temporary {
     file: NamedTempFile,
@@ -136,7 +135,7 @@ pub struct Temporary {
 }
 
 impl Temporary {
-    /// Writes one in a folder.
+    /// Writes a temporary file in a folder.
     ///
     /// # Errors
     /// [`IoError::System`] if the folder can't be written or `content` fails.
@@ -152,32 +151,32 @@ impl Temporary {
         written.map_err(|source| unwritten(folder, WRITE_THERE, source))
     }
 
-    /// Where it is.
+    /// Returns the path of the file.
     pub fn path(&self) -> &Path {
         self.file.path()
     }
 }
 
-/// A file without a name in a folder, for this process alone: gone when it is closed.
+/// Creates a file without a name in a folder, for this process alone; it disappears when it is closed.
 ///
 /// # Errors
-/// If the folder can't be written.
+/// [`io::Error`] if the folder can't be written.
 pub fn unnamed_in(folder: &Path) -> io::Result<File> {
     tempfile::tempfile_in(folder)
 }
 
-/// A new file that is removed when dropped. Its name isn't derived from the target's, which may already be as long as
-/// the file system allows.
+/// Creates a file that is removed when dropped. Its name isn't derived from the target's, which may already have the
+/// maximum length.
 fn temporary_in(folder: &Path) -> io::Result<NamedTempFile> {
     let (prefix, mut builder) = (Name::prefix_of_this_process(), tempfile::Builder::new());
     builder.prefix(&prefix).suffix(names::SUFFIX).rand_bytes(names::RANDOM_CHARACTERS);
-    // Otherwise nobody else could read the file; the system takes away what the process's umask says.
+    // The default mode would make the file unreadable for others; the system applies the process's umask.
     #[cfg(unix)]
     builder.permissions(std::os::unix::fs::PermissionsExt::from_mode(0o666));
     builder.tempfile_in(folder)
 }
 
-/// A path among [`TEMPORARY`] as long as this lives.
+/// A path that is registered in [`TEMPORARY`] until it is dropped.
 #[derive(Debug)]
 struct Registered(PathBuf);
 
@@ -187,14 +186,14 @@ impl Drop for Registered {
     }
 }
 
-/// A temporary file that [`remove_temporary_files`] removes, and that no other process takes for a left-over one,
-/// because it is locked.
+/// Creates a temporary file that [`remove_temporary_files`] removes. It is locked, so that no other process removes it
+/// as left over.
 fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     let mut files = temporary_files();
     loop {
         let file = temporary_in(folder)?;
-        // Where locks don't work, nobody removes what isn't locked. Where they do, another process may have taken the
-        // file for a left-over one in the moment before.
+        // Without working locks nothing is removed, because removal needs a lock. With locks, another process may have
+        // locked the new file a moment before, taking it for a left-over one.
         let taken = matches!(file.as_file().try_lock(), Err(TryLockError::WouldBlock));
         if !taken && file.path().exists() {
             files.push(file.path().to_path_buf());
@@ -204,9 +203,9 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     }
 }
 
-/// Removes the temporary files in `folder` that killed writers left: the name states a process of this host that has
-/// ended, or nobody has written to the file for [`names::OLD`]. A lock that somebody holds protects the file. A free
-/// lock proves nothing: on some shared file systems locks are local to a host.
+/// Removes temporary files in `folder` that killed writers left. The name must state a process of this host that has
+/// ended, or the file must be unchanged for [`names::OLD`]. A held lock protects the file. A free lock isn't
+/// sufficient: on some shared file systems locks are local to a host.
 fn remove_left_over(folder: &Path) {
     for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
         let Some(name) = entry.file_name().to_str().and_then(Name::parse) else { continue };
@@ -214,7 +213,7 @@ fn remove_left_over(folder: &Path) {
         if !found.is_file() || !name.is_left_over(found.modified().ok()) {
             continue;
         }
-        // To be locked it must be open for writing on some systems.
+        // Some systems lock only files that are open for writing.
         let Ok(file) = OpenOptions::new().read(true).write(true).open(entry.path()) else { continue };
         if file.try_lock().is_ok() {
             let _ = fs::remove_file(entry.path());
@@ -223,18 +222,19 @@ fn remove_left_over(folder: &Path) {
 }
 
 fn publish(temporary: NamedTempFile, target: &Path, overwrite: bool) -> io::Result<()> {
-    // A signal's handler comes before or after.
+    // A signal handler runs before or after publishing, not during it.
     let _files = temporary_files();
     if overwrite {
         temporary.persist(target)?;
     } else if let Err(failed) = temporary.persist_noclobber(target) {
-        // Of two writers one wins, because publishing fails where the target exists. Not every file system can do it.
+        // One of two writers succeeds, because publishing fails if the target exists. Some file systems don't support
+        // this.
         if failed.error.kind() == io::ErrorKind::AlreadyExists {
             return Err(failed.error);
         }
         failed.file.persist(target)?;
     }
-    // Makes the new name durable; not every system lets a folder be synced.
+    // Makes the rename durable; not every system can sync a folder.
     let _ = File::open(folder_of(target)).and_then(|folder| folder.sync_all());
     Ok(())
 }
@@ -247,9 +247,9 @@ fn folder_of(path: &Path) -> &Path {
 mod tests {
     use super::*;
 
-    /// Name of a temporary file of a process of this host that has ended.
+    /// Returns the name of a temporary file of a process of this host that has ended.
     fn name_of_ended() -> String {
-        // No process can have this number.
+        // No process can have this id.
         names::tests::name_of(i32::MAX as u32)
     }
 
@@ -263,7 +263,7 @@ mod tests {
             names
         };
         let ended = name_of_ended();
-        // A user's own names, and those of 0.2, stay.
+        // A user's own names, and those of Surfel 0.2, stay.
         let mut kept = [".surfel-mine", ".surfel-mine.tmp", ".surfel-aB3xYz.tmp", "other.tmp", ".surfel-d.tmp.txt"];
         kept.sort_unstable();
         for name in kept.iter().chain([&ended.as_str()]) {
@@ -278,11 +278,11 @@ mod tests {
             })
         };
         write("a", &mut || {
-            // Another writer at the same time leaves this one's file alone.
+            // A concurrent writer doesn't remove this one's file.
             write("b", &mut || during = names()).unwrap();
         })
         .unwrap();
-        // The file that was left is gone; `a` is being written, `b` is there.
+        // The left-over file is removed; `a` is being written, `b` exists.
         assert_eq!(during.len(), before - 1 + 2, "{during:?}");
         assert!(!during.iter().any(|name| *name == *ended), "{during:?}");
         assert_eq!(names().into_iter().filter(|name| name != "a" && name != "b").collect::<Vec<_>>(), kept);
@@ -291,14 +291,14 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Locks that are local to a host are as if there were none.
+    /// Locks that are local to a host have no effect here.
     #[cfg(unix)]
     #[test]
     fn files_of_living_writers_stay_without_locks() {
         let folder = std::env::temp_dir().join(format!("surfel-no-locks-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
         let mut child = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        // Written by a process that lives here, and by one elsewhere.
+        // One file of a running process of this host, one of another host.
         let [here, elsewhere] = [names::tests::name_of(child.id()), names::tests::name_elsewhere()];
         for name in [&here, &elsewhere] {
             fs::write(folder.join(name), "x").unwrap();
@@ -309,7 +309,7 @@ mod tests {
         child.wait().unwrap();
         write(&folder.join("b"), false, |out| out.write_all(b"whole")).unwrap();
         assert!(!folder.join(&here).exists() && folder.join(&elsewhere).exists());
-        // After a month nobody comes back for it.
+        // After a month the file counts as left over.
         let old = std::time::SystemTime::now() - names::OLD - std::time::Duration::from_secs(60);
         File::options().write(true).open(folder.join(&elsewhere)).unwrap().set_modified(old).unwrap();
         write(&folder.join("c"), false, |out| out.write_all(b"whole")).unwrap();
@@ -332,7 +332,7 @@ mod tests {
         }
         assert_ne!(of("a"), of("in/a"));
         assert_ne!(of("new"), of("in/new"));
-        // A link that leads nowhere is replaced.
+        // A broken link is replaced.
         link("nowhere", "broken");
         assert_ne!(of("broken"), of("nowhere"));
         fs::remove_dir_all(&folder).unwrap();
@@ -346,7 +346,7 @@ mod tests {
         fs::write(&killed, "x").unwrap();
         let held = Temporary::write(&folder, |out| out.write_all(b"whole")).unwrap();
         assert!(!killed.exists());
-        // Those who come later, of any process, leave it there.
+        // Later writers, of any process, don't remove the file.
         let other = Temporary::write(&folder, |out| out.write_all(b"other")).unwrap();
         assert_eq!([&held, &other].map(|file| fs::read(file.path()).unwrap()), [b"whole", b"other"]);
         let path = held.path().to_path_buf();

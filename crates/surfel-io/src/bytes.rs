@@ -1,4 +1,4 @@
-//! Bytes in memory or in a file, any part of which is read when it is asked for.
+//! Bytes in memory or in a file, parts of which are read on demand.
 
 use crate::files::MAX_BYTES;
 use std::borrow::Cow;
@@ -8,7 +8,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-/// A regular file that is read in parts, from several threads.
+/// A regular file that several threads read in parts.
 #[derive(Debug)]
 pub(crate) struct OpenFile {
     file: Mutex<File>,
@@ -17,12 +17,12 @@ pub(crate) struct OpenFile {
 }
 
 impl OpenFile {
-    /// The file at `path`; `None` if it can't be opened, isn't regular or is larger than any that is loaded.
+    /// Opens the file at `path`; returns `None` if it can't be opened, isn't regular or exceeds the maximum size.
     pub(crate) fn open(path: &Path) -> Option<Self> {
         Self::open_any(path).filter(|file| file.length as u64 <= MAX_BYTES)
     }
 
-    /// The same of any size.
+    /// Opens the file at `path`, like [`Self::open`], with any size.
     pub(crate) fn open_any(path: &Path) -> Option<Self> {
         let file = File::open(path).ok()?;
         let metadata = file.metadata().ok().filter(std::fs::Metadata::is_file)?;
@@ -30,34 +30,34 @@ impl OpenFile {
         Some(Self { file: Mutex::new(file), length, failure: OnceLock::new() })
     }
 
-    /// A file that is open and has so many bytes.
+    /// Wraps an open file of `length` bytes.
     #[cfg(feature = "laz")]
     pub(crate) fn of(file: File, length: usize) -> Self {
         Self { file: Mutex::new(file), length, failure: OnceLock::new() }
     }
 
-    /// All of it.
+    /// Returns all bytes of the file.
     pub(crate) fn bytes(&self) -> Bytes<'_> {
         Bytes::File { file: self, start: 0, length: self.length }
     }
 
-    /// Why a part of it could not be read, if that happened. What was read since then is of no use.
+    /// Returns the error if reading a part failed; data read since then are invalid.
     pub(crate) fn failure(self) -> Option<io::Error> {
         self.failure.into_inner()
     }
 
-    /// As [`Self::failure`], of one that stays open.
+    /// Returns the error like [`Self::failure`], of a file that stays open.
     #[cfg(feature = "laz")]
     pub(crate) fn failed(&self) -> Option<io::Error> {
         self.failure.get().map(|error| io::Error::new(error.kind(), error.to_string()))
     }
 
-    /// Fills `out` with what is at `start`, or notes that this failed.
+    /// Reads `out` from offset `start`, or records the error.
     fn fill(&self, start: usize, out: &mut [u8]) {
         let mut file = self.file.lock().unwrap_or_else(PoisonError::into_inner);
         let read = file.seek(SeekFrom::Start(start as u64)).and_then(|_| file.read_exact(out));
         if let Err(error) = read {
-            // The first failure is the one that is told.
+            // Only the first error is reported.
             let _ = self.failure.set(error);
         }
     }
@@ -67,7 +67,7 @@ impl OpenFile {
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Bytes<'a> {
     Memory(&'a [u8]),
-    /// A part of a file, which lies within it.
+    /// A part of a file.
     File {
         file: &'a OpenFile,
         start: usize,
@@ -83,7 +83,7 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Those of this range; `None` if it isn't within them.
+    /// Returns the bytes of a range; `None` if it is out of bounds.
     pub(crate) fn part(self, range: Range<usize>) -> Option<Self> {
         match self {
             Self::Memory(bytes) => bytes.get(range).map(Self::Memory),
@@ -92,14 +92,14 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Those from `start` on, at most `most`.
+    /// Returns the bytes from `start` on, at most `most`.
     pub(crate) fn at_most(self, start: usize, most: usize) -> Cow<'a, [u8]> {
         let start = start.min(self.len());
         let part = self.part(start..start.saturating_add(most).min(self.len()));
         part.map_or(Cow::Borrowed(&[]), Self::read)
     }
 
-    /// All of them. Where there is no room for them, there are none, and the file has failed.
+    /// Returns all bytes. If there isn't enough memory, returns none and records an error in the file.
     pub(crate) fn read(self) -> Cow<'a, [u8]> {
         let (file, length) = match self {
             Self::Memory(bytes) => return bytes.into(),
@@ -114,7 +114,7 @@ impl<'a> Bytes<'a> {
         all.into()
     }
 
-    /// All of them, in `buffer` if they aren't in memory.
+    /// Returns all bytes, read into `buffer` if they aren't in memory.
     pub(crate) fn read_into<'b>(self, buffer: &'b mut Vec<u8>) -> &'b [u8]
     where
         'a: 'b,
@@ -129,18 +129,18 @@ impl<'a> Bytes<'a> {
         }
     }
 
-    /// Reads them in order.
+    /// Returns a buffered sequential reader.
     pub(crate) fn reader(self) -> impl io::BufRead {
         io::BufReader::with_capacity(1 << 18, self.source())
     }
 
-    /// Reads them here and there.
+    /// Returns a reader that can seek.
     pub(crate) fn source(self) -> Reader<'a> {
         Reader { bytes: self, position: 0 }
     }
 
-    /// The shortest part of a file that holds all `parts` of it, and where in it each begins; `None` if it is longer
-    /// than they are together, so that they are better read one by one.
+    /// Returns the shortest range of a file that contains all `parts`, and where each part begins in it. Returns `None`
+    /// if the range is longer than the parts together: these are then better read one by one.
     pub(crate) fn hull(parts: &[Self]) -> Option<(Self, Vec<usize>)> {
         let Self::File { file, start, .. } = *parts.first()? else { return None };
         let (mut first, mut end, mut total) = (start, start, 0_usize);
@@ -157,7 +157,7 @@ impl<'a> Bytes<'a> {
     }
 }
 
-/// Bytes, and where among them it is read next.
+/// A reader of bytes, with its position.
 pub(crate) struct Reader<'a> {
     bytes: Bytes<'a>,
     position: usize,
@@ -211,7 +211,7 @@ mod tests {
         }
         assert_eq!(there.part(10..20).unwrap().at_most(8, 100), &content[18..20]);
         assert_eq!(there.at_most(300, 1).len(), 0);
-        // Interleaved columns are read at once, others apart.
+        // Interleaved columns are read together, others separately.
         let part = |range| there.part(range).unwrap();
         let (hull, starts) = Bytes::hull(&[part(4..104), part(0..100), part(8..108)]).unwrap();
         assert_eq!((hull.read().into_owned(), starts), (content[..108].to_vec(), vec![4, 0, 8]));
@@ -226,7 +226,7 @@ mod tests {
             assert_eq!((source.seek(SeekFrom::Start(999)).unwrap(), source.read(&mut found).unwrap()), (999, 0));
             assert!(source.seek(SeekFrom::Current(-1000)).is_err());
         }
-        // What is cut off meanwhile is told.
+        // A file that is truncated meanwhile gives an error.
         std::fs::OpenOptions::new().write(true).open(&path).unwrap().set_len(50).unwrap();
         assert_eq!(there.part(0..50).unwrap().read(), &content[..50]);
         assert!(file.failure.get().is_none());

@@ -1,5 +1,5 @@
-//! Sparse points of COLMAP: `points3D.txt` and `points3D.bin`. Positions, colours, reprojection errors and the lengths
-//! of tracks are read; identifiers and the tracks themselves aren't.
+//! COLMAP's sparse points: `points3D.txt` and `points3D.bin`. Positions, colours, reprojection errors and track lengths
+//! are read; identifiers and the tracks themselves aren't.
 
 use crate::ascii::{Lines, each_line, number, words};
 use crate::bytes::Bytes;
@@ -11,19 +11,20 @@ use crate::points::Table;
 use std::io::{Read, Write};
 use std::path::Path;
 
-/// Columns that are read.
+/// Names of the columns that are read.
 const NAMES: [&str; 8] = ["x", "y", "z", "red", "green", "blue", "error", "track_length"];
-/// Numbers of a point in the text before its track, and those of a track's element.
+/// Number of values of a text point before its track, and of a track element.
 const BEFORE_TRACK: usize = 8;
 const PER_ELEMENT: usize = 2;
-/// The same in bytes: identifier, position, colour, error, length of the track; image and point in it.
+/// Bytes of a binary point (identifier, position, colour, error, track length), and of a track element (image and point
+/// in it).
 const POINT_BYTES: usize = 8 + 3 * 8 + 3 + 8 + 8;
 const ELEMENT_BYTES: u64 = 8;
-/// Lines of a text that are looked at.
+/// Maximum number of text lines that are examined.
 const JUDGED_LINES: usize = 100;
 
-/// True if `head`, the start of a file, is that of `points3D.txt`: its first comments say so, or its lines are points,
-/// and its name says so or tracks differ in length.
+/// True if `head`, the start of a file, is that of `points3D.txt`. Either its first comments show it, or its lines are
+/// points and the name or differing track lengths show it.
 pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     let lines = || Lines::new(head).map(|(_, line)| line.trim_ascii()).filter(|line| !line.is_empty());
     let has = |line: &[u8], text: &[u8]| line.windows(text.len()).any(|part| part.eq_ignore_ascii_case(text));
@@ -31,7 +32,7 @@ pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     if lines().take_while(is_comment).any(|line| has(line, b"POINT3D_ID") && has(line, b"TRACK[]")) {
         return true;
     }
-    // The last line may be cut.
+    // The last line may be incomplete.
     let mut rows: Vec<&[u8]> = lines().filter(|line| !is_comment(line)).take(JUDGED_LINES).collect();
     if head.last() != Some(&b'\n') && rows.len() > 1 {
         rows.pop();
@@ -42,7 +43,7 @@ pub(crate) fn looks_like(name: &Path, head: &[u8]) -> bool {
     !rows.is_empty() && (is_named || differ) && rows.iter().all(|line| is_row(line))
 }
 
-/// True if a line is that of a point: whole numbers but for the position and the error, and a track of whole pairs.
+/// True if a line is a point: whole numbers except for the position and the error, and complete pairs in the track.
 fn is_row(line: &[u8]) -> bool {
     let mut count = 0;
     let fits = words(line).all(|word| {
@@ -59,7 +60,7 @@ fn is_row(line: &[u8]) -> bool {
     fits && count >= BEFORE_TRACK && (count - BEFORE_TRACK).is_multiple_of(PER_ELEMENT)
 }
 
-/// True if the bytes of a file are those of `points3D.bin`: as many records as their count says fill it.
+/// True if the bytes of a file are those of `points3D.bin`: the stated number of records fills the file.
 pub(crate) fn looks_like_binary(bytes: Bytes<'_>) -> bool {
     let count = bytes.at_most(0, 8);
     let Some(count) = count.first_chunk().map(|count| u64::from_le_bytes(*count)) else { return false };
@@ -73,14 +74,14 @@ pub(crate) fn looks_like_binary(bytes: Bytes<'_>) -> bool {
     .is_ok()
 }
 
-/// The number of points of `points3D.bin`, as its first bytes say, if there can be so many.
+/// Returns the number of points that `points3D.bin` states, if the file is large enough for them.
 #[cfg(feature = "laz")]
 pub(crate) fn count(bytes: Bytes<'_>) -> Option<u64> {
     let count = u64::from_le_bytes(*bytes.at_most(0, 8).first_chunk()?);
     (count.saturating_mul(POINT_BYTES as u64) <= bytes.len() as u64).then_some(count)
 }
 
-/// A point.
+/// A point, without its track.
 struct Record {
     position: [f64; 3],
     color: [u8; 3],
@@ -88,7 +89,8 @@ struct Record {
     track_length: u64,
 }
 
-/// Hands over the points of `points3D.bin` with their numbers from 0. The file is read once, in the memory of a point.
+/// Passes the points of `points3D.bin` and their indices, from 0, to `each`. The file is read once, with one point in
+/// memory.
 fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(), Fault>) -> Result<(), Fault> {
     let mut reader = std::io::BufReader::new(bytes.reader());
     let (mut at, length) = (8_u64, bytes.len() as u64);
@@ -110,7 +112,7 @@ fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(),
         if track_bytes > length - at {
             return Err(cut(at, index, count));
         }
-        // What comes next is in the buffer, mostly.
+        // The bytes to skip are usually in the buffer.
         let skipped = std::io::copy(&mut reader.by_ref().take(track_bytes), &mut std::io::sink());
         if skipped.ok() != Some(track_bytes) {
             return Err(cut(at, index, count));
@@ -126,7 +128,7 @@ fn each_record(bytes: Bytes<'_>, mut each: impl FnMut(u64, Record) -> Result<(),
     Ok(())
 }
 
-/// Writes the numbers of all points, of a text or of a binary file, to `data`.
+/// Writes the values of all points, of a text or binary file, to `data`.
 pub(crate) fn unpack(bytes: Bytes<'_>, data: &mut dyn Write) -> Result<Table, Fault> {
     let mut table = Table::with_names(&NAMES);
     let mut add = |[x, y, z]: [f64; 3], [r, g, b]: [f64; 3], error: f64, track_length: f64| {
@@ -167,7 +169,7 @@ pub(crate) fn unpack(bytes: Bytes<'_>, data: &mut dyn Write) -> Result<Table, Fa
 }
 
 fn is_text(bytes: Bytes<'_>) -> bool {
-    // A count of points below 2⁵⁶ has a zero in its eight bytes.
+    // A point count below 2⁵⁶ has a zero among its eight bytes.
     !bytes.at_most(0, 8).contains(&0)
 }
 

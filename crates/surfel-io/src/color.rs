@@ -1,4 +1,4 @@
-//! Conversion between the sRGB-encoded levels that files hold and the linear values that the model holds.
+//! Conversion between the sRGB-encoded levels of files and the linear values of the model.
 
 use std::sync::OnceLock;
 use surfel_math::srgb::{self, nearest_8_bit};
@@ -15,7 +15,7 @@ pub(crate) fn linear_of_16_bit() -> &'static [f32] {
     TABLE.get_or_init(|| (0..=65_535_u32).map(|i| srgb::decode(f64::from(i) / 65_535.0) as f32).collect())
 }
 
-/// Linear value of an sRGB-encoded one in [0, 1]; clamped, NaN stays.
+/// Converts an sRGB-encoded value to linear; clamps to [0, 1], and NaN stays NaN.
 pub(crate) fn linear_of_unit(encoded: f64) -> f32 {
     if encoded.is_nan() {
         return f32::NAN;
@@ -23,19 +23,20 @@ pub(crate) fn linear_of_unit(encoded: f64) -> f32 {
     srgb::decode(encoded.clamp(0.0, 1.0)) as f32
 }
 
-/// A level that counts to `scale`, sRGB-encoded, as a linear value: whole ones of 255 as the table has them.
+/// Converts an sRGB-encoded level of a range up to `scale` to linear. Whole levels of range 255 have exactly the
+/// table's values.
 pub(crate) fn linear_of_level(level: f64, scale: f64) -> f32 {
     let is_whole = scale == 255.0 && level.fract() == 0.0 && (0.0..=255.0).contains(&level);
     if is_whole { linear_of_8_bit()[level as usize] } else { linear_of_unit(level / scale) }
 }
 
-/// The 8-bit level that decodes to exactly `linear`, if one does.
+/// Returns the 8-bit level that decodes to exactly `linear`, if there is one.
 pub(crate) fn exact_8_bit(linear: f32) -> Option<u8> {
     let level = nearest_8_bit(linear);
     (linear_of_8_bit()[usize::from(level)] == linear).then_some(level)
 }
 
-/// The nearest sRGB-encoded 16-bit level, clamped; NaN is 0.
+/// Returns the nearest sRGB-encoded 16-bit level, clamped; 0 for NaN.
 pub(crate) fn nearest_16_bit(linear: f32) -> u16 {
     if linear.is_nan() {
         return 0;

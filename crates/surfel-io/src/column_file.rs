@@ -1,6 +1,6 @@
-//! Files whose points are columns of numbers, read block by block, so that there may be more of them than fit into
-//! memory: PLY, PCD, NPY, NPZ, E57, PTX, COLMAP's points, text and rows without a header, also compressed by gzip. Text
-//! and what is compressed become binary points first, in a file without a name.
+//! Point files in columns, read block by block, so that they may be larger than memory. Formats are PLY, PCD, NPY, NPZ,
+//! E57, PTX, COLMAP points, text, and rows without a header, each also with gzip. Text and compressed files are first
+//! converted to binary columns in a temporary file without a name.
 
 #![cfg_attr(
     not(all(feature = "e57", feature = "npy", feature = "pcd", feature = "points")),
@@ -28,12 +28,13 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{TableColumns, Up};
 
-/// Most columns of such a file.
+/// Maximum number of columns of a file.
 const MAX_COLUMNS: usize = 128;
-/// Bytes at the start of a file by which its format is told, and by which the points of a text are counted.
+/// Bytes at the start of a file that are used to detect its format, and to estimate the number of points of a text
+/// file.
 const HEAD_BYTES: usize = 1 << 16;
 
-/// A file of columns that are read block by block.
+/// A point file whose columns are read block by block.
 #[derive(Clone, Debug)]
 pub(crate) struct ColumnFile {
     pub(crate) format: Format,
@@ -42,24 +43,25 @@ pub(crate) struct ColumnFile {
     pub(crate) roles: Roles,
     pub(crate) rows: usize,
     pub(crate) notes: Vec<String>,
-    /// Where the one scanner stood that all points were seen from.
+    /// Position of the scanner, if one scanner recorded all points.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
-    /// The meaning of float colours where types state what colours count to.
+    /// Meaning of float colours, for formats whose types define the range of colours.
     pub(crate) float_colors: FloatColors,
-    /// Where the columns are, if not in the file itself.
+    /// Temporary file with the columns, if they aren't read from the file itself.
     unpacked: Option<Arc<OpenFile>>,
 }
 
-/// What the start of a file says.
+/// Format, estimated number of points and up axis, from the start of a file.
 pub(crate) struct Survey {
     pub(crate) format: Format,
     pub(crate) count: PointCount,
-    /// Which axis is up, if it says so.
+    /// Up axis, if the file states it.
     pub(crate) up: Option<Up>,
 }
 
-/// The format by the file's first bytes, and by its name where it is text or, by `columns`, has no header.
+/// Detects the format from the file's first bytes. The name decides for text, and for files without a header, which
+/// need `columns`.
 fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableColumns>) -> Option<Format> {
     let format = Format::from_signature(head, None).ok()?;
     #[cfg(feature = "pcd")]
@@ -83,7 +85,7 @@ fn format_of(path: &Path, head: &[u8], bytes: Bytes<'_>, columns: Option<&TableC
     format
 }
 
-/// First bytes of a file: enough of a PCD for its header.
+/// Returns the first bytes of a file, as many as a header may have.
 fn head_of(bytes: Bytes<'_>) -> Cow<'_, [u8]> {
     let head = bytes.at_most(0, HEAD_BYTES);
     #[cfg(feature = "pcd")]
@@ -93,12 +95,12 @@ fn head_of(bytes: Bytes<'_>) -> Cow<'_, [u8]> {
     head
 }
 
-/// A context that gathers notes.
+/// Returns a context that collects notes.
 fn context(options: &LoadOptions) -> Context<'_> {
     Context::new(options, Siblings::None)
 }
 
-/// What the start of such a file says; `None` of others, and of those whose header can't be right.
+/// Surveys a point file from its start. Returns `None` for other files and for invalid headers.
 pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Survey> {
     let file = OpenFile::open_any(path)?;
     let bytes = file.bytes();
@@ -109,11 +111,12 @@ pub(crate) fn survey(path: &Path, columns: Option<&TableColumns>) -> Option<Surv
     survey_of(path, Bytes::Memory(&head), [all, most_unpacked(bytes.len())], columns)
 }
 
-/// The same of a file, or of the start of one that is compressed, by how many bytes there are, about and at most.
+/// Surveys a file from `bytes`, which may be the unpacked start of a compressed one. `all` is the estimated size of the
+/// unpacked file, and `most` the largest possible size.
 fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Option<&TableColumns>) -> Option<Survey> {
     let head = head_of(bytes);
     let format = format_of(path, &head, bytes, columns)?;
-    // Colours are assumed where the start doesn't say it.
+    // Colours are assumed where the start of the file doesn't show whether there are any.
     let (mut has_normals, mut has_colors) = (false, true);
     let (points, least_bytes, up) = match format {
         Format::Ply => {
@@ -142,9 +145,9 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
         Format::Colmap if crate::format::is_binary(&head) => (crate::colmap_points::count(bytes)?, 0, None),
         #[cfg(feature = "points")]
         Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap => {
-            // Fewer numbers than places and colours take.
+            // Points with positions and colours have at least six numbers a line.
             has_colors = head.split(|b| *b == b'\n').take(2).any(|line| line.split(|b| *b <= b',').count() > 5);
-            // By lines at its start, in its middle and at its end.
+            // Estimates the number of lines from samples at the start, the middle and the end.
             let places = [0, bytes.len() / 2, bytes.len().saturating_sub(HEAD_BYTES)];
             let (mut seen, mut lines) = (0, 1);
             for part in places.map(|start| bytes.at_most(start, HEAD_BYTES)) {
@@ -161,7 +164,8 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
 }
 
 impl ColumnFile {
-    /// A file of points; `None` of any other. What has to be unpacked is, to a file in `folder`.
+    /// Opens a point file; returns `None` for other files. Text and compressed data are unpacked to a temporary file in
+    /// `folder`.
     pub(crate) fn open(path: &Path, folder: &Path, columns: Option<&TableColumns>) -> Result<Option<Self>, IoError> {
         let Some(file) = OpenFile::open_any(path) else { return Ok(None) };
         let opened = Self::of_any(path, file.bytes(), folder, columns).map_err(|fault| fault.of(path))?;
@@ -195,7 +199,7 @@ impl ColumnFile {
         let options = LoadOptions { columns: columns.cloned(), ..LoadOptions::default() };
         let mut context = context(&options);
         let mut out = Unnamed::new(folder);
-        // What E57 alone says.
+        // Only E57 files state a viewpoint and a coordinate reference system.
         let (mut viewpoint, mut crs) = (None, Crs::default());
         let mut float_colors = FloatColors::Linear;
         let (columns, mut roles) = match format {
@@ -272,18 +276,18 @@ impl ColumnFile {
         }))
     }
 
-    /// True where types state what colours count to, and coordinates keep their digits, as in a PLY file and in what is
-    /// made of E57. Elsewhere colours are sRGB-encoded and count to what they need.
+    /// True if number types define the range of colours, and coordinates keep their digits, as in PLY and E57 files. In
+    /// other formats colours are sRGB-encoded and their range is estimated from their values.
     pub(crate) fn is_typed(&self) -> bool {
         matches!(self.format, Format::Ply | Format::E57)
     }
 
-    /// True of printed numbers.
+    /// True if the numbers were printed as text.
     pub(crate) fn is_text(&self) -> bool {
         matches!(self.format, Format::Xyz | Format::Pts | Format::Ptx | Format::Colmap)
     }
 
-    /// Hands over the columns of the file at `path`, which is the one that was opened.
+    /// Passes the columns to `f`. `path` must be the file that was opened.
     pub(crate) fn with<R>(&self, path: &Path, f: impl FnOnce(&[Strided<'_>]) -> R) -> Result<R, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         let own = match &self.unpacked {
@@ -304,7 +308,7 @@ impl ColumnFile {
     }
 }
 
-/// A file without a name in a folder, made with the first bytes.
+/// A writer to a file without a name in `folder`, which is created with the first bytes.
 struct Unnamed<'a> {
     folder: &'a Path,
     file: Option<BufWriter<File>>,
@@ -317,7 +321,7 @@ impl<'a> Unnamed<'a> {
         Self { folder, file: None, bytes: 0, finished: None }
     }
 
-    /// All that was written.
+    /// Returns all bytes written.
     fn written(&mut self) -> Result<Bytes<'_>, Problem> {
         let Some(file) = self.file.take() else { return Ok(Bytes::Memory(&[])) };
         let file = file.into_inner().map_err(|error| unwritable(error.into_error()))?;

@@ -1,10 +1,10 @@
-//! Conversion of scalars as files store them, of any type, to the model's columns of positions, vectors and colours.
+//! Conversion of scalar columns of any type to the model's columns of positions, vectors and colours.
 
 use crate::strided::{self, NumberType, Strided, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraValues};
 
-/// A column: in memory, or where it is stored.
+/// A column, in memory or stored in a file.
 #[derive(Debug)]
 pub(crate) enum Numbers<'a> {
     Held(ExtraValues),
@@ -12,7 +12,7 @@ pub(crate) enum Numbers<'a> {
 }
 
 impl Numbers<'_> {
-    /// The type that the file has.
+    /// Returns the number type in the file.
     pub(crate) fn kind(&self) -> NumberType {
         match self {
             Self::Held(values) => number_type(values),
@@ -21,7 +21,7 @@ impl Numbers<'_> {
     }
 }
 
-/// The type of numbers.
+/// Returns the number type of values.
 pub(crate) fn number_type(values: &ExtraValues) -> NumberType {
     match values {
         ExtraValues::I8(_) => NumberType::I8,
@@ -44,7 +44,7 @@ impl From<Numbers<'_>> for ExtraValues {
     }
 }
 
-/// The columns that are all stored, or else all held.
+/// Returns the columns if all are stored in a file; otherwise reads all into memory.
 fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]> {
     match values {
         [Numbers::Stored(a), Numbers::Stored(b), Numbers::Stored(c)] => Ok([a, b, c]),
@@ -52,7 +52,7 @@ fn stored(values: [Numbers<'_>; 3]) -> Result<[Strided<'_>; 3], [ExtraValues; 3]
     }
 }
 
-/// As f64.
+/// Converts values to f64.
 pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
     match values {
         ExtraValues::I8(v) => v.iter().map(|&x| x.into()).collect(),
@@ -66,7 +66,7 @@ pub(crate) fn to_f64(values: &ExtraValues) -> Vec<f64> {
     }
 }
 
-/// As f32, rounded to nearest.
+/// Converts values to f32, rounded to nearest.
 pub(crate) fn to_f32(values: impl Into<ExtraValues>) -> Vec<f32> {
     match values.into() {
         ExtraValues::F32(v) => v,
@@ -74,7 +74,7 @@ pub(crate) fn to_f32(values: impl Into<ExtraValues>) -> Vec<f32> {
     }
 }
 
-/// True if every value of the type is an f32.
+/// True if f32 represents every value of the type exactly.
 fn fits_f32(values: &ExtraValues) -> bool {
     !matches!(values, ExtraValues::I32(_) | ExtraValues::U32(_) | ExtraValues::F64(_))
 }
@@ -92,7 +92,7 @@ fn exact_f32(values: [ExtraValues; 3]) -> Result<Vec<Vec3>, Vec<DVec3>> {
     Err(zip3(&x, &y, &z, DVec3::new))
 }
 
-/// Three scalar columns as one of vectors; f64 sources keep their detail.
+/// Combines three scalar columns to a column of vectors; f64 sources keep their precision.
 pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => Column3::from_f32(vectors_f32(columns)),
@@ -102,7 +102,7 @@ pub(crate) fn vectors(values: [Numbers<'_>; 3]) -> Column3 {
     }
 }
 
-/// Three scalar columns as positions, f64 ones relative to an origin.
+/// Combines three scalar columns to positions; f64 positions are relative to an origin.
 pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     match stored(values).map_err(exact_f32) {
         Ok(columns) if columns.iter().all(|c| c.kind().fits_f32()) => {
@@ -114,8 +114,8 @@ pub(crate) fn positions(values: [Numbers<'_>; 3]) -> (DVec3, Column3) {
     }
 }
 
-/// Positions from text or from a transformation, where the digits beyond f32 mean something only if f32 is
-/// coarse at the points' distance from the origin.
+/// Converts measured positions, which come from text or a transformation. Digits beyond f32 are significant only if f32
+/// is coarse at the points' distance from the origin.
 #[cfg(any(feature = "gltf", feature = "obj", feature = "off"))]
 pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
@@ -128,21 +128,21 @@ pub(crate) fn measured_positions(points: &[DVec3]) -> (DVec3, Column3) {
     Column3::with_origin(points)
 }
 
-/// Largest share of their extent by which a note is due that coordinates are rounded.
+/// Maximum rounding step, relative to the extent, of coordinates without a note.
 const ROUNDED_SHARE: f64 = 1.0 / 50_000.0;
 
-/// The note about 32-bit coordinates between these, if they are so far from the origin that they are rounded.
+/// Returns a note if 32-bit coordinates in these bounds are so far from the origin that they are rounded.
 pub(crate) fn rounding_note(min: DVec3, max: DVec3) -> Option<String> {
     rounding_note_of_step(f32_step(min.abs().max(max.abs()).max_element()), min, max)
 }
 
-/// The distance between the largest 32-bit floats that are no larger than this.
+/// Returns the spacing of 32-bit floats just below this value.
 pub(crate) fn f32_step(largest: f64) -> f64 {
     let largest = largest as f32;
     if largest > 0.0 && largest.is_finite() { f64::from(largest) - f64::from(largest.next_down()) } else { 0.0 }
 }
 
-/// The note about coordinates between these that are rounded to a step, if that is much of their extent.
+/// Returns a note if a rounding step of coordinates in these bounds is large compared with their extent.
 pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option<String> {
     let extent = (max - min).max_element();
     (extent > 0.0 && step > extent * ROUNDED_SHARE).then(|| {
@@ -150,16 +150,17 @@ pub(crate) fn rounding_note_of_step(step: f64, min: DVec3, max: DVec3) -> Option
     })
 }
 
-/// True if f32 holds measured points between these: at 32 times the extent it still resolves 1/500,000 of it.
+/// True if f32 is precise enough for measured points in these bounds: at 32 times the extent it still resolves
+/// 1/500,000 of it.
 pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }
 
-/// The value of an IEEE 754 half.
+/// Converts an IEEE 754 half-precision value.
 pub(crate) fn f32_of_half(half: u16) -> f32 {
     let magnitude = u32::from(half & 0x7fff);
     let value = match magnitude >> 10 {
-        // Subnormals count in 2⁻²⁴.
+        // Subnormals are multiples of 2⁻²⁴.
         0 => magnitude as f32 * f32::from_bits((127 - 24) << 23),
         31 => f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13),
         _ => f32::from_bits((magnitude << 13) + ((127 - 15) << 23)),

@@ -1,48 +1,47 @@
-//! What a file can hold, and how it is to be loaded.
+//! Contents of files, and options for loading them.
 
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{GaussianCloud, Mesh, Octree, PointCloud, Shape, SplatCloud, TableColumns, Up};
 
-/// How to load.
+/// Options for loading a file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct LoadOptions {
-    /// Drops invalid splats, takes the whole chunks of a LAZ file that is cut off and what comes before the damage of
-    /// an E57 file's scans, and says how many, instead of refusing the file.
+    /// True if damaged files are read as far as possible, with a note, instead of failing. Surfel then drops invalid
+    /// splats, and reads the complete chunks of a truncated LAZ file and the undamaged start of each E57 scan.
     pub repair: bool,
-    /// A texture (PNG, JPEG or WebP) for a mesh that has texture coordinates and names no texture itself.
+    /// Texture (PNG, JPEG or WebP) for a mesh that has texture coordinates but states no texture.
     pub texture: Option<PathBuf>,
-    /// Gaussians are kept as they were trained ([`Content::Gaussians`]), and not made a surface.
+    /// True if Gaussians are returned as trained ([`Content::Gaussians`]) instead of as a surface.
     pub gaussians: bool,
-    /// Reads what the file refers to (buffers, materials, textures) wherever it is, not only in the file's folder and
+    /// True if files that the file refers to (buffers, materials, textures) may be anywhere, not only in its folder and
     /// below.
     pub allow_outside: bool,
-    /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
+    /// Maximum side of a texture in texels, 1 to 32,768; larger textures are reduced. `None` means 8192.
     pub max_texture: Option<u32>,
-    /// Names of the columns of text and of NumPy's arrays; with types, those of a binary file without a header.
+    /// Column names of text files and NumPy arrays; with types, the columns of a binary file without a header.
     pub columns: Option<TableColumns>,
-    /// Reads points of LAS files that are flagged as withheld, too, with a column `withheld`, instead of leaving them
-    /// out.
+    /// True if LAS points flagged as withheld are read, with a column `withheld`, instead of dropped.
     pub withheld: bool,
 }
 
-/// What a file held.
+/// The geometry of a file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Content {
-    /// Splats, valid and ready to be drawn.
+    /// Validated splats, ready to be drawn.
     Splats(SplatCloud),
     /// Points without extent; all positions are finite.
     Points(PointCloud),
-    /// Triangles; indices are in range and positions finite.
+    /// Triangles; all indices are in range and all positions finite.
     Mesh(Mesh),
     /// Splats and polygons in an octree.
     Octree(Box<Octree>),
-    /// Trained Gaussians, where [`LoadOptions::gaussians`] asks for them.
+    /// Trained Gaussians, if [`LoadOptions::gaussians`] is true.
     Gaussians(Arc<GaussianCloud>),
 }
 
 impl Content {
-    /// The axis that the file itself says is up.
+    /// Returns the up axis that the file states.
     pub fn own_up(&self) -> Option<Up> {
         match self {
             Self::Splats(splats) => splats.data().up,
@@ -53,8 +52,7 @@ impl Content {
         }
     }
 
-    /// The attributes in words: "position", "normal", "colour", … and the names of those that Surfel doesn't
-    /// interpret.
+    /// Returns the names of the attributes: "position", "normal", "colour", … and those that Surfel doesn't interpret.
     pub fn attributes(&self) -> Vec<String> {
         let mut found = vec!["position".to_owned()];
         let mut add = |there: bool, name: &str| {

@@ -1,5 +1,5 @@
-//! What every reader is given: the options, the files beside its own, and a place for its notes. The checks that all
-//! splats, points and meshes go through are here, too.
+//! The context that every reader gets: options, access to other files, and collected notes. It also validates all
+//! splats, points and meshes.
 
 use crate::columns::rounding_note;
 use crate::content::{Content, LoadOptions};
@@ -13,26 +13,26 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 
-/// The note about alphas that are all 0.
+/// Note about alphas that are all 0.
 pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
 
-/// Most notes of one file: nobody reads more.
+/// Maximum number of notes per file: nobody reads more.
 const MOST_NOTES: usize = 1000;
 
-/// What readers share while one file is loaded.
+/// State that readers share while a file is loaded.
 pub(crate) struct Context<'a> {
     pub(crate) options: &'a LoadOptions,
-    /// The files that lie beside the one being loaded.
+    /// Access to files beside the one being loaded.
     pub(crate) siblings: Siblings,
-    /// What the user should know, as sentences without a full stop.
+    /// Messages for the user, as sentences without a full stop.
     pub(crate) notes: Vec<String>,
-    /// The same, to be looked up.
+    /// Set of the notes, for lookup.
     known_notes: HashSet<String>,
-    /// Notes beyond [`MOST_NOTES`].
+    /// Number of notes beyond [`MOST_NOTES`].
     notes_left_out: usize,
-    /// Decodes textures within what one file may use.
+    /// Texture decoder, with limits for the whole file.
     pub(crate) textures: TextureDecoder,
-    /// The splats were Gaussians.
+    /// True if the splats were Gaussians.
     pub(crate) gaussian: bool,
 }
 
@@ -50,7 +50,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Keeps a note, once.
+    /// Adds a note, unless it exists already.
     pub(crate) fn note(&mut self, note: String) {
         if self.known_notes.contains(&note) {
             return;
@@ -63,7 +63,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// All notes; a last one counts those that are too many to read.
+    /// Removes and returns all notes; the last one counts the notes beyond the maximum.
     pub(crate) fn take_notes(&mut self) -> Vec<String> {
         let mut notes = std::mem::take(&mut self.notes);
         if self.notes_left_out > 0 {
@@ -72,7 +72,7 @@ impl<'a> Context<'a> {
         notes
     }
 
-    /// Notes that these positions, which a file has as 32-bit floats, are rounded, if they are.
+    /// Adds a note if these positions, 32-bit floats in the file, are rounded.
     pub(crate) fn note_rounding(&mut self, positions: &[Vec3]) {
         let finite = positions.iter().filter(|p| p.is_finite());
         let ends = finite.fold(None, |ends: Option<(Vec3, Vec3)>, p| {
@@ -82,8 +82,7 @@ impl<'a> Context<'a> {
         note.into_iter().for_each(|note| self.note(note));
     }
 
-    /// Leaves out alphas that are all 0: tools write those that leave the alpha unset, and nobody stores what can't be
-    /// seen.
+    /// Drops alphas that are all 0: some tools write 0 for an unset alpha, and no file is meant to be invisible.
     fn leave_out_zero_alphas(&mut self, alphas: &mut Option<Vec<f32>>) {
         if alphas.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|a| *a == 0.0)) {
             *alphas = None;
@@ -91,7 +90,7 @@ impl<'a> Context<'a> {
         }
     }
 
-    /// Validates splats, or drops the invalid ones.
+    /// Validates splats; with `repair`, drops invalid ones.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
         self.leave_out_zero_alphas(&mut data.alphas);
@@ -113,7 +112,7 @@ impl<'a> Context<'a> {
         Ok(Content::Points(points))
     }
 
-    /// Validates a mesh and gives it the texture of the options, if it wants one.
+    /// Validates a mesh, and adds the texture of the options to a mesh that lacks one.
     pub(crate) fn mesh(&mut self, mut mesh: Mesh) -> Result<Content, Fault> {
         self.leave_out_zero_alphas(&mut mesh.alphas);
         mesh.validate()?;

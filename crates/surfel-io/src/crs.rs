@@ -5,7 +5,8 @@
 use crate::wkt::{self, Keys};
 use glam::DVec3;
 
-/// The comment of points whose x and y are degrees by the names or the steps of their columns, where no system says it.
+/// Comment of point clouds whose x and y are degrees. The names or the steps of the columns show it; the file states no
+/// coordinate reference system.
 pub const IN_DEGREES: &str = "coordinates longitude latitude";
 
 /// A coordinate reference system, as a file states it.
@@ -13,19 +14,20 @@ pub const IN_DEGREES: &str = "coordinates longitude latitude";
 pub struct Crs {
     /// OGC well-known text.
     pub(crate) wkt: Option<String>,
-    /// An EPSG code, where the file states nothing else.
+    /// An EPSG code, if the file states nothing else.
     pub(crate) code: Option<u32>,
-    /// GeoTIFF: the key directory, then the doubles and texts that it refers to.
+    /// GeoTIFF keys: the key directory, then the doubles and the text that it refers to.
     pub(crate) geotiff: Option<(Vec<u16>, Vec<f64>, String)>,
 }
 
 impl Crs {
-    /// The one of this EPSG code.
+    /// Returns the coordinate reference system of an EPSG code.
     pub fn of_epsg(code: u16) -> Self {
         Self { code: Some(code.into()), ..Self::default() }
     }
 
-    /// What comments carry of it, in the form that docs/format.md gives; `None` if they carry nothing.
+    /// Parses comments in the form that docs/format.md defines; returns `None` if they state no coordinate reference
+    /// system.
     pub fn of_comments(comments: &[String]) -> Option<Self> {
         fn numbers<T: std::str::FromStr>(text: &str) -> Vec<T> {
             text.split_ascii_whitespace().map_while(|word| word.parse().ok()).collect()
@@ -43,17 +45,17 @@ impl Crs {
         (crs != Self::default()).then_some(crs)
     }
 
-    /// Its EPSG code, where the text or the keys give one.
+    /// Returns the EPSG code, if the WKT or the GeoTIFF keys state one.
     pub fn epsg(&self) -> Option<u32> {
         let of_wkt = self.wkt.as_deref().and_then(epsg_of_wkt);
         of_wkt.or(self.code).or_else(|| {
-            // A projected system wins over the geographic one that it is made of. 32767 stands for user-defined.
+            // A projected system has priority over its geographic base. 32767 means user-defined.
             let key = |key| self.key(key).filter(|code| !matches!(code, 0 | 32_767));
             if self.key(3072).is_some() { key(3072) } else { key(2048) }.map(u32::from)
         })
     }
 
-    /// The value of a GeoTIFF key that stands in the directory itself.
+    /// Returns the value of a GeoTIFF key that is stored in the directory itself.
     fn key(&self, key: u16) -> Option<u16> {
         let (directory, ..) = self.geotiff.as_ref()?;
         directory.get(4..)?.chunks_exact(4).find(|e| e[0] == key && e[1] == 0).map(|e| e[3])
@@ -67,12 +69,12 @@ impl Crs {
         texts.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
     }
 
-    /// True of coordinates that are degrees. Of an EPSG code alone it is known for those in common use.
+    /// True if x and y are degrees. EPSG codes alone are recognised if they are in common use.
     pub fn is_geographic(&self) -> bool {
         let of_code = |code: u32| GEOGRAPHIC.iter().any(|[lo, hi]| (*lo..=*hi).contains(&code));
         match (&self.wkt, &self.geotiff) {
             (Some(wkt), _) => is_geographic_wkt(wkt),
-            // Without a model, a geographic system says it, unless a projected one is made of it.
+            // Without a model type, a geographic key means degrees, unless there is a projected key, too.
             (None, Some(_)) => match (self.key(MODEL_TYPE), self.key(3072)) {
                 (Some(model), _) if model != 0 => model == 2,
                 (_, projected) => self.key(2048).is_some() && projected.is_none(),
@@ -81,16 +83,16 @@ impl Crs {
         }
     }
 
-    /// The EPSG code of the UTM zone (WGS 84) of a place in degrees.
+    /// Returns the EPSG code of the UTM zone (WGS 84) at a position in degrees.
     pub fn utm_at(longitude: f64, latitude: f64) -> u32 {
         let zone = ((longitude + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
         let first = if latitude < 0.0 { 32_700 } else { 32_600 };
         first + zone.min(60)
     }
 
-    /// What to do about points whose x and y are degrees, which the system says or, without one, their numbers: `step`
-    /// is what these are whole multiples of. Files of local coordinates are often said to be in degrees, and are no
-    /// more than a few of them wide.
+    /// Returns advice on points whose x and y are degrees, as the system states or, without one, as their numbers show.
+    /// `step` is the value that all coordinates are multiples of. Extents of 5° or more give no note: files of local
+    /// coordinates often claim to be in degrees.
     #[cfg_attr(not(feature = "las"), allow(dead_code))]
     pub(crate) fn degrees_note(&self, (lo, hi): (DVec3, DVec3), step: Option<DVec3>) -> Option<String> {
         let extent = hi - lo;
@@ -98,7 +100,7 @@ impl Crs {
         if !on_earth || extent.x.max(extent.y) >= 5.0 {
             return None;
         }
-        // Steps of lengths are alike on all axes; those of degrees are a hundred thousand times less.
+        // Steps of lengths are similar on all axes; steps of degrees are about 10⁵ times smaller.
         let looks_so = |step: DVec3| step.x.max(step.y) <= 1e-6 && step.z >= 100.0 * step.x;
         let (found, from) = match (self.is_geographic(), *self == Self::default() && step.is_some_and(looks_so)) {
             (true, _) => ("x and y are degrees", ""),
@@ -113,8 +115,9 @@ impl Crs {
         ))
     }
 
-    /// GeoTIFF's directory of keys for an image whose pixels are areas, and the doubles and text that it refers to
-    /// (GeoTIFF 1.1). A system that is known as text alone is given by its parts, or else as Esri's programs do.
+    /// Returns the GeoTIFF 1.1 key directory of an image whose pixels are areas, with the doubles and text that it
+    /// refers to. A system that only WKT states is converted to its parameters, or else stored as text as Esri's
+    /// programs do.
     pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let stated = match (&self.wkt, &self.geotiff) {
@@ -143,7 +146,7 @@ impl Crs {
         (directory, made.doubles, made.text)
     }
 
-    /// It in a few words: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
+    /// Returns a short description: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
     pub fn words(&self) -> String {
         let name = self.name().map(|name| crate::error::quote(name.as_bytes()));
         match (name, self.epsg()) {
@@ -155,7 +158,7 @@ impl Crs {
         }
     }
 
-    /// The comments that carry it, as docs/format.md says.
+    /// Returns the comments that state the system, in the form that docs/format.md defines.
     pub fn comments(&self) -> Vec<String> {
         let join = |values: Vec<String>| values.join(" ");
         let mut comments = Vec::new();
@@ -178,16 +181,16 @@ impl Crs {
     }
 }
 
-/// What a compound system and its like are called in well-known text, in whose parts the system itself can be.
+/// WKT keywords of systems that contain another one, such as compound systems.
 const COMPOUNDS: [&str; 4] = ["COMPD_CS", "COMPOUNDCRS", "BOUNDCRS", "SOURCECRS"];
-/// What systems are called there.
+/// WKT keywords of coordinate reference systems.
 const SYSTEMS: [&str; 8] =
     ["PROJCS", "PROJCRS", "PROJECTEDCRS", "GEOGCS", "GEOGCRS", "GEODCRS", "GEOCCS", "GEODETICCRS"];
 
-/// GeoTIFF's keys of what x and y are, and of what a pixel is.
+/// GeoTIFF keys of the model type (what x and y are) and of the raster type (what a pixel is).
 const MODEL_TYPE: u16 = 1024;
 const RASTER_TYPE: u16 = 1025;
-/// Ranges of EPSG codes that hold geographic systems alone (EPSG 12), of those in common use.
+/// Ranges of EPSG codes (EPSG 12) that contain only geographic systems, for those in common use.
 const GEOGRAPHIC: [[u32; 2]; 20] = [
     [4001, 4025],
     [4120, 4216],
@@ -205,14 +208,14 @@ const GEOGRAPHIC: [[u32; 2]; 20] = [
     [8899, 8902],
     [8988, 9000],
     [9053, 9069],
-    // With heights.
+    // Geographic systems with heights.
     [5498, 5499],
     [6349, 6349],
     [9518, 9518],
     [9705, 9707],
 ];
 
-/// True of well-known text of a geographic system, alone or with heights. Parts that a system is made of don't count.
+/// True if WKT describes a geographic system, alone or with heights. Base systems of projected ones don't count.
 fn is_geographic_wkt(wkt: &str) -> bool {
     let mut quoted = false;
     let mut start = None;
@@ -226,7 +229,7 @@ fn is_geographic_wkt(wkt: &str) -> bool {
                 let word = start.take().map_or("", |from| wkt[from..at].trim_end()).to_ascii_uppercase();
                 match word.as_str() {
                     "GEOGCS" | "GEOGCRS" | "GEOGRAPHICCRS" => return true,
-                    // Of a spheroid's axes or of Cartesian ones.
+                    // A geodetic system has the axes of a spheroid or Cartesian ones.
                     "GEODCRS" | "GEODETICCRS" => return wkt.to_ascii_lowercase().contains("cs[ellipsoidal"),
                     _ if SYSTEMS.contains(&word.as_str()) => return false,
                     _ => {}
@@ -238,20 +241,20 @@ fn is_geographic_wkt(wkt: &str) -> bool {
     false
 }
 
-/// The keys of a system whose x and y are lengths, as text; `None` where it can't be one value of GeoTIFF.
+/// Returns keys that store a projected system as text; `None` if GeoTIFF can't store the text as one value.
 fn as_text(wkt: &str) -> Option<Keys> {
     let roots = ["PROJCS[", "PROJCRS[", "PROJECTEDCRS[", "COMPD_CS[", "COMPOUNDCRS["];
     let is_projected = !wkt.contains('|') && roots.iter().any(|root| wkt.starts_with(root));
     is_projected.then(|| {
         let text = format!("ESRI PE String = {}|", wkt::printable(wkt));
-        // Of a projected one, GDAL looks for the parts.
+        // GDAL expects separate keys for a projected system.
         let keys = vec![[MODEL_TYPE, 0, 1, 32_767], [3072, 0, 1, 32_767], [3073, 34_737, text.len() as u16, 0]];
         Keys { keys, text, ..Keys::default() }
     })
 }
 
-/// A directory of GeoTIFF that says of pixels that they are areas, and all else as it is. Keys that refer to what isn't
-/// there are left out.
+/// Returns a GeoTIFF directory with the raster type set to pixel-is-area and the rest unchanged. Keys that refer to
+/// missing values are dropped.
 fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, String) {
     let (directory, doubles, text) = whole;
     let text = wkt::printable(text);
@@ -274,14 +277,14 @@ fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, S
     (made, doubles.clone(), text)
 }
 
-/// The EPSG code of well-known text: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first
-/// of its parts that is a horizontal system. Those of datums, units and base systems are others.
+/// Returns the EPSG code of WKT: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first part
+/// that is a horizontal system. Codes of datums, units and base systems don't count.
 fn epsg_of_wkt(wkt: &str) -> Option<u32> {
     let whole: Vec<&str> = SYSTEMS.into_iter().chain(COMPOUNDS).collect();
     code_of_wkt(wkt, &whole)
 }
 
-/// The EPSG code of the first of these parts of well-known text, or of the whole, that is outermost.
+/// Returns the EPSG code of the outermost of the given parts of WKT.
 fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
     let (mut stack, mut best, mut quoted): (Vec<&str>, Option<(usize, u32)>, bool) = (Vec::new(), None, false);
     let is_one_of = |word: &str, names: &[&str]| names.iter().any(|name| word.eq_ignore_ascii_case(name));
@@ -303,7 +306,7 @@ fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
                         best = Some((stack.len(), code));
                     }
                 }
-                // Real texts are some ten deep.
+                // Real texts are nested about ten deep.
                 if stack.len() > 64 {
                     return best.map(|(_, code)| code);
                 }
@@ -326,7 +329,7 @@ mod tests {
         let (fine, even) = (Some(DVec3::new(1e-7, 1e-7, 1e-3)), Some(DVec3::splat(1e-3)));
         let said = |crs: &Crs, bounds, step| crs.degrees_note(bounds, step).unwrap_or_default();
         let (degrees, none) = (Crs::of_epsg(4326), Crs::default());
-        // Zones of UTM: 3° W to 3° E is 30 and 31; Auckland is 60 S, and so is what counts to 360.
+        // UTM zones: 3° W to 3° E are zones 30 and 31; Auckland is in 60 S. Longitudes may also range to 360.
         for (x, y, code) in [(-0.2, 51.5, 32_630), (0.1, 51.5, 32_631), (174.7, -36.9, 32_760), (-180.0, 10.0, 32_601)]
         {
             let note = said(&degrees, bounds(x, y, 0.01), even);
@@ -338,7 +341,7 @@ mod tests {
             let note = said(&none, bounds(x, y, 0.01), fine);
             assert!(note.starts_with("x and y look like degrees") && note.contains("in_srs=EPSG:4326"), "{note}");
         }
-        // Local coordinates, projected ones, and a system that says what the numbers are.
+        // No note: local coordinates, projected ones, and a system that states what the numbers are.
         for quiet in [
             degrees.degrees_note(bounds(0.0, 0.0, 40.0), fine),
             degrees.degrees_note(bounds(4e5, 5e6, 1.0), fine),
@@ -408,7 +411,7 @@ mod tests {
 
     #[test]
     fn texts_of_keys_are_printable_whatever_a_file_says() {
-        // What a fuzzer found: an image whose system has a NUL in its name was drawn, and could not be written.
+        // Found by a fuzzer: an image whose system has a NUL in its name was drawn, but could not be written.
         let named = r#"PROJCS["UTM 33",GEOGCS["g",DATUM["WGS_1984",SPHEROID["WGS 84",6378137,298.257223563]],
             PRIMEM["Greenwich",0],UNIT["degree",0.0174532925199433]],PROJECTION["Transverse_Mercator"],
             PARAMETER["central_meridian",15],UNIT["metre",1]]"#;
@@ -429,7 +432,7 @@ mod tests {
         let crs = Crs { code: None, wkt: None, geotiff: Some((keys, vec![], "NAD83 / UTM 15|".into())) };
         assert_eq!((crs.epsg(), crs.words().as_str()), (Some(26_915), "CRS 'NAD83 / UTM 15' (EPSG:26915)"));
         assert_eq!(Crs::default().words(), "no CRS");
-        // A projection of the file's own isn't the geographic system that it is made of.
+        // A user-defined projection isn't its geographic base.
         let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 32_767];
         assert_eq!(Crs { geotiff: Some((keys, vec![], String::new())), ..Crs::default() }.epsg(), None);
     }
@@ -452,7 +455,7 @@ mod tests {
         assert_eq!(Crs::of_epsg(2056).image_keys(), (projected, vec![], String::new()));
         let (geographic, ..) = Crs::of_epsg(4326).image_keys();
         assert_eq!(geographic[4..], [1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326]);
-        // The whole has a code, which stands for no horizontal system: its parts' are written.
+        // The code of the whole isn't that of a horizontal system, so the codes of its parts are written.
         let wkt = concat!(
             r#"COMPD_CS["c",PROJCS["p",GEOGCS["g",AUTHORITY["EPSG","1"]],AUTHORITY["EPSG","28992"]],"#,
             r#"VERT_CS["v",VERT_DATUM["d",2005,AUTHORITY["EPSG","7"]],AUTHORITY["EPSG","5709"]],"#,
@@ -461,13 +464,13 @@ mod tests {
         let crs = Crs { wkt: Some(wkt.into()), ..Crs::default() };
         assert_eq!(crs.epsg(), Some(7415));
         assert_eq!(crs.image_keys().0[12..], [3072, 0, 1, 28_992, 4096, 0, 1, 5709]);
-        // Without a code the text itself is.
+        // Without a code, the text itself is written.
         let crs = Crs { wkt: Some(r#"PROJCS["mine",GEOGCS["g"]]"#.into()), ..Crs::default() };
         let (keys, _, text) = crs.image_keys();
         assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
         assert_eq!(keys[4..8], [1024, 0, 1, 32_767]);
         assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
-        // What isn't a plane has no place in an image.
+        // Geocentric coordinates have no place in an image.
         let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };
         assert_eq!(crs.image_keys(), (vec![1, 1, 0, 1, 1025, 0, 1, 1], vec![], String::new()));
     }

@@ -1,20 +1,19 @@
-//! Depth images: points in the order of a camera's pixels, in the camera's axes.
+//! Detection of depth images: points in the order of a camera's pixels, in the camera's axes.
 
 use crate::content::Content;
 use crate::context::Context;
 use glam::{DVec2, DVec3};
 use surfel_model::{PointCloud, Up};
 
-/// Least rows and columns, and points with a depth among those that are looked at.
+/// Minimum number of rows, of columns, and of examined points with a depth.
 const FEWEST: usize = 16;
-/// Most points that are looked at.
+/// Maximum number of points that are examined.
 const MOST: usize = 20_000;
-/// How nearly the slopes x/z and y/z are linear in column and row, as their correlation: lenses and rounded depths bend
-/// them a little.
+/// Minimum correlation of the slopes x/z and y/z with column and row: lenses and rounded depths bend them slightly.
 const LINEAR: f64 = 0.99;
 
-/// Says of points that come row by row what their camera knew, if they are its depth image in its own axes, with the
-/// camera at the origin: x right, y down and z ahead, so that −y is up, or as OpenGL has it y up and z back.
+/// Sets the up axis and the viewpoint of points that are a camera's depth image, row by row, with the camera at the
+/// origin. The axes are either x right, y down, z forward, so that −y is up, or OpenGL's, with y up and z backward.
 pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], context: &mut Context<'_>) {
     let Content::Points(points) = content else { return };
     if points.up.is_some() || points.viewpoint.is_some() {
@@ -30,10 +29,10 @@ pub(crate) fn recognise(content: &mut Content, [columns, rows]: [usize; 2], cont
     }
 }
 
-/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin that looks along z,
-/// y down, or, `ahead` being −1 in place of 1, along −z, y up.
+/// True if the slopes of the points are those of the pixels of a pinhole camera at the origin. The camera looks along z
+/// with y down if `ahead` is 1, or along −z with y up if `ahead` is −1.
 fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) -> bool {
-    // Where points without a depth are left out already, the others know their rows.
+    // If points without a depth were dropped, the others state their rows.
     let place = |i: usize| points.rows.as_ref().map_or(i, |rows| rows[i] as usize);
     let count = points.len().checked_sub(1).map_or(0, |last| place(last) + 1);
     if columns < FEWEST || rows < FEWEST || columns.checked_mul(rows).is_none_or(|all| count > all) {
@@ -43,7 +42,7 @@ fn is_depth_image(points: &PointCloud, [columns, rows]: [usize; 2], ahead: f64) 
         return false;
     }
     let step = points.len().div_ceil(MOST);
-    // Columns and rows are hit alike by a step that has no divisor in common with them.
+    // A step without a common divisor with the number of columns samples all columns and rows evenly.
     let step = (step..).find(|step| gcd(*step, columns) == 1).unwrap_or(1);
     let mut seen = Vec::new();
     for i in (0..points.len()).step_by(step) {
@@ -64,7 +63,7 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Pearson's correlation; NaN where one doesn't vary.
+/// Returns Pearson's correlation; NaN if a value doesn't vary.
 fn correlation(pairs: impl Iterator<Item = (f64, f64)> + Clone) -> f64 {
     let count = pairs.clone().count() as f64;
     let (a, b) = pairs.clone().fold((0.0, 0.0), |(a, b), (x, y)| (a + x / count, b + y / count));
@@ -83,7 +82,7 @@ mod tests {
 
     const SIZE: [usize; 2] = [64, 48];
 
-    /// A wavy wall as a camera of 60 px focal length sees it, in axes that are `turned` from the camera's.
+    /// Returns a wavy wall as seen by a camera of 60 px focal length, in axes transformed by `turned`.
     fn image(turned: impl Fn(DVec3) -> DVec3) -> PointCloud {
         let at = |i: usize| {
             let (column, row) = ((i % SIZE[0]) as f64, (i / SIZE[0]) as f64);
@@ -119,7 +118,7 @@ mod tests {
         assert!(is_depth_image(&as_opengl, SIZE, -1.0));
         assert!(!is_depth_image(&image(|p| p), SIZE, -1.0));
         assert!(!is_depth_image(&image(|p| DVec3::new(p.x, p.y, -p.z)), SIZE, -1.0));
-        // In another order, or not an image.
+        // Another order, or not an image.
         assert!(!is_depth_image(&image(|p| p), [SIZE[1], SIZE[0]], 1.0));
         assert!(!is_depth_image(&image(|p| p), [SIZE[0] * SIZE[1], 1], 1.0));
         assert!(!is_depth_image(&image(|p| p), [SIZE[0], SIZE[1] + 1], 1.0));

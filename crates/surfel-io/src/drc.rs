@@ -1,4 +1,4 @@
-//! Meshes and points compressed by Draco, in files of their own.
+//! Reader of Draco files: compressed meshes and points.
 
 use crate::content::Content;
 use crate::context::Context;
@@ -10,17 +10,17 @@ use draco_core::{DecodeLimits, DecoderBuffer, GeometryAttributeType, Mesh, MeshD
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// Faces or points that a byte of a stream may stand for: hostile headers say more, and no real file comes near.
+/// Maximum number of faces or points per byte of a stream: hostile headers state more, and real files far fewer.
 const MOST_PER_BYTE: u64 = 4096;
 
-/// Decompresses a mesh or points, or says why not.
+/// Decompresses a mesh or points, or returns the reason why that fails.
 pub(crate) fn decode(bytes: &[u8]) -> Result<Mesh, String> {
     let most = (bytes.len() as u64 * MOST_PER_BYTE).saturating_add(1 << 16);
     let limits = DecodeLimits::default()
         .with_max_points(most.min(1 << 26))
         .with_max_faces(most.min(1 << 26))
         .with_max_decoded_bytes(most.saturating_mul(16).min(1 << 30));
-    // The decoder checks what it reads. Should it panic all the same, the file is refused and the program goes on.
+    // The decoder checks its input. If it panics nevertheless, the file is refused and the program continues.
     let decode = || {
         let mut mesh = Mesh::new();
         let mut buffer = DecoderBuffer::new(bytes).with_limits(limits);
@@ -92,7 +92,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         });
     }
     let uvs = mesh.named_attribute(GeometryAttributeType::TexCoord).map(|attribute| {
-        // Draco's tools keep the v of OBJ, upwards; the model has it downwards, as images.
+        // Draco's tools store OBJ's v, which is upwards; the model has v downwards, as images.
         attribute.read_f32s(n, 2).as_chunks::<2>().0.iter().map(|&[u, v]| [u, 1.0 - v]).collect()
     });
     context.mesh(surfel_model::Mesh {
@@ -107,7 +107,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     })
 }
 
-/// True if 32-bit floats hold every number of this type.
+/// True if 32-bit floats represent every number of this type exactly.
 fn fits_f32(kind: DataType) -> bool {
     !matches!(
         kind,
@@ -130,7 +130,7 @@ fn doubles(attribute: &PointAttribute, points: usize, width: usize) -> Vec<f64> 
     rows
 }
 
-/// A stored number as f64.
+/// Converts a stored number to f64.
 fn number_of(kind: DataType, bytes: &[u8]) -> f64 {
     macro_rules! read {
         ($number:ty) => {
@@ -179,7 +179,7 @@ fn color_type(kind: DataType) -> ColorType {
     }
 }
 
-/// Makes colours linear, and notes what their numbers count to where their type leaves it open.
+/// Converts colours to linear light; notes their range if the type doesn't determine it.
 fn linear_colors(rgba: &[[f32; 4]], kind: ColorType, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     let all = || rgba.iter().flat_map(|c| &c[..3]).map(|c| f64::from(*c)).filter(|c| c.is_finite());
     let largest = all().fold(0.0, f64::max);

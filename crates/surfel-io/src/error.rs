@@ -1,49 +1,49 @@
-//! What can go wrong with files, said in terms of the file.
+//! Errors of reading and writing files, in terms of the file.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
 use surfel_model::ModelError;
 
-/// Why a file could not be read or written. Prints as at most four lines.
+/// Reason why a file could not be read or written; displayed in at most four lines.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum IoError {
-    /// The operating system refused.
+    /// The operating system reported an error.
     #[error("{}: cannot {action}: {source}", .path.shown())]
     System {
         /// The file or folder.
         path: PathBuf,
-        /// What was attempted: "read it", "write it", …
+        /// The action that failed: "read it", "write it", …
         action: &'static str,
         /// The system's reason.
         source: std::io::Error,
     },
-    /// A file of that name is already there.
+    /// A file of that name already exists.
     #[error("{}: already exists\n  help: --force overwrites it; or choose another name", .path.shown())]
     Exists {
         /// The file.
         path: PathBuf,
     },
-    /// The file's content is not what its format asks for, or Surfel doesn't read it.
+    /// The file's content violates its format, or Surfel doesn't support it.
     #[error("{}: {problem}", .path.shown())]
     Invalid {
         /// The file.
         path: PathBuf,
-        /// What is wrong, where, what was expected and what to do.
+        /// Description of what is wrong, where, what was expected and what to do.
         problem: Box<Problem>,
     },
-    /// The file was read, but its data break the model's rules.
+    /// The file was read, but its data violate the rules of the model.
     #[error("{}: {source}", .path.shown())]
     Model {
         /// The file.
         path: PathBuf,
-        /// The rule broken.
+        /// The violated rule.
         source: ModelError,
     },
 }
 
 impl IoError {
-    /// The file that the error is about.
+    /// Returns the file that the error is about.
     pub fn path(&self) -> &Path {
         match self {
             Self::System { path, .. }
@@ -53,7 +53,7 @@ impl IoError {
         }
     }
 
-    /// True if the input itself is at fault: it isn't there, can't be read, or holds something else.
+    /// True if the input itself is at fault: it doesn't exist, can't be read, or has the wrong content.
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Invalid { .. } | Self::Model { .. } => true,
@@ -63,17 +63,17 @@ impl IoError {
     }
 }
 
-/// The action of [`IoError::System`] when reading.
+/// Action of [`IoError::System`] when reading.
 pub(crate) const READ: &str = "read it";
-/// The action of [`IoError::System`] when writing.
+/// Action of [`IoError::System`] when writing.
 pub(crate) const WRITE: &str = "write it";
-/// The same of a folder.
+/// Action of [`IoError::System`] when writing a temporary file to a folder.
 pub(crate) const WRITE_THERE: &str = "write a temporary file there";
 
-/// Paths in messages.
+/// Display of paths in messages.
 pub trait ShowPath {
-    /// The path on one line, control characters and those that reverse text as escapes: a terminal must not obey a file
-    /// name.
+    /// Returns the path for display on one line. Control characters, and those that reverse text, are escaped: a
+    /// terminal must not obey a file name.
     fn shown(&self) -> ShownPath<'_>;
 }
 
@@ -83,7 +83,7 @@ impl ShowPath for Path {
     }
 }
 
-/// A path that prints as [`ShowPath::shown`] says.
+/// A path, displayed as [`ShowPath::shown`] describes.
 #[derive(Clone, Copy, Debug)]
 pub struct ShownPath<'a>(&'a Path);
 
@@ -96,13 +96,13 @@ impl fmt::Display for ShownPath<'_> {
     }
 }
 
-/// True for characters that a terminal obeys instead of showing them.
+/// True for characters that a terminal obeys instead of displaying.
 pub fn is_obeyed(c: char) -> bool {
     let reverses = matches!(c, '\u{200e}' | '\u{200f}' | '\u{202a}'..='\u{202e}' | '\u{2066}'..='\u{2069}');
     c.is_control() || reverses
 }
 
-/// Where in a file.
+/// A position in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Location {
@@ -124,16 +124,16 @@ impl fmt::Display for Location {
     }
 }
 
-/// What is wrong with a file's content.
+/// Description of what is wrong with a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Problem {
-    /// What was found.
+    /// Description of the fault.
     pub what: String,
-    /// Where.
+    /// The position in the file.
     pub location: Option<Location>,
-    /// What was expected instead.
+    /// The expected content.
     pub expected: Option<String>,
-    /// What to do about it.
+    /// Advice for the user.
     pub help: Option<String>,
 }
 
@@ -142,7 +142,7 @@ impl Problem {
         Self { what: what.into(), location: None, expected: None, help: None }
     }
 
-    /// A known format whose reader is a Cargo feature that this build lacks.
+    /// Returns the problem of a supported format whose Cargo feature is missing in this build.
     #[cfg_attr(feature = "default", allow(dead_code))]
     pub(crate) fn not_built(format: &str, feature: &str) -> Self {
         Self::new(format!("is a {format} file, and this build has no reader for {format}"))
@@ -181,7 +181,7 @@ impl fmt::Display for Problem {
     }
 }
 
-/// What readers return before the file's name is known: a fault of the content or of the data.
+/// Error of a reader before the file's name is known: a problem of the content, or a violated rule of the model.
 #[derive(Debug)]
 pub(crate) enum Fault {
     Problem(Box<Problem>),
@@ -194,7 +194,7 @@ impl From<Problem> for Fault {
     }
 }
 
-/// A temporary file can't be written, or, which never happens, memory.
+/// Returns the problem of a temporary file that can't be written. (Writing to memory never fails.)
 #[cfg_attr(not(any(feature = "pcd", feature = "points", feature = "laz")), allow(dead_code))]
 pub(crate) fn unwritable(error: std::io::Error) -> Problem {
     Problem::new(format!("can't be unpacked to a temporary file: {error}"))
@@ -207,7 +207,7 @@ impl From<ModelError> for Fault {
 }
 
 impl Fault {
-    /// The fault of a part, which `name` says.
+    /// Adds the name of the part, such as an archive's member, that the fault is in.
     #[cfg(feature = "gltf")]
     pub(crate) fn within(self, name: &str) -> Self {
         let mut problem = match self {
@@ -227,7 +227,7 @@ impl Fault {
     }
 }
 
-/// A file's own text in a message: quoted, on one line, without control characters, at most 60 characters.
+/// Quotes text from a file for a message: on one line, without control characters, at most 60 characters.
 pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
     let text = String::from_utf8_lossy(text.as_ref());
     let mut shown: String = text.chars().take(60).flat_map(char::escape_debug).collect();
@@ -237,7 +237,7 @@ pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
     format!("'{shown}'")
 }
 
-/// Names in a message, at most 24 of them.
+/// Lists names for a message, at most 24 of them.
 pub(crate) fn list<S: AsRef<str>>(names: &[S]) -> String {
     if names.is_empty() {
         return "nothing".into();

@@ -1,18 +1,18 @@
-//! Colours of faces: vertices are split where the faces that share them differ.
+//! Colours per face: vertices are split where the faces that share them have different colours.
 
 use crate::context::Context;
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// Linear RGB and alpha.
+/// Colour of a face, in linear RGB and alpha.
 pub(crate) type FaceColor = [f32; 4];
 
-/// Shows triangles in the colours of their faces, unless the mesh's vertices have colours of their own. A triangle
-/// without one keeps those of its vertices.
+/// Colours triangles by their faces, unless the mesh's vertices have colours of their own. A triangle without a face
+/// colour keeps its vertex colours.
 ///
-/// `of_triangle` may be shorter than the mesh's triangles. A mesh whose corners are out of range stays as it is.
+/// `of_triangle` may be shorter than the mesh's triangles. A mesh with vertex indices out of range stays unchanged.
 pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: &mut Context<'_>) {
-    // Programs that colour faces write vertices of one colour beside them, if any.
+    // Programs that colour faces write at most one colour for all vertices.
     if mesh.colors.as_ref().is_some_and(|all| all.windows(2).any(|pair| pair[0] != pair[1])) {
         context.note("ignored the colours of its faces: its vertices have colours of their own".into());
         return;
@@ -23,7 +23,7 @@ pub(crate) fn show(mesh: &mut Mesh, of_triangle: &[Option<FaceColor>], context: 
     let mut palette: Vec<FaceColor> = Vec::new();
     let mut number_of: HashMap<[u32; 4], u32> = HashMap::new();
     let mut known: HashMap<(u32, u32), u32> = HashMap::with_capacity(mesh.positions.len());
-    // The vertex that each new one is a copy of, and its colour's number.
+    // Source vertex and colour index of each new vertex.
     let mut sources: Vec<(u32, u32)> = Vec::new();
     for (i, triangle) in mesh.triangles.iter_mut().enumerate() {
         let number = of_triangle.get(i).copied().flatten().map_or(u32::MAX, |color| {

@@ -1,4 +1,4 @@
-//! Reading whole files without trusting their size, and the files that a file refers to.
+//! Reading of whole files without trusting their size, and of the files that a file refers to.
 
 use crate::error::{Fault, IoError, Problem, READ, unwritable};
 use std::cell::RefCell;
@@ -10,26 +10,28 @@ use std::rc::Rc;
 
 /// Largest file that is loaded, in bytes.
 pub(crate) const MAX_BYTES: u64 = 64 << 30;
-/// Most that is taken from something without a size, such as a pipe, in bytes.
+/// Maximum number of bytes that are read from a source without a size, such as a pipe.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
-/// Bytes that any compressed file may have, and times its own size beyond these.
+/// Limit of unpacked data: a number of bytes for any compressed file, plus a multiple of its size.
 const UNPACKED_BYTES: u64 = 64 << 20;
 const UNPACKED_TIMES: u64 = 64;
 
-/// Most bytes that are made of a compressed file of `bytes` bytes: real ones come nowhere near.
+/// Returns the maximum number of bytes that a compressed file of `bytes` bytes may unpack to. Real files stay far below
+/// it.
 pub(crate) fn most_unpacked(bytes: usize) -> u64 {
     UNPACKED_BYTES + UNPACKED_TIMES * bytes as u64
 }
 
-/// What [`most_unpacked`] is, in words.
+/// Returns the limit of [`most_unpacked`] as text for messages.
 pub(crate) fn most_unpacked_in_words() -> String {
     format!("at most {} MiB and {UNPACKED_TIMES} times the file's size", UNPACKED_BYTES >> 20)
 }
 
-/// Hands over what a decoder makes, `most` bytes at most: how many these were, and why it ended early, if it did.
+/// Copies at most `most` bytes from a decoder to `out`. Returns the number of bytes, and the decoder's error if it
+/// failed.
 ///
 /// # Errors
-/// [`Problem`] if `out` takes no more.
+/// [`Problem`] if `out` can't be written.
 pub(crate) fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, Option<io::Error>), Problem> {
     let (mut reader, mut buffer, mut poured) = (reader.take(most), vec![0; 1 << 16], 0);
     loop {
@@ -44,7 +46,7 @@ pub(crate) fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<
     }
 }
 
-/// The whole of a file of at most `limit` bytes, or of a pipe.
+/// Reads a file of at most `limit` bytes, or a pipe, as a whole.
 pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
     let file = File::open(path).map_err(system)?;
@@ -64,27 +66,27 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
     Ok(bytes)
 }
 
-/// Where the files that a file refers to (materials, textures, buffers) are looked for.
+/// Access to the files that a file refers to: materials, textures, buffers.
 #[derive(Clone, Debug)]
 pub(crate) enum Siblings {
-    /// Nowhere: the bytes came without a place.
+    /// No access: the bytes have no path.
     None,
-    /// In a folder.
+    /// Access to a folder.
     Folder {
         /// The folder.
         path: PathBuf,
-        /// The folder, and that of the file which the named one is a link to, without links. `None` where files
-        /// outside of them are read, too.
+        /// Canonical paths of the folder and of the folder that the named file, if it is a link, leads to. `None` if
+        /// files outside of them may be read, too.
         inside: Option<[PathBuf; 2]>,
-        /// The files that were asked for, found or not; shared by all that is read with them.
+        /// Files that were requested, whether they exist or not; shared by everything that is read with this access.
         asked: Rc<RefCell<BTreeSet<PathBuf>>>,
     },
 }
 
-/// Why a reference isn't followed.
+/// Reason why a reference isn't followed.
 const OUTSIDE: &str = "it is outside of the file's folder, where only --allow-outside reads";
 
-/// True if a path, taken from a folder, leads out of it.
+/// True if a relative path leads out of the folder that it starts in.
 fn leaves_folder(reference: &Path) -> bool {
     let mut depth = 0_usize;
     for part in reference.components() {
@@ -99,7 +101,7 @@ fn leaves_folder(reference: &Path) -> bool {
 }
 
 impl Siblings {
-    /// What the file at `path` may refer to: files in its folder and below, or any if `allow_outside`.
+    /// Returns the access for the file at `path`: its folder and those below, or any folder if `allow_outside`.
     pub(crate) fn of(path: &Path, allow_outside: bool) -> Self {
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
@@ -109,7 +111,7 @@ impl Siblings {
         Self::Folder { path: folder, inside, asked: Rc::default() }
     }
 
-    /// What a file in a folder below may refer to.
+    /// Returns the access for a file in a subfolder.
     #[cfg(feature = "gltf")]
     pub(crate) fn below(&self, folder: &str) -> Self {
         let mut siblings = self.clone();
@@ -119,7 +121,7 @@ impl Siblings {
         siblings
     }
 
-    /// The files that were asked for, found or not.
+    /// Returns the files that were requested, whether they exist or not.
     pub(crate) fn asked(&self) -> Vec<PathBuf> {
         match self {
             Self::None => Vec::new(),
@@ -127,13 +129,14 @@ impl Siblings {
         }
     }
 
-    /// True if there is such a file, which [`Self::read`] may read.
+    /// True if the file exists and [`Self::read`] may read it.
     #[cfg(feature = "obj")]
     pub(crate) fn has(&self, reference: &str) -> bool {
         self.locate(reference).is_ok_and(|path| path.is_file())
     }
 
-    /// A referenced file, at most 1 GiB and regular (a device would never end), or why it can't be had.
+    /// Reads a referenced file of at most 1 GiB; returns a reason if that is impossible. The file must be regular:
+    /// reading a device would never end.
     pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
         let path = self.locate(reference)?;
         if let Self::Folder { asked, .. } = self {
@@ -149,16 +152,16 @@ impl Siblings {
         })
     }
 
-    /// The place of a referenced file, whether there is one or not, or why it may not be read.
+    /// Returns the path of a referenced file, which may not exist, or the reason why it may not be read.
     fn locate(&self, reference: &str) -> Result<PathBuf, String> {
         let Self::Folder { path: folder, inside, .. } = self else {
             return Err("files beside the data are not available here".into());
         };
-        // Exporters on Windows write backslashes, which elsewhere are part of a name.
+        // Exporters on Windows write backslashes, which are part of a name on other systems.
         let reference = reference.replace('\\', "/");
         let path = folder.join(&reference);
         if let Some(inside) = inside {
-            // By its words first, so that nothing is looked for outside; then where links lead to.
+            // First checks the text of the path, so that nothing outside is accessed; then the target of links.
             let real = || std::fs::canonicalize(&path);
             let leaves = leaves_folder(Path::new(&reference));
             if leaves || real().is_ok_and(|real| !inside.iter().any(|folder| real.starts_with(folder))) {
@@ -203,7 +206,7 @@ mod tests {
             symlink(root.join("secret"), root.join("in/link")).unwrap();
             assert!(read(false, "link").0.unwrap_err().contains("--allow-outside"));
             assert!(read(true, "link").0.is_ok());
-            // A named file that is itself a link brings the folder where it leads along.
+            // If the named file is a link, the folder that it leads to may be read, too.
             std::fs::create_dir_all(root.join("named")).unwrap();
             std::fs::write(root.join("in/x.gltf"), "{}").unwrap();
             symlink(root.join("in/x.gltf"), root.join("named/x.gltf")).unwrap();

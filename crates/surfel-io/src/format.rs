@@ -1,11 +1,11 @@
-//! The formats that can be loaded: their names, extensions, signatures, and which axis they have up.
+//! The supported geometry formats: names, extensions, signatures and default up axes.
 
 use crate::error::{Problem, quote};
 use std::fmt;
 use std::path::Path;
 use surfel_model::Up;
 
-/// Formats that can be loaded.
+/// A supported geometry format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Format {
@@ -27,9 +27,9 @@ pub enum Format {
     Ptx,
     /// PCD of the Point Cloud Library.
     Pcd,
-    /// An array of NumPy.
+    /// A NumPy array (`.npy`).
     Npy,
-    /// Arrays of NumPy with names.
+    /// Named NumPy arrays (`.npz`).
     Npz,
     /// Object File Format: a mesh or points as text.
     Off,
@@ -49,23 +49,23 @@ pub enum Format {
     Copc,
     /// Scans of terrestrial scanners: ASTM E2807.
     E57,
-    /// Points in the tiles of 3D Tiles 1.0 and 1.1, by the tileset's JSON.
+    /// Point tiles of 3D Tiles 1.0 and 1.1; the file is the tileset's JSON.
     Tileset,
-    /// A tile of points of 3D Tiles 1.0.
+    /// A point tile of 3D Tiles 1.0.
     Pnts,
-    /// Sparse points of COLMAP: `points3D.txt` or `points3D.bin`.
+    /// COLMAP's sparse points: `points3D.txt` or `points3D.bin`.
     Colmap,
-    /// Rows of numbers without a header, whose columns the caller names ([`crate::LoadOptions::columns`]).
+    /// Rows of numbers without a header; the caller names the columns ([`crate::LoadOptions::columns`]).
     Raw,
     /// Surfel's own octree of splats and polygons.
     Surfel,
 }
 
-/// What a file that is in none of the formats can be instead.
+/// Supported formats, for messages about files in other formats.
 pub(crate) const KNOWN_FORMATS: &str = "PLY, OBJ, OFF, STL, glTF, GLB, DRC, LAS, LAZ, E57, PCD, XYZ (TXT, CSV), PTS, \
      PTX, NPY, NPZ, COLMAP's points3D, 3D Tiles, SPLAT, SPZ or SOG";
 
-/// First bytes of files that are not read: their names, and what to do.
+/// Signatures of unsupported formats: first bytes, what the file is, and advice.
 const UNREAD: &[(&[u8], &str, &str)] = &[
     (b"version https://git-lfs", "is a Git LFS pointer and not the file itself", "fetch the file: git lfs pull"),
     (b"<!DOCTYPE", "is a web page", PAGE),
@@ -105,7 +105,7 @@ const ARRAY: &str = "save its points from Python: numpy.save('points.npy', point
 const UNPACK: &str = "unpack it first";
 const IMAGE: &str = "name a file of points, splats or a mesh";
 
-/// Extensions of files that are not read and have no signature.
+/// Extensions of unsupported formats without a signature: extension, what the file is, and advice.
 const UNREAD_EXTENSIONS: &[(&str, &str, &str)] = &[
     ("ksplat", "is a KSPLAT file", "convert it to PLY first, e.g. with splat-transform"),
     ("rcp", "is a ReCap project", "export it as E57 or PTS in ReCap, and that as PLY"),
@@ -118,11 +118,11 @@ const UNREAD_EXTENSIONS: &[(&str, &str, &str)] = &[
     ("3mf", "is a 3MF file", "export it as STL, e.g. with the program that made it"),
 ];
 
-/// First bytes of a `.surfel` file. The line end shows a file that was sent as text.
+/// First bytes of a `.surfel` file. The line end reveals a file that was transferred as text.
 pub(crate) const OCTREE_SIGNATURE: &[u8; 8] = b"SURFEL\r\n";
 
 impl Format {
-    /// Its name: "PLY", "OBJ", …
+    /// Returns the name: "PLY", "OBJ", …
     pub fn name(self) -> &'static str {
         match self {
             Self::Ply => "PLY",
@@ -153,7 +153,7 @@ impl Format {
         }
     }
 
-    /// By a file name's extension, in either case; `.gz` after it doesn't count.
+    /// Returns the format of a file name's extension, in either case; a final `.gz` is ignored.
     pub fn from_extension(path: &Path) -> Option<Self> {
         if extension(path)? == "gz" {
             return Self::from_extension(Path::new(path.file_stem()?));
@@ -184,12 +184,12 @@ impl Format {
         })
     }
 
-    /// The axis that is up in files that don't say so. Gaussian splats in PLY come from cameras that look along +z
-    /// with y down.
+    /// Returns the up axis of files that don't state one. Gaussian splats in PLY come from cameras with +z forward and
+    /// y down.
     pub(crate) fn default_up(self, holds_gaussians: bool) -> Up {
         match self {
             Self::Ply if holds_gaussians => Up::MinusY,
-            // The world of COLMAP is that of a camera, as in Gaussian splats that are trained from it.
+            // COLMAP's world has the axes of a camera, and so do Gaussian splats trained from it.
             Self::Splat | Self::Sog | Self::Colmap => Up::MinusY,
             Self::Ply | Self::Obj | Self::Off | Self::Gltf | Self::Glb | Self::Drc | Self::Spz | Self::Surfel => {
                 Up::PlusY
@@ -199,7 +199,7 @@ impl Format {
         }
     }
 
-    /// The formats that are read here and there in a file, by its first bytes.
+    /// Detects, from a file's first bytes, the formats that are read with seeking instead of from memory.
     pub(crate) fn of_survey(head: &[u8]) -> Option<Self> {
         if head.starts_with(b"ASTM-E57") {
             return Some(Self::E57);
@@ -215,10 +215,11 @@ impl Format {
         })
     }
 
-    /// By the file's first bytes where they say it for certain, `None` where they don't.
+    /// Detects the format from the file's first bytes; returns `None` if they aren't conclusive.
     ///
     /// # Errors
-    /// [`Problem`] if they are those of a format that isn't geometry, or if a `.surfel` file lacks its own.
+    /// [`Problem`] if the bytes are those of an unsupported format, or if a `.surfel` file (by `hint`) lacks its
+    /// signature.
     pub(crate) fn from_signature(bytes: &[u8], hint: Option<Self>) -> Result<Option<Self>, Problem> {
         let head = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
         if let Some((_, what, help)) =
@@ -260,20 +261,21 @@ fn extension(path: &Path) -> Option<String> {
     Some(path.extension()?.to_str()?.to_ascii_lowercase())
 }
 
-/// True if the start of a file holds other than text.
+/// True if the start of a file contains bytes that aren't text.
 #[cfg_attr(not(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points")), allow(dead_code))]
 pub(crate) fn is_binary(head: &[u8]) -> bool {
     head.iter().any(|b| *b < b' ' && !b.is_ascii_whitespace() && !matches!(b, 0x0b | 0x1a | 0x1b))
 }
 
-/// What a file is that isn't recognised by its content, if its name says it.
+/// Returns the problem of a file whose content isn't recognised but whose extension is that of an unsupported format.
 pub(crate) fn unread_by_name(path: &Path) -> Option<Problem> {
     let extension = extension(path)?;
     let (_, what, help) = UNREAD_EXTENSIONS.iter().find(|(e, ..)| *e == extension)?;
     Some(Problem::new(*what).expected(KNOWN_FORMATS).help(*help))
 }
 
-/// What a ZIP file is, by the names of its members. They stand in clear before each and in the directory at the end.
+/// Returns the format of a ZIP file by the names of its members. Names are uncompressed, before each member and in the
+/// directory at the end.
 fn zipped(bytes: &[u8]) -> Result<Format, Problem> {
     let ends = [&bytes[..bytes.len().min(1 << 16)], &bytes[bytes.len().saturating_sub(1 << 16)..]];
     let has = |name: &[u8]| ends.iter().any(|end| end.windows(name.len()).any(|w| w == name));

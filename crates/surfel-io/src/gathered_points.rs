@@ -1,5 +1,5 @@
-//! Points of several parts of a file, or of several files, as one cloud: a column that only some parts have is filled
-//! where the others lack it.
+//! Points of several parts of a file, or of several files, merged into one cloud. A column that only some parts have is
+//! filled for the others.
 
 use crate::columns::{measured_positions, to_f64};
 use crate::content::Content;
@@ -9,18 +9,18 @@ use glam::{DAffine3, DMat3, DVec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, ExtraColumn, ExtraValues, PointCloud};
 
-/// One part's points in world space. A column that is there has a value for each point.
+/// Points of one part, in world space. Each column has a value for each point.
 #[derive(Default)]
 pub(crate) struct PointsPart {
     pub(crate) positions: Vec<DVec3>,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB and alpha.
+    /// Point colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) extras: Vec<ExtraColumn>,
 }
 
 impl PointsPart {
-    /// Moves the points with the space that they are in.
+    /// Transforms the points and normals.
     pub(crate) fn place(&mut self, world_from_part: DAffine3) {
         self.positions.iter_mut().for_each(|p| *p = world_from_part.transform_point3(*p));
         let normals = inverse_transpose(world_from_part);
@@ -28,14 +28,14 @@ impl PointsPart {
     }
 }
 
-/// The inverse transpose up to scale, which is finite for any finite matrix.
+/// Returns the inverse transpose up to scale, which is finite for any finite matrix.
 pub(crate) fn inverse_transpose(world: DAffine3) -> DMat3 {
     let m = world.matrix3;
     let sign = 1.0_f64.copysign(m.determinant());
     DMat3::from_cols(m.y_axis.cross(m.z_axis) * sign, m.z_axis.cross(m.x_axis) * sign, m.x_axis.cross(m.y_axis) * sign)
 }
 
-/// A normal by an inverse transpose, of unit length unless nothing changes.
+/// Transforms a normal by an inverse transpose, and normalises it unless the matrix is the identity.
 pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     if matrix == DMat3::IDENTITY {
         return normal;
@@ -43,7 +43,7 @@ pub(crate) fn transform_normal(matrix: DMat3, normal: [f32; 3]) -> [f32; 3] {
     surfel_math::basis::unit(matrix * DVec3::from(normal.map(f64::from))).as_vec3().to_array()
 }
 
-/// The parts so far, one after the other.
+/// Parts merged so far, in order.
 #[derive(Default)]
 pub(crate) struct GatheredPoints {
     pub(crate) positions: Vec<DVec3>,
@@ -52,7 +52,7 @@ pub(crate) struct GatheredPoints {
     any_normal: bool,
     any_color: bool,
     extras: Vec<ExtraColumn>,
-    /// Places of columns by their names.
+    /// Indices of columns by name.
     extra_of: HashMap<String, usize>,
 }
 
@@ -74,33 +74,33 @@ impl GatheredPoints {
                 self.extras.push(ExtraColumn { name: name.clone(), values });
                 self.extras.len() - 1
             });
-            // Parts in between may not have it.
+            // Parts in between may lack this column.
             let known = &mut self.extras[place].values;
             known.resize(before);
             append(known, &extra.values);
         }
     }
 
-    /// The columns, each with a value for each point.
+    /// Returns the columns, each with a value for every point.
     fn filled(mut extras: Vec<ExtraColumn>, total: usize) -> Vec<ExtraColumn> {
         extras.iter_mut().for_each(|extra| extra.values.resize(total));
         extras
     }
 
-    /// Turns all points by a rotation about `center`, which comes to lie at the origin.
+    /// Rotates all points about `center`, and translates `center` to the origin.
     pub(crate) fn turn(&mut self, center: DVec3, rotation: DMat3) {
         self.positions.iter_mut().for_each(|p| *p = rotation * (*p - center));
         self.normals.iter_mut().for_each(|n| *n = (rotation * DVec3::from(n.map(f64::from))).as_vec3().to_array());
     }
 
-    /// All parts as one.
+    /// Returns all parts as one.
     pub(crate) fn into_part(self) -> PointsPart {
         let Self { positions, normals, colors, any_normal, any_color, extras, .. } = self;
         let extras = Self::filled(extras, positions.len());
         PointsPart { positions, normals: any_normal.then_some(normals), colors: any_color.then_some(colors), extras }
     }
 
-    /// The cloud, without positions that aren't finite.
+    /// Returns the cloud, without non-finite positions.
     pub(crate) fn finish(self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (origin, positions) = measured_positions(&self.positions);
         let alphas = self.any_color && self.colors.iter().any(|c| c[3] < 1.0);
@@ -116,7 +116,7 @@ impl GatheredPoints {
     }
 }
 
-/// Appends values to a column; it becomes one of f64 if they are of different types.
+/// Appends values to a column, which becomes f64 if the types differ.
 fn append(column: &mut ExtraValues, values: &ExtraValues) {
     use ExtraValues::*;
     match (&mut *column, values) {

@@ -10,7 +10,7 @@ use surfel_model::{CloudData, Column3, GaussianCloud, GaussianData, GaussianKind
 
 /// Value of the constant spherical harmonic, ½·√(1/π).
 pub(crate) const SH_C0: f64 = 0.282_094_791_773_878_14;
-/// Half-axis of a splat in standard deviations: √(2c) at the default cutoff c = 2 makes the kernels equal.
+/// Half-axis of a splat in standard deviations: √(2c), which makes the kernels equal at the default cutoff c = 2.
 const HALF_AXIS_SIGMAS: f64 = 2.0;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,22 +21,22 @@ pub(crate) enum Kind {
     Solid,
 }
 
-/// Gaussians after their activations, in columns of the same length.
+/// Gaussians after their activation functions, in columns of equal length.
 pub(crate) struct Gaussians {
     pub(crate) origin: DVec3,
     pub(crate) centers: Column3,
     pub(crate) kind: Kind,
     /// Standard deviations along the rotated axes.
     pub(crate) sigmas: Vec<DVec3>,
-    /// Rotations of any length but zero.
+    /// Rotations; any length but zero.
     pub(crate) rotations: Vec<DQuat>,
     /// Opacity in [0, 1].
     pub(crate) alphas: Vec<f32>,
-    /// Colours as displayed, without what depends on the direction; clamped to [0, 1] for surfaces.
+    /// Displayed colours without their view-dependent part; clamped to [0, 1] for surfaces.
     pub(crate) display_colors: Vec<[f64; 3]>,
-    /// What depends on it.
+    /// View-dependent part of the colours.
     pub(crate) harmonics: Harmonics,
-    /// The colours are linear and not sRGB-encoded.
+    /// True if the colours are linear instead of sRGB-encoded.
     pub(crate) linear_colors: bool,
     pub(crate) up: Option<Up>,
     pub(crate) comments: Vec<String>,
@@ -45,17 +45,17 @@ pub(crate) struct Gaussians {
 /// Coefficients of spherical harmonics of degree 1 and higher.
 #[derive(Default)]
 pub(crate) enum Harmonics {
-    /// None.
+    /// No coefficients.
     #[default]
     None,
-    /// Some, which the reader leaves out: so many for each splat where that is known.
+    /// Coefficients that the reader skips, with their number per splat if it is known.
     Unread(Option<usize>),
-    /// Those of degree 1 to 3, (degree + 1)² − 1 of RGB for each splat.
+    /// The degree, 1 to 3, and (degree + 1)² − 1 RGB coefficients for each splat.
     Read(u32, Vec<[f32; 3]>),
 }
 
 impl Harmonics {
-    /// Coefficients of a splat that a surface has no use for, as words.
+    /// Returns a note about the coefficients per splat that a surface doesn't use.
     fn left_out(&self) -> Option<String> {
         let count = match self {
             Self::None | Self::Read(0, _) => return None,
@@ -68,7 +68,7 @@ impl Harmonics {
 }
 
 impl Gaussians {
-    /// The Gaussians as they were trained.
+    /// Converts to the model's form of trained Gaussians.
     fn trained(self) -> GaussianData {
         let constant = |c: &[f64; 3]| c.map(|c| ((c - 0.5) / SH_C0) as f32);
         let (degree, rest) = match self.harmonics {
@@ -97,7 +97,7 @@ impl Gaussians {
 }
 
 impl Context<'_> {
-    /// As the options ask: trained Gaussians, or the surface that they make.
+    /// Converts Gaussians to what the options request: trained Gaussians, or surface splats.
     pub(crate) fn gaussians(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.gaussian = true;
         if !self.options.gaussians {
@@ -114,11 +114,11 @@ impl Context<'_> {
         Ok(Content::Gaussians(Arc::new(cloud)))
     }
 
-    /// Splats spanned by the Gaussians' own axes, by the two largest where there are three.
+    /// Converts Gaussians to surface splats spanned by their axes; by the two largest of three.
     fn surface(&mut self, g: Gaussians) -> Result<Content, Fault> {
         self.notes.extend(g.harmonics.left_out());
         let total = g.centers.len();
-        // NaN stays, so that an invalid splat is reported and not lost here.
+        // NaN isn't faint, so that an invalid splat is reported instead of dropped here.
         let faint = |a: f32| a < GaussianCloud::FAINT;
         let keep: Vec<u32> = (0u32..).zip(&g.alphas).filter(|&(_, &a)| !faint(a)).map(|(i, _)| i).collect();
         if keep.len() < total {
@@ -131,7 +131,7 @@ impl Context<'_> {
         let (mut s, mut t) = (Vec::with_capacity(keep.len()), Vec::with_capacity(keep.len()));
         for &i in &keep {
             let (q, sigma) = (g.rotations[i as usize], g.sigmas[i as usize]);
-            // A rotation of length 0 or NaN makes NaN axes, which the cloud refuses by name.
+            // A rotation of length 0 or NaN makes NaN axes, which the cloud refuses with a precise error.
             let q = q * (1.0 / q.length());
             let axes = [DVec3::X, DVec3::Y, DVec3::Z].map(|a| q * a);
             let (a, b) = match g.kind {

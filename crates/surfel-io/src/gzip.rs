@@ -1,4 +1,4 @@
-//! Files wrapped by gzip: what is inside is what is loaded.
+//! Files compressed with gzip, whose content is loaded.
 
 use crate::bytes::Bytes;
 use crate::error::Problem;
@@ -7,11 +7,11 @@ use flate2::bufread::MultiGzDecoder;
 use std::io::{self, Write};
 
 pub(crate) fn is_gzip(bytes: &[u8]) -> bool {
-    // Other methods than deflate don't exist, so that a third byte tells most other files apart.
+    // Deflate is the only method, so that the third byte rules out most other files.
     bytes.starts_with(b"\x1f\x8b") && bytes.get(2).is_none_or(|method| *method == 8)
 }
 
-/// Writes the whole of what a gzip file holds, its members end to end.
+/// Unpacks a gzip file; several members are concatenated.
 pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Problem> {
     let limit = most_unpacked(bytes.len());
     let (unpacked, failed) = pour(MultiGzDecoder::new(bytes.reader()), limit + 1, out)?;
@@ -31,7 +31,8 @@ pub(crate) fn unpack(bytes: Bytes<'_>, out: &mut dyn Write) -> Result<(), Proble
     Ok(())
 }
 
-/// The first bytes that a gzip file holds, and about how many there are: as many as its start says that a byte becomes.
+/// Returns the first bytes of a gzip file's content, and the estimated size of the whole content, extrapolated from its
+/// start.
 #[cfg(feature = "laz")]
 pub(crate) fn head(bytes: Bytes<'_>, most: usize) -> (Vec<u8>, u64) {
     let mut reader = bytes.source();

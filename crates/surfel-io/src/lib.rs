@@ -1,22 +1,22 @@
-//! Files of Surfel: splats, points and meshes in; images and splats out; scene files both ways.
+//! Files of Surfel: splats, points and meshes are read, images and splats are written, scene files both.
 //!
 //! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
-//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP's points, NumPy's arrays, rows of
-//!   numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these within gzip.
+//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP points, NumPy arrays, rows of
+//!   numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these with gzip.
 //! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
-//! * `write_geotiffs` (feature `geotiff`): images with a place on Earth, tile by tile.
+//! * `write_geotiffs` (feature `geotiff`): georeferenced images, tile by tile.
 //! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
-//! * [`atomic::write`]: any file, whole or not at all.
+//! * [`atomic::write`]: any file, complete or not at all.
 //!
-//! Every reader takes hostile input: no panic, no endless loop, and no more memory than a small multiple of the
-//! file's size (images, compressed files and meshes, and glTF instances: fixed limits). Each function `save_…` has a
-//! twin `write_…` for sinks.
+//! Every reader accepts hostile input: no panic, no endless loop, and no more memory than a small multiple of the
+//! file's size. Images, compressed files and meshes, and glTF instances have fixed limits instead. Each function
+//! `save_…` has a twin `write_…` for sinks.
 //!
 //! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `las`, `laz`, `e57`, `npy`, `gltf`,
 //! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`, `geotiff`; all are on by default, `zstd` (SPZ of version 4)
-//! is not. Without them PLY, octrees, PNG and scene files remain, and a file of a format that isn't built is refused
-//! with the name of its feature.
+//! is not. PLY, octrees, PNG and scene files need no feature. A file of a format that isn't built is refused with the
+//! name of its feature.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

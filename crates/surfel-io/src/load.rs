@@ -1,4 +1,4 @@
-//! Loading: the table of readers. A file's format is told here, and its reader called.
+//! Loading of geometry files: format detection and the table of readers.
 
 use crate::ascii;
 use crate::bytes::{Bytes, OpenFile};
@@ -48,31 +48,30 @@ use surfel_model::{PointCloud, Up};
 /// A loaded file.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loaded {
-    /// What it held.
+    /// Geometry of the file.
     pub content: Content,
-    /// The format it was in.
+    /// Format of the file.
     pub format: Format,
-    /// Which axis is up: as the file says, else the format's default: +z for STL and for formats of points, −y for
-    /// Gaussian-splat PLY, SPLAT and SOG (their cameras look along +z with y down), +y for all others.
+    /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
+    /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
+    /// hence −y.
     pub up: Up,
-    /// The splats are Gaussians.
+    /// True if the splats are Gaussians.
     pub gaussian: bool,
-    /// What the user should know, as sentences without a full stop: what was dropped, ignored or assumed.
+    /// Messages for the user, as sentences without a full stop: what was dropped, ignored or assumed.
     pub notes: Vec<String>,
-    /// Files beside it that it refers to, such as textures and buffers, whether they are there or not, sorted.
+    /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
-    /// Attributes found, in words: "position", "normal", "colour", … and the names of those that Surfel doesn't
-    /// interpret.
+    /// Attributes found: "position", "normal", "colour", … and the names of those that Surfel doesn't interpret.
     pub attributes: Vec<String>,
 }
 
-/// Loads splats, points or a mesh from a file, whose format is told by its first bytes and its extension.
-/// Textures, materials and buffers that it refers to are looked for beside it, in its folder and below
-/// ([`LoadOptions::allow_outside`]).
+/// Loads splats, points or a mesh from a file. The first bytes and the extension decide the format. Textures, materials
+/// and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or holds
-/// splats that break the rules of the rendering model (§10) and `options.repair` is false.
+/// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or contains
+/// splats that violate the rendering model (§10) and `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     if let Some((format, mut file)) = survey_file(path) {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
@@ -89,19 +88,19 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     run(read, path, Siblings::of(path, options.allow_outside), options)
 }
 
-/// What a file of points says of all of them, when they were read block by block.
+/// Properties of all points of a file that was read block by block.
 #[derive(Clone, Debug)]
 pub struct PointSurvey {
-    /// The file, its content a cloud without points. `attributes` are empty.
+    /// The file, with an empty cloud as content; `attributes` is empty.
     pub loaded: Loaded,
-    /// Ends of the positions.
+    /// Bounds of the positions.
     pub bounds: Option<(DVec3, DVec3)>,
-    /// The least and the largest of each component of the colours, linear RGB.
+    /// Minimum and maximum of each colour component, in linear RGB.
     pub colors: Option<([f32; 3], [f32; 3])>,
 }
 
-/// Hands the points of a LAS, LAZ or COPC file to `each`, block after block, without colours and rows: a column that is
-/// zero in all of a block isn't there. In the same memory, however many they are. `None` for other files.
+/// Passes the points of a LAS, LAZ or COPC file to `each`, block by block, without colours and rows. A block lacks a
+/// column if all its values are zero. Memory doesn't grow with the number of points. Returns `None` for other files.
 ///
 /// # Errors
 /// As [`load`].
@@ -130,7 +129,7 @@ pub fn survey(
     }
 }
 
-/// A regular file of a format that is read here and there, so that its bytes needn't be in memory.
+/// Opens a regular file whose format is read with seeking, so that its bytes needn't be in memory.
 fn survey_file(path: &Path) -> Option<(Format, File)> {
     let mut file = File::open(path).ok().filter(|f| f.metadata().is_ok_and(|m| m.is_file()))?;
     let mut head = Vec::new();
@@ -138,7 +137,7 @@ fn survey_file(path: &Path) -> Option<(Format, File)> {
     Some((Format::of_survey(&head)?, file))
 }
 
-/// A regular file of a format whose columns are read where they lie, so that they are in memory once.
+/// Opens a regular file whose columns are read in place, so that memory contains them only once.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)> {
     const END_BYTES: usize = 1 << 16;
@@ -156,8 +155,8 @@ fn columns_file(path: &Path, options: &LoadOptions) -> Option<(Format, OpenFile)
     Some((format, file))
 }
 
-/// True for JSON that says where a geometry's files are, whose name could be a scene file's: a tileset of 3D Tiles, or
-/// SOG's `meta.json`.
+/// True if a JSON file describes geometry in other files: a 3D Tiles tileset or SOG's `meta.json`. By its name alone,
+/// it could be a scene file.
 pub fn names_geometry(path: &Path) -> bool {
     let is_known: [fn(&[u8]) -> bool; _] = [
         #[cfg(feature = "gltf")]
@@ -168,8 +167,8 @@ pub fn names_geometry(path: &Path) -> bool {
     files::read(path, scene_file::MAX_BYTES).is_ok_and(|bytes| is_known.iter().any(|known| known(&bytes)))
 }
 
-/// As [`load`], from memory. `hint` stands for the extension; `name` is for messages. Files that the data refer
-/// to are not looked for.
+/// Loads from memory, like [`load`]. `hint` replaces the extension; `name` is for messages. Files that the data refer
+/// to aren't read.
 ///
 /// # Errors
 /// As [`load`].
@@ -177,7 +176,7 @@ pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &Loa
     run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
 }
 
-/// Runs a reader of a file that refers to no other.
+/// Runs a reader without access to other files.
 #[cfg(feature = "laz")]
 pub(crate) fn run_plain(
     read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
@@ -230,7 +229,7 @@ fn run(
     Ok(Loaded { content, format, up, gaussian: context.gaussian, notes, beside, attributes })
 }
 
-/// By the file's first bytes where they say it for certain, else by `hint`, else by a look at the content.
+/// Detects the format from the first bytes if they are conclusive, else from `hint`, else from the content.
 #[allow(unused_variables, reason = "options matter to formats that may be left out")]
 fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Format, Problem> {
     if let Some(format) = Format::from_signature(bytes, hint)? {

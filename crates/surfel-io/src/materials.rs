@@ -1,5 +1,5 @@
-//! One mesh of a file's parts and their materials. Base colours become colours of the vertices, of which each belongs
-//! to one material; textures and what alpha means stay the triangles' own.
+//! Merging of a file's parts and their materials into one mesh. Base colours become vertex colours, so that each vertex
+//! belongs to one material; textures and alpha modes stay properties of triangles.
 
 use crate::color::linear_of_8_bit;
 use crate::columns::measured_positions;
@@ -15,19 +15,19 @@ use surfel_model::{
     AlphaMode, Column3, ExtraColumn, Mesh, MeshMaterial, NormalMap, SeeThroughTextures, Texture, TriangleMaterials,
 };
 
-/// Base colour of a part, and what its alpha means.
+/// Material of a part: base colour, alpha mode, normal map and emission.
 #[derive(Clone, Debug)]
 pub(crate) struct Material {
-    /// Linear RGB and straight alpha.
+    /// Base colour, in linear RGB and straight alpha.
     pub(crate) factor: [f32; 4],
-    /// Index into the file's textures.
+    /// Index of the colour texture in the file's textures.
     pub(crate) texture: Option<usize>,
     pub(crate) alpha: AlphaMode,
-    /// Index into the file's textures, and its scale.
+    /// Index of the normal map in the file's textures, and its scale.
     pub(crate) normal_map: Option<(usize, f32)>,
-    /// Linear RGB that is added to the colour, however it is lit.
+    /// Emission in linear RGB, added to the colour independently of lighting.
     pub(crate) emission: [f32; 3],
-    /// Index into the file's textures of what multiplies the emission.
+    /// Index of the emission texture in the file's textures, which multiplies the emission.
     pub(crate) emission_map: Option<usize>,
 }
 
@@ -41,7 +41,7 @@ impl Material {
         emission_map: None,
     };
 
-    /// True if it leaves colours as they are.
+    /// True if the material doesn't change colours.
     pub(crate) fn is_plain(&self) -> bool {
         self.factor == [1.0; 4] && self.emission == [0.0; 3]
     }
@@ -51,8 +51,8 @@ impl Material {
     }
 }
 
-/// Adds what materials emit to their colours: by a texture of both where one of them is textured. What glows isn't lit,
-/// but images don't tell light from colour, so a note says so.
+/// Adds the emission of materials to their colours. If one of the two is textured, both become one texture. Emission
+/// shouldn't be lit, but here it is part of the lit colour, so a note states it.
 pub(crate) fn add_emission<'a>(
     materials: impl Iterator<Item = &'a mut Material>,
     textures: &mut Vec<Arc<Texture>>,
@@ -75,7 +75,7 @@ pub(crate) fn add_emission<'a>(
         if material.is_black() && material.alpha == AlphaMode::Opaque {
             material.texture = None;
         }
-        // An untextured one is added where colours become those of vertices.
+        // Emission without textures is added where colours become vertex colours.
         if material.texture.is_some() || material.emission_map.is_some() {
             let emission = Emission::of(material);
             let made = match known.get(&emission) {
@@ -107,11 +107,11 @@ pub(crate) fn add_emission<'a>(
     }
 }
 
-/// The sum of a textured colour and a textured emission.
+/// The sum of a textured colour and a textured emission, as a key.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Emission {
     texture: Option<usize>,
-    /// The bits of the linear RGB that multiplies it.
+    /// Bits of the linear RGB that multiplies the texture.
     factor: [u32; 3],
     map: Option<usize>,
     emission: [u32; 3],
@@ -128,7 +128,7 @@ impl Emission {
         }
     }
 
-    /// One texture of both, of the size of the larger; `None` where the file's textures may not have so many texels.
+    /// Returns one texture of both, of the size of the larger one; `None` if it exceeds the file's texel limit.
     fn texture(self, textures: &[Arc<Texture>], context: &mut Context<'_>) -> Option<Texture> {
         let [color, map] = [self.texture, self.map].map(|i| i.and_then(|i| textures.get(i)));
         let size = |t: &&Arc<Texture>| u64::from(t.width) * u64::from(t.height);
@@ -158,15 +158,15 @@ impl Emission {
     }
 }
 
-/// Vertices and triangles with a material each; all columns have one value a vertex.
+/// Vertices and triangles of all parts, each with a material; every column has one value per vertex.
 #[derive(Default)]
 pub(crate) struct Parts {
     pub(crate) positions: Vec<DVec3>,
-    /// Every decimal of the positions is the file's own.
+    /// True if every decimal of the positions is from the file.
     pub(crate) exact: bool,
     pub(crate) normals: Option<Vec<[f32; 3]>>,
     pub(crate) uvs: Option<Vec<[f32; 2]>>,
-    /// Linear RGB and alpha.
+    /// Vertex colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) materials_of: Vec<u32>,
     pub(crate) triangles: Vec<[u32; 3]>,
@@ -176,7 +176,7 @@ pub(crate) struct Parts {
 }
 
 impl Context<'_> {
-    /// One mesh of all parts. A material that isn't there is white and opaque.
+    /// Merges all parts into one mesh. A missing material is white and opaque.
     pub(crate) fn parts(
         &mut self,
         parts: Parts,
@@ -196,7 +196,7 @@ impl Context<'_> {
                 if m.emission != [0.0; 3] {
                     c.iter_mut().zip(m.emission).for_each(|(c, e)| *c = (*c + e).min(1.0));
                 }
-                // What alpha says nothing about needs no column of it.
+                // An opaque material needs no alpha column.
                 c[3] = if m.alpha == AlphaMode::Opaque { 1.0 } else { c[3].clamp(0.0, 1.0) };
                 c
             };
@@ -212,7 +212,7 @@ impl Context<'_> {
         };
         let made_of =
             |m: &Material| MeshMaterial { texture: texture_of(m), alpha: m.alpha, normal_map: normal_map_of(m) };
-        // The last one is for what has none.
+        // The last material is for triangles without one.
         let all: Vec<MeshMaterial> = materials.iter().chain([&Material::WHITE]).map(made_of).collect();
         let index_of = |t: &[u32; 3]| {
             let index = parts.materials_of.get(t[0] as usize).map_or(materials.len(), |&i| i as usize);
@@ -239,13 +239,13 @@ impl Context<'_> {
     }
 }
 
-/// The texture of all triangles if they share one, and the materials unless that texture says it all.
+/// Returns the texture of all triangles if they share one, and the materials unless this texture replaces them.
 fn shared(all: TriangleMaterials, vertex_alphas: bool) -> (Option<Arc<Texture>>, Option<TriangleMaterials>) {
     let mut used = vec![false; all.materials.len()];
     all.of_triangle.iter().for_each(|&i| used[i as usize] = true);
     let mut in_use = all.materials.iter().zip(used).filter(|(_, used)| *used).map(|(m, _)| m);
     let Some(first) = in_use.next() else { return (None, None) };
-    // Where nothing has an alpha below 1, all modes are alike.
+    // Without any alpha below 1, all alpha modes are equivalent.
     let mut see_through = SeeThroughTextures::default();
     let mut alphas_of = |m: &MeshMaterial| m.texture.as_ref().is_some_and(|t| see_through.contains(t));
     let mut plain = |m: &MeshMaterial| match m.alpha {

@@ -1,7 +1,7 @@
-//! NumPy's arrays: one in a `.npy` file, several with names in an `.npz` file.
+//! NumPy arrays: one in a `.npy` file, several named ones in an `.npz` file.
 //!
-//! Of a plain array the last axis holds a point's numbers. Arrays of records, and those of an `.npz` file, go by their
-//! names.
+//! In a plain array, the last axis contains a point's numbers. Record arrays, and arrays in an `.npz` file, are
+//! interpreted by name.
 
 use crate::bytes::Bytes;
 use crate::column_roles::{self, Matrix};
@@ -20,13 +20,13 @@ use surfel_model::{Mesh, TableColumn, TableColumns};
 
 /// First bytes of a `.npy` file.
 pub(crate) const SIGNATURE: &[u8] = b"\x93NUMPY";
-/// Most numbers of a point, where rows and columns may be swapped.
+/// Maximum number of values per point of an array whose axes may be swapped.
 const WIDEST_POINT: usize = 16;
-/// Most columns that an array is split into.
+/// Maximum number of columns that an array is split into.
 const MAX_COLUMNS: usize = 64;
-/// Deepest nesting in a header.
+/// Maximum nesting depth of a header.
 const MAX_DEPTH: usize = 8;
-/// Names of the array that holds positions in an `.npz` file, the first of these that there is.
+/// Names of the array with positions in an `.npz` file, in order of priority.
 const POSITIONS: [&str; 20] = [
     "points",
     "positions",
@@ -51,12 +51,12 @@ const POSITIONS: [&str; 20] = [
 ];
 const TRIANGLES: [&str; 4] = ["faces", "triangles", "face", "tri"];
 
-/// True if an array of this name holds a mesh's triangles.
+/// True if an array of this name contains a mesh's triangles.
 fn is_triangles(name: &str) -> bool {
     TRIANGLES.iter().any(|t| name.eq_ignore_ascii_case(t))
 }
 
-/// A part of each element.
+/// A numeric field of each element.
 struct Field {
     name: String,
     offset: usize,
@@ -67,20 +67,20 @@ struct Field {
 
 struct Array<'a> {
     fields: Vec<Field>,
-    /// It has no record type: `fields` is one without a name.
+    /// True if the array has no record type; `fields` then has one field without a name.
     plain: bool,
     item_bytes: usize,
     shape: Vec<usize>,
     fortran: bool,
     data: Bytes<'a>,
-    /// Fields of other types, which are not read.
+    /// Names of fields of unsupported types, which aren't read.
     left_out: Vec<String>,
 }
 
 impl Array<'_> {
-    /// Bytes of all elements, if they can be counted.
+    /// Returns the bytes of all elements, or `None` on overflow.
     fn bytes(&self) -> Option<usize> {
-        // Empty axes hide overflows of the others.
+        // Empty axes would hide an overflow of the others.
         self.shape.iter().try_fold(1_usize, |n, &axis| n.checked_mul(axis.max(1)))?;
         self.shape.iter().try_fold(self.item_bytes, |n, &axis| n.checked_mul(axis))
     }
@@ -97,7 +97,7 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// The columns of an array, and what they are.
+/// Returns the columns of an array and their roles.
 fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     note_left_out(&array.left_out, context);
     let mut columns = Vec::new();
@@ -116,13 +116,13 @@ fn columns<'a>(array: &Array<'a>, context: &mut Context<'_>) -> Result<(Vec<Name
     Ok((columns, roles))
 }
 
-/// The same of a file that is read block by block.
+/// Returns the columns and their roles for a file that is read block by block.
 #[cfg(feature = "laz")]
 pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     columns(&parse(bytes)?, context)
 }
 
-/// How many points an array has, and the bytes that it takes, by its file's start; `None` of splats.
+/// Returns the number of points and the bytes of an array, from the start of its file; `None` for splats.
 #[cfg(feature = "laz")]
 pub(crate) fn survey(head: Bytes<'_>) -> Option<(u64, u64)> {
     let array = header_of(head).ok()?;
@@ -144,7 +144,8 @@ impl<'a> Members<'a> {
         Ok(Self(opened.collect::<Result<_, Fault>>()?))
     }
 
-    /// Writes them one after the other; false where they are in the file as they are.
+    /// Writes the arrays one after another to `out`; returns false if all of them are uncompressed and can be read in
+    /// place.
     pub(crate) fn unpack(&self, out: &mut dyn Write) -> Result<bool, Fault> {
         if self.0.iter().all(|(_, content)| matches!(content, Member::Stored(_))) {
             return Ok(false);
@@ -158,7 +159,7 @@ impl<'a> Members<'a> {
         Ok(true)
     }
 
-    /// Their names and bytes, in `unpacked` if they are.
+    /// Returns names and bytes of the arrays, from `unpacked` if they were unpacked.
     fn files<'s, 'b>(&'s self, unpacked: Option<Bytes<'b>>) -> Vec<(&'s str, Bytes<'b>)>
     where
         'a: 'b,
@@ -174,7 +175,7 @@ impl<'a> Members<'a> {
         self.0.iter().filter_map(file).collect()
     }
 
-    /// The columns of the points, in `unpacked` if they are; `None` of a mesh.
+    /// Returns the columns of the points, from `unpacked` if they were unpacked; `None` for a mesh.
     #[cfg(feature = "laz")]
     pub(crate) fn columns<'b>(
         &self,
@@ -188,7 +189,7 @@ impl<'a> Members<'a> {
         Ok(triangles.is_none().then_some((columns, roles)))
     }
 
-    /// How many points there are, by the starts of the arrays; `None` of splats and meshes.
+    /// Returns the number of points, from the starts of the arrays; `None` for splats and meshes.
     #[cfg(feature = "laz")]
     pub(crate) fn survey(&self) -> Option<u64> {
         const HEAD_BYTES: usize = 1 << 12;
@@ -216,7 +217,7 @@ impl<'a> Members<'a> {
     }
 }
 
-/// Reads an archive of arrays.
+/// Reads an `.npz` archive.
 pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let (members, mut unpacked) = (Members::of(bytes)?, Vec::new());
     let is_unpacked = members.unpack(&mut unpacked)?;
@@ -228,7 +229,7 @@ pub(crate) fn read_archive(bytes: Bytes<'_>, context: &mut Context<'_>) -> Resul
     }
 }
 
-/// Which of some arrays holds the positions, or their x.
+/// Returns the index of the array with the positions, or with their x.
 fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     let find = |names: &[&str]| {
         names
@@ -244,7 +245,7 @@ fn main_array(arrays: &[(&str, Array<'_>)]) -> Option<usize> {
     })
 }
 
-/// The columns of the points of some arrays, what they are, and the triangles of a mesh among them.
+/// Returns the columns of the points, their roles, and the triangles of a mesh if there is one.
 fn archive_columns<'a>(
     files: &[(&str, Bytes<'a>)],
     context: &mut Context<'_>,
@@ -253,7 +254,7 @@ fn archive_columns<'a>(
     for (name, bytes) in files {
         match parse(*bytes) {
             Ok(array) => arrays.push((*name, array)),
-            // Texts and Python's objects, mostly; the numbers beside them are of use.
+            // Mostly text and Python objects; the numeric arrays beside them are still useful.
             Err(fault) => {
                 ignored.push(name.to_string());
                 first_fault = first_fault.or(Some(fault));
@@ -342,7 +343,7 @@ fn no_position(columns: &[Named<'_>]) -> Problem {
     Problem::new(format!("its points have no position: they have {}", list(&names))).expected("fields x, y and z")
 }
 
-/// Columns by the names that the caller gives them, and their roles.
+/// Renames columns to the names that the caller gives, and returns their roles.
 fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     raw_rows::check(names)?;
     if names.is_typed() {
@@ -361,18 +362,18 @@ fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Nam
     Ok((columns, roles))
 }
 
-/// A shape in words.
+/// Formats an array's shape for messages.
 fn shape_words(shape: &[usize]) -> String {
     shape.iter().map(usize::to_string).collect::<Vec<_>>().join("×")
 }
 
-/// The problem of an array that is no table of points, and what it is.
+/// Returns the problem of an array that isn't a table of points; `is` describes the array.
 fn no_table(shape: &[usize], is: &str) -> Problem {
     let problem = Problem::new(format!("is an array of {} numbers{is}", shape_words(shape)));
     problem.expected("N×3, N×6 or their like: a row for each point")
 }
 
-/// The problem of an array whose rows hold coordinates, and not points.
+/// Returns the problem of a transposed array, whose rows are coordinates instead of points.
 fn transposed(shape: &[usize]) -> Problem {
     let help = "transpose it: numpy.save('points.npy', points.T)";
     no_table(shape, ", which is transposed: it has more columns than rows").help(help)
@@ -400,7 +401,7 @@ fn guess(columns: &mut [Named<'_>], array: &Array<'_>, context: &mut Context<'_>
     Ok(roles)
 }
 
-/// The problem of an array of images or of matrices.
+/// Returns the problem of an array that contains images or matrices.
 fn not_points(columns: &[Strided<'_>], array: &Array<'_>) -> Option<Problem> {
     const SIDE: usize = 8;
     let shape = &array.shape[..];
@@ -434,7 +435,7 @@ struct Part<'f> {
     field: &'f Field,
 }
 
-/// Splits an array into columns; true if these go by their place and not by name.
+/// Splits an array into columns; returns true if columns are interpreted by position instead of name.
 fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'a>>) -> Result<bool, Fault> {
     let (parts, by_axis) = parts(array_name, array)?;
     for Part { name, offset, stride, rows, field } in parts {
@@ -446,7 +447,7 @@ fn columns_of<'a>(array_name: &str, array: &Array<'a>, columns: &mut Vec<Named<'
     Ok(by_axis)
 }
 
-/// The columns that an array is split into.
+/// Returns the columns that an array is split into, and true if they are interpreted by position.
 fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, bool), Fault> {
     let total: usize = array.shape.iter().product();
     let positions = POSITIONS.iter().any(|p| array_name.eq_ignore_ascii_case(p)) || array_name.is_empty();
@@ -475,7 +476,7 @@ fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, b
     if width > MAX_COLUMNS {
         return Err(no_table(&array.shape, "").into());
     }
-    // In Fortran's order the numbers of the first axis follow each other.
+    // In Fortran order, numbers along the first axis are consecutive.
     let together = !array.fortran;
     let unnamed = positions && (width > 1 || array_name.is_empty());
     let names = if unnamed { vec![String::new(); width] } else { expanded(array_name, width) };
@@ -486,7 +487,7 @@ fn parts<'f>(array_name: &str, array: &'f Array<'_>) -> Result<(Vec<Part<'f>>, b
     Ok((names.into_iter().enumerate().map(part).collect(), unnamed))
 }
 
-/// Names of the numbers of a field or array: `normals` of three are nx, ny and nz.
+/// Returns names for the numbers of a field or array: `normals` of three become nx, ny and nz.
 fn expanded(name: &str, count: usize) -> Vec<String> {
     let lower = name.to_ascii_lowercase();
     let known: &[&str] = match (lower.as_str(), count) {
@@ -515,7 +516,7 @@ fn too_few_bytes(array: &Array<'_>) -> Fault {
     Problem::new(what).help("copy or save the file again: it is incomplete").into()
 }
 
-/// An array as its header says; whether its data are all there isn't checked.
+/// Parses an array's header; doesn't check that the data are complete.
 fn header_of(bytes: Bytes<'_>) -> Result<Array<'_>, Fault> {
     let wrong = |what: String| Problem::new(what).help("save it again by numpy.save");
     let cut = || wrong("the array's header ends too early".into());
@@ -601,7 +602,8 @@ fn add_fields(array: &mut Array<'_>, fields: &[Literal]) -> Option<()> {
     Some(())
 }
 
-/// NumPy's type string, such as `<f4`: the type, if it is one of numbers, its bytes and whether it is big endian.
+/// Parses NumPy's type string, such as `<f4`: the type if it is numeric, its size in bytes, and true if it is big
+/// endian.
 fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
     let mut chars = text.chars();
     let order = chars.next()?;
@@ -622,7 +624,7 @@ fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
         ('f', 8) => Some(NumberType::F64),
         _ => None,
     };
-    // Characters take four bytes each, references to objects eight.
+    // Characters take four bytes each, object references eight.
     let bytes = match letter {
         'U' => size.checked_mul(4)?,
         'O' => 8,
@@ -631,7 +633,7 @@ fn number_type(text: &str) -> Option<(Option<NumberType>, usize, bool)> {
     Some((kind, bytes, order == '>'))
 }
 
-/// What a header is made of: literals of Python.
+/// A Python literal of a header.
 enum Literal {
     Text(String),
     Size(usize),
@@ -683,7 +685,7 @@ impl Parser<'_> {
                 let end = self.text.iter().position(|b| !b.is_ascii_digit()).unwrap_or(self.text.len());
                 let size = std::str::from_utf8(&self.text[..end]).ok()?.parse().ok()?;
                 self.text = &self.text[end..];
-                // Python 2 wrote long numbers so.
+                // Python 2 wrote long integers with this suffix.
                 self.word(b"L");
                 Some(Literal::Size(size))
             }

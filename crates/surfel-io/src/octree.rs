@@ -1,6 +1,7 @@
-//! Reading and writing `.surfel`: an octree of splats and polygons (docs/format.md).
+//! Reader and writer of `.surfel` files: an octree of splats and polygons (docs/format.md).
 //!
-//! A signature and a version, then sections, each with a tag and a length; unknown ones are skipped. Little endian.
+//! A file begins with a signature and a version. Sections with a tag and a length follow; unknown sections are skipped.
+//! All numbers are little endian.
 
 use crate::atomic;
 use crate::bytes::Bytes;
@@ -17,7 +18,7 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{Column3, Mesh, Octree, OctreeNode, Texture, Transition};
 
-/// The version that is written, and the only one that is read.
+/// Format version that is written, and the only one that can be read.
 const VERSION: u32 = 1;
 
 const SPLATS: &[u8; 4] = b"SPLT";
@@ -26,7 +27,7 @@ const TEXTURE: &[u8; 4] = b"TEXR";
 const NODES: &[u8; 4] = b"NODE";
 const EDGES: &[u8; 4] = b"EDGE";
 
-/// Columns that a mesh section may have, as bits.
+/// Flags of the columns that a mesh section has.
 const LOW: u32 = 1;
 const NORMALS: u32 = 2;
 const COLORS: u32 = 4;
@@ -37,7 +38,7 @@ const UVS: u32 = 16;
 const NODE_BYTES: usize = 9 * 8 + 6 * 4;
 const EDGE_BYTES: usize = 4 * 4;
 
-/// Writes an octree to a file that appears whole or not at all, without loss.
+/// Writes an octree to a file, atomically and without loss.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -45,7 +46,7 @@ pub fn save_octree(path: &Path, overwrite: bool, octree: &Octree) -> Result<(), 
     atomic::write(path, overwrite, |out| write_octree(out, octree))
 }
 
-/// As [`save_octree`], to any sink.
+/// Writes an octree like [`save_octree`], to any sink.
 ///
 /// # Errors
 /// [`io::Error`] if `out` fails.
@@ -223,7 +224,7 @@ fn read_edges(section: &mut Cursor) -> Result<Vec<Transition>, Problem> {
     section.items(count, EDGE_BYTES, |s| Ok(Transition { leaves: [s.number()?, s.number()?], splats: s.range()? }))
 }
 
-/// Bytes that are read from the front.
+/// A reader of bytes from front to back.
 struct Cursor<'a> {
     bytes: &'a [u8],
     at: usize,
@@ -268,7 +269,8 @@ impl<'a> Cursor<'a> {
         Ok(values)
     }
 
-    /// `count` items of `size` bytes each; nothing is allocated for items that the bytes left can't hold.
+    /// Reads `count` items of `size` bytes each. Memory is allocated only if the remaining bytes can contain all of
+    /// them.
     fn items<T>(
         &mut self,
         count: usize,

@@ -1,4 +1,4 @@
-//! OFF, the Object File Format of Geomview, as text: a mesh, or points where it has no faces.
+//! Reader of OFF, the Object File Format of Geomview, as text: a mesh, or points if there are no faces.
 
 use crate::ascii::{Lines, number, words};
 use crate::color::linear_of_unit;
@@ -12,7 +12,7 @@ use crate::words::counted;
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, PointCloud};
 
-/// What a vertex has besides its position, by the letters before OFF.
+/// Attributes of a vertex in addition to its position, stated by the letters before OFF.
 #[derive(Clone, Copy, Default)]
 struct Kind {
     textured: bool,
@@ -20,7 +20,7 @@ struct Kind {
     homogeneous: bool,
 }
 
-/// The kind that a file's first word says, and what follows it in the same word; `None` if it isn't OFF's.
+/// Parses a file's first word; returns the kind and the rest of the word, or `None` if the file isn't OFF.
 fn keyword(word: &[u8]) -> Option<(Kind, &[u8])> {
     let mut kind = Kind::default();
     let mut rest = word;
@@ -34,7 +34,7 @@ fn keyword(word: &[u8]) -> Option<(Kind, &[u8])> {
     if let Some(after) = rest.strip_prefix(b"4") {
         (kind.homogeneous, rest) = (true, after);
     }
-    // Some files lack the blank or line end after it.
+    // Some files lack the blank or line end after the keyword.
     rest.strip_prefix(b"OFF").filter(|after| after.iter().all(u8::is_ascii_digit)).map(|after| (kind, after))
 }
 
@@ -43,7 +43,7 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
     content_lines(head).next().is_some_and(|(_, line)| words(line).next().is_some_and(|w| keyword(w).is_some()))
 }
 
-/// Lines with more than a comment, without it.
+/// Returns the lines that have content, without comments.
 fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
     let content = |line: &'_ [u8]| line.iter().position(|&b| b == b'#').unwrap_or(line.len());
     Lines::new(bytes)
@@ -51,12 +51,12 @@ fn content_lines(bytes: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
         .filter(|(_, line)| !line.trim_ascii().is_empty())
 }
 
-/// The vertices' columns.
+/// Columns of the vertices.
 #[derive(Default)]
 struct Vertices {
     positions: Vec<DVec3>,
     normals: Vec<Vec3>,
-    /// Red, green, blue and alpha as printed.
+    /// Red, green, blue and alpha, as printed.
     colors: Vec<[f64; 4]>,
 }
 
@@ -101,13 +101,13 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
         })?;
     }
     let (mut triangles, mut skipped, mut colored) = (Vec::new(), 0_usize, false);
-    // As printed, one for each triangle.
+    // Printed colour of each triangle.
     let mut colors_of: Vec<Option<[f64; 4]>> = Vec::new();
     let mut cutter = Cutter::default();
     for _ in 0..face_count as u64 {
         let line = lines.next().ok_or_else(|| incomplete("faces"))?;
         numbers(line, &mut row)?;
-        // Some programs break faces into lines.
+        // Some programs break faces into several lines.
         while row.first().is_some_and(|corners| *corners > (row.len() - 1) as f64) {
             let Some(more) = lines.next() else { break };
             add_numbers(more, &mut row)?;
@@ -146,7 +146,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     finish(vertices, triangles, &colors_of, context)
 }
 
-/// Returns the largest value of printed colours: 255 if any is above 1, else 1.
+/// Returns the range of printed colours: 255 if any value is above 1, else 1.
 fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Context<'_>) -> f64 {
     let largest = printed.flatten().copied().filter(|c| c.is_finite()).fold(0.0, f64::max);
     let scale = if largest > 1.0 { 255.0 } else { 1.0 };
@@ -154,9 +154,9 @@ fn color_scale<'a>(printed: impl Iterator<Item = &'a [f64; 4]>, context: &mut Co
     scale
 }
 
-/// A printed colour that counts to `scale` as linear RGB and alpha.
+/// Converts a printed colour of a range up to `scale` to linear RGB and alpha.
 fn linear(c: &[f64; 4], scale: f64) -> [f32; 4] {
-    // Where there is no alpha it is NaN.
+    // A missing alpha is NaN.
     let alpha = if c[3].is_nan() { 1.0 } else { (c[3] / scale).clamp(0.0, 1.0) as f32 };
     let [r, g, b] = [c[0], c[1], c[2]].map(|c| linear_of_unit(c / scale));
     [r, g, b, alpha]
@@ -194,7 +194,7 @@ fn finish(
     context.mesh(mesh)
 }
 
-/// All numbers of a line.
+/// Parses all numbers of a line.
 fn numbers(line: (usize, &[u8]), row: &mut Vec<f64>) -> Result<(), Fault> {
     row.clear();
     add_numbers(line, row)
@@ -210,7 +210,7 @@ fn add_numbers((number_of_line, line): (usize, &[u8]), row: &mut Vec<f64>) -> Re
     Ok(())
 }
 
-/// Appends a vertex; `None` if the line has too few numbers.
+/// Appends a vertex; returns `None` if the line has too few numbers.
 fn push_vertex(vertices: &mut Vertices, kind: Kind, row: &[f64]) -> Option<()> {
     let (position, mut rest) = row.split_at_checked(if kind.homogeneous { 4 } else { 3 })?;
     let w = position.get(3).copied().unwrap_or(1.0);

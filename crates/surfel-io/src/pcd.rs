@@ -1,4 +1,4 @@
-//! PCD, the Point Cloud Library's files: text, binary, and binary compressed by LZF.
+//! Reader of PCD, the file format of the Point Cloud Library: text, binary, and binary compressed by LZF.
 
 use crate::ascii::{Lines, each_line, number, number_f32, words};
 use crate::bytes::Bytes;
@@ -12,11 +12,11 @@ use glam::DVec3;
 use std::io::{self, Read, Write};
 use surfel_model::Up;
 
-/// Longest header, in bytes.
+/// Maximum length of a header, in bytes.
 const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Most bytes that LZF makes of one: a reference of 3 bytes copies 7 + 255 + 2.
+/// Maximum expansion of LZF: a reference of 3 bytes copies 7 + 255 + 2 bytes.
 const LZF_EXPANSION: usize = 88;
-/// Most numbers of one field that are kept. Histograms of features have more and are of no use here.
+/// Maximum number of values of a field. Feature histograms have more values and aren't used.
 const MAX_FIELD_COUNT: usize = 64;
 
 /// A field: `count` numbers of one type.
@@ -36,18 +36,18 @@ enum Encoding {
 struct Header<'a> {
     fields: Vec<Field<'a>>,
     points: usize,
-    /// Columns and rows of an image, where the points are one.
+    /// Columns and rows, if the points are an image.
     image: Option<[usize; 2]>,
     viewpoint: Option<&'a str>,
     encoding: Encoding,
     /// Bytes of a point.
     point_bytes: usize,
-    /// The line and byte that what comes after the header begins at.
+    /// Line number and byte offset of the end of the header.
     line: usize,
     start: usize,
 }
 
-/// True if `head`, the start of a file, is that of a PCD file. The comment in the first line may be missing.
+/// True if `head`, the start of a file, is that of a PCD file. The comment in the first line is optional.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     head.starts_with(b"# .PCD") || head.starts_with(b"VERSION") && head.windows(6).any(|w| w == b"FIELDS")
 }
@@ -72,13 +72,13 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// A file's header, for what reads its points block by block.
+/// Header of a file whose points are read block by block.
 #[cfg(feature = "laz")]
 pub(crate) struct Table<'a>(Header<'a>);
 
 #[cfg(feature = "laz")]
 impl<'a> Table<'a> {
-    /// Most bytes of a file that its header is in.
+    /// Maximum number of bytes that contain the header.
     pub(crate) const HEAD_BYTES: usize = MAX_HEADER_BYTES;
 
     pub(crate) fn of(head: &'a [u8]) -> Result<Self, Fault> {
@@ -93,10 +93,10 @@ impl<'a> Table<'a> {
         self.0.fields.iter().any(|f| f.name == field)
     }
 
-    /// Least bytes that the points take.
+    /// Returns the minimum number of bytes of the points.
     pub(crate) fn least_bytes(&self) -> usize {
         let point = match self.0.encoding {
-            // A number and what parts it from the next.
+            // A digit and a separator.
             Encoding::Text => {
                 self.0.fields.iter().fold(0, |sum, field| field.count.saturating_mul(2).saturating_add(sum))
             }
@@ -106,17 +106,18 @@ impl<'a> Table<'a> {
         self.0.points.saturating_mul(point)
     }
 
-    /// Which axis is up, if the sensor's pose says it.
+    /// Returns the up axis, if the sensor's pose shows it.
     pub(crate) fn up(&self, context: &mut Context<'_>) -> Option<Up> {
         sensor(&self.0, context).1.map(|_| Up::MinusY)
     }
 
-    /// Writes the points as binary ones, field by field if they were compressed; false where they are binary.
+    /// Converts the points to binary ones in `out`, field by field if they were compressed; returns false if they are
+    /// binary already.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         unpack(&self.0, bytes, out)
     }
 
-    /// The columns of points that are unpacked, or in the file.
+    /// Returns the columns of the points, unpacked or in the file.
     pub(crate) fn columns<'b>(
         &self,
         bytes: Bytes<'b>,
@@ -135,7 +136,7 @@ fn too_large(header: &Header<'_>) -> Problem {
     incomplete(format!("its header counts {} points, more than there can be", header.points))
 }
 
-/// Bytes of all points, of which there is one.
+/// Returns the number of bytes of all points; an error if there are none.
 fn size(header: &Header<'_>) -> Result<usize, Fault> {
     if header.points == 0 {
         return Err(Problem::new("holds no point").expected("POINTS of at least 1").into());
@@ -143,7 +144,8 @@ fn size(header: &Header<'_>) -> Result<usize, Fault> {
     Ok(header.points.checked_mul(header.point_bytes).ok_or_else(|| too_large(header))?)
 }
 
-/// Writes text or compressed points as binary ones, compressed ones field by field; false where they are binary.
+/// Converts text or compressed points to binary ones, compressed ones field by field; returns false if they are binary
+/// already.
 fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
     let size = size(header)?;
     match header.encoding {
@@ -157,7 +159,7 @@ fn unpack(header: &Header<'_>, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<
     Ok(true)
 }
 
-/// Binary points where they lie.
+/// Returns the binary points in the file.
 fn rows_in<'a>(header: &Header<'_>, bytes: Bytes<'a>) -> Result<Bytes<'a>, Fault> {
     let end = header.start.checked_add(size(header)?);
     Ok(end.and_then(|end| bytes.part(header.start..end)).ok_or_else(|| {
@@ -166,7 +168,7 @@ fn rows_in<'a>(header: &Header<'_>, bytes: Bytes<'a>) -> Result<Bytes<'a>, Fault
     })?)
 }
 
-/// The columns of binary points, and what they are.
+/// Returns the columns of binary points, and their roles.
 fn columns<'a>(
     header: &Header<'_>,
     data: Bytes<'a>,
@@ -177,7 +179,7 @@ fn columns<'a>(
     let (mut offset, mut left_out) = (0, Vec::new());
     for field in &header.fields {
         let n = field.kind.bytes();
-        // Compressed points lie field by field, others point by point.
+        // Compressed points are stored field by field, others point by point.
         let (start, stride) =
             if by_field { (offset * header.points, n * field.count) } else { (offset, header.point_bytes) };
         offset += n * field.count;
@@ -205,7 +207,7 @@ fn columns<'a>(
     Ok((columns, roles))
 }
 
-/// What the sensor's pose says, as a comment; and where it is, if -y is up in its points.
+/// Returns the sensor's pose as a comment; also its position if the pose shows that −y is up.
 fn sensor(header: &Header<'_>, context: &mut Context<'_>) -> (Vec<String>, Option<DVec3>) {
     let (mut comments, mut upright_sensor) = (Vec::new(), None);
     if let Some(viewpoint) = header.viewpoint {
@@ -225,7 +227,7 @@ fn sensor(header: &Header<'_>, context: &mut Context<'_>) -> (Vec<String>, Optio
     (comments, upright_sensor)
 }
 
-/// Parses the header at the start of `bytes`, the file's first ones.
+/// Parses the header in `bytes`, the start of a file.
 fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     let (mut names, mut sizes, mut types, mut counts) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
     let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
@@ -315,7 +317,7 @@ fn parse_header(bytes: &[u8]) -> Result<Header<'_>, Fault> {
     Ok(Header { fields, points, image, viewpoint, encoding, point_bytes, line, start })
 }
 
-/// Writes points as text in the form of binary ones.
+/// Converts text points to binary ones.
 fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Result<(), Fault> {
     let (mut rows, mut data) = (0, Vec::new());
     each_line(body, |line, text| {
@@ -352,9 +354,9 @@ fn read_text(header: &Header<'_>, body: Bytes<'_>, out: &mut dyn Write) -> Resul
     Ok(())
 }
 
-/// Appends a printed number as the field's type has it.
+/// Appends a printed number as a binary value of the field's type.
 fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
-    // Packed colours are floats by their type, but many programs print their bits as a whole number.
+    // Packed colours have the type float, but many programs print their bits as a whole number.
     let packed =
         || std::str::from_utf8(word).ok()?.parse::<u32>().ok().filter(|_| matches!(field.name, "rgb" | "rgba"));
     match field.kind {
@@ -366,7 +368,7 @@ fn push_word(data: &mut Vec<u8>, field: &Field<'_>, word: &[u8]) -> Option<()> {
         kind => {
             let value = match std::str::from_utf8(word).ok()?.parse::<i128>() {
                 Ok(value) => value,
-                // As 255.0, and as nan where there is nothing.
+                // Whole numbers such as 255.0, and nan for missing values.
                 Err(_) => number(word)? as i128,
             };
             let bytes = (value as i64).to_le_bytes();
@@ -399,10 +401,11 @@ fn decompress(header: &Header<'_>, bytes: Bytes<'_>, size: usize, out: &mut dyn 
     lzf(stream.reader(), size, out).map_err(unwritable)?.ok_or_else(damaged)
 }
 
-/// Writes exactly `size` bytes, which have been checked against the stream's length; `None` if it is damaged.
+/// Unpacks exactly `size` bytes, a size that was checked against the stream's length; returns `None` if the stream is
+/// damaged.
 ///
-/// A byte below 32 stands for as many literals and one. Others begin a reference: 3 bits of length, or 7 and another
-/// byte of it, and 13 bits of distance.
+/// A byte n below 32 announces n + 1 literals. Other bytes begin a reference: 3 bits of length, or 7 and another byte
+/// of length, and 13 bits of distance.
 fn lzf(mut stream: impl Read, size: usize, sink: &mut dyn Write) -> io::Result<Option<()>> {
     const FARTHEST: usize = 1 << 13;
     let mut out = Vec::with_capacity(size.min(64 * FARTHEST));
@@ -435,7 +438,7 @@ fn lzf(mut stream: impl Read, size: usize, sink: &mut dyn Write) -> io::Result<O
             if distance >= length {
                 out.extend_from_within(from..from + length);
             } else {
-                // The copy reads what it writes.
+                // The source and the destination may overlap.
                 for i in from..from + length {
                     out.push(out[i]);
                 }

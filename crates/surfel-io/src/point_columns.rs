@@ -1,6 +1,7 @@
-//! Points from columns of numbers, whose roles their names state; [`crate::column_roles`] finds those of others.
+//! Conversion of number columns to points. Names state the columns' roles; [`crate::column_roles`] detects the roles of
+//! columns without names.
 //!
-//! Colours are what a program displayed, so they are sRGB-encoded whether they count to 255, to 65535 or to 1.
+//! Colours are values that a program displayed, so they are sRGB-encoded, whether they range to 255, to 65535 or to 1.
 
 #![cfg_attr(not(all(feature = "npy", feature = "pcd", feature = "points")), allow(dead_code))]
 
@@ -15,13 +16,13 @@ use crate::strided::{self, NumberType, Strided, combined, ranges, vectors_f32};
 use glam::{DVec3, Vec3};
 use surfel_model::{CloudData, Column3, ExtraColumn, ExtraValues, PointCloud, Shape};
 
-/// A column and its name, which is empty where the file gives none.
+/// A column and its name, which is empty if the file states none.
 pub(crate) struct Named<'a> {
     pub(crate) name: String,
     pub(crate) values: Strided<'a>,
 }
 
-/// Names that columns go by, without case, units and quotes; of several sets that are there, the first counts.
+/// Names of position columns, compared without case, units and quotes, in order of priority.
 pub(crate) const POSITIONS: [[&str; 3]; 17] = [
     ["x", "y", "z"],
     ["x_coord", "y_coord", "z_coord"],
@@ -57,7 +58,7 @@ pub(crate) const NORMALS: [[&str; 3]; 5] = [
     ["n_x", "n_y", "n_z"],
 ];
 
-/// Names of vectors whose components are columns of their own.
+/// Names of position vectors whose components are separate columns.
 const POSITION_VECTORS: [&str; 11] = [
     "points",
     "point",
@@ -74,12 +75,12 @@ const POSITION_VECTORS: [&str; 11] = [
 const COLOR_VECTORS: [&str; 7] = ["rgb", "rgba", "color", "colors", "colour", "colours", "rgb_color"];
 const NORMAL_VECTORS: [&str; 4] = ["normals", "normal", "point_normals", "n"];
 
-/// What columns hold, by their indices. All others are kept as they are.
+/// Roles of columns, by index. Columns without a role become extra columns.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(crate) struct Roles {
     pub(crate) position: [usize; 3],
     pub(crate) color: Option<[usize; 3]>,
-    /// Red, green and blue in the bits of one number, and whether it has an alpha.
+    /// Red, green and blue packed into one number, and true if it includes an alpha.
     pub(crate) packed_color: Option<(usize, bool)>,
     pub(crate) normal: Option<[usize; 3]>,
     pub(crate) alpha: Option<usize>,
@@ -87,7 +88,7 @@ pub(crate) struct Roles {
 }
 
 impl Roles {
-    /// By the columns' names; `None` if these name no position.
+    /// Assigns roles by the columns' names; returns `None` if no position is among them.
     pub(crate) fn by_name<'a>(names: impl IntoIterator<Item = &'a str>) -> Option<Self> {
         let names: Vec<String> = names.into_iter().map(plain_name).collect();
         let find = |name: &str| names.iter().position(|n| n == name);
@@ -105,11 +106,11 @@ impl Roles {
         })
     }
 
-    /// Roles by what is in the columns, and what decided, in words. Gives all columns names: those of their roles, or
-    /// `column_N` by their places in the file, `numbers`.
+    /// Detects roles from the columns' values; also returns the decisive reasons. Renames all columns to their roles,
+    /// or to `column_N` with the numbers in the file, `numbers`.
     ///
     /// # Errors
-    /// [`Problem`] for columns that are no points.
+    /// [`Problem`] for columns that aren't points.
     pub(crate) fn by_content(columns: &mut [Named<'_>], numbers: &[usize]) -> Result<(Self, Vec<String>), Problem> {
         let values: Vec<Strided<'_>> = columns.iter().map(|c| c.values).collect();
         let layout = column_roles::choose(&values, numbers)?;
@@ -137,22 +138,22 @@ impl Roles {
         Ok((roles, layout.reasons))
     }
 
-    /// True of points with normals and radii: those are splats.
+    /// True if there are normals and radii, which make points splats.
     #[cfg(feature = "laz")]
     pub(crate) fn are_splats(&self) -> bool {
         self.radius.is_some() && self.normal.is_some()
     }
 }
 
-/// A name in lower case, without quotes, unit and the signs that begin a comment.
+/// Returns a name in lower case, without quotes, unit and comment characters.
 pub(crate) fn plain_name(name: &str) -> String {
     let name = name.trim_matches(|c: char| c.is_whitespace() || matches!(c, '"' | '\'' | '/' | '#'));
     let name = name.split(['[', '(']).next().unwrap_or(name).trim();
     name.to_ascii_lowercase().replace([' ', '-', '.', ':'], "_")
 }
 
-/// The columns `BASE:0`, `BASE:1` and `BASE:2` of a vector, as ParaView, VeloView and LidarView name them, or `BASE_X`,
-/// `BASE_Y` and `BASE_Z`.
+/// Returns the columns `BASE:0`, `BASE:1` and `BASE:2` of a vector, as ParaView, VeloView and LidarView name them, or
+/// `BASE_X`, `BASE_Y` and `BASE_Z`.
 fn numbered(names: &[String], base: &str) -> Option<[usize; 3]> {
     let endings = [["0", "1", "2"], ["x", "y", "z"]];
     let find = |ending: &str| {
@@ -161,16 +162,16 @@ fn numbered(names: &[String], base: &str) -> Option<[usize; 3]> {
     endings.iter().find_map(|[a, b, c]| Some([find(a)?, find(b)?, find(c)?]))
 }
 
-/// Where columns come from, as far as it tells what their numbers mean.
+/// Source of columns, which affects the meaning of their numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
-    /// Printed numbers, all held as `f64`: whole numbers and others can't be told apart by their type.
+    /// Printed numbers, all stored as `f64`: the type doesn't distinguish whole numbers from others.
     Text,
     /// Numbers of the file's own types.
     Typed,
 }
 
-/// Points of the columns; disks, where there are valid normals and radii.
+/// Builds points from columns; disks if there are valid normals and radii.
 pub(crate) fn build(
     columns: Vec<Named<'_>>,
     roles: &Roles,
@@ -221,7 +222,7 @@ pub(crate) fn build(
             context.note("kept the radii as a column: some points have no valid position, normal or radius".into());
         }
     }
-    // Without normals it is a size, as far as it suits the points, and a column.
+    // Without normals, a radius is a point size if it suits the points, and an extra column.
     let sizes = roles.radius.filter(|_| normals.is_none()).map(|i| columns[i].values.map(|r| r as f32));
     let used = |i: usize| {
         roles.position.contains(&i)
@@ -265,7 +266,7 @@ pub(crate) fn build(
     }
 }
 
-/// Positions; `f32` as they are, others as far as their digits mean something.
+/// Returns positions: `f32` unchanged, other types as precisely as their digits are significant.
 pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let narrow = |c: &Strided<'_>| {
         matches!(c.kind(), NumberType::F32 | NumberType::F16) || c.kind().is_integer() && c.kind().bytes() <= 2
@@ -280,7 +281,7 @@ pub(crate) fn positions(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     strided::with_origin(columns)
 }
 
-/// Colours by what they count to.
+/// Converts colours to linear light, by their range.
 fn levels(columns: [Strided<'_>; 3], source: Source, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     if source == Source::Typed && columns.iter().all(|c| c.kind() == NumberType::U8) {
         let table = linear_of_8_bit();

@@ -1,4 +1,4 @@
-//! Points as columns of printed numbers: XYZ, TXT, CSV, ASC and PTS; and PTX, whose scans have poses.
+//! Readers of points as columns of printed numbers: XYZ, TXT, CSV, ASC and PTS; and PTX, whose scans have poses.
 
 use crate::ascii::{Lines, each_line, number};
 use crate::bytes::Bytes;
@@ -15,21 +15,21 @@ use crate::words::counted;
 use std::io::Write;
 use surfel_model::TableColumns;
 
-/// Numbers in rows of the same width, each as the 8 bytes of an `f64`, and what the text says of them.
+/// Description of rows of equal width, stored as 8-byte `f64` numbers, and metadata of the text.
 #[derive(Default)]
 pub(crate) struct Table {
     width: usize,
-    /// Numbers at the end of a row that are no column.
+    /// Number of values at the end of a row that aren't a column.
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
-    /// Places of the columns in the file, from 1.
+    /// Numbers of the columns in the file, from 1.
     numbers: Vec<usize>,
     comments: Vec<String>,
 }
 
 impl Table {
-    /// A table without rows, whose columns have names.
+    /// Creates a table without rows, with named columns.
     pub(crate) fn with_names(names: &[&str]) -> Self {
         let names = names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
         Self { width: names.len(), names: Some(names), ..Self::default() }
@@ -46,7 +46,7 @@ impl Table {
         Ok(data.write_all(&bytes[..8 * row.len()]).map_err(unwritable)?)
     }
 
-    /// The columns of the rows, which are `data`.
+    /// Returns the columns of the rows in `data`, without names.
     fn unnamed<'a>(&self, data: Bytes<'a>) -> Vec<Named<'a>> {
         let (stride, rows) = (8 * self.width, self.rows);
         let column = |i: usize| Strided::new(data, 8 * i, stride, rows, NumberType::F64, false);
@@ -54,7 +54,7 @@ impl Table {
         (0..self.width - self.hidden).filter_map(named).collect()
     }
 
-    /// The columns of the rows, which are `data`, and their roles.
+    /// Returns the columns of the rows in `data`, and their roles.
     pub(crate) fn columns<'a>(
         &self,
         data: Bytes<'a>,
@@ -77,7 +77,7 @@ impl Table {
         Ok((columns, roles))
     }
 
-    /// The names that the file gives its columns, and their roles by these; `None` if they don't fit the columns.
+    /// Returns the column names that the file states, and the roles by name; `None` if they don't match the columns.
     fn header(&self, columns: &[Named<'_>]) -> Option<(Vec<String>, Roles)> {
         let width = self.width - self.hidden;
         let mut names = self.names.clone()?;
@@ -88,7 +88,7 @@ impl Table {
             names.retain(|name| !name.is_empty());
         }
         let values = || columns.iter().map(|c| c.values).collect::<Vec<Strided<'_>>>();
-        // Tables that R writes have names of rows, and no name for these.
+        // Tables written by R have row names, whose column has no name.
         if names.len() + 1 == width && column_roles::begins_with_index(&values()) {
             names.insert(0, String::new());
         }
@@ -108,11 +108,11 @@ pub(crate) fn read(bytes: &[u8], pts: bool, context: &mut Context<'_>) -> Result
     point_columns::build(columns, &roles, Source::Text, std::mem::take(&mut table.comments), context)
 }
 
-/// The columns of a PTS file that has all of them.
+/// Columns of a complete PTS file.
 const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blue"];
-/// Columns that a message about a text expects.
+/// Expected columns, for messages about text files.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
-/// Help for a table whose columns Surfel doesn't recognise.
+/// Help text for a table whose columns Surfel doesn't recognise.
 const NAME_THEM: &str = "--columns x,y,z,_,r,g,b names the columns; _ leaves one out";
 
 /// Writes the numbers of all points to `data`.
@@ -134,7 +134,7 @@ pub(crate) fn unpack(
     let (mut said, mut before) = (0_u64, 0_u64);
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
     let mut table = Table::default();
-    // Cells of a row, of which some are read; as many in all rows.
+    // Number of cells in a row, the same in all rows; only some are read.
     let mut cells = kept.map_or(0, <[bool]>::len);
     let mut header: Option<Vec<String>> = None;
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
@@ -145,7 +145,7 @@ pub(crate) fn unpack(
             if table.rows == 0 && table.comments.len() < 1000 {
                 let text = String::from_utf8_lossy(line.trim_ascii());
                 let text = text.trim_start_matches(['#', '/']).trim();
-                // The last comment before the points that names columns, names theirs.
+                // The last comment before the points that contains column names.
                 header = names(text.as_bytes(), dialect).or(header.take());
                 if !text.is_empty() {
                     table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
@@ -189,7 +189,7 @@ pub(crate) fn unpack(
             })?);
             return Ok(());
         }
-        // A PTS file has the number of points before each scan.
+        // A PTS file states the number of points before each scan.
         if let Some(points) = first.filter(|_| count == 1 && (pts || table.rows == 0)) {
             said = said.saturating_add(points.max(0.0) as u64);
             return Ok(());
@@ -256,7 +256,7 @@ pub(crate) fn unpack(
     Ok(table)
 }
 
-/// The names of those columns that are read, where there is a name for each column.
+/// Returns the names of the columns that are read, if each column has a name.
 fn chosen(names: Vec<String>, kept: Option<&[bool]>) -> Vec<String> {
     match kept.filter(|kept| kept.len() == names.len()) {
         Some(kept) => names.into_iter().zip(kept).filter(|(_, kept)| **kept).map(|(name, _)| name).collect(),
@@ -275,7 +275,7 @@ pub(crate) fn looks_like_ptx(head: &[u8]) -> bool {
     })
 }
 
-/// Reads scans, each with its rows and columns and the pose of its scanner, by which its points are moved.
+/// Reads scans; each has rows and columns, and the pose of its scanner, which is applied to its points.
 pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (mut data, mut rows) = (Vec::new(), KeptRows::default());
     let table = unpack_ptx(Bytes::Memory(bytes), &mut data, Some(&mut rows), context)?;
@@ -285,14 +285,14 @@ pub(crate) fn read_ptx(bytes: &[u8], context: &mut Context<'_>) -> Result<Conten
     Ok(content)
 }
 
-/// Lines of a scan before its points: two counts, the scanner's pose, and the matrix, which has that, too.
+/// Lines of a scan before its points: two counts, the scanner's pose, and the matrix, which includes the pose.
 const SCAN_LINES: [(usize, &str); 10] = {
     let (count, pose, matrix) =
         ((1, "the scan's columns and rows"), (3, "the scanner's pose"), (4, "the scan's matrix"));
     [count, count, pose, pose, pose, pose, matrix, matrix, matrix, matrix]
 };
 
-/// Writes the numbers of all points of a PTX file to `data`, and which of its points these are to `kept`.
+/// Writes the numbers of all points of a PTX file to `data`, and records in `kept` which points of the file these are.
 pub(crate) fn unpack_ptx(
     bytes: Bytes<'_>,
     data: &mut dyn Write,
@@ -301,7 +301,7 @@ pub(crate) fn unpack_ptx(
 ) -> Result<Table, Fault> {
     let mut table = Table::default();
     let (mut scans, mut no_return) = (0_u32, 0_u64);
-    // Lines of the scan so far, before its points, and how many of these are left.
+    // Number of header lines of the current scan, and number of points left.
     let (mut lines, mut counts, mut matrix, mut left) = (0, [0_u64; 2], [[0.0; 4]; 4], 0);
     let mut row: Vec<f64> = Vec::with_capacity(9);
     each_line(bytes, |line_number, line| {
@@ -328,7 +328,7 @@ pub(crate) fn unpack_ptx(
             match lines {
                 0 | 1 => counts[lines] = row[0].max(0.0) as u64,
                 6.. => matrix[lines - 6].copy_from_slice(&row),
-                // The scanner's own place and axes are in the matrix, too.
+                // The matrix includes the scanner's position and axes.
                 _ => {}
             }
             (lines, left) = (lines + 1, counts[0].saturating_mul(counts[1]));
@@ -340,7 +340,7 @@ pub(crate) fn unpack_ptx(
                 kept.iter_mut().for_each(|kept| kept.skip());
             } else {
                 kept.iter_mut().for_each(|kept| kept.keep());
-                // Points are rows that are multiplied by the matrix from the right.
+                // Points are row vectors, multiplied by the matrix from the right.
                 let moved: [f64; 3] =
                     std::array::from_fn(|k| (0..3).map(|j| p[j] * matrix[j][k]).sum::<f64>() + matrix[3][k]);
                 row[..3].copy_from_slice(&moved);

@@ -1,38 +1,42 @@
-//! Polygons cut into triangles.
+//! Triangulation of polygons.
 //!
-//! Where the fan about the first corner lies within a polygon, as of every convex one, it is taken. Others, such as
-//! walls with doors, are cut into ears (Meisters 1975, "Polygons have ears"): a corner whose triangle with its two
-//! neighbours holds no other corner is cut off, until three are left. What crosses itself has no inside and is a fan.
+//! A polygon becomes the triangle fan about its first corner if the fan is inside the polygon, as for every convex one.
+//! Other polygons, such as walls with doors, are cut by ear clipping (Meisters 1975, "Polygons have ears"). Ear
+//! clipping removes a corner whose triangle with its two neighbours contains no other corner, until three corners
+//! remain. A polygon that crosses itself has no inside and becomes a fan.
 
 use glam::{DVec2, DVec3};
 
-/// Corners beyond which a polygon stays a fan: time grows with their square, to some tenths of a second here.
+/// Maximum number of corners for ear clipping; larger polygons become fans. Time grows with the square, up to some
+/// tenths of a second at this limit.
 const MOST_CORNERS: usize = 10_000;
-/// Share of a polygon's area that triangles turned the wrong way may have: rounding of corners that are in line.
+/// Maximum area of a back-facing triangle, relative to the polygon's: collinear corners are rounded.
 const FLAT: f64 = 1e-6;
-/// How often all corners are looked at again, after flat ones that were in the way are gone.
+/// Maximum number of passes over all corners; each removes flat corners that blocked the one before.
 const ROUNDS: usize = 8;
 
-/// Before a corner that was cut off.
+/// Marker in `before` for a corner that was cut off.
 const NONE: u32 = u32::MAX;
 
-/// Cuts polygons; its memory serves one after another.
+/// A triangulator, whose buffers are reused from polygon to polygon.
 #[derive(Default)]
 pub(crate) struct Cutter {
     corners: Vec<DVec3>,
-    /// Seen along the axis that is nearest to the normal, counter-clockwise. No coordinate is rounded by that.
+    /// Corners projected along the axis nearest to the normal, counter-clockwise. The projection doesn't round
+    /// coordinates.
     flat: Vec<DVec2>,
-    /// The corners before and after each, of those that are left.
+    /// Previous and next remaining corner of each corner.
     before: Vec<u32>,
     after: Vec<u32>,
-    /// Corners that were not convex when the round began: no others become so.
+    /// Corners that were not convex when the pass began; no other corner becomes non-convex.
     blunt: Vec<u32>,
     triangles: Vec<[u32; 3]>,
 }
 
 impl Cutter {
-    /// The triangles of a polygon as places in it, two fewer than it has corners and in its sense of rotation; none of
-    /// fewer than three corners. `position` tells where a corner is, if it is anywhere.
+    /// Triangulates a polygon. Returns triangles as indices into `polygon`, two fewer than corners and in the polygon's
+    /// winding order; none for fewer than three corners. `position` returns a corner's position, or `None` if it has
+    /// none.
     pub(crate) fn cut(&mut self, polygon: &[u32], position: impl Fn(u32) -> Option<DVec3>) -> &[[u32; 3]] {
         let n = polygon.len();
         self.fan(n);
@@ -47,21 +51,21 @@ impl Cutter {
         &self.triangles
     }
 
-    /// Of `n` corners, about the first.
+    /// Sets the triangles to a fan of `n` corners about the first.
     fn fan(&mut self, n: usize) {
         self.triangles.clear();
         self.triangles.extend((2..n as u32).map(|i| [0, i - 1, i]));
     }
 
-    /// Whether all triangles of the fan face as the polygon does. Then they don't overlap either: the polygon is seen
-    /// whole from its first corner.
+    /// True if all triangles of the fan face as the polygon does. The triangles then don't overlap either: the whole
+    /// polygon is visible from its first corner.
     fn fan_is_inside(&self, normal: DVec3) -> bool {
         let least = -FLAT * normal.length_squared();
         let [first, ref others @ ..] = self.corners[..] else { return true };
         others.windows(2).all(|w| (w[0] - first).cross(w[1] - first).dot(normal) >= least)
     }
 
-    /// Fills the triangles with ears; false where they don't suffice, as of polygons that cross themselves.
+    /// Fills the triangles by ear clipping; returns false if it fails, as for polygons that cross themselves.
     fn cut_ears(&mut self, normal: DVec3) -> bool {
         let axis = normal.abs().max_position();
         let (u, v) = if normal[axis] > 0.0 { (axis + 1, axis + 2) } else { (axis + 2, axis + 1) };
@@ -88,7 +92,7 @@ impl Cutter {
         false
     }
 
-    /// Cuts ears while there are any, down to three corners; what is left then.
+    /// Clips ears until there is none or three corners remain; returns the remaining corners.
     fn cut_round(&mut self) -> Vec<u32> {
         let mut to_try = self.left();
         self.blunt = to_try.iter().copied().filter(|i| self.turn(*i) <= 0.0).collect();
@@ -98,7 +102,7 @@ impl Cutter {
         {
             next += 1;
             if self.is_left(at) && self.is_ear(at) {
-                // After an ear its neighbours may have become ears; no others.
+                // Only the neighbours of a clipped ear may have become ears.
                 to_try.extend(self.remove(at));
             }
         }
@@ -113,7 +117,7 @@ impl Cutter {
         self.before[i as usize] != NONE
     }
 
-    /// Twice the area of the triangle at a corner that is left, negative where it is reflex.
+    /// Returns twice the signed area of the triangle at a remaining corner; negative where the corner is reflex.
     fn turn(&self, i: u32) -> f64 {
         let [a, b, c] = self.triangle(i).map(|i| self.flat[i as usize]);
         turn(a, b, c)
@@ -123,8 +127,7 @@ impl Cutter {
         [self.before[i as usize], i, self.after[i as usize]]
     }
 
-    /// Whether a corner is convex and its triangle holds no other. Only such that aren't convex can be the only ones
-    /// in it.
+    /// True if a corner is convex and its triangle contains no other corner. Only non-convex corners need to be tested.
     fn is_ear(&self, i: u32) -> bool {
         let [a, b, c] = self.triangle(i).map(|i| self.flat[i as usize]);
         if turn(a, b, c) <= 0.0 {
@@ -142,7 +145,7 @@ impl Cutter {
         !self.blunt.iter().any(|j| is_in(self.flat[*j as usize]) && self.is_left(*j) && self.turn(*j) <= 0.0)
     }
 
-    /// Cuts a corner off; its neighbours.
+    /// Cuts off a corner and returns its neighbours.
     fn remove(&mut self, i: u32) -> [u32; 2] {
         let [before, at, after] = self.triangle(i);
         self.triangles.push([before, at, after]);
@@ -152,7 +155,7 @@ impl Cutter {
         [before, after]
     }
 
-    /// Cuts off corners at which an outline turns back onto itself, and all but one of those at one place.
+    /// Cuts off corners at which the outline turns back onto itself, and duplicate corners.
     fn cut_spikes(&mut self, flat: f64) {
         let mut at = 0;
         for _ in 0..2 * self.flat.len() {
@@ -168,7 +171,7 @@ impl Cutter {
         }
     }
 
-    /// Cuts off corners of next to no area, until there is none or three are left; how many.
+    /// Cuts off corners of almost no area, until there is none or three remain; returns their number.
     fn cut_flat(&mut self, left: &[u32], flat: f64) -> usize {
         let mut count = 0;
         for &i in left {
@@ -181,14 +184,14 @@ impl Cutter {
     }
 }
 
-/// Twice the area vector of a polygon (Newell), which needn't be plane.
+/// Returns twice the area vector of a polygon, which needn't be planar (Newell).
 fn newell(corners: &[DVec3]) -> DVec3 {
     let Some((first, others)) = corners.split_first() else { return DVec3::ZERO };
     others.windows(2).map(|w| (w[0] - first).cross(w[1] - first)).sum()
 }
 
-/// Twice the area of a triangle, positive where it is counter-clockwise. Its sign is that of the exact difference of
-/// exact products, as long as differences of coordinates are exact, as they are of what was an f32.
+/// Returns twice the signed area of a triangle, positive if counter-clockwise. The sign is exact as long as differences
+/// of coordinates are exact, as they are for f32 coordinates.
 fn turn(a: DVec2, b: DVec2, c: DVec2) -> f64 {
     let (u, v) = (b - a, c - a);
     let (left, right) = (u.x * v.y, u.y * v.x);
@@ -208,7 +211,7 @@ mod tests {
         Cutter::default().cut(&polygon, |i| corners.get(i as usize).copied()).to_vec()
     }
 
-    /// In a tilted plane far from the origin, as sizes go.
+    /// Places a polygon in a tilted plane, at a distance from the origin proportional to its size.
     fn tilted(flat: &[[f64; 2]], scale: f64) -> Vec<DVec3> {
         let (u, v) = (DVec3::new(0.6, 0.0, 0.8), DVec3::new(-0.64, 0.6, 0.48));
         flat.iter().map(|[x, y]| (u * *x + v * *y + DVec3::new(3.0, 5.0, -7.0)) * scale).collect()
@@ -218,10 +221,10 @@ mod tests {
         (2..n).map(|i| [0, i - 1, i]).collect()
     }
 
-    /// All triangles face as the polygon does, and together are as large: none overlap, none is outside.
+    /// Asserts that all triangles face as the polygon does and have its area in sum: none overlaps, none is outside.
     fn assert_exact(flat: &[[f64; 2]], name: &str) {
         for scale in [1e-15, 1.0, 1e15] {
-            // From every corner, in both senses.
+            // From every corner, in both winding orders.
             for start in 0..flat.len() {
                 for reversed in [false, true] {
                     let mut flat = flat.to_vec();
@@ -278,7 +281,7 @@ mod tests {
         assert_exact(&in_line, "corners in line");
         let twice: Vec<[f64; 2]> = L.iter().flat_map(|p| [*p, *p]).collect();
         assert_exact(&twice, "corners twice");
-        // A window, reached by a cut from the wall's outline and back.
+        // A window, connected to the wall's outline by a cut there and back.
         let window = [
             [0.0, 0.0],
             [6.0, 0.0],
@@ -292,7 +295,7 @@ mod tests {
             [2.0, 1.0],
         ];
         assert_exact(&window, "window");
-        // A spike out of a side and back.
+        // A spike that leaves a side and returns on itself.
         assert_exact(&[[0.0, 0.0], [2.0, 0.0], [2.0, -1.0], [2.0, 0.0], [3.0, 0.0], [3.0, 1.0], [1.0, 0.5]], "spike");
     }
 
@@ -303,7 +306,7 @@ mod tests {
             let flat: Vec<[f64; 2]> = (0..n).map(|i| [round(i)[0].cos(), round(i)[0].sin()]).collect();
             assert_eq!(cut(&tilted(&flat, 1.0)), fan(n), "{n} corners");
         }
-        // A saddle, either side of whose diagonals is right.
+        // A saddle; a fan about either diagonal is valid.
         let saddle = [DVec3::ZERO, DVec3::new(1.0, 0.0, 0.4), DVec3::new(1.0, 1.0, 0.0), DVec3::new(0.0, 1.0, 0.4)];
         assert_eq!(cut(&saddle), fan(4));
         assert_eq!(cut(&tilted(&[[0.0, 0.0], [1.0, 1.0], [1.0, 0.0], [0.0, 1.0]], 1.0)), fan(4), "bow tie");
@@ -327,7 +330,7 @@ mod tests {
     #[test]
     fn signs_of_areas_are_exact_where_their_products_cancel() {
         for m in (0..100).map(|k| f64::from(1 << 30) + f64::from(k)) {
-            // m² − (m − 1)(m + 1) is 1, of products of 60 bits.
+            // m² − (m − 1)(m + 1) is 1, from products of 60 bits.
             let (u, v) = (DVec2::new(m, m - 1.0), DVec2::new(m + 1.0, m));
             assert_eq!([turn(DVec2::ZERO, u, v), turn(DVec2::ZERO, v, u)], [1.0, -1.0], "{m}");
             assert_eq!(turn(DVec2::ZERO, u, u * 3.0), 0.0, "{m}");
@@ -337,7 +340,7 @@ mod tests {
     #[test]
     fn many_corners_take_no_longer_than_their_square() {
         let n = MOST_CORNERS as i32;
-        // Each tooth's ears are in the way of no other, but all have to be looked at.
+        // No tooth's ears block another, but all have to be tested.
         let comb = (0..n - 2).map(|i| [f64::from(i), if i % 2 == 0 { 0.0 } else { 9.0 }]);
         let comb: Vec<[f64; 2]> = comb.chain([[f64::from(n), 10.0], [0.0, 10.0]]).collect();
         let corners = tilted(&comb, 1.0);

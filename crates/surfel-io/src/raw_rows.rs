@@ -1,4 +1,4 @@
-//! Binary files without a header: rows of numbers whose types and names `--columns` gives.
+//! Reader of binary files without a header: rows of numbers whose types and names `--columns` states.
 
 #![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
 
@@ -13,34 +13,34 @@ use crate::words::counted;
 use std::path::Path;
 use surfel_model::{NumberFormat, TableColumns};
 
-/// Rows whose coordinates are looked at.
+/// Maximum number of rows whose coordinates are examined.
 const JUDGED_ROWS: usize = 1000;
-/// Coordinates beyond these aren't measured, but bytes of something else.
+/// Range of plausible coordinates; bytes of other data give values outside it.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
-/// Refuses columns that name no position.
+/// Checks that columns include a position.
 ///
 /// # Errors
-/// What was expected, as a sentence without a subject.
+/// Returns what was expected, as a sentence without a subject.
 pub fn check_columns(columns: &TableColumns) -> Result<(), String> {
     check(columns).map_err(|problem| problem.to_string().replace('\n', ","))
 }
 
-/// The same as a problem of a file.
+/// Checks like [`check_columns`], with a problem of a file as error.
 pub(crate) fn check(columns: &TableColumns) -> Result<(), Problem> {
     let names: Vec<&str> = columns.columns().iter().filter_map(|column| column.name.as_deref()).collect();
     let problem = || Problem::new(format!("has no position among the columns {}", list(&names))).expected("x, y and z");
     Roles::by_name(names.iter().copied()).map(|_| ()).ok_or_else(problem)
 }
 
-/// The problem of a table with another number of columns than `--columns` names.
+/// Returns the problem of a table with another number of columns than `--columns` states.
 pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
     let expected = format!("{found}, as its rows have; _ leaves a column out");
     let named = counted(columns.columns().len() as u64, "columns");
     Problem::new(format!("has {} and --columns names {named}", counted(found as u64, "columns"))).expected(expected)
 }
 
-/// True if `--columns` gives types, and neither the name of a file nor its start says that it is anything else.
+/// True if `--columns` states types, and neither the file's name nor its start shows another format.
 pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -> bool {
     let hint = Format::from_extension(name);
     columns.is_some_and(TableColumns::is_typed)
@@ -48,7 +48,7 @@ pub(crate) fn is_raw(name: &Path, head: &[u8], columns: Option<&TableColumns>) -
         && is_binary(head)
 }
 
-/// The name of a column as readers use it.
+/// Returns a column's name as readers use it.
 pub(crate) fn usual_name(name: &str) -> String {
     if name.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { name.to_owned() }
 }
@@ -69,7 +69,7 @@ fn number_type(format: NumberFormat) -> NumberType {
     }
 }
 
-/// The columns of a file, and their roles.
+/// Returns the columns of a file, and their roles.
 pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     check(columns)?;
     let row_bytes = columns.row_bytes();
@@ -96,7 +96,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
     Ok((named, roles))
 }
 
-/// Refuses rows that make no coordinates: their types are others, or there are more columns.
+/// Returns an error for rows with implausible coordinates: the types are wrong, or columns are missing.
 fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Result<(), Problem> {
     let rows = position[0].values.len();
     let (mut wrong, mut seen, mut first) = (0, 0, None);
@@ -112,7 +112,7 @@ fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Resul
     Err(problem.expected("coordinates").help("check the types, and that --columns names all columns of a row"))
 }
 
-/// Reads such a file.
+/// Reads a binary file without a header.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let Some(columns) = context.options.columns.clone() else {
         return Err(Problem::new("has no header").help(RAW_HELP).into());
@@ -121,6 +121,6 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
     point_columns::build(named, &roles, Source::Typed, Vec::new(), context)
 }
 
-/// Help for a binary file without a header.
+/// Help text for a binary file without a header.
 pub(crate) const RAW_HELP: &str =
     "--columns f4:x,y,z,intensity reads numbers without a header, here float32 as in KITTI's files";

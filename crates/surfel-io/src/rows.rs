@@ -1,19 +1,19 @@
-//! Which rows of a file its points are, where a reader leaves some out.
+//! Row numbers of points in their file, for readers that drop some points.
 
 #![cfg_attr(not(all(feature = "las", feature = "e57", feature = "points")), allow(dead_code))]
 
 use crate::content::Content;
 
-/// Rows of the points that are kept, in their order.
+/// Row numbers of the points that weren't dropped, in order.
 #[derive(Default)]
 pub(crate) struct KeptRows {
     read: u32,
-    /// `None` as long as none is left out.
+    /// `None` as long as no point is dropped.
     rows: Option<Vec<u32>>,
 }
 
 impl KeptRows {
-    /// The next row becomes a point.
+    /// Records that the next row becomes a point.
     #[inline]
     pub(crate) fn keep(&mut self) {
         if let Some(rows) = &mut self.rows {
@@ -22,25 +22,25 @@ impl KeptRows {
         self.read = self.read.saturating_add(1);
     }
 
-    /// The next row is left out.
+    /// Records that the next row is dropped.
     pub(crate) fn skip(&mut self) {
         self.rows.get_or_insert_with(|| (0..self.read).collect());
         self.read = self.read.saturating_add(1);
     }
 
-    /// The rows, if some were left out.
+    /// Returns the row numbers, if rows were dropped.
     pub(crate) fn finish(self) -> Option<Vec<u32>> {
         self.rows
     }
 
-    /// Gives points that were made of those kept the rows of the file.
+    /// Sets the row numbers of points that were made from these rows.
     pub(crate) fn give(self, content: &mut Content) {
         let own = match content {
             Content::Points(points) => &mut points.rows,
             _ => return,
         };
         let Some(rows) = self.rows else { return };
-        // Some may have been dropped since.
+        // Some points may have been dropped since.
         *own = Some(match own.take() {
             Some(kept) => kept.iter().map(|&i| rows.get(i as usize).copied().unwrap_or(u32::MAX)).collect(),
             None => rows,

@@ -1,4 +1,4 @@
-//! Scene files and camera files: JSON, unknown keys refused.
+//! Scene files and camera files in JSON; unknown keys are refused.
 
 use crate::error::{Fault, IoError, Location, Problem};
 use crate::files;
@@ -6,13 +6,13 @@ use serde::de::DeserializeOwned;
 use std::path::Path;
 use surfel_model::{Camera, SceneFile};
 
-/// Largest scene file, in bytes: far above any real one, far below what would hurt.
+/// Maximum size of a scene file, in bytes: far above any real one, and harmless.
 pub(crate) const MAX_BYTES: u64 = 64 << 20;
 
-/// Reads a scene file. Its numbers are not checked here (`Scene::validate`, `Camera::validate` do that).
+/// Reads a scene file, without checking its numbers (`Scene::validate` and `Camera::validate` do that).
 ///
 /// # Errors
-/// [`IoError`] with line and column; an unknown key is named with the expected ones.
+/// [`IoError`] with line and column; for an unknown key, with the expected ones.
 pub fn read(path: &Path) -> Result<SceneFile, IoError> {
     parse(&files::read(path, MAX_BYTES)?, path)
 }
@@ -35,7 +35,7 @@ pub fn parse(bytes: &[u8], name: &Path) -> Result<SceneFile, IoError> {
     Ok(file)
 }
 
-/// Reads a camera: the `camera` object of a scene file, alone.
+/// Reads a camera file: the `camera` object of a scene file, alone.
 ///
 /// # Errors
 /// As [`read`].
@@ -43,9 +43,9 @@ pub fn read_camera(path: &Path) -> Result<Camera, IoError> {
     json(&files::read(path, MAX_BYTES)?).map_err(|fault| fault.of(path))
 }
 
-/// The scene file as text, indented, with every default written out, ending in a newline.
+/// Returns the scene file as indented text, with all defaults, ending in a newline.
 pub fn to_json_pretty(file: &SceneFile) -> String {
-    // The type has only string keys, so that serialising can't fail.
+    // Serialisation can't fail, because the type has only string keys.
     let mut text = serde_json::to_string_pretty(file).unwrap_or_default();
     text.push('\n');
     text
@@ -55,7 +55,7 @@ fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Fault> {
     serde_json::from_slice(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)).map_err(|e| json_problem(&e).into())
 }
 
-/// A JSON error with its position taken out of the message.
+/// Converts a JSON error to a problem, with its position separate from the message.
 pub(crate) fn json_problem(error: &serde_json::Error) -> Problem {
     let (line, column) = (error.line(), error.column());
     let text = error.to_string();

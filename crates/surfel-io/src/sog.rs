@@ -1,4 +1,4 @@
-//! SOG: Gaussians whose numbers are the pixels of pictures, a pixel a splat, in a ZIP file or beside their `meta.json`.
+//! Reader of SOG: Gaussians stored as pixels of images, one pixel per splat, in a ZIP file or beside their `meta.json`.
 
 use crate::bytes::Bytes;
 use crate::content::Content;
@@ -12,7 +12,7 @@ use serde::Deserialize;
 use std::borrow::Cow;
 use surfel_model::Column3;
 
-/// What `meta.json` says. Version 1 has ranges where version 2 has tables of 256 values.
+/// Contents of `meta.json`. Version 1 has ranges instead of version 2's tables of 256 values.
 #[derive(Deserialize)]
 struct Meta {
     version: Option<u32>,
@@ -38,7 +38,7 @@ struct Part {
 }
 
 impl Part {
-    /// The value that a byte stands for, by the table or within the channel's range.
+    /// Returns the value of a byte, from the table or within the channel's range.
     fn value(&self, channel: usize, byte: u8) -> f64 {
         match self.codebook.get(usize::from(byte)) {
             Some(value) => *value,
@@ -54,20 +54,20 @@ impl Part {
     }
 }
 
-/// Longest `meta.json` by itself: a few tables of 256 numbers.
+/// Maximum size of `meta.json`, in bytes: a few tables of 256 numbers.
 const MAX_META_BYTES: usize = 1 << 20;
 
-/// True of a `meta.json` whose pictures lie beside it.
+/// True if the bytes are a `meta.json`, whose images are beside it.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     let has = |word: &str| bytes.windows(word.len()).any(|w| w == word.as_bytes());
     bytes.len() <= MAX_META_BYTES && ["\"means\"", "\"quats\"", "\"sh0\"", "\"files\""].iter().all(|word| has(word))
 }
 
-/// Where the pictures are.
+/// Location of the images.
 enum Pictures<'a> {
-    /// Members of an archive, in this folder of it.
+    /// Members of an archive, in this folder.
     Members(Archive<'a>, String),
-    /// Files beside the one that is read.
+    /// Files beside `meta.json`.
     Beside(&'a Siblings),
 }
 
@@ -91,7 +91,7 @@ impl<'a> Pictures<'a> {
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let (json, mut pictures) = if bytes.starts_with(b"PK") {
         let mut archive = Archive::of(Bytes::Memory(bytes))?;
-        // Of several levels of detail, the first.
+        // The first of several levels of detail.
         let meta_name = archive.names().find(|n| n == "meta.json" || n.ends_with("/meta.json"));
         let Some(meta_name) = meta_name else { return Err(Problem::new("the SOG file has no meta.json").into()) };
         let folder = meta_name.trim_end_matches("meta.json").to_owned();
@@ -136,7 +136,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let center = |low: &[u8; 4], high: &[u8; 4]| {
         DVec3::from([0, 1, 2].map(|i| {
             let fraction = f64::from(u16::from_le_bytes([low[i], high[i]])) / 65_535.0;
-            // Coordinates are logarithms of their distance from zero and one.
+            // Coordinates are stored as signed logarithms: sign(x) · ln(|x| + 1).
             let v = meta.means.within(i, fraction);
             v.signum() * (v.abs().exp() - 1.0)
         }))
@@ -160,7 +160,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     })
 }
 
-/// A unit quaternion w, x, y, z without its largest part, whose index stands in the last byte, from 252 on.
+/// Unpacks a unit quaternion w, x, y, z; the last byte, minus 252, is the index of the omitted largest component.
 fn rotation(&[a, b, c, tag]: &[u8; 4]) -> DQuat {
     let Some(largest) = tag.checked_sub(252).map(usize::from) else { return DQuat::IDENTITY };
     let mut parts = [0.0; 4];

@@ -1,4 +1,4 @@
-//! `.splat` files: Gaussians in rows of 32 bytes, without a header.
+//! Reader of `.splat` files: Gaussians in rows of 32 bytes, without a header.
 
 use crate::content::Content;
 use crate::context::Context;
@@ -7,7 +7,8 @@ use crate::gaussians::{Gaussians, Harmonics, Kind};
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 
-/// Centre and standard deviations in `f32`, red, green, blue and alpha, and the rotation w, x, y, z in bytes.
+/// Bytes of a row: centre and standard deviations as `f32`, then red, green, blue and alpha, and the rotation w, x, y,
+/// z, as bytes.
 const ROW: usize = 32;
 
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {

@@ -1,4 +1,5 @@
-//! SPZ: Gaussians in few bits each. Versions 1 to 3 are one stream wrapped by gzip, version 4 has several of Zstandard.
+//! Reader of SPZ: Gaussians in few bits each. Versions 1 to 3 are a gzip stream, version 4 has several Zstandard
+//! streams.
 
 use crate::columns::f32_of_half;
 use crate::content::Content;
@@ -8,9 +9,9 @@ use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 
-/// Coefficients of spherical harmonics beyond the constant one, by degree.
+/// Number of spherical-harmonic coefficients beyond the constant one, by degree.
 const HARMONICS: [usize; 5] = [0, 3, 8, 15, 24];
-/// What the coefficient of the constant harmonic is multiplied by before it is stored.
+/// Factor of the constant harmonic's coefficient in the file.
 const COLOR_SCALE: f64 = 0.15;
 
 struct Header {
@@ -22,7 +23,7 @@ struct Header {
 }
 
 impl Header {
-    /// Bytes a splat of each stream: positions, alphas, colours, scales, rotations, harmonics.
+    /// Returns the bytes per splat of each stream: positions, alphas, colours, scales, rotations, harmonics.
     fn stream_bytes(&self) -> [usize; 6] {
         let position = if self.version == 1 { 6 } else { 9 };
         let rotation = if self.version <= 2 { 3 } else { 4 };
@@ -30,7 +31,7 @@ impl Header {
     }
 }
 
-/// Reads a file that gzip no longer wraps.
+/// Reads a file after gzip decompression.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     let damaged = |what: String| {
         let problem = Problem::new(what).at(Location::Byte(bytes.len()));
@@ -85,7 +86,8 @@ fn streams_of_version_4(_: &[u8], _: &Header, _: [usize; 6]) -> Result<[Vec<u8>;
     Err(problem.help(help).into())
 }
 
-/// A table of 16 bytes a stream, the packed and the whole size, and the streams end to end.
+/// Reads the streams of version 4: a table of 16 bytes per stream, with packed and unpacked size, and the streams,
+/// concatenated.
 #[cfg(feature = "zstd")]
 fn streams_of_version_4(bytes: &[u8], header: &Header, sizes: [usize; 6]) -> Result<[Vec<u8>; 6], Fault> {
     use std::io::Read;
@@ -108,7 +110,7 @@ fn streams_of_version_4(bytes: &[u8], header: &Header, sizes: [usize; 6]) -> Res
         let packed = usize::try_from(packed).map_err(|_| cut())?;
         let (data, after) = rest.split_at_checked(packed).ok_or_else(cut)?;
         rest = after;
-        // What a stream unpacks to is bounded by the file, as gzip's is.
+        // The unpacked size has the same limit relative to the file's size as with gzip.
         if whole != size as u64 || whole > crate::files::most_unpacked(bytes.len()) {
             return Err(damaged("a stream's size doesn't fit the number of splats"));
         }
@@ -125,7 +127,7 @@ fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Res
     let [positions, alphas, colors, scales, rotations, rest] = streams;
     let harmonics = match header.degree {
         0 => Harmonics::None,
-        // Rows of RGB for each coefficient; 128 is zero.
+        // RGB rows, one per coefficient; 128 is zero.
         degree @ 1..=3 => {
             let value = |c: u8| (f32::from(c) - 128.0) / 128.0;
             Harmonics::Read(degree as u32, rest.as_chunks::<3>().0.iter().map(|c| c.map(value)).collect())
@@ -141,7 +143,7 @@ fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Res
             DVec3::from([[a, b], [c, d], [e, f]].map(|h| f64::from(f32_of_half(u16::from_le_bytes(h)))))
         }
         _ => {
-            // 24 bits with a sign.
+            // 24-bit signed numbers.
             let fixed = |i: usize| i32::from_le_bytes([0, p[i], p[i + 1], p[i + 2]]) >> 8;
             DVec3::from([0, 3, 6].map(|i| f64::from(fixed(i)) * unit))
         }
@@ -180,8 +182,8 @@ fn build(header: &Header, streams: [&[u8]; 6], context: &mut Context<'_>) -> Res
     })
 }
 
-/// A unit quaternion without its largest part: the part's index in 2 bits, and the others in a sign and 9 bits each,
-/// the last of them lowest.
+/// Unpacks a unit quaternion without its largest component. The component's index has 2 bits, and the others have a
+/// sign and 9 bits each, the last of them in the lowest bits.
 fn smallest_three(mut packed: u32) -> DQuat {
     let largest = (packed >> 30) as usize;
     let (mut parts, mut squares) = ([0.0; 4], 0.0);
@@ -213,7 +215,8 @@ mod tests {
             let back = smallest_three(packed).to_array();
             for k in 0..4 {
                 let error = back[k] - q[k] * q[largest].signum();
-                // Half a step of 1/(511·√2) in each of three; the fourth, at least ½, has the sum of theirs.
+                // The error of three components is half a step of 1/(511·√2); the fourth component, at least ½, has the
+                // sum of their errors.
                 assert!(error.abs() <= 3.0 * 0.5 / 511.0, "{i}: {q:?} {back:?}");
             }
         }

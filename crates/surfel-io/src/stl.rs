@@ -1,9 +1,8 @@
-//! STL: loose triangles, text or binary. Corners at exactly the same place become one vertex.
+//! Reader of STL, text or binary: unconnected triangles. Corners at exactly the same position become one vertex.
 //!
-//! Binary triangles have two bytes for which two conventions exist. VisCAM and SolidView set bit 15 of a triangle with
-//! a colour, whose red is in the bits from 10 on. Materialise Magics states a colour for all in the header (`COLOR=`
-//! and four bytes), and clears bit 15 of a triangle with one of its own, whose red is in the lowest bits. Both are
-//! sRGB-encoded.
+//! Binary triangles have two attribute bytes with two conventions. VisCAM and SolidView set bit 15 of a triangle with a
+//! colour, with red from bit 10 on. Materialise Magics states a colour for all triangles in the header (`COLOR=` and
+//! four bytes). It clears bit 15 of a triangle with its own colour, with red in the lowest bits. Both are sRGB-encoded.
 
 use crate::ascii::{Lines, number_f32, words};
 use crate::color::linear_of_8_bit;
@@ -15,12 +14,12 @@ use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::{Column3, Mesh};
 
-/// Bytes before a binary file's triangles: a free header and their number.
+/// Bytes of a binary file before its triangles: an arbitrary header and the number of triangles.
 const HEADER_BYTES: usize = 84;
 /// Bytes of a binary triangle: normal, three corners, attribute.
 const TRIANGLE_BYTES: usize = 50;
 
-/// True if the content shows that this is STL.
+/// True if the content is STL.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     is_text(bytes) || binary_count(bytes).is_some_and(|n| bytes.len() == HEADER_BYTES + n * TRIANGLE_BYTES)
 }
@@ -30,7 +29,7 @@ fn binary_count(bytes: &[u8]) -> Option<usize> {
     Some(u32::from_le_bytes(count.try_into().ok()?) as usize)
 }
 
-/// Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
+/// True if a file is text. Binary files may start with "solid", too; text has "facet" or "endsolid" soon after.
 fn is_text(bytes: &[u8]) -> bool {
     let head = bytes[..bytes.len().min(1024)].trim_ascii_start();
     let has = |word: &[u8]| head.windows(word.len()).any(|w| w.eq_ignore_ascii_case(word));
@@ -59,19 +58,20 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     context.mesh(mesh)
 }
 
-/// Colours of a binary file's triangles, and the programs that write them so; `None` if it has none.
+/// Returns the colours of a binary file's triangles, and the programs that write them in this way; `None` if there are
+/// none.
 fn colors(bytes: &[u8], count: usize) -> Option<(Vec<Option<FaceColor>>, &'static str)> {
     let triangles = bytes.get(HEADER_BYTES..)?.chunks_exact(TRIANGLE_BYTES).take(count);
     let attributes = triangles.map(|raw| u16::from_le_bytes([raw[48], raw[49]]));
     let table = linear_of_8_bit();
-    // Five bits as eight.
+    // Expands five bits to eight.
     let linear = |bits: u16| table[((u32::from(bits & 31) * 255 + 15) / 31) as usize];
     let color = |bits: u16, red: u16, blue: u16| [linear(bits >> red), linear(bits >> 5), linear(bits >> blue), 1.0];
     if let Some([r, g, b, a]) = color_of_all(bytes) {
         let [r, g, b] = [r, g, b].map(|level| table[usize::from(level)]);
-        // Nobody states a colour that can't be seen.
+        // A colour with alpha 0 isn't meant to be invisible.
         let of_all = [r, g, b, if a == 0 { 1.0 } else { f32::from(a) / 255.0 }];
-        // A program that leaves all of these bytes 0 doesn't mean black.
+        // If all attributes are 0, they are unused and don't mean black.
         let are_used = attributes.clone().any(|bits| bits != 0);
         let own = |bits: u16| if are_used && bits & 0x8000 == 0 { color(bits, 0, 10) } else { of_all };
         return Some((attributes.map(|bits| Some(own(bits))).collect(), "Materialise Magics writes them"));
@@ -80,7 +80,7 @@ fn colors(bytes: &[u8], count: usize) -> Option<(Vec<Option<FaceColor>>, &'stati
     own.iter().any(Option::is_some).then_some((own, "VisCAM and SolidView write them"))
 }
 
-/// Red, green, blue and alpha of all triangles that have no colour of their own, which Magics states in the header.
+/// Returns the RGBA colour, stated in Magics' header, of all triangles without their own colour.
 fn color_of_all(bytes: &[u8]) -> Option<[u8; 4]> {
     const KEY: &[u8] = b"COLOR=";
     let header = &bytes[..HEADER_BYTES - 4];
@@ -98,7 +98,7 @@ struct Corners {
 impl Corners {
     fn vertex(&mut self, p: [f32; 3]) -> u32 {
         let next = self.positions.len() as u32;
-        // −0 and +0 are one place; adding +0 leaves every other number as it is.
+        // −0 and +0 are one position; adding +0 changes no other number.
         let p = p.map(|x| x + 0.0);
         *self.index.entry(p.map(f32::to_bits)).or_insert_with(|| {
             self.positions.push(p.into());
@@ -137,7 +137,7 @@ fn read_binary(bytes: &[u8], corners: &mut Corners, context: &mut Context<'_>) -
     Ok(())
 }
 
-/// Text without a last line that may be cut off: one without a line end, save `endsolid`.
+/// Returns the text without a last line that may be truncated: one without a line end, except `endsolid`.
 fn whole_lines(bytes: &[u8]) -> &[u8] {
     let start = bytes.iter().rposition(|b| matches!(b, b'\n' | b'\r')).map_or(0, |at| at + 1);
     let last = bytes[start..].trim_ascii_start();
@@ -175,7 +175,7 @@ fn read_text(bytes: &[u8], corners: &mut Corners) -> Result<(), Fault> {
             }
             b"endsolid" => complete = true,
             b"solid" | b"facet" | b"outer" | b"endloop" | b"endfacet" | b"color" => {}
-            // The solid's name may run over lines before the first facet.
+            // The solid's name may have several lines before the first facet.
             _ if corners.triangles.is_empty() && polygon.is_empty() => {}
             _ => {
                 let problem = Problem::new(format!("found {}", quote(first))).at(at);

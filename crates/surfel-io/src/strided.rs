@@ -1,5 +1,5 @@
-//! Columns of numbers as files lay them out: of any type and byte order, at any distance from each other. They are read
-//! block by block, in parallel, so that what they become is all that is ever in memory.
+//! Strided columns of numbers in files, of any type and byte order. Columns are read block by block, in parallel, so
+//! that only the converted values are ever in memory.
 
 #![cfg_attr(not(all(feature = "npy", feature = "pcd")), allow(dead_code))]
 
@@ -10,7 +10,7 @@ use rayon::prelude::*;
 use std::ops::Range;
 use surfel_model::{Column3, ExtraValues};
 
-/// The types of number that files store.
+/// Number types that files store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum NumberType {
     I8,
@@ -36,7 +36,7 @@ impl NumberType {
         }
     }
 
-    /// True if every number of the type is an f32.
+    /// True if f32 represents every number of the type exactly.
     pub(crate) fn fits_f32(self) -> bool {
         self.bytes() <= 2 || self == Self::F32
     }
@@ -46,10 +46,10 @@ impl NumberType {
     }
 }
 
-/// A column: a number each `stride` bytes.
+/// A column with one number every `stride` bytes.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Strided<'a> {
-    /// From the first number to the end of the last.
+    /// Bytes from the first number to the end of the last.
     bytes: Bytes<'a>,
     stride: usize,
     rows: usize,
@@ -57,7 +57,7 @@ pub(crate) struct Strided<'a> {
     big_endian: bool,
 }
 
-/// Where a column is, in a file that is open or isn't.
+/// Position of a column in a file, which may be closed.
 #[cfg(feature = "laz")]
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Place {
@@ -70,23 +70,23 @@ pub(crate) struct Place {
 
 #[cfg(feature = "laz")]
 impl Place {
-    /// The column in the file's bytes, if it is there.
+    /// Returns the column in the file's bytes, if it is inside them.
     pub(crate) fn of(self, bytes: Bytes<'_>) -> Option<Strided<'_>> {
         Strided::new(bytes, self.offset, self.stride, self.rows, self.kind, self.big_endian)
     }
 }
 
-/// Bytes and rows of columns that are in memory at a time, in each thread.
+/// Bytes and rows of columns that each thread has in memory at a time.
 const BLOCK_BYTES: usize = 1 << 18;
 const BLOCK_ROWS: usize = 1 << 14;
 
-/// Some rows of K columns as `f64`, and where they are made.
+/// Rows of K columns as `f64`, and the buffer that they are decoded from.
 struct Block<const K: usize> {
     bytes: Vec<u8>,
     numbers: [Vec<f64>; K],
 }
 
-/// Reads rows that the columns have as `numbers`, which are as many, by way of `bytes`.
+/// Reads a range of rows of each column into `numbers`, with `bytes` as buffer.
 pub(crate) fn read_rows(columns: &[Strided<'_>], rows: Range<usize>, bytes: &mut Vec<u8>, numbers: &mut [Vec<f64>]) {
     let Some(parts) = columns.iter().map(|c| c.part(rows.clone())).collect::<Option<Vec<_>>>() else { return };
     if let Some((hull, starts)) = Bytes::hull(&parts) {
@@ -105,7 +105,7 @@ impl<const K: usize> Block<K> {
         Self { bytes: Vec::new(), numbers: [const { Vec::new() }; K] }
     }
 
-    /// Reads rows that the columns have.
+    /// Reads a range of rows.
     fn read(&mut self, columns: &[Strided<'_>; K], rows: Range<usize>) {
         read_rows(columns, rows, &mut self.bytes, &mut self.numbers);
     }
@@ -115,13 +115,13 @@ impl<const K: usize> Block<K> {
     }
 }
 
-/// How many rows of these columns make a block.
+/// Returns the number of rows of a block.
 pub(crate) fn block_rows(columns: &[Strided<'_>]) -> usize {
     let stride = columns.iter().map(|c| c.stride).max().unwrap_or(1);
     (BLOCK_BYTES / stride.max(1)).clamp(1, BLOCK_ROWS)
 }
 
-/// A function of every row of columns of the same length.
+/// Applies a function to every row of columns of equal length.
 pub(crate) fn combined<const K: usize, R: Copy + Default + Send>(
     columns: [Strided<'_>; K],
     f: impl Fn([f64; K]) -> R + Sync,
@@ -135,7 +135,7 @@ pub(crate) fn combined<const K: usize, R: Copy + Default + Send>(
     all
 }
 
-/// Folds the rows of each block of columns of the same length, and then the blocks in their order.
+/// Folds the rows of each block of columns of equal length, and then joins the blocks in order.
 fn folded<const K: usize, R: Clone + Send + Sync>(
     columns: [Strided<'_>; K],
     none: R,
@@ -152,7 +152,7 @@ fn folded<const K: usize, R: Clone + Send + Sync>(
     blocks.into_iter().fold(none.clone(), join)
 }
 
-/// The least and the largest finite number of each column; infinities where there is none.
+/// Returns the minimum and maximum finite number of each column; infinities if there is none.
 pub(crate) fn ranges<const K: usize>(columns: [Strided<'_>; K]) -> [(f64, f64); K] {
     let wider = |(a, b): (f64, f64), (c, d): (f64, f64)| (a.min(c), b.max(d));
     let none = [(f64::INFINITY, f64::NEG_INFINITY); K];
@@ -163,8 +163,7 @@ pub(crate) fn ranges<const K: usize>(columns: [Strided<'_>; K]) -> [(f64, f64); 
     folded(columns, none, with, join)
 }
 
-/// Evaluates an expression with `$number` the function that makes an `f64` of the bytes of a number of the column's
-/// type.
+/// Evaluates an expression for the column's type. `$number` is the function that converts a number's bytes to `f64`.
 macro_rules! by_type {
     ($column:expr, $number:ident => $body:expr) => {
         match $column.kind {
@@ -194,7 +193,7 @@ macro_rules! by_type {
 }
 
 impl<'a> Strided<'a> {
-    /// The column that begins at `offset`; `None` if it doesn't lie within `bytes`.
+    /// Creates a column that begins at `offset`; returns `None` if the column isn't inside `bytes`.
     pub(crate) fn new(
         bytes: Bytes<'a>,
         offset: usize,
@@ -215,7 +214,7 @@ impl<'a> Strided<'a> {
         self.rows
     }
 
-    /// Where it is in its file; `None` of one in memory.
+    /// Returns the column's position in its file; `None` for a column in memory.
     #[cfg(feature = "laz")]
     pub(crate) fn place(&self) -> Option<Place> {
         let Bytes::File { start, .. } = self.bytes else { return None };
@@ -227,18 +226,18 @@ impl<'a> Strided<'a> {
         self.kind
     }
 
-    /// The same bytes taken as another type of the same size.
+    /// Returns the column with its bytes interpreted as another type of the same size.
     pub(crate) fn reinterpreted(self, kind: NumberType) -> Option<Self> {
         (kind.bytes() == self.kind.bytes()).then_some(Self { kind, ..self })
     }
 
-    /// The bytes of these rows; `None` if there are none or it doesn't have them.
+    /// Returns the bytes of a range of rows; `None` if it is empty or exceeds the column.
     fn part(&self, rows: Range<usize>) -> Option<Bytes<'a>> {
         let last = rows.end.checked_sub(1).filter(|last| rows.start <= *last)?;
         self.bytes.part(rows.start * self.stride..last * self.stride + self.kind.bytes())
     }
 
-    /// The numbers of rows whose bytes these are.
+    /// Decodes the numbers of `rows` rows from their bytes.
     fn decode(&self, bytes: &[u8], rows: usize, numbers: &mut Vec<f64>) {
         numbers.clear();
         by_type!(self, number => {
@@ -254,7 +253,7 @@ impl<'a> Strided<'a> {
         numbers.resize(rows, 0.0);
     }
 
-    /// A number; 0 beyond the last.
+    /// Returns the number of a row; 0 beyond the last.
     pub(crate) fn at(&self, row: usize) -> f64 {
         let mut block = Block::new();
         if row < self.rows {
@@ -263,18 +262,18 @@ impl<'a> Strided<'a> {
         block.numbers[0].first().copied().unwrap_or(0.0)
     }
 
-    /// A function of every number.
+    /// Applies a function to every number.
     pub(crate) fn map<R: Copy + Default + Send>(&self, f: impl Fn(f64) -> R + Sync) -> Vec<R> {
         combined([*self], |[v]| f(v))
     }
 
-    /// The largest finite number, at least 0.
+    /// Returns the largest finite number, at least 0.
     pub(crate) fn largest(&self) -> f64 {
         let [(_, largest)] = ranges([*self]);
         largest.max(0.0)
     }
 
-    /// The numbers in their own type; those that the model doesn't have become `f64`, halves `f32`.
+    /// Returns the numbers in their own type. Types that the model lacks become `f64`, half floats `f32`.
     pub(crate) fn values(&self) -> ExtraValues {
         match self.kind {
             NumberType::I8 => ExtraValues::I8(self.map(|v| v as i8)),
@@ -289,7 +288,7 @@ impl<'a> Strided<'a> {
     }
 }
 
-/// Three columns of the same length as vectors, with their origin, as [`Column3::with_origin`] makes them.
+/// Returns three columns of equal length as vectors with their origin, as [`Column3::with_origin`] does.
 pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     let none = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
     let with = |(min, max, exact): (DVec3, DVec3, bool), p: [f64; 3]| {
@@ -305,13 +304,13 @@ pub(crate) fn with_origin(columns: [Strided<'_>; 3]) -> (DVec3, Column3) {
     (origin, of_f64(columns, origin))
 }
 
-/// A vector as f32, and what that rounds away of it.
+/// Splits a vector into its f32 value and the remainder.
 fn split(p: DVec3) -> (Vec3, Vec3) {
     let high = p.as_vec3();
     (high, if high.is_finite() { (p - high.as_dvec3()).as_vec3() } else { Vec3::ZERO })
 }
 
-/// Three columns of the same length as vectors from `origin`, with what f32 rounds away of them.
+/// Returns three columns of equal length as vectors from `origin`, with the remainders of f32 rounding.
 pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
     let (mut high, mut low) = (vec![[0.0; 3]; columns[0].rows], vec![[0.0; 3]; columns[0].rows]);
     let rows = block_rows(&columns);
@@ -328,12 +327,12 @@ pub(crate) fn of_f64(columns: [Strided<'_>; 3], origin: DVec3) -> Column3 {
     Column3::from_parts(high, (!exact).then_some(low))
 }
 
-/// Three columns of the same length as vectors of f32. Numbers of more digits are rounded.
+/// Returns three columns of equal length as f32 vectors, rounded.
 pub(crate) fn vectors_f32(columns: [Strided<'_>; 3]) -> Vec<Vec3> {
     vectors(combined(columns, |row| row.map(|v| v as f32)))
 }
 
-/// The same memory as vectors: they have the layout of arrays, so that it is reused.
+/// Converts arrays to vectors, which have the same layout, so that the memory is reused.
 fn vectors(arrays: Vec<[f32; 3]>) -> Vec<Vec3> {
     arrays.into_iter().map(Vec3::from_array).collect()
 }

@@ -1,5 +1,5 @@
-//! What the formats of surveyors share: reading a file bit by bit, columns that cost nothing while they say nothing,
-//! and colours of 8 or 16 bits.
+//! Utilities for survey formats: reading with seeking, columns that take no memory while they are zero, and colours of
+//! 8 or 16 bits.
 
 #![cfg_attr(not(feature = "las"), allow(dead_code))]
 
@@ -7,12 +7,12 @@ use crate::color::{exact_8_bit, linear_of_8_bit, linear_of_16_bit};
 use std::io::{Read, Seek};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// A file or bytes that are read here and there, so that the points are in memory and the file isn't.
+/// A seekable source, so that memory contains only the points and not the file.
 pub(crate) trait Source: Read + Seek + Send + Sync {}
 
 impl<T: Read + Seek + Send + Sync> Source for T {}
 
-/// A type that extra columns hold.
+/// A number type of extra columns.
 pub(crate) trait Scalar: Copy + Default + PartialEq + Send + Sync {
     fn column(values: Vec<Self>) -> ExtraValues;
 }
@@ -37,7 +37,7 @@ pub(crate) struct SparseColumn<T> {
 }
 
 impl<T: Scalar> SparseColumn<T> {
-    /// Appends `count` values; `expected` is how many there will be at least, for certain.
+    /// Appends `count` values; `expected` is a lower bound of the final number of values.
     pub(crate) fn append(&mut self, count: usize, expected: usize, values: impl Iterator<Item = T> + Clone) {
         if self.values.is_empty() {
             if values.clone().all(|v| v == T::default()) {
@@ -50,7 +50,7 @@ impl<T: Scalar> SparseColumn<T> {
         self.values.extend(values);
     }
 
-    /// The column, unless all values are zero.
+    /// Returns the column, unless all values are zero.
     pub(crate) fn finish(self, name: String) -> Option<ExtraColumn> {
         let mut values = self.values;
         values.shrink_to_fit();
@@ -58,13 +58,13 @@ impl<T: Scalar> SparseColumn<T> {
     }
 }
 
-/// sRGB-encoded colours that count to 65535, or, as many programs write them, to 255 only.
+/// sRGB-encoded colours in 16-bit fields, which many programs fill with 8-bit levels (0–255).
 #[derive(Debug, Default)]
 pub(crate) struct WideColors {
     linear: Vec<[f32; 3]>,
-    /// A level above 255 has come.
+    /// True if a level exceeds 255.
     wide: bool,
-    /// A level above 0 has come.
+    /// True if a level exceeds 0.
     any: bool,
 }
 
@@ -83,7 +83,8 @@ impl WideColors {
         }
     }
 
-    /// Knows these colours, of points that aren't kept: how far those that are count doesn't depend on that.
+    /// Includes the colours of dropped points in the detection of the range, so that it doesn't depend on which points
+    /// are dropped.
     pub(crate) fn see(&mut self, levels: impl Iterator<Item = [u16; 3]>) {
         let largest = levels.flatten().max().unwrap_or(0);
         self.any |= largest > 0;
@@ -96,21 +97,21 @@ impl WideColors {
         }
     }
 
-    /// The colours as linear RGB, unless all are black; and whether they count to 255 only.
+    /// Returns the colours as linear RGB, unless all are black, and true if they range only to 255.
     pub(crate) fn finish(self) -> Option<(Vec<[f32; 3]>, bool)> {
         self.any.then_some((self.linear, !self.wide))
     }
 }
 
-/// A name without case, blanks and punctuation.
+/// Returns a name in lower case, without blanks and punctuation.
 pub(crate) fn plain_name(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
 
-/// What the three columns of a normal are called, in this form.
+/// Names of the three normal columns, as [`plain_name`] returns them.
 pub(crate) const NORMAL_NAMES: [&str; 3] = ["normalx", "normaly", "normalz"];
 
-/// Normals out of columns that are named so. One that is zero everywhere isn't there.
+/// Removes normals from the extra columns. A missing component is zero.
 #[cfg(feature = "las")]
 pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model::Column3> {
     let mut found: [Option<Vec<f32>>; 3] = [None, None, None];
@@ -127,14 +128,14 @@ pub(crate) fn take_normals(extras: &mut Vec<ExtraColumn>) -> Option<surfel_model
     Some(surfel_model::Column3::from_f32(vectors.collect()))
 }
 
-/// Text on one line, without control characters and without blanks at its ends.
+/// Returns text on one line, without control characters and surrounding blanks.
 pub(crate) fn one_line(bytes: &[u8]) -> String {
     let end = bytes.iter().position(|&b| b == 0).unwrap_or(bytes.len());
     let text = String::from_utf8_lossy(&bytes[..end]);
     text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect::<String>().trim().to_owned()
 }
 
-/// An extent as "W x D x H", to four digits or whole units.
+/// Formats an extent as "W x D x H", with four digits or in whole units.
 pub(crate) fn extent_words(extent: glam::DVec3) -> String {
     let one = |v: f64| {
         let digits = if v > 0.0 && v.is_finite() { (3 - v.log10().floor() as i32).clamp(0, 9) } else { 0 };

@@ -1,4 +1,4 @@
-//! Division of a text's lines into cells, and the choice of those columns that hold numbers.
+//! Splitting of text lines into cells, and selection of the columns with numbers.
 
 #![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
 
@@ -8,11 +8,11 @@ use crate::point_columns::Roles;
 use crate::raw_rows::wrong_count;
 use surfel_model::TableColumns;
 
-/// Most columns of a file.
+/// Maximum number of columns of a file.
 pub(crate) const MAX_COLUMNS: usize = 128;
-/// Lines by which a decimal comma is detected.
+/// Maximum number of lines for detecting a decimal comma.
 const JUDGED_LINES: usize = 100;
-/// Lines by which the division of lines and the columns of words are chosen.
+/// Maximum number of lines for choosing the separator and detecting columns of words.
 const PLANNED_LINES: usize = 1000;
 
 /// Separator of the cells of a line.
@@ -22,7 +22,7 @@ enum Divider {
     Any,
     /// Any number of blanks and semicolons.
     NoComma,
-    /// This character alone, so that a cell may be empty or hold blanks.
+    /// This character alone, so that a cell may be empty or contain blanks.
     Each(u8),
 }
 
@@ -33,14 +33,14 @@ pub(crate) struct Dialect {
     pub(crate) has_decimal_commas: bool,
 }
 
-/// The dialect of most files of points.
+/// Dialect of most point files.
 pub(crate) const POINTS: Dialect = Dialect { divider: Divider::Any, has_decimal_commas: false };
 const DECIMAL_COMMAS: Dialect = Dialect { divider: Divider::NoComma, has_decimal_commas: true };
 
 impl Dialect {
-    /// The dialect without regard to columns of words. Decimal commas are chosen where no line makes sense without
-    /// them: all words that blanks and semicolons leave are numbers, three of them at least, and a comma has digits on
-    /// either side.
+    /// Detects the dialect, ignoring columns of words. Decimal commas are chosen if no line is valid without them. All
+    /// words between blanks and semicolons must then be numbers, at least three, and a comma must have digits on both
+    /// sides.
     pub(crate) fn of(head: &[u8]) -> Self {
         let mut with_comma = false;
         for (_, line) in Lines::new(head).filter(|(_, line)| !is_comment(line)).take(JUDGED_LINES) {
@@ -54,7 +54,7 @@ impl Dialect {
                 with_comma |= word.contains(&b',');
                 numbers &= DECIMAL_COMMAS.number(word).is_some();
             }
-            // A count stands alone.
+            // A count is alone on its line.
             if !numbers || count == 2 || count == 0 {
                 return POINTS;
             }
@@ -62,12 +62,12 @@ impl Dialect {
         if with_comma { DECIMAL_COMMAS } else { POINTS }
     }
 
-    /// The cells of a line, without quotes; empty ones only where one character divides.
+    /// Returns the cells of a line, without quotes. Cells can be empty only if a single character separates them.
     pub(crate) fn words(self, line: &[u8]) -> Words<'_> {
         Words { divider: self.divider, rest: Some(line) }
     }
 
-    /// True if two dividing signs of a table have nothing between them, or a line begins or ends with one.
+    /// True if two separators have nothing between them, or a line begins or ends with a separator.
     pub(crate) fn has_empty_cell(self, line: &[u8]) -> bool {
         let commas = !self.has_decimal_commas;
         let mut cells = line.split(move |&b| b == b';' || commas && b == b',');
@@ -84,7 +84,7 @@ impl Dialect {
     }
 }
 
-/// The cells of a line.
+/// Iterator over the cells of a line.
 pub(crate) struct Words<'a> {
     divider: Divider,
     rest: Option<&'a [u8]>,
@@ -125,40 +125,40 @@ fn cell_end(rest: &[u8], divider: u8) -> usize {
     rest.iter().position(ends).unwrap_or(rest.len())
 }
 
-/// A value without the quotes around it, as some programs write all of them.
+/// Returns a value without enclosing quotes, which some programs write around all values.
 fn unquoted(word: &[u8]) -> &[u8] {
     word.strip_prefix(b"\"").and_then(|word| word.strip_suffix(b"\"")).unwrap_or(word)
 }
 
-/// True if a line holds no points, whatever the file.
+/// True if a line contains no points in any format.
 pub(crate) fn is_comment(line: &[u8]) -> bool {
     let line = line.trim_ascii();
     line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//")
 }
 
-/// True if a cell says that there is no value.
+/// True if a cell states that a value is missing.
 pub(crate) fn is_missing(cell: &[u8]) -> bool {
     cell.is_empty() || [&b"NA"[..], b"N/A", b"null", b"none"].iter().any(|word| cell.eq_ignore_ascii_case(word))
 }
 
-/// Dialect of a table and the columns that are read.
+/// Dialect of a table, and the columns that are read.
 #[derive(Clone, Debug)]
 pub(crate) struct Plan {
     pub(crate) dialect: Dialect,
-    /// Per column of the file true if it holds numbers that are read; `None` if all columns are.
+    /// For each column of the file, true if it contains numbers that are read; `None` if all columns are read.
     pub(crate) kept: Option<Vec<bool>>,
-    /// Places of columns, from 1, that are left out because they hold words or nothing.
+    /// Numbers, from 1, of columns that are dropped because they contain words, or because they are empty.
     pub(crate) words: Vec<usize>,
     pub(crate) empty: Vec<usize>,
 }
 
-/// A way to divide lines, held against the start of a file.
+/// A candidate dialect, applied to the start of a file.
 struct Trial {
     dialect: Dialect,
     width: usize,
-    /// Lines of that many cells.
+    /// Number of lines with that many cells.
     rows: usize,
-    /// Per column the counts of numbers and of empty cells.
+    /// Counts of numbers and of empty cells, for each column.
     numbers: Vec<usize>,
     empty: Vec<usize>,
 }
@@ -184,7 +184,7 @@ impl Trial {
         Some(Self { dialect, width, rows, numbers, empty })
     }
 
-    /// Columns in which at least every other cell is a number.
+    /// Returns true for each column in which at least half of the cells are numbers.
     fn kept(&self) -> Vec<bool> {
         self.numbers.iter().map(|count| count * 2 >= self.rows).collect()
     }
@@ -200,11 +200,12 @@ impl Trial {
 }
 
 impl Plan {
-    /// The plan by the start of a file, `is_whole` if that is all of it. Where all words of all lines are numbers they
-    /// are the cells; else one dividing character is looked for, so that cells may hold words or nothing.
+    /// Chooses the plan from the start of a file; `is_whole` is true if that is the whole file. If all words of all
+    /// lines are numbers, words are the cells. Otherwise a single separator is searched for, so that cells may contain
+    /// words or be empty.
     ///
     /// # Errors
-    /// [`Problem`] if lines don't have as many cells as `columns` says.
+    /// [`Problem`] if lines don't have as many cells as `columns` states.
     pub(crate) fn of(head: &[u8], is_whole: bool, columns: Option<&TableColumns>) -> Result<Self, Problem> {
         let dialect = Dialect::of(head);
         let plain = Self { dialect, kept: None, words: Vec::new(), empty: Vec::new() };
@@ -233,7 +234,7 @@ impl Plan {
             let numbers = trial.kept().iter().filter(|kept| **kept).count();
             trial.rows * 5 >= body.len() * 4 && numbers >= 3
         };
-        // Where semicolons or tabs divide, a comma between digits is a decimal point.
+        // If semicolons or tabs separate cells, a comma between digits is a decimal point.
         for divider in [b';', b'\t'] {
             let decimal = Dialect { divider: Divider::Each(divider), has_decimal_commas: true };
             let has_comma =
@@ -243,7 +244,7 @@ impl Plan {
                 return Ok(trial.plan());
             }
         }
-        // One dividing character before any: words may hold blanks.
+        // A single separator has priority: words may contain blanks.
         let trials = dialects.iter().filter_map(|dialect| Trial::of(*dialect, body, None));
         let mut fitting: Vec<Trial> = trials.filter(fits).collect();
         fitting.sort_by_key(|trial| {
@@ -274,7 +275,7 @@ impl Plan {
         }
     }
 
-    /// The places of the columns that are read, from 1, of so many.
+    /// Returns the numbers, from 1, of the columns that are read, out of `width` columns.
     pub(crate) fn numbers(&self, width: usize) -> Vec<usize> {
         match &self.kept {
             Some(kept) => kept.iter().enumerate().filter(|(_, kept)| **kept).map(|(i, _)| i + 1).collect(),
@@ -282,7 +283,7 @@ impl Plan {
         }
     }
 
-    /// Returns notes about the columns that are left out.
+    /// Returns notes about dropped columns.
     pub(crate) fn notes(&self, names: Option<&[String]>) -> Vec<String> {
         let place = |i: &usize| match names.and_then(|names| names.get(i - 1)).filter(|name| !name.is_empty()) {
             Some(name) => format!("{i} ({})", name.chars().take(60).flat_map(char::escape_debug).collect::<String>()),
@@ -296,7 +297,7 @@ impl Plan {
                 format!("left out {what} {}: {} {}", shown.join(", "), ["it", "they"][plural], holds[plural])
             })
         };
-        // What follows a dividing character at the end of all lines is no column.
+        // A separator at the end of all lines makes no column.
         let is_named = |i: &usize| names.and_then(|names| names.get(i - 1)).is_some_and(|name| !name.is_empty());
         let named: Vec<usize> = self.empty.iter().copied().filter(is_named).collect();
         let notes = [
@@ -307,10 +308,11 @@ impl Plan {
     }
 }
 
-/// True if the words of all lines but the first few are numbers, as many in each, or fewer where a cell is empty.
+/// True if all words are numbers, except in the first line, with equal counts in all lines or fewer where a cell is
+/// empty.
 fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     let mut width = None;
-    // A table in which most rows have an empty cell has an empty column.
+    // If most rows have an empty cell, a column is empty.
     if rows.iter().filter(|line| dialect.has_empty_cell(line)).count() * 2 > rows.len() {
         return false;
     }
@@ -330,11 +332,11 @@ fn are_plain(dialect: Dialect, rows: &[&[u8]]) -> bool {
     true
 }
 
-/// The names of columns that a line gives, if these include a position. A name may be empty where one character
-/// divides.
+/// Returns the column names of a line, if they include a position. A name may be empty if a single character separates
+/// names.
 pub(crate) fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
     let text = |w: &[u8]| String::from_utf8_lossy(w).trim_matches(|c| matches!(c, '"' | '/' | '#')).trim().to_owned();
-    // Where commas, semicolons or tabs divide, a name may hold blanks.
+    // Names separated by commas, semicolons or tabs may contain blanks.
     let of = |divides: &dyn Fn(u8) -> bool, has_empty: bool| {
         let words = line.trim_ascii().split(|&b| divides(b)).map(|w| text(w.trim_ascii()));
         let words = words.map(|w| if w.eq_ignore_ascii_case("i") { "intensity".to_owned() } else { w });
@@ -346,8 +348,8 @@ pub(crate) fn names(line: &[u8], dialect: Dialect) -> Option<Vec<String>> {
         .or_else(|| of(&|b| matches!(b, b',' | b';') || b.is_ascii_whitespace(), false))
 }
 
-/// True if `head`, the start of a file, has a line of at least three numbers before anything else but names and a
-/// count; or names of a position, and below them numbers in these columns.
+/// True if `head`, the start of a file, looks like a table. Either a line has at least three numbers, preceded only by
+/// names and a count. Or a line has names of a position, with numbers in these columns below.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let dialect = Dialect::of(head);
     let mut lines = Lines::new(head).map(|(_, line)| line).filter(|line| !is_comment(line));
@@ -362,9 +364,9 @@ pub(crate) fn looks_like(head: &[u8]) -> bool {
         || is_names(first) && second.is_some() && is_table(head)
 }
 
-/// True if `head`, the start of a file, can be divided into columns of which three at least hold numbers.
+/// True if `head`, the start of a file, can be split into columns of which at least three contain numbers.
 pub(crate) fn is_table(head: &[u8]) -> bool {
-    // Formats are recognised by 4096 bytes or a multiple of them; fewer are the whole file.
+    // Format detection uses 4096 bytes or a multiple of them; fewer bytes are the whole file.
     let is_whole = !head.len().is_multiple_of(4096);
     Plan::of(head, is_whole, None).is_ok_and(|plan| plan.kept.is_some())
 }

@@ -1,19 +1,20 @@
-//! Well-known text of both versions (OGC 01-009, ISO 19162), as far as GeoTIFF's keys can say the same.
+//! Parser of WKT, version 1 (OGC 01-009) and 2 (ISO 19162), and conversion to GeoTIFF keys as far as these can express
+//! the same.
 
 #![cfg_attr(not(feature = "geotiff"), allow(dead_code))]
 
-/// A part of well-known text: `KEYWORD[…]`.
+/// A WKT node: `KEYWORD[…]`.
 struct Node<'a> {
     keyword: &'a str,
-    /// Its own texts, numbers and words, in their order.
+    /// The node's own strings, numbers and words, in order.
     values: Vec<&'a str>,
     parts: Vec<Node<'a>>,
 }
 
 impl<'a> Node<'a> {
-    /// The whole of a text; `None` if it isn't one.
+    /// Parses a complete text; returns `None` if it isn't valid.
     fn parse(text: &'a str) -> Option<Self> {
-        // Real texts are some ten deep.
+        // Real texts are nested about ten deep.
         const MAX_DEPTH: usize = 32;
         let mut open: Vec<Self> = Vec::new();
         let mut rest = text;
@@ -51,12 +52,12 @@ impl<'a> Node<'a> {
         keywords.iter().any(|k| self.keyword.eq_ignore_ascii_case(k))
     }
 
-    /// The first of its parts of this kind.
+    /// Returns the first child with one of the keywords.
     fn part(&self, keywords: &[&str]) -> Option<&Self> {
         self.parts.iter().find(|part| part.is(keywords))
     }
 
-    /// The first of this kind, itself or within its parts.
+    /// Returns the first node with one of the keywords: itself or a descendant.
     fn find(&self, keywords: &[&str]) -> Option<&Self> {
         if self.is(keywords) { Some(self) } else { self.parts.iter().find_map(|part| part.find(keywords)) }
     }
@@ -69,20 +70,20 @@ impl<'a> Node<'a> {
         self.values.get(index)?.parse().ok().filter(|v: &f64| v.is_finite())
     }
 
-    /// Its EPSG code.
+    /// Returns the node's EPSG code.
     fn code(&self) -> Option<u16> {
         let id = self.part(&["ID", "AUTHORITY"]).filter(|id| id.name().eq_ignore_ascii_case("EPSG"))?;
         id.values.get(1)?.parse().ok().filter(|code| (1..32_767).contains(code))
     }
 
-    /// What its unit is of a metre or of a radian.
+    /// Returns the size of the node's unit, in metres or radians.
     fn unit(&self, keywords: &[&str]) -> Option<f64> {
         self.part(keywords)?.number(1).filter(|unit| *unit > 0.0)
     }
 }
 
-/// A text as GeoTIFF can have it: on one line, and with question marks for control characters, of which NUL ends texts,
-/// and for those beyond ASCII.
+/// Converts a text to what GeoTIFF allows: one line of ASCII. Control characters and non-ASCII characters become
+/// question marks; a NUL would end the text.
 pub(crate) fn printable(text: &str) -> String {
     let of_char = |c: char| match c {
         ' '..='~' => c,
@@ -92,7 +93,7 @@ pub(crate) fn printable(text: &str) -> String {
     text.chars().map(of_char).collect()
 }
 
-/// Letters and digits of a name, in lower case.
+/// Returns the ASCII letters and digits of a name, in lower case.
 fn plain(name: &str) -> String {
     name.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect()
 }
@@ -101,10 +102,10 @@ const PROJECTED: [&str; 3] = ["PROJCRS", "PROJECTEDCRS", "PROJCS"];
 const LENGTH: [&str; 2] = ["LENGTHUNIT", "UNIT"];
 const ANGLE: [&str; 2] = ["ANGLEUNIT", "UNIT"];
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
-/// GeoTIFF's value of what the file itself defines.
+/// GeoTIFF code of user-defined values.
 const USER_DEFINED: u16 = 32_767;
 
-/// GeoTIFF's keys, and the doubles and text that they refer to.
+/// GeoTIFF keys, and the doubles and text that they refer to.
 #[derive(Debug, Default, PartialEq)]
 pub(crate) struct Keys {
     pub(crate) keys: Vec<[u16; 4]>,
@@ -123,7 +124,7 @@ impl Keys {
     }
 
     fn text(&mut self, key: u16, text: &str) {
-        // Bars end texts.
+        // A bar ends a text.
         let text: String = printable(text).replace('|', "?").chars().take(1000).collect();
         self.keys.push([key, 34_737, text.len() as u16 + 1, self.text.len() as u16]);
         self.text += &text;
@@ -131,7 +132,7 @@ impl Keys {
     }
 }
 
-/// What the numbers of projections are called in well-known text of both versions.
+/// WKT names, of both versions, of the parameters of projections.
 const NATURAL: [&[&str]; 5] = [
     &["latitudeofnaturalorigin", "latitudeoforigin", "latitudeofcenter"],
     &["longitudeofnaturalorigin", "centralmeridian", "longitudeofcenter"],
@@ -150,7 +151,7 @@ const POLAR: [&[&str]; 2] = [
     &["longitudeoforigin", "centralmeridian", "longitudeofnaturalorigin"],
 ];
 
-/// What a projection's number is, in the unit that GeoTIFF has it in.
+/// Kind of a projection parameter, which decides its GeoTIFF unit.
 #[derive(Clone, Copy, PartialEq)]
 enum Quantity {
     Angle,
@@ -158,11 +159,11 @@ enum Quantity {
     Ratio,
 }
 
-/// A number of a projection: its key, what it is, and its names.
+/// A projection parameter: GeoTIFF key, kind, and WKT names.
 type Parameter = (u16, Quantity, &'static [&'static str]);
 
-/// The projection of a name in well-known text: GeoTIFF's code of it, and the keys of its numbers with their names, as
-/// GDAL writes and reads them (`gt_wkt_srs.cpp`, `geo_normalize.c`).
+/// Returns the GeoTIFF code of a projection, by its WKT name, and its parameters. Keys and names follow GDAL
+/// (`gt_wkt_srs.cpp`, `geo_normalize.c`).
 fn method(name: &str) -> Option<(u16, Vec<Parameter>)> {
     use Quantity::{Angle, Length, Ratio};
     let [lat, lon, scale, east, north] = NATURAL;
@@ -195,7 +196,7 @@ fn method(name: &str) -> Option<(u16, Vec<Parameter>)> {
     })
 }
 
-/// The EPSG codes of geographic systems in common use, by their datums' names.
+/// EPSG codes of geographic systems in common use, by the names of their datums.
 const DATUMS: [(&[&str], u16); 6] = [
     (&["worldgeodeticsystem1984", "worldgeodeticsystem1984ensemble", "wgs1984", "dwgs1984", "wgs84"], 4326),
     (&["northamericandatum1983", "northamerican1983", "dnorthamerican1983"], 4269),
@@ -205,8 +206,8 @@ const DATUMS: [(&[&str], u16); 6] = [
     (&["geocentricdatumofaustralia2020", "dgda2020"], 7844),
 ];
 
-/// The keys of a projected system that has no code of its own; `None` of others, and of projections that GeoTIFF
-/// doesn't have.
+/// Returns the keys of a projected system without a code; `None` for other systems and for projections that GeoTIFF
+/// lacks.
 pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     let whole = Node::parse(wkt)?;
     let system = whole.find(&PROJECTED)?;
@@ -238,7 +239,7 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
     for (key, quantity, names) in wanted {
         let named = |name: &&&str| parameters().find(|p| plain(p.name()) == **name);
         let Some(parameter) = names.iter().find_map(|name| named(&name)) else {
-            // What isn't said is 0, or 1 if it is a ratio.
+            // A missing parameter is 0, or 1 if it is a ratio.
             keys.double(key, if quantity == Quantity::Ratio { 1.0 } else { 0.0 });
             continue;
         };
@@ -256,25 +257,25 @@ pub(crate) fn projected_keys(wkt: &str) -> Option<Keys> {
         );
         taken += 1;
     }
-    // A number that the keys can't hold would make it another projection.
+    // A parameter that the keys can't store would change the projection.
     (taken == parameters().count()).then_some(keys)
 }
 
-/// The EPSG code of a unit of length that is so many metres: the metre, the foot or the survey foot.
+/// Returns the EPSG code of a unit of length by its size in metres: the metre, the foot or the survey foot.
 fn unit_code(metres: f64) -> Option<u16> {
-    // The survey foot is printed with 9 to 15 digits.
+    // Files print the survey foot with 9 to 15 digits.
     let known = [(1.0, 9001), (0.3048, 9002), (1200.0 / 3937.0, 9003)];
     known.iter().find(|(size, _)| (metres / size - 1.0).abs() < 1e-9).map(|(_, code)| *code)
 }
 
-/// Adds the system of heights of well-known text, if it has one: its code, or its name and unit.
+/// Adds the vertical system of a WKT, if it has one: the code, or the name and unit.
 pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
     let root = Node::parse(wkt);
     let Some(system) = root.as_ref().and_then(|root| root.find(&["VERTCRS", "VERTICALCRS", "VERT_CS"])) else { return };
     if let Some(code) = system.code() {
         return keys.code(4096, code);
     }
-    // Of the second version it may be the axis's.
+    // In version 2, the unit may be that of the axis.
     let unit = system.find(&LENGTH).and_then(|unit| unit_code(unit.number(1)?));
     if let (Some(unit), false) = (unit, system.name().is_empty()) {
         keys.code(4096, USER_DEFINED);
@@ -283,7 +284,7 @@ pub(crate) fn add_vertical(keys: &mut Keys, wkt: &str) {
     }
 }
 
-/// The system that angles are in.
+/// Adds the keys of a geographic system.
 fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64) -> f64) -> Option<()> {
     let datum = system.part(&["DATUM", "GEODETICDATUM", "TRF", "ENSEMBLE"])?;
     let name = plain(datum.name());
@@ -310,12 +311,12 @@ fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64)
     keys.code(2056, USER_DEFINED);
     keys.double(2057, ellipsoid.number(1)? * ellipsoid.unit(&LENGTH).unwrap_or(1.0));
     match ellipsoid.number(2)? {
-        // A sphere.
+        // An inverse flattening of 0 means a sphere.
         0.0 => keys.double(2058, ellipsoid.number(1)? * ellipsoid.unit(&LENGTH).unwrap_or(1.0)),
         inverse_flattening => keys.double(2059, inverse_flattening),
     }
     if let Some(shift) = datum.part(&["TOWGS84"]) {
-        // A datum with a part of its shift would be another one.
+        // A datum with an incomplete shift would be a different datum.
         let numbers = (0..shift.values.len().min(7)).map(|i| shift.number(i)).collect::<Option<Vec<_>>>()?;
         keys.keys.push([2062, 34_736, numbers.len() as u16, keys.doubles.len() as u16]);
         keys.doubles.extend(numbers);
@@ -327,7 +328,7 @@ fn add_geographic(keys: &mut Keys, system: &Node<'_>, degrees: impl Fn(f64, f64)
 mod tests {
     use super::*;
 
-    /// As PROJ prints it, but for the parts that say nothing here.
+    /// PROJ's output, without the parts that don't matter here.
     const CONIC: &str = r#"COMPOUNDCRS["x",PROJCRS["mine | yours",BASEGEOGCRS["unknown",
         DATUM["Unknown based on GRS 1980 ellipsoid",
             ELLIPSOID["GRS 1980",6378137,298.257222101,LENGTHUNIT["metre",1],ID["EPSG",7019]]],
@@ -343,7 +344,7 @@ mod tests {
         AXIS["(E)",east,ORDER[1],LENGTHUNIT["US survey foot",0.304800609601219,ID["EPSG",9003]]],
         AXIS["(N)",north,ORDER[2],LENGTHUNIT["US survey foot",0.304800609601219,ID["EPSG",9003]]]]]"#;
 
-    /// A key's value: the double or text that it refers to, or what stands in it.
+    /// Returns a key's value: the double or text that it refers to, or the value in the key itself.
     fn value(keys: &Keys, key: u16) -> Option<String> {
         let [_, place, count, value] = *keys.keys.iter().find(|k| k[0] == key)?;
         let at = usize::from(value);
@@ -396,7 +397,7 @@ mod tests {
         let keys = projected_keys(wkt).unwrap();
         let found = [2048, 3075, 3076, 3077, 3080, 3081, 3092, 3082, 3083].map(|key| value(&keys, key).unwrap());
         assert_eq!(found, ["4326", "1", "32767", "[0.9144]", "[15.0]", "[0.0]", "[0.9996]", "[500000.0]", "[0.0]"]);
-        // A datum of its own, with its shift, on a sphere and with another meridian.
+        // A user-defined datum with a shift, on a sphere and with another prime meridian.
         let own = wkt.replace("WGS_1984", "mine").replace("298.257223563", "0").replace("Greenwich\",0", "Paris\",2.5");
         let own = own.replace(",0]],", ",0],TOWGS84[1,2,3]],");
         let keys = projected_keys(&own).unwrap();
@@ -412,7 +413,7 @@ mod tests {
             add_vertical(&mut keys, text);
             [4096, 4097, 4099].map(|key| value(&keys, key).unwrap_or_default())
         };
-        // As PROJ writes a compound system that has a code as a whole: none of its parts says its own.
+        // As PROJ writes a compound system whose code is that of the whole: its parts state no code.
         let second = r#"COMPOUNDCRS["A + NAP",PROJCRS["A",CS[Cartesian,2],LENGTHUNIT["metre",1]],
             VERTCRS["NAP height",VDATUM["Normaal"],CS[vertical,1],AXIS["(H)",up,LENGTHUNIT["foot",0.3048]]]]"#;
         assert_eq!(vertical(second), ["32767", "NAP height|", "9002"]);
@@ -429,7 +430,7 @@ mod tests {
 
     #[test]
     fn what_keys_cannot_say_and_what_is_no_text_has_none() {
-        // A projection or a number that GeoTIFF doesn't have, numbers that aren't any, and cut texts.
+        // Unsupported projections and parameters, invalid numbers, and truncated texts.
         let changed = |from: &str, to: &str| {
             assert!(CONIC.contains(from));
             projected_keys(&CONIC.replace(from, to))

@@ -1,6 +1,6 @@
-//! Numbers of things as messages say them.
+//! Formatting of counts in messages.
 
-/// A count of things: `1 point`, `2 points`, of their plural.
+/// Formats a count with its noun, given in plural: `1 point`, `2 points`.
 pub fn counted(count: u64, plural: &str) -> String {
     match (count, plural) {
         (1, "vertices") => "1 vertex".to_owned(),

@@ -1,4 +1,4 @@
-//! The members of ZIP files, stored or deflated, by the directory at the file's end.
+//! Reader of ZIP members, stored or deflated, by the directory at the file's end.
 
 #![cfg_attr(not(all(feature = "gaussians", feature = "npy")), allow(dead_code))]
 
@@ -10,16 +10,16 @@ use flate2::read::DeflateDecoder;
 use std::borrow::Cow;
 use std::io::Write;
 
-/// Most bytes that deflate makes of one.
+/// Maximum expansion of deflate.
 const DEFLATE_EXPANSION: u64 = 1032;
-/// Most bytes of a directory: those of 100,000 members.
+/// Maximum bytes of a directory, enough for 100,000 members.
 const DIRECTORY_BYTES: usize = 1 << 24;
 
 /// A ZIP file's directory.
 pub(crate) struct Archive<'a> {
     bytes: Bytes<'a>,
     members: Vec<Member>,
-    /// Bytes that may still be unpacked.
+    /// Number of bytes that may still be unpacked.
     budget: u64,
 }
 
@@ -29,7 +29,7 @@ struct Member {
     encrypted: bool,
     packed: u64,
     whole: u64,
-    /// Where its local header begins.
+    /// Offset of the local header.
     start: u64,
 }
 
@@ -40,7 +40,7 @@ pub(crate) enum Content<'a> {
 }
 
 impl Content<'_> {
-    /// Bytes that it holds.
+    /// Returns the unpacked size in bytes.
     pub(crate) fn len(&self) -> usize {
         match self {
             Self::Stored(bytes) => bytes.len(),
@@ -49,7 +49,7 @@ impl Content<'_> {
     }
 }
 
-/// A member that has to be inflated.
+/// A deflated member.
 pub(crate) struct Deflated<'a> {
     bytes: Bytes<'a>,
     name: String,
@@ -57,7 +57,7 @@ pub(crate) struct Deflated<'a> {
 }
 
 impl Deflated<'_> {
-    /// Writes the whole of what it holds.
+    /// Unpacks the whole member.
     pub(crate) fn unpack(&self, out: &mut dyn Write) -> Result<(), Fault> {
         let (unpacked, failed) = pour(DeflateDecoder::new(self.bytes.reader()), self.whole + 1, out)?;
         if failed.is_some() || unpacked != self.whole {
@@ -66,7 +66,7 @@ impl Deflated<'_> {
         Ok(())
     }
 
-    /// Its first bytes.
+    /// Returns the first unpacked bytes, at most `most`.
     #[cfg(feature = "laz")]
     pub(crate) fn head(&self, most: usize) -> Vec<u8> {
         let mut head = Vec::new();
@@ -97,17 +97,17 @@ impl<'a> Archive<'a> {
         Ok(Self { bytes, members, budget: most_unpacked(bytes.len()) })
     }
 
-    /// Names of the members in the directory's order.
+    /// Returns the names of the members in the directory's order.
     pub(crate) fn names(&self) -> impl Iterator<Item = String> {
         self.members.iter().map(|m| String::from_utf8_lossy(&m.name).into_owned())
     }
 
-    /// The member of this name.
+    /// Returns the index of the member with this name.
     pub(crate) fn find(&self, name: &str) -> Option<usize> {
         self.members.iter().position(|m| m.name == name.as_bytes())
     }
 
-    /// What the member of this index holds, in memory.
+    /// Reads a member into memory, unpacked.
     #[cfg(feature = "gaussians")]
     pub(crate) fn read(&mut self, index: usize) -> Result<Cow<'a, [u8]>, Fault> {
         Ok(match self.open(index)? {
@@ -120,7 +120,7 @@ impl<'a> Archive<'a> {
         })
     }
 
-    /// Where what the member of this index holds is.
+    /// Returns the position and compression of a member.
     pub(crate) fn open(&mut self, index: usize) -> Result<Content<'a>, Fault> {
         let member = self.members.get(index).ok_or_else(|| damaged("the ZIP file lacks a member"))?;
         let name = quote(&member.name);
@@ -147,7 +147,7 @@ impl<'a> Archive<'a> {
     }
 }
 
-/// The bytes of a member, after its local header.
+/// Returns the bytes of a member, which follow its local header.
 fn data_of<'a>(bytes: Bytes<'a>, member: &Member) -> Option<Bytes<'a>> {
     let start = usize::try_from(member.start).ok()?;
     let local = bytes.at_most(start, 30);
@@ -160,13 +160,13 @@ fn data_of<'a>(bytes: Bytes<'a>, member: &Member) -> Option<Bytes<'a>> {
 }
 
 fn directory(bytes: Bytes<'_>) -> Option<Vec<Member>> {
-    // The end record has 22 bytes and a comment of up to 65535.
+    // The end record has 22 bytes and a comment of up to 65535 bytes.
     let tail_start = bytes.len().saturating_sub(22 + 65_535);
     let tail = bytes.at_most(tail_start, usize::MAX);
     let end = (0..tail.len().checked_sub(21)?).rev().find(|&at| u32_at(&tail, at) == Some(0x0605_4b50))?;
     let (mut count, mut start) = (u64::from(u16_at(&tail, end + 10)?), u64::from(u32_at(&tail, end + 16)?));
     if count == 0xffff || start == 0xffff_ffff {
-        // ZIP64: a record of 20 bytes before it says where the larger end record is.
+        // ZIP64: a record of 20 bytes before it has the offset of the larger end record.
         let locator = (tail_start + end).checked_sub(20).map(|at| bytes.at_most(at, 20));
         if let Some(locator) = locator.filter(|locator| u32_at(locator, 0) == Some(0x0706_4b50)) {
             let larger = bytes.at_most(usize::try_from(u64_at(&locator, 8)?).ok()?, 56);
@@ -200,7 +200,7 @@ fn directory(bytes: Bytes<'_>) -> Option<Vec<Member>> {
     Some(members)
 }
 
-/// Replaces the sizes that don't fit 32 bits by those of the ZIP64 field.
+/// Replaces sizes that don't fit into 32 bits by those of the ZIP64 field.
 fn widen(member: &mut Member, mut extra: &[u8]) {
     while let (Some(tag), Some(length)) = (u16_at(extra, 0), u16_at(extra, 2)) {
         let Some((mut field, after)) = extra[4..].split_at_checked(length.into()) else { return };

@@ -1,11 +1,11 @@
-//! Files that appear whole or not at all.
+//! Tests of atomic writing.
 
 use std::fs;
 use std::io;
 use std::path::PathBuf;
 use surfel_io::{IoError, atomic};
 
-/// A folder that is removed again.
+/// A folder that is removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {

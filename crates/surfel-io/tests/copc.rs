@@ -1,4 +1,4 @@
-//! COPC files: written from LAS and LAZ, read back as they were, and read node by node.
+//! COPC files: written from LAS and LAZ, read back without loss, and read node by node.
 
 #![cfg(all(feature = "las", feature = "laz"))]
 
@@ -12,7 +12,7 @@ use surfel_io::copc::{Copc, CopcOptions, Keeps, NodeColumns, PointSplat, Prepare
 use surfel_io::{Content, LoadOptions, load};
 use surfel_model::PointCloud;
 
-/// Points of a test, on a bent sheet so that levels are as those of scans.
+/// Number of points of a test, on a bent sheet so that levels resemble those of scans.
 const COUNT: usize = 120_000;
 const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 1 << 30, resume: false, shard: None, columns: None };
 
@@ -24,7 +24,7 @@ fn sheet(p: &mut Point, i: usize) {
 }
 
 fn las_bytes(minor: u8, format: u8, extra: u16, packed: bool, range: std::ops::Range<usize>) -> Vec<u8> {
-    // The time says which point it is.
+    // The time identifies the point.
     let place = |p: &mut Point| {
         let i = ((p.gps_time.unwrap() - 1e8) * 1e6).round() as usize;
         sheet(p, i);
@@ -68,7 +68,7 @@ fn every_point_comes_back_once_with_all_its_columns() {
         assert_eq!(found.len(), truth.len());
         for (a, b) in found.iter().zip(&truth) {
             let own: Vec<u8> = a.extra_bytes.iter().copied().take(usize::from(extra)).collect();
-            // Positions are whole steps: the numbers that the files hold are equal if these are.
+            // Positions are whole steps, so equal positions are equal numbers in the files.
             let mut same = Point { extra_bytes: own, ..a.clone() };
             if format < 6 {
                 assert!((same.scan_angle - b.scan_angle).abs() <= 0.003);
@@ -113,12 +113,12 @@ fn nodes_hold_what_is_in_their_cubes_and_the_file_is_the_same_for_any_number_of_
         seen += points.len();
         for k in 0..points.len() {
             let p = points.origin + points.positions.get(k);
-            // A step is what the cube's own rounding may be off by.
+            // The cube itself may be rounded by a step.
             assert!(((p - center).abs() - half).max_element() <= STEP, "{p} {center} {half}");
             assert_eq!(Copc::cell_above(copc.cell_of(p + DVec3::splat(1e-4)), node.level), node.cell);
         }
     }
-    // All at once they are as one by one, and as the plain reader has them, which knows nothing of nodes.
+    // All nodes read at once give the same points as one by one, and as the plain LAZ reader.
     let whole = copc.points_of(&all, NodeColumns::All, &LoadOptions::default()).unwrap();
     let Content::Points(points) = &whole.loaded.content else { panic!() };
     assert_eq!((points.len(), whole.ends.last()), (seen, Some(&seen)));
@@ -142,7 +142,7 @@ fn points_that_are_not_kept_change_nothing_of_those_that_are() {
     let (whole, ends) = read(None);
     let is_kept = |at: DVec3| at.x < OFFSET[0] + 7.02;
     let (some, some_ends) = read(Some(&|level, at, radius| {
-        // Not that of points that are withheld.
+        // The filter isn't called for withheld points.
         assert!((radius == 0.0 || (0.123..0.1245).contains(&radius)) && level < 20, "{radius} {level}");
         is_kept(at)
     }));
@@ -156,7 +156,7 @@ fn points_that_are_not_kept_change_nothing_of_those_that_are() {
     }
     let expected: Vec<usize> = ends.iter().map(|end| kept.partition_point(|i| i < end)).collect();
     assert_eq!(some_ends, expected);
-    // A file is never without points.
+    // The result is never empty.
     let first = ends.iter().find(|end| **end > 0).unwrap();
     assert_eq!(read(Some(&|_, _, _| false)).0.len(), *first);
 }
@@ -187,7 +187,7 @@ fn inputs_that_do_not_go_together_or_are_damaged_leave_nothing() {
     let mut moved = good.clone();
     moved[155..163].copy_from_slice(&(OFFSET[0] + 0.0004).to_le_bytes());
     refused(&moved, "whole number of steps");
-    // Whole steps between offsets are no matter, and a header whose bounds are wrong isn't either.
+    // Whole steps between offsets are accepted, and so is a header with wrong bounds.
     let mut moved = good;
     moved[155..163].copy_from_slice(&(OFFSET[0] - 700.0).to_le_bytes());
     moved[179..227].fill(0);
@@ -218,7 +218,7 @@ fn hostile_hierarchies_are_one_clear_error() {
         assert!(error.lines().count() <= 4, "{error}");
     };
     let put = |bytes: &mut Vec<u8>, at: usize, new: &[u8]| bytes[at..at + new.len()].copy_from_slice(new);
-    // Of an entry: level, x, y, z, the place, bytes and points.
+    // Layout of an entry: level, x, y, z, offset, bytes and points.
     let entry = root + 32;
     refused(&|b| put(b, entry + 28, &i32::MAX.to_le_bytes()), "hold");
     refused(&|b| put(b, entry + 28, &i32::MIN.to_le_bytes()), "points in");
@@ -231,7 +231,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     refused(&|b| put(b, entry + 4, &9_i32.to_le_bytes()), "no octant");
     refused(&|b| put(b, entry, &5_i32.to_le_bytes()), "none above it");
     refused(&|b| put(b, root, &good[entry..entry + 16]), "twice");
-    // A page that leads to itself, and one that is all but the whole file.
+    // A page that refers to itself, and one that is almost the whole file.
     let page = |b: &mut Vec<u8>, at: u64, bytes: i32| {
         put(b, entry + 16, &at.to_le_bytes());
         put(b, entry + 24, &bytes.to_le_bytes());
@@ -246,7 +246,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     refused(&|b| put(b, 429 + 24, &f64::NAN.to_le_bytes()), "expected: finite");
     refused(&|b| put(b, 429 + 32, &0_f64.to_le_bytes()), "expected: finite");
     refused(&|b| b.truncate(root + 40), "says that a page");
-    // A count that the chunk itself denies is told when the node is read.
+    // A count that contradicts the chunk is detected when the node is read.
     let mut bytes = good.clone();
     let points = i32::from_le_bytes(good[entry + 28..entry + 32].try_into().unwrap());
     put(&mut bytes, entry + 28, &(points + 1).to_le_bytes());
@@ -255,7 +255,7 @@ fn hostile_hierarchies_are_one_clear_error() {
     let nodes: Vec<u32> = (0..copc.nodes().len() as u32).collect();
     let error = copc.points_of(&nodes, NodeColumns::All, &LoadOptions::default()).unwrap_err().to_string();
     assert!(error.contains("in a node that its hierarchy says"), "{error}");
-    // Any byte of the hierarchy may be wrong: an error or points, never a panic.
+    // Any damaged byte of the hierarchy gives an error or points, never a panic.
     for at in root..root + length.min(160) {
         let mut bytes = good.clone();
         bytes[at] ^= 0x41;

@@ -1,4 +1,4 @@
-//! Points as text, OBJ, STL and glTF, and how formats are told apart.
+//! Points as text, OBJ, STL and glTF, and detection of formats.
 
 #![cfg(all(feature = "gltf", feature = "obj", feature = "points", feature = "stl"))]
 
@@ -79,7 +79,7 @@ fn points_pts_counts_are_not_points() {
 fn points_far_from_the_origin_keep_their_detail() {
     let cloud = points(load(Format::Xyz, "4500000.123 5 6\n4500001.456 5 6\n"));
     let x = |i: usize| (cloud.origin + cloud.positions.get(i)).x;
-    // The last digit of an f64 at 4.5e6.
+    // Tolerance: the last digit of an f64 at 4.5e6.
     assert!((x(0) - 4_500_000.123).abs() < 1e-9 && (x(1) - 4_500_001.456).abs() < 1e-9);
     let near = points(load(Format::Xyz, "0.1 0.2 0.3\n1 2 3\n"));
     assert!(near.positions.low().is_none(), "decimals near the origin are measurements in f32");
@@ -108,7 +108,7 @@ fn obj_indices_of_every_form() {
     let m = mesh(load(Format::Obj, text));
     assert_eq!(m.triangles.len(), 3);
     assert_eq!(m.triangles[..2], [[0, 1, 2], [0, 2, 3]]);
-    // Without a texture coordinate a corner is another vertex.
+    // A corner without a texture coordinate is a separate vertex.
     assert_eq!((m.positions.len(), m.triangles[2]), (7, [4, 5, 6]));
     assert_eq!(m.positions.get(5), DVec3::X);
     assert_eq!((m.uvs.unwrap()[1], m.normals.unwrap()[6]), ([1.0, 0.0], [0.0, 0.0, 1.0]));
@@ -116,7 +116,7 @@ fn obj_indices_of_every_form() {
 
 #[test]
 fn concave_polygons_are_cut_within_their_outline() {
-    // A door in a wall, seen from its first corner through the opening.
+    // A door in a wall; the fan about the first corner would cross the opening.
     let corners = ["0 0 0", "2 0 0", "2 0 2", "3 0 2", "3 0 0", "8 0 0", "8 0 3", "0 0 3"];
     let obj: String = corners.iter().map(|c| format!("v {c}\n")).collect::<String>() + "f 1 2 3 4 5 6 7 8\n";
     let off = format!("OFF\n8 1 0\n{}\n8 0 1 2 3 4 5 6 7\n", corners.join("\n"));
@@ -136,7 +136,7 @@ fn obj_without_texture_keeps_its_vertices_as_they_are() {
     assert_eq!(loaded.notes, ["skipped 1 face with fewer than 3 corners"]);
     let m = mesh(loaded);
     assert_eq!((m.positions.len(), &m.triangles[..]), (4, &[[2, 1, 0]][..]));
-    // Every decimal is kept, though not in f32: to 48 bits.
+    // Decimals have 48 bits of precision, more than f32.
     assert!((m.positions.get(0).x - 0.1).abs() < 1e-15);
     assert_eq!(m.colors.unwrap()[..2], [[1.0, HALF, 0.0], [1.0; 3]]);
     assert_eq!(m.comments, ["made by hand"]);
@@ -166,7 +166,7 @@ fn obj_without_faces_is_a_point_cloud() {
     assert_eq!(cloud.colors.unwrap()[0], [0.0, 0.0, 1.0]);
 }
 
-/// A folder that is removed again.
+/// A folder that is removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -211,7 +211,7 @@ fn obj_materials_keep_their_textures() {
     let texture = one.texture.unwrap();
     assert_eq!((texture.width, texture.srgba8[1]), (2, [0, 0, 255, 255]));
     assert!(one.uvs.is_some() && one.colors.is_none());
-    // A library's textures lie relative to it, not to the mesh.
+    // Textures of a library are relative to the library, not to the mesh.
     folder.write("sub/b.mtl", "newmtl red one\nmap_Kd r.png\n");
     let beside = folder.write("beside.obj", format!("mtllib sub/b.mtl\n{shape}"));
     let loaded = load_file(&beside, &LoadOptions::default()).unwrap();
@@ -240,7 +240,8 @@ fn ply_faces_have_textures_of_their_own_as_meshlab_writes_them() {
         )
     };
     let both = "comment TextureFile a.png\ncomment TextureFile b.png\n";
-    // A square by two triangles that share a diagonal, one of each texture, and the square without coordinates.
+    // A square of two triangles that share a diagonal, one with each texture, and the same square without texture
+    // coordinates.
     let vertices = [[0.0_f32, 0., 0.], [1., 0., 0.], [1., 1., 0.], [0., 1., 0.]];
     let faces: [(&[i32], &[f32], i32); 3] = [
         (&[0, 1, 2], &[0., 0., 0.5, 0., 0.5, 1.], 0),
@@ -277,7 +278,7 @@ fn ply_faces_have_textures_of_their_own_as_meshlab_writes_them() {
     }
     let loaded = load_file(&folder.write("big.ply", big), &LoadOptions::default()).unwrap();
     assert!(loaded.notes[0].starts_with("left out the texture 'none.png'"), "{:?}", loaded.notes);
-    // One texture for all needs no materials, and corners alike stay one vertex; without a texture nothing is split.
+    // One texture for all needs no materials, and equal corners stay one vertex; without a texture nothing is split.
     let one = text.replace("comment TextureFile b.png\n", "").replace("4 0 1 2 3 0 -1", "3 0 1 2 6 0 0 0.5 0 0.5 1 0");
     let one = one.replace("0 1 1\n", "0 1 0\n");
     let whole = mesh(load_file(&folder.write("one.ply", &one), &LoadOptions::default()).unwrap());
@@ -342,7 +343,7 @@ fn obj_normal_maps_are_read_by_what_they_hold() {
     assert_eq!(map("norm n.png\n"), (1.0, normals));
     assert_eq!(map("map_Bump -bm 0.5 n.png\n"), (0.5, normals));
     assert_eq!(map("map_Kd color.png\nbump -imfchan l n.png\n"), (1.0, normals));
-    // `norm` is what it says, whatever stands beside it.
+    // `norm` is always a normal map, whatever other map there is.
     for both in ["map_Bump h.png\nnorm n.png\n", "norm n.png\nmap_bump h.png\n"] {
         assert_eq!(map(both), (1.0, normals), "{both}");
     }
@@ -398,7 +399,7 @@ fn stl_text_and_binary_merge_equal_corners() {
     text += "endsolid a square\n";
     let binary = binary_stl(&square);
     for bytes in [text.as_bytes(), &binary] {
-        // Also without an extension.
+        // Detection also works without an extension.
         let loaded = load_bytes(bytes, None, Path::new("t"), &LoadOptions::default()).unwrap();
         assert_eq!((loaded.format, loaded.up), (Format::Stl, Up::PlusZ));
         let m = mesh(loaded);
@@ -411,7 +412,7 @@ fn stl_text_and_binary_merge_equal_corners() {
     assert!(error.contains("ends within triangle 1 of 2 (byte 150)"), "{error}");
     let error = try_load(Format::Stl, text.replace("endsolid a square", "")).unwrap_err();
     assert!(error.contains("ends within facet 2"), "{error}");
-    // Wherever it is cut off, it says so.
+    // Truncation at any position gives an error that states it.
     for end in text.find("outer").unwrap()..text.find("endsolid").unwrap() + 8 {
         let error = try_load(Format::Stl, &text[..end]).unwrap_err();
         assert!(error.contains("ends within facet") && error.contains("incomplete"), "{end}: {error}");
@@ -420,7 +421,7 @@ fn stl_text_and_binary_merge_equal_corners() {
     assert!(error.contains("found 'one' as a coordinate (line 6)"), "{error}");
 }
 
-/// A glTF document whose one buffer holds `data`, with accessors (offset, count, componentType, type) into it.
+/// Builds a glTF document with one buffer, `data`, and accessors (offset, count, componentType, type) into it.
 fn gltf(data: &[u8], accessors: &[(usize, usize, u32, &str)], rest: &str) -> String {
     let hex: String = data.iter().map(|b| format!("%{b:02x}")).collect();
     let n = data.len();
@@ -534,7 +535,7 @@ fn gltf_points_and_glb() {
         let is_whole_before = end >= 20 + json.len();
         assert!(!is_whole_before || error.contains("cut off: copy"), "{end}: {error}");
     }
-    // The same with an external buffer.
+    // The same document with an external buffer.
     let folder = Folder::new("gltf");
     folder.write("a b.bin", &data);
     let text = json.replace(r#"{"byteLength": 24}"#, r#"{"byteLength": 24, "uri": "a%20b.bin"}"#);

@@ -1,4 +1,4 @@
-//! Gaussian splats in SPLAT, SPZ, SOG and packed PLY, and Draco's files. The files are made here, number by number.
+//! Gaussian splats in SPLAT, SPZ, SOG and packed PLY, and Draco files. The tests build the files byte by byte.
 
 #![cfg(all(feature = "draco", feature = "gaussians", feature = "webp"))]
 
@@ -39,8 +39,8 @@ fn le(values: &[f32]) -> Vec<u8> {
 /// Linear value of the sRGB-encoded level 128 of 255.
 const HALF_OF_255: f32 = 0.215_860_5;
 
-/// Checks the one splat of every test file: standard deviations 1, ½ and almost nothing along axes that are turned by
-/// a quarter about z, at (1, −2, 3), within given relative and absolute errors.
+/// Checks the single splat of every test file, at (1, −2, 3). Its standard deviations are 1, ½ and almost 0, along axes
+/// rotated by a quarter turn about z. `size_error` is relative, `place_error` absolute.
 fn check(cloud: &SplatCloud, size_error: f64, place_error: f64, angle_error: f64) {
     assert!((cloud.center(0) - DVec3::new(1.0, -2.0, 3.0)).length() <= place_error, "{}", cloud.center(0));
     let (s, t) = cloud.axes(0);
@@ -58,7 +58,7 @@ fn splat_rows_are_read() {
     faint[27] = 5;
     let bytes = [row.clone(), faint].concat();
     let cloud = splats("a.splat", &bytes, Up::MinusY);
-    // Equal bytes of w and z are an exact quarter turn; f32 holds the rest.
+    // Equal bytes of w and z are an exact quarter turn; the rest is f32.
     check(&cloud, 1e-6, 0.0, 1e-6);
     assert_eq!((cloud.len(), cloud.color(0), cloud.alpha(0)), (1, [1.0, HALF_OF_255, 0.0], 0.8));
     for end in [0, 1, 31, 33, 63] {
@@ -74,7 +74,7 @@ fn gzip(content: &[u8]) -> Vec<u8> {
     encoder.finish().unwrap()
 }
 
-/// The header of 16 bytes and the streams of one splat, with 12 bits of fraction.
+/// Returns the 16-byte header and the streams of one splat, with 12 fractional bits.
 fn spz(version: u32) -> (Vec<u8>, Vec<Vec<u8>>) {
     let mut header = b"NGSP".to_vec();
     header.extend(version.to_le_bytes());
@@ -86,7 +86,7 @@ fn spz(version: u32) -> (Vec<u8>, Vec<Vec<u8>>) {
     };
     // exp(160/16 − 10) = 1; the nearest to ln ½ is 149, ½·1.0057; 0 is exp(−10).
     let scales = vec![160, 149, 0];
-    // w is left out: z has 511 of 511/√2. Before version 3: x, y and z of −1 to 1, 0.7098 the nearest.
+    // w is omitted; z has 511 of 511/√2. Before version 3: x, y and z from −1 to 1, with 0.7098 as nearest value.
     let rotation = if version < 3 { vec![128, 128, 218] } else { (3_u32 << 30 | 511).to_le_bytes().to_vec() };
     // (level/255 − ½)/0.15·C0 + ½: 255 is 1.44, 128 is 0.504, 0 is −0.44.
     (header, vec![positions, vec![204], vec![255, 128, 0], scales, rotation, vec![128; 9]])
@@ -99,7 +99,7 @@ fn spz_of_every_gzip_version_is_read() {
         let bytes = [header, streams.concat()].concat();
         for file in [gzip(&bytes), bytes.clone()] {
             let cloud = splats("a", &file, Up::PlusY);
-            // The scale as above; positions are exact; half a step of 1/127.5 turns the axes by twice that.
+            // Scale as above; positions are exact; half a step of 1/127.5 rotates the axes by twice that.
             check(&cloud, 0.007, 0.0, if version < 3 { 0.02 } else { 1e-6 });
             assert_eq!(cloud.alpha(0), 0.8);
             let [r, g, b] = cloud.color(0);
@@ -153,7 +153,7 @@ fn spz_and_splat_rows_are_read_as_trained() {
     }
 }
 
-/// A frame of Zstandard with one raw block of fewer than 256 bytes.
+/// Builds a Zstandard frame with one raw block of fewer than 256 bytes.
 fn zstd(content: &[u8]) -> Vec<u8> {
     let block = 1 | (content.len() as u32) << 3;
     let head = [&[0x28, 0xb5, 0x2f, 0xfd, 0x20, content.len() as u8][..], &block.to_le_bytes()[..3]].concat();
@@ -163,7 +163,7 @@ fn zstd(content: &[u8]) -> Vec<u8> {
 fn spz4() -> Vec<u8> {
     let (mut bytes, streams) = spz(4);
     let packed: Vec<Vec<u8>> = streams.iter().map(|s| zstd(s)).collect();
-    // Eight bytes of extensions that nobody knows lie before the table.
+    // Eight bytes of unknown extensions precede the table.
     bytes.extend(40_u32.to_le_bytes());
     bytes.extend([0; 12]);
     bytes.extend([1, 0, 2, 0, 0, 0, 0, 0]);
@@ -196,7 +196,7 @@ fn spz_of_version_4_names_its_feature() {
     refused("a.spz", spz4(), "build with the feature zstd, as by cargo run --release --features zstd");
 }
 
-/// A ZIP file of stored members.
+/// Builds a ZIP file of stored members.
 fn zip(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for (name, content) in members {
@@ -217,7 +217,7 @@ fn zip(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
     bytes
 }
 
-/// A picture of one row of two pixels, the second one beyond the count.
+/// Builds an image of one row of two pixels, the second one beyond the splat count.
 fn picture(texel: [u8; 4]) -> Vec<u8> {
     let mut bytes = Vec::new();
     WebPEncoder::new(&mut bytes).encode(&[texel, [7; 4]].concat(), 2, 1, ColorType::Rgba8).unwrap();
@@ -231,12 +231,12 @@ fn sog(meta: &str) -> Vec<u8> {
     zip(&members.collect::<Vec<_>>())
 }
 
-/// `meta.json` and its pictures.
+/// Returns `meta.json` and its images.
 fn sog_members(meta: &str) -> [(&'static str, Vec<u8>); 6] {
-    // Logarithms of 2, −3 and 4, within −2 and 2, in 16 bits.
+    // Logarithms of 2, −3 and 4, in the range −2 to 2, in 16 bits.
     let place = [2.0_f64.ln(), -(3.0_f64.ln()), 4.0_f64.ln()];
     let place = place.map(|v| ((v + 2.0) / 4.0 * 65_535.0).round() as u16);
-    // Of the rotation w is left out, and z is √½·(2·255/255 − 1).
+    // w of the rotation is omitted, and z is √½·(2·255/255 − 1).
     [
         ("meta.json", meta.as_bytes().to_vec()),
         ("means_l.webp", picture([place[0] as u8, place[1] as u8, place[2] as u8, 255])),
@@ -260,8 +260,8 @@ fn sog2() -> String {
 
 #[test]
 fn sog_of_both_versions_is_read() {
-    // A step of the logarithm is 4/65535, of which half at 4 is 1.3e-4; 128 of 255 in x and y of the rotation is
-    // 0.0028 beyond 0.
+    // A step of the logarithm is 4/65535; half of it at 4 is 1.3e-4. 128 of 255 in x and y of the rotation is 0.0028
+    // instead of 0.
     let cloud = splats("a", sog(&sog2()), Up::MinusY);
     check(&cloud, 1e-6, 2e-4, 0.012);
     // sRGB ½.
@@ -298,14 +298,14 @@ fn sog_of_files_in_a_folder_is_read_by_its_meta_json() {
         let error = surfel_io::load(meta, &LoadOptions::default()).unwrap_err().to_string();
         assert!(error.contains(expected) && error.lines().count() <= 4, "{error}");
     };
-    // Pictures elsewhere, and none at all.
+    // Images outside the folder, and missing ones.
     let out = sog2().replace("\"sh0.webp\"", "\"../sh0.webp\"");
     std::fs::write(&meta, out).unwrap();
     refused(&meta, "can't read the picture '../sh0.webp', which it names: it is outside");
     std::fs::write(&meta, sog2()).unwrap();
     std::fs::remove_file(folder.path().join("quats.webp")).unwrap();
     refused(&meta, "can't read the picture 'quats.webp'");
-    // From memory there is nothing beside it.
+    // In memory there are no files beside it.
     let error = try_load("meta.json", sog2().as_bytes()).unwrap_err();
     assert!(error.contains("not available here"), "{error}");
 }
@@ -349,14 +349,14 @@ fn packed_ply(bounds_of_colors: bool) -> Vec<u8> {
          packed_color\nelement sh 1\nproperty uchar f_rest_0\nend_header\n"
     )
     .into_bytes();
-    // The place is at 1 of x, 0 of y and 1 of z; the scales at 0 of x and 1 of y and z.
+    // The position is at fraction 1 of x, 0 of y and 1 of z; the scales at 0 of x and 1 of y and z.
     bytes.extend(le(&[-1.0, -2.0, -3.0, 1.0, 2.0, 3.0]));
     bytes.extend(le(&[0.0, -5.0, -9.0, 5.0, 0.5_f32.ln(), -7.0]));
     if bounds_of_colors {
         bytes.extend(le(&[0.0, 0.0, 0.0, 2.0, 2.0, 2.0]));
     }
     let position = 2047_u32 << 21 | 2047;
-    // The first part, w, is left out; z is all of 10 bits, x and y nearly ½.
+    // The first component, w, is omitted; z has all 10 bits, x and y nearly ½.
     let rotation = 512_u32 << 20 | 512 << 10 | 1023;
     let scale = 1023_u32 << 11 | 2047;
     for word in [position, rotation, scale, 0xff80_00cc] {
@@ -371,11 +371,11 @@ fn packed_ply_is_read() {
     for bounds_of_colors in [false, true] {
         let bytes = packed_ply(bounds_of_colors);
         let cloud = splats("a.ply", &bytes, Up::MinusY);
-        // 512 of 1023 is 0.0007 beyond ½ in x and y of the rotation.
+        // 512 of 1023 is 0.0007 above ½ in x and y of the rotation.
         check(&cloud, 1e-6, 1e-6, 0.005);
         let green = if bounds_of_colors { 1.0 } else { HALF_OF_255 };
         assert_eq!((cloud.color(0), cloud.alpha(0)), ([1.0, green, 0.0], 0.8));
-        // Harmonics come last and are not read.
+        // Harmonics are last and aren't read.
         for end in 0..bytes.len() - 1 {
             assert!(try_load("a.ply", &bytes[..end]).is_err(), "{end}");
         }
@@ -408,7 +408,7 @@ fn draco_files_hold_meshes_or_points() {
     };
     for (i, number) in numbers.into_iter().enumerate() {
         let k = f64::from(number) / 2.0;
-        // Positions may have been quantised: 8 units in 11 bits.
+        // Positions may be quantised: 8 units in 11 bits.
         assert!((cloud.positions.get(i) - DVec3::new(1.0, 2.0, -1.0) * k).length() < 8.0 / 2048.0);
         assert_eq!(cloud.colors.as_ref().unwrap()[i][1], HALF_OF_255);
     }

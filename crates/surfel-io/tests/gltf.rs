@@ -18,7 +18,7 @@ const I8: u32 = 5120;
 const I16: u32 = 5122;
 const U16: u32 = 5123;
 
-/// A document in the making: one buffer, and a view for each accessor.
+/// Builder of a document: one buffer, and a view for each accessor.
 #[derive(Default)]
 struct Document {
     data: Vec<u8>,
@@ -48,7 +48,7 @@ impl Document {
         self.column(&floats(values), F32, kind, count)
     }
 
-    /// The JSON of the document, its buffer inside.
+    /// Returns the document's JSON, with its buffer embedded.
     fn with(&self, rest: Value) -> Value {
         let hex: String = self.data.iter().map(|b| format!("%{b:02x}")).collect();
         let mut all = json!({
@@ -93,7 +93,7 @@ fn positions(mesh: &Mesh) -> Vec<DVec3> {
     (0..mesh.positions.len()).map(|i| mesh.origin + mesh.positions.get(i)).collect()
 }
 
-/// Stored in f32, so seven digits.
+/// Compares positions, which are stored in f32, to seven digits.
 fn assert_positions(mesh: &Mesh, expected: &[[f64; 3]]) {
     let found = positions(mesh);
     assert_eq!(found.len(), expected.len());
@@ -105,7 +105,7 @@ fn assert_positions(mesh: &Mesh, expected: &[[f64; 3]]) {
 const TRIANGLE: [f32; 9] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
 const QUAD: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0];
 
-/// A scene of one node with one mesh of one primitive.
+/// Returns a scene of one node with one mesh of one primitive.
 fn scene(primitive: Value) -> Value {
     json!({"meshes": [{"primitives": [primitive]}], "nodes": [{"mesh": 0}], "scenes": [{"nodes": [0]}], "scene": 0})
 }
@@ -115,7 +115,7 @@ fn gltf_skins_are_where_their_joints_are() {
     let mut d = Document::default();
     let position = d.floats(&TRIANGLE, "VEC3", 3);
     let normal = d.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3", 3);
-    // The second vertex follows the second joint, the third half and half, in weights of 8 bits.
+    // The second vertex follows the second joint, the third both joints equally, in 8-bit weights.
     let joints = d.column(&[0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0], U8, "VEC4", 3);
     let weights = d.view(&[255, 0, 0, 0, 255, 0, 0, 0, 100, 100, 0, 0]);
     let weights =
@@ -126,8 +126,8 @@ fn gltf_skins_are_where_their_joints_are() {
     let document = d.with(json!({
         "meshes": [{"primitives": [{"attributes": {"POSITION": position, "NORMAL": normal, "JOINTS_0": joints,
         "WEIGHTS_0": weights}}]}],
-        // What the mesh's own node says doesn't count; the joints' own places do. The second joint is turned by a
-        // quarter about x.
+        // The transform of the mesh's own node doesn't matter; those of the joints do. The second joint is rotated by a
+        // quarter turn about x.
         "nodes": [
             {"mesh": 0, "skin": 0, "translation": [100, 0, 0]},
             {"translation": [0, 5, 0], "children": [2]},
@@ -138,15 +138,15 @@ fn gltf_skins_are_where_their_joints_are() {
     let loaded = load(&document);
     assert_eq!(loaded.notes, ["drew skinned meshes in their rest pose"]);
     let m = mesh(loaded);
-    // First joint: 5 up. Second: back by its bind place, a quarter turn that takes y to z, and to its place.
+    // First joint: 5 up. Second: back from its bind position, a quarter turn from y to z, and to its position.
     assert_positions(&m, &[[0.0, 5.0, 0.0], [1.0, 5.0, 0.0], [0.0, 5.5, 0.5]]);
     let normals = m.normals.unwrap();
     assert!((DVec3::from(normals[1].map(f64::from)) - DVec3::NEG_Y).length() < 1e-6, "{normals:?}");
-    // Without weights the mesh stays with its node.
+    // Without weights the mesh follows its node.
     let mut rigid = document;
     rigid["meshes"][0]["primitives"][0]["attributes"].as_object_mut().unwrap().remove("WEIGHTS_0");
     assert_positions(&mesh(load(&rigid)), &[[100.0, 0.0, 0.0], [101.0, 0.0, 0.0], [100.0, 1.0, 0.0]]);
-    // A joint beyond the skin's.
+    // A joint that doesn't exist.
     rigid["skins"][0]["joints"] = json!([1, 9]);
     assert!(try_load(&rigid).unwrap_err().contains("node 9 does not exist: there are 3"));
 }
@@ -164,7 +164,7 @@ fn gltf_morph_targets_have_their_default_weights() {
         "nodes": [{"mesh": 0}],
     }));
     assert_positions(&mesh(load(&document)), &[[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [0.0, 1.0, 0.5]]);
-    // A node's weights stand before its mesh's.
+    // A node's weights have priority over its mesh's.
     document["nodes"][0]["weights"] = json!([0.0, 1.0]);
     let m = mesh(load(&document));
     assert_positions(&m, &[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
@@ -194,7 +194,7 @@ fn gltf_sparse_accessors_replace_elements() {
 #[test]
 fn gltf_quantised_attributes_are_scaled_by_their_node() {
     let mut d = Document::default();
-    // Positions of 16 bits and normals of 8, both padded to four bytes a vertex, in one view.
+    // 16-bit positions and 8-bit normals, both padded to four bytes per vertex, in one view.
     let mut vertices = Vec::new();
     for p in [[0_i16, 0, 0], [32_767, 0, 0], [0, -32_767, 0]] {
         p.iter().for_each(|x| vertices.extend(x.to_le_bytes()));
@@ -223,7 +223,7 @@ fn gltf_matrix_and_parts_place_alike_and_far_places_keep_their_digits() {
     let mut d = Document::default();
     let position = d.floats(&TRIANGLE, "VEC3", 3);
     let mut document = d.with(scene(json!({"attributes": {"POSITION": position}})));
-    // A quarter turn about z, a mirror in x, and a place on Earth in metres.
+    // A quarter turn about z, a mirror in x, and an Earth-sized position in metres.
     let s = 0.5_f64.sqrt();
     document["nodes"][0] =
         json!({"mesh": 0, "rotation": [0, 0, s, s], "scale": [-2, 3, 4], "translation": [4500000.125, 0, 0.25]});
@@ -235,7 +235,7 @@ fn gltf_matrix_and_parts_place_alike_and_far_places_keep_their_digits() {
         assert!((*a - b).length() < 1e-8, "{a} {b}");
     }
     assert!((positions(&matrix)[0] - DVec3::new(4_500_000.125, 0.0, 0.25)).length() < 1e-8);
-    // The mirror turns the corners around, so that the outside stays outside.
+    // The mirror reverses the winding order, so that the outside stays outside.
     assert_eq!((&parts.triangles[..], &matrix.triangles[..]), (&[[0, 2, 1]][..], &[[0, 2, 1]][..]));
 }
 
@@ -266,7 +266,7 @@ fn gltf_material_extensions_are_one_note_and_the_older_model_has_a_color() {
     assert!(error.contains("requires the glTF extension 'EXT_unheard_of', which is not read"), "{error}");
 }
 
-/// A document of one textured triangle.
+/// Returns a document of one textured triangle.
 fn textured(texture: Value, images: Value) -> Value {
     let mut d = Document::default();
     let position = d.floats(&TRIANGLE, "VEC3", 3);
@@ -280,12 +280,12 @@ fn textured(texture: Value, images: Value) -> Value {
     }))
 }
 
-/// A data URI.
+/// Returns a data URI.
 fn uri(bytes: &[u8]) -> String {
     format!("data:image/any,{}", bytes.iter().map(|b| format!("%{b:02x}")).collect::<String>())
 }
 
-/// A PNG of one row of texels.
+/// Encodes a PNG of one row of texels.
 fn png(texels: &[[u8; 4]]) -> Vec<u8> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, texels.len() as u32, 1);
@@ -336,7 +336,7 @@ fn gltf_textures_of_other_formats_are_left_out() {
     document["extensionsRequired"] = json!(["KHR_texture_basisu"]);
     let needs = "PNG, JPEG and WebP are read, and it needs the extension 'KHR_texture_basisu'";
     assert_eq!(load(&document).notes, [format!("left out the texture 'texture 0': {needs}")]);
-    // With an image to fall back to there is nothing to say.
+    // With a fallback image there is no note.
     document["textures"][0]["source"] = json!(1);
     document["images"] = json!([{"uri": "a.ktx2"}, {"uri": uri(&png(&[[255, 0, 0, 255]]))}]);
     let loaded = load(&document);
@@ -365,7 +365,7 @@ fn gltf_webp_textures_are_read_and_fall_back_where_they_are_damaged() {
     let loaded = load(&document);
     assert!(loaded.notes[0].starts_with("left out the texture 'image 0'"), "{:?}", loaded.notes);
     assert_eq!(mesh(loaded).texture.unwrap().srgba8, [[9, 9, 9, 255]]);
-    // An index beyond the images is none.
+    // An image index out of range means no image.
     document["textures"][0]["extensions"]["EXT_texture_webp"]["source"] = json!(7);
     assert_eq!(mesh(load(&document)).texture.unwrap().srgba8, [[9, 9, 9, 255]]);
 }
@@ -418,7 +418,7 @@ fn gltf_every_triangle_keeps_its_own_texture_and_alpha_mode() {
     let mask = |cutoff| AlphaMode::Mask { cutoff };
     let modes = [AlphaMode::Opaque, mask(0.5), mask(0.125), AlphaMode::Blend, AlphaMode::Opaque];
     assert_eq!((0..5).map(|i| m.material(i).alpha).collect::<Vec<_>>(), modes);
-    // Of what is opaque, alpha says nothing; else factors multiply.
+    // Opaque materials ignore alpha; else factors multiply.
     let alphas = m.alphas.as_ref().unwrap();
     assert_eq!([0, 3, 6, 9, 12].map(|i| alphas[i]), [1.0, 0.5, 0.5, 0.25, 1.0]);
     assert_eq!(m.colors.as_ref().unwrap()[9], [0.5, 1.0, 1.0]);
@@ -439,7 +439,8 @@ fn gltf_normal_maps_are_read_where_they_lie_as_the_colours_do() {
     assert!(loaded.notes.is_empty(), "{:?}", loaded.notes);
     let map = mesh(loaded).material(0).normal_map.cloned().unwrap();
     assert_eq!((map.scale, &map.image.srgba8[..]), (0.5, &[[204, 128, 230, 255]][..]));
-    // Moved otherwise than the colours: left out, with a note. The same way: read.
+    // A normal map with another transform than the colours is dropped, with a note; one with the same transform is
+    // read.
     let transform = json!({"KHR_texture_transform": {"offset": [0.5, 0]}});
     let mut document = base(json!({"index": 0, "extensions": transform}));
     let loaded = load(&document);
@@ -447,12 +448,12 @@ fn gltf_normal_maps_are_read_where_they_lie_as_the_colours_do() {
     assert!(mesh(loaded).material(0).normal_map.is_none());
     document["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"]["extensions"] = transform;
     assert!(mesh(load(&document)).material(0).normal_map.is_some());
-    // Without a texture of colours, texture coordinates are the map's.
+    // Without a colour texture, the texture coordinates are those of the map.
     document["materials"][0]["pbrMetallicRoughness"] = json!({});
     let m = mesh(load(&document));
     assert!(m.material(0).normal_map.is_some() && m.material(0).texture.is_none());
     assert!(m.uvs.unwrap()[0][0] >= 0.5);
-    // What isn't there, or makes no sense, is none.
+    // A missing or invalid reference is ignored.
     for odd in [json!({"index": 7}), json!({"index": "x"}), json!({"index": 0, "texCoord": 3}), json!(4)] {
         assert!(mesh(load(&base(odd.clone()))).material(0).normal_map.is_none(), "{odd}");
     }
@@ -464,7 +465,7 @@ fn gltf_instances_are_placed_one_by_one() {
     let position = d.floats(&TRIANGLE, "VEC3", 3);
     let normal = d.floats(&[0.0, 0.0, 1.0].repeat(3), "VEC3", 3);
     let translation = d.floats(&[0.0, 0.0, 0.0, 5.0, 0.0, 0.0], "VEC3", 2);
-    // A quarter about x, in normalised integers of 16 bits.
+    // A quarter turn about x, in normalised 16-bit integers.
     let turn: Vec<u8> = [0_i16, 0, 0, 32767, 23170, 0, 0, 23170].iter().flat_map(|v| v.to_le_bytes()).collect();
     let turn = d.view(&turn);
     let rotation =
@@ -481,7 +482,7 @@ fn gltf_instances_are_placed_one_by_one() {
     let expected =
         [[0.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 2.0, 0.0], [5.0, 1.0, 0.0], [7.0, 1.0, 0.0], [5.0, 1.0, 2.0]];
     assert_positions(&m, &expected);
-    // The second one's scale mirrors it, so its corners turn around.
+    // The second instance's scale mirrors it, which reverses the winding order.
     assert_eq!(m.triangles, [[0, 1, 2], [3, 5, 4]]);
     let first = document["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"].clone();
     let with = |name: &str, accessor: Value| {
@@ -492,7 +493,7 @@ fn gltf_instances_are_placed_one_by_one() {
     assert!(with("SCALE", json!(position)).unwrap_err().contains("of node 0 have 2 and 3 values"));
     assert!(with("SCALE", json!(99)).unwrap_err().contains("accessor 99 does not exist: there are 5"));
     assert!(with("SCALE", json!("all")).is_err() && with("TRANSLATION", rotation.into()).is_err());
-    // Attributes that place nothing draw it once.
+    // Attributes without placement draw the mesh once.
     let mut once = document;
     once["nodes"][0]["extensions"]["EXT_mesh_gpu_instancing"]["attributes"] = json!({"_ID": first["SCALE"]});
     assert_eq!(mesh(load(&once)).triangles.len(), 1);
@@ -581,7 +582,7 @@ fn gltf_glb_opens_however_its_json_chunk_is_padded() {
     while json.len() % 4 != 1 {
         json.push(b' ');
     }
-    // Counted and written; written and not counted; neither; and with zeros.
+    // Padding counted and written; written but not counted; neither; and with zeros.
     for (counted, written, filler) in [(3, 3, b' '), (0, 3, b' '), (0, 0, b' '), (3, 3, 0)] {
         let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
         glb.extend((json.len() as u32 + counted).to_le_bytes());
@@ -610,7 +611,7 @@ fn gltf_instances_are_limited_whatever_multiplies_them() {
     assert!(try_load(&document).unwrap_err().contains("more than 67108864 vertices"));
 }
 
-/// Two triangles of a unit square with a colour a vertex, encoded by draco-core 2.3 at its default speed.
+/// Two triangles of a unit square with a colour per vertex, encoded by draco-core 2.3 at its default speed.
 #[cfg(feature = "draco")]
 const DRACO_SQUARE: &[u8] = include_bytes!("data/square.drc");
 
@@ -629,7 +630,7 @@ fn gltf_draco_meshes_are_decompressed() {
             "attributes": {"POSITION": position, "COLOR_0": color}, "indices": indices,
             "extensions": {"KHR_draco_mesh_compression": extension}})));
         document["extensionsRequired"] = json!(["KHR_draco_mesh_compression"]);
-        // The same mesh twice is decompressed once.
+        // A mesh that is used twice is decompressed once.
         document["nodes"] = json!([{"mesh": 0}, {"mesh": 0, "translation": [0, 0, 5]}]);
         document["scenes"] = json!([{"nodes": [0, 1]}]);
         document
@@ -638,7 +639,7 @@ fn gltf_draco_meshes_are_decompressed() {
     assert_eq!((m.positions.len(), m.triangles.len()), (8, 4));
     let colors = m.colors.as_ref().unwrap();
     for (p, color) in positions(&m).into_iter().zip(colors) {
-        // Only the far corner has blue in it.
+        // Only the far corner has blue.
         let corner = p.round();
         assert!((p - corner).length() < 1e-3, "{p}");
         assert_eq!(*color, [1.0, 0.0, if corner.x + corner.y == 2.0 { 1.0 } else { 0.0 }]);
@@ -658,16 +659,16 @@ fn gltf_draco_meshes_are_decompressed() {
     }
 }
 
-/// `EXT_meshopt_compression`'s streams in their plainest form.
+/// Encoders of `EXT_meshopt_compression`'s streams in their simplest form.
 #[cfg(feature = "meshopt")]
 mod meshopt {
-    /// A vertex codec's stream, version 0, of at most 16 vertices: every byte a literal difference.
+    /// Encodes a vertex stream, version 0, of at most 16 vertices: every byte is a literal difference.
     pub(crate) fn attributes(data: &[u8], stride: usize) -> Vec<u8> {
         let mut stream = vec![0xa0];
         let count = data.len() / stride;
         assert!(count <= 16);
         for byte in 0..stride {
-            // One group of 16, whose two bits say that its differences are whole bytes.
+            // One group of 16, whose two mode bits mean literal differences.
             stream.push(3);
             let mut last = data[byte];
             for i in 0..16 {
@@ -691,7 +692,7 @@ mod meshopt {
         *last = value;
     }
 
-    /// An index codec's stream, version 1: the first triangle is 0 1 2, the others are spelled out.
+    /// Encodes an index stream, version 1: the first triangle is 0 1 2, the others are explicit.
     pub(crate) fn triangles(indices: &[u32]) -> Vec<u8> {
         assert_eq!(indices[..3], [0, 1, 2]);
         let rest = indices.len() / 3 - 1;
@@ -707,14 +708,14 @@ mod meshopt {
         stream
     }
 
-    /// An index sequence's stream, version 1, against one of its two baselines.
+    /// Encodes an index sequence, version 1, against one of its two baselines.
     pub(crate) fn sequence(indices: &[u32]) -> Vec<u8> {
         let mut stream = vec![0xd1];
         let mut last = 0_u32;
         for &i in indices {
             let difference = i.wrapping_sub(last) as i32;
             let coded = ((difference << 1) ^ (difference >> 31)) as u32;
-            // The lowest bit chooses the baseline.
+            // The lowest bit selects the baseline.
             stream.push((coded << 1) as u8);
             last = i;
         }
@@ -726,7 +727,7 @@ mod meshopt {
 #[cfg(feature = "meshopt")]
 #[test]
 fn gltf_meshopt_buffers_are_decompressed() {
-    // Octahedral normals of 8 bits: +z, then +x, then −z, whose corner is folded out.
+    // 8-bit octahedral normals: +z, then +x, then −z, whose corner is folded out.
     let normals = [[0_i8, 0, 127, 0], [127, 0, 127, 0], [127, 127, 127, 0], [0, 0, 127, 0]];
     let normals: Vec<u8> = normals.as_flattened().iter().map(|&n| n as u8).collect();
     let indices = [0, 1, 2, 2, 1, 3];
@@ -751,7 +752,7 @@ fn gltf_meshopt_buffers_are_decompressed() {
                 ] {
                     packed[key] = value;
                 }
-                // The view itself lies in a buffer that has no data.
+                // The view itself is in a fallback buffer without data.
                 d.views[view] = json!({"buffer": 1, "byteLength": stride * count, "extensions": {name: packed}});
             }
             let position = d.accessor(json!({"bufferView": 0, "componentType": F32, "type": "VEC3", "count": 4}));
@@ -771,7 +772,7 @@ fn gltf_meshopt_buffers_are_decompressed() {
             assert_positions(&m, &[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]]);
             assert_eq!(m.triangles[..], [[0, 1, 2], [2, 1, 3]]);
             assert_eq!(m.normals.unwrap()[..3], [[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]]);
-            // A stream that says more than its bytes can hold is refused before anything is allocated.
+            // A stream that states more than its bytes can contain is refused before any allocation.
             document["bufferViews"][0]["extensions"][name]["count"] = json!(1_u64 << 40);
             let error = try_load(&document).unwrap_err();
             assert!(error.contains("more elements than its bytes can hold"), "{error}");

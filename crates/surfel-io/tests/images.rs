@@ -1,4 +1,4 @@
-//! Images written and read back.
+//! Round trips of images: written and read back.
 
 #![cfg(all(feature = "exr", feature = "jpeg"))]
 
@@ -80,7 +80,7 @@ fn exr_metadata_is_kept_and_the_bytes_are_always_the_same() {
     let options = ExrOptions { f32_color: false, metadata: metadata.clone() };
     let first = exr(&planes(), &options);
     assert_eq!(read(&first).metadata, metadata);
-    // Hash maps are seeded anew each time, so that twenty attributes would almost never agree by chance.
+    // Hash maps have a new seed each time, so that twenty attributes would almost never agree by chance.
     assert!((0..5).all(|_| exr(&planes(), &options) == first));
     let odd = ExrOptions { f32_color: false, metadata: vec![("".into(), "é → ☃\0".into())] };
     assert_eq!(read(&exr(&planes(), &odd)).metadata, [("_".to_owned(), "é ? ??".to_owned())]);
@@ -92,7 +92,7 @@ fn exr_truncated_or_lying_is_an_error() {
     for end in (0..bytes.len()).step_by(97) {
         assert!(read_image_bytes(&bytes[..end], Path::new("t")).is_err(), "{end}");
     }
-    // A data window of 60000 by 60000 in a file of a few kilobytes.
+    // A data window of 60000 × 60000 in a file of a few kilobytes.
     let mut lying = bytes;
     for name in [&b"dataWindow\0box2i\0"[..], b"displayWindow\0box2i\0"] {
         let at = lying.windows(name.len()).position(|w| w == name).unwrap() + name.len() + 4;
@@ -105,7 +105,7 @@ fn exr_truncated_or_lying_is_an_error() {
 
 #[test]
 fn png_is_straight_srgb_and_reads_back_within_half_a_code() {
-    // Premultiplied: full red at half cover, a grey, clipped highlights, nothing, and not a number.
+    // Premultiplied: full red at half coverage, a grey, clipped highlights, nothing, and NaN.
     let color = vec![
         [0.5, 0.0, 0.0, 0.5],
         [0.214_041_14, 0.214_041_14, 0.214_041_14, 1.0],
@@ -121,7 +121,7 @@ fn png_is_straight_srgb_and_reads_back_within_half_a_code() {
         write_png(&mut bytes, &planes.view(), &PngOptions { depth, metadata }).unwrap();
         assert!(bytes.windows(4).any(|w| w == b"sRGB") && bytes.windows(4).any(|w| w == b"iTXt"));
         let read = read(&bytes).color.unwrap();
-        // Half a code of alpha, and of a colour of slope at most 2.4·1.055⁻¹ there.
+        // Half a level of alpha, and of a colour whose slope is at most 2.4·1.055⁻¹ there.
         let tolerance = 1.3 / codes;
         for (i, expected) in
             [[0.5, 0.0, 0.0, 0.5], color[1], [1.0, 0.0, 1.0, 1.0], [0.0; 4], [0.0; 4], [0.0, 0.5, 1.0, 1.0]]
@@ -154,7 +154,7 @@ fn png_texts_are_kept_as_text_chunks_that_every_reader_knows() {
 #[test]
 fn jpeg_is_blended_onto_its_background_and_reads_back_within_its_quality() {
     use surfel_io::{JpegOptions, write_jpeg};
-    // Bands of 8 x 8 blocks, each of one colour, so that quality costs nothing but rounding.
+    // Bands of 8×8 blocks, each of one colour, so that only rounding causes errors.
     let colors = [[0.5, 0.0, 0.0, 0.5], [0.2, 0.7, 0.1, 1.0], [0.0; 4], [f32::NAN; 4], [4.0, -1.0, 1.0, 1.0]];
     let color: Vec<[f32; 4]> = (0..40 * 8).map(|i| colors[i % 40 / 8]).collect();
     let planes = Planes { width: 40, height: 8, color: Some(color), ..Planes::default() };
@@ -167,11 +167,11 @@ fn jpeg_is_blended_onto_its_background_and_reads_back_within_its_quality() {
     assert_eq!(bytes, written(92).unwrap());
     assert!(bytes.starts_with(&[0xff, 0xd8, 0xff]));
     let found = read(&bytes).color.unwrap();
-    // C + (1 - alpha) * background by hand.
+    // Expected values of C + (1 − alpha) · background.
     let expected = [[0.5, 0.125, 0.5], [0.2, 0.7, 0.1], [0.0, 0.25, 1.0], [0.0, 0.25, 1.0], [1.0, 0.0, 1.0]];
     for (band, expected) in expected.iter().enumerate() {
         let found = found[4 * 40 + band * 8 + 4];
-        // Three levels of 255 where the encoding is steepest against linear light, 2.3 a unit.
+        // Three levels of 255 where the encoding is steepest relative to linear light, with a slope of 2.3.
         let close = found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 3.0 * 2.3 / 255.0);
         assert!(close && found[3] == 1.0, "{band}: {found:?} {expected:?}");
     }
@@ -194,7 +194,7 @@ fn jpeg_is_blended_onto_its_background_and_reads_back_within_its_quality() {
 fn png_truncated_or_lying_is_an_error() {
     let mut bytes = Vec::new();
     write_png(&mut bytes, &planes().view(), &PngOptions::default()).unwrap();
-    // All but the end chunk has to be there.
+    // All chunks except the end chunk are required.
     for end in (0..bytes.len() - 12).step_by(53) {
         assert!(read_image_bytes(&bytes[..end], Path::new("t")).is_err(), "{end}");
     }
@@ -231,20 +231,20 @@ fn webp_is_read_and_its_size_is_held_against_its_bytes() {
     let image = read(&bytes);
     assert_eq!((image.width, image.height), (8, 8));
     let color = image.color.unwrap();
-    // Lossy: two levels of 255 off, where one is 0.009 of light.
+    // Lossy: a tolerance of two levels of 255, where one level is 0.009 of light.
     let expected = [200.0, 100.0, 50.0].map(|level| surfel_math::srgb::decode(level / 255.0) as f32);
     for texel in color {
         assert!(texel[3] == 1.0 && (0..3).all(|k| (texel[k] - expected[k]).abs() < 0.02), "{texel:?}");
     }
-    // The key frame's header says 14 bits of width and height.
+    // The key frame's header has 14 bits each for width and height.
     let at = bytes.windows(3).position(|w| w == [0x9d, 0x01, 0x2a]).unwrap() + 3;
     bytes[at..at + 4].copy_from_slice(&[0xff, 0x3f, 0xff, 0x3f]);
     let error = read_image_bytes(&bytes, Path::new("t.webp")).unwrap_err().to_string();
     assert!(error.contains("says that it has 16383x16383 pixels, but is"), "{error}");
 }
 
-/// A baseline JPEG of 8x8 texels of one colour, given as differences of (Y, Cb, Cr) or of a grey from 128, each -127 to
-/// 127.
+/// Encodes a baseline JPEG of 8×8 texels of one colour. The colour is given as differences of (Y, Cb, Cr) or of a grey
+/// from 128, each −127 to 127.
 fn jpeg(levels: &[i32]) -> Vec<u8> {
     let mut bytes = vec![0xff, 0xd8];
     let mut segment = |marker: u8, data: &[u8]| {
@@ -252,12 +252,13 @@ fn jpeg(levels: &[i32]) -> Vec<u8> {
         bytes.extend((data.len() as u16 + 2).to_be_bytes());
         bytes.extend(data);
     };
-    // Steps of 8, so that a coefficient of a block's mean is the level itself.
+    // Quantisation steps of 8, so that the coefficient of a block's mean is the level itself.
     segment(0xdb, &[&[0][..], &[8; 64]].concat());
     let n = levels.len() as u8;
     let components: Vec<u8> = (1..=n).flat_map(|id| [id, 0x11, 0]).collect();
     segment(0xc0, &[&[8, 0, 8, 0, 8, n][..], &components].concat());
-    // Four bits for each of the means' sizes in bits, 0 to 7; one for the end of a block, the only other coefficient.
+    // Huffman codes: four bits for each bit length, 0 to 7, of the means; one bit for the end of a block, the only
+    // other symbol.
     segment(0xc4, &[&[0, 0, 0, 0, 8][..], &[0; 12], &[0, 1, 2, 3, 4, 5, 6, 7]].concat());
     segment(0xc4, &[&[0x10, 1][..], &[0; 15], &[0]].concat());
     let scan: Vec<u8> = (1..=n).flat_map(|id| [id, 0]).collect();
@@ -300,7 +301,7 @@ fn jpeg_in_color_and_grey_is_read() {
     }
 }
 
-/// A PNG of two texels, read back.
+/// Encodes a PNG of two texels, and reads it back.
 fn png_texels(color: png::ColorType, depth: png::BitDepth, data: &[u8], palette: &[u8], trns: &[u8]) -> Vec<[f32; 4]> {
     let mut bytes = Vec::new();
     let mut encoder = png::Encoder::new(&mut bytes, 2, 1);
@@ -346,13 +347,13 @@ fn whole_numbers_and_positions_are_kept() {
     assert_eq!(back.whole, planes.whole);
     let [x, y, z] =
         ["position.X", "position.Y", "position.Z"].map(|name| back.other.iter().find(|(n, _)| n == name).unwrap().1[0]);
-    // EXR has f32 alone.
+    // EXR has only f32.
     assert_eq!((x, y, z), (4_500_000.0, -7_100_000.0, f32::INFINITY));
     let mut npz = Vec::new();
     surfel_io::write_npz(&mut npz, &view).unwrap();
     assert!(npz.windows(8).any(|w| w == far[0][0].to_le_bytes()), "f64 in full");
     assert!(npz.windows(16).any(|w| w == ids.iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<u8>>()));
-    // Whole numbers of another size, or no plane at all, are refused.
+    // An integer plane of another size, or no plane at all, is refused.
     let short = Planes { whole: vec![("index".into(), vec![1])], ..planes };
     assert!(write_exr(&mut Vec::new(), &short.view(), &ExrOptions::default()).is_err());
     let none = Planes { width: 2, height: 2, ..Planes::default() };
@@ -366,7 +367,7 @@ fn tiles_become_a_tiff_with_their_samples() {
     use std::io::BufReader;
     use surfel_io::{PlanesView, Tile, save_png, stitch};
     let folder = tempfile::tempdir().unwrap();
-    // Two strips of 1 MiB and a shorter one; of 16 bits a few more.
+    // Two strips of 1 MiB and a shorter one; more strips with 16 bits.
     let (width, edges) = (603, [0, 301, 640, 947]);
     let color = |x: u32, y: u32| {
         let alpha = if x.is_multiple_of(7) { 0.0 } else { 0.25 + 0.75 * y as f32 / 947.0 };
@@ -405,7 +406,7 @@ fn tiles_become_a_tiff_with_their_samples() {
             other => panic!("{other:?}"),
         };
         assert!(found == expected, "{bits} bits");
-        // A tile that is missing leaves the file as it was.
+        // A missing tile leaves the file unchanged.
         let before = std::fs::read(&whole).unwrap();
         assert!(stitch(&whole, true, [width, 947], &tiles[1..], &[]).is_err());
         assert!(std::fs::read(&whole).unwrap() == before);

@@ -1,5 +1,5 @@
-//! Formats that were left out of the build are named with their Cargo features:
-//! `cargo test -p surfel-io --no-default-features`.
+//! Files of formats that aren't built are refused with the name of their Cargo feature: `cargo test -p surfel-io
+//! --no-default-features`.
 
 use std::path::Path;
 use surfel_io::{Format, LoadOptions, load_bytes, read_image_bytes};

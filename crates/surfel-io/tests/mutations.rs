@@ -1,5 +1,5 @@
-//! Damaged files of every format: no reader panics, hangs, or takes much memory. Seeded, so that each run is the
-//! same; `fuzz/` holds the same readers for a coverage-guided fuzzer, and `finds/` what has been found.
+//! Damaged files of every format: no reader panics, hangs, or takes much memory. Fixed seeds make each run the same;
+//! `fuzz/` has the same readers for a coverage-guided fuzzer, and `finds/` the inputs that it has found.
 
 #![cfg(all(
     feature = "draco",
@@ -41,7 +41,7 @@ impl Random {
     }
 }
 
-/// Texts that steer parsers somewhere else than random bytes do.
+/// Texts that reach other code in parsers than random bytes do.
 const WORDS: [&[u8]; 24] = [
     b"-1",
     b"0",
@@ -109,7 +109,8 @@ fn damage(seeds: &[Vec<u8>], rounds: usize, read: impl Fn(&[u8])) {
             let bytes = mutate(&mut random, seed);
             let start = Instant::now();
             read(&bytes);
-            // These inputs have a few hundred bytes: whatever takes seconds is bound to a number, not to the data.
+            // These inputs have a few hundred bytes: time that exceeds seconds depends on a number in them, not on the
+            // data.
             assert!(start.elapsed() < Duration::from_secs(2), "slow: {:?}", String::from_utf8_lossy(&bytes));
         }
     }
@@ -238,7 +239,7 @@ fn mutations_of_gltf() {
     damage(&[tileset.to_vec()], 6000, load_as(Some(Format::Tileset)));
 }
 
-/// A GLB file of this document, whose buffer holds these bytes.
+/// Builds a GLB file of this document, with these bytes as buffer.
 fn glb(json: &str, binary: &[u8]) -> Vec<u8> {
     let mut glb = b"glTF\x02\0\0\0\0\0\0\0".to_vec();
     for (kind, chunk) in [(b"JSON", json.as_bytes()), (b"BIN\0", binary)] {
@@ -322,7 +323,7 @@ fn mutations_of_scene_files() {
 #[ignore = "a minute: cargo xtask test --full"]
 fn mutations_of_scans() {
     let file = |kind| support::las_file(kind, Vec::new(), 0..40, |_| ());
-    // The last bytes of a compressed file are the table of its chunks.
+    // The last bytes of a compressed file are its chunk table.
     let cut = |kind| file(kind).split_last_chunk::<12>().unwrap().0.to_vec();
     let seeds = [
         file((2, 3, 0, false)),
@@ -333,8 +334,8 @@ fn mutations_of_scans() {
         cut((4, 8, 3, true)),
     ];
     damage(&seeds, 6000, load_as(None));
-    // Where the records of points and of LASzip are, and the first chunk's head: elsewhere most damage is to numbers
-    // that may be anything.
+    // Damages the variable length records, LASzip's record and the first chunk's head: elsewhere most bytes are numbers
+    // with any valid value.
     let mut random = Random(11);
     for seed in &seeds {
         for _ in 0..6000 {
@@ -346,7 +347,7 @@ fn mutations_of_scans() {
             load_as(None)(&bytes);
         }
     }
-    // Pages whose check sums are wrong are never looked into.
+    // Pages with wrong checksums are refused unread, so the checksums are corrected.
     damage(&[support::small_e57()], 3000, |bytes| load_as(None)(&support::seal(bytes.to_vec())));
 }
 
@@ -454,7 +455,7 @@ fn mutations_of_tables() {
     }
 }
 
-/// Files stored in a ZIP file with its directory.
+/// Builds a ZIP file of stored files, with its directory.
 fn zip(files: &[(&str, &[u8])]) -> Vec<u8> {
     let (mut zip, mut directory) = (Vec::new(), Vec::new());
     for (name, content) in files {
@@ -520,7 +521,7 @@ fn mutations_of_gzip_and_sog() {
     let mut encoder = GzEncoder::new(Vec::new(), Compression::best());
     encoder.write_all(b"x y z\n1 2 3\n4 5 6\n").unwrap();
     damage(&[encoder.finish().unwrap()], 20_000, load_as(None));
-    // The description of a SOG file; its pictures are WebP files, whose mutations are of their own.
+    // The description of a SOG file; mutations of its WebP images are a separate test.
     let mut picture = Vec::new();
     let encoder = image_webp::WebPEncoder::new(&mut picture);
     encoder.encode(&[9, 99, 199, 252], 1, 1, image_webp::ColorType::Rgba8).unwrap();

@@ -1,4 +1,4 @@
-//! NumPy's arrays, alone and several in a file. The files are made here, byte by byte.
+//! NumPy arrays, alone and several in a file. The tests build the files byte by byte.
 
 use flate2::Compression;
 use flate2::write::DeflateEncoder;
@@ -98,7 +98,7 @@ fn npy_faults_are_errors() {
     refused("a", npy("'<f4'", "False", "(480, 640)", &[0; 480 * 640 * 4]), "480×640");
 }
 
-/// A ZIP file; members are deflated if asked for.
+/// Builds a ZIP file, with deflated members if `deflate`.
 pub(crate) fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());
     for (name, content) in members {
@@ -113,7 +113,7 @@ pub(crate) fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) ->
         let method = [if deflate { 8 } else { 0 }, 0];
         let sizes = [(packed.len() as u32).to_le_bytes(), (content.len() as u32).to_le_bytes()].concat();
         let length = (name.len() as u16).to_le_bytes();
-        // As NumPy does, the local header leaves the sizes to the directory.
+        // As in NumPy's files, only the directory states the sizes.
         bytes.extend([b"PK\x03\x04\x14\0\0\0", &method[..], &[0; 4], &[0; 4], &[0xff; 8], &length, &[0, 0]].concat());
         bytes.extend(name.as_bytes());
         bytes.extend(&packed);
@@ -152,7 +152,7 @@ fn npz_goes_by_names() {
     let members = [("xyz.npy", xyz.clone()), ("normals.npy", normals), ("radii.npy", radii)];
     let Content::Splats(cloud) = load("a", zip(&members, true, b"")).content else { panic!() };
     assert_eq!((cloud.radius_max(0), cloud.radius_max(1)), (0.5, 0.25));
-    // x, y and z on their own; any name where there is one array; a mesh.
+    // Separate x, y and z; any name if there is only one array; a mesh.
     let one = |v: f32| npy("'<f4'", "False", "(1,)", &le(&[v]));
     let members = [("y.npy", one(2.0)), ("x.npy", one(1.0)), ("z.npy", one(3.0))];
     assert_eq!(places(&points(load("a", zip(&members, false, b"")))), [DVec3::new(1.0, 2.0, 3.0)]);
@@ -189,7 +189,7 @@ fn npz_faults_are_errors() {
         "no array of positions among a",
     );
     refused("a", zip(&[("readme.txt", vec![])], false, b""), "is a ZIP archive");
-    // The directory says what isn't so: far more than deflate can make, more than there is, another method.
+    // A wrong directory: more than deflate can expand to, more than the file has, an unknown method.
     let at = whole.windows(4).position(|w| w == b"PK\x01\x02").unwrap();
     for (offset, bytes, expected) in [
         (24, &0xffff_fff0_u32.to_le_bytes()[..], "claims to be 4294967280 bytes"),

@@ -1,4 +1,4 @@
-//! `.surfel`: what is written is read again, and what is damaged is refused.
+//! `.surfel` files: round trips, and refusal of damaged files.
 
 use glam::{DVec3, Vec3};
 use std::path::Path;
@@ -8,7 +8,7 @@ use surfel_model::{
     CloudData, Column3, Mesh, Octree, OctreeNode, OnInvalid, Shape, SplatCloud, Texture, Transition, Up,
 };
 
-/// Two triangles in two leaves, with every column there is.
+/// Returns an octree of two triangles in two leaves, with every possible column.
 fn octree() -> Octree {
     let v = |x: f32, y: f32| Vec3::new(x, y, 0.25);
     let mesh = Mesh {
@@ -82,7 +82,7 @@ fn octree_sections_of_the_future_are_skipped_and_missing_ones_named() {
     assert!(load(&other).unwrap_err().contains("version 2"));
 }
 
-/// Any byte cut off, or any number of the tree changed: an error, or a valid tree.
+/// Any truncation, and any changed byte, gives an error or a valid tree.
 #[test]
 fn octree_damaged_is_refused_or_valid_never_more() {
     let whole = bytes();
@@ -95,7 +95,7 @@ fn octree_damaged_is_refused_or_valid_never_more() {
             bytes[at] ^= change;
             match load(&bytes) {
                 Ok(Content::Octree(read)) => {
-                    // Whatever passed is a tree that can be cut down.
+                    // A tree that passed validation can be cut at any level.
                     let all: Vec<_> = read.nodes().iter().map(|n| n.splats.clone()).collect();
                     assert!(read.cloud_of(&all).is_ok());
                 }

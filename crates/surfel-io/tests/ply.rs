@@ -1,4 +1,4 @@
-//! PLY: the splat profile, points, meshes and Gaussian splats; and that splats survive writing.
+//! PLY: the splat profile, points, meshes and Gaussian splats; round trips of splats.
 
 use glam::{DVec3, Vec3};
 use std::path::Path;
@@ -53,7 +53,7 @@ fn written(cloud: &SplatCloud, encoding: PlyEncoding) -> Vec<u8> {
     bytes
 }
 
-/// A cloud with everything that the model holds.
+/// Returns a cloud with every column of the model.
 fn full_cloud() -> SplatCloud {
     let n = 5000; // more than one block of rows
     let v = |i: usize, k: f32| Vec3::new((i as f32 * 0.37 + k).sin(), (i as f32 * 0.61 + k).cos(), 0.25 + k);
@@ -100,7 +100,7 @@ fn splat_round_trip_loses_nothing_in_any_encoding() {
         let mut expected = cloud.data().clone();
         expected.comments = data.comments.clone();
         assert_eq!(data, expected, "{encoding:?}");
-        // And what is read is written as it was.
+        // A cloud that was read can be written again without change.
         let again = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
         assert_eq!(splats(load(written(&again, encoding))).data().extras, expected.extras);
     }
@@ -120,8 +120,8 @@ fn splat_round_trip_keeps_georeferenced_positions() {
         assert!(String::from_utf8_lossy(&bytes[..200]).contains("property double x"));
         let read = splats(load(bytes));
         for (i, p) in positions.iter().enumerate() {
-            // Centres are kept to 48 bits of the extent (33 m) beside an exact origin: below a nanometre, the
-            // last digit of an f64 at 7e6.
+            // Centres have 48 bits of the extent (33 m) relative to an exact origin: less than a nanometre, the last
+            // digit of an f64 at 7e6.
             assert!((read.center(i) - *p).abs().max_element() < 1e-9, "{i}: {} {p}", read.center(i));
         }
         assert_eq!(read.data().origin, origin);
@@ -292,7 +292,7 @@ fn splat_comments_say_up_and_interior_weight() {
     assert!(!cloud.data().oriented);
     let cloud = splats(with("oriented").unwrap());
     assert!(cloud.data().oriented);
-    // Said once, and no more when it isn't so.
+    // The comment is written once, and only if it is true.
     let said = |cloud: &SplatCloud| {
         String::from_utf8(written(cloud, PlyEncoding::Ascii)).unwrap().matches("comment oriented\n").count()
     };
@@ -352,9 +352,9 @@ fn mesh_strips_alternate_and_restart() {
                 tristrips 1\nproperty list int int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n1 1 0\n0 2 0\n1 2 \
                 0\n10 0 1 2 3 -1 2 3 3 4 5\n";
     let m = mesh(load(text));
-    // The second strip's first two triangles have no area and only turn it around.
+    // The second strip's first two triangles are degenerate and only reverse its winding.
     assert_eq!(m.triangles, [[0, 1, 2], [2, 1, 3], [3, 4, 5]]);
-    // Strips keep one orientation: all these triangles face +z.
+    // All triangles of a strip have one orientation, facing +z.
     for t in &m.triangles[..2] {
         let [a, b, c] = t.map(|i| m.positions.get(i as usize));
         assert!((b - a).cross(c - a).z > 0.0);
@@ -382,15 +382,15 @@ fn gaussian_2d_becomes_an_ellipse_of_two_sigma() {
     assert!(loaded.notes[0].contains("1 spherical-harmonics"), "{:?}", loaded.notes);
     let cloud = splats(loaded);
     let (s, t) = cloud.axes(0);
-    // f32 storage of the logarithms and axes.
+    // Tolerance: logarithms and axes are stored in f32.
     assert!((s - DVec3::new(0.0, 0.2, 0.0)).length() < 1e-6, "{s}");
     assert!((t - DVec3::new(-0.4, 0.0, 0.0)).length() < 1e-6, "{t}");
     assert_eq!(cloud.alpha(0), 0.5);
-    // sRGB ½ decoded; the others clamped.
+    // sRGB ½, decoded; the others are clamped.
     assert_eq!(cloud.color(0), [0.214_041_14, 1.0, 0.0]);
 }
 
-/// Loaded as they were trained.
+/// Loads Gaussians as trained.
 fn trained(text: impl AsRef<[u8]>) -> Result<Loaded, String> {
     let options = LoadOptions { gaussians: true, ..LoadOptions::default() };
     load_bytes(text.as_ref(), Some(Format::Ply), Path::new("a.ply"), &options).map_err(|e| e.to_string())
@@ -408,7 +408,7 @@ fn trained_gaussians_keep_their_columns_in_any_order() {
     use surfel_model::GaussianKind;
     for degree in 0..=3_usize {
         let rest = 3 * ((degree + 1).pow(2) - 1);
-        // Names last to first: they are told by their number, and all of a channel come together.
+        // Names in reverse order: the number in the name counts, and the coefficients of a channel are consecutive.
         let names: String = (0..rest).rev().map(|i| format!("float f_rest_{i},")).collect();
         let values: String = (0..rest).rev().map(|i| format!("{i} ")).collect();
         let text = ascii(
@@ -449,7 +449,7 @@ fn trained_gaussians_that_are_odd_are_told() {
     assert!(loaded.notes[0].contains("1 spherical-harmonics"), "{:?}", loaded.notes);
     assert!(trained(gaussian_text(None, "0 0 0 0", "0")).unwrap_err().contains("splat 0 is invalid: its rotation"));
     assert!(trained(gaussian_text(None, "1 0 0 0", "nan")).unwrap_err().contains("opacity"));
-    // What isn't of Gaussians is as ever.
+    // Files without Gaussians are unaffected.
     let points = trained(
         "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
                           end_header\n1 2 3\n",

@@ -1,4 +1,4 @@
-//! PCD, text dialects, PTX, OFF, and files wrapped by gzip. The files are made here, byte by byte.
+//! PCD, text dialects, PTX, OFF, and gzip files. The tests build the files byte by byte.
 
 #![cfg(all(feature = "npy", feature = "off", feature = "pcd", feature = "points"))]
 
@@ -35,7 +35,7 @@ pub(crate) fn refused(name: &str, bytes: impl AsRef<[u8]>, expected: &str) {
     assert!(error.contains(expected), "{error}\nexpected: {expected}");
 }
 
-/// Every part of a file from its start, but the whole, is an error.
+/// Asserts that every truncation of a file gives an error.
 pub(crate) fn refused_when_cut(name: &str, bytes: &[u8], from: usize) {
     for end in from..bytes.len() {
         assert!(try_load(name, &bytes[..end]).is_err(), "{name} cut at {end} of {}", bytes.len());
@@ -58,7 +58,7 @@ fn pcd(fields: &str, sizes: &str, types: &str, points: usize, data: &str, body: 
     [header.as_bytes(), body].concat()
 }
 
-/// LZF with literals only.
+/// Encodes LZF with literals only.
 fn lzf_literals(data: &[u8]) -> Vec<u8> {
     data.chunks(32).flat_map(|c| std::iter::once(c.len() as u8 - 1).chain(c.iter().copied())).collect()
 }
@@ -74,7 +74,7 @@ pub(crate) fn le(values: &[f32]) -> Vec<u8> {
 const FIELDS: [&str; 3] =
     ["x y z rgb normal_x normal_y normal_z intensity label", "4 4 4 4 4 4 4 4 2", "F F F F F F F F U"];
 
-/// The same three points, the last of them NaN, as text, binary and compressed.
+/// Returns the same three points, the last of them NaN, as text, binary and compressed.
 fn three_pcds() -> [Vec<u8>; 3] {
     let [fields, sizes, types] = FIELDS;
     let color = f32::from_bits(0x00ff_8000);
@@ -117,11 +117,11 @@ fn pcd_is_the_same_in_each_encoding() {
     let [text, binary, packed] = three_pcds();
     refused_when_cut("a.pcd", &binary, 0);
     refused_when_cut("a.pcd", &packed, 0);
-    // The last digits of a text may be missing without a trace.
+    // Missing last digits of a text can't be detected.
     refused_when_cut("a.pcd", &text[..text.len() - 2], 0);
 }
 
-/// Points of all types that PCD has, among them floats whose text must be read back to the bit.
+/// Returns points of all types of PCD, including floats whose text must be parsed exactly.
 fn pcd_rs_points() -> (pcd_rs::Schema, Vec<DynRecord>) {
     let kinds = [
         ("x", ValueKind::F32, 1),
@@ -135,7 +135,7 @@ fn pcd_rs_points() -> (pcd_rs::Schema, Vec<DynRecord>) {
         ("f", ValueKind::I32, 2),
     ];
     let row = |i: i64| {
-        // Runs of equal values make references of LZF, short and long ones; the others are literals.
+        // Runs of equal values become short and long LZF references; other values become literals.
         let mixed = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).rotate_left(29);
         let part = |shift: u32| (mixed >> shift) as i32;
         DynRecord(vec![
@@ -182,7 +182,8 @@ fn pcd_of_another_program_is_read_to_the_bit() {
         for i in 0..cloud.len() {
             let p = cloud.origin + cloud.positions.get(i);
             let truth = DVec3::new(value(i, 0, 0), value(i, 1, 0), value(i, 2, 0));
-            // f32 pairs keep 48 bits of what is some 800 from the middle at 5e6: the origin's own rounding is more.
+            // f32 pairs have 48 bits of a coordinate that is about 800 from the middle at 5e6: the origin's own
+            // rounding is larger.
             assert!((p - truth).abs().max_element() <= 1e-9, "{data_kind:?} {i}: {p} {truth}");
             for (name, field, k) in names.into_iter().chain([("f_0", 8, 0), ("f_1", 8, 1)]) {
                 let column = cloud.extras.iter().find(|e| e.name == name).unwrap_or_else(|| panic!("{name}"));
@@ -210,7 +211,7 @@ fn pcd_of_every_dialect() {
     let old = "VERSION .7\r\nFIELDS x y z\r\nSIZE 4 4 4\r\nTYPE F F F\r\nWIDTH 2\r\nHEIGHT 1\r\nDATA \
                ascii\r\n1 2 3\r\nnan nan nan\r\n";
     assert_eq!(points(load("a", old)).len(), 1);
-    // Packed colours as whole numbers though their type is F; rgba with and without an alpha.
+    // Packed colours as whole numbers although their type is F; rgba with and without an alpha.
     let color =
         |fields, types, text: &str| points(load("a", pcd(fields, "4 4 4 4", types, 1, "ascii", text.as_bytes())));
     assert_eq!(color("x y z rgb", "F F F F", "1 2 3 16744448\n").colors.unwrap()[0], [1.0, HALF_OF_255, 0.0]);
@@ -231,7 +232,7 @@ fn pcd_of_every_dialect() {
     assert!(loaded.notes[0].contains("VIEWPOINT 1 2 3 0 1 0 0"), "{:?}", loaded.notes);
     let cloud = points(loaded);
     assert_eq!(cloud.comments, ["VIEWPOINT 1 2 3 0 1 0 0"]);
-    // The last digit of an f64 at 5e6.
+    // Tolerance: the last digit of an f64 at 5e6.
     assert!((places(&cloud)[0] - DVec3::new(500_000.125, 5_000_000.001, 1.5)).length() < 1e-9);
     let names: Vec<&str> = cloud.extras.iter().map(|e| e.name.as_str()).collect();
     assert_eq!(names, ["two_0", "two_1", "t"]);
@@ -241,7 +242,7 @@ fn pcd_of_every_dialect() {
 
 #[test]
 fn pcd_references_of_lzf_are_followed() {
-    // Twelve zeros: one literal and a reference that reads what it writes; then a long one of 7 + 15 + 2.
+    // Twelve zeros: one literal and an overlapping reference; then a long reference of 7 + 15 + 2.
     let short = [0x00, 0, 0xe0, 2, 0];
     let bytes = pcd("x y z", "4 4 4", "F F F", 1, "binary_compressed", &compressed(&short, 12));
     assert_eq!(places(&points(load("a", &bytes))), [DVec3::ZERO]);
@@ -282,7 +283,7 @@ fn pcd_faults_are_errors() {
         ("1 2 3", "1 2 3 4", "point 0 has too many numbers"),
         ("1 2 3", "1 2 c", "found 'c' as 'z' (line 10)"),
     ] {
-        // COUNT of 2⁶⁴ − 1 with points of one more overflows.
+        // A COUNT of 2⁶⁴ − 1 overflows with more than one point.
         let text = ok.replace(from, to);
         let text = if to.starts_with("COUNT 1 1 18") { text.replace("POINTS 1", "POINTS 2") } else { text };
         refused("a.pcd", text, expected);
@@ -310,7 +311,7 @@ fn gzip_is_unwrapped_and_content_decides() {
     }
     let text = load("a.pts.gz", gzip(b"1\n1 2 3\n"));
     assert_eq!((text.format, points(text).len()), (Format::Pts, 1));
-    // Several members follow each other; a cut, a wrong sum and more than the limit are errors.
+    // Several members are concatenated; truncation, a wrong checksum and too much data are errors.
     assert_eq!(points(load("a.xyz.gz", [gzip(b"1 2 3\n"), gzip(b"4 5 6\n")].concat())).len(), 2);
     let whole = gzip(&b"1 2 3\n".repeat(500));
     refused_when_cut("a.xyz.gz", &whole, 2);
@@ -365,7 +366,7 @@ fn npz_ptx_and_gzip_are_written_by_levels_as_they_are_read() {
         std::fs::write(&path, &bytes).unwrap();
         let surveyed = surfel_io::survey_points(&path, None).map(|count| count.points);
         std::fs::remove_file(&path).unwrap();
-        // What has no header is estimated, from the first bytes where it is compressed.
+        // Without a header, the count is estimated, from the first bytes if the file is compressed.
         assert!(surveyed.unwrap().abs_diff(3000) < 600, "{name}: {surveyed:?}");
     }
     let refused = |name: &str, bytes: &[u8], expected: &str| {
@@ -406,7 +407,7 @@ fn text_headers_of_other_programs_are_obeyed() {
         assert!(loaded.notes.iter().all(|n| !n.contains("no first line")), "{:?}", loaded.notes);
         assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0)], "{text}");
     }
-    // Names that don't fit the columns count for nothing, and a note says so.
+    // Names that don't match the columns are ignored, with a note.
     let loaded = load("a.xyz", "x y z i\n1 2 3 0.5 0.5 0.5\n");
     let expected =
         "took the columns as x y z red green blue: the line of names has 4, columns 4 to 6 share a range, 0 to 1";
@@ -440,7 +441,7 @@ fn seven_columns_are_told_by_their_numbers() {
         ("1 2 3 10 20 30 4000\n", "x y z red green blue intensity"),
         ("1 2 3 10 20 30 0.5\n", "x y z red green blue intensity"),
         ("1 2 3 0.5 10 20 30\n", "x y z intensity red green blue"),
-        // Either would do: the order of PTS.
+        // Both are possible: the order of PTS is chosen.
         ("1 2 3 10 20 30 40\n", "x y z intensity red green blue"),
         ("1 2 3 117 73 49 255\n1 2 4 91 87 74 255\n", "x y z red green blue intensity"),
         ("1 2 3 255 117 73 49\n1 2 4 255 91 87 74\n", "x y z intensity red green blue"),
@@ -454,7 +455,7 @@ fn seven_columns_are_told_by_their_numbers() {
 
 #[test]
 fn pts_of_seven_columns_have_an_intensity_and_colors() {
-    // Greens that are far from grey, over a range that other numbers may have, too.
+    // Greens far from grey, over a range that other numbers may have, too.
     let text: String = (0..400)
         .map(|i| {
             let (x, y) = (f64::from(i % 20), f64::from(i / 20));
@@ -468,7 +469,7 @@ fn pts_of_seven_columns_have_an_intensity_and_colors() {
     let colors = cloud.colors.unwrap();
     let linear = ((98.0_f64 / 255.0 + 0.055) / 1.055).powf(2.4);
     assert!((f64::from(colors[7][1]) - linear).abs() < 1e-6);
-    // What no colours can be is judged as in other tables.
+    // Columns that can't be colours are judged as in other tables.
     let other = points(load("a.pts", &text.replace(" 91 ", " 91.5 ")));
     assert!(other.colors.is_none());
 }
@@ -506,7 +507,7 @@ fn decimal_commas_are_read_where_nothing_else_fits() {
         let cloud = points(load("a.txt", text));
         assert_eq!(places(&cloud), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)], "{text}");
     }
-    // Commas that do both can't be told apart.
+    // Commas as separators and decimal points at once are ambiguous.
     refused("a.csv", "1,5,2,25,3\n4,0,5,5\n", "if its commas are decimal points");
 }
 
@@ -526,7 +527,7 @@ fn ptx_scans_are_moved_by_their_poses() {
     assert_eq!(places(&cloud), [moved, turned].concat());
     assert_eq!(cloud.rows, Some(vec![0, 2, 3, 4, 6, 7]), "rows of all scans' points, those left out too");
     assert_eq!(cloud.extras[1].values, ExtraValues::F32([[0.0; 3], [1.0; 3]].concat()));
-    // Of one scan there is nothing to tell apart; without colours there are four columns.
+    // A single scan needs no scan number; without colours there are four columns.
     let plain = PTX.lines().map(|l| l.split(' ').take(4).collect::<Vec<_>>().join(" ") + "\n").collect::<String>();
     assert_eq!(load("a.ptx", &plain).attributes.join(" "), "position intensity");
     for (from, to, expected) in [
@@ -601,7 +602,7 @@ fn files_that_are_not_read_are_named() {
     refused("a.tar", tar, "TAR archive");
 }
 
-/// Columns of files are read in blocks by several threads, and are what they are from memory.
+/// Columns of files are read in blocks by several threads, with the same result as from memory.
 #[test]
 fn columns_of_files_are_those_of_memory() {
     let rows = 40_001;
@@ -665,7 +666,7 @@ fn columns_of_files_are_those_of_memory() {
         let of_file = surfel_io::load(&path, &options).unwrap();
         let of_memory = load_bytes(&bytes, None, &path, &options).unwrap();
         assert_eq!(of_file, of_memory, "{name}");
-        // Each number is what it was, also where blocks meet.
+        // Each number has its expected value, also at block boundaries.
         let Content::Points(points) = &of_file.content else { panic!("{name}") };
         let all = [0, 1, 16_383, 16_384, 32_768, rows - 1].map(|r| {
             let p = points.origin + points.positions.get(r);
@@ -677,7 +678,7 @@ fn columns_of_files_are_those_of_memory() {
             p.distance(expected)
         });
         assert!(all.iter().all(|d| *d < 1e-8), "{name}: {all:?}");
-        // One cut off is told as before.
+        // A truncated file gives the same error as before.
         let cut = &bytes[..bytes.len() - 1];
         std::fs::write(&path, cut).unwrap();
         let told = surfel_io::load(&path, &options).unwrap_err().to_string();
@@ -691,7 +692,7 @@ fn quoted_values_are_values() {
     assert_eq!(places(&cloud), [DVec3::new(1.5, 2.0, 3.0), DVec3::new(4.0, 5.0, -6.0)]);
     let cloud = points(load("a.csv", "\"1,5\";\"2,5\";\"3\"\n\"4\";\"5\";\"6,25\"\n"));
     assert_eq!(places(&cloud), [DVec3::new(1.5, 2.5, 3.0), DVec3::new(4.0, 5.0, 6.25)]);
-    // A comma within quotes is never taken for the end of a cell.
+    // A comma within quotes never ends a cell.
     refused("a.csv", "x,y,z\n1,2,3\n\"1,5\",\"2,5\",\"3,5\"\n", "found '1,5' (line 3)");
 }
 
@@ -708,7 +709,7 @@ fn rows_with_an_empty_cell_are_left_out_and_counted() {
         assert_eq!(loaded.notes, [note]);
         assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
     }
-    // What all lines end with is no cell.
+    // A separator at the end of all lines makes no cell.
     assert_eq!(points(load("a.csv", "x,y,z\n1,2,3,\n4,5,6,\n")).len(), 2);
     refused("a.csv", "x,y,z\n1,2,3\n4,5\n", "found 2 numbers (line 3)");
 }

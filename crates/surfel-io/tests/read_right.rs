@@ -1,4 +1,4 @@
-//! Files that other programs write in other ways than Surfel: names, colours, radii and statements of meshes.
+//! Files in which other programs write names, colours, radii and meshes differently from Surfel.
 
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -35,7 +35,7 @@ fn splats(loaded: Loaded) -> SplatCloud {
     }
 }
 
-/// IEC 61966-2-1, of a level that counts to `most`.
+/// Decodes a level of a range up to `most` by IEC 61966-2-1.
 fn linear(level: f64, most: f64) -> f32 {
     let c = level / most;
     (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
@@ -46,7 +46,7 @@ fn assert_color(found: [f32; 3], levels: [f64; 3], most: f64) {
     assert!(found.iter().zip(wanted).all(|(a, b)| (a - b).abs() < 1e-6), "{found:?}, not {wanted:?}");
 }
 
-/// A PLY file of one element in each of the three encodings. A property is its type and its name.
+/// Builds a PLY file of one element in each of the three encodings. A property is its type and its name.
 fn in_all_encodings(element: &str, comments: &[&str], properties: &[(&str, &str)], rows: &[&[f64]]) -> Vec<Vec<u8>> {
     let encodings = ["ascii", "binary_little_endian", "binary_big_endian"];
     let file = |encoding: &&str| {
@@ -119,7 +119,7 @@ fn ply_names_are_those_that_text_files_know() {
     assert!(error.contains("'q' as property 'Z' of element 'point' number 0"), "{error}");
     let error = try_read(Format::Ply, format!("{text}3\n")).unwrap_err();
     assert!(error.contains("within element 'point' number 1 of 2"), "{error}");
-    // What isn't lengths isn't read as such.
+    // Coordinates that aren't lengths are refused.
     let lon_lat = "property float lon\nproperty float lat\nproperty float z\nend_header\n1 2 3\n";
     let degrees = format!("ply\nformat ascii 1.0\nelement point 1\n{lon_lat}");
     assert!(try_read(Format::Ply, degrees).unwrap_err().contains("have z but lack x y"));
@@ -138,7 +138,7 @@ fn ply_splats_and_meshes_have_other_names_too() {
                 3 0 1 2\n";
     let found = mesh(read(Format::Ply, text));
     assert_eq!((found.triangles, found.colors.unwrap()[2]), (vec![[0, 1, 2]], [1.0, 0.0, 0.0]));
-    // Of two lists none is guessed.
+    // With two lists, neither is guessed.
     let two = text.replace("corners", "a\nproperty list uchar int b").replace("3 0 1 2", "3 0 1 2 3 0 1 2");
     assert!(matches!(read(Format::Ply, two).content, Content::Points(_)));
 }
@@ -148,14 +148,14 @@ fn ply_packed_colors_are_the_bits_of_a_number() {
     let bits = 0x00ff_8000_u32;
     for (kind, value) in [("uint", f64::from(bits)), ("int", f64::from(bits)), ("float", f32::from_bits(bits).into())] {
         let properties = with(&XYZ, &[(kind, "rgb")]);
-        // Text has too few digits for such floats only if a program rounds them.
+        // Text represents such floats exactly unless a program rounds them.
         for bytes in in_all_encodings("vertex", &[], &properties, &[&[1., 2., 3., value]]) {
             let found = points(read(Format::Ply, bytes));
             assert_color(found.colors.unwrap()[0], [255., 128., 0.], 255.);
             assert!(found.extras.is_empty());
         }
     }
-    // A float that is a number is one.
+    // A float that isn't packed stays a number.
     for bytes in in_all_encodings("vertex", &[], &with(&XYZ, &[("float", "rgb")]), &[&[1., 2., 3., 0.5]]) {
         let found = points(read(Format::Ply, bytes));
         assert!(found.colors.is_none() && found.extras[0].name == "rgb");
@@ -265,7 +265,7 @@ fn splat_profile_has_linear_floats_and_says_so_when_written() {
         assert_eq!(text(&cloud).matches("comment colors linear\n").count(), 1);
         let again = splats(read(Format::Ply, text(&cloud)));
         assert_eq!((again.color(0), text(&again)), ([0.5, 0.25, 2.0], text(&cloud)), "said once");
-        // Levels are encoded, whatever a comment of the source says.
+        // 8-bit levels are sRGB-encoded, whatever a comment of the source states.
         let mut data = again.into_data();
         data.colors = Some(vec![[1.0, 0.0, linear(128., 255.)]]);
         let cloud = SplatCloud::new(data, surfel_model::OnInvalid::Refuse).unwrap().0;
@@ -298,7 +298,7 @@ fn ply_faces_show_their_colors() {
         };
         (found.triangles.iter().map(of).collect::<Vec<_>>(), found.positions.len(), notes)
     };
-    // The last face has four corners, and so two triangles.
+    // The last face has four corners, and therefore two triangles.
     for (kind, names, rows, most) in [
         ("uchar", ["red", "green", "blue"], ["255 0 0", "0 0 255", "1 2 3"], 255.),
         ("uchar", ["r", "g", "b"], ["255 0 0", "0 0 255", "1 2 3"], 255.),
@@ -315,7 +315,7 @@ fn ply_faces_show_their_colors() {
         }
         assert_eq!((colors.len(), vertices), (4, 10), "a vertex for each place and colour");
     }
-    // Vertices of one colour give way, others don't. A face may have its colour before its corners.
+    // Face colours replace vertex colours that are all equal, but not others. A face's colour may precede its corners.
     let vertex = rgb("uchar", ["red", "green", "blue"]);
     let rows = ["255 0 0 3 0 1 2", "0 0 255 3 0 2 3", "1 2 3 3 1 2 3"];
     let text = |colors: [&str; 4]| file(colors, head(&vertex, "", &vertex), rows);
@@ -324,7 +324,7 @@ fn ply_faces_show_their_colors() {
     let loaded = read(Format::Ply, text(["9 9 9", "9 9 9", "9 9 9", "8 9 9"]));
     assert_eq!(loaded.notes, ["ignored the colours of its faces: its vertices have colours of their own"]);
     assert_eq!(mesh(loaded).positions.len(), 4);
-    // Alphas of faces; all 0 they mean nothing.
+    // Alphas of faces; if all are 0, they are ignored.
     let with_alpha = rgb("uchar", ["red", "green", "blue"]) + "property uchar alpha\n";
     for (alpha, expected) in [("51", Some(0.2)), ("0", None)] {
         let lines = ["3 0 1 2", "3 0 2 3", "3 1 2 3"].map(|c| format!("{c} 255 0 0 {alpha}"));
@@ -395,7 +395,7 @@ fn obj_faces_do_without_what_the_file_lacks() {
         assert_eq!(found.triangles.len(), 2);
         assert!(found.normals.is_none() && found.uvs.is_none());
     }
-    // Those that come later are there.
+    // References to elements that are defined later are valid.
     let found = read(Format::Obj, format!("f 1/1/1 2/1/1 3/1/1\n{square}vt 0.5 0.5\nvn 0 0 1\n"));
     assert!(found.notes.is_empty(), "{:?}", found.notes);
     let found = mesh(found);
@@ -415,7 +415,7 @@ fn obj_faces_do_without_what_the_file_lacks() {
     }
 }
 
-/// A folder that is removed with it.
+/// A folder that is removed when dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -496,7 +496,7 @@ fn obj_textures_may_have_any_options_and_faces_none() {
     }
     let loaded = read("-s 2 2 1 tex.png", "f 1/1 2/2 3/3\n");
     assert_eq!(loaded.notes, ["ignored '-s 2 2 1' of the texture 'tex.png'"]);
-    // A face without texture coordinates isn't in the colour of a texture's corner.
+    // A face without texture coordinates isn't drawn in the colour of a texture's corner.
     let found = mesh(read("tex.png", "f 1/1 2/2 3/3\nf 1 3 2\n"));
     let materials = found.materials.unwrap();
     let textures: Vec<bool> =
@@ -561,11 +561,11 @@ fn stl_colors_follow_either_convention() {
     let (found, alphas, note) = colors(header, &[31, 31 << 10, 0x8000, 0xffff]);
     assert_eq!((found, alphas), (vec![red, blue, blue, blue], None));
     assert!(note.contains("Magics"), "{note}");
-    // All bytes zero: the colour of all, and not black; its alpha of 0 is no alpha.
+    // All attribute bytes zero: the colour of all triangles, not black; its alpha of 0 is ignored.
     let (found, alphas, _) = colors(b"COLOR=\xff\x00\x00\x00", &[0, 0]);
     assert_eq!((found, alphas), (vec![red, red], None));
     assert_eq!(colors(b"plain", &[0, 7]), (vec![None, None], None, String::new()));
-    // Half of 31 is level 132 of 255 at 16.
+    // 16 of 31 is level 132 of 255.
     let (found, ..) = colors(b"", &[0x8000 | 16 << 5]);
     assert_color(found[0].unwrap(), [0., 132., 0.], 255.);
 }
@@ -613,7 +613,7 @@ fn ply_radii_without_normals_are_those_of_points() {
     }
     let found = points(read(Format::Xyz, "x y z radius\n1 2 3 0.5\n2 2 3 0.5\n"));
     assert_eq!((found.radii, found.extras[0].name.as_str()), (Some(vec![0.5, 0.5]), "radius"));
-    // Normals and half-axes make splats of them, as ever.
+    // With normals or half-axes they are splats, as before.
     let error = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
                  property float nx\nproperty float radius\nend_header\n0 0 0 0 1\n";
     assert!(try_read(Format::Ply, error).unwrap_err().contains("have nx radius but lack ny nz"));
@@ -630,7 +630,7 @@ fn coordinates_rounded_far_from_the_origin_are_told_with_their_step() {
     for bytes in in_all_encodings("vertex", &[], &doubles, &rows) {
         assert!(read(Format::Ply, bytes).notes.is_empty(), "whole numbers, but not rounded ones");
     }
-    // Near enough, f32 is fine.
+    // Near the origin, f32 is precise enough.
     let near: [&[f64]; 2] = [&[500., 5400., 1.], &[600., 5500., 1.]];
     for bytes in in_all_encodings("vertex", &[], &XYZ, &near) {
         assert!(read(Format::Ply, bytes).notes.is_empty());
@@ -663,7 +663,7 @@ fn trained(bytes: &[u8]) -> (std::sync::Arc<surfel_model::GaussianCloud>, Vec<St
 #[test]
 fn gaussians_have_colors_and_filters_of_other_programs() {
     const SHAPE: [&str; 8] = ["opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3"];
-    // Standard deviations 1, 2 and 3, opaque by half.
+    // Standard deviations 1, 2 and 3, opacity ½.
     let shape = [0., 0., 2f64.ln(), 3f64.ln(), 1., 0., 0., 0.];
     let names = [&["x", "y", "z", "red", "green", "blue"][..], &SHAPE].concat();
     let row = [&[1., 2., 3., 255., 128., 0.][..], &shape].concat();
@@ -683,7 +683,7 @@ fn gaussians_have_colors_and_filters_of_other_programs() {
         let (cloud, notes) = trained(&gaussian(&names, &row));
         (cloud.sigmas(0), cloud.data().opacities[0], notes)
     };
-    // √(1 + 16), √(4 + 16), √(9 + 16) by hand; the opacity loses as much as the peak of a density does.
+    // √(1 + 16), √(4 + 16), √(9 + 16) by hand; the opacity decreases like the peak of a density.
     let (sigmas, opacity, notes) = with_filter(4.0);
     let wide = [17f64.sqrt(), 20f64.sqrt(), 5.0];
     assert!(sigmas.iter().zip(wide).all(|(a, b)| (a - b).abs() < 1e-5), "{sigmas:?}");
@@ -723,15 +723,15 @@ fn extras_keep_their_type_beside_other_names() {
     }
 }
 
-/// A Draco stream of points without compression. An attribute is its purpose (0: positions, 2: colours, 4: anything),
-/// its number type, its components, and its numbers, little-endian.
+/// Builds a Draco stream of points without compression. An attribute is its kind (0: positions, 2: colours, 4:
+/// generic), its number type, its components, and its numbers, little-endian.
 #[cfg(feature = "draco")]
 fn draco_points(version: [u8; 2], count: u32, attributes: &[(u8, u8, u8, Vec<u8>)]) -> Vec<u8> {
-    // Points, sequential, no flags; one decoder of all attributes, each as it is stored.
+    // Points, sequential, no flags; one decoder of all attributes, stored uncompressed.
     let mut bytes = [&b"DRACO"[..], &version, &[0; 4]].concat();
     bytes.extend(count.to_le_bytes());
     bytes.extend([1, attributes.len() as u8]);
-    // Draco 2 has shorter numbers.
+    // Draco 2 has shorter header fields.
     let padding = |zeros: usize| vec![0; if version[0] < 2 { zeros } else { 0 }];
     bytes.extend(padding(3));
     for (i, (purpose, kind, components, _)) in attributes.iter().enumerate() {
@@ -746,7 +746,7 @@ fn draco_points(version: [u8; 2], count: u32, attributes: &[(u8, u8, u8, Vec<u8>
 #[cfg(feature = "draco")]
 #[test]
 fn draco_numbers_keep_their_digits_and_colors_count_to_what_they_need() {
-    // Draco's numbers of its types.
+    // Draco's ids of number types.
     let [u8s, u16s, i32s, u32s, f32s, f64s] = [2, 4, 5, 6, 9, 10];
     let places = [[637_012.24, 849_028.31, 431.66], [637_013.5, 849_029.75, -2.125]];
     let doubles: Vec<u8> = places.iter().flatten().flat_map(|x: &f64| x.to_le_bytes()).collect();
@@ -776,7 +776,7 @@ fn draco_numbers_keep_their_digits_and_colors_count_to_what_they_need() {
         [ExtraValues::F64(times.to_vec()), ExtraValues::U16(vec![7326, 65_535]), ExtraValues::I32(vec![-3, i32::MAX])];
     assert_eq!(values, expected);
 
-    // Colours of other types, and what they count to.
+    // Colours of other types, and their ranges.
     let floats = |levels: &[f32]| levels.iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
     let words = |levels: &[u32]| levels.iter().flat_map(|c| c.to_le_bytes()).collect::<Vec<u8>>();
     for (kind, numbers, levels, most) in [
@@ -789,11 +789,11 @@ fn draco_numbers_keep_their_digits_and_colors_count_to_what_they_need() {
         let (_, cloud) = read_points(&[(0, f64s, 3, doubles.clone()), (2, kind, 3, numbers)]);
         assert_color(cloud.colors.unwrap()[0], levels, most);
     }
-    // Opaque where the alphas count as far as the colours.
+    // Opaque where the alpha has the full range of the colours.
     let four = shorts(&[68, 77, 88, 255, 1, 0, 1, 51]);
     let (_, cloud) = read_points(&[(0, f64s, 3, doubles), (2, u16s, 4, four)]);
     assert_eq!(cloud.alphas.unwrap(), [1.0, 0.2]);
-    // Streams of Draco before 1.0 (bitstream 1.1), of which many are about.
+    // Draco streams from before 1.0 (bitstream 1.1), which are still common.
     let old = draco_points([1, 1], 2, &[(0, f32s, 3, floats(&[1.0, 2.0, 3.0, 4.0, 5.0, 6.5]))]);
     let cloud = points(read(Format::Drc, old));
     assert_eq!([0, 1].map(|i| cloud.positions.get(i)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.5)]);

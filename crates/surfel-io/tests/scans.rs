@@ -1,4 +1,4 @@
-//! LAS, LAZ, COPC and E57, as the crates `las`, `laz` and `e57` write them.
+//! LAS, LAZ, COPC and E57 files, written by the crates `las`, `laz` and `e57`.
 
 #![cfg(all(feature = "las", feature = "laz", feature = "e57"))]
 
@@ -13,7 +13,7 @@ use surfel_io::{Content, Format, LoadOptions, Loaded, load, load_bytes};
 use surfel_model::{ExtraValues, PointCloud, Up};
 
 fn try_read(bytes: &[u8]) -> Result<Loaded, String> {
-    // The name's extension is wrong on purpose.
+    // The extension is wrong on purpose.
     load_bytes(bytes, Some(Format::Ply), Path::new("t.ply"), &LoadOptions::default())
         .map_err(|e| e.to_string())
         .inspect_err(|e| assert!(e.lines().count() <= 4 && e.starts_with("t.ply: "), "{e}"))
@@ -33,7 +33,7 @@ fn linear(level: f64) -> f32 {
     surfel_math::srgb::decode(level) as f32
 }
 
-/// Compares everything that `point` gives a file of this format.
+/// Compares all fields that `point` writes in this format.
 fn check_points(points: &PointCloud, format: u8, count: usize) {
     let kind = LasFormat::new(format).unwrap();
     let kept: Vec<usize> = (0..count).filter(|i| !is_withheld(*i)).collect();
@@ -59,7 +59,7 @@ fn check_points(points: &PointCloud, format: u8, count: usize) {
         assert_eq!(key.get(at) == 1.0, truth.is_key_point);
         assert_eq!(user.get(at), f64::from(truth.user_data));
         assert_eq!(source.get(at), f64::from(truth.point_source_id));
-        // A step of 0.006 degrees: the writer cuts off what is less.
+        // A step is 0.006 degrees; the writer truncates.
         assert!((angles.get(at) - f64::from(truth.scan_angle)).abs() <= 0.006_001);
         assert!(gps.is_none_or(|gps| gps.get(at) == truth.gps_time.unwrap()));
         assert!(nir.is_none_or(|nir| nir.get(at) == f64::from(truth.nir.unwrap())));
@@ -106,7 +106,7 @@ fn compressed_chunks_and_blocks_come_together_again() {
     assert_eq!(load(&path, &LoadOptions::default()).unwrap(), from_memory);
 }
 
-/// A COPC file as its writers make them: nodes are chunks of different sizes.
+/// Builds a COPC file as its writers do: nodes are chunks of different sizes.
 fn copc(nodes: &[usize]) -> Vec<u8> {
     let count = nodes.iter().sum();
     let plain = las_file((4, 7, 0, false), Vec::new(), 0..count, |_| ());
@@ -169,7 +169,7 @@ fn columns_that_say_nothing_are_left_out_and_8_bit_colours_are_mended() {
     assert!(read(&black).1.colors.is_none());
 }
 
-/// A record of the extra bytes' names and types.
+/// Builds an extra-bytes description: name, type, and scale.
 fn extra_field(name: &str, kind: u8, scaled: Option<(f64, f64)>) -> Vec<u8> {
     let mut record = vec![0; 192];
     record[2] = kind;
@@ -260,7 +260,7 @@ fn headers_that_lie_are_told_and_believed_no_further_than_the_bytes() {
     }
     let mut many = old.clone();
     many[107..111].copy_from_slice(&u32::MAX.to_le_bytes());
-    // Without layers nothing but the header says where a chunk ends: what follows the points isn't one.
+    // Without layers, only the header states where a chunk ends: what follows the points isn't one.
     assert!(try_read(&many).is_err());
     let mut cut = plain.clone();
     cut.truncate(plain.len() - 45);
@@ -320,7 +320,7 @@ fn whole_chunks_of_a_file_that_is_cut_off_are_read_on_request() {
             assert!(loaded.notes.iter().any(|n| n.contains("is missing")), "{:?}", loaded.notes);
             assert!(loaded.notes.iter().any(|n| n.contains("says 120000 points")), "{:?}", loaded.notes);
         }
-        // A count that lies takes no memory for what isn't there.
+        // A wrong count allocates no memory for missing data.
         let mut lies = whole[..whole.len() / 2].to_vec();
         lies[107..111].copy_from_slice(&if minor == 4 { [0; 4] } else { [255; 4] });
         if minor == 4 {
@@ -333,7 +333,7 @@ fn whole_chunks_of_a_file_that_is_cut_off_are_read_on_request() {
     }
 }
 
-/// A range of 2 at azimuth and elevation.
+/// Returns the point at range 2 and these angles.
 fn spherical(azimuth: f64, elevation: f64) -> DVec3 {
     2.0 * DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin())
 }
@@ -349,7 +349,7 @@ fn scans_of_e57_have_their_poses_colours_and_columns() {
     let intensity = extra(&points, "intensity").unwrap();
     assert!(matches!(intensity, ExtraValues::U16(_)));
     let colors = points.colors.as_ref().unwrap();
-    // f32 at the scans' distance from their middle, some 60 m: 4 µm.
+    // f32 at the scans' distance from their middle, about 60 m: 4 µm.
     let near = |at: usize, p: DVec3| {
         let found = points.origin + points.positions.get(at);
         assert!(found.distance(p) < 8e-6, "{at}: {found} {p}");
@@ -388,7 +388,7 @@ fn single_scan_of_e57_says_where_its_scanner_stood_and_far_points_keep_their_dig
     let (_, points) = read(&e57_file(None, &[scan]));
     assert_eq!(points.viewpoint, None);
     for (i, p) in truth.iter().enumerate() {
-        // Up to 18 km: f32 alone would be off by a millimetre.
+        // Up to 18 km: f32 alone would have an error of a millimetre.
         assert!((points.origin + points.positions.get(i)).distance(*p) < 1e-6);
     }
     let index = RecordDataType::Integer { min: 0, max: 100 };
@@ -403,8 +403,9 @@ fn single_scan_of_e57_says_where_its_scanner_stood_and_far_points_keep_their_dig
     assert_eq!(points.comments, ["crs EPSG:2056"]);
 }
 
-/// Two scans of 3000 points by their time: turned by its pose, in steps of a millimetre, with bytes as colours and some
-/// points flagged as invalid; and by angles, with colours that count to 1000. Where the first's points are, too.
+/// Builds two scans of 3000 points, identified by their times. The first has a pose with a rotation, millimetre steps,
+/// byte colours and some points flagged as invalid. The second has angles, and colours from 0 to 1000. Also returns the
+/// positions of the first scan's points.
 fn two_scans() -> (Vec<Scan>, impl Fn(usize) -> DVec3) {
     let double = || RecordDataType::Double { min: None, max: None };
     let coordinate = || RecordDataType::ScaledInteger { min: -100_000, max: 100_000, scale: 0.001, offset: 0.5 };
@@ -456,11 +457,11 @@ fn two_scans() -> (Vec<Scan>, impl Fn(usize) -> DVec3) {
 fn e57_is_written_by_levels_as_it_is_read() {
     let (scans, truth) = two_scans();
     let bytes = e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &scans);
-    // Read at once, places are certain to a tenth of a millimetre.
+    // Read at once, positions are accurate to a tenth of a millimetre.
     let (all, levels, notes) = support::same_by_levels("scans.e57", &bytes, ("time_stamp", 1e-4), None).unwrap();
     assert_eq!(levels.points.len(), 6000 - 3000 / 7);
     for (at, i) in (0..3000).filter(|i| i % 7 != 6).enumerate() {
-        // A step: 2⁻³⁰ of 256 m, half the octree's side; and the pose's rounding.
+        // Tolerance: a step, 2⁻³⁰ of 256 m (half the octree's side), and the pose's rounding.
         let off = levels.place(at).distance(truth(i));
         assert!(off < 2.0 * 256.0 * 2f64.powi(-30), "{i}: {off}");
     }
@@ -468,7 +469,8 @@ fn e57_is_written_by_levels_as_it_is_read() {
     assert_eq!(levels.points.comments[0], all.points.comments[0]);
     assert!(notes.iter().any(|n| n.contains("left out 428 points flagged as invalid")), "{notes:?}");
 
-    // The first alone has bytes as colours and no scan to tell; rows and columns say that it is one of a scanner.
+    // The first scan alone has byte colours and needs no scan number; rows and columns show that it has one scanner
+    // position.
     let (mut scans, _) = two_scans();
     let mut first = scans.swap_remove(0);
     first.prototype.push(record(RecordName::RowIndex, RecordDataType::Integer { min: 0, max: 100 }));
@@ -518,10 +520,10 @@ fn damaged_e57_is_refused_in_one_sentence() {
         bytes[at..at + from.len()].copy_from_slice(to.as_bytes());
         support::seal(bytes)
     };
-    // As many points as the page still has room for a number of; the points end long before.
+    // A count for which the page has room, although the points end long before.
     let error = try_read(&text("recordCount=\"60\"", "recordCount=\"99\"")).unwrap_err();
     assert!(error.contains("scan 1, 99 points"), "{error}");
-    // A scan of which nothing takes a bit could have any number of points.
+    // A scan whose fields take no bits could have any number of points.
     let little = RecordDataType::Integer { min: 5, max: 9 };
     let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
     let prototype: Vec<Record> = names.into_iter().map(|n| record(n, little.clone())).collect();
@@ -536,7 +538,7 @@ fn damaged_e57_is_refused_in_one_sentence() {
     assert!(error.contains("no point"), "{error}");
 }
 
-/// With `repair`.
+/// Loads with `repair`.
 fn repaired(bytes: &[u8]) -> Result<Loaded, String> {
     let options = LoadOptions { repair: true, ..LoadOptions::default() };
     load_bytes(bytes, None, Path::new("a"), &options).map_err(|e| e.to_string())
@@ -554,7 +556,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
     let whole = repaired(&good).unwrap();
     assert_eq!(whole.content, try_read(&good).unwrap().content);
     assert!(!whole.notes.join("\n").contains("damaged"));
-    // A page in the middle of the first scan; 24 bytes a point.
+    // Damages a page in the middle of the first scan; a point has 24 bytes.
     let mut damaged = good.clone();
     let page = 200;
     damaged[page * 1024 + 77] ^= 4;
@@ -563,7 +565,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
     let loaded = repaired(&damaged).unwrap();
     let Content::Points(points) = &loaded.content else { panic!("{:?}", loaded.content) };
     let first = points.len() - 20_000;
-    // All packets (of 64 KiB at most) that end before the page, and what is taken has its place.
+    // All packets (at most 64 KiB) that end before the page are read, and their points have the right positions.
     let most = page * 1020 / 24;
     assert!(first <= most && first + 65_536 / 24 >= most, "{first} of {most}");
     for i in [0, 1, first - 1, first, first + 19_999] {
@@ -572,7 +574,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
     }
     let said = format!("scan 1 is damaged: took {first} of its 20000 points");
     assert!(loaded.notes.iter().any(|note| note.starts_with(&said)), "{:?}", loaded.notes);
-    // A scan whose start is damaged, and all of them.
+    // A scan whose start is damaged, and all scans.
     let pages = good.len() / 1024;
     let second = (0..pages).rfind(|page| {
         let mut damaged = good.clone();
@@ -584,7 +586,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
     (0..pages / 2 + 20).for_each(|page| none[page * 1024 + 100] ^= u8::from(page > 0));
     let error = repaired(&none).unwrap_err();
     assert!(error.contains("no point") && error.lines().count() <= 4, "{error}");
-    // Bytes behind the last page are nobody's; a file without its end lacks the XML that says what it holds.
+    // Bytes after the last page are ignored; a file without its end lacks the XML that describes its contents.
     let longer = [&good[..], &[1; 333]].concat();
     assert!(try_read(&longer).is_err());
     assert_eq!(repaired(&longer).unwrap().content, whole.content);
@@ -597,7 +599,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
 fn las_1_5_is_read_as_1_4_in_formats_6_to_10() {
     for format in 6..=10_u8 {
         for packed in [false, true] {
-            // The crate writes no waveforms, which follow what formats 6 and 8 have.
+            // The crate doesn't write waveforms, which follow the fields of formats 6 and 8.
             let (like, waveform) = match format {
                 9 => (6, 29),
                 10 => (8, 29),
@@ -645,7 +647,7 @@ fn las_1_5_is_read_as_1_4_in_formats_6_to_10() {
     assert!(try_read(&future).unwrap_err().contains("is LAS 1.6"));
 }
 
-/// A scan of so many points, whose coordinates take a bit each, with so many fields besides.
+/// Builds a scan of `rows` points with coordinates of one bit each, and `fields` further fields.
 fn wide_scan(rows: usize, fields: usize, kind: &RecordDataType, value: &RecordValue) -> Scan {
     let bit = RecordDataType::Integer { min: 0, max: 1 };
     let names = [RecordName::CartesianX, RecordName::CartesianY, RecordName::CartesianZ];
@@ -667,7 +669,7 @@ fn e57_of_many_fields_is_bounded() {
     assert_eq!((points.len(), points.extras.len()), (2, 997));
     let error = try_read(&e57_file(None, &[wide(998)])).unwrap_err();
     assert!(error.contains("scan 1 has points of 1001 fields") && error.contains("at most 1000"), "{error}");
-    // Scans of different fields have them all.
+    // Scans with different fields: the file has all of them.
     let renamed = |scan: usize| {
         let mut scan_of = wide(700);
         for record in &mut scan_of.prototype[3..] {
@@ -679,7 +681,7 @@ fn e57_of_many_fields_is_bounded() {
     };
     let error = try_read(&e57_file(None, &[renamed(0), renamed(1)])).unwrap_err();
     assert!(error.contains("its scans have points of 1400 fields"), "{error}");
-    // A field of one value takes no bits in the file, and eight bytes a point in memory.
+    // A field with a single value takes no bits in the file, and eight bytes per point in memory.
     let constant = RecordDataType::Integer { min: 1 << 40, max: 1 << 40 };
     let file = |rows: usize| e57_file(None, &[wide_scan(rows, 900, &constant, &RecordValue::Integer(1 << 40))]);
     let (_, points) = read(&file(1000));

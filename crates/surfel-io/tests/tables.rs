@@ -1,4 +1,4 @@
-//! Tables of numbers: text, NumPy's arrays and binary rows, whose columns nothing or `--columns` names.
+//! Tables of numbers: text, NumPy arrays and binary rows, with columns that have no names or get them by `--columns`.
 
 #![cfg(all(feature = "laz", feature = "npy", feature = "points"))]
 
@@ -10,7 +10,7 @@ use std::path::Path;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load_bytes};
 use surfel_model::PointCloud;
 
-/// Random numbers that are the same in each run.
+/// Generator of random numbers that are the same in each run.
 struct Random(u64);
 
 impl Random {
@@ -25,7 +25,7 @@ impl Random {
     }
 }
 
-/// A colour near grey, of 256 levels.
+/// Returns a colour near grey, of 256 levels.
 fn color(random: &mut Random) -> [f64; 3] {
     let grey = 20.0 + random.below(200);
     [0; 3].map(|_| (grey + random.below(60) - 25.0).clamp(0.0, 255.0))
@@ -36,7 +36,7 @@ fn rounded(values: impl IntoIterator<Item = f64>, digits: i32) -> Vec<f64> {
     values.into_iter().map(|v| (v * scale).round() / scale).collect()
 }
 
-/// The numbers of row `i` of columns of a kind.
+/// Returns the numbers of row `i` of a kind of column.
 fn numbers(kind: &str, i: usize, random: &mut Random) -> Vec<f64> {
     let row = i as f64;
     match kind {
@@ -44,14 +44,14 @@ fn numbers(kind: &str, i: usize, random: &mut Random) -> Vec<f64> {
         "centimetres" => [0; 3].map(|_| random.below(1000)).to_vec(),
         "utm" => rounded([431_000.0, 5_412_000.0, 200.0].map(|at| at + random.unit() * 100.0), 2),
         "sorted" => rounded([row * 0.013, random.unit() * 9.0, random.unit() * 9.0], 3),
-        // A raster of heights, whose x and y are whole metres, and voxels, which are sorted.
+        // A raster of heights, with x and y in whole metres, and sorted voxels.
         "raster" => rounded([(i % 20) as f64, (i / 20) as f64, 200.0 + random.unit() * 3.0], 2),
         "voxels" => vec![(i / 100) as f64, (i / 10 % 10) as f64, (i % 10) as f64],
         "index0" => vec![row],
         "index1" => vec![row + 1.0],
         "index9000" => vec![row + 9000.0],
         "tens" => vec![10.0 * row],
-        // What is left of an index when rows were dropped, and one in another order.
+        // An index after rows were dropped, and a shuffled index.
         "gaps" => vec![(3 * i + i * i % 3) as f64],
         "shuffled" => vec![(i * 7919 % 65_521) as f64],
         "rgb255" => color(random).to_vec(),
@@ -123,7 +123,7 @@ fn array(rows: &[Vec<f64>], kind: &str) -> Vec<u8> {
     npy(kind, "False", &format!("({}, {})", rows.len(), rows[0].len()), &data)
 }
 
-/// Names of the columns that a note says were taken.
+/// Returns the column names that a note states.
 fn names(loaded: &Loaded) -> String {
     let note = loaded.notes.iter().find_map(|note| {
         note.strip_prefix("took the columns as ")
@@ -133,7 +133,7 @@ fn names(loaded: &Loaded) -> String {
     note.split([':', ',', ';']).next().unwrap_or_default().to_owned()
 }
 
-/// Layouts without names, and what their columns are.
+/// Layouts without names, and the expected roles.
 const LAYOUTS: &[(&str, &str)] = &[
     ("local i1", "x y z intensity"),
     ("utm i255", "x y z intensity"),
@@ -216,7 +216,7 @@ fn columns_without_names_have_the_roles_that_their_numbers_show() {
     let mut wrong = Vec::new();
     for (layout, expected) in LAYOUTS {
         for (count, seed) in [(60, 1), (60, 2), (700, 3), (2100, 4)] {
-            // Classes that are many, or far apart, are told from other numbers by many rows alone.
+            // Classes that are many, or far apart, need many rows to be recognised.
             if (layout.contains("classes") || layout.contains("rings")) && count < 512 {
                 continue;
             }
@@ -291,7 +291,7 @@ fn positions_are_those_of_the_columns_whatever_is_before_them() {
             assert!((0..3).all(|k| near(found[k], level(rows[i][4 + k]))), "{found:?}");
         }
     }
-    // A data frame that is saved with its index, and a table of R with names of rows.
+    // A data frame saved with its index, and an R table with row names.
     let lines: String = rows.iter().map(|r| format!("{},{},{},{}\n", r[0] - 1.0, r[1], r[2], r[3])).collect();
     let quoted: String = rows.iter().map(|r| format!("\"{}\" {} {} {}\n", r[0], r[1], r[2], r[3])).collect();
     for (text, attributes) in [
@@ -323,11 +323,11 @@ fn columns_of_words_are_left_out() {
         ("x\ty\tz\tdate\n1.5\t2.5\t3.5\t2024-05-01 10:00\n2\t3\t4\t2024-05-01 10:01\n3\t4\t5\tnever\n", "(date)"),
         ("x,y,z,none\n1.5,2.5,3.5,\n2,3,4,\n3,4,5,\n", "left out column 4 (none): it is mostly empty"),
         ("a,x,y,z,b\nq,1.5,2.5,3.5,w\ne,2,3,4,r\nt,3,4,5,y\n", "left out columns 1 (a), 5 (b): they hold words"),
-        // Decimal commas, where semicolons divide.
+        // Decimal commas, with semicolons as separators.
         ("wer;x;y;z\nBaum;1,5;2,5;3,5\nHaus;2;3;4\nBaum;3;4;5\n", "left out column 1 (wer): it holds words"),
         // Atoms: a count, an empty line, and elements.
         ("3\n\nC 1.5 2.5 3.5\nO 2 3 4\nH 3 4 5\n", "left out column 1: it holds words, not numbers"),
-        // Rows that begin with a name, and no line of names.
+        // Rows that begin with a name, without a line of names.
         ("tree 1.5 2.5 3.5\nhouse 2 3 4\ntree 3 4 5\n", "left out column 1: it holds words, not numbers"),
     ] {
         let loaded = load("a.csv", text);
@@ -336,12 +336,12 @@ fn columns_of_words_are_left_out() {
         let expected = [DVec3::new(1.5, 2.5, 3.5), DVec3::new(2.0, 3.0, 4.0), DVec3::new(3.0, 4.0, 5.0)];
         assert_eq!(places(&points(loaded)), expected, "{text}");
     }
-    // One word among numbers is damage, and a line of words isn't names.
+    // A single word among numbers is damage, and a line of words isn't column names.
     refused("a.csv", "x,y,z\n1,2,3\n1,2,oak\n4,5,6\n", "found 'oak' (line 3)");
     refused("a.csv", "1,2,3,4\n1,2,3,oak\n4,5,6,7\n", "found 'oak' (line 2)");
     refused("a.csv", "one,two,three\n1,2,3\n4,5,6\n", "--columns x,y,z,_,r,g,b names the columns");
     refused("a.csv", "one,two\nA,B\n", "where points were expected");
-    // Where a cell of the first row is empty, the row is left out, and not its neighbours' columns.
+    // A row with an empty cell is dropped, also the first one, without shifting columns.
     let loaded = load("a.csv", "x,y,z,intensity\n1,,3,4\n1,2,3,4\n5,6,7,NA\n2,3,4,5\n");
     assert!(loaded.notes.iter().any(|n| n.starts_with("left out 2 rows with an empty cell")), "{:?}", loaded.notes);
     assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(2.0, 3.0, 4.0)]);
@@ -401,7 +401,7 @@ fn arrays_that_are_no_table_are_refused() {
     refused("a.npy", shaped("(16, 12)", (0..192).map(|i| 2.0 + 0.01 * (i % 12 + i / 12) as f64)), "16×12");
     let mut random = Random(3);
     refused("a.npy", shaped("(40, 40)", (0..1600).map(|_| random.unit())), "an image");
-    // Pictures: bytes, and bytes divided by 255.
+    // Images: bytes, and bytes divided by 255.
     let bytes: Vec<u8> = (0..48 * 64 * 3).map(|i| (i * 31 % 251) as u8).collect();
     refused("a.npy", npy("'|u1'", "False", "(48, 64, 3)", &bytes), "48×64×3 numbers, an image");
     refused("a.npy", shaped("(48, 64, 3)", bytes.iter().map(|b| f64::from(*b) / 255.0)), "an image");
@@ -427,14 +427,14 @@ fn arrays_that_are_no_table_are_refused() {
     refused("a.txt", text, "as of camera poses");
     let intrinsics = [525.0, 0.0, 319.5, 0.0, 525.0, 239.5, 0.0, 0.0, 1.0];
     refused("a.npy", shaped("(3, 3)", intrinsics.into_iter()), "intrinsics");
-    // Coordinates by rows.
+    // Rows that are coordinates.
     for (shape, count) in [("(3, 100)", 300), ("(3, 20)", 60), ("(6, 50)", 300), ("(2, 3, 50)", 300), ("(3, 9)", 27)] {
         let mut random = Random(5);
         refused("a.npy", shaped(shape, (0..count).map(|_| random.unit() * 9.0 - 4.0)), "transpose it");
     }
     let named = zip(&[("points.npy", shaped("(3, 100)", (0..300).map(f64::from)))], false, b"");
     refused("a.npz", named, "transpose it");
-    // What looks like these, and is a table.
+    // Tables that resemble the cases above.
     let mut random = Random(7);
     let grid = (0..900).flat_map(|i| [(i % 30) as f64, (i / 30) as f64, random.unit()]);
     assert_eq!(points(load("a.npy", shaped("(30, 30, 3)", grid))).len(), 900);
@@ -485,7 +485,7 @@ fn columns_name_those_of_text_and_arrays() {
     wrong("a.txt", text(&rows, " ").as_bytes(), "f4:x,y,z", "is text");
     wrong("a.npy", &array(&rows, "'<f8'"), "f4:x,y,z", "states the types");
     wrong("a.csv", b"1,2,3\n1,oak,3\n4,5,6\n", "x,y,z", "found 'oak' (line 2)");
-    // Rows of one position only, and normals with radii, which make disks.
+    // Position columns only, and normals with radii, which make disks.
     let disks = named("a.txt", "1 2 3 0 0 1 0.5\n2 2 3 0 0 1 0.5\n", "x,y,z,nx,ny,nz,radius");
     assert!(matches!(disks.content, Content::Splats(_)));
 }
@@ -497,7 +497,7 @@ fn columns_with_types_read_files_without_a_header() {
     let loaded = named("000000.bin", &kitti, "f4:x,y,z,intensity");
     assert_eq!((loaded.format, loaded.attributes.join(" ")), (Format::Raw, "position intensity".to_owned()));
     assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);
-    // nuScenes, without the last; big-endian; several types.
+    // nuScenes, without the last column; big-endian; several types.
     let nuscenes = le(&[1.0, 2.0, 3.0, 50.0, 7.0]);
     assert_eq!(named("a.pcd.bin", &nuscenes, "f4:x,y,z,intensity,_").attributes, ["position", "intensity"]);
     let big: Vec<u8> = [1.0_f64, 2.0, 3.0].iter().flat_map(|v| v.to_be_bytes()).collect();
@@ -514,12 +514,12 @@ fn columns_with_types_read_files_without_a_header() {
     wrong(&kitti[..31], "f4:x,y,z,intensity", "has 31 bytes, which are no whole rows of 16");
     wrong(&kitti, "f4:x,y,z,intensity,_", "no whole rows of 20");
     wrong(&kitti, "f4:a,b,c,d", "no position");
-    // Bytes of other types make no coordinates.
+    // Bytes of other types give implausible coordinates.
     let bytes: Vec<u8> = (0..1200_u32).flat_map(|i| i.wrapping_mul(777_733_331).to_le_bytes()).collect();
     wrong(&bytes, "f8:x,y,z", "don't hold f8:x,y,z");
 }
 
-/// Points of COLMAP: identifier, position, colour, error, track.
+/// A COLMAP point: identifier, position, colour, error, track.
 type Point3D = (u64, [f64; 3], [u8; 3], f64, Vec<[u32; 2]>);
 
 fn colmap_points(tracks: impl Fn(usize) -> usize) -> Vec<Point3D> {
@@ -601,7 +601,7 @@ fn damaged_points_of_colmap_are_refused() {
     for end in (1..whole.len()).step_by(7) {
         assert!(crate::point_formats::try_load("points3D.bin", &whole[..end]).is_err(), "{end}");
     }
-    // Counts that can't be, of points and of a track.
+    // Impossible counts, of points and of a track.
     for at in [0, 8 + 43] {
         let mut bytes = whole.clone();
         bytes[at..at + 8].copy_from_slice(&u64::MAX.to_le_bytes());

@@ -1,5 +1,5 @@
-//! 3D Tiles of points, written to their specification: `pnts`, glTF, tilesets within tilesets, refinement, places on
-//! Earth, and what is damaged, missing or outside.
+//! 3D Tiles of points, written to their specification: `pnts`, glTF, nested tilesets, refinement, georeferenced
+//! tilesets, and damaged, missing or outside files.
 
 #![cfg(feature = "gltf")]
 
@@ -9,7 +9,7 @@ use std::path::Path;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load, load_bytes, names_geometry};
 use surfel_model::{ExtraValues, PointCloud, Up};
 
-/// A tile of `pnts`: feature table, its bytes, batch table, its bytes.
+/// Builds a `pnts` tile: feature table, its bytes, batch table, its bytes.
 fn pnts(features: &Value, body: &[u8], batch: &Value, batch_body: &[u8]) -> Vec<u8> {
     let text = |json: &Value| if json.is_null() { String::new() } else { json.to_string() };
     let (features, batch) = (text(features), text(batch));
@@ -27,13 +27,13 @@ fn floats(values: &[f32]) -> Vec<u8> {
     values.iter().flat_map(|v| v.to_le_bytes()).collect()
 }
 
-/// A `pnts` tile of points without attributes.
+/// Builds a `pnts` tile of points without attributes.
 fn plain(points: &[[f32; 3]]) -> Vec<u8> {
     let features = json!({"POINTS_LENGTH": points.len(), "POSITION": {"byteOffset": 0}});
     pnts(&features, &floats(points.as_flattened()), &Value::Null, &[])
 }
 
-/// A GLB of points, or of one triangle.
+/// Builds a GLB of points, or of one triangle.
 fn glb(points: &[[f32; 3]], triangles: bool) -> Vec<u8> {
     let body = floats(points.as_flattened());
     let json = json!({
@@ -60,7 +60,7 @@ fn tileset(root: Value) -> Vec<u8> {
     json!({"asset": {"version": "1.1"}, "geometricError": 9, "root": root}).to_string().into_bytes()
 }
 
-/// Loads `tileset.json` of a folder with these files.
+/// Loads `tileset.json` from a folder with these files.
 fn read(files: &[(&str, Vec<u8>)], repair: bool) -> Result<Loaded, String> {
     let folder = tempfile::tempdir().unwrap();
     for (name, bytes) in files {

@@ -1,4 +1,4 @@
-//! From a scene's files and options to frames; no Python here.
+//! Drawing of frames from a scene's files and options, without Python.
 
 use crate::errors::{error_of_arrays, of_arrays};
 use crate::interrupt::defect;
@@ -16,19 +16,19 @@ use surfel::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, S
 use surfel::scene::LoadedObjects;
 use surfel::{BackendScene, Camera, Error, Frame, LevelStore, Planes, Progress, Renderer, Scene, Stats, camera};
 
-/// Scenes that are kept ready to be drawn, besides the last.
+/// Number of scenes that stay ready to be drawn, in addition to the last one.
 const KEPT: usize = 1;
 
-/// What an image is of, and all that was made of it so far.
+/// Input of images, with cached results of loading and preparing.
 pub(crate) struct Input {
     pub(crate) paths: Vec<PathBuf>,
-    /// The file that arrays were made, which the name `-` among the paths stands for.
+    /// Contents of the file that arrays were converted to; the name `-` among the paths refers to it.
     pub(crate) bytes: Option<Arc<[u8]>>,
-    /// Number of points in the arrays, 0 where it isn't known.
+    /// Number of points in the arrays; 0 if it is unknown.
     pub(crate) points: u64,
-    /// Notes on the arrays.
+    /// Notes about the arrays.
     pub(crate) notes: Vec<String>,
-    /// The scene file that a picture carries, which is the first of the paths.
+    /// Scene file embedded in an image; the image is the first of the paths.
     carried: Option<String>,
     cache: Mutex<Cache>,
     level_store: Arc<LevelStore>,
@@ -36,56 +36,56 @@ pub(crate) struct Input {
 
 #[derive(Default)]
 struct Cache {
-    /// What it was loaded by, and the objects.
+    /// Loaded objects, with the key of the options that they were loaded with.
     loaded: Option<(String, LoadedObjects)>,
     prepared: Vec<Arc<Prepared>>,
 }
 
-/// A scene in a backend: its name, whether splats are in 16 bits, and the scene.
+/// A scene in a backend: the backend's name, true if splats are stored in 16 bits, and the scene.
 type Resident = ((&'static str, bool), Arc<BackendScene>);
 
 /// A scene, framed and lit.
 pub(crate) struct Prepared {
     options: RenderOptions,
-    /// The pictures whose views chose what was read of files, if they did.
+    /// The images whose views decided which parts of files were read, if views decided.
     read_for: Option<Arc<Pictures>>,
     pub(crate) resolved: Resolved,
     summary: SceneSummary,
     pub(crate) notes: Arc<[String]>,
-    /// Where it is ready to be drawn: the backend's name and whether splats are in 16 bits.
+    /// The scene in the backend that last drew it.
     resident: Mutex<Option<Resident>>,
     files: Arc<Files>,
 }
 
-/// The files that a scene is made of.
+/// Files of a scene.
 #[derive(Default)]
 pub(crate) struct Files {
-    /// Those that others refer to.
+    /// Files that others refer to.
     beside: BTreeSet<PathBuf>,
-    /// What the name `-` stands for.
+    /// Contents of the file named `-`.
     bytes: Option<Arc<[u8]>>,
-    /// All of them and their hashes, once an image was written.
+    /// All files and their hashes; set once an image was written.
     known: Mutex<Option<Vec<metadata::Input>>>,
 }
 
-/// One image that is asked for.
+/// Settings of one image.
 #[derive(Clone)]
 pub(crate) struct Job {
     pub(crate) options: RenderOptions,
-    /// All that are drawn of the scene together.
+    /// All images that are drawn of the scene together.
     pub(crate) pictures: Arc<Pictures>,
     pub(crate) who: Who,
     pub(crate) planes: Planes,
 }
 
-/// Which camera an image is from.
+/// The camera of an image.
 #[derive(Clone)]
 pub(crate) enum From {
-    /// The options'.
+    /// Camera of the options.
     Options,
     /// A camera given by the caller, and true if near and far planes are fitted to the scene.
     Camera(Camera, bool),
-    /// A frame of a turn in so many.
+    /// Frame index and number of frames of a turntable.
     Turn(u32, u32),
 }
 
@@ -96,14 +96,14 @@ pub(crate) struct Drawn {
     pub(crate) recipe: Recipe,
 }
 
-/// What an image carries, so that it can be drawn again.
+/// Data embedded in an image so that it can be drawn again.
 #[derive(Clone)]
 pub(crate) struct Recipe {
     pub(crate) notes: Arc<[String]>,
     files: Arc<Files>,
     pub(crate) scene: SceneFile,
     pub(crate) drawn: serde_json::Map<String, serde_json::Value>,
-    /// True if the camera's near and far planes were made for the scene.
+    /// True if the camera's near and far planes were fitted to the scene.
     fits_depth: bool,
 }
 
@@ -111,7 +111,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Runs `work` on as many threads as are asked for.
+/// Runs `work` in a pool of `threads` threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
@@ -119,18 +119,18 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
 }
 
 impl Input {
-    /// Files, or arrays.
+    /// Creates the input of files or arrays.
     pub(crate) fn new(paths: Vec<PathBuf>, bytes: Option<Arc<[u8]>>, points: u64, notes: Vec<String>) -> Self {
         let level_store = Arc::new(LevelStore::keeping_nodes());
         Self { paths, bytes, points, notes, carried: None, cache: Mutex::default(), level_store }
     }
 
-    /// The result of work on the scene, whose errors name its arrays as the argument that they are.
+    /// Passes on a result; if the input is arrays, errors name the argument instead of a file.
     pub(crate) fn named<T>(&self, result: Result<T, Error>) -> Result<T, Error> {
         if self.bytes.is_some() { result.map_err(error_of_arrays) } else { result }
     }
 
-    /// Notes on the arrays, and those of work on the scene, which name the arrays as the argument that they are.
+    /// Returns notes about the arrays, followed by `notes`, which name the argument if the input is arrays.
     pub(crate) fn named_notes(&self, notes: Vec<String>) -> Vec<String> {
         if self.bytes.is_none() {
             return notes;
@@ -138,14 +138,14 @@ impl Input {
         self.notes.iter().cloned().chain(notes.iter().map(|note| of_arrays(note))).collect()
     }
 
-    /// Forgets what was made by options that write a colour bar over an existing file, so that it is written anew.
+    /// Drops cached scenes of options that overwrite a colour-bar file, so that it is written again.
     pub(crate) fn renew(&self, options: &RenderOptions) {
         if options.splats.force && options.splats.colorbar.is_some() {
             lock(&self.cache).prepared.retain(|prepared| prepared.options != *options);
         }
     }
 
-    /// The scene of a picture, and the flags that it was drawn by.
+    /// Reads the scene embedded in an image, and the flags that it was drawn with.
     pub(crate) fn of_picture(path: PathBuf) -> Result<(Self, Vec<(String, String)>), Error> {
         let image = surfel::io::read_image(&path)?;
         let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
@@ -173,7 +173,7 @@ impl Input {
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
 
-    /// The scene that options ask for; loaded, framed and lit once.
+    /// Loads, frames and lights the scene of the options, or returns the cached one.
     pub(crate) fn prepare(
         &self,
         options: &RenderOptions,
@@ -202,7 +202,7 @@ impl Input {
         let loaded = match &cache.loaded {
             Some((known, loaded)) if *known == key => loaded.clone(),
             _ => {
-                // The old goes first.
+                // Frees the old scene first.
                 *cache = Cache::default();
                 memory::check_splats(self.points, &options.splats)?;
                 let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
@@ -303,7 +303,7 @@ impl Prepared {
 }
 
 impl Recipe {
-    /// The files that the image is made of.
+    /// Returns the files that the image was made from.
     fn inputs(&self) -> Result<Vec<metadata::Input>, Error> {
         let mut known = lock(&self.files.known);
         if let Some(inputs) = known.as_ref() {
@@ -315,7 +315,7 @@ impl Recipe {
         Ok(known.insert(inputs).clone())
     }
 
-    /// The entries of an image that is written to `folder`; none if a path is not UTF-8.
+    /// Returns the metadata of an image that is written to `folder`; nothing if a path isn't UTF-8.
     pub(crate) fn entries(
         &self,
         folder: &Path,
@@ -328,13 +328,13 @@ impl Recipe {
         Ok(entries.unwrap_or_default())
     }
 
-    /// The scene file that gives the image, with paths relative to the current folder.
+    /// Returns the scene file of the image, with paths relative to the current folder.
     pub(crate) fn scene_json(&self) -> Result<String, Error> {
         let text = surfel::io::scene_file::to_json_pretty(&surfel::paths::relative_to(Path::new("."), &self.scene)?);
         if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
     }
 
-    /// The scene file's camera, without near and far planes that were made for the scene.
+    /// Returns the scene file's camera, without near and far planes that were fitted to the scene.
     pub(crate) fn camera_json(&self) -> Result<String, Error> {
         let mut camera = serde_json::to_value(&self.scene.camera).map_err(|_| defect())?;
         if let (true, Some(keys)) = (self.fits_depth, camera.as_object_mut()) {
@@ -344,7 +344,7 @@ impl Recipe {
         Ok(camera.to_string())
     }
 
-    /// All of it as JSON, for another process; `None` if a path is not UTF-8.
+    /// Serialises the recipe as JSON, for another process; returns `None` if a path isn't UTF-8.
     pub(crate) fn to_json(&self) -> Result<Option<String>, Error> {
         let Ok(scene) = serde_json::to_value(&self.scene) else { return Ok(None) };
         let mut inputs = Vec::new();
@@ -362,7 +362,7 @@ impl Recipe {
         Ok(Some(json.to_string()))
     }
 
-    /// Reads what [`Recipe::to_json`] wrote.
+    /// Parses what [`Recipe::to_json`] returned.
     pub(crate) fn from_json(text: &str) -> Option<Self> {
         let json: serde_json::Value = serde_json::from_str(text).ok()?;
         let scene = serde_json::to_vec(json.get("scene")?).ok()?;

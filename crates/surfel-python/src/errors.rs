@@ -1,4 +1,4 @@
-//! Errors as Python's exceptions, in Python's words.
+//! Conversion of errors to Python exceptions, with Python's argument names.
 
 use crate::interrupt;
 use pyo3::exceptions::PyRuntimeError;
@@ -11,13 +11,13 @@ use surfel::io::ShowPath as _;
 use surfel::render::RenderError;
 use surfel::sample::SampleError;
 
-/// A message about flags, as one about keyword arguments: `--depth-tolerance` is `depth_tolerance`.
+/// Converts a message about flags to one about keyword arguments: `--depth-tolerance` becomes `depth_tolerance`.
 pub(crate) fn in_python(message: &str) -> String {
     let mut text = String::with_capacity(message.len());
     let mut rest = message;
     while let Some(at) = rest.find("--") {
         let (before, after) = (&rest[..at], &rest[at + 2..]);
-        // A file's name may have dashes within.
+        // Dashes within a file name aren't flags.
         let begins = !before.ends_with(|c: char| c.is_alphanumeric() || matches!(c, '-' | '/' | '.' | '_'));
         let is_flag = begins && after.starts_with(|c: char| c.is_ascii_lowercase());
         let length = after.find(|c: char| !c.is_ascii_alphanumeric() && c != '-').unwrap_or(after.len());
@@ -36,7 +36,7 @@ pub(crate) fn in_python(message: &str) -> String {
 /// Name of a scene's arrays in messages.
 pub(crate) const ARRAYS: &str = "points";
 
-/// A message about arrays that are read as standard input is, as one about the argument that they are.
+/// Converts a message about standard input, as which arrays are read, to one about the argument.
 pub(crate) fn of_arrays(message: &str) -> String {
     let mut text = String::with_capacity(message.len());
     let is_part = |c: char| c.is_alphanumeric() || matches!(c, '_' | '-' | '.' | '/' | '\\');
@@ -55,7 +55,7 @@ pub(crate) fn of_arrays(message: &str) -> String {
     text + rest
 }
 
-/// An error about arrays that are read as standard input is, as one about the argument that they are.
+/// Converts an error about standard input, as which arrays are read, to one about the argument.
 pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     let rename = |path: &mut PathBuf| {
         if surfel::paths::is_stdin(path) || path.as_os_str() == "stdin" {
@@ -80,7 +80,7 @@ pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     error
 }
 
-/// An exception of the package by its class' name.
+/// Creates an exception of the package by its class name.
 pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
     match made {
@@ -89,7 +89,7 @@ pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     }
 }
 
-/// Arguments are at fault.
+/// Creates a `UsageError`.
 pub(crate) fn usage(py: Python<'_>, message: &str) -> PyErr {
     exception(py, "UsageError", message)
 }
@@ -97,7 +97,7 @@ pub(crate) fn usage(py: Python<'_>, message: &str) -> PyErr {
 pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     let class = match error {
         Error::Io(IoError::System { source, .. }) => {
-            // The classes of Python's own that scripts catch.
+            // Built-in exception classes, which scripts catch.
             let message = error.to_string();
             return match source.kind() {
                 ErrorKind::NotFound => pyo3::exceptions::PyFileNotFoundError::new_err(message),

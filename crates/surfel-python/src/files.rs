@@ -1,4 +1,4 @@
-//! What the commands `convert`, `ortho`, `info`, `compare` and `backends` do.
+//! Functions of the commands `convert`, `ortho`, `info`, `compare` and `backends`.
 
 use crate::draw::{Input, on_threads};
 use crate::errors;
@@ -20,7 +20,7 @@ use surfel::request::SplatOptions;
 use surfel::splat_file::{ConvertRequest, summary};
 use surfel::{BackendOptions, Error, Renderer, values};
 
-/// Work on files, or on a scene's arrays, which errors name as the argument that they are.
+/// Runs work on files or on a scene's arrays; errors about arrays name the argument.
 fn named<T>(
     input: Option<&Arc<Input>>,
     options: &SplatOptions,
@@ -33,13 +33,13 @@ fn named<T>(
     }
 }
 
-/// Notes of such work.
+/// Converts the notes of work on files or arrays to Python's names.
 fn named_notes(input: Option<&Arc<Input>>, notes: Vec<String>) -> Vec<String> {
     let notes = input.map_or(notes.clone(), |input| input.named_notes(notes));
     notes.iter().map(|note| errors::in_python(note)).collect()
 }
 
-/// Writes splats, an octree or points by levels; what the user should know.
+/// Writes splats, an octree, or points with levels of detail (COPC); returns notes for the user.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "Python's half names them")]
 pub(crate) fn convert(
@@ -72,7 +72,7 @@ pub(crate) fn convert(
     let (stdin, of_arrays) = (input.as_ref().and_then(|input| input.bytes.clone()), input.clone());
     let asked = options.clone();
     let convert = move |progress: &interrupt::Reporter| {
-        // Before the work, not after it.
+        // Checked before the work starts.
         if output.is_file() && !force && !resume {
             return Err(IoError::Exists { path: output }.into());
         }
@@ -119,7 +119,7 @@ pub(crate) fn convert(
     Ok(named_notes(input.as_ref(), notes))
 }
 
-/// Draws an orthoimage; what `--stats` prints, as JSON, and what the user should know.
+/// Draws an orthoimage; returns the output of `--stats` as JSON, and notes for the user.
 #[pyfunction]
 pub(crate) fn ortho(
     py: Python<'_>,
@@ -175,7 +175,7 @@ pub(crate) fn ortho(
     Ok((json.to_string(), named_notes(input.as_ref(), notes)))
 }
 
-/// What a file holds, as JSON.
+/// Describes the contents of a file, as JSON.
 #[pyfunction]
 pub(crate) fn info(
     py: Python<'_>,
@@ -204,7 +204,7 @@ pub(crate) fn info(
     Ok(facts.to_string())
 }
 
-/// An image of a file, or one that was drawn.
+/// An image file, or a drawn image.
 #[derive(FromPyObject)]
 pub(crate) enum ImageOrPath<'py> {
     Frame(PyRef<'py, NativeFrame>),
@@ -226,7 +226,7 @@ impl ImageOrPath<'_> {
                 normal: planes.normal.map(<[_]>::to_vec),
                 weight: planes.weight.map(<[_]>::to_vec),
                 whole: planes.whole.iter().map(|(name, plane)| ((*name).to_owned(), plane.to_vec())).collect(),
-                // As an EXR holds them.
+                // Planes as in an EXR file.
                 other: planes.position.map_or_else(Vec::new, |position| {
                     let axis = |i: usize| position.iter().map(|p| p[i] as f32).collect();
                     ["X", "Y", "Z"].iter().enumerate().map(|(i, n)| (format!("position.{n}"), axis(i))).collect()
@@ -241,7 +241,7 @@ impl ImageOrPath<'_> {
     }
 }
 
-/// How far image `b` is from the reference `a`, as JSON.
+/// Compares image `b` with the reference `a`; returns the measures as JSON.
 #[pyfunction]
 pub(crate) fn compare(
     py: Python<'_>,
@@ -268,7 +268,7 @@ pub(crate) fn compare(
     Ok(json.to_string())
 }
 
-/// What this machine can run, as JSON.
+/// Lists the backends and whether this machine can run them, as JSON.
 #[pyfunction]
 pub(crate) fn backends(py: Python<'_>) -> String {
     let entry = |b: surfel::backend::BackendInfo| match b.state {

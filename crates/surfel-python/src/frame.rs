@@ -1,4 +1,4 @@
-//! An image's planes as arrays of NumPy, and files of them.
+//! An image's planes as NumPy arrays, and writing of image files.
 
 use crate::draw::{Drawn, Recipe};
 use crate::errors;
@@ -13,7 +13,7 @@ use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
 use surfel::{Error, Stats};
 
-/// An image that was drawn. Its arrays are views of the memory that it was drawn to, and read-only.
+/// A drawn image. Its arrays are read-only views of the memory that it was drawn to.
 #[pyclass(frozen, module = "surfel._native", name = "Frame")]
 pub(crate) struct NativeFrame {
     #[pyo3(get)]
@@ -32,15 +32,15 @@ pub(crate) struct NativeFrame {
     median_depth: Option<Py<PyAny>>,
     distortion: Option<Py<PyAny>>,
     recipe: Option<Recipe>,
-    /// What was measured, as JSON.
+    /// Statistics of the frame, as JSON.
     #[pyo3(get)]
     stats: String,
 }
 
-/// Bytes of a pixel that is encoded, at most: rows of a file, and what they are packed into.
+/// Maximum bytes per pixel for encoding: rows of a file, and their compressed form.
 const ENCODED_BYTES: u64 = 32;
 
-/// An array of a plane's values, or of a part of them; `None` for a plane that isn't there.
+/// Wraps a plane's values, or a range of them, in an array; returns `None` for a missing plane.
 fn array<T: Element>(
     py: Python<'_>,
     values: Vec<T>,
@@ -68,7 +68,7 @@ fn stats_json(stats: &Stats, recipe: &Recipe) -> String {
     text.to_string()
 }
 
-/// A plane's values, as they lie in memory.
+/// A plane's values as they are in memory.
 type Values<'py, T> = Option<PyReadonlyArrayDyn<'py, T>>;
 
 fn values<'py, T: Element>(py: Python<'py>, plane: Option<&Py<PyAny>>) -> PyResult<Values<'py, T>> {
@@ -106,7 +106,7 @@ impl NativeFrame {
         })
     }
 
-    /// Does something with the planes, while Python's other threads run.
+    /// Runs `work` on the planes, while Python's other threads run.
     pub(crate) fn with_planes<T: Send>(
         &self,
         py: Python<'_>,
@@ -145,7 +145,7 @@ impl NativeFrame {
         }))
     }
 
-    /// Refuses work on the planes that takes so many bytes a pixel besides, if there aren't as many.
+    /// Returns an error if `pixel_bytes` bytes per pixel of additional memory aren't available.
     pub(crate) fn check_memory(&self, py: Python<'_>, pixel_bytes: u64) -> PyResult<()> {
         let pixels = u64::from(self.width) * u64::from(self.height);
         memory::check("image", pixels * pixel_bytes, None).map_err(|error| errors::raise(py, &error))
@@ -217,33 +217,33 @@ impl NativeFrame {
         self.distortion.as_ref().map(|plane| plane.clone_ref(py))
     }
 
-    /// What the user should know of how it was made.
+    /// Returns messages for the user about how the image was made.
     #[getter]
     fn notes(&self) -> Vec<String> {
         let notes = self.recipe.as_ref().map(|recipe| &*recipe.notes);
         notes.unwrap_or_default().iter().map(|note| errors::in_python(note)).collect()
     }
 
-    /// The scene file that gives the image.
+    /// Returns the scene file of the image.
     fn scene_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let text = self.recipe.as_ref().map(Recipe::scene_json).transpose();
         text.map_err(|error| errors::raise(py, &error))
     }
 
-    /// The camera as a scene file has it.
+    /// Returns the camera in the form of a scene file.
     fn camera_json(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let text = self.recipe.as_ref().map(Recipe::camera_json).transpose();
         text.map_err(|error| errors::raise(py, &error))
     }
 
-    /// What `frame_of` makes the same image of, beside its planes.
+    /// Returns the recipe, from which `frame_of` recreates the image together with its planes.
     fn recipe(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let recipe = self.recipe.as_ref();
         let text = py.detach(|| recipe.map(Recipe::to_json).transpose());
         Ok(text.map_err(|error| errors::raise(py, &error))?.flatten())
     }
 
-    /// The colours as a PNG holds them.
+    /// Returns the colours as 8-bit sRGB, as in a PNG.
     fn rgba(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         self.check_memory(py, 8)?;
         let made = self.with_planes(py, |planes| planes.color.map(surfel::io::to_srgb8))?;
@@ -252,7 +252,7 @@ impl NativeFrame {
         array(py, pixels.into_flattened(), 0..4 * w * h, &[h, w, 4])
     }
 
-    /// A PNG, as `surfel -o -` writes it.
+    /// Encodes a PNG, as `surfel -o -` writes it.
     fn png<'py>(&self, py: Python<'py>, png16: bool, metadata: bool) -> PyResult<Bound<'py, PyBytes>> {
         self.check_memory(py, ENCODED_BYTES)?;
         let options = py.detach(|| self.png_options(Path::new("."), png16, metadata));
@@ -307,7 +307,7 @@ impl NativeFrame {
     }
 }
 
-/// An image of the planes of another one, by their names, and what that one's `stats` and `recipe` are.
+/// Creates an image from the planes of another one, by name, with that one's `stats` and `recipe`.
 #[pyfunction]
 #[pyo3(signature = (planes, stats = "{}".to_owned(), recipe = None))]
 pub(crate) fn frame_of(
@@ -345,7 +345,8 @@ pub(crate) fn frame_of(
     })
 }
 
-/// A plane of this name, contiguous and read-only, of as many pixels as those before it.
+/// Returns a plane by name, after checking that it is contiguous, read-only, and has as many pixels as the planes
+/// before it.
 fn given<T: Element>(
     planes: &Bound<'_, PyDict>,
     name: &str,

@@ -1,4 +1,4 @@
-//! Work on a thread of its own while Python's waits: other threads of Python run, Ctrl-C works, progress is shown.
+//! Running of work on its own thread while Python waits: other Python threads run, Ctrl-C works, and progress is shown.
 
 use crate::errors;
 use pyo3::prelude::*;
@@ -9,12 +9,12 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use surfel::{Error, Progress};
 
-/// How often signals are looked at.
+/// Interval between checks for signals.
 pub(crate) const TICK: Duration = Duration::from_millis(50);
-/// Work that takes less long shows no progress.
+/// Minimum duration of work that shows progress.
 const PATIENCE: Duration = Duration::from_millis(700);
 
-/// How far the work has come.
+/// Progress of the work.
 #[derive(Default)]
 pub(crate) struct Reporter {
     stage: Mutex<(String, u64)>,
@@ -45,12 +45,13 @@ impl Reporter {
 /// Message of [`defect`].
 pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
 
-/// The error of a panic, `surfel.Error` to Python.
+/// Returns the error of a panic, which becomes `surfel.Error` in Python.
 pub(crate) fn defect() -> Error {
     Error::Input(DEFECT.to_owned())
 }
 
-/// Runs `work` elsewhere and waits for it. On Ctrl-C the waiting ends at once; the work ends by itself and is dropped.
+/// Runs `work` on another thread and waits for it. Ctrl-C ends the waiting at once; the work runs to its end and its
+/// result is dropped.
 pub(crate) fn run<T: Send + 'static>(
     py: Python<'_>,
     work: impl FnOnce(&Reporter) -> Result<T, Error> + Send + 'static,
@@ -61,7 +62,7 @@ pub(crate) fn run<T: Send + 'static>(
     let start = Instant::now();
     let thread = std::thread::Builder::new().name("surfel".to_owned()).spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| work(&shared))).unwrap_or_else(|_| Err(defect()));
-        // Nobody waits any longer after Ctrl-C.
+        // After Ctrl-C there is no receiver.
         let _ = sender.send(result);
     });
     thread.map_err(|e| errors::exception(py, "Error", &format!("can't start a thread: {e}")))?;

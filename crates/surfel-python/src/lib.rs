@@ -1,5 +1,5 @@
-//! The native half of the Python package `surfel`: scenes, frames and files. Arguments are texts of the command line's
-//! flags; the package's Python half makes them.
+//! The native half of the Python package `surfel`: scenes, frames and files. Arguments are command-line flags as text,
+//! which the package's Python half creates.
 
 mod draw;
 mod errors;

@@ -1,4 +1,4 @@
-//! Images from many cameras: drawn some at once, given in order.
+//! Images from many cameras: drawn several at a time, returned in order.
 
 use crate::draw::{Drawn, From, Input, Job, draw};
 use crate::errors;
@@ -10,14 +10,14 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use surfel::{Camera, Error, NoProgress};
 
-/// Most images that are drawn at once: each has memory of its own.
+/// Maximum number of images drawn at a time: each has its own memory.
 const MOST: usize = 4;
 
 /// Cameras of several images.
 pub(crate) enum Views {
     /// Cameras of a list: names, cameras, and true if near and far planes are fitted to the scene.
     Cameras(Vec<(String, Camera, bool)>),
-    /// Number of frames of a turn.
+    /// Number of frames of a turntable.
     Turn(u32),
 }
 
@@ -29,7 +29,7 @@ impl Views {
         }
     }
 
-    /// The name and camera of one of them.
+    /// Returns the name and camera of an image.
     fn get(&self, index: usize) -> Option<(String, From)> {
         match self {
             Self::Cameras(cameras) => {
@@ -46,12 +46,12 @@ impl Views {
 
 #[derive(Default)]
 struct State {
-    /// The image that is drawn next.
+    /// Index of the image to draw next.
     next: usize,
-    /// The image that is given next.
+    /// Index of the image to return next.
     given: usize,
     done: BTreeMap<usize, Result<Drawn, Error>>,
-    /// Nobody wants more.
+    /// True if no more images are requested.
     over: bool,
 }
 
@@ -59,7 +59,7 @@ struct Shared {
     state: Mutex<State>,
     changed: Condvar,
     views: Arc<Views>,
-    /// Most images that are drawn or wait to be given.
+    /// Maximum number of images that are being drawn or waiting to be returned.
     ahead: usize,
 }
 
@@ -89,7 +89,7 @@ impl Shared {
     }
 }
 
-/// Pictures of a scene, none drawn yet.
+/// Images of a scene, none drawn yet.
 #[pyclass(frozen, module = "surfel._native", name = "Many")]
 pub(crate) struct NativeMany {
     pub(crate) input: Arc<Input>,
@@ -103,18 +103,18 @@ impl NativeMany {
         self.views.len()
     }
 
-    /// The name of the camera of one of them.
+    /// Returns the camera name of an image.
     fn name(&self, py: Python<'_>, index: usize) -> PyResult<String> {
         Ok(self.of(py, index)?.0)
     }
 
-    /// Draws one of them, by its number.
+    /// Draws an image by index.
     fn draw(&self, py: Python<'_>, index: usize) -> PyResult<NativeFrame> {
         let (input, job, from) = (self.input.clone(), self.job.clone(), self.of(py, index)?.1);
         NativeFrame::new(py, interrupt::run(py, move |progress| draw(&input, &job, &from, progress))?)
     }
 
-    /// Starts to draw all of them, some at once.
+    /// Starts drawing all images, several at a time.
     fn start(&self, py: Python<'_>) -> PyResult<NativeFrames> {
         self.input.renew(&self.job.options);
         NativeFrames::start(py, self.input.clone(), self.job.clone(), self.views.clone())
@@ -133,11 +133,12 @@ impl NativeMany {
 pub(crate) struct NativeFrames(Arc<Shared>);
 
 impl NativeFrames {
-    /// Starts the threads that draw.
+    /// Starts the drawing threads.
     fn start(py: Python<'_>, input: Arc<Input>, job: Job, views: Arc<Views>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
-        // A GPU draws one image at a time, and so does what turns: its lights move, so that it is uploaded each time.
+        // A GPU draws one image at a time. A turntable does, too: its lights move, so that the scene is uploaded for
+        // each image.
         let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || job.options.turntable;
         let workers = if alone { 1 } else { threads.min(MOST).min(views.len()).max(1) };
         let shared = Shared { state: Mutex::default(), changed: Condvar::new(), views, ahead: workers + 1 };
@@ -157,7 +158,7 @@ impl NativeFrames {
 
 #[pymethods]
 impl NativeFrames {
-    /// The next image and its camera's name; None after the last.
+    /// Returns the next image and its camera's name; None after the last.
     fn next(&self, py: Python<'_>) -> PyResult<Option<(String, NativeFrame)>> {
         loop {
             let shared = self.0.clone();
@@ -184,7 +185,7 @@ impl NativeFrames {
                 Some((name, Some(Err(error)))) => {
                     let error = errors::raise(py, &error);
                     let note = format!("camera {name}");
-                    // Python 3.11 shows notes; those before it have none.
+                    // Python 3.11 and later show notes; earlier versions have none.
                     let _ = error.value(py).call_method1("add_note", (note,));
                     return Err(error);
                 }
@@ -193,7 +194,7 @@ impl NativeFrames {
         }
     }
 
-    /// Ends the work after the images that are being drawn.
+    /// Stops drawing after the images in progress.
     fn close(&self) {
         self.0.lock().over = true;
         self.0.changed.notify_all();

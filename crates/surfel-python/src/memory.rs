@@ -1,5 +1,5 @@
-//! Memory that arguments ask for. What doesn't fit is refused by an error that becomes a `MemoryError`, because an
-//! allocation that fails ends the process, and Python with it.
+//! Checks of the memory that arguments require. A failed allocation would end the process, and Python with it, so an
+//! error that becomes a `MemoryError` is returned before.
 
 use std::io::ErrorKind;
 use surfel::io::IoError;
@@ -9,16 +9,16 @@ use surfel::render::SHADOW_MAP_SIDE;
 use surfel::request::SplatOptions;
 use surfel::{Error, Planes, View};
 
-/// Most bytes that a point of arrays takes until it is drawn, besides its copy.
+/// Maximum bytes per point of arrays until it is drawn, in addition to the copy.
 const POINT_BYTES: u64 = 200;
-/// Bytes of a pixel besides its planes, by backend: encoding, edges and tiles; the reference sums in f64.
+/// Bytes per pixel in addition to its planes, by backend: for encoding, edges and tiles. The reference sums in f64.
 const PIXEL_BYTES: u64 = 40;
 const REFERENCE_PIXEL_BYTES: u64 = 640;
-/// Bytes of a shadow map's texel.
+/// Bytes per texel of a shadow map.
 const TEXEL_BYTES: u64 = 24;
 
-/// Refuses `bytes` that are more than may be used, by `--memory` or else by the machine, or than the system gives.
-/// `what` is the argument that asks for them.
+/// Returns an error if `bytes` exceed the budget of `--memory`, else that of the machine, or if they can't be
+/// allocated. `what` is the argument that requires them.
 pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), Error> {
     let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
     let gives = || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
@@ -35,14 +35,14 @@ pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), E
     Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
 }
 
-/// Refuses arrays of so many points, and as many splats of a mesh as the options ask for.
+/// Checks the memory of `points` points in arrays, and of the splats of a mesh that the options request.
 pub(crate) fn check_splats(points: u64, options: &SplatOptions) -> Result<(), Error> {
     check("points", points.saturating_mul(POINT_BYTES), options.memory)?;
     let Some(SplatCount::Count(splats)) = options.convert.splats else { return Ok(()) };
     check("splats", u64::from(splats).saturating_mul(POINT_BYTES), options.memory)
 }
 
-/// Refuses an image of so many pixels, of which each has `samples`, and so many shadow maps.
+/// Checks the memory of an image with `samples` samples per pixel, and of its shadow maps.
 pub(crate) fn check_image(
     view: &View,
     samples: u32,

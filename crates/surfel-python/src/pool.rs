@@ -1,20 +1,20 @@
-//! Backends that are started once and used again, by one frame at a time each.
+//! Pool of backends: each is started once and reused, by one frame at a time.
 
 use std::sync::{Mutex, PoisonError};
 use surfel::backend::Chosen;
 use surfel::render::Capabilities;
 use surfel::{Backend, BackendOptions, Error, Renderer};
 
-/// Who is to draw.
+/// The requested backend.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(crate) struct Who {
-    /// A backend's name, or `auto`.
+    /// Name of the backend, or `auto`.
     pub(crate) name: String,
     pub(crate) options: BackendOptions,
 }
 
 impl Who {
-    /// Sets a flag on who draws, from its text; false for a name that is none of these flags.
+    /// Sets a backend flag from its text; returns false if the name isn't a backend flag.
     pub(crate) fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
         match flag {
             "backend" => self.name = text.to_owned(),
@@ -34,29 +34,29 @@ impl Who {
     }
 }
 
-/// What an idle backend is known by.
+/// Key of an idle backend.
 #[derive(Clone, PartialEq, Eq)]
 struct Key {
     who: Who,
-    /// Why `auto` isn't the fastest one, where it isn't.
+    /// Reason why `auto` didn't select the fastest backend, if it didn't.
     refused: Option<String>,
-    /// A process that was forked has none of its parent's threads.
+    /// Process id: a forked process has none of its parent's threads.
     process: u32,
 }
 
-/// Backends that nobody draws with now.
+/// Idle backends.
 static IDLE: Mutex<Vec<(Key, Backend)>> = Mutex::new(Vec::new());
-/// Most of them.
+/// Maximum number of idle backends.
 const MOST: usize = 16;
 
-/// A backend, taken from the idle ones and given back when it is dropped.
+/// A backend taken from the pool, to which it returns when dropped.
 pub(crate) struct Taken {
     key: Key,
     backend: Option<Backend>,
 }
 
 impl Taken {
-    /// A backend that `refuses` gives no reason against.
+    /// Takes or starts a backend that `refuses` has no objection to.
     pub(crate) fn new(who: &Who, refuses: impl Fn(&Capabilities) -> Option<String>) -> Result<Self, Error> {
         let mut key = Key { who: who.clone(), refused: None, process: std::process::id() };
         if who.name != "auto" {
@@ -91,7 +91,7 @@ fn idle(key: &Key) -> Option<Backend> {
 
 impl Drop for Taken {
     fn drop(&mut self) {
-        // A backend whose frame panicked is in no known state.
+        // A backend whose frame panicked is in an unknown state.
         let Some(backend) = self.backend.take().filter(|_| !std::thread::panicking()) else { return };
         let mut idle = IDLE.lock().unwrap_or_else(PoisonError::into_inner);
         idle.push((self.key.clone(), backend));

@@ -1,4 +1,4 @@
-//! Scenes as Python sees them, and their arguments.
+//! Scenes in Python, and their arguments.
 
 use crate::draw::{From, Input, Job, draw};
 use crate::errors;
@@ -16,10 +16,10 @@ use surfel::camera::{self, CameraSource};
 use surfel::request::{Pictures, RenderOptions};
 use surfel::{BackendOptions, Camera, Error, Light, Planes, Scene, values};
 
-/// Most lights, each of which may need a shadow map.
+/// Maximum number of lights, each of which may need a shadow map.
 const MOST_LIGHTS: usize = 256;
 
-/// A copy of bytes, or `MemoryError`.
+/// Copies bytes to a Python object; raises `MemoryError` if that fails.
 pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
     PyBytes::new_with(py, bytes.len(), |copy| {
         copy.copy_from_slice(bytes);
@@ -27,21 +27,21 @@ pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py
     })
 }
 
-/// Flags by their names, as texts.
+/// Flags: name and value as text.
 pub(crate) type Flags = Vec<(String, String)>;
 
-/// Files, or the bytes of one, that make one scene.
+/// The files of a scene, or the bytes of a file.
 #[pyclass(frozen, module = "surfel._native", name = "Scene")]
 pub(crate) struct NativeScene {
     pub(crate) input: Arc<Input>,
 }
 
-/// What a wrong text of an argument is told.
+/// Creates the exception for an argument with an invalid value.
 pub(crate) fn wrong(py: Python<'_>, flag: &str, text: &str, message: &str) -> PyErr {
     errors::usage(py, &format!("{}={text}: {message}", flag.replace('-', "_")))
 }
 
-/// What the flags ask for.
+/// Parses flags to the settings of an image.
 pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: bool, turntable: bool) -> PyResult<Job> {
     let mut options = RenderOptions::default();
     let mut who = Who { name: "auto".to_owned(), options: BackendOptions::default() };
@@ -88,13 +88,14 @@ pub(crate) fn job(py: Python<'_>, flags: &Flags, planes: &[String], cameras: boo
     Ok(Job { options, pictures: Arc::default(), who, planes: wanted })
 }
 
-/// A scene file's camera object, and whether near and far planes are the scene's to choose, since it has neither.
+/// Parses a scene file's camera object; also returns true if it has neither near nor far plane, so that these are
+/// fitted to the scene.
 fn camera_of(json: &str) -> Result<(Camera, bool), String> {
     let mut value: serde_json::Value = serde_json::from_str(json).map_err(|e| format!("camera: {e}"))?;
     let keys = value.as_object_mut().ok_or("camera: expected an object")?;
     let fits_depth = !keys.contains_key("near") && !keys.contains_key("far");
     if fits_depth {
-        // Both are replaced when the scene is known, and a parallel projection needs them.
+        // Placeholders, which a parallel projection requires; both are replaced once the scene is known.
         keys.insert("near".to_owned(), 1.0.into());
         keys.insert("far".to_owned(), 2.0.into());
     }
@@ -103,7 +104,7 @@ fn camera_of(json: &str) -> Result<(Camera, bool), String> {
     Ok((camera, fits_depth))
 }
 
-/// A scene file's lights.
+/// Parses a scene file's lights.
 fn lights(json: &str) -> Result<Vec<Light>, String> {
     let listed: Vec<serde_json::Value> = serde_json::from_str(json).map_err(|e| format!("lights: {e}"))?;
     if listed.len() > MOST_LIGHTS {
@@ -119,8 +120,9 @@ fn lights(json: &str) -> Result<Vec<Light>, String> {
     Ok(scene.lights.unwrap_or_default())
 }
 
-/// Cameras of a file or folder, or of JSON's text: a list of those that files have, and of objects with a scene file's
-/// `camera`, each with its name and whether near and far planes are the scene's to choose.
+/// Reads cameras from a file or folder, or from JSON. JSON is a list of cameras in a supported file format, or of
+/// objects with a scene file's `camera`. Returns each camera's name, and true if near and far planes are fitted to the
+/// scene.
 fn cameras(
     (path, json): (Option<PathBuf>, Option<String>),
     size: Option<[u32; 2]>,
@@ -134,7 +136,7 @@ fn cameras(
         serde_json::Value::Array(listed) => listed,
         one => vec![one],
     };
-    // Those of matrices are read together, and go back to their places.
+    // Cameras given by matrices are parsed together, then inserted at their positions.
     let own: Vec<Option<serde_json::Value>> =
         listed.iter_mut().map(|camera| camera.as_object_mut().and_then(|keys| keys.remove("camera"))).collect();
     let names: Vec<String> = listed.iter().map(|camera| camera["name"].as_str().unwrap_or("").to_owned()).collect();
@@ -180,22 +182,22 @@ impl NativeScene {
         Ok(Self { input: Arc::new(Input::new(paths, bytes.map(Arc::from), points, notes)) })
     }
 
-    /// The bytes of its arrays' file.
+    /// Returns the contents of the arrays' file.
     fn data<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyBytes>>> {
         self.input.bytes.as_ref().map(|bytes| py_bytes(py, bytes)).transpose()
     }
 
-    /// The number of points in its arrays.
+    /// Returns the number of points in the arrays.
     fn points(&self) -> u64 {
         self.input.points
     }
 
-    /// Notes on its arrays.
+    /// Returns notes about the arrays.
     fn notes(&self) -> Vec<String> {
         self.input.notes.clone()
     }
 
-    /// The scene of a picture, and the flags that it was drawn by.
+    /// Reads the scene embedded in an image, and the flags that it was drawn with.
     #[staticmethod]
     fn of_picture(py: Python<'_>, path: PathBuf) -> PyResult<(Self, Flags)> {
         let (input, flags) = Input::of_picture(path).map_err(|error| errors::raise(py, &error))?;
@@ -227,7 +229,7 @@ impl NativeScene {
         NativeFrame::new(py, drawn)
     }
 
-    /// An image from each camera of a file, a folder or JSON, or each frame of a turn.
+    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable.
     fn many(
         &self,
         py: Python<'_>,
@@ -239,7 +241,7 @@ impl NativeScene {
     ) -> PyResult<NativeMany> {
         let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
         let views = match frames {
-            // Python's half bounds them.
+            // The Python half checks the number.
             Some(frames) => {
                 job.pictures = Arc::new(Pictures::Turn(frames));
                 Views::Turn(frames)
@@ -254,7 +256,7 @@ impl NativeScene {
         Ok(NativeMany { input: self.input.clone(), job, views: Arc::new(views) })
     }
 
-    /// Loads, frames and lights the scene, so that the first image needn't.
+    /// Loads, frames and lights the scene in advance, before the first image.
     fn prepare(&self, py: Python<'_>, flags: Flags) -> PyResult<Vec<String>> {
         let job = job(py, &flags, &["color".to_owned()], false, false)?;
         let input = self.input.clone();

@@ -9,7 +9,7 @@ const PREFIX: &str = ".surfel-";
 pub(super) const SUFFIX: &str = ".tmp";
 /// Number of random letters and digits.
 pub(super) const RANDOM_CHARACTERS: usize = 6;
-/// Time without a change after which a file counts as left over, whoever wrote it.
+/// Time without a change after which a file counts as left over, whichever process wrote it.
 pub(super) const OLD: Duration = Duration::from_secs(30 * 24 * 3600);
 
 /// The writer of a temporary file, as its name states it.
@@ -20,7 +20,7 @@ pub(super) struct Name {
 }
 
 impl Name {
-    /// Start of the names of this process's files.
+    /// Returns the start of the names of this process's files.
     pub(super) fn prefix_of_this_process() -> String {
         Self { host: this_host(), process: std::process::id() }.prefix()
     }
@@ -29,25 +29,26 @@ impl Name {
         format!("{PREFIX}{:016x}-{}-", self.host, self.process)
     }
 
-    /// Parses a name; `None` for a name of another kind, such as a user's.
+    /// Parses a name; returns `None` for other names, such as a user's.
     pub(super) fn parse(name: &str) -> Option<Self> {
         let mut parts = name.strip_prefix(PREFIX)?.strip_suffix(SUFFIX)?.split('-');
         let (host, process, random) = (parts.next()?, parts.next()?, parts.next()?);
         let is_random = random.len() == RANDOM_CHARACTERS && random.bytes().all(|c| c.is_ascii_alphanumeric());
         let found = Self { host: u64::from_str_radix(host, 16).ok()?, process: process.parse().ok()? };
-        // Other spellings of the same numbers aren't ours.
+        // Other spellings of the same numbers are names of another program.
         let is_own = is_random && parts.next().is_none() && name.starts_with(&found.prefix());
         is_own.then_some(found)
     }
 
-    /// True if nobody writes the file any more, which was changed at this time.
+    /// True if the file, last modified at this time, has no running writer.
     pub(super) fn is_left_over(self, modified: Option<SystemTime>) -> bool {
         let is_old = modified.is_some_and(|time| time.elapsed().is_ok_and(|age| age > OLD));
         is_old || (self.host == this_host() && has_ended(self.process))
     }
 }
 
-/// A number that no other host has: of the running kernel and the process namespace on Linux, else of the host's name.
+/// Returns a number that identifies this host: a hash of the running kernel and the process namespace on Linux, else of
+/// the host's name.
 fn this_host() -> u64 {
     let boot = std::fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default();
     let namespace = std::fs::read_link("/proc/self/ns/pid").unwrap_or_default();
@@ -67,16 +68,17 @@ fn host_name() -> String {
     std::env::var("COMPUTERNAME").unwrap_or_default()
 }
 
-/// True if no process of this host has the number.
+/// True if no process of this host has this id.
 #[cfg(unix)]
 fn has_ended(process: u32) -> bool {
     use rustix::process::{Pid, test_kill_process};
     let pid = i32::try_from(process).ok().and_then(Pid::from_raw);
-    // A process of another user may not be signalled, but is there.
+    // A process of another user can't be signalled, but exists.
     pid.is_some_and(|pid| test_kill_process(pid) == Err(rustix::io::Errno::SRCH))
 }
 
-/// True where another process can't be asked for: files of running writers are locked, and locks bind all hosts.
+/// True for any other process, on systems where it can't be checked: files of running writers are locked, and locks
+/// apply to all hosts.
 #[cfg(not(unix))]
 fn has_ended(process: u32) -> bool {
     process != std::process::id()
@@ -86,12 +88,12 @@ fn has_ended(process: u32) -> bool {
 pub(super) mod tests {
     use super::*;
 
-    /// Name of a file of a process of this host.
+    /// Returns a file name of a process of this host.
     pub(crate) fn name_of(process: u32) -> String {
         format!("{}aB3xYz{SUFFIX}", Name { host: this_host(), process }.prefix())
     }
 
-    /// Name of a file of a process of another host.
+    /// Returns a file name of a process of another host.
     pub(crate) fn name_elsewhere() -> String {
         format!("{}aB3xYz{SUFFIX}", Name { host: !this_host(), process: 1 }.prefix())
     }
@@ -120,7 +122,7 @@ pub(super) mod tests {
         let now = Some(SystemTime::now());
         let this = Name { host: this_host(), process: std::process::id() };
         assert!(!this.is_left_over(now) && !this.is_left_over(None));
-        // No process can have this number.
+        // No process can have this id.
         let ended = Name { process: i32::MAX as u32, ..this };
         assert!(ended.is_left_over(now));
         let elsewhere = Name { host: !ended.host, ..ended };

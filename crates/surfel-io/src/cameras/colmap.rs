@@ -1,20 +1,20 @@
-//! COLMAP's `cameras` and `images`, binary and text.
+//! Reader of COLMAP's `cameras` and `images` files, binary and text.
 
 use super::{Lens, MAX_CAMERAS, NamedCamera, Pose, distorted, lens};
 use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DQuat, DVec3};
 use std::collections::BTreeMap;
 
-/// A camera of COLMAP, which several images share.
+/// A COLMAP camera, which several images share.
 pub(super) struct Intrinsics {
     size: [u32; 2],
     lens: Lens,
 }
 
-/// Cameras by COLMAP's numbers, or why they can't be used: only an image of a camera needs it.
+/// Cameras by COLMAP's id, or the reason why one can't be used, which matters only if an image uses the camera.
 pub(super) type Lenses = BTreeMap<u32, Result<Intrinsics, Problem>>;
 
-/// COLMAP's camera models in the order of their numbers: name and count of parameters.
+/// COLMAP's camera models in the order of their ids: name and number of parameters.
 const MODELS: [(&str, usize); 12] = [
     ("SIMPLE_PINHOLE", 3),
     ("PINHOLE", 4),
@@ -30,7 +30,8 @@ const MODELS: [(&str, usize); 12] = [
     ("RAD_TAN_THIN_PRISM_FISHEYE", 16),
 ];
 
-/// The lens of a model: f, cx, cy or fx, fy, cx, cy, then distortion, all zero for those that are no fisheye.
+/// Returns the lens of a camera model. The parameters are f, cx, cy or fx, fy, cx, cy, then distortion, which must be
+/// zero; fisheye models are refused.
 fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrinsics, Problem> {
     let of = |problem: Problem| Problem { what: format!("camera {id} {}", problem.what), ..problem };
     let (focal, principal, rest) = match model {
@@ -48,7 +49,7 @@ fn intrinsics(id: u32, model: &str, size: [u64; 2], p: &[f64]) -> Result<Intrins
     Ok(Intrinsics { size: [width, height], lens: lens(focal, principal).map_err(of)? })
 }
 
-/// An image: its pose is view from world, the quaternion w first.
+/// Returns the camera of an image. The pose is the view-from-world transform, with a quaternion w, x, y, z.
 fn image(name: &str, q: [f64; 4], t: [f64; 3], camera: u32, lenses: &Lenses) -> Result<NamedCamera, Problem> {
     let of = |problem: Problem| Problem { what: format!("image {name} {}", problem.what), ..problem };
     let Some(intrinsics) = lenses.get(&camera) else {
@@ -65,7 +66,7 @@ fn image(name: &str, q: [f64; 4], t: [f64; 3], camera: u32, lenses: &Lenses) -> 
     Ok(NamedCamera { name: name.to_owned(), size: Some(intrinsics.size), eye, axes, lens: intrinsics.lens })
 }
 
-/// Little-endian numbers, one after another.
+/// Reader of consecutive little-endian numbers.
 struct Bytes<'a> {
     all: &'a [u8],
     at: usize,
@@ -87,7 +88,7 @@ impl<'a> Bytes<'a> {
 
     fn array<const N: usize>(&mut self) -> Result<[u8; N], Problem> {
         let bytes = self.take(N as u64)?;
-        // As many as were asked for.
+        // The slice has exactly N bytes.
         Ok(bytes.try_into().unwrap_or([0; N]))
     }
 
@@ -140,7 +141,7 @@ pub(super) fn images_bin(bytes: &[u8], lenses: &Lenses) -> Result<Vec<NamedCamer
         let (q, t) = (bytes.f64s::<4>()?, bytes.f64s::<3>()?);
         let camera = bytes.u32()?;
         let name = bytes.text()?;
-        // Points: x and y, and the number of what they show.
+        // Points: x and y, and the id of the 3D point.
         let points = bytes.u64()?;
         bytes.take(points.saturating_mul(24))?;
         push(&mut images, image(&name, q, t, camera, lenses)?)?;
@@ -156,7 +157,7 @@ fn push(images: &mut Vec<NamedCamera>, image: NamedCamera) -> Result<(), Problem
     Ok(())
 }
 
-/// Lines with their numbers, without comments.
+/// Returns numbered lines, without comments.
 fn lines(text: &str) -> impl Iterator<Item = (usize, &str)> {
     let numbered = text.lines().enumerate().map(|(i, line)| (i + 1, line.trim()));
     numbered.filter(|(_, line)| !line.starts_with('#'))
@@ -212,7 +213,7 @@ pub(super) fn images_txt(bytes: &[u8], lenses: &Lenses) -> Result<Vec<NamedCamer
         if line.is_empty() {
             continue;
         }
-        // Ten words, the last of which may hold spaces.
+        // Ten words, the last of which may contain spaces.
         let words: Vec<&str> = line.splitn(10, ' ').collect();
         let [_id, pose @ .., camera, name] = words.as_slice() else { return Err(too_short(number, words.len())) };
         if pose.len() != 7 {
@@ -222,13 +223,13 @@ pub(super) fn images_txt(bytes: &[u8], lenses: &Lenses) -> Result<Vec<NamedCamer
         let camera = whole(number, camera)?;
         let image = image(name.trim(), [w, x, y, z], [tx, ty, tz], camera, lenses);
         push(&mut images, image.map_err(|problem| problem.at(Location::Line(number)))?)?;
-        // Its points, an empty line where there are none.
+        // Skips the line of the image's points, which may be empty.
         lines.next();
     }
     Ok(images)
 }
 
-/// An image's line of too few words.
+/// Returns the fault of an image's line with too few words.
 fn too_short(number: usize, words: usize) -> Fault {
     let problem = Problem::new(format!("has {words} values")).at(Location::Line(number));
     problem.expected("IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME").into()

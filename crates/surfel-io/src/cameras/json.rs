@@ -1,4 +1,4 @@
-//! Cameras as JSON: nerfstudio and instant-ngp, 3DGS, Open3D, and OpenCV's K, R, t.
+//! Reader of cameras in JSON: nerfstudio and instant-ngp, 3DGS, Open3D, and OpenCV's K, R, t.
 
 use super::{Lens, MAX_CAMERAS, NamedCamera, Pose, distorted, lens, rotation};
 use crate::error::{Fault, Problem};
@@ -6,7 +6,7 @@ use crate::scene_file::json_problem;
 use glam::{DMat3, DMat4, DVec3};
 use serde_json::{Map, Value};
 
-/// Half a pixel: from the first pixel's centre to the image's corner.
+/// Half a pixel: the distance from the first pixel's centre to the image's corner.
 const HALF: f64 = 0.5;
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Vec<NamedCamera>, Fault> {
@@ -51,14 +51,14 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<NamedCamera>, Fault> {
 /// Names of the matrix K.
 const K: &[&str] = &["K", "k", "camera_matrix", "intrinsic_matrix"];
 
-/// A camera's keys, and those of the file that all cameras share.
+/// The keys of a camera, and the file's keys that apply to all cameras.
 struct Keys<'a> {
     own: &'a Map<String, Value>,
     shared: &'a Map<String, Value>,
 }
 
 impl Keys<'_> {
-    /// The first of some keys that is there, the camera's own before the file's.
+    /// Returns the value of the first existing key; the camera's keys have priority over the file's.
     fn get(&self, keys: &[&str]) -> Option<&Value> {
         let of = |map: &'_ Map<String, Value>, key: &str| map.contains_key(key);
         let own = keys.iter().find(|key| of(self.own, key)).and_then(|key| self.own.get(*key));
@@ -73,7 +73,7 @@ impl Keys<'_> {
         }
     }
 
-    /// So many numbers, however they are nested.
+    /// Returns `N` numbers, which may be nested arrays.
     fn numbers<const N: usize>(&self, keys: &[&str]) -> Result<Option<[f64; N]>, Problem> {
         let Some(value) = self.get(keys) else { return Ok(None) };
         let mut flat = Vec::new();
@@ -88,7 +88,7 @@ impl Keys<'_> {
         self.numbers(keys)?.ok_or_else(|| Problem::new(format!("has no {}", keys[0])).expected(format!("{N} numbers")))
     }
 
-    /// The image's size, if it is said by any of the pairs of keys or `size`.
+    /// Returns the image's size, from a pair of keys or from `size`.
     fn size(&self) -> Result<Option<[u32; 2]>, Problem> {
         let sides = match self.numbers::<2>(&["size", "image_size", "resolution"])? {
             Some(size) => Some(size),
@@ -104,7 +104,7 @@ impl Keys<'_> {
         Ok(Some(sides.map(|side| side as u32)))
     }
 
-    /// Refuses lenses that bend rays.
+    /// Returns an error for a lens with distortion.
     fn no_distortion(&self) -> Result<(), Problem> {
         let model = self.get(&["camera_model"]).and_then(Value::as_str).unwrap_or("PINHOLE");
         if !matches!(model, "PINHOLE" | "SIMPLE_PINHOLE" | "OPENCV" | "SIMPLE_RADIAL" | "RADIAL" | "FULL_OPENCV") {
@@ -125,7 +125,7 @@ impl Keys<'_> {
         Ok(())
     }
 
-    /// The camera by the name of its image, or its number.
+    /// Names the camera after its image, or after its index.
     fn named(&self, mut camera: NamedCamera, number: usize) -> NamedCamera {
         let name = self.get(&["file_path", "img_name", "name", "image", "file"]).and_then(Value::as_str);
         camera.name = name.map_or_else(|| format!("{number:04}"), str::to_owned);
@@ -133,7 +133,7 @@ impl Keys<'_> {
     }
 }
 
-/// The numbers of an array of arrays, row by row, at most `limit` of them.
+/// Collects the numbers of nested arrays, row by row, at most `limit`.
 fn flatten(value: &Value, limit: usize, all: &mut Vec<f64>) {
     if all.len() >= limit {
         return;
@@ -145,7 +145,7 @@ fn flatten(value: &Value, limit: usize, all: &mut Vec<f64>) {
     }
 }
 
-/// nerfstudio and instant-ngp: world from camera, whose y is up and whose z is backward.
+/// Parses a nerfstudio or instant-ngp camera: a world-from-camera matrix with y up and z backward.
 fn of_transforms(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     keys.no_distortion()?;
     let m = DMat4::from_cols_array(&keys.needed::<16>(&["transform_matrix"])?).transpose();
@@ -178,7 +178,7 @@ fn of_transforms(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     Ok(NamedCamera { name: String::new(), size, eye: m.w_axis.truncate(), axes, lens })
 }
 
-/// 3DGS: position and world from camera, centred.
+/// Parses a 3DGS camera: position and world-from-camera rotation, with a centred principal point.
 fn of_3dgs(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     let eye = DVec3::from(keys.needed::<3>(&["position"])?);
     let axes = rotation(DMat3::from_cols_array(&keys.needed::<9>(&["rotation"])?).transpose())?;
@@ -188,7 +188,7 @@ fn of_3dgs(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     Ok(NamedCamera { name: String::new(), size: Some(size), eye, axes, lens })
 }
 
-/// Open3D: matrices column by column, pixels counted from the first one's centre.
+/// Parses an Open3D camera: column-major matrices, pixel coordinates from the first pixel's centre.
 fn of_open3d(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     let view_from_world = DMat4::from_cols_array(&keys.needed::<16>(&["extrinsic"])?);
     let none = Map::new();
@@ -198,7 +198,8 @@ fn of_open3d(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     calibrated(k, DMat3::from_mat4(view_from_world), view_from_world.w_axis.truncate(), inner.size()?)
 }
 
-/// OpenCV: x = K(RX + t), R as a matrix or as a rotation vector, pixels counted from the first one's centre.
+/// Parses an OpenCV camera: x = K(RX + t), R as a matrix or as a rotation vector, pixel coordinates from the first
+/// pixel's centre.
 fn of_opencv(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     keys.no_distortion()?;
     let k = DMat3::from_cols_array(&keys.needed::<9>(K)?).transpose();
@@ -214,7 +215,7 @@ fn of_opencv(keys: &Keys<'_>) -> Result<NamedCamera, Problem> {
     calibrated(k, rotation, translation, keys.size()?)
 }
 
-/// A camera by matrices, with pixels counted from the first one's centre.
+/// Returns a camera from its matrices, with pixel coordinates from the first pixel's centre.
 pub(super) fn calibrated(
     k: DMat3,
     view_from_world: DMat3,

@@ -1,4 +1,4 @@
-//! KITTI's calibration files: one matrix a line, by name.
+//! Reader of KITTI's calibration files: one matrix per line, by name.
 
 use super::NamedCamera;
 use super::json::calibrated;
@@ -6,7 +6,7 @@ use crate::error::{Fault, Location, Problem};
 use glam::{DMat3, DVec3};
 use std::collections::BTreeMap;
 
-/// Numbers by the name before the colon; lines of other things have none.
+/// Numbers by the name before the colon; empty for lines with other content.
 type Entries = BTreeMap<String, Vec<f64>>;
 
 fn entries(bytes: &[u8]) -> Result<Entries, Problem> {
@@ -26,7 +26,7 @@ fn entries(bytes: &[u8]) -> Result<Entries, Problem> {
     Ok(all)
 }
 
-/// The 3×4 matrix of an entry: its 3×3 part and its last column.
+/// Returns the 3×3 part and the last column of an entry's 3×4 matrix.
 fn matrix(entries: &Entries, name: &str) -> Result<Option<(DMat3, DVec3)>, Problem> {
     let Some(m) = entries.get(name) else { return Ok(None) };
     let Ok(m) = <[f64; 12]>::try_from(m.as_slice()) else {
@@ -44,8 +44,8 @@ fn square(entries: &Entries, name: &str) -> Result<Option<DMat3>, Problem> {
     }
 }
 
-/// The cameras of a calibration file: `P0`… of the benchmarks, `P_rect_00`… of the raw recordings. `scanner` gives
-/// `calib_velo_to_cam.txt`, which the raw recordings have beside it.
+/// Parses the cameras of a calibration file: `P0`… of the benchmarks, `P_rect_00`… of the raw recordings. `scanner`
+/// returns the contents of `calib_velo_to_cam.txt`, which raw recordings have beside the file.
 pub(super) fn parse(bytes: &[u8], scanner: impl FnOnce() -> Option<Vec<u8>>) -> Result<Vec<NamedCamera>, Fault> {
     let own = entries(bytes)?;
     let is_raw = own.contains_key("P_rect_00");
@@ -67,7 +67,7 @@ pub(super) fn parse(bytes: &[u8], scanner: impl FnOnce() -> Option<Vec<u8>>) -> 
         (square(&own, "R0_rect")?, from_scanner)
     };
     let rectify = rectify.unwrap_or(DMat3::IDENTITY);
-    // From the world, which is the scanner's where it is known, to the first rectified camera.
+    // From the world to the first rectified camera. The world is that of the scanner if its calibration is available.
     let (turn, shift) = match camera_from_scanner {
         Some((turn, shift)) => (rectify * turn, rectify * shift),
         None => (DMat3::IDENTITY, DVec3::ZERO),
@@ -86,7 +86,7 @@ pub(super) fn parse(bytes: &[u8], scanner: impl FnOnce() -> Option<Vec<u8>>) -> 
         if k.determinant() == 0.0 {
             return Err(of(Problem::new("is singular").expected("K (I | t)")).into());
         }
-        // K(I | K⁻¹p): the camera stands aside of the first one.
+        // K(I | K⁻¹p): the camera is displaced from the first one.
         let camera = calibrated(k, turn, shift + k.inverse() * last, size).map_err(of)?;
         cameras.push(NamedCamera { name: image, ..camera });
     }

@@ -1,9 +1,9 @@
 //! Cameras of other programs: COLMAP, nerfstudio and instant-ngp, 3DGS, Open3D, KITTI, and K, R, t as JSON.
 //!
-//! All come to one convention (rendering model §1): pixels are counted from the image's upper left corner, so that the
-//! first pixel's centre is (0.5, 0.5). COLMAP, nerfstudio, instant-ngp and 3DGS count so; OpenCV, Open3D and KITTI
-//! count from the first pixel's centre, and half a pixel is added to their principal points. No reader undistorts: a
-//! camera with distortion is refused with what to run.
+//! All readers return one convention (rendering model §1). Pixel coordinates start at the image's upper left corner, so
+//! the first pixel's centre is (0.5, 0.5). COLMAP, nerfstudio, instant-ngp and 3DGS use this convention. OpenCV, Open3D
+//! and KITTI start at the first pixel's centre, so that half a pixel is added to their principal points. No reader
+//! undistorts: a camera with distortion is refused with a command that undistorts.
 
 mod colmap;
 mod json;
@@ -15,43 +15,43 @@ use glam::{DMat3, DVec3};
 use std::path::{Component, Path, PathBuf};
 use surfel_model::Camera;
 
-/// Largest file of cameras, in bytes: COLMAP's `images.bin` has the points of each image, too.
+/// Maximum size of a camera file, in bytes: COLMAP's `images.bin` includes the points of each image.
 const MAX_BYTES: u64 = 4 << 30;
-/// Most cameras of one set.
+/// Maximum number of cameras in a set.
 const MAX_CAMERAS: usize = 10_000_000;
-/// Largest deviation from a rotation that is rounding: three digits after the point are the fewest that files give.
+/// Maximum deviation from a rotation that is accepted as rounding: some files have only three decimals.
 const ROUNDING: f64 = 2e-3;
-/// Near plane of a camera whose file knows none, in world units.
+/// Near plane of cameras whose file states none, in world units.
 const NEAR: f64 = 0.01;
 
 /// A camera of another program.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NamedCamera {
-    /// Name of its image without extension; folders that not all images share are part of it, joined by `_`.
+    /// Name of the image, without extension. Folders that not all images share are part of the name, joined by `_`.
     pub name: String,
-    /// Width and height in pixels, if the file knows them.
+    /// Width and height in pixels, if the file states them.
     pub size: Option<[u32; 2]>,
     eye: DVec3,
-    /// Axes in world space, as columns: right, down, forward.
+    /// Camera axes in world space, as columns: right, down, forward.
     axes: DMat3,
     lens: Lens,
 }
 
-/// What a camera's file says of its projection.
+/// Projection as stated in a camera's file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Lens {
-    /// Focal lengths and principal point from the upper left corner, in pixels of the image's own size.
+    /// Focal lengths, and principal point from the upper left corner, in pixels of the stated image size.
     Pixels { focal: [f64; 2], principal: [f64; 2] },
-    /// A horizontal field of view, centred, of square pixels.
+    /// Horizontal field of view, with square pixels and a centred principal point.
     FieldOfView { x_rad: f64 },
 }
 
 impl NamedCamera {
-    /// The camera for images of a size, by default its own; focal lengths and principal point scale with the image.
-    /// Its near plane is 0.01 world units.
+    /// Returns the camera for images of a size, by default the stated one. Focal lengths and principal point scale with
+    /// the image. The near plane is 0.01 world units.
     ///
     /// # Errors
-    /// [`Problem`] if neither the file nor the caller knows a size.
+    /// [`Problem`] if neither the file nor the caller states a size.
     pub fn camera(&self, size: Option<[u32; 2]>) -> Result<Camera, Problem> {
         let Some([width, height]) = size.or(self.size) else {
             let problem = Problem::new(format!("camera {} has no image size", self.name));
@@ -74,12 +74,12 @@ impl NamedCamera {
     }
 }
 
-/// A distance at which a point before the eye keeps the direction to it to 10⁻¹⁵ in f64, at least 1.
+/// Returns a distance, at least 1, at which a point in front of the eye preserves its direction to 10⁻¹⁵ in f64.
 fn reach(eye: DVec3) -> f64 {
     eye.abs().max_element().max(1.0)
 }
 
-/// Reads cameras: of a file, or of a folder of COLMAP (its `sparse/0`, too), nerfstudio, 3DGS or KITTI.
+/// Reads the cameras of a file, or of a folder of COLMAP (or its `sparse/0`), nerfstudio, 3DGS or KITTI.
 ///
 /// | format | files |
 /// | --- | --- |
@@ -90,11 +90,11 @@ fn reach(eye: DVec3) -> f64 {
 /// | OpenCV | JSON of `K`, `R` and `t` (x = K(RX + t)), with `width` and `height` or `size`, or a list of them |
 /// | KITTI | `calib.txt` and its relatives, `calib_cam_to_cam.txt` with `calib_velo_to_cam.txt` |
 ///
-/// KITTI's world is the laser scanner's where the files know it, else the first rectified camera's.
+/// KITTI's world is that of the laser scanner if its calibration is available, else that of the first rectified camera.
 ///
 /// # Errors
-/// [`IoError`] for files that aren't there or say something else, for cameras with distortion or skew, and for poses
-/// that are no rotation.
+/// [`IoError`] for missing files and unsupported content, for cameras with distortion or skew, and for poses that
+/// aren't rotations.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     let (path, kind) = find(path)?;
     let bytes = files::read(&path, MAX_BYTES)?;
@@ -123,7 +123,7 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     Ok(cameras)
 }
 
-/// Reads cameras from the text of one of the files of JSON that [`read`] knows; `name` is for messages.
+/// Reads cameras from the contents of a JSON file that [`read`] supports; `name` is for messages.
 ///
 /// # Errors
 /// As [`read`].
@@ -141,7 +141,7 @@ enum Kind {
     Kitti,
 }
 
-/// The file to begin with, and what it is.
+/// Returns the main file of a path, and its format.
 fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     if !path.is_dir() {
         let name = path.file_name().map(|name| name.to_string_lossy().to_ascii_lowercase()).unwrap_or_default();
@@ -173,7 +173,7 @@ fn find(path: &Path) -> Result<(PathBuf, Kind), IoError> {
     Err(Fault::from(problem).of(path))
 }
 
-/// Turns the images' paths into names: without the folders that all share, and without extension.
+/// Converts image paths to names: without common folders, and without extension.
 fn name_all(cameras: &mut [NamedCamera]) {
     let parts = |name: &str| -> Vec<String> {
         let name = name.replace('\\', "/");
@@ -201,18 +201,18 @@ fn name_all(cameras: &mut [NamedCamera]) {
     }
 }
 
-/// Extensions of images, which a camera's name goes without.
+/// Extensions of images, which are removed from a camera's name.
 const EXTENSIONS: [&str; 12] = ["png", "jpg", "jpeg", "tif", "tiff", "exr", "webp", "bmp", "ppm", "pgm", "heic", "dng"];
 
 /// A camera in OpenCV's axes: x right, y down, z forward.
 struct Pose {
-    /// Rotation and translation that take a world point to the camera.
+    /// World-to-camera rotation and translation.
     view_from_world: DMat3,
     translation: DVec3,
 }
 
 impl Pose {
-    /// The eye and the axes right, down and forward in world space.
+    /// Returns the eye, and the axes right, down and forward, in world space.
     fn in_world(&self) -> Result<(DVec3, DMat3), Problem> {
         let axes = rotation(self.view_from_world.transpose())?;
         let eye = -(axes * self.translation);
@@ -223,7 +223,7 @@ impl Pose {
     }
 }
 
-/// A rotation whose digits were rounded, made exact.
+/// Orthonormalises a rotation whose digits were rounded; returns an error for other matrices.
 fn rotation(m: DMat3) -> Result<DMat3, Problem> {
     let wrong = |what: &str| Problem::new(format!("has {what}")).expected("a rotation");
     let error = (m * m.transpose() - DMat3::IDENTITY).to_cols_array().map(f64::abs);
@@ -238,7 +238,7 @@ fn rotation(m: DMat3) -> Result<DMat3, Problem> {
     Ok(DMat3::from_cols(right, forward.cross(right), forward))
 }
 
-/// Focal lengths and principal point that a camera can have, the latter from the upper left corner.
+/// Returns a lens with validated focal lengths and principal point, the latter from the upper left corner.
 fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
     if !focal.iter().all(|f| *f > 0.0 && f.is_finite()) || !principal.iter().all(|c| c.is_finite()) {
         let problem = Problem::new(format!("has the focal lengths {focal:?} and the principal point {principal:?}"));
@@ -247,7 +247,7 @@ fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
     Ok(Lens::Pixels { focal, principal })
 }
 
-/// What to say of a camera whose lens bends rays.
+/// Returns the problem of a camera with distortion.
 fn distorted(what: String) -> Problem {
     Problem::new(what).expected("a pinhole camera").help(
         "undistort the images first: colmap image_undistorter --image_path IMAGES --input_path SPARSE --output_path \

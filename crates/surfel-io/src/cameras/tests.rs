@@ -1,4 +1,4 @@
-//! Known poses, written in each program's way and read back: points land where the formula puts them.
+//! Round trips of known poses through each program's format: points must project where the formula puts them.
 
 use super::*;
 use glam::{DQuat, DVec2};
@@ -29,7 +29,7 @@ impl Drop for Folder {
     }
 }
 
-/// x = K(RX + t), with the principal point as the program counts pixels.
+/// A reference camera: x = K(RX + t), with the principal point in the program's pixel convention.
 struct Truth {
     r: DMat3,
     t: DVec3,
@@ -38,10 +38,10 @@ struct Truth {
 }
 
 const SIZE: [u32; 2] = [640, 480];
-/// Where points land may differ by the digits of the files.
+/// Tolerance of projected points, in pixels: the files' digits are limited.
 const TOLERANCE_PX: f64 = 1e-6;
 
-/// A camera far from the origin, turned about all axes.
+/// Returns a camera far from the origin, rotated about all axes.
 fn truth() -> Truth {
     let q = DQuat::from_xyzw(0.3, -0.5, 0.2, 0.7).normalize();
     let r = DMat3::from_quat(q);
@@ -63,13 +63,13 @@ impl Truth {
         DVec2::from(self.focal) * p.truncate() / p.z + DVec2::from(self.principal)
     }
 
-    /// Points before the camera.
+    /// Returns points in front of the camera.
     fn points(&self) -> Vec<DVec3> {
         let view = [[0.0, 0.0, 1.0], [1.0, -0.5, 3.0], [-20.0, 30.0, 90.0], [0.4, 0.3, 0.5]];
         view.iter().map(|p| self.r.transpose() * (DVec3::from(*p) - self.t)).collect()
     }
 
-    /// Holds a camera against this one, whose pixels are counted from `corner` pixels before the first one's centre.
+    /// Compares a camera with this one, whose pixel coordinates start `corner` pixels before the first pixel's centre.
     #[track_caller]
     fn agrees(&self, camera: &Camera, corner: f64) {
         let (eye, target) = (DVec3::from(camera.eye), DVec3::from(camera.target));
@@ -183,7 +183,7 @@ fn transforms_reproject_known_points() {
     assert_eq!(camera.name, "f_0.5");
     truth.agrees(&camera.camera(None).unwrap(), 0.0);
 
-    // A field of view alone, as of the synthetic scenes of NeRF, whose images' size nobody says.
+    // Only a field of view, as in NeRF's synthetic scenes, which don't state the image size.
     let angle = 2.0 * (0.5 * 640.0 / 600.0f64).atan();
     let file = serde_json::json!({ "camera_angle_x": angle, "frames": [
         { "file_path": "./train/r_0", "transform_matrix": matrix }, { "file_path": "./train/r_1",
@@ -211,7 +211,7 @@ fn matrices_of_opencv_open3d_and_3dgs_reproject_known_points() {
         ("rvec", serde_json::json!((axis * angle).to_array())),
     ] {
         let camera = serde_json::json!({ "K": k, key: rotation, "t": t, "size": SIZE, "dist": [0, 0.0, 0, 0, 0] });
-        // OpenCV counts from the first pixel's centre.
+        // OpenCV's pixel coordinates start at the first pixel's centre.
         truth.agrees(&one(&folder.write("a.json", camera.to_string())).camera(None).unwrap(), 0.5);
         let list = serde_json::json!({ "cameras": [camera, camera] });
         assert_eq!(read(&folder.write("a.json", list.to_string())).unwrap()[1].name, "0001");
@@ -237,7 +237,7 @@ fn matrices_of_opencv_open3d_and_3dgs_reproject_known_points() {
 #[test]
 fn kitti_cameras_reproject_points_of_the_scanner() {
     let folder = Folder::new("kitti");
-    // The scanner's x is forward and its z up; the cameras are rectified by a small turn, and one stands aside.
+    // The scanner's x is forward and its z up. The cameras are rectified by a small rotation, and one is displaced.
     let turn = DMat3::from_cols(DVec3::new(0.0, 0.0, 1.0), DVec3::new(-1.0, 0.0, 0.0), DVec3::new(0.0, -1.0, 0.0));
     let shift = DVec3::new(0.01, -0.07, -0.27);
     let rectify = DMat3::from_quat(DQuat::from_xyzw(0.01, 0.005, -0.003, 1.0).normalize());
@@ -305,7 +305,7 @@ fn cameras_that_no_image_uses_refuse_no_model() {
         let file = folder.write("cameras.txt", format!("{unused}\n{cameras}{}\n", unused.replace("2 ", "9 ")));
         folder.write("images.txt", &images);
         truth.agrees(&one(&file).camera(None).unwrap(), 0.0);
-        // One that an image uses does.
+        // A camera that an image uses does matter.
         folder.write("images.txt", images.replace(" 7 left", " 2 left"));
         let error = read(&file).unwrap_err().to_string();
         assert!(error.contains("image left/a b.JPG: ") && error.lines().count() <= 4, "{error}");

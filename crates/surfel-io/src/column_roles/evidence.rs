@@ -1,33 +1,33 @@
-//! Measurements of columns: ranges and counts of all rows, and what a sample of rows shows.
+//! Statistics of columns: ranges and counts over all rows, and properties of a sample of rows.
 
 use crate::strided::{Strided, block_rows, read_rows};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 
-/// Rows of a run of the sample, which follow one another in the file, and runs, which are spread evenly.
+/// Number of consecutive rows in a run of the sample, and number of runs, which are spread evenly over the file.
 pub(super) const RUN_ROWS: usize = 32;
 const RUNS: usize = 64;
-/// Distinct values that are counted; more count as so many.
+/// Maximum number of distinct values that are counted.
 const MOST_DISTINCT: usize = 1024;
-/// Fewest rows that show what a column usually holds.
+/// Minimum number of rows for conclusions about a column's typical values.
 pub(super) const MANY_ROWS: usize = 8;
 
-/// Measurements of one column.
+/// Statistics of one column.
 #[derive(Clone, Debug)]
 pub(super) struct Column {
-    /// The least and the largest finite value of all rows; infinities where there is none.
+    /// Minimum and maximum finite value of all rows; infinities if there is none.
     pub(super) least: f64,
     pub(super) most: f64,
     /// True if every finite value is a whole number.
     pub(super) is_whole: bool,
-    /// The difference from each row to the next, if it is the same in all rows and whole.
+    /// Difference between successive rows, if it is the same in all rows and a whole number.
     pub(super) step: Option<f64>,
-    /// True if no value is less than the one before, and if each is larger.
+    /// True if no value is less than the one before, and true if each value is larger.
     pub(super) is_sorted: bool,
     pub(super) is_increasing: bool,
     /// Number of distinct values in the sample.
     pub(super) distinct: usize,
-    /// The values of the sample.
+    /// Values of the sampled rows.
     pub(super) sample: Vec<f64>,
 }
 
@@ -37,7 +37,7 @@ impl Column {
         self.least >= self.most
     }
 
-    /// True if the column counts rows: each value is the one before plus the same whole number.
+    /// True if the column counts rows: each value exceeds the one before by the same whole number.
     pub(super) fn counts(&self) -> bool {
         self.step.is_some_and(|step| step != 0.0)
     }
@@ -47,13 +47,13 @@ impl Column {
         self.step == Some(1.0) && (self.least == 0.0 || self.least == 1.0)
     }
 
-    /// True if the values are few whole numbers without large gaps, as classes have.
+    /// True if the values are few distinct whole numbers without large gaps, as classes are.
     pub(super) fn is_dense_label(&self) -> bool {
         let span = self.most - self.least + 1.0;
         self.is_few() && self.most <= 255.0 && self.distinct as f64 * 4.0 >= span
     }
 
-    /// True if the values are few whole numbers in many rows.
+    /// True if the values are few distinct whole numbers in many rows.
     pub(super) fn is_sparse_label(&self) -> bool {
         self.is_few() && self.sample.len() >= 512 && self.distinct <= 40
     }
@@ -63,21 +63,21 @@ impl Column {
         self.is_whole && self.sample.len() >= MANY_ROWS && is_repeated && self.least >= -1.0 && !self.is_constant()
     }
 
-    /// True if no value is more than three times as far from the one before as is usual. Identifiers are dealt out so;
-    /// sorted coordinates aren't.
+    /// True if no step between successive values is more than three times the mean step. Identifiers are assigned with
+    /// even steps; sorted coordinates have uneven ones.
     pub(super) fn has_even_gaps(&self) -> bool {
         let gaps: Vec<f64> = self.successive().map(|(before, after)| (after - before).abs()).collect();
         let usual = gaps.iter().sum::<f64>() / gaps.len().max(1) as f64;
         gaps.len() >= 2 * MANY_ROWS && gaps.iter().all(|gap| *gap <= 3.0 * usual)
     }
 
-    /// Pairs of values of the sample that follow one another in the file.
+    /// Returns the pairs of sample values that are successive in the file.
     pub(super) fn successive(&self) -> impl Iterator<Item = (f64, f64)> {
         self.sample.chunks(RUN_ROWS).flat_map(|run| run.windows(2).map(|pair| (pair[0], pair[1])))
     }
 }
 
-/// Measures of a column over some rows.
+/// Statistics of a column over a block of rows.
 #[derive(Clone, Copy)]
 struct Part {
     first: f64,
@@ -131,7 +131,7 @@ impl Part {
     }
 }
 
-/// Measures columns of the same length, of at least one row.
+/// Measures columns of equal length with at least one row.
 pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     let sample = sample(columns);
     let rows = columns[0].len();
@@ -150,7 +150,7 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
         numbers.iter().zip(&lines).map(of_column).collect()
     };
     let blocks: Vec<Vec<Part>> = match rows.div_ceil(block) {
-        // Small tables are many, and waking threads takes longer than they do.
+        // Small tables are common, and waking threads would take longer than measuring them.
         1 => vec![of_block(&mut buffers(), 0)],
         count => (0..count).into_par_iter().map_init(buffers, of_block).collect(),
     };
@@ -169,7 +169,7 @@ pub(super) fn measure(columns: &[Strided<'_>]) -> Vec<Column> {
     parts.map(column).collect()
 }
 
-/// Values of runs of rows all over the columns.
+/// Returns the values of runs of rows, spread over the columns.
 fn sample(columns: &[Strided<'_>]) -> Vec<Vec<f64>> {
     let rows = columns[0].len();
     let starts: Vec<usize> = match rows {
@@ -214,7 +214,7 @@ impl Scale {
     }
 }
 
-/// Measurements of three neighbouring columns.
+/// Three neighbouring columns, tested as vectors or colours.
 pub(super) struct Triple<'a> {
     columns: [&'a Column; 3],
 }
@@ -228,12 +228,12 @@ impl<'a> Triple<'a> {
         (0..self.columns[0].sample.len()).map(|row| self.columns.map(|c| c.sample[row]))
     }
 
-    /// True if the vectors of the rows have length one, but for a few; zeros stand for no vector.
+    /// True if at least 95 % of the rows are unit vectors; zero vectors mean no vector and don't count.
     pub(super) fn is_unit(&self) -> bool {
         let (mut unit, mut other) = (0, 0);
         for row in self.rows() {
             let length = row.map(|v| v * v).iter().sum::<f64>().sqrt();
-            // Two digits are the fewest that normals are printed with.
+            // Normals are printed with two decimals at least.
             if (length - 1.0).abs() < 0.02 {
                 unit += 1;
             } else if length != 0.0 && !length.is_nan() {
@@ -243,14 +243,14 @@ impl<'a> Triple<'a> {
         unit > 0 && unit >= 19 * other
     }
 
-    /// The scale that the values would have as colours; `None` if they are none.
+    /// Returns the scale that the values would have as colours; `None` if they can't be colours.
     pub(super) fn color_scale(&self) -> Option<Scale> {
         let [least, most] = self
             .columns
             .iter()
             .fold([f64::INFINITY, 0.0_f64], |[least, most], c| [least.min(c.least), most.max(c.most)]);
         let is_whole = self.columns.iter().all(|c| c.is_whole);
-        // Infinities where there is no finite value.
+        // The minimum is infinite if there is no finite value.
         let is_finite = self.columns.iter().all(|c| c.least.is_finite());
         match most {
             _ if least < 0.0 || !is_finite || most <= 0.0 => None,
@@ -261,7 +261,7 @@ impl<'a> Triple<'a> {
         }
     }
 
-    /// A score for colours: larger where the three columns look more like them.
+    /// Returns a score for colours: larger if the three columns are more similar to colours.
     pub(super) fn color(&self) -> Option<f64> {
         let scale = self.color_scale()?;
         let c = &self.columns;
@@ -297,7 +297,7 @@ impl<'a> Triple<'a> {
         } else if scale == Scale::Words {
             score -= 2.0;
         } else if scale == Scale::Bytes && is_whole && labels == 0 && constant < 3 && most >= 100.0 {
-            // A palette.
+            // The few distinct values of a palette.
             score += 1.0;
         }
         match (scale, is_whole) {
@@ -308,7 +308,7 @@ impl<'a> Triple<'a> {
         Some(score)
     }
 
-    /// Returns the mean difference between the largest and the least value of a row: colours are mostly near grey.
+    /// Returns the mean difference between the largest and the smallest value of a row: colours are mostly near grey.
     fn mean_spread(&self) -> f64 {
         let spread = |row: [f64; 3]| {
             let [least, most] = row.iter().fold([f64::INFINITY, 0.0], |[lo, hi], v| [v.min(lo), v.max(hi)]);
@@ -317,12 +317,12 @@ impl<'a> Triple<'a> {
         self.rows().map(spread).sum::<f64>() / self.columns[0].sample.len().max(1) as f64
     }
 
-    /// True if the values are whole numbers divided by 255 and rounded, and not only 0 and 1.
+    /// True if the values are whole numbers divided by 255 and rounded, and aren't only 0 and 1.
     pub(super) fn are_bytes_over_255(&self) -> bool {
         let (mut near, mut far, mut between) = (0, 0, 0);
         for v in self.rows().flatten().filter(|v| v.is_finite()) {
             let level = v * 255.0;
-            // Four digits after the point are the fewest by which neighbouring levels differ for certain.
+            // Four decimals are the fewest that distinguish neighbouring levels reliably.
             let is_near = (level - level.round()).abs() <= 0.03;
             near += u32::from(is_near);
             far += u32::from(!is_near);
@@ -332,5 +332,5 @@ impl<'a> Triple<'a> {
     }
 }
 
-/// Largest number that rounding can make of a colour's 1.
+/// Largest value that a colour's 1 can have after rounding.
 pub(crate) const ROUNDED_ONE: f64 = 1.001;

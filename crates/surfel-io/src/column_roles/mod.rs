@@ -1,9 +1,9 @@
-//! Roles of columns that no header names.
+//! Detection of the roles of columns without names.
 //!
-//! Evidence, score, choice: many rows of each column are measured ([`evidence`]). A layout divides the columns, from
-//! the first to the last, into roles of one, two or three columns. Every role has a score by the measurements of its
-//! columns, and by the role before it. The layout with the largest sum is chosen, and the reasons that decided are
-//! returned in words.
+//! The method has three steps: evidence, score, choice. First, many rows of each column are measured ([`evidence`]). A
+//! layout divides the columns, from first to last, into roles of one, two or three columns. Each role has a score that
+//! depends on the statistics of its columns and on the previous role. The layout with the largest sum of scores is
+//! chosen, and the decisive reasons are returned as text.
 
 #![cfg_attr(not(all(feature = "npy", feature = "points")), allow(dead_code))]
 
@@ -19,10 +19,10 @@ use crate::strided::Strided;
 use evidence::{Column, MANY_ROWS, Scale, Triple, measure};
 use std::collections::{HashMap, HashSet};
 
-/// Meaning of one column or of neighbouring columns.
+/// Role of one column or of neighbouring columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Role {
-    /// The number of a row, or an identifier.
+    /// Row index or identifier.
     Index,
     Time,
     /// x, y, z.
@@ -30,13 +30,13 @@ pub(crate) enum Role {
     Normal,
     /// Red, green, blue.
     Color,
-    /// Full opacity, after a colour.
+    /// Alpha after a colour: full opacity in all rows.
     Alpha,
     Intensity,
-    /// Classes or instances.
+    /// Classes or instance ids.
     Label,
     ReturnNumber,
-    /// The number of a return and of how many, or the other way round.
+    /// Return number and number of returns; [`Self::ReturnsReversed`] in the other order.
     Returns,
     ReturnsReversed,
     Unknown,
@@ -58,7 +58,7 @@ impl Role {
         Self::Unknown,
     ];
 
-    /// The names of its columns.
+    /// Returns the names of the role's columns.
     pub(crate) fn names(self) -> &'static [&'static str] {
         match self {
             Self::Index => &["index"],
@@ -76,32 +76,32 @@ impl Role {
         }
     }
 
-    /// True if columns have the role at most once.
+    /// True if columns can have the role only once.
     fn is_single(self) -> bool {
         !matches!(self, Self::Index | Self::Label | Self::Unknown)
     }
 }
 
-/// A role and its first column.
+/// A role and the index of its first column.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Part {
     pub(crate) role: Role,
     pub(crate) first: usize,
 }
 
-/// The roles of all columns, in their order.
+/// The roles of all columns, in order.
 #[derive(Clone, Debug)]
 pub(crate) struct Layout {
     pub(crate) parts: Vec<Part>,
-    /// Reasons of the choice, for the note.
+    /// Reasons for the choice, for the note.
     pub(crate) reasons: Vec<String>,
 }
 
-/// Chooses roles of three columns or more, of one row at least. `numbers` are the columns' places in their file,
+/// Chooses the roles of at least three columns with at least one row. `numbers` are the columns' numbers in their file,
 /// from 1.
 ///
 /// # Errors
-/// [`Problem`] for columns that are no points.
+/// [`Problem`] for columns that aren't points.
 pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layout, Problem> {
     let measured = measure(columns);
     if let Some(problem) = refused::poses(&measured) {
@@ -110,7 +110,7 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
     let mut choice = Choice { columns: &measured, best: HashMap::new() };
     choice.score(State::default());
     let mut parts = choice.parts();
-    // One column more than is explained is no reason to call a column an intensity.
+    // If another column has no known role, a column isn't assumed to be intensity.
     let is_unknown = |part: &Part| part.role == Role::Unknown && !choice.says_nothing(part.first);
     if parts.iter().any(is_unknown) {
         let intensity = parts.iter_mut().filter(|part| part.role == Role::Intensity);
@@ -124,13 +124,13 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
     Ok(Layout { parts, reasons })
 }
 
-/// A note with the reasons that decided, and how to decide otherwise.
+/// Returns a note with the decisive reasons, and how to choose other roles.
 pub(crate) fn as_note(what: &str, reasons: &[String]) -> String {
     let reasons: String = reasons.iter().map(|reason| format!(", {reason}")).collect();
     format!("{what}{reasons}; --columns names them otherwise")
 }
 
-/// True if the first column of some is an index, as judged by all of them.
+/// True if the first column is an index, judging from all columns.
 pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
     let measured = measure(columns);
     Choice { columns: &measured, best: HashMap::new() }.index(State::default()).is_some()
@@ -140,7 +140,7 @@ pub(crate) fn begins_with_index(columns: &[Strided<'_>]) -> bool {
 #[derive(Clone, Copy, Default, PartialEq, Eq, Hash)]
 struct State {
     next: usize,
-    /// The single roles that are taken, by a bit each.
+    /// Bit mask of single roles that are already used.
     taken: u16,
     before: Option<Role>,
 }
@@ -156,7 +156,7 @@ impl State {
     }
 }
 
-/// True if hardly any row of the sample has the x and y of another.
+/// True if at least 99 % of the sampled rows differ in x and y.
 fn are_cells(x: &Column, y: &Column) -> bool {
     let pairs: HashSet<(u64, u64)> = x.sample.iter().zip(&y.sample).map(|(x, y)| (x.to_bits(), y.to_bits())).collect();
     pairs.len() * 100 >= x.sample.len() * 99
@@ -165,15 +165,15 @@ fn are_cells(x: &Column, y: &Column) -> bool {
 /// The search for the layout with the largest score.
 struct Choice<'a> {
     columns: &'a [Column],
-    /// The best role of the next columns, and the score of it and all after it.
+    /// Best role of the next columns, with the score of this role and all after it.
     best: HashMap<State, (f64, Role)>,
 }
 
-/// No layout.
+/// Score of an impossible layout.
 const NEVER: f64 = -1e9;
 
 impl Choice<'_> {
-    /// The largest score of all columns from a state on.
+    /// Returns the largest score of all columns after a state.
     fn score(&mut self, state: State) -> f64 {
         if state.next == self.columns.len() {
             return if state.has(Role::Position) { 0.0 } else { NEVER };
@@ -211,12 +211,12 @@ impl Choice<'_> {
         Triple::of([0, 1, 2].map(|k| &self.columns[first + k]))
     }
 
-    /// True of a column with the same value in many rows.
+    /// True if a column has the same value in many rows.
     fn says_nothing(&self, i: usize) -> bool {
         self.rows() >= MANY_ROWS && self.columns[i].is_constant()
     }
 
-    /// The score of a role of the next columns; `None` if they can't have it.
+    /// Returns the score of a role for the next columns; `None` if the role is impossible.
     fn of_role(&self, role: Role, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -268,7 +268,7 @@ impl Choice<'_> {
         }
     }
 
-    /// A score for a column that counts rows or holds identifiers: before all others, or at the end.
+    /// Returns a score for a column that counts rows or contains identifiers: before all others, or at the end.
     fn index(&self, state: State) -> Option<f64> {
         let (i, rows) = (state.next, self.rows());
         let column = &self.columns[i];
@@ -279,14 +279,14 @@ impl Choice<'_> {
         if !is_first {
             return (column.numbers_rows() && rows >= MANY_ROWS && state.has(Role::Position)).then_some(2.0);
         }
-        // A table that was saved twice with its index has it twice.
+        // A table that was saved twice with an index has two index columns.
         let is_twice = state.before.is_none() && self.columns[i + 1].counts() && column.counts();
         let next = self.columns.get(i + 1 + usize::from(is_twice)..i + 4 + usize::from(is_twice))?;
         let fractional = next.iter().filter(|c| !c.is_whole).count();
         if rows < MANY_ROWS {
             return (column.numbers_rows() && fractional == 3).then_some(6.0);
         }
-        // Where many columns count, none of them is an index.
+        // If several columns count rows, none of them is an index.
         if next.iter().any(Column::counts) && next.iter().any(|c| c.step == column.step) {
             return None;
         }
@@ -300,7 +300,7 @@ impl Choice<'_> {
         (is_distinct && fractional == 3).then_some(3.0)
     }
 
-    /// A score for seconds, or parts of them, since 1970 or 1980 in their order.
+    /// Returns a score for ascending times: seconds, or fractions of them, since 1970 or 1980.
     fn time(&self, state: State) -> Option<f64> {
         const LEAST: f64 = 1e8;
         let column = &self.columns[state.next];
@@ -330,7 +330,7 @@ impl Choice<'_> {
         if x.is_whole && !y.is_whole && !z.is_whole {
             score -= 4.0;
         }
-        // Two whole numbers before three fractions are no x and y, unless they are those of a raster's cells.
+        // Two whole numbers before three fractions aren't x and y, unless they are the cells of a raster.
         let next = self.columns.get(i + 3..i + 5).unwrap_or_default();
         let are_fractions_next = next.len() == 2 && next.iter().all(|c| !c.is_whole);
         if x.is_whole && y.is_whole && !z.is_whole && are_fractions_next && !are_cells(x, y) {
@@ -343,7 +343,7 @@ impl Choice<'_> {
         score - if constant == 3 { 6.0 } else { 0.5 * constant as f64 }
     }
 
-    /// True of the numbers of returns, which go up within a pulse and begin again with 1.
+    /// True if a column contains return numbers, which ascend within a pulse and restart with 1.
     fn are_returns(&self, i: usize) -> bool {
         let column = &self.columns[i];
         let is_small = column.is_whole && column.least == 1.0 && column.most <= 15.0 && !column.is_constant();
@@ -355,7 +355,7 @@ impl Choice<'_> {
         is_small && self.rows() >= 2 * MANY_ROWS && f64::from(ordered) >= 0.9 * f64::from(all)
     }
 
-    /// True if one column is the number of a return, and the other of how many returns.
+    /// True if one column is the return number, and the other the number of returns.
     fn are_pairs_of_returns(&self, number: usize, count: usize) -> bool {
         let [number, count] = [number, count].map(|i| &self.columns[i]);
         let is_small = |c: &Column| c.is_whole && c.least >= 1.0 && c.most <= 15.0;

@@ -1,20 +1,20 @@
-//! Arrays of numbers that are no table of points: images and camera poses.
+//! Detection of arrays that aren't tables of points: images and camera poses.
 
 use super::evidence::Column;
 use crate::error::Problem;
 #[cfg(feature = "npy")]
 use crate::strided::Strided;
 
-/// Largest deviation from a rotation that is rounding.
+/// Maximum deviation from a rotation that is accepted as rounding.
 const ROUNDING: f64 = 2e-3;
-/// Fewest rows and columns of an image.
+/// Minimum number of rows and columns of an image.
 #[cfg(feature = "npy")]
 const IMAGE_SIDE: usize = 8;
-/// Columns from which a table whose columns are all alike is taken as an image.
+/// Number of columns from which a table of similar columns is assumed to be an image.
 #[cfg(feature = "npy")]
 const WIDE: usize = 20;
 
-/// A problem if each row holds a camera's pose: the 12 or 16 numbers of a matrix.
+/// Returns a problem if each row contains a camera's pose: the 12 or 16 numbers of a matrix.
 pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     let width = columns.len();
     if !matches!(width, 12 | 16) {
@@ -31,10 +31,10 @@ pub(super) fn poses(columns: &[Column]) -> Option<Problem> {
     are_poses.then(problem)
 }
 
-/// True if numbers are a matrix of three or four rows of four numbers, whose left part is a rotation.
+/// True if the numbers are a matrix of three or four rows of four numbers, whose left part is a rotation.
 fn is_pose(m: &[f64]) -> bool {
     if m.len() == 16 && m[12..] != [0.0, 0.0, 0.0, 1.0] {
-        // The same by columns.
+        // Column-major order.
         let transposed: Vec<f64> = (0..16).map(|i| m[i % 4 * 4 + i / 4]).collect();
         return transposed[12..] == [0.0, 0.0, 0.0, 1.0] && is_pose(&transposed);
     }
@@ -55,8 +55,8 @@ pub(crate) enum Matrix {
     Intrinsics,
 }
 
-/// Detects matrices of three or four rows that are no points. `columns` holds the matrices one below the other, of
-/// `height` rows each; if `interleaved`, it holds all first rows, then all second rows, and so on.
+/// Detects matrices of three or four rows that aren't points. `columns` contains the matrices one below the other, with
+/// `height` rows each. If `interleaved`, it contains all first rows, then all second rows, and so on.
 #[cfg(feature = "npy")]
 pub(crate) fn matrix_kind(columns: &[Strided<'_>], height: usize, interleaved: bool) -> Option<Matrix> {
     const MOST: usize = 100;
@@ -88,7 +88,7 @@ pub(crate) fn are_image_colors(columns: &[Strided<'_>]) -> bool {
     triple.color_scale() == Some(super::Scale::One) && triple.are_bytes_over_255()
 }
 
-/// True if an array of rows is an image: neighbouring columns have the same range, and are many or nearly the same.
+/// True if an array of rows is an image: neighbouring columns have the same range, and are many or nearly equal.
 #[cfg(feature = "npy")]
 pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let (rows, width) = (columns.first().map_or(0, Strided::len), columns.len());
@@ -98,7 +98,7 @@ pub(crate) fn is_image(columns: &[Strided<'_>]) -> bool {
     let measured = super::measure(columns);
     let least = measured.iter().fold(f64::INFINITY, |least, c| least.min(c.least));
     let most = measured.iter().fold(f64::NEG_INFINITY, |most, c| most.max(c.most));
-    // Neighbours whose ranges are the same for the most part, or begin and end nearly alike.
+    // Neighbours are similar if their ranges mostly overlap, or begin and end at nearly the same values.
     let is_alike = |pair: &&[Column]| {
         let [a, b] = [&pair[0], &pair[1]];
         let both = a.most.min(b.most) - a.least.max(b.least);

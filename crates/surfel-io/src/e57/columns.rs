@@ -1,4 +1,4 @@
-//! The points of all scans as rows of a file, for what reads them block by block.
+//! Conversion of the points of all scans to rows of a temporary file, for reading block by block.
 
 use super::layout::Layout;
 use super::{File, columns, guarded, none_valid};
@@ -12,18 +12,18 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::io::Write;
 
-/// Most columns of a file.
+/// Maximum number of columns of a file.
 const MAX_COLUMNS: usize = 100;
 
-/// Rows that were written, and what their numbers are. Coordinates are as exact as the scans' are, with their poses.
+/// Description of the rows written. Coordinates are as exact as those of the scans, with poses applied.
 pub(crate) struct Table {
     names: Vec<String>,
     kinds: Vec<NumberType>,
-    /// Columns that are zero everywhere are left out.
+    /// True for each column with a nonzero value; the others are dropped.
     used: Vec<bool>,
     rows: usize,
     roles: Roles,
-    /// Where the scanner of a single scan stood.
+    /// Position of the scanner, if the file is a single scan.
     pub(crate) viewpoint: Option<DVec3>,
     pub(crate) crs: Crs,
 }
@@ -42,7 +42,7 @@ impl Table {
         at
     }
 
-    /// The columns of the rows, which are `data`.
+    /// Returns the columns of the rows in `data`.
     pub(crate) fn columns<'a>(&self, data: Bytes<'a>) -> (Vec<Named<'a>>, Roles) {
         let stride = self.kinds.iter().map(|kind| kind.bytes()).sum();
         let (mut offset, mut columns) = (0, Vec::new());
@@ -55,7 +55,7 @@ impl Table {
     }
 }
 
-/// A file's number of points, as it says.
+/// Returns the number of points that a file states.
 pub(crate) fn survey(source: &mut dyn Source) -> Result<u64, Fault> {
     guarded(|| {
         let mut file = File::open(source, false)?;
@@ -137,7 +137,7 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     Ok(table)
 }
 
-/// Levels as bytes, or as numbers to 65535; white where there are none.
+/// Appends a colour as bytes or as 16-bit numbers; white for points without a colour.
 fn push_color(layout: &Layout<'_>, levels: Option<[f64; 3]>, are_bytes: bool, bytes: &mut Vec<u8>) {
     for k in 0..3 {
         let range = layout.color.map_or((0.0, 1.0), |(_, ranges)| ranges[k]);

@@ -1,10 +1,10 @@
-//! What the values of a scan mean: which of its records are coordinates, colours, normals and columns, and its pose.
+//! Layout of a scan: its pose, and the records with coordinates, colours, normals and other columns.
 
 use crate::survey::{NORMAL_NAMES, plain_name};
 use ::e57::{PointCloud as Scan, Record, RecordDataType, RecordName, RecordValue};
 use glam::{DMat3, DQuat, DVec3, Vec3};
 
-/// The name of the column that an attribute becomes; `None` for those that become something else.
+/// Returns the column name of an attribute; `None` for attributes with another use.
 fn column_name(name: &RecordName) -> Option<String> {
     Some(match name {
         RecordName::Intensity => "intensity".into(),
@@ -18,7 +18,7 @@ fn column_name(name: &RecordName) -> Option<String> {
     })
 }
 
-/// A value as a number.
+/// Converts a value to a number.
 fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     match (value, kind) {
         (RecordValue::Single(v), _) => f64::from(*v),
@@ -30,7 +30,7 @@ fn number(value: &RecordValue, kind: &RecordDataType) -> f64 {
     }
 }
 
-/// Bits of a value in the file.
+/// Returns the number of bits of a value in the file.
 fn bits(kind: &RecordDataType) -> u32 {
     match *kind {
         RecordDataType::Single { .. } => 32,
@@ -41,7 +41,7 @@ fn bits(kind: &RecordDataType) -> u32 {
     }
 }
 
-/// The least and largest of a channel of colour.
+/// Returns the minimum and maximum of a colour channel.
 fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64)> {
     let limits = scan.color_limits.as_ref().and_then(|l| {
         let (min, max) = match channel {
@@ -63,28 +63,28 @@ fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64
     limits.filter(fine).or_else(|| of_type().filter(fine))
 }
 
-/// Records of red, green and blue, and the range of each.
+/// Record indices of red, green and blue, and the range of each.
 pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
 
-/// How one scan's values become points.
+/// Conversion of a scan's values to points.
 pub(super) struct Layout<'a> {
     pub(super) scan: &'a Scan,
     pub(super) index: u32,
-    /// Records of x y z, or of range, azimuth and elevation.
+    /// Record indices of x, y, z, or of range, azimuth and elevation.
     position: [usize; 3],
     spherical: bool,
     invalid: Option<usize>,
     pub(super) color: Option<ColorRecords>,
     color_invalid: Option<usize>,
     pub(super) normal: Option<[usize; 3]>,
-    /// Records that become columns, with the one that says that they are invalid.
+    /// Name and record index of each further column, with the record that flags invalid values.
     pub(super) extras: Vec<(String, usize, Option<usize>)>,
     rotation: DMat3,
     translation: DVec3,
 }
 
 impl<'a> Layout<'a> {
-    /// `None` if the scan has no coordinates.
+    /// Returns `None` if the scan has no coordinates.
     pub(super) fn new(scan: &'a Scan, index: u32, notes: &mut Vec<String>) -> Option<Self> {
         let at = |name: &RecordName| scan.prototype.iter().position(|r| r.name == *name);
         let triple = |names: [RecordName; 3]| -> Option<[usize; 3]> {
@@ -153,7 +153,7 @@ impl<'a> Layout<'a> {
         self.scan.prototype.iter().map(|r| u64::from(bits(&r.data_type))).sum()
     }
 
-    /// A point's value.
+    /// Returns the value of a point's record `i`.
     pub(super) fn value(&self, row: &[RecordValue], i: usize) -> f64 {
         number(&row[i], &self.scan.prototype[i].data_type)
     }
@@ -162,12 +162,12 @@ impl<'a> Layout<'a> {
         i.is_some_and(|i| self.value(row, i) != 0.0)
     }
 
-    /// False of points that are flagged as invalid.
+    /// False if the point is flagged as invalid.
     pub(super) fn is_valid(&self, row: &[RecordValue]) -> bool {
         !self.is_flagged(row, self.invalid)
     }
 
-    /// Where a point is, with the pose applied.
+    /// Returns a point's position, with the pose applied.
     pub(super) fn place(&self, row: &[RecordValue]) -> DVec3 {
         let [a, b, c] = self.position.map(|i| self.value(row, i));
         let local = if self.spherical {
@@ -179,27 +179,27 @@ impl<'a> Layout<'a> {
         self.rotation * local + self.translation
     }
 
-    /// A point's normal; zero if it has none.
+    /// Returns a point's normal; zero if there is none.
     pub(super) fn normal(&self, row: &[RecordValue]) -> Vec3 {
         let turned = |n: [usize; 3]| (self.rotation * DVec3::from(n.map(|i| self.value(row, i)))).as_vec3();
         self.normal.map_or(Vec3::ZERO, turned)
     }
 
-    /// A point's levels of red, green and blue, in the layout's ranges; `None` if it has no colour.
+    /// Returns a point's red, green and blue levels, in the layout's ranges; `None` if the point has no colour.
     pub(super) fn levels(&self, row: &[RecordValue]) -> Option<[f64; 3]> {
         let (at, _) = self.color.filter(|_| !self.is_flagged(row, self.color_invalid))?;
         Some(at.map(|i| self.value(row, i)))
     }
 
-    /// A point's value of a column; 0 if it has none, or an invalid one.
+    /// Returns a point's value of a column; 0 if it is missing or invalid.
     pub(super) fn extra(&self, row: &[RecordValue], (_, at, invalid): &(String, usize, Option<usize>)) -> f64 {
         if self.is_flagged(row, *invalid) { 0.0 } else { self.value(row, *at) }
     }
 
-    /// Where its scanner stood, if it is the scan of one.
+    /// Returns the position of the scanner, if the scan comes from a single position.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         let stands = self.spherical || self.scan.has_spherical() || self.scan.has_row_column();
-        // It shows in rows and columns, or in angles.
+        // Rows and columns, or angles, show that it does.
         Some(self.translation).filter(|at| stands && at.is_finite())
     }
 }

@@ -1,5 +1,5 @@
-//! E57 (ASTM E2807): the scans of a file with their poses applied, one after the other. The crate `e57` reads pages,
-//! packets and bits, on a thread of its own; what its values mean is told here.
+//! E57 (ASTM E2807): all scans of a file, with their poses applied. The crate `e57` reads pages, packets and bits on
+//! its own thread; this module interprets the values.
 
 #[cfg(feature = "laz")]
 mod columns;
@@ -26,20 +26,20 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::mpsc;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
-/// Most points and most values that the reading thread hands over at a time, and how many times it may be ahead.
+/// Maximum number of points and values per batch that the reading thread sends, and maximum number of batches ahead.
 const BATCH_POINTS: usize = 8192;
 const BATCH_VALUES: usize = 1 << 18;
 const BATCHES_AHEAD: usize = 4;
-/// Most bytes that points may take in memory: so many, and so many times the file's own.
+/// Maximum number of bytes of points in memory: a base, plus a multiple of the file's size.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
-/// Most fields of a point, and most columns of all scans: real scanners write some 20.
+/// Maximum number of fields of a point, and of columns of all scans; real scanners write about 20.
 const MAX_FIELDS: usize = 1000;
-/// What positions are certain to, in metres: finer than any scanner is. What f32 rounds away is kept where the farthest
-/// point is so far that it would be more than a quarter of this.
+/// Accuracy of positions, in metres; finer than that of any scanner. The remainder of f32 rounding is stored if it
+/// could exceed a quarter of this at the farthest point.
 const CERTAIN_M: f64 = 1e-4;
 
-/// Seeks within what is buffered already: the crate seeks to each page before it reads it. The end is that of the last
-/// whole page, if the file is to be repaired.
+/// A reader that seeks within its buffer: the crate seeks before it reads each page. With repair, the end is that of
+/// the last complete page.
 struct Pages<R> {
     reader: BufReader<R>,
     end: Option<u64>,
@@ -83,7 +83,7 @@ fn problem(what: impl std::fmt::Display) -> Problem {
     Problem::new(format!("is no E57 that can be read: {what}")).help("the file is cut off or damaged: copy it again")
 }
 
-/// A column of one of the types that a prototype asks for.
+/// A column with the type that the prototype requires.
 enum Typed {
     U8(SparseColumn<u8>),
     U16(SparseColumn<u16>),
@@ -127,10 +127,10 @@ impl Typed {
     }
 }
 
-/// The points read so far.
+/// Points read so far.
 #[derive(Default)]
 struct Points {
-    /// How many there will be at most.
+    /// Maximum number of points.
     expected: usize,
     origin: Option<DVec3>,
     high: Vec<Vec3>,
@@ -145,7 +145,7 @@ struct Points {
 }
 
 impl Points {
-    /// Appends a batch: the values of a point after the other.
+    /// Appends a batch of values, point by point.
     fn append(&mut self, layout: &Layout<'_>, batch: &[RecordValue]) {
         let all = batch.chunks_exact(layout.scan.prototype.len());
         let rows: Vec<&[RecordValue]> = all.clone().filter(|row| layout.is_valid(row)).collect();
@@ -218,7 +218,7 @@ impl Points {
     }
 }
 
-/// A level as a linear value: by a table where levels count to 255 or 65535.
+/// Returns the function that converts a level to linear light; a table for ranges up to 255 or 65535.
 fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     if range == (0.0, 255.0) {
         |v, _| linear_of_8_bit()[v.round().clamp(0.0, 255.0) as usize]
@@ -229,7 +229,7 @@ fn decoder(range: (f64, f64)) -> fn(f64, (f64, f64)) -> f32 {
     }
 }
 
-/// A file that is open: what it says of its scans.
+/// An open file and the descriptions of its scans.
 struct File<'a> {
     reader: E57Reader<Pages<&'a mut dyn Source>>,
     scans: Vec<Scan>,
@@ -249,7 +249,7 @@ impl<'a> File<'a> {
         self.reader.coordinate_metadata().map(crs_of).unwrap_or_default()
     }
 
-    /// What the values of the scans with points mean.
+    /// Returns the layouts of the scans with points.
     fn layouts<'s>(&self, scans: &'s [Scan], notes: &mut Vec<String>) -> Result<Vec<Layout<'s>>, Fault> {
         let mut layouts = Vec::new();
         for (i, scan) in scans.iter().enumerate().filter(|(_, scan)| scan.records > 0) {
@@ -268,12 +268,13 @@ impl<'a> File<'a> {
         Ok(layouts)
     }
 
-    /// Most points that a scan can have.
+    /// Returns the maximum number of points of a scan.
     fn most_points(&self, layout: &Layout<'_>) -> u64 {
         layout.scan.records.min(self.bytes * 8 / layout.bits_per_point())
     }
 
-    /// Refuses points that are much larger than the file: fields of one value take no bits in it.
+    /// Returns an error if points need much more memory than the file's size justifies: fields with a single value take
+    /// no bits in the file.
     fn check_decoded(&self, layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>) -> Result<(), Problem> {
         let points = layouts.iter().map(|layout| self.most_points(layout)).fold(0, u64::saturating_add);
         let point_bytes = 24 + columns.values().map(|kind| kind.bytes() as u64).sum::<u64>();
@@ -285,8 +286,8 @@ impl<'a> File<'a> {
         Err(Problem::new(what).expected("fewer: the file is damaged, or made to fill the memory"))
     }
 
-    /// Hands the values of each scan's points to `each`, a batch after the other; with `repair` as far as they go, and
-    /// a note says so.
+    /// Passes the values of each scan's points to `each`, batch by batch. With `repair`, a damaged scan is read as far
+    /// as possible, with a note.
     fn read(
         &mut self,
         layouts: &[Layout<'_>],
@@ -316,7 +317,7 @@ impl<'a> File<'a> {
         Ok(())
     }
 
-    /// Notes what was left out.
+    /// Adds notes about dropped points and unused images.
     fn note_left_out(&self, invalid: u64, colorless: u64, notes: &mut Vec<String>) {
         if invalid > 0 {
             notes.push(format!("left out {} flagged as invalid", counted(invalid, "points")));
@@ -331,7 +332,7 @@ impl<'a> File<'a> {
     }
 }
 
-/// Refuses more fields than any real file has, each of which would take memory for every point.
+/// Returns an error for more fields than any real file has: each would take memory for every point.
 fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     if fields <= MAX_FIELDS {
         return Ok(());
@@ -340,7 +341,7 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
     Err(problem.help("the file is damaged, or made to fill the memory"))
 }
 
-/// The names of all scans' columns, and the smallest type that holds all values.
+/// Returns the names of all scans' columns, each with the smallest type for all values.
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
@@ -360,12 +361,12 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
     Ok(columns)
 }
 
-/// Says that all points are flagged.
+/// Returns the problem of a file whose points are all flagged as invalid.
 fn none_valid(invalid: u64) -> Problem {
     Problem::new(format!("holds no point but {invalid} that are flagged as invalid")).expected("at least one")
 }
 
-/// Runs what reads a file: what the crate takes for granted, a damaged one may not hold.
+/// Runs a reader and catches panics: the crate makes assumptions that a damaged file may violate.
 fn guarded<T>(read: impl FnOnce() -> Result<T, Fault>) -> Result<T, Fault> {
     catch_unwind(AssertUnwindSafe(read)).unwrap_or_else(|_| {
         let problem = Problem::new("is damaged: its packets or its XML make no sense");
@@ -420,11 +421,11 @@ fn crs_of(text: &str) -> Crs {
     Crs { wkt: (code.is_none() && text.contains('[')).then_some(text), code, ..Crs::default() }
 }
 
-/// Reads a scan as far as it goes, by batches of values: on a thread of its own, as the crate's work takes as long as
-/// ours.
+/// Reads a scan as far as possible, in batches of values. Reading has its own thread, because the crate's decoding
+/// takes as long as the processing here.
 ///
 /// # Errors
-/// [`Problem`] if `each` takes no more.
+/// [`Problem`] if `each` returns one.
 fn read_scan<R: Read + Seek + Send>(
     reader: &mut E57Reader<R>,
     layout: &Layout<'_>,

@@ -1,10 +1,10 @@
-//! The head of a cloud-optimised GeoTIFF: header, directories of the image and of its overviews, and where tiles are.
+//! The head of a cloud-optimised GeoTIFF: header, directories of the image and its overviews, and tile offsets.
 
 use super::{GeoImage, GeoSamples, TILE};
 use std::io;
 
-/// GDAL's description of the structure, written after the header: all directories come before all tiles. The blank at
-/// the end leaves room for YES, which a program that changes the file writes there.
+/// GDAL's structural metadata, written after the header: all directories precede all tiles. The blank at the end
+/// reserves room for YES, which a program that modifies the file writes there.
 const STRUCTURE: &str = "LAYOUT=IFDS_BEFORE_DATA\nKNOWN_INCOMPATIBLE_EDITION=NO\n ";
 
 const SHORT: u16 = 3;
@@ -25,15 +25,15 @@ impl TileList {
     }
 }
 
-/// All that comes before the tiles.
+/// Everything before the tiles.
 pub(super) struct Head<'a> {
     pub(super) image: &'a GeoImage,
-    /// Sizes of the image and of its overviews.
+    /// Sizes of the image and its overviews.
     pub(super) sizes: &'a [[u32; 2]],
     pub(super) is_big: bool,
 }
 
-/// An entry of a directory. The lists of tiles stand behind all directories.
+/// A directory entry. Tile lists are stored after all directories.
 struct Entry {
     tag: u16,
     kind: u16,
@@ -59,7 +59,7 @@ impl Entry {
         Self::new(tag, DOUBLE, values.len(), values.iter().flat_map(|v| v.to_le_bytes()).collect())
     }
 
-    /// Text, of which characters beyond ASCII are left out, with a NUL at its end.
+    /// Creates a NUL-terminated text entry, without non-ASCII characters.
     fn text(tag: u16, text: &str) -> Self {
         let mut bytes: Vec<u8> = text.bytes().filter(|b| b.is_ascii() && *b != 0).collect();
         bytes.push(0);
@@ -68,7 +68,7 @@ impl Entry {
 }
 
 impl Head<'_> {
-    /// The bytes, with the tiles where the lists say.
+    /// Returns the bytes of the head, with the tile offsets and lengths of `lists`.
     pub(super) fn bytes(&self, lists: &[TileList]) -> io::Result<Vec<u8>> {
         let mut out = Vec::new();
         out.extend(if self.is_big { &b"II\x2b\0\x08\0\0\0"[..] } else { &b"II\x2a\0"[..] });
@@ -92,7 +92,8 @@ impl Head<'_> {
         Ok(out)
     }
 
-    /// Appends a directory and the values that don't fit into its entries; gives the place of the link to the next one.
+    /// Appends a directory and the values that don't fit into its entries; returns the position of the link to the next
+    /// directory.
     fn directory(&self, entries: Vec<Entry>, out: &mut Vec<u8>, late: &mut Vec<(usize, Vec<u8>)>) -> io::Result<usize> {
         let room = if self.is_big { 8 } else { 4 };
         let mut values = Vec::new();
@@ -124,7 +125,7 @@ impl Head<'_> {
         Ok(link)
     }
 
-    /// Appends a number as wide as the file's offsets.
+    /// Appends an offset, as wide as the file's offsets.
     fn put_offset(&self, value: u64, out: &mut Vec<u8>) -> io::Result<()> {
         match self.is_big {
             true => out.extend(value.to_le_bytes()),
@@ -140,12 +141,12 @@ impl Head<'_> {
         Ok(())
     }
 
-    /// The entries of a level's directory, by their tags.
+    /// Returns the entries of a level's directory, sorted by tag.
     fn entries(&self, level: usize, list: &TileList) -> io::Result<Vec<Entry>> {
         let (image, size) = (self.image, self.sizes[level]);
         let count = image.count();
         let mut entries = vec![
-            // A reduced image.
+            // Reduced-resolution flag.
             Entry::long(254, &[u32::from(level > 0)]),
             Entry::long(256, &[size[0]]),
             Entry::long(257, &[size[1]]),
@@ -160,7 +161,7 @@ impl Head<'_> {
             GeoSamples::Rgba8 => {
                 entries.push(Entry::short(258, &vec![8; count]));
                 entries.push(Entry::short(262, &[2]));
-                // Straight alpha, then what has no meaning of its own.
+                // Straight alpha, then an unspecified band.
                 entries.push(Entry::short(338, &[2, 0][..count - 3]));
                 entries.push(Entry::short(317, &[2]));
             }
@@ -193,7 +194,7 @@ impl Head<'_> {
         Ok(entries)
     }
 
-    /// Adds what is said of the whole image: where it lies, the names of its bands, and who wrote it.
+    /// Adds the entries that describe the whole image: georeference, band names and software.
     fn add_place(&self, entries: &mut Vec<Entry>) {
         let image = self.image;
         let software: String = image.software.chars().filter(char::is_ascii_graphic).collect();
@@ -220,7 +221,7 @@ impl Head<'_> {
     }
 }
 
-/// Appends a byte where the next would be at an odd place, where no value may begin.
+/// Pads to an even offset, where values must begin.
 fn even(out: &mut Vec<u8>) {
     if out.len() % 2 == 1 {
         out.push(0);

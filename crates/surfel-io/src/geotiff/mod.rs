@@ -1,10 +1,10 @@
-//! GeoTIFF (OGC 19-008r4) images, written rectangle by rectangle in any order: tiled, deflated, north up,
-//! cloud-optimised (OGC 21-026) with overviews, as BigTIFF where 4 GiB may not be enough. Pixels that are never written
-//! are no data.
+//! Writing of GeoTIFF (OGC 19-008r4) images, rectangle by rectangle in any order. Files are tiled, deflated, north up,
+//! and cloud-optimised (OGC 21-026) with overviews; they are BigTIFF if they may exceed 4 GiB. Pixels that are never
+//! written are no data.
 //!
-//! A cloud-optimised file begins with its directories, then come the tiles of the smallest overview, of the next larger
-//! one, and so on; those of the image itself are last. Tiles are finished in another order, so they wait, compressed,
-//! in an unnamed file beside the output.
+//! A cloud-optimised file begins with its directories. The tiles of the smallest overview follow, then those of the
+//! next larger one, and so on; the tiles of the image itself are last. Tiles are finished in another order, so that
+//! they wait, compressed, in an unnamed file beside the output.
 
 mod head;
 mod reduce;
@@ -26,50 +26,50 @@ use surfel_math::srgb::nearest_8_bit;
 
 /// Side of a tile in pixels.
 const TILE: u32 = 256;
-/// Deflate's level: 3 makes heights 6 % smaller, and writing them takes 1.7 times as long.
+/// Deflate level: level 3 makes heights 6 % smaller and takes 1.7 times as long.
 const LEVEL: u32 = 1;
-/// Raw bytes, with overviews, from which a file is a BigTIFF: deflate adds less than one byte in a thousand.
+/// Raw bytes, with overviews, from which a file is a BigTIFF; deflate adds less than 0.1 %.
 const BIG_FROM: u64 = 4_200_000_000;
 
-/// Format of a pixel.
+/// Pixel format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GeoSamples {
-    /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. No data is alpha 0.
+    /// Red, green, blue (sRGB-encoded) and straight alpha, 8 bits each. No data has alpha 0.
     Rgba8,
-    /// A number of f32 bands. No data is [`GeoSamples::NODATA`].
+    /// The given number of f32 bands. No data is [`GeoSamples::NODATA`].
     F32(u16),
 }
 
 impl GeoSamples {
-    /// The number that stands for no data in f32 images.
+    /// Value of no data in f32 images.
     pub const NODATA: f32 = -9999.0;
 }
 
-/// An image to be written, and where it lies.
+/// Description and georeference of an image to be written.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GeoImage {
-    /// The file.
+    /// Path of the output file.
     pub path: PathBuf,
-    /// Columns and rows, at least 1.
+    /// Number of columns and rows, at least 1.
     pub size: [u32; 2],
-    /// Format of a pixel.
+    /// Pixel format.
     pub samples: GeoSamples,
-    /// Names of the bands, which GDAL shows as their descriptions; empty: none.
+    /// Band names, which GDAL displays as descriptions; may be empty.
     pub bands: Vec<&'static str>,
-    /// True if a last band marks the pixels that are interpolated: 255 in 8 bits or 1 as f32, else 0.
+    /// True if an additional last band marks interpolated pixels: 255 in 8 bits or 1 as f32, else 0.
     pub has_marks: bool,
-    /// x of the image's left edge, y of its upper edge.
+    /// x of the image's left edge and y of its upper edge.
     pub left_top: [f64; 2],
     /// Side of a pixel, in the units of x and y.
     pub pixel: f64,
     /// The coordinate reference system.
     pub crs: Option<Crs>,
-    /// The program that writes it.
+    /// Name of the writing program.
     pub software: String,
 }
 
 impl GeoImage {
-    /// Numbers of a pixel.
+    /// Returns the number of bands.
     fn count(&self) -> usize {
         let own = match self.samples {
             GeoSamples::Rgba8 => 4,
@@ -78,7 +78,7 @@ impl GeoImage {
         own + usize::from(self.has_marks)
     }
 
-    /// Bytes of a pixel.
+    /// Returns the bytes of a pixel.
     fn pixel_bytes(&self) -> usize {
         match self.samples {
             GeoSamples::Rgba8 => self.count(),
@@ -86,8 +86,8 @@ impl GeoImage {
         }
     }
 
-    /// Sizes of the image and of its overviews: each has half the columns and rows of the one before, and the last one
-    /// fits into a tile.
+    /// Returns the sizes of the image and its overviews. Each overview has half the columns and rows of the level
+    /// before; the last one fits into a tile.
     fn sizes(&self) -> Vec<[u32; 2]> {
         let mut sizes = vec![self.size];
         while let Some(size) = sizes.last().filter(|size| size.iter().any(|side| *side > TILE)) {
@@ -97,12 +97,12 @@ impl GeoImage {
     }
 }
 
-/// The open image that rectangles are written to.
+/// An open image that rectangles are written to.
 pub struct GeoTiles<'a> {
     image: &'a GeoImage,
     /// The image and its overviews.
     levels: Vec<Level>,
-    /// Compressed tiles in the order in which they were finished.
+    /// Compressed tiles in order of completion.
     waiting: BufWriter<File>,
     waiting_bytes: u64,
 }
@@ -110,20 +110,20 @@ pub struct GeoTiles<'a> {
 /// The image or one of its overviews.
 struct Level {
     size: [u32; 2],
-    /// Tiles that have some of their pixels, by row and column, and how many.
+    /// Incomplete tiles by row and column, with the number of pixels written.
     begun: BTreeMap<(u32, u32), (Vec<u8>, usize)>,
     /// Offset and length of each tile in the temporary file, row by row; length 0 until the tile is finished.
     places: Vec<(u64, u32)>,
 }
 
-/// A tile's row and column, and its pixels.
+/// Row, column and pixels of a tile.
 type Finished = ((u32, u32), Vec<u8>);
 
-/// Writes images together: `draw` fills their tiles, in the order of `images`. They appear when all are whole.
+/// Writes images together: `draw` fills their tiles, in the order of `images`. The files appear once all are complete.
 ///
 /// # Errors
-/// [`IoError::Exists`] if a file is there and `overwrite` is false, before anything is drawn; [`IoError::System`] where
-/// one can't be written; and what `draw` says.
+/// [`IoError::Exists`] if a file exists and `overwrite` is false, before anything is drawn; [`IoError::System`] if a
+/// file can't be written; errors of `draw`.
 pub fn write_geotiffs<E: From<IoError>>(
     images: &[GeoImage],
     overwrite: bool,
@@ -156,12 +156,12 @@ impl Level {
         Self { size, begun: BTreeMap::new(), places: vec![(0, 0); columns as usize * rows as usize] }
     }
 
-    /// Columns and rows of a tile that are inside of the image.
+    /// Returns the columns and rows of a tile that are inside the image.
     fn visible(&self, [column, row]: [u32; 2]) -> [u32; 2] {
         [self.size[0] - column * TILE, self.size[1] - row * TILE].map(|side| side.min(TILE))
     }
 
-    /// Puts a rectangle inside of the image into its tiles, and takes out those that are whole.
+    /// Copies a rectangle of the image into its tiles; removes and returns the tiles that are complete.
     fn put(&mut self, image: &GeoImage, [x, y]: [u32; 2], [width, height]: [u32; 2], bytes: &[u8]) -> Vec<Finished> {
         let pixel = image.pixel_bytes();
         let mut whole = Vec::new();
@@ -187,7 +187,7 @@ impl Level {
         whole.into_iter().filter_map(|at| Some((at, self.begun.remove(&at)?.0))).collect()
     }
 
-    /// Takes out the tiles that end above a row.
+    /// Removes and returns the tiles that end above a row.
     fn above(&mut self, row: u32) -> Vec<Finished> {
         let end = if row >= self.size[1] { u32::MAX } else { row / TILE };
         let rest = self.begun.split_off(&(end, 0));
@@ -202,8 +202,8 @@ impl<'a> GeoTiles<'a> {
         Ok(Self { image, levels: image.sizes().into_iter().map(Level::new).collect(), waiting, waiting_bytes: 0 })
     }
 
-    /// Writes a rectangle of an image of [`GeoSamples::Rgba8`], whose left upper pixel is `at`: rows of `width` pixels
-    /// from the top, linear RGBA, premultiplied. `marked` says which pixels are interpolated, where the image has
+    /// Writes a rectangle of an image of [`GeoSamples::Rgba8`], whose upper left pixel is `at`. `pixels` are linear
+    /// premultiplied RGBA, in rows of `width` pixels from the top. `marked` flags interpolated pixels, if the image has
     /// marks. No pixel may be written twice.
     ///
     /// # Errors
@@ -230,8 +230,8 @@ impl<'a> GeoTiles<'a> {
         self.write(at, width, &bytes)
     }
 
-    /// Writes a rectangle of an image of [`GeoSamples::F32`] as [`GeoTiles::write_color`] does, with the numbers of a
-    /// pixel beside each other.
+    /// Writes a rectangle of an image of [`GeoSamples::F32`], as [`GeoTiles::write_color`] does. The numbers of a pixel
+    /// are consecutive.
     ///
     /// # Errors
     /// As [`GeoTiles::write_color`].
@@ -254,8 +254,8 @@ impl<'a> GeoTiles<'a> {
         self.write(at, width, &bytes)
     }
 
-    /// Says that nothing more will be written above a row of the image. Tiles that miss pixels there are finished, so
-    /// that the tiles in memory are those of a few rows.
+    /// Declares that nothing more is written above a row of the image. Incomplete tiles above it are finished, so that
+    /// memory has only the tiles of a few rows.
     ///
     /// # Errors
     /// [`IoError::System`] if the file can't be written.
@@ -267,7 +267,7 @@ impl<'a> GeoTiles<'a> {
         for level in 0..self.levels.len() {
             let finished = self.levels[level].above(row);
             self.store(level, finished)?;
-            // The last row of an overview may stand for one row alone.
+            // The last row of an overview may represent a single row.
             row = if row >= self.levels[level].size[1] { u32::MAX } else { row / 2 };
         }
         Ok(())
@@ -288,8 +288,7 @@ impl<'a> GeoTiles<'a> {
         self.store(0, whole).map_err(|e| failed(&self.image.path, e))
     }
 
-    /// Compresses tiles on all threads, stores them in their order, and puts what the next overview shows of them
-    /// there.
+    /// Compresses tiles on all threads, stores them in order, and adds their reduced pixels to the next overview.
     fn store(&mut self, level: usize, tiles: Vec<Finished>) -> io::Result<()> {
         if tiles.is_empty() {
             return Ok(());
@@ -328,7 +327,7 @@ impl<'a> GeoTiles<'a> {
     /// Writes the file: its head, then all tiles.
     fn finish(mut self, out: &mut impl Write) -> io::Result<()> {
         self.finish_above(u32::MAX)?;
-        // One empty tile a level stands for all that were never begun.
+        // One empty tile per level represents all tiles that were never begun.
         if self.levels.iter().any(|level| level.places.iter().any(|(_, length)| *length == 0)) {
             let empty = self.append(&deflated(empty_tile(self.image), self.image)?)?;
             let unfinished = self.levels.iter_mut().flat_map(|level| &mut level.places);
@@ -343,7 +342,7 @@ impl<'a> GeoTiles<'a> {
         let is_big = tiles * u64::from(TILE * TILE) * self.image.pixel_bytes() as u64 >= BIG_FROM;
         let sizes: Vec<[u32; 2]> = self.levels.iter().map(|level| level.size).collect();
         let head = Head { image: self.image, sizes: &sizes, is_big };
-        // Where the tiles are takes the same room whatever it is.
+        // The head's length doesn't depend on the tile offsets.
         let mut at = head.bytes(&lists)?.len() as u64;
         let mut order: Vec<(u64, u32)> = Vec::new();
         for (list, level) in lists.iter_mut().zip(&self.levels).rev() {
@@ -370,7 +369,7 @@ impl<'a> GeoTiles<'a> {
     }
 }
 
-/// A tile without data; numbers have their most significant byte first.
+/// Returns a tile without data; numbers are big endian.
 fn empty_tile(image: &GeoImage) -> Vec<u8> {
     let pixels = (TILE * TILE) as usize;
     match image.samples {
@@ -379,7 +378,7 @@ fn empty_tile(image: &GeoImage) -> Vec<u8> {
     }
 }
 
-/// A tile after TIFF's predictor (horizontal differences; of floats, by planes of bytes: TIFF Technical Note 3) and
+/// Compresses a tile: TIFF's predictor (horizontal differences; for floats, byte planes: TIFF Technical Note 3), then
 /// deflate.
 fn deflated(mut tile: Vec<u8>, image: &GeoImage) -> io::Result<Vec<u8>> {
     let (row_bytes, count) = (TILE as usize * image.pixel_bytes(), image.count());

@@ -1,13 +1,13 @@
 //! Overviews: a pixel is the mean of up to four pixels of the level below.
 //!
-//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that are data; means
-//! of three are normals, which stay unit vectors.
+//! Colours are averaged in linear light, weighted by alpha. Numbers are averaged over the pixels that have data.
+//! Triples are normals, whose means are normalised.
 
 use super::{GeoImage, GeoSamples, TILE};
 use crate::color::linear_of_8_bit;
 use surfel_math::srgb::nearest_8_bit;
 
-/// Returns a tile at half its size, for the next overview; `columns` and `rows` of the tile lie inside the image.
+/// Returns a tile at half its size, for the next overview. Only `columns` and `rows` of the tile are inside the image.
 pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -> Vec<u8> {
     let pixel = image.pixel_bytes();
     let mut half = Vec::with_capacity((columns.div_ceil(2) * rows.div_ceil(2)) as usize * pixel);
@@ -28,7 +28,7 @@ pub(super) fn halved(tile: &[u8], [columns, rows]: [u32; 2], image: &GeoImage) -
     half
 }
 
-/// The mean of colours, and of the marks after them, by alpha.
+/// Appends the mean of colours, and of the marks after them, weighted by alpha.
 fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
     let table = linear_of_8_bit();
     let (mut sums, mut marks, mut alpha, mut count, mut bands) = ([0.0_f32; 3], 0.0, 0.0, 0.0, 4);
@@ -45,16 +45,16 @@ fn mean_color<'a>(pixels: impl Iterator<Item = &'a [u8]>, out: &mut Vec<u8>) {
         return;
     }
     out.extend(sums.map(|sum| nearest_8_bit(sum / alpha)));
-    // A little of something is something.
+    // A pixel that is covered in part must not become empty.
     out.push(((alpha / count + 0.5) as u8).max(1));
     if bands > 4 {
         out.push((marks / alpha + 0.5) as u8);
     }
 }
 
-/// The mean of the pixels that are data.
+/// Appends the mean of the pixels that have data.
 fn mean_numbers<'a>(pixels: impl Iterator<Item = &'a [u8]>, are_normals: bool, out: &mut Vec<u8>) {
-    // A normal and a mark at most, or as many heights as there may be.
+    // At most a normal and a mark, or any number of heights.
     let (mut sums, mut count, mut bands) = (Vec::<f64>::new(), 0.0, 0);
     for pixel in pixels {
         let numbers = pixel.as_chunks::<4>().0.iter().map(|bytes| f32::from_be_bytes(*bytes));

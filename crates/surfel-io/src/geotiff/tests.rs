@@ -1,11 +1,11 @@
-//! Images that are written, read again by another decoder.
+//! Round trips: images are written, and read by another decoder.
 
 use super::*;
 use crate::color::linear_of_8_bit;
 use tiff::decoder::{Decoder, DecodingResult};
 use tiff::tags::Tag;
 
-/// A file of its own for each test.
+/// Returns a file path for one test.
 fn file(name: &str) -> PathBuf {
     std::env::temp_dir().join(format!("surfel-geotiff-{name}-{}.tif", std::process::id()))
 }
@@ -28,7 +28,7 @@ fn rectangles_in_any_order_make_the_image_and_what_is_not_written_is_no_data() {
         let [r, g, b] = [r, g, b].map(|level| linear_of_8_bit()[usize::from(level)]);
         [r, g, b, 1.0]
     };
-    // Blocks of 200 pixels from 30 on, the last first; column 0 to 29 is never written.
+    // Blocks of 200 pixels from column 30 on, the last first; columns 0 to 29 are never written.
     let done: Result<(), IoError> = write_geotiffs(&[dsm.clone(), rgb.clone()], true, |tiles| {
         for y in (0..size[1]).step_by(200).rev() {
             for x in (30..size[0]).step_by(200).rev() {
@@ -75,7 +75,7 @@ fn large_image_is_a_bigtiff_and_its_empty_tiles_are_one() {
     assert_eq!((bytes[2..4] == 43_u16.to_le_bytes(), bytes.len() < 2_000_000), (true, true), "{}", bytes.len());
     let mut decoder = Decoder::new(File::open(&large.path).unwrap()).unwrap();
     let DecodingResult::F32(last) = decoder.read_chunk(235 * 235 - 1).unwrap() else { panic!() };
-    // The last tile is cut by the image's edges.
+    // The image's edges cut the last tile.
     assert_eq!((last.last(), last[0]), (Some(&7.0), GeoSamples::NODATA));
     std::fs::remove_file(&large.path).unwrap();
 }
@@ -106,7 +106,7 @@ fn u32_at(bytes: &[u8], at: usize) -> usize {
     u32::from_le_bytes(bytes[at..at + 4].try_into().unwrap()) as usize
 }
 
-/// Places of the directories of a classic TIFF, in the order of their links, and the place after the last one's
+/// Returns the offsets of the directories of a classic TIFF, in the order of their links, and the end of the last one's
 /// entries.
 fn directories(bytes: &[u8]) -> (Vec<usize>, usize) {
     let (mut found, mut at, mut end) = (Vec::new(), u32_at(bytes, 4), 0);
@@ -118,7 +118,7 @@ fn directories(bytes: &[u8]) -> (Vec<usize>, usize) {
     (found, end)
 }
 
-/// Widths and heights of the image and its overviews, their numbers, and where their tiles are.
+/// Returns width and height, numbers and tile offsets of the image and its overviews.
 fn images(path: &Path) -> Vec<([u32; 2], DecodingResult, Vec<u64>)> {
     let mut decoder = Decoder::new(File::open(path).unwrap()).unwrap();
     let mut all = Vec::new();
@@ -138,7 +138,7 @@ fn files_are_cloud_optimised() {
     let dsm = image("cog", [1030, 600], GeoSamples::F32(1));
     let rgb = GeoImage { path: file("cog-rgb"), samples: GeoSamples::Rgba8, ..dsm.clone() };
     let done: Result<(), IoError> = write_geotiffs(&[dsm.clone(), rgb.clone()], true, |tiles| {
-        // The west only: tiles in the east are never begun.
+        // Only the west is written: tiles in the east are never begun.
         for y in (0..600).step_by(100) {
             let numbers: Vec<f32> = (0..40_000).map(|i| (i % 400) as f32 + (y + i / 400) as f32 * 0.5).collect();
             tiles[0].write_f32([0, y], 400, &numbers, &[])?;
@@ -150,14 +150,14 @@ fn files_are_cloud_optimised() {
     done.unwrap();
     for path in [&dsm.path, &rgb.path] {
         let bytes = std::fs::read(path).unwrap();
-        // The header, GDAL's note on the structure, the directories, the lists of tiles, the tiles.
+        // Order: header, GDAL's structural metadata, directories, tile lists, tiles.
         let (found, end) = directories(&bytes);
         assert!(bytes[8..].starts_with(b"GDAL_STRUCTURAL_METADATA_SIZE=000055 bytes\nLAYOUT=IFDS_BEFORE_DATA\n"));
         assert!(found[0] < 300 && found.is_sorted() && found.iter().all(|at| at % 2 == 0), "{found:?}");
         let images = images(path);
         let sizes: Vec<[u32; 2]> = images.iter().map(|image| image.0).collect();
         assert_eq!(sizes, [[1030, 600], [515, 300], [258, 150], [129, 75]]);
-        // The smallest overview's tiles are first, row by row; empty ones are one.
+        // The smallest overview's tiles are first, row by row; empty tiles share one offset.
         let mut before = end as u64;
         for (_, _, offsets) in images.iter().rev() {
             let mut seen: Vec<u64> = offsets.clone();
@@ -177,7 +177,7 @@ fn overviews_are_means_of_what_is_data() {
     let dsm = image("overviews", [515, 301], GeoSamples::F32(1));
     let rgb = GeoImage { path: file("overviews-rgb"), samples: GeoSamples::Rgba8, ..dsm.clone() };
     let normals = GeoImage { path: file("overviews-n"), samples: GeoSamples::F32(3), ..dsm.clone() };
-    // Half of every four pixels is nothing.
+    // Half of every four pixels is no data.
     let is_data = |x: u32, y: u32| (x + y) % 2 == 0;
     let number = |x: u32, y: u32| if is_data(x, y) { (x * 3 + y * 7) as f32 } else { GeoSamples::NODATA };
     let of = |i: u32| (i % 515, i / 515);
@@ -232,7 +232,7 @@ fn marks_are_a_last_band_of_their_own() {
     done.unwrap();
     let DecodingResult::F32(numbers) = &images(&dsm.path)[0].1 else { panic!() };
     assert_eq!(numbers[..8], [0.0, 1.0, GeoSamples::NODATA, GeoSamples::NODATA, 2.0, 0.0, 3.0, 1.0]);
-    // The decoder leaves the fifth band of colours 0: by hand.
+    // The decoder returns 0 for the fifth band of colours, so it is decoded by hand.
     let mut decoder = Decoder::new(File::open(&rgb.path).unwrap()).unwrap();
     let offset = decoder.get_tag_u64_vec(Tag::TileOffsets).unwrap()[0] as usize;
     let mut row = vec![0; 256 * 5];
@@ -256,7 +256,7 @@ fn tiles_of_finished_rows_leave_memory_whatever_was_drawn_of_them() {
     let sparse = image("sparse", [4096, 4096], GeoSamples::F32(1));
     let done: Result<(), IoError> = write_geotiffs(std::slice::from_ref(&sparse), true, |tiles| {
         for y in (0..4096).step_by(64) {
-            // One pixel of a block, and not every block.
+            // One pixel of a block, and not in every block.
             for x in (0..4096).step_by(512) {
                 tiles[0].write_f32([x + y % 512, y], 1, &[1.0], &[])?;
             }

@@ -1,4 +1,4 @@
-//! Accessors as columns of floats or indices, every bound checked.
+//! Accessors decoded to columns of floats or indices, with every bound checked.
 
 use super::buffers::Asset;
 use super::document::out_of_range;
@@ -7,7 +7,7 @@ use gltf::Accessor;
 use gltf::accessor::{DataType, Dimensions};
 use gltf::buffer::View;
 
-/// The raw elements of an accessor or of its sparse part.
+/// Raw elements of an accessor or of its sparse part.
 struct Elements<'a> {
     data: &'a [u8],
     count: usize,
@@ -39,13 +39,13 @@ impl Asset<'_> {
         }
     }
 
-    /// An accessor's values, `N` a vertex; normalised integers become fractions. A VEC3 may be asked for as four
-    /// numbers, which gives it a 1 at the end.
+    /// Returns an accessor's values, `N` per vertex; normalised integers become fractions. A VEC3 can be read as four
+    /// numbers, the last of which is 1.
     pub(super) fn floats<const N: usize>(&self, accessor: &Accessor<'_>) -> Result<Vec<[f32; N]>, Problem> {
         let (index, kind) = (accessor.index(), accessor.data_type());
         let found = accessor.dimensions().multiplicity();
         let is_vector = !matches!(accessor.dimensions(), Dimensions::Mat2 | Dimensions::Mat3 | Dimensions::Mat4);
-        // Columns of matrices are padded to four bytes, which changes nothing in floats.
+        // Matrix columns are padded to four bytes, which has no effect on floats.
         let matches =
             if is_vector { found == N || (found == 3 && N == 4) } else { found == N && kind == DataType::F32 };
         if !matches || (N == 4 && !is_vector) {
@@ -65,7 +65,8 @@ impl Asset<'_> {
         let mut values: Vec<[f32; N]> = match accessor.view() {
             Some(view) => self.elements(&view, accessor.offset(), count, size)?.iter().map(decode).collect(),
             None => {
-                // All zeros: the only count that no bytes back, so it is held against the whole file.
+                // An accessor without a buffer view is all zeros. No data limit its count, so that the size of the
+                // whole file does.
                 if count > self.total_bytes() {
                     let what = format!("accessor {index} has {count} elements and no data");
                     return Err(Problem::new(what).expected("a bufferView"));
@@ -91,7 +92,7 @@ impl Asset<'_> {
         Ok(values)
     }
 
-    /// An accessor's indices.
+    /// Returns an accessor's indices.
     pub(super) fn indices(&self, accessor: &Accessor<'_>) -> Result<Vec<u32>, Problem> {
         let plain = accessor.dimensions() == Dimensions::Scalar && accessor.sparse().is_none();
         let Some(view) = accessor.view().filter(|_| plain) else {
@@ -124,7 +125,7 @@ fn component(raw: &[u8], kind: DataType, normalized: bool) -> f32 {
     if normalized { fraction(value, kind) } else { value }
 }
 
-/// A normalised integer as a fraction of its type's largest value; floats stay.
+/// Converts a normalised integer to a fraction of its type's largest value; returns floats unchanged.
 pub(super) fn fraction(value: f32, kind: DataType) -> f32 {
     let largest = match kind {
         DataType::I8 => 127.0,

@@ -1,4 +1,4 @@
-//! Buffers and buffer views: their bytes, decompressed where `EXT_meshopt_compression` packs them.
+//! Buffers and buffer views, decompressed if they use `EXT_meshopt_compression`.
 
 use super::document::CheckedDocument;
 use super::uri;
@@ -9,19 +9,19 @@ use serde_json::Value;
 use std::borrow::Cow;
 use std::cell::{Cell, OnceCell};
 
-/// Most bytes that what is compressed in one file may come to: its views and its meshes.
+/// Maximum number of bytes that the compressed views and meshes of a file may unpack to in sum.
 pub(super) const MAX_DECOMPRESSED: usize = 2 << 30;
 
 /// A document with its buffers.
 pub(super) struct Asset<'a> {
     pub(super) document: &'a CheckedDocument,
     buffers: Vec<Cow<'a, [u8]>>,
-    /// Views that meshopt has compressed, each once it has been asked for.
+    /// Decompressed meshopt views; each is decompressed on first use.
     decompressed: Vec<OnceCell<Result<Vec<u8>, Problem>>>,
     decompressed_bytes: Cell<usize>,
 }
 
-/// Reads all buffers; `binary` is GLB's, which stands for the first one.
+/// Reads all buffers; `binary` is the buffer inside a GLB file, which is the first one.
 pub(super) fn load<'a>(
     document: &'a CheckedDocument,
     binary: Option<&'a [u8]>,
@@ -39,7 +39,7 @@ pub(super) fn load<'a>(
                 }
             },
             (None, Some(binary)) if i == 0 => Cow::Borrowed(binary),
-            // The compressed views lie in another buffer; this one would be for readers that don't know them.
+            // A fallback buffer for readers without meshopt; the compressed views are in another buffer.
             _ if document.meshopt("buffers", i).is_some() => {
                 buffers.push(Cow::Borrowed(&[][..]));
                 continue;
@@ -58,12 +58,12 @@ pub(super) fn load<'a>(
 }
 
 impl Asset<'_> {
-    /// The number of bytes of all buffers.
+    /// Returns the number of bytes of all buffers.
     pub(super) fn total_bytes(&self) -> usize {
         self.buffers.iter().map(|b| b.len()).sum()
     }
 
-    /// The bytes of a buffer view.
+    /// Returns the bytes of a buffer view, decompressed if necessary.
     pub(super) fn view(&self, view: &View<'_>) -> Result<&[u8], Problem> {
         let packed = self.document.meshopt("bufferViews", view.index());
         let Some((packed, cell)) = packed.zip(self.decompressed.get(view.index())) else {
@@ -75,7 +75,7 @@ impl Asset<'_> {
         }
     }
 
-    /// The bytes of a buffer view, which may have no view of their own.
+    /// Returns the bytes of the buffer view with an index, which may not exist.
     pub(super) fn view_at(&self, index: usize) -> Result<&[u8], Problem> {
         let views = self.document.gltf.views();
         let count = views.len();
@@ -93,8 +93,8 @@ impl Asset<'_> {
         })
     }
 
-    /// Counts decompressed bytes against the most that a file may have: any number of views and meshes can be made of
-    /// the same few bytes.
+    /// Counts decompressed bytes against a file's limit: any number of views and meshes can refer to the same few
+    /// bytes.
     pub(super) fn spend_decompressed(&self, bytes: usize) -> Result<(), Problem> {
         let total = self.decompressed_bytes.get().saturating_add(bytes);
         if total > MAX_DECOMPRESSED {
@@ -119,7 +119,7 @@ impl Asset<'_> {
         };
         let source = self.range(buffer, number("byteOffset").unwrap_or(0), length, view.index())?;
         let size = count.checked_mul(stride).ok_or_else(|| wrong("its size is beyond any memory"))?;
-        // Four columns of 256 equal bytes take a byte, and nothing packs better.
+        // The densest possible data: four columns of 256 equal bytes are compressed to one byte.
         if size > source.len().saturating_mul(1100).saturating_add(4096) {
             return Err(wrong("it says that it has more elements than its bytes can hold"));
         }
@@ -140,7 +140,7 @@ fn unpack(source: &[u8], count: usize, stride: usize, mode: &str, filter: &str) 
         return Err(format!("its elements have {stride} bytes"));
     }
     let mut data = vec![0; count * stride];
-    // The decoder checks its bounds. Should it panic all the same, the file is refused and the program goes on.
+    // The decoder checks its bounds. If it panics nevertheless, the file is refused and the program continues.
     let decode = || decode_buffer_view(&mut data, source, mode, filter, count, stride).map_err(|e| e.to_string());
     std::panic::catch_unwind(std::panic::AssertUnwindSafe(decode))
         .unwrap_or_else(|_| Err("it can't be read".into()))?;

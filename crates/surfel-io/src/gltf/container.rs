@@ -1,11 +1,11 @@
-//! The two containers of glTF: JSON alone, and GLB, which is JSON and one buffer in a file.
+//! The two containers of glTF: a JSON file, and GLB, which combines JSON and a buffer in one file.
 
 use crate::error::{Fault, Location, Problem};
 
-/// The parts of a file.
+/// Contents of a container.
 pub(super) struct Container<'a> {
     pub(super) json: &'a [u8],
-    /// GLB's buffer, which is the document's first one.
+    /// Buffer of a GLB file, which is the document's first buffer.
     pub(super) binary: Option<&'a [u8]>,
 }
 
@@ -13,16 +13,16 @@ pub(super) struct Container<'a> {
 const JSON: u32 = 0x4E4F_534A;
 const BINARY: u32 = 0x004E_4942;
 
-/// Splits a file by its signature.
+/// Detects the container by its signature and splits it.
 pub(super) fn split(bytes: &[u8]) -> Result<Container<'_>, Fault> {
     let (json, binary) = if bytes.starts_with(b"glTF") { chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix(b"\xef\xbb\xbf").unwrap_or(json);
-    // Blanks pad the chunk; some programs write zeros.
+    // The chunk is padded with spaces; some programs write zeros.
     let length = json.iter().rposition(|&b| b != 0 && !b.is_ascii_whitespace()).map_or(0, |last| last + 1);
     Ok(Container { json: &json[..length], binary })
 }
 
-/// The JSON and the binary chunk of a GLB file.
+/// Returns the JSON chunk and the binary chunk of a GLB file.
 fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
     let word = |offset: usize| {
         let raw = bytes.get(offset..offset.checked_add(4)?)?;
@@ -45,7 +45,8 @@ fn chunks(bytes: &[u8]) -> Result<(&[u8], Option<&[u8]>), Fault> {
         let problem = Problem::new("the GLB file has no complete JSON chunk").at(Location::Byte(12));
         return Err(problem.help("copy or export the file again: it is incomplete").into());
     };
-    // A chunk is to be padded to four bytes, and its length to count the padding; not every program does either.
+    // A chunk should be padded to four bytes and its length should include the padding; some programs do only one of
+    // the two.
     let binary = chunk(end, BINARY).or_else(|| chunk(end.next_multiple_of(4), BINARY));
     let whole = word(8).map_or(0, |length| length as usize);
     if binary.is_none() && bytes.len() < whole {

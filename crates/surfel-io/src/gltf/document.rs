@@ -1,8 +1,7 @@
-//! The document: JSON into the `gltf` crate's types, checked so that walking them can't panic.
+//! The document: JSON parsed to the types of the crate `gltf`, and checked so that traversal can't panic.
 //!
-//! The crate is given only what is read, so that nothing wrong with animations, cameras, samplers or most of a material
-//! keeps a file from being opened. Extensions and attributes that the crate has no types for are looked up in the JSON
-//! itself.
+//! The crate gets only the parts that are read, so that errors in animations, cameras, samplers or most of a material
+//! don't prevent loading. Extensions and attributes that the crate has no types for are read from the JSON itself.
 
 use crate::error::{Problem, quote};
 use crate::scene_file::json_problem;
@@ -12,9 +11,9 @@ use gltf::json::validation::Error;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
-/// Extensions that a file may require because they are read.
+/// Supported extensions that a file may require.
 const READ: [&str; 4] = ["KHR_mesh_quantization", "KHR_texture_transform", "KHR_gaussian_splatting", INSTANCES];
-/// Extensions that a file may require although they are not read: without them, shape and base colour are right.
+/// Unsupported extensions that a file may require: shape and base colour are right without them.
 const HARMLESS: [&str; 6] = [
     "KHR_animation_pointer",
     "KHR_xmp_json_ld",
@@ -23,14 +22,14 @@ const HARMLESS: [&str; 6] = [
     "EXT_structural_metadata",
     "KHR_techniques_webgl",
 ];
-/// Parts of the names of further ones: a base colour is there without a material's, lights don't count, and of a
-/// texture in a format that isn't read there is another, or a note says that it is missing.
+/// Name parts of other unsupported extensions that a file may require. Material extensions leave the base colour valid,
+/// and lights aren't needed. A texture in an unsupported format has a fallback, or a note reports it as missing.
 const HARMLESS_PARTS: [&str; 3] = [MATERIAL, "_lights_", "_texture_"];
-/// Part of the names of material extensions.
+/// Name part of material extensions.
 const MATERIAL: &str = "_materials_";
-/// The older material model, whose diffuse colour is taken as the base colour.
+/// Legacy material model, whose diffuse colour is used as the base colour.
 const SPECULAR_GLOSSINESS: &str = "KHR_materials_pbrSpecularGlossiness";
-/// The factor of emissive colours, which are read.
+/// Extension with the factor of emissive colours.
 pub(super) const EMISSIVE_STRENGTH: &str = "KHR_materials_emissive_strength";
 pub(super) const UNLIT: &str = "KHR_materials_unlit";
 pub(super) const DRACO: &str = "KHR_draco_mesh_compression";
@@ -42,24 +41,24 @@ pub(super) const INSTANCES: &str = "EXT_mesh_gpu_instancing";
 /// A document whose indices are all in range and whose enumerations are all known.
 pub(super) struct CheckedDocument {
     pub(super) gltf: gltf::Document,
-    /// The JSON as it is, for extensions, and for numbers that the crate rounds. Nothing in it is checked.
+    /// The unmodified, unchecked JSON, for extensions, and for numbers that the crate rounds.
     pub(super) raw: Value,
     pub(super) notes: Vec<String>,
 }
 
 impl CheckedDocument {
-    /// An extension of a primitive.
+    /// Returns an extension of a primitive.
     pub(super) fn primitive_extension(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<&Value> {
         self.primitive(primitive, mesh)?.get("extensions")?.get(name)
     }
 
-    /// The accessor of an attribute that the crate has no name for; it may not exist.
+    /// Returns the accessor index of an attribute that the crate has no name for; the accessor may not exist.
     pub(super) fn attribute(&self, primitive: &Primitive<'_>, mesh: usize, name: &str) -> Option<usize> {
         let index = self.primitive(primitive, mesh)?.get("attributes")?.get(name)?.as_u64()?;
         Some(usize::try_from(index).unwrap_or(usize::MAX))
     }
 
-    /// The names of a primitive's own attributes, which begin with an underscore.
+    /// Returns the names of a primitive's application-specific attributes, which begin with an underscore.
     pub(super) fn own_attributes(&self, primitive: &Primitive<'_>, mesh: usize) -> impl Iterator<Item = &str> {
         let attributes = self.primitive(primitive, mesh).and_then(|primitive| primitive.get("attributes")?.as_object());
         attributes.into_iter().flat_map(Map::keys).map(String::as_str).filter(|name| name.starts_with('_'))
@@ -69,34 +68,34 @@ impl CheckedDocument {
         self.raw.get("meshes")?.get(mesh)?.get("primitives")?.get(primitive.index())
     }
 
-    /// How meshopt has compressed a buffer view, or marked a buffer as one without data.
+    /// Returns the meshopt extension of a buffer view or of a fallback buffer.
     pub(super) fn meshopt(&self, array: &str, index: usize) -> Option<&Value> {
         let extensions = self.raw.get(array)?.get(index)?.get("extensions")?;
         MESHOPT.iter().find_map(|name| extensions.get(name))
     }
 
-    /// An extension of a texture.
+    /// Returns an extension of a texture.
     pub(super) fn texture_extension(&self, index: usize, name: &str) -> Option<&Value> {
         self.raw.get("textures")?.get(index)?.get("extensions")?.get(name)
     }
 
-    /// What a material says of its normal texture.
+    /// Returns a material's normal texture.
     pub(super) fn normal_texture(&self, material: usize) -> Option<&Value> {
         self.material(material)?.get("normalTexture")
     }
 
-    /// A material as the document states it, unchecked.
+    /// Returns a material as stated in the document, unchecked.
     pub(super) fn material(&self, material: usize) -> Option<&Value> {
         self.raw.get("materials")?.get(material)
     }
 
-    /// The names of a texture's extensions.
+    /// Returns the names of a texture's extensions.
     pub(super) fn texture_extensions(&self, index: usize) -> impl Iterator<Item = &str> {
         let extensions = self.raw.get("textures").and_then(|all| all.get(index)?.get("extensions")?.as_object());
         extensions.into_iter().flat_map(Map::keys).map(String::as_str)
     }
 
-    /// The accessors that place the instances of a node, by name.
+    /// Returns the accessors with the instances of a node, by attribute name.
     pub(super) fn instancing(&self, node: usize) -> Option<&Map<String, Value>> {
         self.raw.get("nodes")?.get(node)?.get("extensions")?.get(INSTANCES)?.get("attributes")?.as_object()
     }
@@ -113,11 +112,11 @@ pub(super) fn parse(json: &[u8]) -> Result<CheckedDocument, Problem> {
     check_required(&raw)?;
     let mut read = raw.clone();
     let notes = strip(&mut read);
-    // By way of text, because the crate's own function for it is compiled with the crate; another would cost seconds of
-    // each build.
+    // The detour through text uses the crate's own parsing function, which is already compiled; another instantiation
+    // would add seconds to each build.
     let text = serde_json::to_vec(&read).map_err(|e| not_valid(&e))?;
     let root = Root::from_slice(&text).map_err(|error| {
-        // The document as it was gives the place, too.
+        // The original document gives the right location of the error.
         Root::from_slice(json).err().map_or_else(|| Problem { location: None, ..not_valid(&error) }, |e| not_valid(&e))
     })?;
     Ok(CheckedDocument { gltf: validate(root, &read)?, raw, notes })
@@ -128,7 +127,7 @@ fn not_valid(error: &serde_json::Error) -> Problem {
     Problem { what: format!("is not a valid glTF document: {}", problem.what), ..problem }
 }
 
-/// An error if the file requires an extension without which it would look wrong.
+/// Returns an error if the file requires an extension without which it would look wrong.
 fn check_required(raw: &Value) -> Result<(), Problem> {
     for name in items(raw, "extensionsRequired").filter_map(Value::as_str) {
         let feature = match name {
@@ -164,7 +163,7 @@ fn keep(object: &mut Map<String, Value>, keys: &[&str]) {
     object.retain(|key, _| keys.contains(&key.as_str()));
 }
 
-/// Takes out what isn't read or not by the crate, and says which of it changes the image.
+/// Removes what isn't read, or not by the crate; returns notes about removed parts that change the image.
 fn strip(raw: &mut Value) -> Vec<String> {
     let Some(root) = raw.as_object_mut() else { return Vec::new() };
     keep(
@@ -256,16 +255,16 @@ fn strip_primitive(primitive: &mut Map<String, Value>, materials: u64, ignored: 
     objects(primitive, "targets").for_each(|target| keep(target, &["POSITION", "NORMAL"]));
 }
 
-/// True for attributes that the `gltf` crate has a name for.
+/// True for attributes that the crate `gltf` has a name for.
 fn is_known(name: &str) -> bool {
     let numbered = ["COLOR_", "TEXCOORD_", "JOINTS_", "WEIGHTS_"];
     let number = numbered.iter().find_map(|start| name.strip_prefix(start));
     matches!(name, "POSITION" | "NORMAL" | "TANGENT") || number.is_some_and(|n| n.parse::<u32>().is_ok())
 }
 
-/// An error for anything that the crate would panic about.
+/// Returns an error for anything that would make the crate panic.
 fn validate(root: Root, read: &Value) -> Result<gltf::Document, Problem> {
-    // The crate's own check looks up positions before it has checked their index.
+    // The crate's own validation reads positions before it has checked their index.
     let accessors = root.accessors.len();
     for attributes in root.meshes.iter().flat_map(|m| &m.primitives).map(|p| &p.attributes) {
         if let Some(index) = attributes.values().find(|index| index.value() >= accessors) {
@@ -280,7 +279,7 @@ fn validate(root: Root, read: &Value) -> Result<gltf::Document, Problem> {
     Ok(gltf::Document::from_json_without_validation(root))
 }
 
-/// True for what the crate's check finds although a reader can do without: bounds of positions, buffer views of
+/// True for validation errors that don't prevent reading: missing bounds of positions, missing buffer views of
 /// compressed or zero accessors, odd strides.
 fn is_harmless(path: &str, error: Error) -> bool {
     match error {
@@ -290,7 +289,7 @@ fn is_harmless(path: &str, error: Error) -> bool {
     }
 }
 
-/// A fault of the crate's check in our words.
+/// Converts a validation error of the crate to a problem.
 fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     let keys: Vec<&str> = path.split(['.', '[', ']', '"']).filter(|key| !key.is_empty()).collect();
     let value = keys.iter().try_fold(raw, |value, key| match value {
@@ -299,7 +298,7 @@ fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     });
     let place = quote(path);
     if error == Error::IndexOutOfBounds {
-        // The last key that isn't a number says what is referred to.
+        // The last key that isn't a number names what is referred to.
         let key = keys.iter().rev().find(|key| key.parse::<usize>().is_err()).copied().unwrap_or_default();
         let (what, array) = match key {
             "mesh" => ("mesh", "meshes"),
@@ -326,7 +325,7 @@ fn describe(path: &str, error: Error, raw: &Value) -> Problem {
     Problem::new(format!("is not a valid glTF document: {place} is {shown}")).expected("a value that glTF 2.0 knows")
 }
 
-/// An index beyond what there is.
+/// Returns the problem of an index that is out of range.
 pub(super) fn out_of_range(what: &str, index: usize, count: usize) -> Problem {
     Problem::new(format!("{what} {index} does not exist: there are {count}"))
         .help("export the file again: it is damaged")

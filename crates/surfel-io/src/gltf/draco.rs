@@ -8,7 +8,7 @@ use gltf::Primitive;
 #[cfg(feature = "draco")]
 pub(super) use enabled::DracoMesh;
 
-/// The decompressed mesh of a primitive, if it is compressed.
+/// Decompresses a primitive's mesh, if it is compressed.
 #[cfg(feature = "draco")]
 pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) -> Result<Option<DracoMesh>, Problem> {
     asset
@@ -18,7 +18,7 @@ pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) 
         .transpose()
 }
 
-/// Nothing is decompressed; a primitive without uncompressed data, too, is an error.
+/// Replacement in builds without Draco: returns an error for a compressed primitive without uncompressed data.
 #[cfg(not(feature = "draco"))]
 pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) -> Result<Option<DracoMesh>, Problem> {
     let has_data = primitive.get(&gltf::Semantic::Positions).is_some_and(|a| a.view().is_some());
@@ -29,7 +29,7 @@ pub(super) fn decode(asset: &Asset<'_>, primitive: &Primitive<'_>, mesh: usize) 
     Err(problem.help("build with the Cargo feature \"draco\" of surfel-io"))
 }
 
-/// There is no such mesh in this build.
+/// A decompressed mesh, which doesn't exist in this build.
 #[cfg(not(feature = "draco"))]
 pub(super) enum DracoMesh {}
 
@@ -58,7 +58,7 @@ mod enabled {
     /// A decompressed mesh.
     pub(crate) struct DracoMesh {
         mesh: Mesh,
-        /// The stream's attributes by their glTF names.
+        /// Ids of the stream's attributes, by glTF name.
         ids: BTreeMap<String, u32>,
     }
 
@@ -80,7 +80,7 @@ mod enabled {
         Ok(DracoMesh { mesh, ids })
     }
 
-    /// What a mesh takes in memory, each attribute's index of every point included.
+    /// Returns the memory of a mesh, in bytes, with each attribute's point indices.
     fn bytes_of(mesh: &Mesh) -> usize {
         let attributes = 0..mesh.num_attributes();
         let per_attribute = |i| mesh.attribute(i).buffer().data_size().saturating_add(4 * mesh.num_points());
@@ -88,7 +88,8 @@ mod enabled {
     }
 
     impl DracoMesh {
-        /// An attribute, `N` numbers a vertex, if the stream has it; what it lacks of four numbers is 1, of fewer 0.
+        /// Returns an attribute's values, `N` per vertex, if the stream has it. A missing fourth number is 1; other
+        /// missing numbers are 0.
         pub(crate) fn floats<const N: usize>(&self, name: &str, normalized: bool) -> Option<Vec<[f32; N]>> {
             let attribute = self.mesh.attribute_by_unique_id(*self.ids.get(name)?)?;
             let (points, found) = (self.mesh.num_points(), usize::from(attribute.num_components()));
@@ -113,7 +114,7 @@ mod enabled {
             Some(values)
         }
 
-        /// Three corners for each face.
+        /// Returns the three vertex indices of each face.
         pub(crate) fn corners(&self) -> Vec<u32> {
             self.mesh.faces().iter().flatten().map(|point| point.0).collect()
         }
@@ -127,7 +128,7 @@ mod tests {
     use serde_json::json;
     use std::path::Path;
 
-    /// Two triangles of a unit square with a colour a vertex.
+    /// A unit square of two triangles with a colour per vertex.
     const SQUARE: &[u8] = include_bytes!("../../tests/data/square.drc");
 
     #[test]
@@ -137,7 +138,7 @@ mod tests {
         let document = document::parse(json.to_string().as_bytes()).unwrap();
         let asset = buffers::load(&document, Some(SQUARE), &Siblings::of(Path::new("t"), false)).unwrap();
         let extension = json!({"bufferView": 0, "attributes": {"POSITION": 0}});
-        // There is room for one: two faces of 12 bytes, and at four points 12 and 3 bytes and two indices of 4.
+        // One mesh fits: two faces of 12 bytes, and four points with 12 and 3 bytes and two 4-byte indices.
         asset.spend_decompressed(buffers::MAX_DECOMPRESSED - 200).unwrap();
         super::enabled::decode(&asset, &extension).unwrap();
         let error = super::enabled::decode(&asset, &extension).err().unwrap();

@@ -1,12 +1,12 @@
-//! Instances of a node: `EXT_mesh_gpu_instancing`.
+//! Instances of a node: the extension `EXT_mesh_gpu_instancing`.
 
 use super::buffers::Asset;
 use super::document::{INSTANCES, out_of_range};
 use crate::error::Problem;
 use glam::{DAffine3, DQuat, DVec3};
 
-/// Where a node's instances are, each by its translation, rotation and scale before the node's own placement; `None`
-/// for a node that is there once.
+/// Returns the placements of a node's instances: each one's translation, rotation and scale, followed by the node's
+/// placement. Returns `None` for a node without instancing.
 pub(super) fn of_node(asset: &Asset<'_>, node: usize, world: DAffine3) -> Result<Option<Vec<DAffine3>>, Problem> {
     let Some(attributes) = asset.document.instancing(node) else { return Ok(None) };
     let accessors = asset.document.gltf.accessors().len();
@@ -20,7 +20,7 @@ pub(super) fn of_node(asset: &Asset<'_>, node: usize, world: DAffine3) -> Result
     let rotations = accessor("ROTATION")?.map(|a| asset.floats::<4>(&a)).transpose()?;
     let scales = accessor("SCALE")?.map(|a| asset.floats::<3>(&a)).transpose()?;
     let counts = [translations.as_ref().map(Vec::len), rotations.as_ref().map(Vec::len), scales.as_ref().map(Vec::len)];
-    // However many are in the same place, it looks like one.
+    // Instances without attributes are all in the same place, and look like one.
     let Some(count) = counts.into_iter().flatten().next() else { return Ok(None) };
     if let Some(other) = counts.into_iter().flatten().find(|&c| c != count) {
         let what = format!("the instances ({INSTANCES}) of node {node} have {count} and {other} values");

@@ -1,4 +1,4 @@
-//! Materials: the base colour, its texture, and how texture coordinates are moved for it.
+//! Materials: base colours, textures, and transforms of texture coordinates.
 
 use super::buffers::Asset;
 use super::document::{EMISSIVE_STRENGTH, UNLIT, WEBP};
@@ -13,25 +13,25 @@ use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// What is read of a document's materials.
+/// The materials and textures of a document.
 #[derive(Default)]
 pub(super) struct Materials {
     pub(super) all: Vec<BaseColor>,
-    /// The textures that materials refer to by index, each image once.
+    /// Textures, indexed by materials; each image occurs once.
     pub(super) textures: Vec<Arc<Texture>>,
 }
 
-/// A material's base colour, and which texture coordinates it takes.
+/// A material, and the texture coordinates that it uses.
 pub(super) struct BaseColor {
     pub(super) material: Material,
     pub(super) transform: Option<TextureTransform>,
-    /// The number of the attribute `TEXCOORD_n`.
+    /// Index n of the attribute `TEXCOORD_n`.
     pub(super) set: u32,
-    /// What lies beyond the texture's edges along u and v.
+    /// Wrap modes along u and v.
     pub(super) wrap: [Wrap; 2],
 }
 
-/// uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, v downwards.
+/// Transform of texture coordinates: uv' = translate(offset) · rotate(−rotation) · scale(scale) · uv, with v downwards.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) struct TextureTransform {
     offset: [f32; 2],
@@ -40,7 +40,7 @@ pub(super) struct TextureTransform {
 }
 
 impl TextureTransform {
-    /// As an extension says it, whose keys all have a default.
+    /// Parses the extension; all keys have defaults.
     fn of(extension: &Value) -> Self {
         let number = |key: &str, default: [f32; 2]| {
             let pair = extension.get(key).and_then(Value::as_array);
@@ -59,7 +59,7 @@ impl TextureTransform {
 }
 
 impl Materials {
-    /// Reads all materials. A texture that can't be had is noted and left out.
+    /// Reads all materials. A texture that can't be read is dropped with a note.
     pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Self {
         let mut read = Self::default();
         let first_alike = first_alike(asset);
@@ -82,7 +82,7 @@ impl Materials {
             }
             let material = Material { factor, alpha, ..Material::WHITE };
             let mut found = BaseColor { material, transform: None, set: 0, wrap: [Wrap::Repeat; 2] };
-            // The first that can be had: a texture may come in a newer format with an older one to fall back to.
+            // Uses the first image that can be read: a texture may have a newer format with an older one as fallback.
             let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
                 images.into_iter().find_map(|image| {
                     let image = *first_alike.get(image)?;
@@ -121,7 +121,7 @@ impl Materials {
                         let what = "left out an emissive texture whose coordinates aren't the colours'";
                         context.note(what.to_owned());
                     }
-                    // Without its image nothing is known of what glows.
+                    // Without its image, the emissive part of the surface is unknown.
                     if found.material.emission_map.is_none() {
                         found.material.emission = [0.0; 3];
                     }
@@ -145,7 +145,8 @@ impl Materials {
 }
 
 impl BaseColor {
-    /// True if a further texture lies as the material's other textures do. If there is none yet, they lie as it does.
+    /// True if a further texture has the same coordinates as the material's other textures. If there is no other one
+    /// yet, the material adopts the coordinates of this texture.
     fn may_show(&mut self, map: &MapTexture) -> bool {
         if self.material.texture.is_none() && self.material.emission_map.is_none() {
             (self.set, self.transform, self.wrap) = (map.set, map.transform, map.wrap);
@@ -154,8 +155,8 @@ impl BaseColor {
     }
 }
 
-/// The emissive colour of a material: a factor times its strength, linear. None where the material is unlit, whose
-/// colour is the base colour alone.
+/// Returns a material's emissive colour, linear: the factor times its strength. Unlit materials show only the base
+/// colour and return zeros.
 fn emission(material: &Value) -> [f32; 3] {
     let extension = |name: &str| material.get("extensions").and_then(|all| all.get(name));
     if extension(UNLIT).is_some() {
@@ -166,7 +167,7 @@ fn emission(material: &Value) -> [f32; 3] {
     [0, 1, 2].map(|k| factor(k) * strength).map(|c| if c.is_finite() { c.clamp(0.0, 1e6) as f32 } else { 0.0 })
 }
 
-/// A texture of a material besides the one of its base colour.
+/// A texture of a material other than that of the base colour.
 struct MapTexture {
     images: Vec<usize>,
     scale: f32,
@@ -176,7 +177,7 @@ struct MapTexture {
 }
 
 impl MapTexture {
-    /// As a document says it, unchecked; `None` if there is no such texture, or it has no image that is read.
+    /// Parses an unchecked texture reference; returns `None` if the texture doesn't exist or has no supported image.
     fn of(asset: &Asset<'_>, said: &Value) -> Option<Self> {
         let number = |of: &Value, key: &str| of.get(key).and_then(Value::as_u64).and_then(|v| u32::try_from(v).ok());
         let texture = asset.document.gltf.textures().nth(number(said, "index")? as usize)?;
@@ -193,7 +194,7 @@ fn cutoff(material: &gltf::Material<'_>) -> f32 {
     material.alpha_cutoff().filter(|c| c.is_finite()).unwrap_or(0.5)
 }
 
-/// For each image the first with the same data: some exporters write one for every texture.
+/// Returns, for each image, the index of the first image with the same data: some exporters write one per texture.
 fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
     let images = &asset.document.gltf.as_json().images;
     let mut known = HashMap::with_capacity(images.len());
@@ -201,7 +202,7 @@ fn first_alike(asset: &Asset<'_>) -> Vec<usize> {
     all.map(|(i, image)| *known.entry((&image.uri, image.buffer_view.map(|view| view.value()))).or_insert(i)).collect()
 }
 
-/// A texture's images, the best one first.
+/// Returns the indices of a texture's images, best one first.
 fn images_of(asset: &Asset<'_>, texture: &gltf::Texture<'_>) -> Vec<usize> {
     let images = asset.document.gltf.as_json().images.len();
     let webp = asset.document.texture_extension(texture.index(), WEBP).and_then(|e| e.get("source")?.as_u64());
@@ -210,7 +211,7 @@ fn images_of(asset: &Asset<'_>, texture: &gltf::Texture<'_>) -> Vec<usize> {
     webp.into_iter().chain(texture.source().map(|image| image.index())).collect()
 }
 
-/// Why a texture has no image that this reader knows of.
+/// Explains why a texture has no supported image.
 fn why_empty(asset: &Asset<'_>, texture: usize) -> String {
     match asset.document.texture_extensions(texture).next() {
         Some(WEBP) if !cfg!(feature = "webp") => {

@@ -1,8 +1,8 @@
-//! glTF 2.0 and GLB: points, triangles and Gaussian splats of the default scene, in world space and at rest.
+//! glTF 2.0 and GLB: points, triangles and Gaussian splats of the default scene, in world space and in rest pose.
 //!
-//! The `gltf` crate holds the document; its bytes are read here, because that crate trusts every offset, count and type
-//! of an accessor, and knows neither quantised positions nor compressed buffers. What a document has to keep so that
-//! the crate doesn't panic is checked in [`document`] first.
+//! The crate `gltf` parses the document. Binary data are decoded here, because the crate trusts all offsets, counts and
+//! types of accessors, and doesn't support quantised positions or compressed buffers. [`document`] first checks
+//! everything that the crate could panic about.
 
 mod accessor;
 mod buffers;
@@ -26,12 +26,12 @@ use crate::error::Fault;
 use crate::files::Siblings;
 use crate::gathered_points::PointsPart;
 
-/// Reads a glTF document, or a GLB file by its signature.
+/// Reads a glTF document, or a GLB file, which its signature reveals.
 pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, Fault> {
     with_asset(bytes, &context.siblings.clone(), context, scene::read)
 }
 
-/// Reads the points of a document in a folder below the context's; `None` if it has none.
+/// Reads the points of a document in a subfolder of the context's; returns `None` if there are none.
 pub(crate) fn read_points(bytes: &[u8], folder: &str, context: &mut Context<'_>) -> Result<Option<PointsPart>, Fault> {
     with_asset(bytes, &context.siblings.below(folder), context, scene::read_points)
 }

@@ -1,4 +1,4 @@
-//! Nodes: which of them the default scene draws, and where each one is.
+//! Nodes of the default scene, and their placements.
 
 use super::document::{CheckedDocument, out_of_range};
 use crate::error::Problem;
@@ -10,15 +10,15 @@ use serde_json::Value;
 pub(super) struct Nodes {
     /// The nodes of the default scene, depth first.
     pub(super) drawn: Vec<usize>,
-    /// World from node, for nodes outside of the scene, too: joints may be there.
+    /// World-from-node transforms, also of nodes outside the scene, which may be joints.
     pub(super) world: Vec<DAffine3>,
 }
 
 impl Nodes {
-    /// Places every node by its ancestors.
+    /// Computes the placement of every node from those of its ancestors.
     ///
     /// # Errors
-    /// [`Problem`] if the scene doesn't exist, or a node is twice in it.
+    /// [`Problem`] if the scene doesn't exist, or contains a node twice.
     pub(super) fn place(document: &CheckedDocument) -> Result<Self, Problem> {
         let root = document.gltf.as_json();
         let children: Vec<Vec<usize>> =
@@ -62,7 +62,8 @@ impl Nodes {
     }
 }
 
-/// A node's own placement, in f64: as f32, which the `gltf` crate keeps, places on Earth would lose centimetres.
+/// Returns a node's local transform in f64. The crate `gltf` stores f32, which would round Earth-sized coordinates by
+/// centimetres.
 fn parent_from_node(document: &CheckedDocument, index: usize) -> DAffine3 {
     let node = document.raw.get("nodes").and_then(|nodes| nodes.get(index)).unwrap_or(&Value::Null);
     if let Some(m) = numbers::<16>(node, "matrix") {

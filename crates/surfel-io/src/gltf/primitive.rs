@@ -1,4 +1,4 @@
-//! Primitives: their attributes in the model's types, at rest and in world space.
+//! Primitives: their attributes, converted to the model's types, in rest pose and in world space.
 
 use super::buffers::Asset;
 use super::document::out_of_range;
@@ -12,31 +12,31 @@ use gltf::accessor::Dimensions;
 use gltf::{Primitive, Semantic};
 use surfel_model::{ExtraColumn, ExtraValues};
 
-/// Most columns of attributes of a file's own.
+/// Maximum number of columns of application-specific attributes.
 pub(super) const MOST_OWN_COLUMNS: usize = 64;
 
-/// Where a primitive's attributes come from: its accessors or a compressed mesh.
+/// Source of a primitive's attributes: its accessors or a decompressed mesh.
 pub(super) struct Attributes<'a> {
     pub(super) asset: &'a Asset<'a>,
     pub(super) primitive: &'a Primitive<'a>,
-    /// The index of the primitive's mesh.
+    /// Index of the primitive's mesh.
     pub(super) mesh: usize,
     pub(super) compressed: Option<&'a DracoMesh>,
 }
 
-/// A primitive's vertices in world space; every column has one value a vertex.
+/// A primitive's vertices in world space; each column has one value per vertex.
 pub(super) struct Vertices {
     pub(super) positions: Vec<DVec3>,
     pub(super) normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB and alpha.
+    /// Vertex colours, in linear RGB and alpha.
     pub(super) colors: Option<Vec<[f32; 4]>>,
     pub(super) uvs: Option<Vec<[f32; 2]>>,
-    /// The placement turns corners around.
+    /// True if the placement mirrors, which reverses the winding order.
     pub(super) mirrored: bool,
 }
 
 impl Attributes<'_> {
-    /// An attribute's values, `N` a vertex, if the primitive has it.
+    /// Returns an attribute's values, `N` per vertex, if the primitive has it.
     pub(super) fn floats<const N: usize>(&self, semantic: &Semantic) -> Result<Option<Vec<[f32; N]>>, Problem> {
         let Some(accessor) = self.primitive.get(semantic) else { return Ok(None) };
         let name = semantic.to_string();
@@ -46,7 +46,7 @@ impl Attributes<'_> {
         }
     }
 
-    /// The values of an attribute that the `gltf` crate has no name for, if the primitive has it.
+    /// Returns the values of an attribute that the crate `gltf` has no name for, if the primitive has it.
     pub(super) fn named_floats<const N: usize>(&self, name: &str) -> Result<Option<Vec<[f32; N]>>, Problem> {
         let document = self.asset.document;
         let Some(index) = document.attribute(self.primitive, self.mesh, name) else { return Ok(None) };
@@ -56,7 +56,7 @@ impl Attributes<'_> {
         self.asset.floats(&accessor.ok_or_else(|| out_of_range("accessor", index, count))?).map(Some)
     }
 
-    /// The primitive's own attributes of one number a vertex, and the names of those that aren't read.
+    /// Returns the primitive's scalar application-specific attributes, and the names of those that aren't read.
     pub(super) fn own_columns(&self, vertices: usize) -> Result<(Vec<ExtraColumn>, Vec<String>), Problem> {
         let document = self.asset.document;
         let (mut columns, mut left_out) = (Vec::new(), Vec::new());
@@ -86,7 +86,7 @@ impl Attributes<'_> {
         Ok((columns, left_out))
     }
 
-    /// The vertices that primitives are made of, in order.
+    /// Returns the vertex indices of the primitive, in order.
     pub(super) fn corners(&self, vertices: usize) -> Result<Vec<u32>, Problem> {
         match (self.compressed, self.primitive.indices()) {
             (Some(mesh), _) => Ok(mesh.corners()),
@@ -95,7 +95,7 @@ impl Attributes<'_> {
         }
     }
 
-    /// Positions and normals as stored, with the morph targets of these weights added.
+    /// Adds morph targets, with their weights, to the stored positions and normals. Returns the normals.
     pub(super) fn at_rest(&self, positions: &mut [[f32; 3]], weights: &[f32]) -> Result<Option<Normals>, Problem> {
         let mut normals = self.floats::<3>(&Semantic::Normals)?;
         let targets = self.primitive.morph_targets().zip(weights).filter(|(_, weight)| **weight != 0.0);
@@ -112,7 +112,7 @@ impl Attributes<'_> {
         Ok(normals)
     }
 
-    /// All attributes of the surface. `normals` are those of [`Self::at_rest`].
+    /// Returns all attributes of the surface. `normals` are those that [`Self::at_rest`] returned.
     pub(super) fn surface(
         &self,
         positions: Vec<[f32; 3]>,
@@ -134,7 +134,7 @@ impl Attributes<'_> {
     }
 }
 
-/// A primitive's vertices where they are stored, at rest.
+/// A primitive's vertices in its own space, in rest pose.
 pub(super) struct Surface {
     positions: Vec<[f32; 3]>,
     normals: Option<Normals>,
@@ -143,12 +143,12 @@ pub(super) struct Surface {
 }
 
 impl Surface {
-    /// Colours of its vertices, if it has any.
+    /// Returns the vertex colours, if there are any.
     pub(super) fn colors(&self) -> Option<&[[f32; 4]]> {
         self.colors.as_deref()
     }
 
-    /// All vertices in world space.
+    /// Transforms all vertices to world space.
     pub(super) fn place(&self, pose: &Pose) -> Vertices {
         Vertices {
             positions: world_positions(&self.positions, pose),
@@ -160,10 +160,10 @@ impl Surface {
     }
 }
 
-/// Normals of a primitive, one a vertex.
+/// Normals of a primitive, one per vertex.
 pub(super) type Normals = Vec<[f32; 3]>;
 
-/// Positions in world space.
+/// Transforms positions to world space.
 pub(super) fn world_positions(positions: &[[f32; 3]], pose: &Pose) -> Vec<DVec3> {
     let place = |(i, p): (usize, &[f32; 3])| pose.of_vertex(i).transform_point3(DVec3::from(p.map(f64::from)));
     positions.iter().enumerate().map(place).collect()
@@ -178,7 +178,7 @@ fn world_normals(normals: &Normals, pose: &Pose) -> Normals {
     normals.iter().enumerate().map(place).collect()
 }
 
-/// An error unless an attribute that is there has as many values as there are positions.
+/// Returns an error if an attribute exists and has another number of values than there are positions.
 pub(super) fn same_count(name: &str, found: Option<usize>, positions: usize) -> Result<(), Problem> {
     match found {
         Some(found) if found != positions => {

@@ -1,4 +1,4 @@
-//! The rest pose: morph targets at their default weights, and skins where their joints are.
+//! The rest pose: morph targets at their default weights, and skins with joints at their nodes.
 
 use super::buffers::Asset;
 use super::nodes::Nodes;
@@ -7,32 +7,32 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use gltf::Skin;
 use std::rc::Rc;
 
-/// Where a primitive's vertices go.
+/// World transforms of a primitive's vertices.
 pub(super) enum Pose {
-    /// All by the same placement: that of their node.
+    /// One transform for all vertices: that of their node.
     Rigid(DAffine3),
-    /// Each by a blend of joints.
+    /// A blend of joint transforms for each vertex.
     Skinned(SkinnedPose),
 }
 
-/// Joints and their shares, four of each a set.
+/// Joints, and the joint sets that refer to them with four weights each.
 pub(super) struct SkinnedPose {
-    /// World from the mesh as it was bound, for each joint.
+    /// World-from-bind-pose transform of each joint.
     pub(super) joints: Rc<Vec<DAffine3>>,
-    /// Indices and weights of each vertex, a set at a time.
+    /// Joint indices and weights of each vertex, by set.
     pub(super) sets: Vec<JointSet>,
-    /// Where a vertex goes that no joint holds.
+    /// World transform of vertices without joints.
     pub(super) world: DAffine3,
 }
 
-/// `JOINTS_n` and `WEIGHTS_n`.
+/// Attributes `JOINTS_n` and `WEIGHTS_n`.
 pub(super) struct JointSet {
     pub(super) indices: Vec<[f32; 4]>,
     pub(super) weights: Vec<[f32; 4]>,
 }
 
 impl Pose {
-    /// The largest factor by which it scales lengths; 1 where joints move vertices.
+    /// Returns the largest factor by which the pose scales lengths; 1 for skins.
     pub(super) fn scale(&self) -> f64 {
         match self {
             Self::Rigid(world) => {
@@ -43,7 +43,7 @@ impl Pose {
         }
     }
 
-    /// World from a vertex's own space.
+    /// Returns the world transform of a vertex.
     pub(super) fn of_vertex(&self, vertex: usize) -> DAffine3 {
         match self {
             Self::Rigid(world) => *world,
@@ -58,7 +58,7 @@ impl SkinnedPose {
         for set in &self.sets {
             let (Some(indices), Some(weights)) = (set.indices.get(vertex), set.weights.get(vertex)) else { continue };
             for (&index, &weight) in indices.iter().zip(weights) {
-                // Joints are counted by integers, which these floats hold exactly.
+                // Joint indices are integers, which these floats represent exactly.
                 let Some(joint) = self.joints.get(index as usize).filter(|_| weight != 0.0) else { continue };
                 let weight = f64::from(weight);
                 linear += joint.matrix3 * weight;
@@ -66,7 +66,7 @@ impl SkinnedPose {
                 total += weight;
             }
         }
-        // Weights of 8 bits don't always come to one.
+        // 8-bit weights don't always sum to one.
         if total > 0.0 {
             return DAffine3 { matrix3: linear * (1.0 / total), translation: translation / total };
         }
@@ -74,7 +74,7 @@ impl SkinnedPose {
     }
 }
 
-/// World from the mesh as it was bound, for each joint of a skin.
+/// Returns the world-from-bind-pose transform of each joint of a skin.
 pub(super) fn joints(asset: &Asset<'_>, skin: &Skin<'_>, nodes: &Nodes) -> Result<Vec<DAffine3>, Problem> {
     let joints: Vec<usize> =
         asset.document.gltf.as_json().skins[skin.index()].joints.iter().map(gltf::json::Index::value).collect();
@@ -90,7 +90,7 @@ pub(super) fn joints(asset: &Asset<'_>, skin: &Skin<'_>, nodes: &Nodes) -> Resul
     Ok(joints.iter().enumerate().map(|(i, &node)| nodes.world[node] * bound(i)).collect())
 }
 
-/// Adds a morph target's displacements, as far as it has them.
+/// Adds a morph target's displacements to as many values as it has displacements for.
 pub(super) fn add_displacements(values: &mut [[f32; 3]], displacements: &[[f32; 3]], weight: f32) {
     for (value, by) in values.iter_mut().zip(displacements) {
         for (v, d) in value.iter_mut().zip(by) {

@@ -1,4 +1,4 @@
-//! The default scene's primitives, gathered into one mesh, or one cloud of points or splats, in world space.
+//! The primitives of the default scene, merged into one mesh, or one cloud of points or splats, in world space.
 
 use super::buffers::Asset;
 use super::document::{GAUSSIANS, out_of_range};
@@ -25,11 +25,11 @@ use std::collections::{BTreeSet, HashMap};
 use std::rc::Rc;
 use surfel_model::{AlphaMode, ExtraColumn, ExtraValues};
 
-/// Most vertices or corners of a scene, those of morph targets and joints counted: instances multiply what the file
-/// holds.
+/// Maximum number of vertices or indices of a scene, with those of morph targets and joints: instances multiply the
+/// file's vertices.
 const MAX_VERTICES: usize = 1 << 26;
 
-/// What has been gathered of a scene.
+/// Geometry collected from a scene.
 struct Gathered {
     parts: Parts,
     points: GatheredPoints,
@@ -38,22 +38,22 @@ struct Gathered {
     vertices: usize,
     lines: usize,
     skinned: usize,
-    /// The largest step, in world space, that 32-bit coordinates are rounded to.
+    /// Largest rounding step, in world space, of the file's 32-bit coordinates.
     step: f64,
-    /// True if some vertex colour isn't transparent; `None` without vertex colours.
+    /// True if a vertex colour isn't fully transparent; `None` without vertex colours.
     has_alpha: Option<bool>,
-    /// Names of primitives' own attributes that are read, and of those that aren't.
+    /// Names of the primitives' application-specific attributes: those read, and those not read.
     columns: BTreeSet<String>,
     left_out: BTreeSet<String>,
-    /// Joints of each skin that has been used.
+    /// Joint transforms by skin, for skins in use.
     joints: HashMap<usize, Rc<Vec<DAffine3>>>,
-    /// Where the instances are of each node that has been drawn.
+    /// Instance placements by node, for nodes in use.
     instances: HashMap<usize, Rc<Option<Vec<DAffine3>>>>,
-    /// Decompressed primitives by mesh and index, which other nodes may show again.
+    /// Decompressed primitives by mesh and index; several nodes may use them.
     compressed: HashMap<(usize, usize), Rc<Option<DracoMesh>>>,
 }
 
-/// Reads what the default scene draws.
+/// Reads everything that the default scene draws.
 pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let all = gather(asset, context)?;
     if all.skinned > 0 {
@@ -72,7 +72,7 @@ pub(super) fn read(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Conte
     all.finish(context)
 }
 
-/// Reads the points of the default scene; `None` if it has none.
+/// Reads the points of the default scene; returns `None` if there are none.
 pub(super) fn read_points(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Option<PointsPart>, Fault> {
     let points = gather(asset, context)?.points;
     Ok((!points.positions.is_empty()).then(|| points.into_part()))
@@ -108,7 +108,7 @@ fn gather(asset: &Asset<'_>, context: &mut Context<'_>) -> Result<Gathered, Prob
 }
 
 impl Gathered {
-    /// Counts vertices against the most that a scene may have.
+    /// Counts vertices against a scene's limit.
     fn spend(&mut self, vertices: usize) -> Result<(), Problem> {
         self.vertices = self.vertices.saturating_add(vertices);
         if self.vertices > MAX_VERTICES {
@@ -180,7 +180,7 @@ impl Gathered {
         if let Some(bad) = corners.iter().find(|&&i| i as usize >= n) {
             return Err(out_of_range("vertex", *bad as usize, n));
         }
-        // Compressed triangles are always a list.
+        // Compressed triangles are always a triangle list.
         let mode = if attributes.compressed.is_some() { Mode::Triangles } else { primitive.mode() };
         for pose in &poses {
             self.add_triangles(surface.place(pose), &extras, material, &corners, mode);
@@ -188,8 +188,8 @@ impl Gathered {
         Ok(())
     }
 
-    /// The primitive's own attributes, where there are few enough in the file. They count as vertices, and so does what
-    /// fills a column where other primitives lack it.
+    /// Returns the primitive's application-specific attributes, unless the file has too many. Their values count as
+    /// vertices, as do those that fill a column where other primitives lack it.
     fn own_columns(
         &mut self,
         attributes: &Attributes<'_>,
@@ -210,7 +210,7 @@ impl Gathered {
         Ok(extras)
     }
 
-    /// Where a primitive's vertices go: with the node, to each of its instances, or by the joints of its skin.
+    /// Returns the poses of a primitive: that of its node, one per instance, or that of its skin.
     fn poses(
         &mut self,
         attributes: &Attributes<'_>,
@@ -235,7 +235,7 @@ impl Gathered {
         }
     }
 
-    /// Where the vertices of one go that is there once.
+    /// Returns the pose of a primitive without instances.
     fn pose(
         &mut self,
         attributes: &Attributes<'_>,
@@ -286,7 +286,8 @@ impl Gathered {
         append_extras(&mut parts.extras, extras, base, n);
         parts.positions.extend(positions);
         parts.materials_of.resize(base + n, material.unwrap_or(self.materials.all.len()) as u32);
-        // A mirroring placement turns corners around; turned back, they stay counter-clockwise from outside.
+        // A mirroring placement reverses the winding order. Reversed again, triangles stay counter-clockwise from
+        // outside.
         let mut push = |[a, b, c]: [u32; 3]| {
             let (b, c) = if mirrored { (c, b) } else { (b, c) };
             parts.triangles.push([a, b, c].map(|i| i + base as u32));
@@ -353,7 +354,7 @@ impl Gathered {
     }
 }
 
-/// Appends columns of numbers; where one is absent, it is NaN.
+/// Appends columns of numbers; missing values are NaN.
 fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize, n: usize) {
     for extra in extras {
         if !all.iter().any(|known| known.name == extra.name) {
@@ -369,7 +370,7 @@ fn append_extras(all: &mut Vec<ExtraColumn>, extras: &[ExtraColumn], base: usize
     }
 }
 
-/// Appends a column that may be absent here or in what came before.
+/// Appends a column that may be missing here or in earlier primitives.
 fn append<T: Copy>(column: &mut Option<Vec<T>>, values: Option<Vec<T>>, base: usize, n: usize, default: T) {
     match (column.as_mut(), values) {
         (None, None) => {}

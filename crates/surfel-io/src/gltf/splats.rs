@@ -1,4 +1,4 @@
-//! Gaussian splats of `KHR_gaussian_splatting`.
+//! Gaussian splats of the extension `KHR_gaussian_splatting`.
 
 use super::document::GAUSSIANS;
 use super::primitive::{Attributes, same_count};
@@ -19,14 +19,14 @@ pub(super) struct GatheredSplats {
     alphas: Vec<f32>,
     colors: Vec<[f64; 3]>,
     linear: bool,
-    /// Some have spherical harmonics, which nodes would have to turn.
+    /// True if there are spherical harmonics, which the nodes' rotations would have to rotate.
     harmonics: bool,
-    /// A node's scale is not the same in all directions.
+    /// True if a node's scale isn't uniform.
     sheared: bool,
 }
 
 impl GatheredSplats {
-    /// Adds a primitive, whose extension this is.
+    /// Adds a primitive with this extension.
     pub(super) fn add(
         &mut self,
         attributes: &Attributes<'_>,
@@ -65,7 +65,7 @@ impl GatheredSplats {
         if self.sheared {
             context.note("a node scales its Gaussian splats unevenly or mirrors them: their size is an average".into());
         }
-        // A third axis of no extent everywhere means that the splats were flat already.
+        // If the third axis is zero everywhere, the splats were flat already.
         let flat = self.sigmas.iter().all(|s| s.z == 0.0);
         let (origin, centers) = measured_positions(&self.positions);
         context.gaussians(Gaussians {
@@ -84,7 +84,7 @@ impl GatheredSplats {
     }
 }
 
-/// An attribute of the extension, which has to be there, one value a splat.
+/// Returns a required attribute of the extension, one value per splat.
 fn attribute<const N: usize>(attributes: &Attributes<'_>, name: &str, splats: usize) -> Result<Vec<[f32; N]>, Problem> {
     let values = attributes.named_floats(&format!("{GAUSSIANS}:{name}"))?;
     let values = values.ok_or_else(|| {

@@ -1,7 +1,7 @@
-//! Textures that don't repeat: brought into a form that may be read as if they did, as all textures are.
+//! Conversion of textures that don't repeat to equivalent ones that do: rendering repeats all textures.
 //!
-//! A mirrored one gets its mirror images beside it. Of one that ends at its edge, that part is made which surfaces
-//! show, with what lies beyond the edge, and a texel more that the outermost are blended with.
+//! A mirrored texture is extended by its mirror images. A clamped texture is replaced by the range that surfaces show,
+//! extended beyond the edges, with one more texel on each side for interpolation.
 
 use super::materials::BaseColor;
 use crate::materials::Parts;
@@ -10,11 +10,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::Texture;
 
-/// Texels of a texture that is made of another one, over that one's; and of a small one, whatever it is made of.
+/// Maximum size of a converted texture in texels: relative to the original, and an absolute size that is always
+/// allowed.
 const MOST_TEXELS: usize = 4;
 const FEW_TEXELS: usize = 1 << 22;
 
-/// What lies beyond a texture's edge.
+/// Wrap mode: the continuation of a texture beyond its edge.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Wrap {
     #[default]
@@ -24,7 +25,7 @@ pub(super) enum Wrap {
 }
 
 impl Wrap {
-    /// Along u and v, as the document's sampler of a texture says.
+    /// Returns the wrap modes along u and v of a texture's sampler.
     pub(super) fn of(document: &Value, texture: usize) -> [Self; 2] {
         let sampler = document.pointer(&format!("/textures/{texture}/sampler")).and_then(Value::as_u64);
         let said = |key: &str| document.pointer(&format!("/samplers/{}/{key}", sampler?)).and_then(Value::as_u64);
@@ -36,13 +37,13 @@ impl Wrap {
     }
 }
 
-/// What is done to a texture along one of its sides, and to the coordinates.
+/// Conversion of a texture and its coordinates along one side.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 enum Change {
     #[default]
     Nothing,
     Mirrored,
-    /// The texels from one to before another, of so many, those beyond the edges included.
+    /// Texels `first..end` replace the texture's `of` texels; the range may exceed the edges.
     Shown {
         first: i64,
         end: i64,
@@ -51,8 +52,8 @@ enum Change {
 }
 
 impl Change {
-    /// For a texture of so many texels along a side, beside one of `other`, that surfaces show between two coordinates;
-    /// `None` if these are far apart.
+    /// Selects the conversion of a side of `size` texels for coordinates from `least` to `largest`. `other` is the size
+    /// of a second texture with the same coordinates. Returns `None` if the coordinates span too much.
     fn new(wrap: Wrap, [least, largest]: [f32; 2], size: usize, other: usize) -> Option<Self> {
         let (least, largest, texels) = (f64::from(least), f64::from(largest), size as f64);
         let half = 0.5 / texels;
@@ -66,7 +67,7 @@ impl Change {
         if least.abs().max(largest.abs()) * texels > FEW_TEXELS as f64 {
             return None;
         }
-        // Whole numbers of the other's texels, too, and one more, which the outermost are blended with.
+        // The range has a whole number of the other texture's texels, too, and one more texel for interpolation.
         let step = (size / gcd(size, other)) as i64;
         let first = ((least * texels).floor() as i64 - 1).div_euclid(step) * step;
         let end = -((-(largest * texels).ceil() as i64 - 1).div_euclid(step) * step);
@@ -81,7 +82,7 @@ impl Change {
         }
     }
 
-    /// How many texels a side has then.
+    /// Returns the converted length of a side of `size` texels.
     fn length(self, size: usize) -> usize {
         match self {
             Self::Nothing => size,
@@ -90,7 +91,7 @@ impl Change {
         }
     }
 
-    /// The texel that each of them shows.
+    /// Returns the source texel of each converted texel.
     fn side(self, size: usize) -> Vec<usize> {
         match self {
             Self::Nothing => (0..size).collect(),
@@ -107,8 +108,8 @@ fn gcd(a: usize, b: usize) -> usize {
     if b == 0 { a } else { gcd(b, a % b) }
 }
 
-/// Changes textures that don't repeat, and the coordinates of what shows them. The number of materials that are left as
-/// they were, since their surfaces show too much beyond their textures' edges.
+/// Converts the textures that don't repeat, and the coordinates that use them. Returns the number of materials that
+/// stay unchanged because their surfaces extend too far beyond the texture's edges.
 pub(super) fn resolve(parts: &mut Parts, materials: &mut [BaseColor], textures: &mut Vec<Arc<Texture>>) -> usize {
     let Some(uvs) = &mut parts.uvs else { return 0 };
     let mut range = vec![[[f32::INFINITY, f32::NEG_INFINITY]; 2]; materials.len()];
@@ -174,7 +175,7 @@ mod tests {
     use super::*;
     use crate::materials::Material;
 
-    /// Levels of a row of four texels, with the colours of the places that `wrap` says.
+    /// Returns the exact level at `u` of a row of four texels, continued by `wrap`.
     fn truth(wrap: Wrap, u: f64) -> f64 {
         let level = |i: i64| {
             let inside = match wrap {
@@ -210,7 +211,7 @@ mod tests {
             (Wrap::Mirror, [0.0, 1.0]),
             (Wrap::Clamp, [0.3, 0.4]),
         ] {
-            // A normal map of twice the width beside it, which is continued alike.
+            // A normal map of twice the width is continued in the same way.
             let normals = (0..64).map(|i| row[i % 8 / 2]).collect();
             let mut textures = vec![
                 Arc::new(Texture { width: 4, height: 8, srgba8: srgba8.clone() }),

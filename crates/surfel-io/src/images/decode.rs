@@ -1,7 +1,7 @@
-//! PNG, JPEG and WebP as texels of four samples, within given memory.
+//! Decoding of PNG, JPEG and WebP to RGBA texels, within a memory limit.
 //!
-//! A palette, greys and bits below eight are expanded; samples of 16 bits stay. No colour profile is applied: samples
-//! are taken as sRGB-encoded, and alpha as straight.
+//! Palettes, greys and samples of fewer than eight bits are expanded; 16-bit samples stay. No colour profile is
+//! applied: samples are interpreted as sRGB-encoded, and alpha as straight.
 
 use crate::color::{linear_of_8_bit, linear_of_16_bit};
 use std::io::Cursor;
@@ -15,7 +15,7 @@ pub(super) struct Decoded {
     pub(super) samples: Samples,
 }
 
-/// Red, green, blue and alpha of each texel, in as many bits as the file has.
+/// RGBA of each texel, with the file's number of bits.
 pub(super) enum Samples {
     Eight(Vec<[u8; 4]>),
     Sixteen(Vec<[u16; 4]>),
@@ -29,21 +29,21 @@ pub(super) fn is_jpeg(bytes: &[u8]) -> bool {
     bytes.starts_with(&[0xff, 0xd8, 0xff])
 }
 
-/// True of a JPEG that ends within its pixels: before the marker that ends every image.
+/// True if a JPEG ends within its pixels, before the end-of-image marker.
 pub(super) fn is_cut_jpeg(bytes: &[u8]) -> bool {
     if !is_jpeg(bytes) {
         return false;
     }
     let mut at = 2;
     loop {
-        // Segments begin with 0xff, perhaps several; what else is there belongs to pixels or to nothing.
+        // Segments begin with one or more 0xff bytes; other bytes are pixels or garbage.
         let Some(marker) = bytes.get(at..).and_then(|rest| rest.iter().position(|b| *b == 0xff)) else { return true };
         at += marker;
         let Some(code) = bytes[at..].iter().position(|b| *b != 0xff) else { return true };
         at += code;
         match bytes[at] {
             0xd9 => return false,
-            // A byte of pixels, and markers without a segment.
+            // A stuffed byte of pixels, and markers without a segment.
             0x00 | 0x01 | 0xd0..=0xd8 => at += 1,
             _ => {
                 let Some(length) = bytes.get(at + 1..at + 3) else { return true };
@@ -57,21 +57,21 @@ pub(super) fn is_webp(bytes: &[u8]) -> bool {
     bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP")
 }
 
-/// True if the bytes are of an image that is decoded here, or would be in another build.
+/// True if the bytes are an image of a format that this module decodes, in some builds at least.
 pub(super) fn is_image(bytes: &[u8]) -> bool {
     is_png(bytes) || is_jpeg(bytes) || is_webp(bytes)
 }
 
-/// True if `bytes` bytes of an image can hold that many pixels: decoders allocate by the header's word.
+/// True if an image file of this length can contain that many pixels: decoders allocate by the header's size.
 ///
-/// Deflate packs at most 1032 bytes into one, which is 8256 pixels of one bit; JPEG less. WebP has a form in which a
-/// pixel takes no bit at all, so up to 4096² of one colour are believed.
+/// Deflate packs at most 1032 bytes into one, which is 8256 pixels of one bit; JPEG packs less. WebP has a form without
+/// any bits per pixel, so that up to 4096² pixels of one colour are accepted.
 pub(super) fn can_hold(bytes: &[u8], width: u32, height: u32) -> bool {
     let free = if is_webp(bytes) { 1 << 24 } else { 1 << 16 };
     u64::from(width) * u64::from(height) <= bytes.len() as u64 * 8256 + free
 }
 
-/// Width and height as the file's header says, or why there is none.
+/// Returns the width and height from the file's header, or the reason why there is none.
 pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     if is_png(bytes) {
         let reader = png::Decoder::new(Cursor::new(bytes)).read_info().map_err(|e| e.to_string())?;
@@ -92,7 +92,7 @@ pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     Err("it is neither PNG nor JPEG nor WebP".into())
 }
 
-/// Decodes an image whose size has been checked, or says why not.
+/// Decodes an image whose size has been checked, or returns the reason why it can't be decoded.
 pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
     if is_png(bytes) {
         return decode_png(bytes, max_bytes);
@@ -107,8 +107,9 @@ pub(super) fn decode(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> 
     Err("this build reads no JPEG (Cargo feature \"jpeg\" of surfel-io)".into())
 }
 
-/// Decodes an image whose size has been checked, into this many texels a side, at most as many as it has: each is the
-/// mean of those in its place, of light and not of levels. A PNG that isn't interlaced is never in memory as a whole.
+/// Decodes an image whose size has been checked, and reduces it to `width` × `height` texels, at most its own size.
+/// Each texel is the mean light, not the mean level, of the pixels that it covers. A PNG that isn't interlaced is never
+/// in memory as a whole.
 pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u32; 2]) -> Result<Texture, String> {
     if (width, height) == size_of(bytes)? {
         let image = decode(bytes, max_bytes)?;
@@ -149,21 +150,21 @@ pub(super) fn decode_reduced(bytes: &[u8], max_bytes: usize, [width, height]: [u
     Ok(reducer.finish())
 }
 
-/// The nearest of 256 levels.
+/// Rounds a 16-bit level to 8 bits.
 fn nearest_8_of_16_bit(level: u16) -> u8 {
     ((u32::from(level) + 128) / 257) as u8
 }
 
-/// Makes an image smaller, row by row.
+/// Reduces an image, row by row.
 struct Reducer {
-    /// Rows of the image.
+    /// Number of rows of the original image.
     height: u32,
     size: [u32; 2],
-    /// The first column of the image that each texel stands for, and the one after the last.
+    /// First source column of each texel, followed by the end of the last texel's columns.
     starts: Vec<usize>,
-    /// Rows read.
+    /// Number of rows read.
     read: u32,
-    /// Sums of linear premultiplied colours and how many, for the row being filled.
+    /// Sums of linear premultiplied colours, with their weights, for the current row.
     sums: Vec<([f32; 4], f32)>,
     done: Vec<[u8; 4]>,
 }
@@ -201,7 +202,7 @@ impl Reducer {
         }
     }
 
-    /// The image; rows that never came are transparent.
+    /// Returns the image; missing rows are transparent.
     fn finish(mut self) -> Texture {
         let [width, height] = self.size;
         self.done.resize(width as usize * height as usize, [0; 4]);
@@ -227,8 +228,8 @@ fn decode_png(bytes: &[u8], max_bytes: usize) -> Result<Decoded, String> {
     Ok(Decoded { width, height, samples })
 }
 
-/// Keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, in the order of their names; none of any
-/// other format.
+/// Returns keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, in order of keyword; nothing for
+/// other formats.
 pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
     if !is_png(bytes) {
         return Vec::new();
@@ -237,7 +238,7 @@ pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
     texts_of(reader.info())
 }
 
-/// The same of a PNG that has been read as far as its pixels.
+/// Returns the texts of a PNG that has been read up to its pixels.
 pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
     let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
     let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));
@@ -246,7 +247,7 @@ pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
     texts
 }
 
-/// Greys, greys with alpha, RGB or RGBA, by the number of channels, as RGBA.
+/// Converts samples of one to four channels (grey, grey and alpha, RGB, RGBA) to RGBA.
 pub(super) fn texels<T: Copy>(samples: &[T], channels: usize, opaque: T) -> Vec<[T; 4]> {
     let of = |t: &[T]| match *t {
         [grey] => [grey, grey, grey, opaque],
@@ -258,13 +259,13 @@ pub(super) fn texels<T: Copy>(samples: &[T], channels: usize, opaque: T) -> Vec<
     samples.chunks_exact(channels.max(1)).map(of).collect()
 }
 
-/// A texel of 8-bit levels as a linear premultiplied colour.
+/// Converts a texel of 8-bit levels to a linear premultiplied colour.
 pub(super) fn linear_8_bit([r, g, b, a]: [u8; 4]) -> [f32; 4] {
     let table = linear_of_8_bit();
     premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 255.0)
 }
 
-/// A texel of 16-bit levels as a linear premultiplied colour.
+/// Converts a texel of 16-bit levels to a linear premultiplied colour.
 pub(super) fn linear_16_bit([r, g, b, a]: [u16; 4]) -> [f32; 4] {
     let table = linear_of_16_bit();
     premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 65_535.0)
@@ -288,7 +289,8 @@ mod tests {
 
     #[test]
     fn a_jpeg_is_cut_off_that_lacks_the_marker_at_its_end() {
-        // A segment with an image's end in it, as of a thumbnail; pixels with a stuffed byte and a restart.
+        // A segment that contains an end-of-image marker, as a thumbnail's does; pixels with a stuffed byte and a
+        // restart marker.
         let head = b"\xff\xd8\xff\xe1\x00\x06\xff\xd8\xff\xd9\xff\xda\x00\x04\x01\x02";
         let whole = [&head[..], b"\x12\xff\x00\x34\xff\xd0\x56\xff\xff\xd9 and more"].concat();
         assert!(!is_cut_jpeg(&whole) && !is_cut_jpeg(b"no JPEG"));
@@ -299,13 +301,13 @@ mod tests {
 
     #[test]
     fn reduced_images_are_means_of_light() {
-        // Black and white in turn: half the light is level 188, not 128. A transparent texel has no colour.
+        // Alternating black and white: half the light is level 188, not 128. A transparent texel has no colour.
         let (k, w, none) = ([0, 0, 0, 255], [255; 4], [255, 0, 0, 0]);
         let bytes = png(4, 2, &[k, w, k, none, w, k, none, k]);
         let small = decode_reduced(&bytes, 1 << 20, [2, 1]).unwrap();
         assert_eq!((small.width, small.height), (2, 1));
         assert_eq!(small.srgba8, [[188, 188, 188, 255], [0, 0, 0, 128]]);
-        // Sides that don't divide keep every texel's share within one.
+        // Sides that don't divide evenly must not change a uniform colour.
         let bytes = png(5, 3, &[w; 15]);
         for size in [[1, 1], [2, 2], [3, 1], [5, 3]] {
             let small = decode_reduced(&bytes, 1 << 20, size).unwrap();

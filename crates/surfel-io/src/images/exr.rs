@@ -1,4 +1,5 @@
-//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z, weight, and what else a frame has; ZIP, lossless.
+//! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z, weight and a frame's other channels, with lossless ZIP
+//! compression.
 
 use super::planes::{Planes, PlanesView};
 use super::stitch::{ImageHeader, Samples, check_side, damaged};
@@ -20,24 +21,24 @@ use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
-/// Channels of world positions.
+/// Channel names of world positions.
 const POSITION: [&str; 3] = ["position.X", "position.Y", "position.Z"];
 
-/// How to write an EXR.
+/// Options for writing an EXR file.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct ExrOptions {
-    /// Colour in 32-bit floats; geometry always is.
+    /// True if colours are written as 32-bit floats; geometry always is.
     pub f32_color: bool,
-    /// String attributes: name and value. Characters beyond Latin-1 become `?`.
+    /// String attributes, by name; characters beyond Latin-1 become `?`.
     pub metadata: Vec<(String, String)>,
 }
 
-/// The nearest half float of a colour's channel; the largest one in place of infinity, which an image holds nowhere.
+/// Rounds a colour channel to a half float. Infinity becomes the largest finite value: images contain no infinities.
 fn half_of(channel: f32) -> f16 {
     f16::from_f32(channel.clamp(f16::MIN.to_f32(), f16::MAX.to_f32()))
 }
 
-/// Writes all planes that there are as one EXR part. The same planes give the same bytes.
+/// Writes all planes as one EXR part. Equal planes give equal bytes.
 ///
 /// # Errors
 /// [`io::Error`] if there is no plane, a plane has the wrong size, two have the same name, or `out` fails.
@@ -94,7 +95,7 @@ pub fn write_exr(out: &mut dyn Write, planes: &PlanesView<'_>, options: &ExrOpti
     out.write_all(&bytes)
 }
 
-/// As [`write_exr`], to a file that appears whole or not at all.
+/// Writes an EXR like [`write_exr`], to a file, atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -108,14 +109,14 @@ fn latin(text: &str) -> Text {
     Text::new_or_none(text).unwrap_or_else(|| Text::from(""))
 }
 
-/// Names of attributes have at most 31 characters in files that old readers open, and one at least.
+/// Converts a name to an attribute name: 1 to 31 characters, the limit of older readers.
 fn attribute_name(name: &str) -> Text {
     let name: String = name.chars().map(|c| if c.is_ascii_graphic() { c } else { '_' }).take(31).collect();
     Text::from(if name.is_empty() { "_" } else { name.as_str() })
 }
 
-/// Puts a header's attributes in the order of their names: the writer keeps them in a hash map, whose order is
-/// a different one in each run. A header that can't be taken apart stays as it is.
+/// Sorts a header's attributes by name: the writer stores them in a hash map, whose order differs from run to run. A
+/// header that can't be parsed is unchanged.
 fn sort_attributes(bytes: &mut [u8]) {
     const START: usize = 8; // magic number and version
     let string = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)? + 1);
@@ -153,7 +154,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
         let what = format!("is an image of {width}x{height} pixels");
         return Err(Problem::new(what).expected(format!("at most {MAX_IMAGE_PIXELS} pixels, {side} a side")));
     }
-    // No compression of the format does better than deflate's 1032 to 1, so more pixels can't be in the file.
+    // No compression of the format exceeds deflate's ratio of 1032, so the file can't contain more pixels.
     let decoded = pixels.saturating_mul(header.channels.bytes_per_pixel);
     if decoded > bytes.len().saturating_mul(1100).saturating_add(1 << 20) {
         let what = format!("says that it has {width}x{height} pixels, but is {} bytes long", bytes.len());
@@ -162,7 +163,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     if header.channels.list.iter().any(|c| c.sampling.area() != 1) {
         return Err(Problem::new("has subsampled channels").expected("a value for every pixel in each channel"));
     }
-    // The crate's decompression of B44 panics over some damaged blocks; the file is refused then, too.
+    // The crate's B44 decompression panics on some damaged blocks; such a file is refused, too.
     let decode = || {
         read_exr()
             .no_deep_data()
@@ -216,7 +217,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Planes, Problem> {
     Ok(Planes { width, height, color, depth, normal, weight, other, whole, metadata })
 }
 
-/// Names and values of text attributes, in the order of their names.
+/// Returns names and values of text attributes, sorted by name.
 fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -> Vec<(String, String)> {
     let text = |(name, value): (&Text, &AttributeValue)| match value {
         AttributeValue::Text(text) => Some((name.to_string(), text.to_string())),
@@ -227,17 +228,17 @@ fn texts<'a>(attributes: impl Iterator<Item = (&'a Text, &'a AttributeValue)>) -
     texts
 }
 
-/// Lines of a block, as [`write_exr`] compresses them together.
+/// Number of lines in a block that [`write_exr`] compresses together.
 const BLOCK_LINES: usize = 16;
-/// Most channels of a tile.
+/// Maximum number of channels of a tile.
 const MAX_CHANNELS: usize = 64;
 
-/// The lines of a file, of which one block is in memory: for each channel in order its samples, native endian.
+/// Reader of a file's lines, with one block in memory. A line has the samples of each channel in order, native endian.
 pub(super) struct ExrRows {
     chunks: AllChunksReader<BufReader<File>>,
     block: Vec<u8>,
     line_bytes: usize,
-    /// The next line, and its offset in the block.
+    /// The next line, and its byte offset in the block.
     y: usize,
     at: usize,
 }
@@ -282,7 +283,7 @@ impl ExrRows {
     }
 }
 
-/// The one header of a tile that is stored as [`write_exr`] does.
+/// Returns the header of a tile that is stored as [`write_exr`] does; an error for other files.
 fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     let ours = |header: &&Header| {
         !header.deep
@@ -302,8 +303,8 @@ fn tile_header(headers: &[Header]) -> Result<&Header, Problem> {
     })
 }
 
-/// Writes an EXR of `size`, whose lines `next` gives, with all of the header of `like` but its size and texts; the
-/// same bytes as [`write_exr`] of the same pixels.
+/// Writes an EXR of `size` whose lines `next` provides. The header is that of `like`, except for its size and texts.
+/// The bytes are those that [`write_exr`] writes for the same pixels.
 pub(super) fn write_rows(
     sink: &mut BufWriter<File>,
     [width, height]: [u32; 2],
@@ -332,7 +333,7 @@ pub(super) fn write_rows(
         Ok(())
     });
     written.map_err(io::Error::other)?;
-    // The header lies before the pixels, and few bytes beside its texts.
+    // The header precedes the pixels and has few bytes other than its texts.
     sink.flush()?;
     let texts: usize = metadata.iter().map(|(name, value)| name.len() + value.len() + 64).sum();
     let mut start = Vec::new();

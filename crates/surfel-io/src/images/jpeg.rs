@@ -1,4 +1,4 @@
-//! JPEG, baseline and progressive, as texels of 8 bits.
+//! Decoding of JPEG, baseline and progressive, to 8-bit texels.
 
 use super::decode::{Decoded, Samples, texels};
 use zune_core::bytestream::ZCursor;
@@ -8,9 +8,9 @@ use zune_jpeg::JpegDecoder;
 
 type Decoder<'a> = JpegDecoder<ZCursor<&'a [u8]>>;
 
-/// A decoder that has read the headers, width and height.
+/// Opens a decoder and reads the headers; also returns width and height.
 fn open(bytes: &[u8]) -> Result<(Decoder<'_>, u32, u32), String> {
-    // The caller limits the size, which no header can exceed: it has 16 bits a side.
+    // The caller limits the size. These limits never apply: a header has 16 bits per side.
     let options = DecoderOptions::default().set_strict_mode(false).set_max_width(65_535).set_max_height(65_535);
     let mut decoder = JpegDecoder::new_with_options(ZCursor::new(bytes), options);
     decoder.decode_headers().map_err(|e| e.to_string())?;
@@ -18,7 +18,7 @@ fn open(bytes: &[u8]) -> Result<(Decoder<'_>, u32, u32), String> {
     Ok((decoder, width as u32, height as u32))
 }
 
-/// Width and height as the header says.
+/// Returns width and height from the header.
 pub(super) fn size_of(bytes: &[u8]) -> Result<(u32, u32), String> {
     open(bytes).map(|(_, width, height)| (width, height))
 }

@@ -11,13 +11,12 @@ use surfel_math::srgb::nearest_8_bit;
 /// Largest width or height of a JPEG, in pixels.
 const MAX_SIDE: u32 = 65_535;
 
-/// How to write a JPEG.
+/// Options for writing a JPEG.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JpegOptions {
-    /// Quality as the Independent JPEG Group's library counts it, from 1 (worst) to 100; 92 by default.
+    /// Quality on the scale of the Independent JPEG Group's library, from 1 (worst) to 100; 92 by default.
     pub quality: u8,
-    /// Linear RGB of what lies behind the image: a JPEG has no alpha, so `color + (1 - alpha) * background` is
-    /// written.
+    /// Background colour in linear RGB. A JPEG has no alpha, so `color + (1 - alpha) * background` is written.
     pub background: [f32; 3],
 }
 
@@ -47,13 +46,13 @@ pub fn write_jpeg(out: &mut dyn Write, planes: &PlanesView<'_>, options: &JpegOp
     }
     let [width, height] = [side(planes.width)?, side(planes.height)?];
     let mut encoder = Encoder::new(out, options.quality);
-    // Halved chroma would smear the edges of coloured things, which are sharp here.
+    // Subsampled chroma would blur the sharp edges of coloured objects.
     encoder.set_sampling_factor(SamplingFactor::F_1_1);
     let written = encoder.encode_image(Blended { color, background: options.background, width, height });
     written.map_err(io::Error::other)
 }
 
-/// What is written. [`Encoder::encode`] would be compiled for eight more kinds of images.
+/// Image source for the encoder. The generic [`Encoder::encode`] would be compiled for eight more kinds of images.
 struct Blended<'a> {
     color: &'a [[f32; 4]],
     background: [f32; 3],
@@ -84,7 +83,7 @@ impl ImageBuffer for Blended<'_> {
     }
 }
 
-/// As [`write_jpeg`], to a file that appears whole or not at all.
+/// Writes a JPEG like [`write_jpeg`], to a file, atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -93,7 +92,7 @@ pub fn save_jpeg(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options:
 }
 
 fn to_rgb([r, g, b, a]: [f32; 4], background: [f32; 3]) -> [u8; 3] {
-    // A NaN fails the comparison: what has no alpha shows the background alone.
+    // A NaN fails the comparison: a pixel without valid alpha shows only the background.
     let (color, behind) = if a > 0.0 { ([r, g, b], 1.0 - a.min(1.0)) } else { ([0.0; 3], 1.0) };
     std::array::from_fn(|c| nearest_8_bit(color[c] + behind * background[c]))
 }

@@ -1,4 +1,4 @@
-//! Images: the planes of a frame, written as PNG, JPEG, EXR, NPZ or TIFF and read back, and textures.
+//! Images: reading and writing of a frame's planes as PNG, JPEG, EXR, NPZ or TIFF, and textures.
 
 mod decode;
 #[cfg(feature = "exr")]
@@ -25,21 +25,21 @@ use planes::Planes;
 use std::path::Path;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
-/// Largest image file that is read, in bytes.
+/// Maximum size of an image file, in bytes.
 const MAX_FILE_BYTES: u64 = 4 << 30;
-/// Most memory that decoding an image may take, in bytes.
+/// Maximum memory for decoding an image, in bytes.
 const MAX_DECODED_BYTES: usize = 8 << 30;
 
-/// Reads an image: EXR with all planes that it has, or PNG, JPEG or WebP as linear premultiplied colour. The texts of
-/// EXR attributes and of PNG chunks before the pixels are its metadata.
+/// Reads an image: EXR with all its planes, or PNG, JPEG or WebP as linear premultiplied colour. Metadata are the texts
+/// of EXR attributes, or of PNG chunks before the pixels.
 ///
 /// # Errors
-/// [`IoError`] if it can't be read, is damaged, too large, or of another format.
+/// [`IoError`] if the file can't be read, is damaged, too large, or of another format.
 pub fn read_image(path: &Path) -> Result<Planes, IoError> {
     read_image_bytes(&files::read(path, MAX_FILE_BYTES)?, path)
 }
 
-/// As [`read_image`], from memory; `name` is for messages.
+/// Reads an image from memory, like [`read_image`]; `name` is for messages.
 ///
 /// # Errors
 /// As [`read_image`].
@@ -61,7 +61,7 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
     read().map_err(|problem| Fault::from(problem).of(name))
 }
 
-/// PNG, JPEG or WebP as the colour plane.
+/// Decodes a PNG, JPEG or WebP to the colour plane.
 fn read_color(bytes: &[u8]) -> Result<Planes, Problem> {
     let problem = |why: String| {
         let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();

@@ -1,4 +1,4 @@
-//! NumPy's archives of arrays: a plane each, height × width, by the names of EXR's channels.
+//! Writing of NumPy archives: one array of height × width per plane, named as the EXR channels.
 
 use super::planes::PlanesView;
 use crate::atomic;
@@ -7,12 +7,11 @@ use flate2::Crc;
 use std::io::{self, Write};
 use std::path::Path;
 
-/// Writes all planes that there are: colour, depth, normals and weights as `<f4`, positions as `<f8`, whole numbers as
-/// `<u4`; stored, not compressed. `numpy.load(file)["Z"]` has the shape (height, width). The same planes give the same
-/// bytes.
+/// Writes all planes, uncompressed: colour, depth, normals and weights as `<f4`, positions as `<f8`, whole numbers as
+/// `<u4`. `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.
 ///
 /// # Errors
-/// [`io::Error`] if there is no plane, a plane has the wrong size, all together have 4 GiB or more, or `out` fails.
+/// [`io::Error`] if there is no plane, a plane has the wrong size, the file would have 4 GiB or more, or `out` fails.
 pub fn write_npz(out: &mut dyn Write, planes: &PlanesView<'_>) -> io::Result<()> {
     let pixels = planes.pixels()?;
     let shape = [planes.height, planes.width];
@@ -49,7 +48,7 @@ pub fn write_npz(out: &mut dyn Write, planes: &PlanesView<'_>) -> io::Result<()>
     archive.finish()
 }
 
-/// As [`write_npz`], to a file that appears whole or not at all.
+/// Writes an archive like [`write_npz`], to a file, atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -61,7 +60,7 @@ fn invalid(message: String) -> io::Error {
     io::Error::new(io::ErrorKind::InvalidInput, message)
 }
 
-/// A ZIP file that is being written, members stored.
+/// Writer of a ZIP file with uncompressed members.
 struct Archive<'a> {
     out: &'a mut dyn Write,
     written: u64,
@@ -74,7 +73,7 @@ impl Archive<'_> {
     fn array(&mut self, name: &str, kind: &str, [height, width]: [u32; 2], values: &[u8]) -> io::Result<()> {
         let mut header =
             format!("{{'descr': '{kind}', 'fortran_order': False, 'shape': ({height}, {width}), }}").into_bytes();
-        // Magic, version, length and header are a multiple of 64 bytes together; the header ends with a line end.
+        // Magic, version, length and header together are a multiple of 64 bytes; the header ends with a line end.
         let padded = (header.len() + 11).next_multiple_of(64) - 10;
         header.resize(padded - 1, b' ');
         header.push(b'\n');
@@ -91,7 +90,7 @@ impl Archive<'_> {
         else {
             return Err(invalid("planes of 4 GiB and more don't fit into an NPZ: write an EXR, or draw parts".into()));
         };
-        // From the version on, as both headers have it: 2.0, no flags, stored, 1980-01-01.
+        // Fields common to both headers, from the version on: version 2.0, no flags, stored, 1980-01-01.
         let mut common = Vec::new();
         [20u16, 0, 0, 0, 0x21].iter().for_each(|v| common.extend(v.to_le_bytes()));
         [crc.sum(), size, size].iter().for_each(|v| common.extend(v.to_le_bytes()));

@@ -1,9 +1,9 @@
-//! The planes of an image, which files are written from and read into.
+//! The planes of an image, for reading and writing files.
 
 use std::io;
 use surfel_model::MAX_IMAGE_PIXELS;
 
-/// The planes of an image, row by row from the top, one value a pixel; what isn't there costs nothing.
+/// Planes of an image, row by row from the top, with one value per pixel. Missing planes take no memory.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Planes {
     /// Width in pixels.
@@ -12,22 +12,22 @@ pub struct Planes {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<Vec<[f32; 4]>>,
-    /// View-space planar depth in world units; +∞ where nothing is.
+    /// View-space planar depth in world units; +∞ for background.
     pub depth: Option<Vec<f32>>,
-    /// World normal, unit length or zero.
+    /// World normal; unit length or zero.
     pub normal: Option<Vec<[f32; 3]>>,
-    /// Σw.
+    /// Sum of splat weights, Σw.
     pub weight: Option<Vec<f32>>,
-    /// Other planes by their channels' names, such as `mask`.
+    /// Other planes by channel name, such as `mask`.
     pub other: Vec<(String, Vec<f32>)>,
-    /// Planes of whole numbers by their channels' names, such as `index`.
+    /// Integer planes by channel name, such as `index`.
     pub whole: Vec<(String, Vec<u32>)>,
-    /// Text attributes, in the order of their names.
+    /// Text attributes, sorted by name.
     pub metadata: Vec<(String, String)>,
 }
 
 impl Planes {
-    /// Borrows all planes, to write them.
+    /// Borrows all planes for writing.
     pub fn view(&self) -> PlanesView<'_> {
         PlanesView {
             width: self.width,
@@ -44,7 +44,7 @@ impl Planes {
     }
 }
 
-/// Borrowed [`Planes`]: what an image is written from.
+/// Borrowed planes of an image, for writing; see [`Planes`].
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PlanesView<'a> {
     /// Width in pixels.
@@ -53,24 +53,26 @@ pub struct PlanesView<'a> {
     pub height: u32,
     /// Linear premultiplied RGBA.
     pub color: Option<&'a [[f32; 4]]>,
-    /// The same, sRGB-encoded in 8 bits, straight alpha: what a PNG of 8 bits is written from where it is there.
+    /// The colour plane in 8 bits, sRGB-encoded with straight alpha. An 8-bit PNG is written from this plane if it
+    /// exists.
     pub rgba8: Option<&'a [[u8; 4]]>,
-    /// View-space planar depth in world units; +∞ where nothing is.
+    /// View-space planar depth in world units; +∞ for background.
     pub depth: Option<&'a [f32]>,
     /// World normal.
     pub normal: Option<&'a [[f32; 3]]>,
-    /// Σw.
+    /// Sum of splat weights, Σw.
     pub weight: Option<&'a [f32]>,
-    /// World positions; +∞ where nothing is. Files whose numbers are f32 hold them rounded, and read back as others.
+    /// World positions; +∞ for background. Formats with f32 numbers round positions, and reading returns them among the
+    /// other planes.
     pub position: Option<&'a [[f64; 3]]>,
-    /// Other planes by their channels' names.
+    /// Other planes by channel name.
     pub other: Vec<(&'a str, &'a [f32])>,
-    /// Planes of whole numbers by their channels' names.
+    /// Integer planes by channel name.
     pub whole: Vec<(&'a str, &'a [u32])>,
 }
 
 impl PlanesView<'_> {
-    /// The number of pixels, if every plane has as many.
+    /// Returns the number of pixels; an error if a plane has another size.
     pub(super) fn pixels(&self) -> io::Result<usize> {
         let invalid = |message: String| Err(io::Error::new(io::ErrorKind::InvalidInput, message));
         let pixels = u64::from(self.width) * u64::from(self.height);

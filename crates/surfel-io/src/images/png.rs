@@ -1,4 +1,4 @@
-//! Writing PNG: sRGB-encoded straight alpha, 8 or 16 bits.
+//! Writing of PNG: sRGB-encoded with straight alpha, 8 or 16 bits.
 
 use super::planes::PlanesView;
 use crate::atomic;
@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use std::path::Path;
 use surfel_math::srgb::{encode_rgba8, straight};
 
-/// Bits of a PNG's samples.
+/// Number of bits of a PNG's samples.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BitDepth {
     /// 8 bits.
@@ -19,17 +19,17 @@ pub enum BitDepth {
     Sixteen,
 }
 
-/// How to write a PNG.
+/// Options for writing a PNG.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct PngOptions {
-    /// Bits a sample.
+    /// Bits per sample.
     pub depth: BitDepth,
-    /// Text chunks: keyword (1 to 79 ASCII characters) and text; `tEXt` for ASCII, else `iTXt`.
+    /// Text chunks: keyword (1 to 79 ASCII characters) and text. Chunks are `tEXt` for ASCII, else `iTXt`.
     pub metadata: Vec<(String, String)>,
 }
 
-/// Writes the colour plane as PNG: sRGB-encoded, straight alpha, with an sRGB chunk. NaN becomes 0. Of 8 bits the
-/// encoded plane does where it is there.
+/// Writes the colour plane as PNG: sRGB-encoded, straight alpha, with an sRGB chunk. NaN becomes 0. An 8-bit PNG is
+/// written from the encoded plane (`rgba8`) if it exists.
 ///
 /// # Errors
 /// [`io::Error`] if there is no colour plane, its size is wrong, or `out` fails.
@@ -48,7 +48,7 @@ pub fn write_png(out: &mut dyn Write, planes: &PlanesView<'_>, options: &PngOpti
     writer.finish().map_err(io::Error::other)
 }
 
-/// Writes all of a PNG that comes before its pixels, which are RGBA.
+/// Writes everything before the pixels of an RGBA PNG.
 pub(super) fn start_png<W: Write>(
     out: W,
     [width, height]: [u32; 2],
@@ -66,7 +66,7 @@ pub(super) fn start_png<W: Write>(
     for (key, text) in &options.metadata {
         let key: String = key.chars().filter(|c| matches!(c, ' '..='~')).take(79).collect();
         let text = text.replace('\0', " ");
-        // Every reader knows tEXt, whose characters are Latin-1.
+        // Every reader supports tEXt, whose characters are Latin-1.
         let ascii = text.is_ascii();
         let added = if ascii { encoder.add_text_chunk(key, text) } else { encoder.add_itxt_chunk(key, text) };
         added.map_err(io::Error::other)?;
@@ -74,7 +74,7 @@ pub(super) fn start_png<W: Write>(
     encoder.write_header().map_err(io::Error::other)
 }
 
-/// As [`write_png`], to a file that appears whole or not at all.
+/// Writes a PNG like [`write_png`], to a file, atomically.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -82,7 +82,7 @@ pub fn save_png(path: &Path, overwrite: bool, planes: &PlanesView<'_>, options: 
     atomic::write(path, overwrite, |out| write_png(out, planes, options))
 }
 
-/// Linear premultiplied colours as a PNG of 8 bits holds them: sRGB-encoded, straight alpha. NaN becomes 0.
+/// Converts linear premultiplied colours to 8-bit sRGB with straight alpha, as in an 8-bit PNG. NaN becomes 0.
 pub fn to_srgb8(color: &[[f32; 4]]) -> Vec<[u8; 4]> {
     color.iter().map(|&c| encode_rgba8(c)).collect()
 }

@@ -1,4 +1,4 @@
-//! Tiles of an image become the image, with a band of rows in memory at a time.
+//! Stitching of image tiles to a whole image, with a band of rows in memory at a time.
 
 use super::png::{BitDepth, PngOptions, start_png};
 use crate::atomic;
@@ -9,25 +9,25 @@ use std::io::{self, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
 use surfel_model::MAX_IMAGE_SIDE;
 
-/// What a PNG or EXR says before its pixels.
+/// Properties of a PNG or EXR that are read without its pixels.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ImageHeader {
     /// Width in pixels.
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// How pixels are stored.
+    /// Pixel format.
     pub samples: Samples,
-    /// Texts, in the order of their names.
+    /// Text attributes, sorted by name.
     pub metadata: Vec<(String, String)>,
 }
 
-/// How an image's pixels are stored.
+/// Pixel format of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Samples {
-    /// A PNG of RGBA.
+    /// RGBA PNG.
     Png(BitDepth),
-    /// An EXR's channels in their order: names, and bytes a sample with the type's letter (`h`, `f`, `u`).
+    /// EXR channels in order: name, bytes per sample, and the type's letter (`h`, `f`, `u`).
     Exr(Vec<(String, usize, char)>),
 }
 
@@ -45,7 +45,7 @@ impl std::fmt::Display for Samples {
 }
 
 impl Samples {
-    /// Bytes a pixel of the parts in which a row is stored, one after another.
+    /// Returns the bytes per pixel of each section of a row; sections are stored one after another.
     fn parts(&self) -> Vec<usize> {
         match self {
             Self::Png(BitDepth::Eight) => vec![4],
@@ -55,16 +55,16 @@ impl Samples {
     }
 }
 
-/// A tile: an image's file, and where its upper left pixel is in the whole.
+/// A tile: an image file, and the position of its upper left pixel in the whole image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Tile {
-    /// The file.
+    /// Path of the image file.
     pub path: PathBuf,
-    /// Column in the whole.
+    /// Column of the upper left pixel.
     pub x: u32,
-    /// Row in the whole.
+    /// Row of the upper left pixel.
     pub y: u32,
-    /// What the file says of itself ([`read_image_header`]).
+    /// Header of the file ([`read_image_header`]).
     pub header: ImageHeader,
 }
 
@@ -78,21 +78,21 @@ impl Tile {
     }
 }
 
-/// What a PNG or EXR that Surfel wrote says before its pixels.
+/// Reads the header of a PNG or EXR that Surfel wrote.
 ///
 /// # Errors
-/// [`IoError`] if it can't be read, is another file, or is stored in a way that Surfel doesn't write.
+/// [`IoError`] if the file can't be read, isn't a PNG or EXR, or is stored in a way that Surfel doesn't write.
 pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
     Rows::open(path).map(|(header, _)| header)
 }
 
-/// Writes the whole image of `size` pixels that tiles are parts of, with the samples as they are: in their format, or
-/// of PNGs a TIFF where `out` ends in .tif or .tiff, without `metadata`. Only the tiles of a row are open at a time,
-/// each with one row of a PNG or 16 rows of an EXR in memory.
+/// Writes an image of `size` pixels from its tiles, with unchanged samples. The output has the tiles' format; PNG tiles
+/// become a TIFF, without `metadata`, if `out` ends in .tif or .tiff. Only the tiles of the current row are open, each
+/// with one row of a PNG or 16 rows of an EXR in memory.
 ///
 /// # Errors
-/// [`IoError`] if the tiles leave a pixel out or have one twice, differ in how they store pixels, or can't be read; if
-/// `out` exists and `overwrite` is false, or can't be written.
+/// [`IoError`] if a pixel is in no tile or in two, or if tiles differ in pixel format or can't be read. Also if `out`
+/// can't be written, or exists and `overwrite` is false.
 pub fn stitch(
     out: &Path,
     overwrite: bool,
@@ -163,13 +163,13 @@ pub fn stitch(
     }
 }
 
-/// Keeps the error of a tile, which the writer of the whole knows nothing of.
+/// Stores a tile's error, which the writer of the whole image can't return, and returns a placeholder.
 fn keep(failed: &mut Option<IoError>, error: IoError) -> io::Error {
     *failed = Some(error);
     io::Error::other("a tile can't be read")
 }
 
-/// Every pixel must be in one tile: `tiles` are sorted by their upper left pixels.
+/// Checks that every pixel is in exactly one tile; `tiles` are sorted by their upper left pixels.
 fn check_cover([width, height]: [u32; 2], tiles: &[&Tile], out: &Path) -> Result<(), IoError> {
     let outside = |tile: &&&Tile| tile.right() > u64::from(width) || tile.bottom() > u64::from(height);
     if let Some(tile) = tiles.iter().find(outside) {
@@ -215,12 +215,12 @@ fn missing(out: &Path, columns: (u64, u64), rows: (u64, u64)) -> IoError {
     Fault::from(Problem::new(what).expected("every pixel in one tile").help("draw the missing tiles first")).of(out)
 }
 
-/// The whole, row by row.
+/// The whole image, assembled row by row.
 struct Whole<'a> {
     size: [u32; 2],
-    /// Bytes a pixel of a row's parts.
+    /// Bytes per pixel of each section of a row.
     parts: Vec<usize>,
-    /// Tiles that begin further down.
+    /// Tiles that begin below the current row.
     waiting: &'a [&'a Tile],
     open: Vec<(&'a Tile, Rows)>,
     y: u64,
@@ -231,7 +231,7 @@ impl Whole<'_> {
         self.parts.iter().sum::<usize>() * self.size[0] as usize
     }
 
-    /// Puts the next row together.
+    /// Assembles the next row.
     fn next_row(&mut self, row: &mut [u8]) -> Result<(), IoError> {
         let y = self.y;
         self.open.retain(|(tile, _)| tile.bottom() > y);
@@ -262,7 +262,7 @@ impl Whole<'_> {
     }
 }
 
-/// A file's rows.
+/// Reader of a file's rows.
 enum Rows {
     Png(Box<png::Reader<BufReader<File>>>),
     #[cfg(feature = "exr")]
@@ -307,7 +307,7 @@ impl Rows {
     }
 }
 
-/// A tile that can't be decoded.
+/// Returns the problem of a tile that can't be decoded.
 pub(super) fn damaged(why: &str) -> Problem {
     let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
     Problem::new(format!("can't be read as an image: {why}")).help("draw the tile again: it is damaged")

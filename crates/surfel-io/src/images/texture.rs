@@ -1,4 +1,4 @@
-//! Base-colour textures and matcaps: PNG, JPEG or WebP as texels of 8 bits.
+//! Base-colour textures and matcaps: PNG, JPEG or WebP decoded to 8-bit texels.
 
 use super::decode::{can_hold, decode_reduced, is_cut_jpeg, size_of};
 use crate::error::{Fault, IoError, Problem, quote};
@@ -6,33 +6,33 @@ use crate::files;
 use std::path::Path;
 use surfel_model::{Matcap, Texture};
 
-/// Largest texture side, in texels.
+/// Maximum texture side, in texels.
 const MAX_SIDE: u32 = 32_768;
-/// Longest side of a texture that isn't reduced, where nothing is said.
+/// Default limit of a texture's longer side, in texels; larger textures are reduced.
 const DEFAULT_MAX_SIDE: u32 = 8192;
-/// Most memory that decoding may take, in bytes.
+/// Maximum memory for decoding, in bytes.
 const MAX_BYTES: usize = 1 << 30;
 
-/// Decodes PNG, JPEG or WebP images of one file, as long as they stay within what it may use together.
+/// Decoder of the PNG, JPEG or WebP images of one file, with a limit for all of them together.
 #[derive(Debug)]
 pub(crate) struct TextureDecoder {
     texels_left: u64,
-    /// Longest side that isn't reduced.
+    /// Maximum side of a texture that isn't reduced, in texels.
     max_side: u32,
-    /// How many were reduced, and the sizes of the first before and after.
+    /// Number of reduced textures, and the first one's size before and after.
     reduced: Option<(usize, [u32; 4])>,
-    /// Number of cut-off JPEG textures that are drawn as far as they go, and the name of the first.
+    /// Number of truncated JPEG textures, which are drawn as far as they go, and the name of the first.
     cut: Option<(usize, String)>,
 }
 
 impl TextureDecoder {
-    /// A decoder for one file's textures.
+    /// Creates a decoder for one file's textures.
     pub(crate) fn new(max_side: Option<u32>) -> Self {
         let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
         Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
     }
 
-    /// Notes about the images that were decoded.
+    /// Returns notes about the decoded images.
     pub(crate) fn told(&self) -> Vec<String> {
         let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
             let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
@@ -46,7 +46,7 @@ impl TextureDecoder {
         reduced.into_iter().chain(cut).collect()
     }
 
-    /// Decodes an image, whose name is for notes, or says why not.
+    /// Decodes an image, or returns the reason why that fails; `name` is for notes.
     pub(crate) fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
@@ -71,7 +71,7 @@ impl TextureDecoder {
         Ok(texture)
     }
 
-    /// True if a texture of so many texels may be made of others; it then counts among the file's.
+    /// Counts the texels of a converted texture against the file's limit; returns false if they exceed it.
     pub(crate) fn spend(&mut self, texels: u64) -> bool {
         let left = self.texels_left.checked_sub(texels);
         self.texels_left = left.unwrap_or(self.texels_left);
@@ -79,10 +79,10 @@ impl TextureDecoder {
     }
 }
 
-/// Reads an image (PNG, JPEG or WebP) of a lit sphere.
+/// Reads a matcap: an image (PNG, JPEG or WebP) of a lit sphere.
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, holds no such image, or one without texels or of more than 2048 a side.
+/// [`IoError`] if the file can't be read, isn't such an image, or has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = files::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {
@@ -96,7 +96,7 @@ pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     Matcap::new(&image).map_err(|source| IoError::Model { path: path.to_path_buf(), source })
 }
 
-/// The note about a texture that isn't used.
+/// Returns the note about a texture that isn't used.
 #[cfg_attr(not(any(feature = "gltf", feature = "obj")), allow(dead_code))]
 pub(crate) fn missing(name: &str, why: &str) -> String {
     let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();

@@ -1,5 +1,4 @@
-//! TIFF images of RGBA whose rows come one after the other: in strips, deflated, as BigTIFF where 4 GiB may not be
-//! enough.
+//! Writing of RGBA TIFF images row by row: in strips, with deflate, and as BigTIFF if the file may exceed 4 GiB.
 
 use super::png::BitDepth;
 use flate2::Compression;
@@ -10,14 +9,14 @@ use tiff::encoder::{TiffEncoder, TiffKind, TiffKindBig, TiffKindStandard};
 use tiff::tags::Tag;
 use tiff::{TiffError, TiffResult};
 
-/// Bytes of a strip before it is compressed, unless a row has more.
+/// Bytes of a strip before compression; a strip has at least one row.
 const STRIP_BYTES: usize = 1 << 20;
-/// Deflate's level: higher ones take twice the time for a few per cent.
+/// Deflate level; higher ones take twice the time for a few per cent.
 const LEVEL: u32 = 3;
-/// Raw bytes from which a file is a BigTIFF: deflate adds less than one byte in a thousand.
+/// Raw bytes from which a file is a BigTIFF; deflate adds less than 0.1 %.
 const BIG_FROM: u64 = 4_200_000_000;
 
-/// Writes an image of sRGB-encoded RGB and straight alpha; `next` gives its rows from the top, as a PNG has them.
+/// Writes an image of sRGB-encoded RGB and straight alpha; `next` provides its rows from the top, in PNG's format.
 ///
 /// # Errors
 /// [`io::Error`] of `sink` or of `next`.
@@ -49,12 +48,12 @@ pub(super) fn write_rows(
     })
 }
 
-/// A directory of the file that is being written.
+/// A directory encoder of the output file.
 type Directory<'a, 'file, K> = tiff::encoder::DirectoryEncoder<'a, &'file mut BufWriter<File>, K>;
 
 struct Image<'a> {
     size: [u32; 2],
-    /// Bytes of a sample.
+    /// Bytes per sample.
     sample: usize,
     software: &'a str,
 }
@@ -104,8 +103,8 @@ impl Image<'_> {
         directory.finish().map(drop)
     }
 
-    /// Differences of a row's samples from those of the pixel to the left; those of 16 bits, whose most significant
-    /// byte comes first, in this machine's order, as the file is.
+    /// Applies the horizontal predictor: replaces samples by their differences from the pixel to the left. 16-bit
+    /// samples are big endian in the input, and become native endian, as in the file.
     fn predict(&self, row: &mut [u8]) {
         if self.sample == 1 {
             for i in (4..row.len()).rev() {

@@ -1,4 +1,5 @@
-//! A file's points block after block, for what needs each of them once: in the same memory, however many they are.
+//! Reading of a file's points block by block, for passes that need each point once. Memory doesn't grow with the number
+//! of points.
 
 use super::header::Header;
 use super::records::Columns;
@@ -12,19 +13,19 @@ use glam::DVec3;
 use std::io::SeekFrom;
 use surfel_model::PointCloud;
 
-/// What was read.
+/// Facts about all points of a file that was read in blocks.
 pub(crate) struct Blocks {
-    /// A cloud without points, which says what the file says of all of them.
+    /// An empty cloud with the properties that apply to all points of the file.
     pub(crate) cloud: PointCloud,
     pub(crate) bounds: Option<(DVec3, DVec3)>,
-    /// The least and the largest of each component of the colours, linear RGB.
+    /// Minimum and maximum of each colour component, in linear RGB.
     pub(crate) colors: Option<([f32; 3], [f32; 3])>,
 }
 
 struct BlockSink<'a> {
     header: Option<Header>,
     told: Told,
-    /// The least and the largest level of each channel.
+    /// Minimum and maximum level of each channel.
     levels: Option<([u16; 3], [u16; 3])>,
     each: &'a mut dyn FnMut(PointCloud),
 }
@@ -41,7 +42,7 @@ impl Sink for BlockSink<'_> {
         let color_at = columns.leave_out_colors();
         columns.append(records);
         self.told.withheld += columns.withheld;
-        // Those that are not withheld are in front.
+        // `append` has moved the records that aren't withheld to the front.
         let records = &records[..columns.len() * header.record_bytes];
         for record in records.chunks_exact(header.record_bytes) {
             let Some(at) = color_at else { break };
@@ -50,7 +51,7 @@ impl Sink for BlockSink<'_> {
             (0..3).for_each(|k| (low[k], high[k]) = (low[k].min(rgb[k]), high[k].max(rgb[k])));
         }
         let Some((low, high)) = columns.ends() else { return Ok(()) };
-        // As the file has them, before f32 rounds them; a scale may be negative.
+        // Bounds as the file states them, before rounding to f32; a scale may be negative.
         let at = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * header.scale + header.offset;
         let (low, high) = (at(low).min(at(high)), at(low).max(at(high)));
         let (cloud, _) = columns.finish(header);
@@ -62,7 +63,7 @@ impl Sink for BlockSink<'_> {
     }
 }
 
-/// Hands all points to `each`, without colours and rows.
+/// Passes all points to `each`, without colours and rows.
 pub(crate) fn read(
     source: &mut dyn Source,
     format: Format,
@@ -74,7 +75,7 @@ pub(crate) fn read(
     let mut sink = BlockSink { header: None, told: Told::default(), levels: None, each };
     read_records(source, &mut header, file_bytes, context.options.repair, &mut sink)?;
     let BlockSink { mut told, levels, .. } = sink;
-    // As of colours that are all there: black everywhere is none, and what counts to 255 has 8 bits.
+    // Same rule as for colours in memory: all black means no colours, and a maximum of 255 means 8 bits.
     let largest = levels.map_or(0, |(_, high)| high.into_iter().max().unwrap_or(0));
     let table = if largest > 255 { linear_of_16_bit() } else { &linear_of_8_bit()[..] };
     let linear = |levels: [u16; 3]| levels.map(|level| table[usize::from(level)]);

@@ -1,5 +1,5 @@
-//! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15; 1.0 to 1.3 have less of it, and
-//! what 1.5 adds after byte 375 says nothing about where points are).
+//! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15). Versions 1.0 to 1.3 have fewer
+//! fields. The fields that 1.5 adds after byte 375 don't affect where points are.
 
 use crate::crs::Crs;
 use crate::error::{Location, Problem};
@@ -7,51 +7,51 @@ use crate::survey::{Source, one_line};
 use glam::DVec3;
 use std::io::{self, SeekFrom};
 
-/// Most bytes of one variable length record that are read; texts of coordinate reference systems have a few thousand.
+/// Maximum number of bytes of a variable length record that are read; WKT has a few thousand.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 
-/// What the header and the records say.
+/// Header fields and the contents of the variable length records.
 #[derive(Clone, Debug)]
 pub(super) struct Header {
-    /// Minor version: 4 of "1.4".
+    /// Minor version: 4 for LAS 1.4.
     pub(super) minor: u8,
-    /// The program that wrote it.
+    /// Name of the program that wrote the file.
     pub(super) software: String,
-    /// The point data record format, 0 to 10.
+    /// Point data record format, 0 to 10.
     pub(super) format: u8,
     pub(super) compressed: bool,
-    /// Bytes of a point, extra ones included.
+    /// Bytes of a point record, with extra bytes.
     pub(super) record_bytes: usize,
-    /// Where points begin, and where they end at the latest.
+    /// Byte offsets of the first point and of the end of the points, at most.
     pub(super) start: u64,
     pub(super) end: u64,
-    /// Points, as the header says.
+    /// Number of points that the header states.
     pub(super) count: u64,
     pub(super) scale: DVec3,
     pub(super) offset: DVec3,
     pub(super) crs: Crs,
     pub(super) extra: Vec<ExtraField>,
-    /// The record of LASzip.
+    /// Data of LASzip's record.
     pub(super) laszip: Option<Vec<u8>>,
     pub(super) notes: Vec<String>,
-    /// True if points that are flagged as withheld are read, too.
+    /// True if points flagged as withheld are read, too.
     pub(super) reads_withheld: bool,
 }
 
-/// One value among the extra bytes of a point.
+/// A scalar value among the extra bytes of a point.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ExtraField {
     pub(super) name: String,
-    /// Its type's number in the standard, 1 (unsigned char) to 10 (double).
+    /// Type number in the standard, 1 (unsigned char) to 10 (double).
     pub(super) kind: u8,
-    /// Where it begins, after the end of the standard's own fields.
+    /// Byte offset from the end of the standard's fields.
     pub(super) at: usize,
-    /// Factor and addend, where the file gives them.
+    /// Scale and offset, if the file states them.
     pub(super) scaled: Option<(f64, f64)>,
 }
 
 impl ExtraField {
-    /// Bytes of a type of the standard's scalar ones.
+    /// Returns the bytes of a scalar type of the standard.
     pub(super) fn bytes(kind: u8) -> usize {
         match kind {
             1 | 2 => 1,
@@ -62,7 +62,7 @@ impl ExtraField {
     }
 }
 
-/// Bytes of a point of each format.
+/// Bytes of a point record, by format, without extra bytes.
 pub(super) const POINT_BYTES: [usize; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
 fn u16_at(bytes: &[u8], at: usize) -> u16 {
@@ -85,7 +85,7 @@ fn vector_at(bytes: &[u8], at: usize) -> DVec3 {
     DVec3::new(f64_at(bytes, at), f64_at(bytes, at + 8), f64_at(bytes, at + 16))
 }
 
-/// Reads up to `bytes.len()` bytes and returns how many there were.
+/// Reads up to `bytes.len()` bytes and returns the number read.
 fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
     let mut got = 0;
     while got < bytes.len() {
@@ -100,7 +100,7 @@ fn read_some(source: &mut dyn Source, bytes: &mut [u8]) -> io::Result<usize> {
 }
 
 impl Header {
-    /// What its points' cloud keeps as comments.
+    /// Returns the comments that the point cloud gets.
     pub(super) fn comments(&self) -> Vec<String> {
         let triple = |v: DVec3| format!("{} {} {}", v.x, v.y, v.z);
         let mut comments = self.crs.comments();
@@ -168,7 +168,7 @@ impl Header {
             notes: Vec::new(),
             reads_withheld: false,
         };
-        // Waveforms (1.3) and extended records (1.4) come after the points.
+        // Waveforms (LAS 1.3) and extended records (1.4) follow the points.
         if minor >= 3 && header_bytes >= 235 && u16_at(&bytes, 6) & 2 != 0 {
             header.end_at(u64_at(&bytes, 227));
         }
@@ -197,7 +197,8 @@ impl Header {
         }
     }
 
-    /// Reads variable length records, or extended ones, of which some are of use. Returns how many there are.
+    /// Reads variable length records, or extended ones, and extracts the supported ones. Returns the number of records
+    /// found.
     fn read_records(
         &mut self,
         source: &mut dyn Source,
@@ -247,14 +248,14 @@ impl Header {
         Ok(found)
     }
 
-    /// The names and types of the extra bytes.
+    /// Reads the names and types of the extra bytes.
     fn read_extra_fields(&mut self, data: &[u8]) {
         let room = self.record_bytes - POINT_BYTES[usize::from(self.format)];
         let mut at = 0;
         for record in data.chunks_exact(192) {
             let (kind, options) = (record[2], record[3]);
             let name = one_line(&record[4..36]);
-            // Types 11 to 30 are pairs and triples of 1 to 10; type 0 is as many bytes as the options say.
+            // Types 11 to 30 are pairs and triples of types 1 to 10. Type 0 is a number of bytes given by the options.
             let (kind, parts) = match kind {
                 1..=30 => ((kind - 1) % 10 + 1, usize::from((kind - 1) / 10 + 1)),
                 _ => (0, 1),

@@ -1,5 +1,5 @@
-//! Points compressed by LASzip, decoded by the crate `laz`. What that crate believes without looking (how many chunks
-//! there are, how long their layers are, how many points come out) is checked here first.
+//! Points compressed by LASzip, decoded by the crate `laz`. The crate doesn't check the number of chunks, the lengths
+//! of their layers and the number of decoded points; this module checks them first.
 
 use super::header::Header;
 use super::{Sink, field, unreadable};
@@ -12,10 +12,10 @@ use std::collections::BTreeMap;
 use std::io::{self, BufReader, Cursor, Read, Seek, SeekFrom};
 use std::ops::Range;
 
-/// Most bytes that points may take once they are decoded: this and this many times the file's own. Real scans take
-/// some 4 to 20 times as many, grids of equal points up to thousands.
+/// Maximum number of bytes of decoded points: a base, plus a multiple of the file's size. Real scans expand some 4 to
+/// 20 times, grids of equal points up to thousands of times.
 const MAX_DECODED: (u64, u64) = (256 << 20, 256);
-/// Most points and bytes that are decoded at a time, unless a single chunk has more.
+/// Maximum number of points and bytes that are decoded at a time; a single larger chunk is still decoded.
 const MAX_GROUP: (u64, u64) = (1 << 20, 24 << 20);
 
 fn damaged(error: &LasZipError) -> Problem {
@@ -29,7 +29,7 @@ struct Chunk {
     points: u64,
 }
 
-/// Hands all points to `sink`; with `repair` those of a file that is cut off, as far as its chunks are whole.
+/// Passes all points to `sink`. With `repair`, reads a truncated file as far as its chunks are complete.
 pub(super) fn read(
     source: &mut dyn Source,
     header: &mut Header,
@@ -49,7 +49,7 @@ pub(super) fn read(
                 Err(_) if repair && !vlr.uses_variable_size_chunks() => {
                     return read_without_table(source, header, vlr, file_bytes, sink);
                 }
-                // The same two kinds that a repair can read.
+                // Repair works for the same two kinds.
                 Err(problem) if layered || !vlr.uses_variable_size_chunks() => {
                     return Err(problem.help("the file is cut off: copy it again, or --repair takes the whole chunks"));
                 }
@@ -65,7 +65,7 @@ fn is_layered(vlr: &LazVlr) -> bool {
     vlr.items().iter().any(|item| matches!(item.version(), 3 | 4))
 }
 
-/// The record of LASzip, which fits the header, and its kind of compressor.
+/// Returns the LASzip record, checked against the header, and its compressor kind.
 pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem> {
     let Some(mut record) = header.laszip.take() else {
         return Err(Problem::new("says that its points are compressed, and lacks the record of LASzip that says how"));
@@ -73,10 +73,10 @@ pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem>
     if record.len() < 34 {
         return Err(Problem::new("has a record of LASzip that is too short").expected("34 bytes at least"));
     }
-    // The kinds of compressors: all points in one piece, in chunks, and in chunks of layers.
+    // Compressor kinds: all points in one piece (1), in chunks (2), and in chunks of layers (3).
     let kind = u16::from_le_bytes(field(&record, 0));
     if kind == 1 {
-        // One piece has no chunks; where their size is said to vary, the crate would look for a table of them.
+        // A single piece has no chunks. A variable chunk size would make the crate read a chunk table.
         record[12..16].copy_from_slice(&1_u32.to_le_bytes());
     }
     let vlr = LazVlr::from_buffer(&record).map_err(|e| damaged(&e))?;
@@ -84,7 +84,7 @@ pub(super) fn checked_vlr(header: &mut Header) -> Result<(LazVlr, u16), Problem>
     Ok((vlr, kind))
 }
 
-/// Checks that what is decoded are points of the header's format.
+/// Checks that the compressed items are the fields of the header's point format.
 fn check_items(vlr: &LazVlr, header: &Header) -> Result<(), Problem> {
     let extra = header.record_bytes - super::header::POINT_BYTES[usize::from(header.format)];
     let expected = LazItemRecordBuilder::default_for_point_format_id(header.format, extra as u16);
@@ -110,7 +110,8 @@ pub(super) fn check_size(header: &Header, points: u64, file_bytes: u64) -> Resul
     Ok(())
 }
 
-/// Makes `bytes` so long, by zeros. One chunk may hold all points of a file, which needn't fit into memory.
+/// Resizes `bytes` to `length`, filled with zeros. One chunk may contain all points of a file, which may not fit into
+/// memory.
 fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     if bytes.try_reserve_exact(length.saturating_sub(bytes.len())).is_err() {
         let what = format!("has a chunk of {length} bytes of points, which the system gives no memory for");
@@ -120,7 +121,7 @@ fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The compressor of LASzip 1: one piece, which only the header's count ends.
+/// Reads a file of LASzip's compressor 1: a single piece, whose end follows only from the header's count.
 fn read_in_one_piece(
     source: &mut dyn Source,
     header: &mut Header,
@@ -143,7 +144,7 @@ fn read_in_one_piece(
     Ok(())
 }
 
-/// Where the table of chunks is. It ends the points.
+/// Returns the byte offset of the chunk table, which follows the points.
 fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Result<u64, Problem> {
     let mut number = |at: u64| {
         let mut bytes = [0; 8];
@@ -154,7 +155,7 @@ fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Res
     let begin = header.start + 8;
     let mut place = number(header.start)?;
     if place == -1 {
-        // A writer that couldn't go back puts it at the end.
+        // A writer that can't seek stores the offset at the end of the file.
         place = number(file_bytes.saturating_sub(8))?;
     }
     match u64::try_from(place) {
@@ -166,7 +167,7 @@ fn table_place(source: &mut dyn Source, header: &Header, file_bytes: u64) -> Res
     }
 }
 
-/// The chunks of a file, whose bytes follow one another.
+/// Reads the chunk table; chunks are consecutive.
 fn read_table(
     source: &mut dyn Source,
     header: &Header,
@@ -180,12 +181,12 @@ fn read_table(
     source.read_exact(&mut head).map_err(unreadable)?;
     let count = u64::from(u32::from_le_bytes(field(&head, 4)));
     let compressed = place - header.start - 8;
-    // Each chunk begins with a point as it is.
+    // Each chunk begins with an uncompressed point.
     if count > compressed / header.record_bytes as u64 {
         let what = format!("says that its {compressed} bytes of points are {count} chunks");
         return Err(Problem::new(what).at(at).help("the file is damaged"));
     }
-    // A compressed entry is two numbers of 32 bits, and their coding takes a few bits more at worst.
+    // A compressed entry is two 32-bit numbers; their coding adds a few bits at worst.
     let most = (file_bytes - place).min(64 + 16 * count);
     let mut table = vec![0; most as usize];
     source.seek(SeekFrom::Start(place)).map_err(unreadable)?;
@@ -195,7 +196,7 @@ fn read_table(
     let mut total = 0_u64;
     let mut chunks = Vec::with_capacity(entries.len());
     for entry in &entries {
-        // Writers that end a chunk before they are done leave an empty one.
+        // Writers that end a chunk early leave an empty one.
         if entry.byte_count == 0 {
             continue;
         }
@@ -220,7 +221,7 @@ fn read_chunks(
     let size = header.record_bytes;
     let mut start = header.start + 8;
     if layered {
-        // These say themselves how many points they hold.
+        // Layered chunks state their own number of points.
         let mut at = start;
         for chunk in &mut chunks {
             chunk.points = chunk.points.min(check_layers(source, at, chunk.bytes, vlr, size)?);
@@ -229,7 +230,7 @@ fn read_chunks(
     }
     let sum = |chunks: &[Chunk]| chunks.iter().fold(0_u64, |sum, c| sum.saturating_add(c.points));
     let there = sum(&chunks);
-    // The last chunk of a fixed size may be shorter: only the header says so.
+    // The last chunk of a fixed size may be shorter: only the header's count shows it.
     let said = header.count;
     let certain = if layered || vlr.uses_variable_size_chunks() {
         there
@@ -282,11 +283,11 @@ fn read_chunks(
     Ok(())
 }
 
-/// What a user should know of points that were read without the table of their chunks.
+/// Note about points that were read without a chunk table.
 const CUT_OFF: &str =
     "the table of its compressed chunks is missing, as of a file that is cut off: took the whole ones";
 
-/// The chunks of layers that lie whole in a file without a table of them, as far as the header counts.
+/// Finds the complete layered chunks of a file without a chunk table, up to the header's count.
 fn whole_chunks(
     source: &mut dyn Source,
     header: &mut Header,
@@ -295,7 +296,7 @@ fn whole_chunks(
 ) -> Result<Vec<Chunk>, Problem> {
     let (mut chunks, mut at, mut left) = (Vec::new(), header.start + 8, header.count);
     while left > 0 && at < file_bytes {
-        // What isn't a chunk is the end.
+        // Bytes that aren't a chunk end the search.
         let Ok((points, bytes)) = layers_at(source, at, vlr, header.record_bytes) else { break };
         if points == 0 || bytes > file_bytes - at {
             break;
@@ -307,7 +308,7 @@ fn whole_chunks(
     Ok(chunks)
 }
 
-/// A source that goes forward alone: the crate then looks for no table of chunks.
+/// A source that can't seek: with it the crate reads no chunk table.
 struct Forward<'a>(BufReader<&'a mut dyn Source>);
 
 impl Read for Forward<'_> {
@@ -322,7 +323,7 @@ impl Seek for Forward<'_> {
     }
 }
 
-/// Chunks of one size after the other, as far as they are whole.
+/// Reads fixed-size chunks one after another, as far as they are complete.
 fn read_without_table(
     source: &mut dyn Source,
     header: &mut Header,
@@ -366,7 +367,7 @@ fn check_layers(source: &mut dyn Source, at: u64, bytes: u64, vlr: &LazVlr, size
     }
 }
 
-/// Layers of an item.
+/// Returns the number of layers of an item.
 fn layers_of(kind: LazItemType) -> usize {
     match kind {
         LazItemType::Point14 => 9,
@@ -376,7 +377,7 @@ fn layers_of(kind: LazItemType) -> usize {
     }
 }
 
-/// Points and bytes of the chunk of layers at `at`, as it says itself.
+/// Returns the number of points and bytes of the layered chunk at `at`, as the chunk states them.
 fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io::Result<(u64, u64)> {
     let layers: usize = vlr.items().iter().map(|item| layers_of(item.item_type())).sum();
     let mut numbers = vec![0; 4 + 4 * layers];
@@ -388,7 +389,7 @@ fn layers_at(source: &mut dyn Source, at: u64, vlr: &LazVlr, size: usize) -> io:
     Ok((points, head_bytes + numbers.sum::<u64>()))
 }
 
-/// Checks that a chunk's layers are within it, and returns its number of points if it says so itself.
+/// Checks that a chunk's layers are within the chunk; returns its number of points, if the chunk states it.
 pub(super) fn chunk_points(
     source: &mut dyn Source,
     at: u64,
@@ -399,14 +400,14 @@ pub(super) fn chunk_points(
     if is_layered(vlr) { check_layers(source, at, bytes, vlr, size).map(Some) } else { Ok(None) }
 }
 
-/// Takes layers of colours, where `colors` says so, and of extra bytes, those marked, out of the chunk that begins at
-/// `start` and is the last, so that nobody decodes them: all its points have zeros there. Its layers are known to be
-/// within it ([`chunk_points`]).
+/// Removes layers from the last chunk, which begins at `start`, so that they aren't decoded: colours if `colors`, and
+/// the marked extra bytes. All points of the chunk get zeros for removed layers. [`chunk_points`] must have checked the
+/// chunk.
 pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors: bool, extra: &[bool]) {
     if !is_layered(vlr) {
         return;
     }
-    // The layers that are left out, and where the first point, which is as it is, has what they are of.
+    // Removed layers, and the bytes of their values in the first point, which is uncompressed.
     let mut left_out: BTreeMap<usize, Range<usize>> = BTreeMap::new();
     let (mut layers, mut at) = (0, start);
     for item in vlr.items() {
@@ -441,18 +442,18 @@ pub(super) fn leave_out(packed: &mut Vec<u8>, start: usize, vlr: &LazVlr, colors
     packed.truncate(to);
 }
 
-/// What splats are made of; other fields of layered chunks needn't be decoded.
+/// Selects the fields that splats are made of; other fields of layered chunks needn't be decoded.
 pub(super) fn of_splats() -> DecompressionSelection {
     let base = DecompressionSelection::base();
     base.decompress_z().decompress_flags().decompress_rgb().decompress_extra_bytes()
 }
 
-/// Decodes chunks, given by their points and bytes.
+/// Decodes chunks, given by number of points and bytes.
 pub(super) fn decode(packed: &[u8], points: &mut [u8], vlr: &LazVlr, chunks: &[(u64, u64)]) -> Result<(), LasZipError> {
     decode_some(packed, points, vlr, chunks, DecompressionSelection::all())
 }
 
-/// Decodes some fields of chunks.
+/// Decodes selected fields of chunks.
 pub(super) fn decode_some(
     packed: &[u8],
     points: &mut [u8],

@@ -1,8 +1,8 @@
 //! LAS 1.0 to 1.5, LAZ and COPC: points of laser scanners. A COPC file is a LAZ file whose chunks are the nodes of an
-//! octree; all of them together are its points.
+//! octree; its points are those of all nodes.
 //!
-//! The file is read in blocks, never by its header's counts alone, and isn't held in memory. Compressed chunks are
-//! decoded by the crate `laz`, as many at a time as there are threads.
+//! The file is read in blocks and is never in memory as a whole. Counts in the header are checked before they are used.
+//! The crate `laz` decodes compressed chunks, as many at a time as there are threads.
 
 #![cfg_attr(not(feature = "laz"), allow(unused, unreachable_pub))]
 
@@ -30,12 +30,12 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use surfel_model::TableColumns;
 
-/// Name of the extra bytes in which a file of Surfel says how far a point's splat reaches.
+/// Name of the extra bytes with the radius of a point's splat, in files that Surfel wrote.
 pub const RADIUS: &str = "splat_radius";
 /// Bytes of uncompressed points that are read at a time.
 const BLOCK_BYTES: usize = 2 << 20;
 
-/// Some bytes of a record.
+/// Returns `N` bytes of a record, from byte `at`.
 fn field<const N: usize>(bytes: &[u8], at: usize) -> [u8; N] {
     let mut out = [0; N];
     out.copy_from_slice(&bytes[at..at + N]);
@@ -46,11 +46,11 @@ fn unreadable(error: io::Error) -> Problem {
     Problem::new(format!("can't be read to its end: {error}")).help("the file is cut off, or the disk fails")
 }
 
-/// What points go to, block by block.
+/// A receiver of point records, block by block.
 trait Sink {
-    /// Says how many points there will be.
+    /// Announces the number of points.
     fn start(&mut self, header: &Header, count: usize);
-    /// Takes whole records.
+    /// Appends whole records.
     fn append(&mut self, records: &mut [u8]) -> Result<(), Problem>;
 }
 
@@ -67,7 +67,8 @@ impl Sink for Option<Columns> {
     }
 }
 
-/// Hands all points of a file to `sink`; with `repair` those of a compressed one that is cut off, as far as it goes.
+/// Passes all points of a file to `sink`. With `repair`, a truncated compressed file is read as far as its chunks are
+/// complete.
 fn read_records(
     source: &mut dyn Source,
     header: &mut Header,
@@ -80,7 +81,7 @@ fn read_records(
     }
     #[cfg(feature = "laz")]
     {
-        // The crate counts on sound streams: where it is built with checks of overflow, damaged ones make it panic.
+        // The crate `laz` expects valid streams: damaged ones make it panic where overflow checks are on.
         let read = AssertUnwindSafe(|| laz::read(source, header, file_bytes, repair, sink));
         catch_unwind(read).unwrap_or_else(|_| {
             let problem = Problem::new("is damaged: its compressed points make no sense");
@@ -91,29 +92,30 @@ fn read_records(
     Err(Problem::not_built("LAZ", "laz"))
 }
 
-/// What the start of a file says of its points: how many there are, and what each takes in memory.
+/// Number of points and memory per point, estimated from the start of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PointCount {
-    /// Number of points; an estimate for text.
+    /// Number of points; an estimate for text files.
     pub points: u64,
-    /// True if points have the radii of splats, as Surfel adds them to LAS.
+    /// True if points have splat radii, which Surfel adds to LAS files.
     pub has_radii: bool,
-    /// True if points have normals, as far as the start of the file says it.
+    /// True if points have normals, as far as the start of the file shows.
     pub has_normals: bool,
     /// True if points have colours, or may have them.
     pub has_colors: bool,
-    /// Bytes of the file that a point takes, and of its columns besides position, normal and colour.
+    /// Bytes per point: those in the file, plus those of the columns other than position, normal and colour.
     pub row_bytes: u64,
 }
 
-/// Columns that LAS has of a point: intensity, classification, returns and time, and the low digits of its place.
+/// Bytes per point of the columns that LAS adds: intensity, classification, returns, time, and the low digits of the
+/// position.
 const LAS_COLUMN_BYTES: u64 = 25;
-/// Bytes of a point's part of the chunks that are decompressed at a time.
+/// Bytes per point of the chunks that are decompressed at a time.
 #[cfg(feature = "laz")]
 const LAZ_BYTES: u64 = 15;
 
-/// The points of a file that can be written by levels, by its start; `None` for other files, and for those whose header
-/// can't be right. `columns` as [`crate::LoadOptions`] has them.
+/// Counts the points of a file that can be converted to COPC, from the start of the file. Returns `None` for other
+/// files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
 #[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
 pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<PointCount> {
     let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
@@ -158,7 +160,7 @@ pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Contex
     finish(columns, header, format, None, context)
 }
 
-/// The points read, and what there is to tell of them; `of` is how many the file has, where they are not all.
+/// Returns the points read and adds notes about them. `of` is the number of points in the file, if only some were read.
 fn finish(
     columns: Option<Columns>,
     header: Header,
@@ -178,20 +180,20 @@ fn finish(
     context.points(points)
 }
 
-/// What is said about the points that were read.
+/// Facts about the points read, for notes.
 #[derive(Default)]
 struct Told {
     count: usize,
-    /// How many the file has, where they are not all.
+    /// Number of points in the file, if only some were read.
     of: Option<u64>,
     withheld: u64,
     bounds: Option<(DVec3, DVec3)>,
     has_colors: bool,
-    /// Those count to 255 instead of 65535.
+    /// True if the file stores 8-bit colours in 16-bit fields (range 0–255).
     has_8_bit_colors: bool,
 }
 
-/// Notes about the points read; an error if there are none.
+/// Adds notes about the points read; returns an error if there are none.
 fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_>) -> Result<(), Problem> {
     let Told { count, of, withheld, bounds, has_colors, has_8_bit_colors } = told;
     if count == 0 {
@@ -234,7 +236,7 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
     Ok(())
 }
 
-/// Points as they are, in blocks.
+/// Reads uncompressed points in blocks.
 fn read_plain(source: &mut dyn Source, header: &mut Header, sink: &mut dyn Sink) -> Result<(), Problem> {
     let size = header.record_bytes;
     let there = (header.end - header.start) / size as u64;

@@ -1,4 +1,4 @@
-//! Point records, of any format, taken apart into columns: a block of records after the other, the columns in parallel.
+//! Conversion of point records of any format to columns: block by block, with the columns in parallel.
 
 use super::field;
 use super::header::{ExtraField, Header, POINT_BYTES};
@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::{Column3, ExtraColumn, PointCloud};
 
-/// True for the point formats with colours.
+/// True if a point format has colours.
 pub(super) fn has_colors(format: u8) -> bool {
     matches!(format, 2 | 3 | 5 | 7 | 8 | 10)
 }
@@ -19,7 +19,7 @@ trait Gather: Send {
     fn finish(self: Box<Self>) -> Option<ExtraColumn>;
 }
 
-/// A column, and where in a record its value is.
+/// A column, and the function that reads its value from a record.
 struct Field<T, F> {
     name: String,
     column: SparseColumn<T>,
@@ -37,17 +37,17 @@ impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Gather for Field<T, F> {
     }
 }
 
-/// The points read so far.
+/// Columns of the points read so far.
 pub(super) struct Columns {
     record_bytes: usize,
-    /// How many there will be.
+    /// Expected number of points.
     expected: usize,
-    /// Bit of byte 15 that says that a point is deleted; 0 if such points are read.
+    /// Bit of byte 15 that flags a point as withheld; 0 if withheld points are read, too.
     withheld_bit: u8,
     pub(super) withheld: u64,
     rows: KeptRows,
     grid: Vec<[i32; 3]>,
-    /// Where in a record the colours are.
+    /// Byte offset of the colours in a record, and the colours read so far.
     colors: Option<(usize, WideColors)>,
     extras: Vec<Box<dyn Gather>>,
 }
@@ -66,7 +66,8 @@ impl Columns {
         columns
     }
 
-    /// Only what splats are made of: positions, colours and extra bytes, scaled ones as f32.
+    /// Returns columns for only what splats are made of: positions, colours and extra bytes. Scaled extra bytes are
+    /// f32.
     pub(super) fn of_splats(header: &Header, expected: usize) -> Self {
         let format = header.format;
         let has_colors = has_colors(format);
@@ -132,7 +133,7 @@ impl Columns {
             self.add("edge_of_flight_line", |r| r[15] >> 7);
             self.add("classification", |r| r[16]);
             self.add("user_data", |r| r[17]);
-            // In steps of 0.006 degrees, as the standard says.
+            // The standard's unit is 0.006 degrees.
             self.add("scan_angle", |r| (f64::from(i16::from_le_bytes(field(r, 18))) * 0.006) as f32);
             self.add("point_source_id", |r| u16::from_le_bytes(field(r, 20)));
             self.add("gps_time", |r| f64::from_le_bytes(field(r, 22)));
@@ -163,12 +164,12 @@ impl Columns {
         }
     }
 
-    /// Points so far.
+    /// Returns the number of points so far.
     pub(super) fn len(&self) -> usize {
         self.grid.len()
     }
 
-    /// Appends whole records, less those that are withheld.
+    /// Appends whole records, except withheld ones.
     pub(super) fn append(&mut self, records: &mut [u8]) {
         let size = self.record_bytes;
         let mut kept = 0;
@@ -199,7 +200,8 @@ impl Columns {
         );
     }
 
-    /// Appends those of whole records that `keeps` says, and knows the others' colours ([`WideColors::see`]).
+    /// Appends the records that pass `keeps`; colours of the rejected ones still count for the colour range
+    /// ([`WideColors::see`]).
     pub(super) fn append_kept(&mut self, records: &mut [u8], keeps: impl Fn(&[u8]) -> bool + Sync + Send) {
         let (size, bit) = (self.record_bytes, self.withheld_bit);
         let is_kept: Vec<bool> = records.par_chunks_exact(size).map(keeps).collect();
@@ -215,7 +217,7 @@ impl Columns {
         self.append(&mut records[..end]);
     }
 
-    /// Ends of the points' coordinates, in steps of the header's scale.
+    /// Returns the bounds of the points, in steps of the header's scale.
     pub(super) fn ends(&self) -> Option<([i32; 3], [i32; 3])> {
         let first = *self.grid.first()?;
         Some(self.grid.iter().fold((first, first), |(low, high), p| {
@@ -223,12 +225,12 @@ impl Columns {
         }))
     }
 
-    /// Keeps no colours: says where in a record they are.
+    /// Drops the colour column and returns the byte offset of colours in a record.
     pub(super) fn leave_out_colors(&mut self) -> Option<usize> {
         self.colors.take().map(|(at, _)| at)
     }
 
-    /// The points, and whether their colours count to 255 instead of 65535.
+    /// Returns the points, and true if their colours range over 0–255 instead of 0–65535.
     pub(super) fn finish(self, header: &Header) -> (PointCloud, bool) {
         let (origin, positions) = on_grid(self.grid, header.scale, header.offset);
         let (colors, have_8_bits) = self.colors.and_then(|(_, colors)| colors.finish()).unzip();
@@ -240,12 +242,12 @@ impl Columns {
     }
 }
 
-/// Bit of byte 15 of a record of this format that says that a point is deleted.
+/// Returns the bit of byte 15 that flags a point as withheld, for a record format.
 fn withheld_bit(format: u8) -> u8 {
     if format < 6 { 0x80 } else { 0x04 }
 }
 
-/// The value of a type of the standard's extra bytes.
+/// Returns the function that reads a value of a type of the standard's extra bytes.
 pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     match kind {
         1 => |r| r[0].into(),
@@ -261,8 +263,8 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
-/// Points on the grid i·scale + offset as positions relative to an origin, in the memory of the grid's numbers. What
-/// f32 rounds away is kept where it matters: where it is more than a quarter of a step, so that the step isn't certain.
+/// Converts grid points i·scale + offset to positions relative to an origin, in the memory of the grid. The part that
+/// f32 rounds away is stored if it exceeds a quarter of a step, where the step would be ambiguous.
 pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
     let ends = |(low, high): ([i32; 3], [i32; 3]), (l, h): ([i32; 3], [i32; 3])| {
         ([0, 1, 2].map(|k| low[k].min(l[k])), [0, 1, 2].map(|k| high[k].max(h[k])))
@@ -277,13 +279,13 @@ pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (
     let origin = Column3::origin_of(min, max);
     let rest = offset - origin;
     let from_origin = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * scale + rest;
-    // f32 rounds by 2⁻²⁴ of a number at most.
+    // f32 rounds by at most 2⁻²⁴ of a number.
     let lost = (min - origin).abs().max((max - origin).abs()) * 2f64.powi(-24);
     let lows = lost.cmpgt(scale.abs() * 0.25).any().then(|| {
         let low = |p: &[i32; 3]| from_origin(*p) - from_origin(*p).as_vec3().as_dvec3();
         grid.par_iter().map(|p| low(p).as_vec3()).collect::<Vec<Vec3>>()
     });
-    // Bits of f32, of the same size and alignment as the vectors, so that the memory is used again.
+    // The f32 bits have the size and alignment of the vectors, so that the memory is reused.
     grid.par_iter_mut().for_each(|p| *p = from_origin(*p).as_vec3().to_array().map(|v| v.to_bits() as i32));
     let highs: Vec<Vec3> = grid.into_iter().map(|p| Vec3::from(p.map(|v| f32::from_bits(v as u32)))).collect();
     (origin, Column3::from_parts(highs, lows))

@@ -1,7 +1,7 @@
-//! Wavefront OBJ with its MTL materials.
+//! Reader of Wavefront OBJ with MTL materials.
 //!
-//! Positions keep every decimal. Vertex colours (`v x y z r g b`) are what a program displayed, so they are
-//! sRGB-encoded, and count to 1 or, if they are larger, to 255; `Kd` is linear and multiplies the texture.
+//! Positions are parsed without loss. Vertex colours (`v x y z r g b`) are values that a program displayed, so they are
+//! sRGB-encoded. Their range is 1 or, if a value is larger, 255. `Kd` is linear and multiplies the texture.
 
 mod mtl;
 mod names;
@@ -20,35 +20,35 @@ use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::PointCloud;
 
-/// A corner without texture coordinate or normal.
+/// Index of a corner without texture coordinate or normal.
 const NONE: u32 = u32::MAX;
 
-/// True if `head` starts like OBJ: with one of its keywords.
+/// True if `head` starts with a keyword of OBJ.
 pub(crate) fn looks_like(head: &[u8]) -> bool {
     let mut lines = Lines::new(head).filter_map(|(_, line)| words(line).next()).filter(|w| !w.starts_with(b"#"));
     let keywords: [&[u8]; 9] = [b"v", b"vn", b"vt", b"f", b"o", b"g", b"mtllib", b"usemtl", b"s"];
     lines.next().is_some_and(|w| keywords.contains(&w))
 }
 
-/// A file's statements, with material names resolved to indices.
+/// Parsed statements of a file, with material names resolved to indices.
 #[derive(Default)]
 struct Obj {
     positions: Vec<DVec3>,
-    /// Colours as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices have none.
+    /// Colours as printed; NaN for a vertex without one. Shorter than `positions` if the last vertices have no colours.
     printed_colors: Vec<[f64; 3]>,
-    /// Linear.
+    /// Linear vertex colours.
     colors: Vec<[f32; 3]>,
     uvs: Vec<[f32; 2]>,
     normals: Vec<[f32; 3]>,
-    /// Position, texture coordinate, normal ([`NONE`] where it has none), material.
+    /// Corners: indices of position, texture coordinate, normal ([`NONE`] if there is none) and material.
     corners: Vec<[u32; 4]>,
     /// Number of corners of each face.
     faces: Vec<u32>,
-    /// Corners that refer to a texture coordinate, or a normal, that the file lacks.
+    /// Number of corners that refer to a missing texture coordinate, or to a missing normal.
     missing: [usize; 2],
-    /// The largest vertex that a face refers to before the file has it, where that is, and how it is written.
+    /// Largest vertex index that a face uses before the vertex is defined, with its line and text.
     ahead: Option<(u32, usize, String)>,
-    /// The line that is being read.
+    /// Number of the current line.
     line: usize,
     names: HashMap<String, u32>,
     material: u32,
@@ -62,7 +62,7 @@ pub(crate) fn read(bytes: &[u8], context: &mut Context<'_>) -> Result<Content, F
     let mut joined: Vec<u8> = Vec::new();
     for (number, line) in Lines::new(bytes) {
         obj.line = number;
-        // A backslash joins a line to the next.
+        // A backslash continues a line.
         if let Some(part) = line.strip_suffix(b"\\") {
             joined.extend_from_slice(part);
             joined.push(b' ');
@@ -116,7 +116,7 @@ impl Obj {
                     self.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
             }
-            // Groups, smoothing and free-form parameters say nothing about shape or colour here.
+            // Groups, smoothing and free-form parameters have no effect on shape or colour.
             _ => {}
         }
         Ok(())
@@ -130,7 +130,7 @@ impl Obj {
             rest[count] = number(word).ok_or_else(|| bad_number(word, "v X Y Z [R G B]"))?;
             count += 1;
         }
-        // One number more is a weight, which polygons don't have; three or four are a colour.
+        // One additional number is a weight, which polygons don't have; three or four are a colour.
         if count >= 3 {
             self.printed_colors.resize(self.positions.len() - 1, [f64::NAN; 3]);
             self.printed_colors.push([rest[0], rest[1], rest[2]]);
@@ -138,7 +138,7 @@ impl Obj {
         Ok(())
     }
 
-    /// Makes colours linear, and vertices without one white.
+    /// Converts colours to linear; vertices without a colour become white.
     fn decode_colors(&mut self, context: &mut Context<'_>) {
         let mut printed = std::mem::take(&mut self.printed_colors);
         if printed.is_empty() {
@@ -161,7 +161,7 @@ impl Obj {
         let start = self.corners.len();
         for word in words {
             let mut parts = word.split(|&b| b == b'/');
-            // An index may refer to what comes later in the file.
+            // An index may refer to an element that is defined later.
             let mut index = |count: usize| {
                 let text = parts.next().unwrap_or(b"");
                 let value: Option<i64> = std::str::from_utf8(text).ok().and_then(|t| t.parse().ok());
@@ -193,7 +193,7 @@ impl Obj {
         Ok(())
     }
 
-    /// Checks that there is what faces refer to. Corners whose texture coordinate or normal the file lacks have none.
+    /// Checks that faces refer to existing elements. Corners with a missing texture coordinate or normal get none.
     fn check_corners(&mut self, context: &mut Context<'_>) -> Result<(), Problem> {
         let count = self.positions.len();
         if let Some((_, line, text)) = self.ahead.take().filter(|(last, ..)| *last as usize >= count) {
@@ -220,7 +220,7 @@ impl Obj {
         let (origin, positions) = measured_positions(&self.positions);
         let n = positions.len();
         let colors = (!self.colors.is_empty()).then(|| self.colors);
-        // Without faces, normals belong to vertices by their order, as point exporters write them.
+        // Without faces, normals belong to vertices in order, as point exporters write them.
         let normals = (self.normals.len() == n)
             .then(|| surfel_model::Column3::from_f32(self.normals.iter().map(|&n| n.into()).collect()));
         let comments = self.comments;
@@ -234,7 +234,7 @@ impl Obj {
         if has_uvs {
             self.leave_out_textures(&mut materials);
         }
-        // Materials that all look alike need no vertices of their own.
+        // Equal materials need no separate vertices.
         if materials.is_empty() {
             self.corners.iter_mut().for_each(|c| c[3] = 0);
         }
@@ -265,7 +265,7 @@ impl Obj {
         context.parts(parts, &materials, &textures)
     }
 
-    /// Gives faces of which a corner has no texture coordinate a material without textures.
+    /// Assigns a material without textures to faces with a corner that has no texture coordinate.
     fn leave_out_textures(&mut self, materials: &mut Vec<Material>) {
         let mut plain: HashMap<u32, u32> = HashMap::new();
         let mut rest = self.corners.as_mut_slice();
@@ -288,7 +288,7 @@ impl Obj {
         }
     }
 
-    /// A vertex for each different corner, in order of first use.
+    /// Creates a vertex for each distinct corner, in order of first use.
     fn split(&self, has_uvs: bool, has_normals: bool, parts: &mut Parts, indices: &mut Vec<u32>) {
         let mut index: HashMap<[u32; 4], u32> = HashMap::with_capacity(self.positions.len());
         let (mut uvs, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
@@ -321,7 +321,7 @@ impl Obj {
     }
 }
 
-/// Names of the elements that corners refer to besides vertices.
+/// Names of the elements, other than vertices, that corners refer to.
 const KINDS: [&str; 2] = ["texture coordinate", "normal"];
 
 fn no_such_vertex(text: &[u8], count: usize) -> Problem {
@@ -329,13 +329,13 @@ fn no_such_vertex(text: &[u8], count: usize) -> Problem {
     Problem::new(format!("a face refers to vertex {} of {count}", quote(text))).expected(expected)
 }
 
-/// The text after a keyword: names and paths may hold blanks.
+/// Returns the text after a keyword: names and paths may contain blanks.
 fn rest_of(line: &[u8], keyword: &[u8]) -> String {
     let line = line.trim_ascii();
     String::from_utf8_lossy(line[keyword.len().min(line.len())..].trim_ascii()).into_owned()
 }
 
-/// `N` numbers, of which the first `needed` must be there; the others are 0.
+/// Parses `N` numbers, of which the first `needed` are required; missing ones are 0.
 fn numbers<'a, const N: usize>(
     words: &mut impl Iterator<Item = &'a [u8]>,
     form: &str,

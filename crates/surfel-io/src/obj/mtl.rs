@@ -1,4 +1,4 @@
-//! MTL material libraries: base colour, opacity and their textures, normal maps.
+//! Reader of MTL material libraries: base colours, opacities and their textures, and normal maps.
 
 use super::names;
 use crate::ascii::{Lines, number, words};
@@ -11,7 +11,7 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Texture};
 
-/// Most textures that one file may bring, which bounds the memory for them.
+/// Maximum number of textures of a file, which limits their memory.
 const MAX_TEXTURES: usize = 64;
 
 struct Entry {
@@ -38,16 +38,16 @@ impl Default for Entry {
     }
 }
 
-/// A map of normals, or of what may be heights.
+/// A bump map: normals, or possibly heights.
 struct Bumps {
     map: String,
-    /// `-bm`.
+    /// Factor of the option `-bm`.
     scale: f32,
-    /// The keyword says that these are normals.
+    /// True if the keyword states that the map contains normals.
     are_normals: bool,
 }
 
-/// The images that a material names.
+/// The images that a material refers to.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Maps<'a> {
     color: Option<&'a str>,
@@ -55,7 +55,8 @@ struct Maps<'a> {
 }
 
 impl Maps<'_> {
-    /// Both images as one texture, of the size of the first that can be had. What can't is noted.
+    /// Combines both images to one texture, of the size of the first image that can be read. Adds notes about images
+    /// that can't.
     fn read(self, so_far: usize, context: &mut Context<'_>) -> Option<Texture> {
         let mut decode = |map: Option<&str>| {
             let map = map?;
@@ -67,7 +68,7 @@ impl Maps<'_> {
             result.map_err(|why| context.note(texture::missing(map, &why))).ok()
         };
         let color = decode(self.color);
-        // Many materials name the same image for both and mean its alpha.
+        // Many materials state the same image for both, meaning its alpha.
         let opacity = if self.opacity == self.color { None } else { decode(self.opacity) };
         match (color, opacity) {
             (Some(color), Some(opacity)) => Some(with_opacity(color, &opacity)),
@@ -80,17 +81,17 @@ impl Maps<'_> {
     }
 }
 
-/// Blue by which a map of normals exceeds red and green on average, of 255: z is at least a half, so that it is 64 or
-/// more, and maps of heights are grey.
+/// Minimum mean excess of blue over red and green, out of 255, in a normal map. Normals have z ≥ 0.5, so that the
+/// excess is at least 64; height maps are grey.
 const NORMALS_BLUE: f64 = 32.0;
 
-/// True of tangent-space normals, which most programs write as `map_Bump`.
+/// True if an image contains tangent-space normals, which most programs write as `map_Bump`.
 fn shows_normals(image: &Texture) -> bool {
     let blue = |[r, g, b, _]: &[u8; 4]| f64::from(*b) - 0.5 * (f64::from(*r) + f64::from(*g));
     image.srgba8.iter().map(blue).sum::<f64>() > NORMALS_BLUE * image.srgba8.len() as f64
 }
 
-/// A texture with another's alpha, or its grey where that is opaque, as opacity.
+/// Returns a texture whose opacity is the alpha of another one, or its grey if that one is opaque.
 fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
     let has_alpha = opacity.srgba8.iter().any(|t| t[3] < 255);
     let of = |[r, g, b, a]: [u8; 4]| {
@@ -109,8 +110,8 @@ fn with_opacity(mut color: Texture, opacity: &Texture) -> Texture {
     color
 }
 
-/// The materials of `names` (name → index) and their textures; empty if none of them says anything. Whatever is
-/// missing is noted, and white.
+/// Resolves the materials of `names` (name → index) and their textures; returns nothing if all materials are plain.
+/// Missing materials are white, with a note.
 pub(super) fn resolve(
     libraries: &[String],
     names: &HashMap<String, u32>,
@@ -167,13 +168,13 @@ pub(super) fn resolve(
                 Some(textures.len() - 1)
             })
         });
-        // A map alone glows as it is; one that is missing doesn't glow.
+        // A map without a factor is emitted unchanged; a missing map emits nothing.
         let emission = match (&entry.emission_map, emission_map) {
             (Some(_), None) => [0.0; 3],
             (Some(_), Some(_)) => entry.emission.unwrap_or([1.0; 3]),
             (None, _) => entry.emission.unwrap_or_default(),
         };
-        // Many exporters write a black Kd beside a texture and mean the texture.
+        // Many exporters write a black Kd beside a texture that should be visible.
         let [r, g, b] = if image.is_some() && entry.color == [0.0; 3] { [1.0; 3] } else { entry.color };
         if let Some(material) = materials.get_mut(i as usize) {
             let factor = [r, g, b, entry.alpha];
@@ -188,7 +189,7 @@ pub(super) fn resolve(
     (materials, textures)
 }
 
-/// A file by its name, or else by what the name is without percent-encoding, which some exporters write.
+/// Reads a file by its name or, failing that, by its percent-decoded name, which some exporters require.
 fn read(name: &str, context: &Context<'_>) -> Result<Vec<u8>, String> {
     context.siblings.read(name).or_else(|why| match names::decoded(name) {
         Some(decoded) => context.siblings.read(&decoded),
@@ -196,7 +197,7 @@ fn read(name: &str, context: &Context<'_>) -> Result<Vec<u8>, String> {
     })
 }
 
-/// The folder that a library's path names, with its separator: its textures lie relative to it.
+/// Returns the folder of a library's path, with its separator: textures are relative to it.
 fn folder_of(library: &str) -> &str {
     &library[..library.rfind(['/', '\\']).map_or(0, |at| at + 1)]
 }
@@ -217,19 +218,19 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>, conte
         match keyword {
             b"Kd" | b"Ke" => {
                 if let Some(r) = fraction() {
-                    // One number stands for three.
+                    // A single number applies to all three channels.
                     let g = fraction().unwrap_or(r);
                     let color = [r, g, fraction().unwrap_or(g)];
                     if keyword == b"Kd" { entry.color = color } else { entry.emission = Some(color) }
                 }
             }
             b"d" => entry.alpha = fraction().unwrap_or(1.0),
-            // MeshLab and its like write the opacity there, and nobody stores what can't be seen.
+            // MeshLab and similar programs write the opacity here, and no material is meant to be invisible.
             b"Tr" => entry.alpha = fraction().map(|tr| 1.0 - tr).filter(|alpha| *alpha > 0.0).unwrap_or(1.0),
             b"map_Kd" => entry.map = Some(path_of(&rest, folder, context)),
             b"map_d" => entry.opacity_map = Some(path_of(&rest, folder, context)),
             b"map_Ke" => entry.emission_map = Some(path_of(&rest, folder, context)),
-            // `norm` says what it is; where both are there, the other may be heights.
+            // `norm` is certain to be normals; a second bump map may be heights.
             b"norm" | b"map_Norm" => entry.bumps = Some(bumps(&rest, folder, true, context)),
             b"map_Bump" | b"map_bump" | b"bump" if entry.bumps.as_ref().is_none_or(|b| !b.are_normals) => {
                 entry.bumps = Some(bumps(&rest, folder, false, context));
@@ -239,14 +240,14 @@ fn parse(bytes: &[u8], folder: &str, entries: &mut HashMap<String, Entry>, conte
     }
 }
 
-/// A statement such as `map_Bump -bm 0.5 FILE`.
+/// Parses a statement such as `map_Bump -bm 0.5 FILE`.
 fn bumps(statement: &str, folder: &str, are_normals: bool, context: &mut Context<'_>) -> Bumps {
     let mut words = statement.split_whitespace().skip_while(|word| *word != "-bm").skip(1);
     let scale = words.next().and_then(|word| word.parse().ok()).filter(|scale: &f32| scale.is_finite());
     Bumps { map: path_of(statement, folder, context), scale: scale.unwrap_or(1.0), are_normals }
 }
 
-/// The file of a map statement.
+/// Returns the file of a map statement.
 fn path_of(statement: &str, folder: &str, context: &mut Context<'_>) -> String {
     let path = |map: &str| if Path::new(map).is_absolute() { map.to_owned() } else { format!("{folder}{map}") };
     let found = names::map(statement, |map| names::exists(&path(map), &context.siblings));

@@ -1,14 +1,15 @@
-//! File names in OBJ and MTL statements, which have several of them, blanks in them, and options before or after them.
-//! What names a file that is there is one.
+//! File names in OBJ and MTL statements. A statement may have several names, names with blanks, and options before or
+//! after them. Text that names an existing file is a name.
 
 use crate::files::Siblings;
 
-/// Most words of a statement that are tried as a beginning or an end of a name, and most libraries of a statement.
+/// Maximum number of words at the start or end of a statement at which a name may begin or end. Then the maximum number
+/// of libraries of a statement.
 const MOST_WORDS: usize = 12;
 const MOST_LIBRARIES: usize = 64;
 
-/// Texture options and the most words that follow them (the MTL specification). Of three numbers all but one may be
-/// left out.
+/// Texture options and the maximum number of words that follow each (MTL specification). All but the first of three
+/// numbers are optional.
 const OPTIONS: [(&str, usize); 15] = [
     ("-blendu", 1),
     ("-blendv", 1),
@@ -31,22 +32,22 @@ const OPTIONS: [(&str, usize); 15] = [
 #[derive(Debug, PartialEq)]
 pub(super) struct Map<'a> {
     pub(super) name: &'a str,
-    /// Options that would move the texture.
+    /// Options that move or scale the texture.
     pub(super) moved: Option<String>,
 }
 
-/// A name without percent-encoding, if it has any.
+/// Returns a percent-decoded name, if it differs from the original.
 pub(super) fn decoded(name: &str) -> Option<String> {
     let decoded = percent_encoding::percent_decode_str(name).decode_utf8().unwrap_or_default();
     (!decoded.is_empty() && decoded != name).then(|| decoded.into_owned())
 }
 
-/// True if there is a file of this name, or of the one without percent-encoding.
+/// True if a file of this name, or of its percent-decoded name, exists.
 pub(super) fn exists(name: &str, siblings: &Siblings) -> bool {
     !name.is_empty() && (siblings.has(name) || decoded(name).is_some_and(|decoded| siblings.has(&decoded)))
 }
 
-/// The libraries of an `mtllib` statement: one whose name may have blanks, or several.
+/// Returns the libraries of an `mtllib` statement: one, whose name may contain blanks, or several.
 pub(super) fn libraries(statement: &str, siblings: &Siblings) -> Vec<String> {
     libraries_among(statement, |name| exists(name, siblings))
 }
@@ -61,7 +62,7 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
         let last = words.len().min(first + MOST_WORDS);
         let longest = (first + 1..=last).rev().find(|end| exists(part(statement, &words[first..*end])));
         any |= longest.is_some();
-        // Of those that are missing each ends with its extension.
+        // A missing library's name ends with its extension.
         let is_end = |end: &usize| part(statement, &words[first..*end]).to_ascii_lowercase().ends_with(".mtl");
         let end = longest.or_else(|| (first + 1..=last).find(is_end)).unwrap_or(words.len());
         found.push(part(statement, &words[first..end]).to_owned());
@@ -71,15 +72,15 @@ fn libraries_among(statement: &str, exists: impl Fn(&str) -> bool) -> Vec<String
     if are_names { found } else { vec![statement.to_owned()] }
 }
 
-/// The file of a texture statement, before and after which there may be options: the longest part that names a file, or
-/// else what follows the options.
+/// Returns the file of a texture statement, which may have options before and after the name. The name is the longest
+/// part that is an existing file, else the text after the options.
 pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     let words = words(statement);
     let first = after_options(statement, &words);
     let ends = words.len().saturating_sub(MOST_WORDS).max(1)..=words.len();
     let found = ends.rev().find_map(|end| {
         let starts = 0..end.min(MOST_WORDS);
-        // The longest, but rather without the words that options take.
+        // The longest part, but preferably the one that starts after the options' words.
         let of_file = |start: &usize| exists(part(statement, &words[*start..end]));
         std::iter::once(first).filter(|first| *first < end).chain(starts).find(of_file).map(|start| start..end)
     });
@@ -89,7 +90,7 @@ pub(super) fn map(statement: &str, exists: impl Fn(&str) -> bool) -> Map<'_> {
     Map { name, moved: moved(&options.collect::<Vec<_>>()) }
 }
 
-/// The number of words that are options and what follows them.
+/// Returns the number of words that are options and their arguments.
 fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
     let word = |i: usize| words.get(i).map_or("", |range| &statement[range.clone()]);
     let mut next = 0;
@@ -99,7 +100,7 @@ fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
         let known = OPTIONS.iter().find(|(name, _)| *name == option);
         let most = known.map_or(usize::MAX, |(_, most)| *most);
         let is_number = |i: usize| word(i).parse::<f64>().is_ok();
-        // The last word is the file's. An option that isn't known takes words as far as they don't look like one.
+        // The last word is the file. Words that look like arguments belong to an unknown option.
         for taken in 0..most {
             let is_taken = match most {
                 1 => true,
@@ -115,14 +116,14 @@ fn after_options(statement: &str, words: &[std::ops::Range<usize>]) -> usize {
     next
 }
 
-/// True of a name with an image's extension.
+/// True if a name has the extension of an image.
 fn is_image(name: &str) -> bool {
     const EXTENSIONS: [&str; 14] =
         ["png", "jpg", "jpeg", "webp", "tga", "bmp", "tif", "tiff", "gif", "dds", "exr", "hdr", "ktx", "ktx2"];
     name.rsplit_once('.').is_some_and(|(_, extension)| EXTENSIONS.iter().any(|e| extension.eq_ignore_ascii_case(e)))
 }
 
-/// The options that move or scale a texture, if they do.
+/// Returns the options that move or scale a texture, if there are any.
 fn moved(options: &[&str]) -> Option<String> {
     let mut all = Vec::new();
     for (i, option) in options.iter().enumerate() {

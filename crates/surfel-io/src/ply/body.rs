@@ -1,5 +1,5 @@
-//! PLY data, text or binary: every wanted property becomes a column of its own type. Nothing is allocated by a count
-//! that the bytes present don't back.
+//! Reader of PLY data, text or binary: each requested property becomes a column of its own type. No allocation relies
+//! on a count that exceeds the bytes present.
 
 use super::encoding::PlyEncoding;
 use super::header::{ElementDef, Header, Kind, ScalarType};
@@ -12,23 +12,23 @@ use crate::strided::{NumberType, Strided};
 use std::ops::Range;
 use surfel_model::ExtraValues;
 
-/// What a reader wants of an element.
+/// The properties of an element that a reader requests.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Want {
-    /// Nothing: it is skipped.
+    /// No properties: the element is skipped.
     Nothing,
     /// All scalar properties.
     Scalars,
-    /// All scalar properties, the integer lists of these names, and the coordinates of textures: MeshLab's `texcoord`.
+    /// All scalar properties, the integer lists of these names, and MeshLab's texture coordinates (`texcoord`).
     Lists(&'static [&'static str]),
 }
 
-/// u and v of each of a face's corners in turn, and the texture that they are of.
+/// Properties of MeshLab's faces: u and v of each corner in turn, and the index of the texture.
 pub(super) const COORDINATES: &str = "texcoord";
 pub(super) const TEXTURE: &str = "texnumber";
-/// Reads the wanted elements in the order of the file, and stops after the last of them.
+/// Reads the requested elements in the order of the file, and stops after the last of them.
 ///
-/// Elements of fixed length may be in a file; with others, `bytes` have to be in memory.
+/// Elements of fixed length can be read from a file; for others, `bytes` must be in memory.
 pub(crate) fn read<'a>(
     bytes: Bytes<'a>,
     header: &Header,
@@ -71,7 +71,7 @@ pub(crate) fn read<'a>(
 
 enum Column<'a> {
     Scalar(ExtraValues),
-    /// Numbers that stay where they are until they are asked for.
+    /// Numbers that are read from the file on demand.
     Stored(Strided<'a>),
     List(Lists<u32>),
     Coordinates(Lists<f32>),
@@ -118,11 +118,11 @@ macro_rules! each {
     };
 }
 
-/// The place that has been read up to, which messages name.
+/// The reading position, with what messages need to describe it.
 struct Cursor<'a> {
-    /// The file, if it is in memory.
+    /// The file's bytes, if they are in memory.
     bytes: &'a [u8],
-    /// Of the file.
+    /// Length of the file, in bytes.
     length: usize,
     position: usize,
     element: &'a ElementDef,
@@ -154,7 +154,7 @@ impl Cursor<'_> {
     }
 }
 
-/// A scalar that PLY can hold.
+/// A scalar type of PLY.
 trait Scalar: Copy {
     fn read<const BIG: bool>(bytes: &[u8]) -> Self;
     fn parse(word: &[u8]) -> Option<Self>;
@@ -166,7 +166,7 @@ macro_rules! scalar {
             #[inline]
             fn read<const BIG: bool>(bytes: &[u8]) -> Self {
                 let mut raw = [0; size_of::<$t>()];
-                // The caller hands exactly as many bytes.
+                // The caller passes exactly the type's size.
                 raw.copy_from_slice(bytes);
                 if BIG { <$t>::from_be_bytes(raw) } else { <$t>::from_le_bytes(raw) }
             }
@@ -183,7 +183,7 @@ scalar! {
     f32, number_f32; f64, number;
 }
 
-/// A whole number, also one written as `255.0`.
+/// Parses a whole number, which may be written as `255.0`.
 fn integer<T: TryFrom<i64>>(word: &[u8]) -> Option<T> {
     let value = match std::str::from_utf8(word).ok()?.parse::<i64>() {
         Ok(value) => value,
@@ -214,7 +214,7 @@ fn read_binary<const BIG: bool>(cursor: &mut Cursor<'_>, columns: &mut [Column<'
                     })?;
                     let raw = take(cursor, length.saturating_mul(item.bytes()))?;
                     let items = raw.chunks_exact(item.bytes());
-                    // An item takes at least a byte, so the file backs these.
+                    // An item takes at least a byte, so the file's size limits the length.
                     match column {
                         Column::List(lists) => {
                             lists.push(items.map(|r| u32::try_from(to_i64::<BIG>(item, r)).unwrap_or(u32::MAX)));
@@ -255,8 +255,8 @@ fn to_f32<const BIG: bool>(kind: ScalarType, raw: &[u8]) -> f32 {
     if kind == ScalarType::F64 { f64::read::<BIG>(raw) as f32 } else { f32::read::<BIG>(raw) }
 }
 
-/// The number of an element's rows, and the least bytes of one: its scalars and the counts of its lists. An error, if
-/// fewer bytes are left than they take.
+/// Returns the number of an element's rows, and the minimum bytes of one: its scalars and the counts of its lists.
+/// Returns an error if fewer bytes remain than the rows need.
 fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     let properties = &cursor.element.properties;
     let least: usize = properties
@@ -278,11 +278,11 @@ fn backed_rows(cursor: &mut Cursor<'_>) -> Result<(usize, usize), Fault> {
     Ok((count as usize, least))
 }
 
-/// Properties that become one column together, and so aren't copied before.
+/// Properties that become one column together, and are therefore not copied first.
 const TOGETHER: [[&str; 3]; 5] =
     [["x", "y", "z"], ["nx", "ny", "nz"], ["su", "sv", "sw"], ["tu", "tv", "tw"], ["red", "green", "blue"]];
 
-/// Rows of fixed length, a block at a time: a block stays in cache while its columns are picked out of it.
+/// Reads rows of fixed length, block by block: a block stays in cache while its columns are extracted.
 fn read_rows<'a>(
     cursor: &mut Cursor<'_>,
     bytes: Bytes<'a>,
@@ -337,7 +337,7 @@ fn read_rows<'a>(
     Ok(())
 }
 
-/// The type as columns of numbers have it.
+/// Converts to the number type of columns.
 pub(super) fn number_type(kind: ScalarType) -> NumberType {
     match kind {
         ScalarType::I8 => NumberType::I8,
@@ -361,7 +361,7 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
         return Ok(());
     }
     let rows = usize::try_from(cursor.element.count).unwrap_or(usize::MAX);
-    // A value takes at least two bytes, itself and a separator: more rows than that can't be there.
+    // A value takes at least two bytes, for itself and a separator, which limits the number of rows.
     let backed = rows.min(cursor.remaining() / (2 * columns.len()) + 1);
     for column in columns.iter_mut() {
         if let Column::Scalar(values) = column {
@@ -406,7 +406,7 @@ fn read_ascii(cursor: &mut Cursor<'_>, columns: &mut [Column<'_>]) -> Result<(),
     Ok(())
 }
 
-/// The next blank-separated word. The first of a row must be the first of a line, else rows and header disagree.
+/// Returns the next word. The first word of a row must be the first of a line, else rows and header disagree.
 fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault> {
     let bytes = cursor.bytes;
     let mut start = cursor.position;
@@ -432,7 +432,7 @@ fn next_word<'a>(cursor: &mut Cursor<'a>, first: bool) -> Result<&'a [u8], Fault
     Ok(&bytes[start..start + length])
 }
 
-/// Appends a printed number of this type as its bytes, little endian.
+/// Appends a printed number of this type as little-endian bytes.
 #[cfg(feature = "laz")]
 pub(super) fn push_word(kind: ScalarType, word: &[u8], out: &mut Vec<u8>) -> Option<()> {
     macro_rules! push {
@@ -458,7 +458,7 @@ fn parse_word<T: Scalar>(cursor: &Cursor<'_>, word: &[u8]) -> Result<T, Fault> {
 }
 
 fn parse_list_word(cursor: &Cursor<'_>, word: &[u8]) -> Result<i64, Fault> {
-    // Items of lists that aren't used may be anything; those that are, are integers by their type.
+    // Items of unused lists may be anything; used lists have integer items.
     integer(word).ok_or_else(|| bad_word(cursor, word, "a whole number"))
 }
 

@@ -1,4 +1,4 @@
-//! Colours of vertices and faces: what their numbers count to, and whether they are linear.
+//! Colours of vertices and faces: their range, and whether they are linear.
 
 use super::table::{Table, take, take_set};
 use crate::color::{linear_of_8_bit, linear_of_16_bit, linear_of_level};
@@ -9,15 +9,16 @@ use crate::strided::{NumberType, Strided, combined, ranges};
 use surfel_model::ExtraValues;
 
 const RGB: [&str; 3] = ["red", "green", "blue"];
-/// Largest float that may be light, or a displayed colour that a computation put above 1: floats beyond are levels.
+/// Largest float value that can be light, or a displayed colour that a computation raised above 1. Larger floats are
+/// levels.
 pub(crate) const BRIGHTEST: f64 = 8.0;
 
-/// The meaning of float colours that a file doesn't state to be anything else.
+/// Meaning of float colours, unless the file states otherwise.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum FloatColors {
-    /// Linear light: the splat profile's, and those of a file with the comment `colors linear`.
+    /// Linear light: colours of the splat profile, and of files with the comment `colors linear`.
     Linear,
-    /// sRGB-encoded, as displayed: the colours of points and meshes.
+    /// sRGB-encoded, as displayed: colours of points and meshes.
     Displayed,
 }
 
@@ -28,7 +29,7 @@ impl FloatColors {
     }
 }
 
-/// The number type of three columns of colours.
+/// Number type of three colour columns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ColorType {
     Byte,
@@ -53,12 +54,12 @@ impl ColorType {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum ColorScale {
     Linear,
-    /// sRGB-encoded, from 0 to this.
+    /// sRGB-encoded, from 0 to this maximum.
     Encoded(f64),
 }
 
 impl ColorScale {
-    /// The scale of colours by their type, the largest of their numbers, and whether all are whole.
+    /// Determines the scale of colours from their type, their largest value, and whether all values are whole.
     pub(crate) fn of(kind: ColorType, largest: f64, whole: bool, floats: FloatColors) -> Self {
         match kind {
             ColorType::Byte => Self::Encoded(255.0),
@@ -70,7 +71,7 @@ impl ColorScale {
         }
     }
 
-    /// The function that makes stored numbers linear.
+    /// Returns the function that converts stored values to linear light.
     pub(crate) fn linear(self) -> impl Fn(f64) -> f32 + Sync {
         let bytes = linear_of_8_bit();
         let shorts = if self == Self::Encoded(65_535.0) { linear_of_16_bit() } else { &[] };
@@ -82,7 +83,7 @@ impl ColorScale {
         }
     }
 
-    /// The note about a scale that the type alone doesn't state.
+    /// Returns the note about a scale that the type alone doesn't determine.
     pub(crate) fn note(self, kind: ColorType, largest: f64) -> Option<String> {
         match (kind, self) {
             (ColorType::Byte, _) | (_, Self::Linear) => None,
@@ -97,10 +98,10 @@ impl ColorScale {
     }
 }
 
-/// The note about colours of 16 bits that count to 255.
+/// The note about 16-bit colours that range to 255.
 pub(crate) const EIGHT_BITS: &str = "its colours count to 255 instead of 65535: taken as 8 bits";
 
-/// Takes red, green and blue as linear colours, and notes what was assumed of them.
+/// Removes red, green and blue from a table, converts them to linear light, and notes assumptions about them.
 pub(super) fn take_colors(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -120,7 +121,7 @@ pub(super) fn take_colors(
     Ok(Some(r.iter().zip(&g).zip(&b).map(|((r, g), b)| [*r, *g, *b].map(&linear)).collect()))
 }
 
-/// Linear colours of columns that are read where they are stored.
+/// Converts columns that are read in place to linear colours.
 fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut Context<'_>) -> Vec<[f32; 3]> {
     let kind = ColorType::of(columns.map(|c| c.kind()));
     let largest = match kind {
@@ -128,7 +129,7 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
         _ => ranges(columns).iter().fold(0.0, |most: f64, range| most.max(range.1)),
     };
     let is_whole = |row: [f64; 3]| row.iter().all(|c| !c.is_finite() || c.fract() == 0.0);
-    // Others are told by the largest alone.
+    // In other cases the largest value decides.
     let matters = kind == ColorType::Float && largest > 1.0 && largest <= BRIGHTEST;
     let scale = ColorScale::of(kind, largest, matters && combined(columns, is_whole).iter().all(|w| *w), floats);
     scale.note(kind, largest).into_iter().for_each(|note| context.note(note));
@@ -136,7 +137,8 @@ fn stored_colors(columns: [Strided<'_>; 3], floats: FloatColors, context: &mut C
     combined(columns, |row| row.map(&linear))
 }
 
-/// Takes red, green and blue, which have to be there, as fractions of what they count to, and whether they are linear.
+/// Removes red, green and blue, which are required, from a table. Returns them as fractions of their range, and true if
+/// they are linear.
 pub(super) fn take_printed(
     table: &mut Table<'_>,
     floats: FloatColors,
@@ -151,11 +153,11 @@ pub(super) fn take_printed(
     Ok((r.iter().zip(&g).zip(&b).map(fraction).collect(), scale == ColorScale::Linear))
 }
 
-/// Three columns of colours as numbers.
+/// Three colour columns as numbers.
 struct Printed<'a>([&'a [f64]; 3]);
 
 impl Printed<'_> {
-    /// Returns the encoding of the values, and notes it if their type doesn't state it.
+    /// Returns the encoding of the values, with a note if their type doesn't determine it.
     fn scale(&self, kind: ColorType, floats: FloatColors, context: &mut Context<'_>) -> ColorScale {
         let all = || self.0.into_iter().flatten().copied().filter(|c| c.is_finite());
         let largest = all().fold(0.0, f64::max);
@@ -165,7 +167,7 @@ impl Printed<'_> {
     }
 }
 
-/// Takes colours in the bits of one number, as PCL has them. Floats that aren't such bits stay.
+/// Removes colours packed into one number, as in PCL. A float column that isn't packed stays.
 fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     let name = ["rgb", "rgba"].into_iter().find(|name| table.has(name))?;
     let packed = match table.take(name).map(ExtraValues::from)? {
@@ -183,12 +185,13 @@ fn take_packed(table: &mut Table<'_>) -> Option<Vec<[f32; 3]>> {
     Some(packed.into_iter().map(|bits| [16, 8, 0].map(|shift| bytes[(bits >> shift & 255) as usize])).collect())
 }
 
-/// True of a float whose bits may be a colour with an alpha of 0, or of 255 or nearly.
+/// True if a float's bits may be a colour with an alpha of 0, of 255, or nearly 255.
 pub(super) fn is_packed(value: f32) -> bool {
     value.is_nan() || value.abs() < 1e-37 || value < -1e37
 }
 
-/// Takes the alphas as fractions. Floats of points and meshes may count to 255; those of the splat profile don't.
+/// Removes alphas and returns them as fractions. Float alphas of points and meshes may range to 255; those of the splat
+/// profile don't.
 pub(super) fn take_alphas(table: &mut Table<'_>, is_profile: bool, context: &mut Context<'_>) -> Option<Vec<f32>> {
     let fraction = |a: f64, most: f64| (a / most).clamp(0.0, 1.0) as f32;
     match table.take("alpha").map(ExtraValues::from)? {

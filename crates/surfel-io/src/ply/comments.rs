@@ -1,24 +1,23 @@
-//! Comments with a meaning: which axis is up, the interior weight, that normals are oriented, and that float colours
-//! are linear.
+//! Meaningful comments: up axis, interior weight, oriented normals, and linear float colours.
 
 use crate::error::{Fault, Problem, quote};
 use surfel_model::Up;
 
-/// The up axis and the interior weight, where the comments say them.
+/// Returns the up axis and the interior weight, if comments state them.
 pub(super) fn interpret_comments(header_comments: &[String]) -> Result<(Option<Up>, Option<f64>), Fault> {
     let up = header_comments.iter().find_map(|c| comment_up(c));
     let weight = header_comments.iter().find_map(|c| comment_interior_weight(c)).transpose()?;
     Ok((up, weight))
 }
 
-/// The axis that a comment declares to be up: `Vertical axis: z`, `up +z`.
+/// Returns the up axis that a comment states: `Vertical axis: z`, `up +z`.
 pub(super) fn comment_up(comment: &str) -> Option<Up> {
     let text = comment.trim().to_ascii_lowercase();
     let axis = text.strip_prefix("vertical axis:").or_else(|| text.strip_prefix("up "))?;
     axis.trim().parse().ok()
 }
 
-/// The value of a comment `interior_weight W0`.
+/// Returns the value of a comment `interior_weight W0`.
 pub(super) fn comment_interior_weight(comment: &str) -> Option<Result<f64, Problem>> {
     let mut words = comment.split_ascii_whitespace();
     if words.next() != Some("interior_weight") {
@@ -32,12 +31,12 @@ pub(super) fn comment_interior_weight(comment: &str) -> Option<Result<f64, Probl
     }))
 }
 
-/// True of the comment that says that all normals point out of the same surface.
+/// True if the comment states that all normals point out of the same surface.
 pub(super) fn is_oriented(comment: &str) -> bool {
     comment.trim() == "oriented"
 }
 
-/// True of the comment that says that float colours are linear.
+/// True if the comment states that float colours are linear.
 pub(super) fn are_colors_linear(comment: &str) -> bool {
     let mut words = comment.split_ascii_whitespace().map(str::to_ascii_lowercase);
     matches!(words.next().as_deref(), Some("colors" | "colours"))

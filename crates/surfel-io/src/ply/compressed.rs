@@ -1,4 +1,5 @@
-//! Gaussian splats that PlayCanvas's tools pack into four words each, relative to the bounds of their chunks of 256.
+//! Compressed Gaussian splats of PlayCanvas's tools: four words per splat, relative to the bounds of chunks of 256
+//! splats.
 
 use super::comments::interpret_comments;
 use super::table::{Table, take};
@@ -13,18 +14,18 @@ use surfel_model::{Column3, ExtraValues};
 const CHUNK: usize = 256;
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-/// True of the vertices of such a file.
+/// True for the vertices of a compressed file.
 pub(super) fn recognise(vertices: &Table<'_>) -> bool {
     vertices.has(PACKED[0])
 }
 
-/// A value's lowest `bits` bits after `shift`, as a fraction of the largest.
+/// Returns `bits` bits of a value, from bit `shift` on, as a fraction of their maximum.
 fn fraction(value: u32, shift: u32, bits: u32) -> f64 {
     let most = (1 << bits) - 1;
     f64::from(value >> shift & most) / f64::from(most)
 }
 
-/// Bounds of each chunk.
+/// Minimum and maximum of each chunk.
 struct Bounds([Vec<f64>; 3], [Vec<f64>; 3]);
 
 impl Bounds {
@@ -34,7 +35,7 @@ impl Bounds {
         Ok(Self([a, b, c].map(|v| to_f64(&v.into())), [d, e, f].map(|v| to_f64(&v.into()))))
     }
 
-    /// The point at these fractions of a splat's chunk.
+    /// Returns the point at these fractions of the bounds of a splat's chunk.
     fn at(&self, splat: usize, fractions: [f64; 3]) -> DVec3 {
         let chunk = splat / CHUNK;
         DVec3::from([0, 1, 2].map(|k| self.0[k][chunk] * (1.0 - fractions[k]) + self.1[k][chunk] * fractions[k]))
@@ -62,7 +63,7 @@ pub(super) fn build(
         ["min_scale_x", "min_scale_y", "min_scale_z"],
         ["max_scale_x", "max_scale_y", "max_scale_z"],
     )?;
-    // The first files had none of these.
+    // Early files had no colour bounds.
     let color_bounds = if chunks.has("min_r") {
         Some(Bounds::take(&mut chunks, ["min_r", "min_g", "min_b"], ["max_r", "max_g", "max_b"])?)
     } else {
@@ -99,7 +100,7 @@ pub(super) fn build(
     })
 }
 
-/// A unit quaternion w, x, y, z without its largest part: its index in 2 bits, then the others in 10 bits each.
+/// Unpacks a unit quaternion w, x, y, z: the index of its largest component in 2 bits, then the others in 10 bits each.
 fn rotation(packed: u32) -> DQuat {
     let largest = (packed >> 30) as usize;
     let mut parts = [0.0; 4];

@@ -1,6 +1,6 @@
-//! The encodings of PLY data.
+//! Encodings of PLY data.
 
-/// The three encodings of PLY data.
+/// An encoding of PLY data.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum PlyEncoding {
     /// Decimal text.
@@ -13,7 +13,7 @@ pub enum PlyEncoding {
 }
 
 impl PlyEncoding {
-    /// As a header's format line says it.
+    /// Returns the encoding's name in a header's format line.
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Ascii => "ascii",

@@ -12,16 +12,17 @@ use glam::{DQuat, DVec3};
 
 const REQUIRED: [&str; 7] = ["scale_0", "scale_1", "rot_0", "rot_1", "rot_2", "rot_3", "opacity"];
 const CONSTANT: [&str; 3] = ["f_dc_0", "f_dc_1", "f_dc_2"];
-/// The standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF keep beside the scales.
+/// Property with the standard deviation of the 3D smoothing filter, which Mip-Splatting and GOF store beside the
+/// scales.
 const FILTER: &str = "filter_3D";
 
-/// True for a Gaussian-splat file; an error for one that lacks a part. A file with a radius or half-axes is in Surfel's
-/// own profile.
+/// True for a Gaussian-splat file; an error if required properties are missing. A file with a radius or half-axes is in
+/// Surfel's own profile.
 pub(super) fn recognise(table: &Table<'_>) -> Result<bool, Fault> {
     if table.has("radius") || table.has("su") || !["scale_0", "rot_0", "f_dc_0"].iter().any(|n| table.has(n)) {
         return Ok(false);
     }
-    // nerfstudio writes colours instead, on request.
+    // nerfstudio optionally writes colours instead.
     let colors = if table.has("red") && !table.has("f_dc_0") { ["red", "green", "blue"] } else { CONSTANT };
     match require(table, &[&REQUIRED[..], &colors].concat()) {
         Ok(()) => Ok(true),
@@ -77,10 +78,10 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     })
 }
 
-/// The standard deviations of a Gaussian that a filter of this one has smoothed, and what its opacity is multiplied by
-/// (Yu et al., Mip-Splatting, 2024, equation 9).
+/// Returns the standard deviations of a Gaussian smoothed by `filter`, and the factor of its opacity (Yu et al.,
+/// Mip-Splatting, 2024, equation 9).
 fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
-    // The third one of a flat Gaussian isn't used.
+    // The third axis of a flat Gaussian isn't used.
     let own = if kind == Kind::Flat { sigma.with_z(0.0) } else { sigma };
     let wide = (own * own + filter * filter).map(f64::sqrt);
     let ratio = own / wide;
@@ -88,7 +89,7 @@ fn smoothed(sigma: DVec3, filter: f64, kind: Kind) -> (DVec3, f64) {
     if filter == 0.0 { (sigma, 1.0) } else { (if kind == Kind::Flat { wide.with_z(0.0) } else { wide }, ratio) }
 }
 
-/// The columns `f_rest_N`: all coefficients of red, then of green, then of blue.
+/// Reads the columns `f_rest_N`: all coefficients of red, then of green, then of blue.
 fn harmonics(table: &mut Table<'_>, splats: usize, context: &Context<'_>) -> Harmonics {
     let rest = table.scalars.iter().filter(|(name, _)| name.starts_with("f_rest_")).count();
     let degree = [0, 9, 24, 45].iter().position(|n| *n == rest);

@@ -1,13 +1,13 @@
-//! PLY headers: elements, properties and comments, before any data is touched.
+//! Parser of PLY headers: elements, properties and comments, without any data.
 
 use super::encoding::PlyEncoding;
 use super::names;
 use crate::error::{Fault, Location, Problem, quote};
 use std::collections::HashSet;
 
-/// Longest header, in bytes. Bounds the number of properties, too.
+/// Maximum length of a header, in bytes, which also limits the number of properties.
 pub(crate) const MAX_HEADER_BYTES: usize = 1 << 20;
-/// Longest header line, in bytes.
+/// Maximum length of a header line, in bytes.
 pub(crate) const MAX_LINE_BYTES: usize = 1 << 16;
 
 /// A parsed header.
@@ -20,20 +20,20 @@ pub(crate) struct Header {
     pub(crate) body: usize,
 }
 
-/// An element: a table's name, length and columns.
+/// An element: name, number of rows and properties of a table.
 #[derive(Debug)]
 pub(crate) struct ElementDef {
-    /// The profile's name where the file has another for it.
+    /// Canonical name of the profile, if the file uses a synonym.
     pub(crate) name: String,
-    /// The file's name, for messages.
+    /// Name in the file, for messages.
     pub(crate) in_file: String,
-    /// As the header says; nothing is allocated by it alone.
+    /// Number of rows that the header states; never the only basis of an allocation.
     pub(crate) count: u64,
     pub(crate) properties: Vec<PropertyDef>,
 }
 
 impl ElementDef {
-    /// True if its rows have all the same length in a binary file.
+    /// True if all rows have the same length in a binary file.
     pub(crate) fn is_fixed(&self) -> bool {
         self.properties.iter().all(|p| matches!(p.kind, Kind::Scalar(_)))
     }
@@ -41,9 +41,9 @@ impl ElementDef {
 
 #[derive(Debug)]
 pub(crate) struct PropertyDef {
-    /// The profile's name where the file has another for it.
+    /// Canonical name of the profile, if the file uses a synonym.
     pub(crate) name: String,
-    /// The file's name, for messages.
+    /// Name in the file, for messages.
     pub(crate) in_file: String,
     pub(crate) kind: Kind,
 }
@@ -111,7 +111,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         let (number, raw) = lines.next_line()?;
         let at = Location::Line(number);
         let first = raw.split(u8::is_ascii_whitespace).find(|w| !w.is_empty()).unwrap_or(b"");
-        // Comments may hold anything, so they are taken before the line has to be UTF-8.
+        // Comments may contain any bytes, so they are handled before the line must be UTF-8.
         if first == b"comment" || first == b"obj_info" {
             if first == b"comment" {
                 let text = String::from_utf8_lossy(raw);
@@ -127,7 +127,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Header, Fault> {
         };
         let words: Vec<&str> = line.split_ascii_whitespace().collect();
         match words[..] {
-            // Blender 2.4 names itself without the word comment.
+            // Blender 2.4 writes its name without the word comment.
             [] | ["Created", "by", ..] => {}
             ["end_header"] => break,
             ["format", name, version] => encoding = Some(parse_format(name, version).map_err(|p| p.at(at))?),
@@ -217,8 +217,8 @@ fn parse_property(words: &[&str]) -> Result<PropertyDef, Problem> {
     }
 }
 
-/// Header lines, which end as the first one does: LF, CRLF or CR. The data after the header can begin with any
-/// byte, so the ending can't be guessed line by line.
+/// Reader of header lines, whose line ending is that of the first line: LF, CRLF or CR. The data after the header can
+/// begin with any byte, so the ending can't be guessed line by line.
 struct HeaderLines<'a> {
     bytes: &'a [u8],
     end: u8,
@@ -310,7 +310,7 @@ mod tests {
         {
             assert_eq!(named(&normal), ["nx", "ny", "nz"]);
         }
-        // An alpha without colours, half a set, what Gaussians are made of, and degrees stay.
+        // No renaming: an alpha without colours, an incomplete set, properties of Gaussians, and degrees.
         for others in [vec!["a", "b"], vec!["nx", "normal_x"], vec!["scale_0", "rot_0"], vec!["lon", "lat", "z"]] {
             assert_eq!(named(&others), others);
         }

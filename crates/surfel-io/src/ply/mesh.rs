@@ -17,23 +17,23 @@ use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{Column3, ExtraColumn, Mesh};
 
-/// Polygons, and where their corners are in textures.
+/// Polygons, with texture coordinates and other properties.
 pub(super) struct Faces {
     corners: Lists<u32>,
     coordinates: Option<Lists<f32>>,
-    /// The texture of each.
+    /// Texture index of each polygon.
     textures: Option<Vec<f64>>,
-    /// The colour of each.
+    /// Colour of each polygon.
     colors: Option<Vec<FaceColor>>,
     /// Other properties.
     extras: Vec<ExtraColumn>,
 }
 
-/// Properties of faces that aren't numbers to be coloured by.
+/// Properties of faces that don't become extra columns.
 const NOT_EXTRAS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
 impl Faces {
-    /// `None` without polygons.
+    /// Reads the faces of a table; returns `None` without polygons.
     pub(super) fn of(
         mut table: Table<'_>,
         comments: &[String],
@@ -56,7 +56,7 @@ impl Faces {
         Ok(corners.map(|(_, corners)| Self { corners, coordinates, textures, colors, extras }))
     }
 
-    /// The colour of each triangle that the polygons were cut into: of a polygon of n corners there are n − 2.
+    /// Returns the colour of each triangle; a polygon of n corners becomes n − 2 triangles.
     fn triangle_colors(&self) -> Option<Vec<Option<FaceColor>>> {
         let colors = self.colors.as_ref()?;
         let each = self.corners.lengths.iter().zip(colors);
@@ -79,7 +79,7 @@ pub(super) fn build(
     let alphas = take_alphas(&mut table, false, context);
     let uv_names = [["s", "t"], ["u", "v"], ["texture_u", "texture_v"]];
     let uvs = match uv_names.into_iter().find(|names| names.iter().all(|n| table.has(n))) {
-        // PLY has v upwards, as OpenGL; the model has it downwards, as images.
+        // PLY has v upwards, as OpenGL; the model has v downwards, as images.
         Some(names) => take_set(&mut table, names)?.map(|uv| {
             let [u, v] = uv.map(columns::to_f32);
             u.into_iter().zip(v).map(|(u, v)| [u, 1.0 - v]).collect()
@@ -140,9 +140,9 @@ fn to_arrays([x, y, z]: [Vec<f32>; 3]) -> Vec<[f32; 3]> {
     x.into_iter().zip(y).zip(z).map(|((x, y), z)| [x, y, z]).collect()
 }
 
-/// Cuts polygons into triangles, and returns the polygon of each.
+/// Cuts polygons into triangles; returns the index of each triangle's polygon.
 fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, context: &mut Context<'_>) -> Vec<u32> {
-    // Every item beyond a polygon's second makes a triangle, so this is exact.
+    // Every corner beyond a polygon's second makes a triangle, so this capacity is exact.
     triangles.reserve(faces.lengths.iter().map(|&n| (n as usize).saturating_sub(2)).sum());
     let (mut skipped, mut cutter) = (0, Cutter::default());
     let mut face_of = Vec::with_capacity(triangles.capacity());
@@ -158,8 +158,7 @@ fn cut(faces: &Lists<u32>, positions: &Column3, triangles: &mut Vec<[u32; 3]>, c
     face_of
 }
 
-/// The columns of triangles that polygons' columns are. One that is called as a column of the vertices gets `face_`
-/// before its name.
+/// Converts columns of polygons to columns of triangles. A name that vertices use, too, gets the prefix `face_`.
 fn columns_of_triangles(
     extras: &[ExtraColumn],
     face_of: &[u32],
@@ -175,19 +174,19 @@ fn columns_of_triangles(
     let of = |extra: &ExtraColumn| {
         let is_taken = ExtraColumn::find(of_vertices, &extra.name).is_some();
         let name = if is_taken { format!("face_{}", extra.name) } else { extra.name.clone() };
-        // An element may have fewer rows than lists where a file is damaged.
+        // In a damaged file an element may have fewer rows than lists.
         (extra.values.len() > face_of.last().map_or(0, |last| *last as usize))
             .then(|| ExtraColumn { name, values: extra.values.select(face_of) })
     };
     extras.iter().filter_map(of).collect()
 }
 
-/// Where a vertex is, if there is one.
+/// Returns a vertex's position, if the vertex exists.
 pub(super) fn place(positions: &Column3, i: u32) -> Option<DVec3> {
     ((i as usize) < positions.len()).then(|| positions.get(i as usize))
 }
 
-/// Strips, in which −1 begins a new one. Triangles without area only steer the strip.
+/// Converts strips to triangles; −1 begins a new strip. Degenerate triangles only steer a strip.
 fn unroll(strips: &Lists<u32>, triangles: &mut Vec<[u32; 3]>) {
     triangles.reserve(strips.items.len());
     for strip in strips.iter() {

@@ -26,12 +26,12 @@ use header::ElementDef;
 use mesh::Faces;
 use table::require;
 
-/// Names of the list of a face's or strip's corners.
+/// Names of the list with the corners of a face or strip.
 const INDEX_LISTS: &[&str] = &["vertex_indices", "vertex_index"];
 
 /// Reads a PLY file.
 pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Content, Fault> {
-    // Beyond the longest header there is a byte that shows it to be too long.
+    // One byte more than the longest header, to detect longer ones.
     let header = header::parse(&bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1))?;
     let whole;
     let is_fixed = header.encoding != PlyEncoding::Ascii && header.elements.iter().all(ElementDef::is_fixed);

@@ -1,14 +1,14 @@
-//! Names that programs give to elements and properties, and the ones of the profile that they stand for.
+//! Synonyms of element and property names, and the profile's canonical names.
 
 use super::header::{ElementDef, Kind, ScalarType};
 use super::{INDEX_LISTS, body};
 use crate::point_columns::{COLORS, NORMALS, POSITIONS, plain_name};
 
-/// Names of the vertices' element, without case; of several the first counts.
+/// Names of the vertex element, ignoring case, in order of priority.
 const VERTICES: [&str; 4] = ["vertex", "vertices", "point", "points"];
 const FACES: [&str; 2] = ["face", "faces"];
 
-/// Gives elements and properties the names of the profile, as far as none is there already. Messages use the file's own
+/// Renames elements and properties to the profile's names, unless these exist already. Messages use the file's own
 /// names.
 pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     rename_element(elements, &VERTICES);
@@ -16,7 +16,7 @@ pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     for element in elements {
         match element.name.as_str() {
             "vertex" => {
-                // Degrees aren't lengths: such vertices are refused, as they have no x y z.
+                // Degrees aren't lengths: vertices in degrees are refused because they have no x y z.
                 let lengths: Vec<[&str; 3]> = POSITIONS.into_iter().filter(|set| !set[0].starts_with("lon")).collect();
                 rename_set(element, ["x", "y", "z"], &lengths);
                 rename_set(element, ["nx", "ny", "nz"], &NORMALS);
@@ -32,7 +32,7 @@ pub(super) fn make_canonical(elements: &mut [ElementDef]) {
     }
 }
 
-/// Gives the element that goes by one of these names the first of them.
+/// Renames the element with one of these names to the first of them.
 fn rename_element(elements: &mut [ElementDef], names: &[&str]) {
     if elements.iter().any(|e| e.name == names[0]) {
         return;
@@ -50,7 +50,7 @@ fn rename_colors(element: &mut ElementDef) {
     rename_set(element, ["alpha"], if has_colors { &[["alpha"], ["a"]] } else { &[["alpha"]] });
 }
 
-/// Gives the properties that go by the first of the sets of names that is there these `canonical` ones.
+/// Renames properties to the `canonical` names, using the first set of synonyms that is complete.
 fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], sets: &[[&str; N]]) {
     let properties = &mut element.properties;
     if canonical.iter().any(|name| properties.iter().any(|p| p.name == *name)) {
@@ -69,7 +69,8 @@ fn rename_set<const N: usize>(element: &mut ElementDef, canonical: [&str; N], se
     }
 }
 
-/// Names the list of a face's corners: by its name without case, else as the only list of whole numbers.
+/// Renames the list of a face's corners: by its name, ignoring case, or else because it is the only list of whole
+/// numbers.
 fn rename_corners(element: &mut ElementDef) {
     let properties = &mut element.properties;
     if properties.iter().any(|p| INDEX_LISTS.contains(&p.name.as_str())) {

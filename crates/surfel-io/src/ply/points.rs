@@ -1,4 +1,4 @@
-//! The vertices of a PLY file of points alone, for what reads them block by block.
+//! The vertices of a PLY file that contains only points, for reading block by block.
 
 use super::body::{number_type, push_word};
 use super::colors::{self, FloatColors};
@@ -13,22 +13,23 @@ use crate::strided::{NumberType, Strided};
 use std::io::Write;
 use surfel_model::Up;
 
-/// Properties of what is more than a point.
+/// Properties of splats, which aren't plain points.
 const OF_SPLATS: [&str; 7] = ["radius", "su", "packed_position", "scale_0", "rot_0", "f_dc_0", "clip_mode"];
 
-/// A file's header, and where its vertices are.
+/// The header and the vertices of a file.
 pub(crate) struct Vertices {
     header: Header,
-    /// Which element they are.
+    /// Index of the vertex element.
     element: usize,
-    /// Where they begin.
+    /// Byte offset of the first vertex.
     start: usize,
-    /// Lines of the header.
+    /// Number of header lines.
     lines: usize,
 }
 
 impl Vertices {
-    /// The vertices of a file; `None` of one that holds anything but points, or them in rows of several lengths.
+    /// Finds the vertices of a file; returns `None` if it contains anything other than points, or rows of varying
+    /// lengths.
     pub(crate) fn of(bytes: Bytes<'_>) -> Result<Option<Self>, Fault> {
         let head = bytes.at_most(0, header::MAX_HEADER_BYTES + header::MAX_LINE_BYTES + 1);
         let header = header::parse(&head)?;
@@ -67,22 +68,22 @@ impl Vertices {
         self.vertices().properties.iter().any(|p| p.name == property)
     }
 
-    /// Least bytes that they take.
+    /// Returns the minimum number of bytes of the vertices.
     pub(crate) fn least_bytes(&self) -> u64 {
         let row = match self.header.encoding {
-            // A number and what parts it from the next.
+            // A digit and a separator.
             PlyEncoding::Ascii => 2 * self.vertices().properties.len(),
             _ => row_bytes(self.vertices()),
         };
         self.points().saturating_mul(row as u64)
     }
 
-    /// Which axis is up, if a comment says it.
+    /// Returns the up axis, if a comment states it.
     pub(crate) fn up(&self) -> Option<Up> {
         interpret_comments(&self.header.comments).ok()?.0
     }
 
-    /// The meaning of float colours.
+    /// Returns the meaning of float colours.
     pub(crate) fn float_colors(&self) -> FloatColors {
         FloatColors::of_comments(&self.header.comments)
     }
@@ -94,7 +95,7 @@ impl Vertices {
         Problem::new(what).help("copy or export the file again: it is incomplete, or its header counts too many")
     }
 
-    /// Writes those of text as they are in a binary file; false where they are binary.
+    /// Converts text vertices to binary rows in `out`; returns false if the file is binary.
     pub(crate) fn unpack(&self, bytes: Bytes<'_>, out: &mut dyn Write) -> Result<bool, Fault> {
         if self.header.encoding != PlyEncoding::Ascii {
             return Ok(false);
@@ -128,7 +129,7 @@ impl Vertices {
         if rows < self.points() { Err(self.cut(bytes, rows).into()) } else { Ok(true) }
     }
 
-    /// The columns of those that are unpacked, or in the file, and what they are.
+    /// Returns the columns of the vertices, unpacked or in the file, and their roles.
     pub(crate) fn columns<'a>(&self, bytes: Bytes<'a>, is_unpacked: bool) -> Result<(Vec<Named<'a>>, Roles), Fault> {
         let vertices = self.vertices();
         let (stride, mut offset) = (row_bytes(vertices), if is_unpacked { 0 } else { self.start });
@@ -143,7 +144,7 @@ impl Vertices {
             columns.push(Named { name: property.name.clone(), values });
             offset += kind.bytes();
         }
-        // By exactly these names, as where all is read at once.
+        // Exact names, as where the whole file is read at once.
         let find = |name: &str| columns.iter().position(|c| c.name == name);
         let set = |[a, b, c]: [&str; 3]| Some([find(a)?, find(b)?, find(c)?]);
         let is_packed = |i: &usize| {
@@ -168,7 +169,7 @@ impl Vertices {
     }
 }
 
-/// The type of a property of an element of fixed length, which has no lists.
+/// Returns the type of a property of a fixed-length element, which has no lists.
 fn scalar(kind: Kind) -> ScalarType {
     match kind {
         Kind::Scalar(kind) | Kind::List { count: kind, .. } => kind,

@@ -16,7 +16,7 @@ const CURVE: [&str; 5] = ["clip_theta1", "clip_theta3", "clip_u", "clip_v", "cli
 
 pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut Context<'_>) -> Result<Content, Fault> {
     let axes = AXES.iter().any(|n| table.has(n));
-    // Without normals it is of points, which stay points: how their splats lie is estimated.
+    // A file with radii but without normals contains points, whose orientation is estimated.
     let radius = table.has("radius") && table.has("nx");
     let (up, interior_weight) = interpret_comments(&comments)?;
     if axes {
@@ -26,7 +26,7 @@ pub(super) fn build(mut table: Table<'_>, comments: Vec<String>, context: &mut C
     }
     let (origin, centers) = take_positions(&mut table, context)?;
     let normals = take_set(&mut table, ["nx", "ny", "nz"])?.map(columns::vectors);
-    // Splats are of the profile, whose floats are linear also beyond 1.
+    // Splats follow the profile, whose floats are linear, even above 1.
     let is_profile = axes || radius;
     let floats = if is_profile { FloatColors::Linear } else { FloatColors::of_comments(&comments) };
     let colors = take_colors(&mut table, floats, context)?;

@@ -1,4 +1,4 @@
-//! The columns of a PLY element, and taking them out by name: a group of properties is complete or absent.
+//! The columns of a PLY element, and their removal by name: a group of properties is complete or absent.
 
 use crate::columns;
 use crate::columns::Numbers;
@@ -13,12 +13,12 @@ use surfel_model::Column3;
 pub(crate) struct Table<'a> {
     pub(crate) scalars: Vec<(String, Numbers<'a>)>,
     pub(crate) lists: Vec<(String, Lists<u32>)>,
-    /// u and v of each of a face's corners in turn.
+    /// Texture coordinates of faces: u and v of each corner in turn.
     pub(crate) coordinates: Option<Lists<f32>>,
 }
 
 impl<'a> Table<'a> {
-    /// Takes a column out.
+    /// Removes and returns a column.
     pub(crate) fn take(&mut self, name: &str) -> Option<Numbers<'a>> {
         let index = self.scalars.iter().position(|(n, _)| n == name)?;
         Some(self.scalars.remove(index).1)
@@ -29,7 +29,7 @@ impl<'a> Table<'a> {
     }
 }
 
-/// A column of lists, end to end. Negative integers are `u32::MAX`.
+/// A column of lists, stored end to end. Negative integers become `u32::MAX`.
 #[derive(Debug, Default)]
 pub(crate) struct Lists<T> {
     pub(crate) lengths: Vec<u32>,
@@ -44,12 +44,12 @@ impl<T> Lists<T> {
         self.end(length);
     }
 
-    /// Ends a list of so many items, which were appended.
+    /// Ends a list of `length` items that were appended before.
     pub(super) fn end(&mut self, length: usize) {
         self.lengths.push(u32::try_from(length).unwrap_or(u32::MAX));
     }
 
-    /// Each list.
+    /// Iterates over the lists.
     pub(super) fn iter(&self) -> impl Iterator<Item = &[T]> {
         let mut rest = self.items.as_slice();
         self.lengths.iter().map(move |&length| {
@@ -60,7 +60,7 @@ impl<T> Lists<T> {
     }
 }
 
-/// Takes x, y and z, whose presence has been checked. A note says if they are rounded.
+/// Removes and returns x, y and z, which must exist. Adds a note if they are rounded.
 pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -> Result<(DVec3, Column3), Fault> {
     let columns = take(table, ["x", "y", "z"])?;
     let are_rounded = columns.iter().all(|c| c.kind() == NumberType::F32);
@@ -71,14 +71,14 @@ pub(super) fn take_positions(table: &mut Table<'_>, context: &mut Context<'_>) -
     Ok((origin, positions))
 }
 
-/// Takes columns that have to be there.
+/// Removes and returns required columns.
 pub(super) fn take<'a, const N: usize>(table: &mut Table<'a>, names: [&str; N]) -> Result<[Numbers<'a>; N], Fault> {
     require(table, &names)?;
     let columns: Vec<_> = names.iter().filter_map(|n| table.take(n)).collect();
     columns.try_into().map_err(|_| Problem::new(format!("the properties {} are incomplete", list(&names))).into())
 }
 
-/// Takes a set of columns if all are there; some but not all is an error.
+/// Removes and returns a set of columns if all exist; an incomplete set is an error.
 pub(super) fn take_set<'a, const N: usize>(
     table: &mut Table<'a>,
     names: [&str; N],
@@ -86,7 +86,7 @@ pub(super) fn take_set<'a, const N: usize>(
     if names.iter().any(|n| table.has(n)) { take(table, names).map(Some) } else { Ok(None) }
 }
 
-/// An error unless all of `names` are there.
+/// Returns an error unless all of `names` exist.
 pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     let (found, missing): (Vec<&str>, Vec<&str>) = names.iter().partition(|n| table.has(n));
     if missing.is_empty() {
@@ -101,5 +101,5 @@ pub(super) fn require(table: &Table<'_>, names: &[&str]) -> Result<(), Fault> {
     Err(Problem::new(what).expected(format!("all of {}", names.join(" "))).help(EXPECTED_SETS).into())
 }
 
-/// Help for a set of properties that isn't complete.
+/// Help text for an incomplete set of properties.
 const EXPECTED_SETS: &str = "splats need x y z and nx ny nz radius, or x y z and su sv sw tu tv tw; points need x y z";

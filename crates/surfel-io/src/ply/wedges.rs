@@ -1,4 +1,4 @@
-//! Texture coordinates of faces' corners, as MeshLab writes them: vertices are split where corners differ.
+//! Texture coordinates per face corner (wedges), as MeshLab writes them: vertices are split where corners differ.
 
 use super::mesh::place;
 use super::table::Lists;
@@ -7,16 +7,16 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_model::{AlphaMode, Column3, Mesh, MeshMaterial, Texture, TriangleMaterials};
 
-/// What the corners of a mesh's triangles, cut from its polygons, show.
+/// Texture coordinates and textures of a mesh's triangles, which were cut from polygons.
 pub(super) struct Wedges {
-    /// Of each triangle, its corners' coordinates, v downwards; `None` of polygons without.
+    /// Texture coordinates of each triangle's corners, with v downwards; `None` for polygons without coordinates.
     coordinates: Vec<Option<[[f32; 2]; 3]>>,
-    /// The texture of each.
+    /// Texture index of each triangle.
     textures: Vec<u32>,
 }
 
 impl Wedges {
-    /// Of polygons among these positions, with their coordinates and textures, of which there may be fewer.
+    /// Reads the wedges of polygons. There may be fewer coordinates and textures than polygons.
     pub(super) fn new(
         (corners, positions): (&Lists<u32>, &Column3),
         coordinates: &Lists<f32>,
@@ -37,8 +37,8 @@ impl Wedges {
         wedges
     }
 
-    /// Gives a mesh, whose first triangles these are of, its textures. Vertices of corners that differ are there once
-    /// for each. One whose triangles have no such vertex stays as it is.
+    /// Adds textures to a mesh, whose first triangles are those of these wedges. A vertex whose corners differ is
+    /// duplicated. A mesh with invalid vertex indices stays unchanged.
     pub(super) fn split(&self, mesh: &mut Mesh, textures: &[Option<Arc<Texture>>]) {
         if mesh.triangles.iter().flatten().any(|i| *i as usize >= mesh.positions.len()) {
             return;
@@ -71,7 +71,7 @@ impl Wedges {
                     alpha: AlphaMode::Blend,
                     normal_map: None,
                 };
-                // The last one is for what has none.
+                // The last material is for triangles without a texture.
                 let materials = textures.iter().chain([&None]).map(material).collect();
                 mesh.materials = Some(TriangleMaterials { materials, of_triangle });
             }

@@ -1,4 +1,4 @@
-//! Writing splat clouds as PLY, from which the same cloud can be read again.
+//! Writing of splat clouds as PLY, without loss.
 
 use super::comments::{are_colors_linear, comment_interior_weight, comment_up, is_oriented};
 use super::encoding::PlyEncoding;
@@ -12,14 +12,14 @@ use std::io::{self, Write};
 use std::path::Path;
 use surfel_model::{ClipMode, CloudData, Column3, ExtraColumn, ExtraValues, Shape, SplatCloud};
 
-/// Rows that are encoded at a time.
+/// Number of rows that are encoded at a time.
 const BLOCK_ROWS: usize = 4096;
 
-/// Writes a splat cloud in Surfel's PLY profile to a file that appears whole or not at all.
+/// Writes a splat cloud in Surfel's PLY profile to a file, atomically.
 ///
-/// Nothing is lost: positions and axes are `double` where the cloud holds more than f32 (then also with the
-/// origin added), else `float`; colours are linear `float`, as the comment `colors linear` says, unless all are exactly
-/// 8-bit sRGB levels, which are written as `uchar`; comments and properties that Surfel doesn't interpret are kept.
+/// Nothing is lost. Positions and axes are `double` if the cloud's values exceed f32 (positions then include the
+/// origin), else `float`. Colours are linear `float`, which the comment `colors linear` states, or `uchar` if all are
+/// exactly 8-bit sRGB levels. Comments and uninterpreted properties are copied.
 ///
 /// # Errors
 /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`].
@@ -27,7 +27,7 @@ pub fn save_splat_ply(path: &Path, overwrite: bool, cloud: &SplatCloud, encoding
     atomic::write(path, overwrite, |out| write_splat_ply(out, cloud, encoding))
 }
 
-/// As [`save_splat_ply`], to any sink.
+/// Writes a splat cloud like [`save_splat_ply`], to any sink.
 ///
 /// # Errors
 /// [`io::Error`] if `out` fails.
@@ -62,7 +62,7 @@ pub fn write_splat_ply(out: &mut dyn Write, cloud: &SplatCloud, encoding: PlyEnc
 fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<'_>)]) -> String {
     let data = cloud.data();
     let mut text = format!("ply\nformat {} 1.0\n", encoding.name());
-    // The cloud's own values win over comments of its source that say otherwise.
+    // The cloud's own values have priority over contradicting comments of its source.
     let (mut up, mut weight, mut oriented) = (data.up, data.interior_weight, data.oriented);
     for comment in &data.comments {
         if let Some(said) = comment_up(comment) {
@@ -111,7 +111,7 @@ fn header(cloud: &SplatCloud, encoding: PlyEncoding, columns: &[(String, Values<
     text
 }
 
-/// A column as it is written: a value for each row.
+/// A column to be written: a function or slice that gives each row's value.
 enum Values<'a> {
     F32(Box<dyn Fn(usize) -> f32 + 'a>),
     F64(Box<dyn Fn(usize) -> f64 + 'a>),
@@ -148,7 +148,7 @@ impl Values<'_> {
         }
     }
 
-    /// Rust prints the shortest decimal that reads back as the same number.
+    /// Writes a row's value as text; Rust prints the shortest decimal that reads back as the same number.
     fn text(&self, row: usize, out: &mut Vec<u8>) -> io::Result<()> {
         match self {
             Self::F32(f) => write!(out, "{}", f(row)),
@@ -212,7 +212,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
     clips(&mut columns, data);
     let mut known: HashSet<String> = columns.iter().map(|(name, _)| name.clone()).collect();
     for extra in data.extras.iter().filter(|extra| !is_radius(extra, &data.shape)) {
-        // A blank would end the name, and a name used twice would make the file unreadable.
+        // A blank would end the name, and a duplicate name would make the file unreadable.
         let blank = |c: char| c.is_whitespace() || c.is_control();
         let mut name: String = extra.name.chars().map(|c| if blank(c) { '_' } else { c }).take(200).collect();
         while name.is_empty() || !known.insert(name.clone()) {
@@ -223,7 +223,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
     columns
 }
 
-/// True of a column that says the radii of disks again.
+/// True if a column duplicates the radii of disks.
 fn is_radius(extra: &ExtraColumn, shape: &Shape) -> bool {
     let (Shape::Disks { radii, .. }, ExtraValues::F32(values)) = (shape, &extra.values) else { return false };
     ["radius", "radii"].iter().any(|name| extra.name.eq_ignore_ascii_case(name)) && values == radii
@@ -252,7 +252,7 @@ fn clips<'a>(columns: &mut Vec<(String, Values<'a>)>, data: &'a CloudData) {
         float("clip_w".into(), Box::new(move |i| c[i].w));
     }
     if let Some(lines) = &clips.lines {
-        // A line that no splat has takes no space; the first stays, to say that there are lines.
+        // Clip lines that no splat uses take no space; the first stays, to show that there are lines.
         let used = |k: usize| lines.iter().any(|l| !(l[k].a.is_nan() && l[k].b.is_nan() && l[k].c.is_nan()));
         for k in (0..4).filter(|&k| k == 0 || used(k)) {
             float(format!("clip_line{k}_a"), Box::new(move |i| lines[i][k].a));

@@ -1,18 +1,18 @@
-//! Coordinates from the Earth's centre (EPSG:4978), in which most tilesets are, turned to east, north and up.
+//! Conversion of Earth-centred coordinates (EPSG:4978), which most tilesets use, to east, north and up.
 
 use glam::{DMat3, DVec3};
 use std::fmt;
 
-/// WGS 84: half the equator's diameter in metres, and the square of the eccentricity.
+/// WGS 84: the equatorial radius in metres, and the square of the eccentricity.
 const EQUATOR: f64 = 6_378_137.0;
 const ECCENTRICITY_2: f64 = 6.694_379_990_141_316_5e-3;
-/// Distances from the Earth's centre, in metres, that are taken for places on Earth: the poles' less 10 km, the
-/// equator's and 20 km.
+/// Distances from the Earth's centre, in metres, that count as on Earth: from the polar radius less 10 km to the
+/// equatorial radius plus 20 km.
 const ON_EARTH: std::ops::RangeInclusive<f64> = 6_346_752.0..=6_398_137.0;
 
-/// East, north and up at a place.
+/// Local axes at a place on Earth: east, north and up.
 pub(super) struct Horizon {
-    /// Where east, north and up are 0, from the Earth's centre.
+    /// Origin of east, north and up, from the Earth's centre.
     pub(super) center: DVec3,
     /// Rows: east, north, up.
     pub(super) local_from_earth: DMat3,
@@ -22,7 +22,8 @@ pub(super) struct Horizon {
 }
 
 impl Horizon {
-    /// At the middle of the points' box, if that is on Earth and the box is no larger than 500 km.
+    /// Returns the horizon at the middle of the points' bounding box, if that is on Earth and the box is at most 500 km
+    /// large.
     pub(super) fn of(points: &[DVec3]) -> Option<Self> {
         let start = (DVec3::INFINITY, DVec3::NEG_INFINITY);
         let finite = points.iter().filter(|p| p.is_finite());
@@ -34,7 +35,8 @@ impl Horizon {
         Some(Self::at(center))
     }
 
-    /// Geodetic latitude by Bowring's method (Survey Review 28, 1985), which a second round takes below a micrometre.
+    /// Computes the geodetic latitude by Bowring's method (Survey Review 28, 1985); two iterations reduce the error
+    /// below a micrometre.
     fn at(center: DVec3) -> Self {
         let axis = center.truncate().length();
         let polar = EQUATOR * (1.0 - ECCENTRICITY_2).sqrt();
@@ -72,7 +74,7 @@ impl fmt::Display for Horizon {
 mod tests {
     use super::*;
 
-    /// From the Earth's centre, by the definition of latitude, longitude and height.
+    /// Computes Earth-centred coordinates from the definition of latitude, longitude and height.
     fn earth_centred(latitude: f64, longitude: f64, height: f64) -> DVec3 {
         let ((sin, cos), (sin_lon, cos_lon)) = (latitude.to_radians().sin_cos(), longitude.to_radians().sin_cos());
         let normal = EQUATOR / (1.0 - ECCENTRICITY_2 * sin * sin).sqrt();

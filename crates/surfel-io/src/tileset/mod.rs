@@ -1,5 +1,5 @@
 //! 3D Tiles 1.0 and 1.1 (OGC 18-053r2, 22-025r4): the points of a tileset's finest tiles as one cloud. Tiles are glTF
-//! or `pnts`; those that hold triangles are left out.
+//! or `pnts`; tiles with triangles are dropped.
 
 mod earth;
 mod pnts;
@@ -14,13 +14,13 @@ use glam::{DAffine3, DMat3, DMat4, DVec3};
 use serde::Deserialize;
 use serde::de::IgnoredAny;
 
-/// Tilesets within tilesets, at most.
+/// Maximum nesting depth of tilesets.
 const MAX_DEPTH: usize = 32;
-/// Most tiles that are read, and most points of all of them.
+/// Maximum number of tiles, and of points of all tiles.
 const MAX_TILES: usize = 1 << 20;
 const MAX_POINTS: usize = 1 << 30;
 
-/// A tileset file, as far as it is read.
+/// The parts of a tileset file that are read.
 #[derive(Deserialize)]
 struct Tileset {
     asset: Asset,
@@ -30,7 +30,7 @@ struct Tileset {
 #[derive(Deserialize)]
 #[serde(rename_all = "camelCase")]
 struct Asset {
-    /// "X", "Y" or "Z": which axis is up in glTF tiles, from before 3D Tiles 1.0.
+    /// Up axis of glTF tiles, "X", "Y" or "Z", in files from before 3D Tiles 1.0.
     gltf_up_axis: Option<String>,
 }
 
@@ -57,12 +57,12 @@ struct BoundingVolume {
 
 #[derive(Deserialize)]
 struct Reference {
-    /// `url` is what 3D Tiles called it before 1.0.
+    /// URI of the content, called `url` before 3D Tiles 1.0.
     #[serde(alias = "url")]
     uri: String,
 }
 
-/// What every tileset has, whatever else.
+/// Properties that every tileset has.
 #[derive(Deserialize)]
 struct Sketch {
     #[serde(rename = "asset")]
@@ -73,7 +73,7 @@ struct Sketch {
     _root: IgnoredAny,
 }
 
-/// True for the JSON of a tileset.
+/// True if the bytes are the JSON of a tileset.
 pub(crate) fn looks_like(bytes: &[u8]) -> bool {
     bytes.trim_ascii_start().starts_with(b"{") && serde_json::from_slice::<Sketch>(bytes).is_ok()
 }
@@ -125,19 +125,19 @@ fn finish(mut points: GatheredPoints, context: &mut Context<'_>) -> Result<Conte
     points.finish(context)
 }
 
-/// Where a tile is.
+/// Position and properties inherited from a tile's ancestors.
 #[derive(Clone, Default)]
 struct Place {
     world_from_tile: DAffine3,
-    /// The folder of its tileset, from that of the first, empty or with a slash at its end.
+    /// Folder of the tile's tileset, relative to that of the first one; empty, or with a slash at its end.
     folder: String,
-    /// Children are drawn beside it, not in its place.
+    /// True if children are drawn in addition to their parent instead of replacing it.
     adds: bool,
-    /// glTF tiles of this tileset are z-up.
+    /// True if this tileset's glTF tiles are z-up.
     z_up: bool,
 }
 
-/// What was left out.
+/// Numbers of skipped tiles, for notes.
 #[derive(Default)]
 struct Skipped {
     triangles: usize,
@@ -159,11 +159,11 @@ impl Skipped {
 
 struct Walk<'a, 'b> {
     context: &'a mut Context<'b>,
-    /// The tiles' points; in glTF's own coordinates, with where those are, until it is known which axis is up there.
+    /// Points of the tiles. glTF points stay in glTF coordinates, with their transform, until their up axis is known.
     parts: Vec<(PointsPart, Option<DAffine3>)>,
     points: usize,
     tiles: usize,
-    /// Points of glTF tiles that lie within their tile's box as they are stored, and once turned from y-up to z-up.
+    /// Numbers of glTF points inside their tile's box, as stored and when rotated from y-up to z-up.
     inside_as_stored: usize,
     inside_turned: usize,
     skipped: Skipped,
@@ -181,7 +181,7 @@ impl Walk<'_, '_> {
         self.tile(&tileset.root, &Place { z_up, ..place.clone() }, depth).map(|_| ())
     }
 
-    /// Adds the finest tiles of a subtree; false where it has none.
+    /// Adds the finest tiles of a subtree; returns false if there are none.
     fn tile(&mut self, tile: &Tile, parent: &Place, depth: usize) -> Result<bool, Fault> {
         if tile.implicit_tiling.is_some() {
             let problem = Problem::new("has implicit tiling, which is not read");
@@ -278,8 +278,8 @@ impl Walk<'_, '_> {
         self.skipped.triangles += 1;
     }
 
-    /// Counts points in their tile's box. glTF is y-up and tilesets are z-up, so tiles are to be turned (3D Tiles 1.1,
-    /// "glTF transforms"); some programs write tiles that are z-up already, which their boxes show.
+    /// Counts points inside their tile's box. glTF is y-up and tilesets are z-up, so tiles must be rotated (3D Tiles
+    /// 1.1, "glTF transforms"). Some programs write tiles that are already z-up, which their boxes reveal.
     fn compare(&mut self, part: &PointsPart, cuboid: Option<[f64; 12]>) {
         let Some(cuboid) = cuboid else { return };
         let turn = z_up_from_y_up();
@@ -290,12 +290,12 @@ impl Walk<'_, '_> {
     }
 }
 
-/// The quarter turn about x that brings glTF's y up to z.
+/// Returns the quarter turn about x that rotates glTF's y-up to z-up.
 fn z_up_from_y_up() -> DAffine3 {
     DAffine3::from_mat3(DMat3::from_cols(DVec3::X, DVec3::Z, DVec3::NEG_Y))
 }
 
-/// True if a point lies within a box, a hundredth of its size around it included: boxes are rounded.
+/// True if a point is inside a box, enlarged by a hundredth of its size: boxes are rounded.
 fn within(cuboid: &[f64; 12], point: DVec3) -> bool {
     let axis = |i: usize| DVec3::from_slice(&cuboid[3 * i..]);
     let to = point - axis(0);

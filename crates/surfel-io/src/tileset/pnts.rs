@@ -1,4 +1,4 @@
-//! `pnts`, the tiles of points of 3D Tiles 1.0: a header, a feature table and a batch table.
+//! Reader of `pnts`, the point tiles of 3D Tiles 1.0: a header, a feature table and a batch table.
 
 use crate::color::linear_of_unit;
 use crate::error::{Fault, Location, Problem};
@@ -10,7 +10,7 @@ use surfel_model::{ExtraColumn, ExtraValues};
 
 const HEADER: usize = 28;
 
-/// A table: JSON that says where its columns lie in the bytes after it.
+/// A table: JSON with the offsets of columns in the bytes after it.
 struct Table<'a> {
     json: Value,
     body: &'a [u8],
@@ -64,7 +64,7 @@ fn numbers<const N: usize>(of: &Value) -> Option<[f64; N]> {
 }
 
 impl<'a> Table<'a> {
-    /// The bytes of a column of `count` rows of `size` bytes; `None` if there is no such column.
+    /// Returns the bytes of a column of `count` rows of `size` bytes; `None` if there is no such column.
     fn column(&self, name: &str, count: usize, size: usize) -> Result<Option<&'a [u8]>, Problem> {
         let Some(property) = self.json.get(name) else { return Ok(None) };
         let start = property.get("byteOffset").and_then(Value::as_u64).and_then(|o| usize::try_from(o).ok());
@@ -109,7 +109,7 @@ impl<'a> Table<'a> {
         Ok(packed.map(|raw| raw.as_chunks::<2>().0.iter().map(unpack).collect()))
     }
 
-    /// Linear RGB and alpha; stored levels are sRGB-encoded.
+    /// Returns linear RGB and alpha; stored levels are sRGB-encoded.
     fn colors(&self, count: usize) -> Result<Option<Vec<[f32; 4]>>, Problem> {
         let linear = |level: u32, most: u32| linear_of_unit(f64::from(level) / f64::from(most));
         let of_bytes = |&[r, g, b]: &[u8; 3]| [r, g, b].map(|c| linear(c.into(), 255));
@@ -133,7 +133,7 @@ impl<'a> Table<'a> {
         }))
     }
 
-    /// Columns of one number a point, as the file calls them. Others, and damaged ones, are left out.
+    /// Returns the columns of one number per point, under the file's names. Other and damaged columns are dropped.
     fn columns(&self, count: usize) -> Vec<ExtraColumn> {
         let Some(properties) = self.json.as_object() else { return Vec::new() };
         let mut found = Vec::new();
@@ -179,7 +179,7 @@ fn with_alpha([r, g, b]: [f32; 3], alpha: f32) -> [f32; 4] {
     [r, g, b, alpha]
 }
 
-/// A unit normal of two bytes (Cigolle 2014, "oct16").
+/// Decodes a unit normal from two bytes (Cigolle 2014, "oct16").
 fn octahedral(x: u8, y: u8) -> [f32; 3] {
     let [x, y] = [x, y].map(|v| f32::from(v) / 255.0 * 2.0 - 1.0);
     let z = 1.0 - x.abs() - y.abs();

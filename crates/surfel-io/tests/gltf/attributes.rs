@@ -1,8 +1,8 @@
-//! Colours, opacity, precision and own attributes of vertices.
+//! Vertex attributes: colours, opacity, precision and application-specific attributes.
 
 use super::*;
 
-/// A triangle of this material, with colours and texture coordinates.
+/// Returns a triangle with this material, with colours and texture coordinates.
 fn triangle(material: Value, colors: Option<[[f32; 4]; 3]>, more: Value) -> Value {
     let mut document = Document::default();
     let positions = document.floats(&[0., 0., 0., 1., 0., 0., 0., 1., 0.], "VEC3", 3);
@@ -67,7 +67,7 @@ fn emissive_colors_are_added_to_base_colors() {
     assert_eq!(read(both.clone(), images.clone()).1, Some([128, 255, 0, 255]));
     let factor = json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 1}}, "emissiveFactor": [0, 0, 1]});
     assert_eq!(read(factor, images.clone()).1, Some([255, 0, 255, 255]));
-    // Other coordinates are left out, with a note.
+    // Emission with other texture coordinates is dropped, with a note.
     both["emissiveTexture"]["texCoord"] = json!(1);
     let loaded = load(&triangle(both, None, images));
     assert!(loaded.notes.iter().any(|n| n.starts_with("left out an emissive texture")), "{:?}", loaded.notes);
@@ -129,11 +129,11 @@ fn own_attributes_are_columns_of_the_vertices() {
     };
     assert_eq!(values("_HEAT"), [1.0, -2.5, 999.0, 1.0, -2.5, 999.0, 999.0, 999.0, 999.0]);
     assert_eq!(values("_PART"), [999.0, 999.0, 999.0, 7.0, 9.0, 65_535.0, 999.0, 999.0, 999.0]);
-    // Points have them, too.
+    // Points have these attributes, too.
     let primitive = json!({"mode": 0, "attributes": {"POSITION": position, "_PART": part}});
     let p = points(load(&d.with(scene(primitive))));
     assert_eq!((p.extras[0].name.as_str(), p.extras[0].values.get(2)), ("_PART", 65_535.0));
-    // Of another length than the vertices.
+    // An attribute of another length than the vertices.
     let short = d.floats(&[1.0], "SCALAR", 1);
     let primitive = json!({"attributes": {"POSITION": position, "_PART": short}});
     assert!(try_load(&d.with(scene(primitive))).unwrap_err().contains("_PART has 1 values"));

@@ -1,4 +1,4 @@
-//! Files of scanners, written by the crates that the field uses.
+//! Scanner files for tests, written by established crates.
 
 #![allow(dead_code, unreachable_pub, missing_docs, reason = "each test uses a part")]
 
@@ -14,7 +14,7 @@ use surfel_model::PointCloud;
 pub const OFFSET: [f64; 3] = [637_000.0, 4_851_000.0, -20.0];
 pub const STEP: f64 = 0.001;
 
-/// A deterministic number for point `i`, different for each `salt`.
+/// Returns a deterministic number for point `i`, different for each `salt`.
 pub fn hash(i: usize, salt: u64) -> u64 {
     let mut z = (i as u64).wrapping_mul(0x9E37_79B9_7F4A_7C15).wrapping_add(salt.wrapping_mul(0xD1B5_4A32_D192_ED03));
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -22,7 +22,7 @@ pub fn hash(i: usize, salt: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Steps of point `i` on the grid.
+/// Returns the grid steps of point `i`.
 pub fn grid(i: usize) -> [i64; 3] {
     [i as i64 * 7 % 700_001, (hash(i, 1) % 900_000) as i64, (hash(i, 2) % 90_000) as i64]
 }
@@ -31,7 +31,7 @@ pub fn is_withheld(i: usize) -> bool {
     hash(i, 3).is_multiple_of(50)
 }
 
-/// Point `i` of a file of this format.
+/// Returns point `i` of a file of this format.
 pub fn point(i: usize, format: &Format) -> Point {
     let at = grid(i);
     let world = |k: usize| OFFSET[k] + at[k] as f64 * STEP;
@@ -61,7 +61,7 @@ pub fn vlr(user_id: &str, record_id: u16, data: Vec<u8>) -> Vlr {
     Vlr { user_id: user_id.into(), record_id, description: String::new(), data }
 }
 
-/// A LAS or LAZ file of these points.
+/// Builds a LAS or LAZ file of these points.
 pub fn las_file(
     (minor, format, extra, packed): (u8, u8, u16, bool),
     vlrs: Vec<Vlr>,
@@ -85,7 +85,7 @@ pub fn las_file(
     writer.into_inner().unwrap().into_inner()
 }
 
-/// One of the scans of an E57 file.
+/// A scan of an E57 file.
 pub struct Scan {
     pub prototype: Vec<Record>,
     pub rows: Vec<Vec<RecordValue>>,
@@ -96,7 +96,7 @@ pub fn record(name: RecordName, data_type: RecordDataType) -> Record {
     Record { name, data_type }
 }
 
-/// An E57 file of these scans.
+/// Builds an E57 file of these scans.
 pub fn e57_file(crs: Option<&str>, scans: &[Scan]) -> Vec<u8> {
     let mut bytes = Cursor::new(Vec::new());
     let mut writer = E57Writer::new(&mut bytes, "{file}").unwrap();
@@ -115,7 +115,7 @@ pub fn e57_file(crs: Option<&str>, scans: &[Scan]) -> Vec<u8> {
     bytes.into_inner()
 }
 
-/// Makes the check sums of an E57 file's pages right again, and its length a whole number of pages.
+/// Corrects the checksums of an E57 file's pages, and pads the file to a whole number of pages.
 pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes.resize(bytes.len().div_ceil(1024) * 1024, 0);
     for page in bytes.chunks_exact_mut(1024) {
@@ -132,7 +132,7 @@ pub fn seal(mut bytes: Vec<u8>) -> Vec<u8> {
     bytes
 }
 
-/// A small E57 file with everything in it.
+/// Builds a small E57 file with every supported feature.
 pub fn small_e57() -> Vec<u8> {
     let coordinate = RecordDataType::ScaledInteger { min: -1_000_000, max: 1_000_000, scale: 0.001, offset: 0.5 };
     let float = RecordDataType::Single { min: None, max: None };
@@ -174,7 +174,7 @@ pub fn small_e57() -> Vec<u8> {
     e57_file(Some("PROJCS[\"Zone\",AUTHORITY[\"EPSG\",\"25832\"]]"), &[flat, round])
 }
 
-/// The points of a file, in the order of a column that tells them apart.
+/// The points of a file, in the order of a column with distinct values.
 pub struct Ordered {
     pub points: PointCloud,
     order: Vec<usize>,
@@ -196,8 +196,9 @@ impl Ordered {
     }
 }
 
-/// Writes a file by levels, and compares all that its points are with what is read at once: places to `metres`, all
-/// else exactly, but for colours, which become 16 bits. Both are handed back, with the notes of writing.
+/// Converts a file to COPC and compares its points with the same points read at once. Positions must agree within
+/// `metres` and all else exactly, except for colours, which become 16 bits. Returns both, with the notes of the
+/// conversion.
 pub fn same_by_levels(
     name: &str,
     bytes: &[u8],

@@ -1,35 +1,35 @@
-//! Which level each point of a cloud goes to.
+//! Assignment of the points of a cloud to the levels of an octree.
 //!
-//! A node's cube is divided into 128³ cells, and of the points in a cell the one nearest to its middle stands for all
-//! of them at that level, unless a point of a level above is there. What is left goes down. A node with few points
-//! takes them all.
+//! A node's cube is divided into 128³ cells. In each cell, the point nearest to the middle is selected for that level
+//! and represents all points of the cell. A cell that has a point of a level above gets none. Points that aren't
+//! selected go to the levels below. A node with few points contains all of them.
 
 use super::octants::cell;
 use std::collections::HashSet;
 use std::ops::Range;
 
-/// Cells along a node's side, as a power of two.
+/// Number of cells along a node's side, as a power of two.
 pub(super) const CELL_BITS: u32 = 7;
-/// Most points of an octant that isn't divided.
+/// Maximum number of points of an octant that isn't divided.
 pub(super) const LEAF_POINTS: u64 = 40_000;
-/// Of a point that has no level yet.
+/// Marker for a point without a level.
 const NONE: u8 = u8::MAX;
 
-/// A point's Morton code of [`Builder::bits`] an axis, and its index.
+/// A point's Morton code, of [`Part::bits`] bits per axis, and its index.
 pub(super) type Coded = (u64, u32);
 
-/// Where a part of the cloud is in the octree.
+/// Position of a part of the cloud in the octree.
 pub(super) struct Part {
-    /// Bits of codes, an axis.
+    /// Bits per axis of a Morton code.
     pub(super) bits: u32,
-    /// Level of the octant that all its points are in.
+    /// Level of the octant that contains all points of the part.
     pub(super) depth: u32,
-    /// Level of an octant around it that isn't divided, if there is one.
+    /// Level of an enclosing octant that isn't divided, if there is one.
     pub(super) leaf_at: Option<u32>,
 }
 
-/// The level of each of the points, which are sorted. `stands` is told which of them stands for which others at its
-/// level. `taken` holds the cells larger than a part that have a point already.
+/// Assigns a level to each of the points, which are sorted by code. `stands` receives the index of each selected point
+/// and the range of points that it represents. `taken` contains the occupied cells that are larger than the part.
 pub(super) fn levels(
     points: &[Coded],
     part: &Part,
@@ -110,13 +110,13 @@ mod tests {
         let part = Part { bits: 11, depth: 0, leaf_at: None };
         let mut stood = 0;
         let levels = levels(&points, &part, &mut HashSet::new(), &mut |_, group| stood += group.len());
-        // The root has a point for each of 128 x 128 cells, and each stands for 4 x 4 points.
+        // The root has a point for each of 128 × 128 cells, and each represents 4 × 4 points.
         assert_eq!(levels.iter().filter(|l| **l == 0).count(), 128 * 128);
         let mut cells: Vec<u64> =
             points.iter().zip(&levels).filter(|(_, l)| **l == 0).map(|(p, _)| p.0 >> (3 * 4)).collect();
         cells.dedup();
         assert_eq!(cells.len(), 128 * 128);
-        // Of the next, whose octants have 65,536 points, three of four cells are free.
+        // On the next level, whose octants have 65,536 points, three of four cells are free.
         assert_eq!(levels.iter().filter(|l| **l == 1).count(), 256 * 256 - 128 * 128);
         assert!(stood >= 512 * 512 && levels.iter().all(|l| *l <= 2));
     }
@@ -138,7 +138,7 @@ mod tests {
         let points: Vec<Coded> = (0..100_000_u32).map(|i| (u64::from(i) << 10, i)).collect();
         let (mut taken, mut parts, mut roots) = (HashSet::new(), 0, 0);
         for part in points.chunk_by(|a, b| a.0 >> 24 == b.0 >> 24) {
-            // Octants of level 8 in a tree of 16 bits: eight of them are a cell of the root.
+            // Octants of level 8 in a tree of 16 bits: eight of them form one cell of the root.
             let of = Part { bits: 16, depth: 8, leaf_at: None };
             parts += 1;
             roots += levels(part, &of, &mut taken, &mut |_, _| ()).iter().filter(|l| **l == 0).count();

@@ -1,4 +1,4 @@
-//! Nodes of COPC files that stay decoded.
+//! A cache of decoded COPC nodes.
 
 use super::hierarchy::LevelValues;
 use std::collections::{BTreeMap, HashMap};
@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::SystemTime;
 
-/// A file as it was when it was opened: one of the same name may be another later.
+/// Path, size and modification time of a file when it was opened. A later file of the same path is a different one.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct FileState {
     pub(super) path: PathBuf,
@@ -15,33 +15,33 @@ pub struct FileState {
 }
 
 impl FileState {
-    /// That of a file that is there.
+    /// Returns the present state of an existing file.
     pub fn of(path: &Path) -> Option<Self> {
         let metadata = std::fs::metadata(path).ok()?;
         Some(Self { path: path.to_path_buf(), bytes: metadata.len(), modified: metadata.modified().ok() })
     }
 }
 
-/// What is decoded of a node's points.
+/// The fields of a node's points that are decoded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(super) enum Decoded {
-    /// All.
+    /// All fields.
     All,
-    /// What splats are made of.
+    /// The fields that splats are made of.
     Splats(LevelValues),
 }
 
-/// A node: its file, where in it, and what is decoded.
+/// Cache key: file, byte offset of the node, and decoded fields.
 type Key = (Arc<FileState>, u64, Decoded);
 
-/// Decoded nodes of COPC files ([`super::Copc::with_cache`]): those used last, of at most so many bytes.
+/// Least-recently-used cache of decoded nodes of COPC files ([`super::Copc::with_cache`]), with a limit in bytes.
 #[derive(Debug, Default)]
 pub struct NodeCache(Mutex<Kept>);
 
 #[derive(Debug, Default)]
 struct Kept {
     nodes: HashMap<Key, (Arc<[u8]>, u64)>,
-    /// When each was used last.
+    /// Keys by time of last use.
     order: BTreeMap<u64, Key>,
     now: u64,
     bytes: u64,
@@ -50,19 +50,19 @@ struct Kept {
 }
 
 impl NodeCache {
-    /// Keeps at most so many bytes from now on; before the first such call none.
+    /// Sets the maximum number of cached bytes; 0 before the first call.
     pub fn limit(&self, most_bytes: u64) {
         let mut kept = self.lock();
         kept.most_bytes = most_bytes;
         kept.shrink();
     }
 
-    /// Bytes that are kept.
+    /// Returns the number of cached bytes.
     pub fn bytes(&self) -> u64 {
         self.lock().bytes
     }
 
-    /// Compressed bytes of points that were read of files so far, because no node of theirs was kept.
+    /// Returns the number of compressed bytes of points that were read from files so far, for nodes not in the cache.
     pub fn read_bytes(&self) -> u64 {
         self.lock().read_bytes
     }
@@ -82,7 +82,7 @@ impl NodeCache {
         Some(records.clone())
     }
 
-    /// Keeps a node that was read, if there is room for it.
+    /// Caches a node that was read, if it fits.
     pub(super) fn add(&self, file: &Arc<FileState>, at: u64, decoded: Decoded, (records, read_bytes): (&[u8], u64)) {
         let kept = &mut *self.lock();
         kept.read_bytes += read_bytes;
@@ -129,7 +129,7 @@ mod tests {
         cache.limit(30);
         (1..=3).for_each(|at| add(at, 10));
         assert!(has(1) && cache.bytes() == 30);
-        // 2 was used longest ago.
+        // Node 2 is the least recently used.
         add(4, 10);
         assert!(has(1) && !has(2) && has(3) && has(4));
         add(5, 31);
@@ -138,7 +138,7 @@ mod tests {
         assert!(has(4) && cache.bytes() <= 30 && cache.read_bytes() == 7);
         cache.limit(12);
         assert!(has(4) && !has(3) && cache.bytes() == 12);
-        // Another file of that name, and other columns, are others.
+        // The same path with another size, and other fields, are other keys.
         assert!(cache.get(&state(10), 4, POINTS).is_none());
         assert!(cache.get(&file, 4, Decoded::All).is_none());
         cache.limit(0);

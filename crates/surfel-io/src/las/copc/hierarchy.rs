@@ -1,4 +1,4 @@
-//! The octree of a COPC file, and some of its nodes.
+//! Reading of a COPC file's hierarchy and of selected nodes.
 
 use super::super::header::{ExtraField, Header, POINT_BYTES};
 use super::super::laz::{checked_vlr, chunk_points, decode_some, leave_out, of_splats};
@@ -22,30 +22,30 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
 
-/// Bytes of nodes that are decoded at a time, before and after, unless one has more.
+/// Bytes of nodes that are decoded together, compressed and decompressed; a single larger node is still decoded.
 const GROUP_BYTES: (u64, u64) = (16 << 20, 48 << 20);
 
-/// Most levels below the root.
+/// Maximum level below the root.
 const MAX_LEVEL: u32 = super::octants::BITS;
 
 /// A node of the octree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CopcNode {
-    /// Levels from the root, which has 0.
+    /// Level; the root is level 0.
     pub level: u32,
-    /// Its octant among those of its level, along x, y and z.
+    /// `VoxelKey` of the node within its level: x, y and z.
     pub cell: [u32; 3],
-    /// Bytes of its compressed points.
+    /// Size of its chunk of compressed points, in bytes.
     pub bytes: u64,
-    /// Its own points, besides which those above it and below it have theirs.
+    /// Number of points in its own chunk, without those of nodes above or below.
     pub points: u64,
-    /// Its parts, as indices of nodes; at most 8.
+    /// Indices of its child nodes; at most 8.
     pub children: Range<u32>,
-    /// Where its compressed points are.
+    /// Byte offset of its chunk in the file.
     at: u64,
 }
 
-/// A COPC file that is open, of which no point has been read.
+/// An open COPC file: its header and hierarchy are read, its points aren't.
 #[derive(Debug)]
 pub struct Copc {
     file: Arc<FileState>,
@@ -59,30 +59,30 @@ pub struct Copc {
     nodes: Vec<CopcNode>,
 }
 
-/// Which columns of points are read.
+/// Columns of points to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NodeColumns<'a> {
-    /// All.
+    /// All columns.
     All,
-    /// What splats are made of: positions, colours, normals, and what else the extra bytes hold; of each node, by its
-    /// index, with these colours and normals. What isn't read is zero.
+    /// Only the columns that splats are made of: positions, colours, normals and extra bytes. The slice gives the
+    /// colours and normals to read by node index. Columns that aren't read are zero.
     Splats(&'a [LevelValues]),
 }
 
-/// Which colours and normals of a node's points are read: a point's own, and those of its level.
+/// Colours and normals to read: a point's own values, or the mean values of its level.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum LevelValues {
-    /// Its own.
+    /// Own values only.
     #[default]
     Without,
-    /// Both.
+    /// Own values and those of the level.
     With,
-    /// Those of its level; its own where the file has no others.
+    /// Values of the level only; own values where the file has no others.
     Alone,
 }
 
 impl NodeColumns<'_> {
-    /// Which of them a node's points have.
+    /// Returns what is decoded of a node's points.
     fn of(self, node: u32) -> Decoded {
         match self {
             Self::All => Decoded::All,
@@ -91,24 +91,24 @@ impl NodeColumns<'_> {
     }
 }
 
-/// Which points are kept of those that are read: by their nodes' level, where they are, and their radii as the file
-/// states them, 0 where it doesn't.
+/// Filter of the points that are read: called with the node's level, the point's position and its radius. The radius is
+/// 0 where the file states none.
 pub type Keeps<'a> = &'a (dyn Fn(u32, DVec3, f64) -> bool + Sync);
 
-/// The points of some nodes.
+/// Points of a selection of nodes.
 #[derive(Clone, Debug)]
 pub struct NodePoints {
-    /// As from any file.
+    /// The points, with the notes and coordinate reference system of any loaded file.
     pub loaded: Loaded,
-    /// How many points there are of the first of the nodes, of the first two, and so on.
+    /// Number of points up to and including each node, in the order of the nodes.
     pub ends: Vec<usize>,
 }
 
 impl Copc {
-    /// Opens a file and reads its hierarchy; `None` if it is no COPC file.
+    /// Opens a file and reads its hierarchy; returns `None` if it isn't a COPC file.
     ///
     /// # Errors
-    /// [`IoError`] if it can't be read, its hierarchy doesn't fit the file, or it isn't a tree.
+    /// [`IoError`] if the file can't be read, its hierarchy doesn't fit the file, or the hierarchy isn't a tree.
     pub fn open(path: &Path) -> Result<Option<Self>, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
         let mut file = File::open(path).map_err(system)?;
@@ -151,63 +151,63 @@ impl Copc {
         Ok(Self { file, cache: None, header_points, has_colors, has_splats, center, half, spacing, nodes })
     }
 
-    /// The same with nodes that stay decoded there, whoever else uses them.
+    /// Returns the same file with a cache of decoded nodes, which other files may share.
     #[must_use]
     pub fn with_cache(self, cache: Option<Arc<NodeCache>>) -> Self {
         Self { cache, ..self }
     }
 
-    /// The nodes, level by level; the children of each follow one another.
+    /// Returns the nodes, level by level; the children of a node are consecutive.
     pub fn nodes(&self) -> &[CopcNode] {
         &self.nodes
     }
 
-    /// Points of all nodes.
+    /// Returns the number of points of all nodes.
     pub fn points(&self) -> u64 {
         self.nodes.iter().map(|node| node.points).sum()
     }
 
-    /// True if its points have colours.
+    /// True if points have colours.
     pub fn has_colors(&self) -> bool {
         self.has_colors
     }
 
-    /// True if it states the radii and normals of its points.
+    /// True if the file states radii and normals of its points.
     pub fn has_splats(&self) -> bool {
         self.has_splats
     }
 
-    /// Points as the header says.
+    /// Returns the number of points that the header states.
     pub fn header_points(&self) -> u64 {
         self.header_points
     }
 
-    /// Distance between the points of a level, object units; half of that of the level above.
+    /// Returns the distance between points of a level, in object units; each level halves it.
     pub fn spacing(&self, level: u32) -> f64 {
         self.spacing * (-f64::from(level)).exp2()
     }
 
-    /// Centre of a node's cube, and half of its side.
+    /// Returns the centre and half the side of a node's cube.
     pub fn cube(&self, node: &CopcNode) -> (DVec3, f64) {
         let half = self.half * (-f64::from(node.level)).exp2();
         let corner = self.center - self.half;
         (corner + DVec3::from(node.cell.map(|c| 2.0 * f64::from(c) + 1.0)) * half, half)
     }
 
-    /// The octant of the finest level there may be that a point is in, object units; those outside of the cube are in
-    /// the next. [`Self::cell_above`] gives those around it.
+    /// Returns the octant, at the finest possible level, that contains a point, in object units. Points outside the
+    /// root's cube are assigned to the nearest octant. [`Self::cell_above`] returns the octants that enclose it.
     pub fn cell_of(&self, point: DVec3) -> [u32; 3] {
         let cells = f64::from(1_u32 << MAX_LEVEL);
         let at = (point - (self.center - self.half)) / (2.0 * self.half) * cells;
         at.to_array().map(|v| v.floor().clamp(0.0, cells - 1.0) as u32)
     }
 
-    /// The octant of `level` around one of [`Self::cell_of`].
+    /// Returns the octant of `level` that encloses an octant returned by [`Self::cell_of`].
     pub fn cell_above(cell: [u32; 3], level: u32) -> [u32; 3] {
         cell.map(|c| c >> MAX_LEVEL.saturating_sub(level))
     }
 
-    /// The row of the first point of each node, as its file stores them one after another.
+    /// Returns the row of each node's first point, in the order in which the file stores points.
     pub fn first_rows(&self) -> Vec<u64> {
         let mut order: Vec<usize> = (0..self.nodes.len()).collect();
         order.sort_by_key(|i| self.nodes[*i].at);
@@ -219,7 +219,7 @@ impl Copc {
         rows
     }
 
-    /// Reads the points of some nodes (indices of nodes; others are ignored), in this order.
+    /// Reads the points of nodes, given by index, in this order; ignores indices without a node.
     ///
     /// # Errors
     /// [`IoError`] if the file can't be read or a node is damaged.
@@ -232,8 +232,9 @@ impl Copc {
         self.kept_points_of(nodes, (columns, None), options)
     }
 
-    /// The same less those that aren't kept, which take no memory once their node is decoded. Of nodes none of which
-    /// has a point to keep, the first keeps all. Rows are those among the points kept.
+    /// Reads points like [`Self::points_of`], filtered by `keeps`. Rejected points take no memory once their node is
+    /// decoded. If no point passes the filter, all points of the first node are returned. Rows are indices among the
+    /// returned points.
     ///
     /// # Errors
     /// As [`Self::points_of`].
@@ -265,7 +266,7 @@ impl Copc {
             path,
             options,
         )?;
-        // Positions on a grid are finite, so that none has been dropped.
+        // Positions on an integer grid are finite, so no point is dropped.
         debug_assert!(matches!(&loaded.content, Content::Points(p) if Some(&p.len()) == ends.last()));
         Ok(NodePoints { loaded, ends })
     }
@@ -286,7 +287,7 @@ impl Copc {
             NodeColumns::Splats(_) => (Columns::of_splats(header, count as usize), of_splats()),
         };
         let is_of_level = marked_bytes(header, [LEVEL_COLORS, LEVEL_NORMALS].as_flattened());
-        // Those of a level stand for its own.
+        // Values of the level replace a point's own.
         let [has_colors, has_normals] = [LEVEL_COLORS, LEVEL_NORMALS]
             .map(|names| names.iter().all(|name| header.extra.iter().any(|e| e.name == *name)));
         let is_own = marked_bytes(header, if has_normals { &NORMALS } else { &[] });
@@ -352,7 +353,7 @@ impl Copc {
     }
 }
 
-/// Appends those of a node's points that are kept; all, while none is.
+/// Appends the points of a node that pass the filter; appends all if none passes and no point was appended before.
 fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Keeps<'_>), records: &mut [u8]) {
     let stated = header.extra.iter().find(|extra| extra.name == RADIUS);
     let radius_at = stated.map(|extra| (POINT_BYTES[usize::from(header.format)] + extra.at, value_of(extra.kind)));
@@ -370,7 +371,7 @@ fn append_kept(columns: &mut Columns, header: &Header, (level, keeps): (u32, Kee
     }
 }
 
-/// Which of the extra bytes are of these names.
+/// Marks the extra bytes that belong to fields of these names.
 fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     let extra_bytes = header.record_bytes - POINT_BYTES[usize::from(header.format)];
     let mut is_marked = vec![false; extra_bytes];
@@ -381,7 +382,7 @@ fn marked_bytes(header: &Header, names: &[&str]) -> Vec<bool> {
     is_marked
 }
 
-/// Checks that a node has as many points as the hierarchy says.
+/// Checks that a node's chunk has as many points as its entry states.
 fn check_node(source: &mut dyn Source, node: &CopcNode, vlr: &LazVlr, record_bytes: usize) -> Result<(), Problem> {
     let there = chunk_points(source, node.at, node.bytes, vlr, record_bytes)?;
     if there.is_some_and(|there| there != node.points) {
@@ -392,7 +393,7 @@ fn check_node(source: &mut dyn Source, node: &CopcNode, vlr: &LazVlr, record_byt
     Ok(())
 }
 
-/// The pages of a hierarchy as they are read.
+/// Hierarchy pages while they are read, and the nodes found in them.
 struct Pages<'a> {
     header: &'a Header,
     file_bytes: u64,
@@ -426,7 +427,7 @@ impl Pages<'_> {
         self.finish()
     }
 
-    /// Adds an entry, or gives the page that it leads to.
+    /// Adds a node's entry, or returns the byte offset and length of the page that the entry refers to.
     fn add(&mut self, entry: &[u8]) -> Result<Option<[u64; 2]>, String> {
         let number = |at: usize| i32::from_le_bytes(field(entry, at));
         let [level, x, y, z] = [0, 4, 8, 12].map(number);
@@ -461,7 +462,7 @@ impl Pages<'_> {
         }
     }
 
-    /// The nodes, each with its children.
+    /// Returns the nodes, each with its children.
     fn finish(self) -> Result<Vec<CopcNode>, Problem> {
         let all = self.entries.values().fold(0_u64, |sum, node| sum.saturating_add(node.points));
         super::super::laz::check_size(self.header, all, self.file_bytes)?;

@@ -1,5 +1,5 @@
-//! COPC 1.0 (copc.io): a LAZ file whose chunks are the nodes of an octree. Every point is in one node; a node and those
-//! above it hold its part of the cloud at the node's spacing, half of which the nodes below have.
+//! COPC 1.0 (copc.io): a LAZ file whose chunks are the nodes of an octree. Each point belongs to one node. A node and
+//! its ancestors together sample their part of the cloud at the node's spacing, which halves with each level.
 
 mod build;
 mod cache;
@@ -21,22 +21,22 @@ use crate::format::Format;
 use std::path::Path;
 use surfel_model::{TableColumns, Up};
 
-/// The format of a file that can be written by levels and isn't LAS, which axis is up in it, and whether it says so.
-/// `columns` as [`crate::LoadOptions`] has them.
+/// Returns the format of a non-LAS file that can be converted to COPC, its up axis, and whether the file states the
+/// axis. `columns` is as in [`crate::LoadOptions`].
 pub fn up_of_columns(path: &Path, columns: Option<&TableColumns>) -> Option<(Format, Up, bool)> {
     let survey = crate::column_file::survey(path, columns)?;
     Some((survey.format, survey.up.unwrap_or(survey.format.default_up(false)), survey.up.is_some()))
 }
 
-/// Bytes of the record with the octree's place, and of its entries in the hierarchy.
+/// Bytes of the COPC info record, and of an `Entry` of the hierarchy.
 const INFO_BYTES: usize = 160;
 const ENTRY_BYTES: usize = 32;
-/// Where that record is: it is the first, and the header has 375 bytes.
+/// Byte offset of the info record's data: the record follows the 375-byte header.
 const INFO_AT: usize = 375 + 54;
 
-/// Names of the extra bytes with a point's normal.
+/// Extra bytes with a point's normal.
 const NORMALS: [&str; 3] = ["NormalX", "NormalY", "NormalZ"];
-/// Of those with the mean colour of the points that one stands for at its level.
+/// Extra bytes with the mean colour of the points that a point represents at its level.
 pub const LEVEL_COLORS: [&str; 3] = ["level_red", "level_green", "level_blue"];
-/// Of those with their mean normal.
+/// Extra bytes with the mean normal of the points that a point represents at its level.
 pub const LEVEL_NORMALS: [&str; 3] = ["level_normal_x", "level_normal_y", "level_normal_z"];

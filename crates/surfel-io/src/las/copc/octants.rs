@@ -1,9 +1,9 @@
-//! Octants by Morton codes of 21 bits an axis.
+//! Morton codes of octants, with 21 bits per axis.
 
-/// Most levels below the root that codes have bits for.
+/// Maximum number of levels below the root that a code has bits for.
 pub(super) const BITS: u32 = 21;
 
-/// Puts two zero bits before each of the 21 lowest bits.
+/// Inserts two zero bits before each of the 21 lowest bits.
 fn spread(v: u64) -> u64 {
     let mut v = v & 0x1f_ffff;
     v = (v | v << 32) & 0x1f_0000_0000_ffff;
@@ -22,12 +22,12 @@ fn compact(v: u64) -> u32 {
     ((v | v >> 32) & 0x1f_ffff) as u32
 }
 
-/// The code of a cell; x has the lowest bit.
+/// Returns the Morton code of a cell; x has the lowest bit.
 pub(super) fn code([x, y, z]: [u32; 3]) -> u64 {
     spread(x.into()) | spread(y.into()) << 1 | spread(z.into()) << 2
 }
 
-/// The cell of a code.
+/// Returns the cell of a Morton code.
 pub(super) fn cell(code: u64) -> [u32; 3] {
     [compact(code), compact(code >> 1), compact(code >> 2)]
 }

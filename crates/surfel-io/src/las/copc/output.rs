@@ -1,4 +1,4 @@
-//! The file itself: header, records, chunks, their table, and the hierarchy.
+//! Assembly of the COPC file: header, variable length records, chunks, chunk table and hierarchy.
 
 use super::super::header::POINT_BYTES;
 use super::octants::cell;
@@ -9,10 +9,10 @@ use ::laz::{LazVlr, LazVlrBuilder};
 use serde::{Deserialize, Serialize};
 use std::io::{self, Write};
 
-/// A variable length record of the input, as it is.
+/// A variable length record, copied from the input.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Record {
-    /// Reserved bytes, user name and number, as they are in the file.
+    /// Reserved bytes, user ID and record ID, as in the file.
     pub(super) head: [u8; 20],
     pub(super) description: [u8; 32],
     pub(super) data: Vec<u8>,
@@ -45,19 +45,19 @@ impl Record {
     }
 }
 
-/// What the header says of all points together.
+/// Statistics of all points, for the header.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Summary {
     pub(super) count: u64,
     pub(super) low: [i32; 3],
     pub(super) high: [i32; 3],
-    /// Points of each return, by its number less one.
+    /// Number of points of each return; return 1 is at index 0.
     pub(super) returns: [u64; 15],
     #[serde(with = "bits")]
     pub(super) gps_time: [f64; 2],
 }
 
-/// JSON has no infinite numbers.
+/// Serialises floats by their bits, because JSON can't express infinite numbers.
 mod bits {
     use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
@@ -99,7 +99,7 @@ impl Summary {
         }
     }
 
-    /// Adds other points.
+    /// Adds the statistics of other points.
     pub(super) fn add_all(&mut self, other: &Self) {
         self.count = self.count.saturating_add(other.count);
         for k in 0..3 {
@@ -122,7 +122,7 @@ pub(super) struct Cube {
 /// A node's chunk in a file of chunks.
 #[derive(Clone, Copy, Debug, Deserialize, Serialize)]
 pub(super) struct Chunk {
-    /// The file's number, where there are several.
+    /// Index of the chunk file, where there are several.
     #[serde(skip)]
     pub(super) file: usize,
     pub(super) level: u32,
@@ -130,14 +130,14 @@ pub(super) struct Chunk {
     pub(super) at: u64,
     pub(super) bytes: u64,
     pub(super) points: u64,
-    /// Checksum of the bytes.
+    /// Checksum of the chunk.
     pub(super) sum: u32,
 }
 
-/// What stays as the first input has it.
+/// Header fields and records that are copied from the first input.
 #[derive(Clone, Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Template {
-    /// The first 375 bytes of its header, zeros where there are fewer.
+    /// The first 375 bytes of its header; bytes that the header lacks are zero.
     pub(super) header: Vec<u8>,
     pub(super) records: Vec<Record>,
     pub(super) format: u8,
@@ -147,23 +147,23 @@ pub(super) struct Template {
 }
 
 impl Template {
-    /// Bytes of a point.
+    /// Returns the size of a point record, in bytes.
     pub(super) fn record_bytes(&self) -> usize {
         POINT_BYTES[usize::from(self.format)] + self.extra_bytes
     }
 
-    /// How points are compressed.
+    /// Returns the LASzip record that describes the compression.
     pub(super) fn laz(&self) -> io::Result<LazVlr> {
         let laz = LazVlrBuilder::default().with_point_format(self.format, self.extra_bytes as u16);
         Ok(laz.map_err(|e| io::Error::other(e.to_string()))?.with_variable_chunk_size().build())
     }
 }
 
-/// Reads the bytes of a chunk.
+/// Callback that reads the bytes of a chunk.
 pub(super) type ReadChunk<'a> = &'a mut dyn FnMut(&Chunk, &mut [u8]) -> io::Result<()>;
 
-/// Writes the file: nodes from the root down, so that coarse levels are read in one go. `read` reads a chunk; `copied`
-/// is told how many bytes of chunks there are.
+/// Writes the file. Nodes are in order of level, so that coarse levels are read in one go. `read` reads a chunk;
+/// `copied` receives the number of chunk bytes written so far.
 pub(super) fn write(
     out: &mut dyn Write,
     of: &Template,
@@ -228,7 +228,7 @@ pub(super) fn write(
     }
     out.write_all(&packed_table)?;
     let mut tail = Vec::new();
-    // An extended record, however short it is.
+    // The hierarchy is an extended record, however short it is.
     let mut pages = Record::new("copc", 1000, Vec::new());
     pages.description[..13].copy_from_slice(b"EPT Hierarchy");
     tail.extend_from_slice(&pages.head);
@@ -239,7 +239,7 @@ pub(super) fn write(
     out.write_all(&tail)
 }
 
-/// The nodes in the order of the chunks, and those without points that lead to them.
+/// Returns the nodes in chunk order, with the empty nodes that lead to them.
 fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     let mut nodes: std::collections::BTreeMap<(u32, u64), Option<Chunk>> = std::collections::BTreeMap::new();
     for chunk in chunks {
@@ -251,7 +251,7 @@ fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     nodes.into_iter().map(|((level, code), chunk)| (level, code, chunk)).collect()
 }
 
-/// Makes the first input's header that of the file.
+/// Converts the first input's header to the output's.
 fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (usize, u64, usize)) {
     let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
     let mut software = [0; 32];
@@ -265,7 +265,7 @@ fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (
     put(100, &(records.0 as u32).to_le_bytes());
     put(104, &[of.format | 0x80]);
     put(105, &(of.record_bytes() as u16).to_le_bytes());
-    // The counts of LAS 1.0 to 1.3.
+    // Legacy point counts of LAS 1.0 to 1.3.
     put(107, &[0; 24]);
     for k in 0..3 {
         put(131 + 8 * k, &of.scale[k].to_le_bytes());
@@ -282,7 +282,7 @@ fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (
     for (i, count) in summary.returns.iter().enumerate() {
         put(255 + 8 * i, &count.to_le_bytes());
     }
-    // Of the flags those of GPS time and synthetic returns stay; well-known text is said where there is some.
+    // The flags of GPS time and synthetic returns are copied; the WKT flag is set if there is a WKT record.
     let flags = u16::from_le_bytes([h[6], h[7]]) & 0b1001;
     let wkt = if of.records.iter().any(|r| r.is("LASF_Projection", 2112)) { 16 } else { 0 };
     h[6..8].copy_from_slice(&(flags | wkt).to_le_bytes());

@@ -1,9 +1,9 @@
-//! Points of any format as those that COPC allows: 6, 7 (with colours) and 8 (and near infrared).
+//! Conversion of point records to the formats that COPC allows: 6, 7 (with colours) and 8 (with near infrared, too).
 
 use super::super::field;
 use super::super::header::POINT_BYTES;
 
-/// The format that holds all that a format does, but waveforms.
+/// Returns the COPC format with all fields of `format` except waveforms.
 pub(super) fn target(format: u8) -> u8 {
     match format {
         2 | 3 | 5 | 7 => 7,
@@ -12,12 +12,12 @@ pub(super) fn target(format: u8) -> u8 {
     }
 }
 
-/// Appends a record of `format` as one of [`target`]'s, without extra bytes.
+/// Appends a record of `format`, converted to the format that [`target`] returns, without extra bytes.
 pub(super) fn append(format: u8, r: &[u8], out: &mut Vec<u8>) {
     if format >= 6 {
         return out.extend_from_slice(&r[..POINT_BYTES[usize::from(target(format))]]);
     }
-    // Position and intensity are where they were.
+    // Position and intensity have the same offsets.
     out.extend_from_slice(&r[..14]);
     let (returns, class) = (r[14], r[15]);
     out.push((returns & 7) | (returns >> 3 & 7) << 4);

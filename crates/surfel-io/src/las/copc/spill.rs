@@ -1,5 +1,5 @@
-//! Records sorted into lists that are larger than memory: a temporary file, mostly one without a name, which is gone
-//! when the process is, however it ends.
+//! Lists of records that are larger than memory, in a temporary file. The file usually has no name, so that it
+//! disappears when the process ends, however it ends.
 
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -10,15 +10,15 @@ use std::path::Path;
 
 /// Bytes of a list that are written at a time.
 const BLOCK_BYTES: usize = 256 << 10;
-/// Bytes of all lists that are held in memory.
+/// Maximum number of bytes of all lists in memory.
 const HELD_BYTES: usize = 32 << 20;
 
-/// A file without a name in `folder`.
+/// Creates a file without a name in `folder`.
 pub(super) fn unnamed(folder: &Path) -> io::Result<File> {
     tempfile::tempfile_in(folder)
 }
 
-/// Some records, on disk but for the last ones.
+/// A list of records: all but the last ones are on disk.
 #[derive(Debug, Default)]
 pub(super) struct List {
     held: Vec<u8>,
@@ -33,15 +33,15 @@ pub(super) struct Spill<K> {
     index: HashMap<K, usize>,
     lists: Vec<List>,
     held: usize,
-    /// What the last record went to; the next is mostly beside it.
+    /// Key and list of the last record; the next record usually goes to the same list.
     last: Option<(K, usize)>,
 }
 
-/// Offset of a list's block in the file, its number of bytes, and their checksum.
+/// A block of a list in the file: byte offset, number of bytes and checksum.
 pub(super) type Block = (u64, usize, u32);
 pub(super) type Blocks = Vec<Block>;
 
-/// A number that changes if bytes do: always if they are eight bytes or fewer in a row, else but for one time in 2³².
+/// Returns a checksum. Changes within eight consecutive bytes are always detected; others are missed once in 2³² times.
 pub(super) fn checksum(bytes: &[u8]) -> u32 {
     let mix = |sum: u64, word: u64| (sum ^ word).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(29);
     let (words, rest) = bytes.as_chunks::<8>();
@@ -51,16 +51,16 @@ pub(super) fn checksum(bytes: &[u8]) -> u32 {
     (sum ^ sum >> 32) as u32
 }
 
-/// Where the records are in the file: all that is needed to go on with it.
+/// Positions of the lists in the file, from which writing can continue.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 pub(super) struct Index<K> {
-    /// Bytes of the file.
+    /// Length of the file, in bytes.
     pub(super) end: u64,
-    /// Keys in the order in which they came, and where the records of each are.
+    /// Keys in order of their first record, with the blocks of each.
     pub(super) lists: Vec<(K, Blocks)>,
 }
 
-/// Bytes from a place on have changed since they were written.
+/// Error: the block at this byte offset has changed since it was written.
 #[derive(Debug, thiserror::Error)]
 #[error("bytes from {0} on have changed since they were written")]
 pub(super) struct Changed(pub(super) u64);
@@ -76,7 +76,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(Self::of(unnamed(folder)?, Index::default()))
     }
 
-    /// Lists that are in a file.
+    /// Opens the lists that `stored` describes in a file.
     pub(super) fn of(file: File, stored: Index<K>) -> Self {
         let (mut index, mut lists) = (HashMap::new(), Vec::new());
         for (key, blocks) in stored.lists {
@@ -87,7 +87,7 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Self { file, end: stored.end, index, lists, held: 0, last: None }
     }
 
-    /// Brings all records to the disk, and says where they are.
+    /// Syncs all records to disk and returns their positions.
     pub(super) fn stored(&mut self) -> io::Result<Index<K>> {
         self.flush()?;
         self.file.sync_data()?;
@@ -132,17 +132,17 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(())
     }
 
-    /// Leaves nothing in memory.
+    /// Writes all records from memory to the file.
     pub(super) fn flush(&mut self) -> io::Result<()> {
         (0..self.lists.len()).try_for_each(|at| self.write(at))
     }
 
-    /// How many lists there are.
+    /// Returns the number of lists.
     pub(super) fn count(&self) -> usize {
         self.index.len()
     }
 
-    /// Gives lists other keys; those that get the same become one.
+    /// Renames the lists; joins lists that get the same key.
     pub(super) fn merge(&mut self, key: impl Fn(K) -> K) -> io::Result<()> {
         self.flush()?;
         let mut old: Vec<(K, usize)> = std::mem::take(&mut self.index).into_iter().collect();
@@ -161,12 +161,12 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         Ok(())
     }
 
-    /// The keys, and how many bytes each has.
+    /// Returns the keys, with the number of bytes of each list.
     pub(super) fn sizes(&self) -> impl Iterator<Item = (K, u64)> + '_ {
         self.index.iter().map(|(key, at)| (*key, self.lists[*at].bytes))
     }
 
-    /// Takes a list out.
+    /// Removes and returns a list.
     pub(super) fn take(&mut self, key: K) -> List {
         self.last = None;
         let list = self.index.remove(&key).map(|at| std::mem::take(&mut self.lists[at])).unwrap_or_default();
@@ -174,8 +174,8 @@ impl<K: Copy + Eq + Hash> Spill<K> {
         list
     }
 
-    /// Hands over the blocks of a list in the order in which they came. A block that has changed since it was written
-    /// is the error [`Changed`].
+    /// Passes the blocks of a list, in order of writing, to `each`. Returns the error [`Changed`] if a block has
+    /// changed since it was written.
     pub(super) fn read(&mut self, list: &List, each: &mut dyn FnMut(&[u8]) -> io::Result<()>) -> io::Result<()> {
         let mut bytes = Vec::new();
         for (at, length, sum) in &list.blocks {

@@ -1,9 +1,9 @@
-//! Points of files of columns as records of LAS: PLY, PCD, NPY, NPZ, E57, PTX and text.
+//! Conversion of point files in columns (PLY, PCD, NPY, NPZ, E57, PTX and text) to LAS records.
 //!
-//! Coordinates become whole steps of a power of two from an offset, the same for all inputs: the coarsest that loses
-//! nothing, or, where coordinates have finer parts, the finest that 2³⁰ of reach to the farthest point. So numbers of
-//! f32 keep every bit, unless they are less than 1/64 of the farthest; others move by half a step, 2⁻³⁰ of the farthest
-//! at most.
+//! Coordinates become whole numbers of steps from an offset. The step is a power of two and, like the offset, the same
+//! for all inputs. The step is the coarsest one that loses nothing. Where coordinates have finer digits, the step is
+//! the finest one that reaches the farthest point in 2³⁰ steps. f32 coordinates therefore keep every bit unless they
+//! are less than 1/64 of the farthest coordinate. Other coordinates move by at most half a step, 2⁻³⁰ of the farthest.
 
 use super::extra_bytes::description;
 use super::inputs::{Stop, invalid};
@@ -28,10 +28,10 @@ use std::path::Path;
 use std::sync::Arc;
 use surfel_model::TableColumns;
 
-/// Steps between the offset and the farthest point, as a power of two.
+/// Maximum number of steps between the offset and the farthest point, as a power of two.
 const STEP_BITS: i32 = 30;
 
-/// What the numbers of a column are.
+/// Minimum and maximum of a column's finite values; `whole` is true if every value is an integer.
 #[derive(Clone, Copy, Debug)]
 struct Range {
     least: f64,
@@ -55,16 +55,16 @@ impl Range {
     }
 }
 
-/// What all numbers of a file are.
+/// Statistics of all points of a file, which decide the record layout and the coordinate steps.
 #[derive(Clone, Debug)]
 struct Measured {
-    /// Points whose coordinates are finite.
+    /// Number of points with finite coordinates.
     count: u64,
-    /// Those of these points' coordinates.
+    /// Range of x, y and z over the points with finite coordinates.
     position: [Range; 3],
-    /// The least power of two that is in a coordinate.
+    /// Exponent of the smallest power of two that occurs in a coordinate: its last significant bit.
     finest: i32,
-    /// Those of all points' columns.
+    /// Range of each column over all points.
     columns: Vec<Range>,
 }
 
@@ -74,7 +74,7 @@ impl Measured {
         Self { count: 0, position: [none; 3], finest: i32::MAX, columns: vec![none; columns] }
     }
 
-    /// The least and the greatest coordinates.
+    /// Returns the minimum and the maximum corner of the coordinates.
     fn ends(&self) -> [DVec3; 2] {
         [0, 1].map(|end| DVec3::from(self.position.map(|r| if end == 0 { r.least } else { r.most })))
     }
@@ -88,7 +88,7 @@ impl Measured {
     }
 }
 
-/// The power of two of the last bit of a number; large for zero.
+/// Returns the exponent of a number's last significant bit; `i32::MAX` for zero.
 fn last_bit(value: f64) -> i32 {
     let bits = value.to_bits();
     let (exponent, fraction) = ((bits >> 52 & 0x7ff) as i32, bits & ((1 << 52) - 1));
@@ -99,12 +99,12 @@ fn last_bit(value: f64) -> i32 {
     }
 }
 
-/// A power of two that a number is less than; that of the least number for zero.
+/// Returns the exponent of a power of two greater than `value`; −1021, that of the smallest normal number, for zero.
 fn power_above(value: f64) -> i32 {
     ((value.to_bits() >> 52 & 0x7ff) as i32 - 1022).max(-1021)
 }
 
-/// Where in a record a column's numbers go, and as what type of the standard.
+/// An extra-bytes field: the source column, the byte offset in a record, and the type number of the LAS standard.
 #[derive(Clone, Debug)]
 struct Extra {
     column: usize,
@@ -112,38 +112,39 @@ struct Extra {
     kind: u8,
 }
 
-/// How colours are stored.
+/// Encoding of a file's colours, with the indices of the colour columns.
 #[derive(Clone, Copy, Debug)]
 enum Colors {
-    /// As levels from 0 to this.
+    /// sRGB levels from 0 to this maximum.
     Levels([usize; 3], f64),
-    /// As linear light.
+    /// Linear light.
     Linear([usize; 3]),
-    /// As 8 bits each in a number of 32.
+    /// Three 8-bit channels packed into a 32-bit number.
     Packed(usize),
 }
 
-/// A file of columns as a LAS file.
+/// A point file in columns that is read as if it were a LAS file.
 #[derive(Clone, Debug)]
 pub(super) struct ColumnInput {
     file: Arc<ColumnFile>,
     measured: Measured,
     colors: Option<Colors>,
-    /// The assumption about what colours count to.
+    /// Note about the assumed range of colour values.
     color_note: Option<String>,
-    /// The steps that coordinates are rounded to, if they are 32-bit floats far from the origin.
+    /// Note that coordinates were rounded before conversion, if they are 32-bit floats far from the origin.
     rounding_note: Option<String>,
     intensity: Option<usize>,
     extra: Vec<Extra>,
     names: Vec<String>,
     scale: f64,
     offset: DVec3,
-    /// Coordinates are those of f32, as where all is read at once.
+    /// True if coordinates are rounded to f32, as they are where the whole file is read at once.
     rounds: bool,
 }
 
 impl ColumnInput {
-    /// A file of columns, measured; `None` of other files. What has to be unpacked is, to `folder`.
+    /// Opens a point file in columns and measures its values; returns `None` for other formats. Packed data is unpacked
+    /// to a temporary file in `folder`.
     pub(super) fn open(
         path: &Path,
         folder: &Path,
@@ -170,10 +171,11 @@ impl ColumnInput {
         }))
     }
 
-    /// Gives inputs that are written as one the same steps, and the same columns as far as they have them.
+    /// Assigns the same coordinate steps, and the same layout for columns of equal name, to inputs that are written as
+    /// one file.
     pub(super) fn agree(inputs: &mut [&mut Self]) {
         let mut all = Measured::none(0);
-        // Of the columns of a name, wherever they stand in their file.
+        // Value ranges by column name, wherever in its file the column is.
         let mut by_name: BTreeMap<String, Range> = BTreeMap::new();
         for input in inputs.iter() {
             all = all.join(&input.measured);
@@ -194,7 +196,7 @@ impl ColumnInput {
         }
     }
 
-    /// Decides where columns go, by what is in those of all inputs.
+    /// Assigns columns to the fields of a record by the value ranges over all inputs.
     fn lay_out(&mut self, ranges: &[Range]) {
         let file = self.file.clone();
         let (roles, kind) = (&file.roles, |i: usize| file.places[i].kind);
@@ -205,7 +207,7 @@ impl ColumnInput {
         if let Some(set) = roles.color {
             let (color_type, most) = (kinds(set), largest(set));
             let scale = match () {
-                // Already spread over the whole range by the limits that the file states.
+                // E57 colours are already scaled to 16 bits by the limits that the file states.
                 () if file.format == Format::E57 && color_type == ColorType::Short => ColorScale::Encoded(65_535.0),
                 () if file.is_typed() => ColorScale::of(color_type, most, whole(set), file.float_colors),
                 () if color_type == ColorType::Byte => ColorScale::Encoded(255.0),
@@ -258,7 +260,7 @@ impl ColumnInput {
                 NumberType::U64 => 7,
                 NumberType::I64 => 8,
                 NumberType::F16 | NumberType::F32 => 9,
-                // Printed numbers, as where all is read at once.
+                // Printed numbers become f32, as they do where the whole file is read at once.
                 NumberType::F64 if file.is_text() && ranges[i].most < f64::from(1 << 24) => 9,
                 NumberType::F64 => 10,
             };
@@ -276,7 +278,7 @@ impl ColumnInput {
         after.unwrap_or(POINT_BYTES[usize::from(self.format())])
     }
 
-    /// The header that a LAS file would have.
+    /// Returns the header that an equivalent LAS file would have.
     pub(super) fn header(&self) -> Header {
         let start = POINT_BYTES[usize::from(self.format())];
         let extra = self.extra.iter().zip(&self.names);
@@ -311,7 +313,7 @@ impl ColumnInput {
         }
     }
 
-    /// The first 375 bytes of one, as far as they say where points are.
+    /// Returns the first 375 bytes of a LAS header, with only the bounds filled in.
     pub(super) fn raw_header(&self) -> Vec<u8> {
         let mut raw = vec![0; 375];
         for (k, range) in self.measured.position.iter().enumerate() {
@@ -322,7 +324,7 @@ impl ColumnInput {
         raw
     }
 
-    /// The records that describe its extra bytes and its coordinate reference system.
+    /// Returns the variable length records that describe the extra bytes and the coordinate reference system.
     pub(super) fn records(&self) -> Vec<Record> {
         let described = self.extra.iter().zip(&self.names);
         let described = described.flat_map(|(e, name)| description(name, e.kind, "", false));
@@ -332,17 +334,17 @@ impl ColumnInput {
         described.into_iter().chain(wkt).collect()
     }
 
-    /// The well-known text of its system, if a record can hold it.
+    /// Returns the WKT of the file's coordinate reference system, unless it is too long for a variable length record.
     fn wkt(&self) -> Option<&String> {
         self.file.crs.wkt.as_ref().filter(|wkt| wkt.len() < usize::from(u16::MAX))
     }
 
-    /// Where the one scanner stood that all its points were seen from.
+    /// Returns the position of the scanner, if one scanner recorded all points.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         self.file.viewpoint
     }
 
-    /// Hands its points to `sink`.
+    /// Passes the points to `sink` as LAS records.
     pub(super) fn read(&self, path: &Path, sink: &mut dyn Sink) -> Result<(), Stop> {
         let read = self.file.with(path, |columns| self.read_columns(columns, sink))?;
         read.map_err(|problem| invalid(path, problem))
@@ -366,7 +368,7 @@ impl ColumnInput {
         Ok(())
     }
 
-    /// The records of some rows whose coordinates are finite.
+    /// Returns the records of a block of rows, without the rows whose coordinates aren't finite.
     fn block(&self, rows: usize, numbers: &[Vec<f64>]) -> Vec<u8> {
         let size = self.record_bytes();
         let mut records = Vec::with_capacity(rows * size);
@@ -389,7 +391,7 @@ impl ColumnInput {
             if let Some(i) = self.intensity {
                 put(12, &(numbers[i][row] as u16).to_le_bytes());
             }
-            // The first return of one.
+            // Return 1 of 1.
             put(14, &[0x11]);
             if let Some(colors) = self.colors {
                 let levels = levels(colors, |i| numbers[i][row]);
@@ -415,7 +417,7 @@ impl ColumnInput {
     }
 }
 
-/// sRGB-encoded colours that count to 65535.
+/// Returns a row's colours as sRGB-encoded 16-bit levels (0–65535).
 fn levels(colors: Colors, number: impl Fn(usize) -> f64) -> [u16; 3] {
     match colors {
         Colors::Levels(set, most) => set.map(|i| (number(i) / most * 65_535.0 + 0.5).clamp(0.0, 65_535.0) as u16),
@@ -424,14 +426,14 @@ fn levels(colors: Colors, number: impl Fn(usize) -> f64) -> [u16; 3] {
     }
 }
 
-/// The steps of coordinates, and what they are counted from.
+/// Returns the coordinate step and the offset.
 fn steps(all: &Measured) -> (f64, DVec3) {
     let [low, high] = all.ends();
     let most = low.abs().max(high.abs()).max_element();
     if all.count == 0 || most == 0.0 {
         return (1.0, DVec3::ZERO);
     }
-    // A multiple of a power of two that the extent is less than, so that differences from it are exact.
+    // The offset is a multiple of a power of two greater than the extent, so that differences from it are exact.
     let extent = power_above((high - low).max_element().max(most * 2f64.powi(-50)));
     let is_far = most * 0.25 > 2f64.powi(extent);
     let (mut offset, mut finest) = (DVec3::ZERO, all.finest);
@@ -440,7 +442,7 @@ fn steps(all: &Measured) -> (f64, DVec3) {
         finest = finest.min(extent);
     }
     let farthest = power_above((low - offset).abs().max((high - offset).abs()).max_element());
-    // A scale whose inverse and square are numbers, too.
+    // The limits keep the inverse and the square of the scale finite and nonzero.
     (2f64.powi((farthest - STEP_BITS).max(finest).clamp(-500, 1000)), offset)
 }
 

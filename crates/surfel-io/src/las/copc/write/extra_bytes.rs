@@ -1,8 +1,9 @@
-//! Descriptions of the values that Surfel adds to each point.
+//! Extra-bytes descriptions of the values that Surfel adds to each point.
 
 use crate::las::copc::{LEVEL_COLORS, LEVEL_NORMALS, NORMALS, RADIUS};
 
-/// The descriptions of the inputs' extra bytes, of which `kept` are kept, and of Surfel's, and how many the latter are.
+/// Builds the extra-bytes record: the inputs' descriptions of the first `kept` extra bytes, then Surfel's own. Also
+/// returns the number of bytes of Surfel's values.
 pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: bool, colors: bool) -> (Vec<u8>, usize) {
     let mut out = Vec::new();
     let mut described = 0;
@@ -20,7 +21,7 @@ pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: boo
         described += bytes;
         out.extend_from_slice(record);
     }
-    // Bytes that nobody describes.
+    // Covers copied bytes that have no description.
     while described < kept {
         let bytes = (kept - described).min(255);
         out.extend_from_slice(&description("", 0, "", false));
@@ -46,7 +47,7 @@ pub(super) fn descriptions(given: &[u8], kept: usize, splats: bool, normals: boo
     (out, bytes)
 }
 
-/// The description of one value among extra bytes; a scaled one counts in 1/127.
+/// Returns the 192-byte description of one extra-bytes value; a scaled value counts in units of 1/127.
 pub(super) fn description(name: &str, kind: u8, what: &str, scaled: bool) -> [u8; 192] {
     let mut d = [0; 192];
     d[2] = kind;

@@ -5,27 +5,27 @@ use crate::las::copc::octants::{BITS, code};
 use glam::DVec3;
 use std::io;
 
-/// Parts see the points beyond their border that are nearer than their side over this: some 16 of a surface's points,
-/// where it has as many of them as a cell is made for.
+/// Cell side divided by the margin's width. A part also sees points of its neighbours within this margin of its border.
+/// The margin is about 16 points wide for a surface with `cell_points` points per cell.
 const MARGIN: i64 = 64;
 
-/// The grid that points are sorted into, on the inputs' own steps.
+/// The grid that points are sorted into, aligned to the inputs' own coordinate steps.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Grid {
-    /// Units in a step of each axis, a step being what the inputs' positions are whole numbers of.
+    /// Units per step of each axis; a step is the inputs' coordinate scale.
     pub(super) steps: DVec3,
     pub(super) unit: f64,
-    /// Least corner, in units.
+    /// Minimum corner, in units.
     pub(super) low: [i64; 3],
-    /// Units in the side of the finest cell of the octree.
+    /// Side of the finest octree cell, in units.
     pub(super) finest: i64,
-    /// Finest cells along a cell of the grid, as a power of two.
+    /// Number of finest octree cells along a grid cell, as a power of two.
     pub(super) cell_bits: u32,
 }
 
 impl Grid {
-    /// A grid over `count` points in a box: cells of about so many points, if they are on a surface, and at most so
-    /// many cells in the box.
+    /// Builds a grid over `count` points in a box. A cell gets about `cell_points` points if they are on a surface, and
+    /// the box has at most `most_cells` cells.
     pub(super) fn new(
         scale: DVec3,
         [low, high]: [[f64; 3]; 2],
@@ -33,8 +33,8 @@ impl Grid {
         (cell_points, most_cells): (u64, usize),
     ) -> Self {
         let magnitude = scale.abs();
-        // A step has 2²¹ units at most, so that a position of 32 bits has 53, and 256 where axes have the same scale:
-        // the finest cells, 2⁷ to 2⁸ units, then divide whatever octant has points that differ.
+        // A step has at most 2²¹ units, so that a 32-bit position fits into 53 bits. A step has 256 units where all
+        // axes have the same scale. The finest cells, 2⁷ to 2⁸ units, then divide any octant whose points differ.
         let unit = (magnitude.min_element() / 256.0).max(magnitude.max_element() * 2f64.powi(-21));
         let lengths = [0, 1, 2].map(|k| ((high[k] - low[k]) / unit).clamp(0.0, 2f64.powi(53)) as i64 + 1);
         let longest = lengths.into_iter().fold(0, i64::max);
@@ -43,13 +43,13 @@ impl Grid {
             depth += 1;
         }
         let side = |depth: u32| (longest >> depth) + 1;
-        // Two of the cells along an axis may be cut by the box's ends.
+        // The ends of the box may cut off two of the cells along an axis.
         let cells = |depth: u32| lengths.map(|length| (length / side(depth) + 2) as u64).into_iter().product::<u64>();
         while depth > 0 && cells(depth) > most_cells as u64 {
             depth -= 1;
         }
         let side = side(depth);
-        // A side of finest · 2^cell_bits, where finest has 8 bits, so that no side is more than 1/128 longer.
+        // The side is finest · 2^cell_bits, where `finest` has 8 bits, so that no side grows by more than 1/128.
         let side_bits = i64::BITS - side.leading_zeros();
         let cell_bits = side_bits.saturating_sub(8).clamp(CELL_BITS, BITS - depth);
         let finest = ((side - 1) >> cell_bits) + 1;
@@ -71,13 +71,13 @@ impl Grid {
         units.map(|u| u.div_euclid(side))
     }
 
-    /// How far a cell's points see beyond its border, in units.
+    /// Returns the width of a cell's margin, in units.
     pub(super) fn reach(&self) -> i64 {
         self.side() / MARGIN
     }
 }
 
-/// Calls `each` for every other cell of a grid that a point is nearer to than `side` / [`MARGIN`].
+/// Calls `each` for every other grid cell that is nearer to a point than `side` / [`MARGIN`].
 pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]) -> io::Result<()>) -> io::Result<()> {
     let reach = side / MARGIN;
     let ways = units.map(|u| match u.rem_euclid(side) {
@@ -89,7 +89,7 @@ pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]
         return Ok(());
     }
     let cell = units.map(|u| u.div_euclid(side));
-    // Bits say along which axes it is another cell.
+    // The bits of `axes` name the axes along which the neighbour differs from the point's cell.
     for axes in 1..8 {
         let is_along = |k: usize| axes >> k & 1 == 1;
         if (0..3).all(|k| !is_along(k) || ways[k] != 0) {
@@ -99,13 +99,13 @@ pub(super) fn in_reach(units: [i64; 3], side: i64, each: &mut dyn FnMut([i64; 3]
     Ok(())
 }
 
-/// The grid's cells that an octree is over, and which of its parts each is in. Cells of which more than 128 are along
-/// its side are put together.
+/// The range of grid cells that an octree covers, and their assignment to parts. Where a side has more than 128 cells,
+/// a part covers several of them.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Cells {
     low: [i64; 3],
     levels: u32,
-    /// Level of the parts.
+    /// Octree level of the parts.
     pub(super) depth: u32,
 }
 
@@ -116,41 +116,41 @@ impl Cells {
         Self { low, levels, depth: levels.min(CELL_BITS) }
     }
 
-    /// The octant of a level, at most [`Self::depth`], that a cell is in, along one axis; outside of the octree it is
-    /// none of them.
+    /// Returns the index, along axis `k`, of the octant of `level` (at most [`Self::depth`]) that contains a cell. The
+    /// index is out of range for cells outside the octree.
     pub(super) fn octant_along(&self, k: usize, cell: i64, level: u32) -> i64 {
         (cell - self.low[k]) >> (self.levels - level)
     }
 
-    /// The part that a cell is in, if it is in the octree.
+    /// Returns the Morton code of the part that contains a cell, or `None` outside the octree.
     pub(super) fn part(&self, cell: [i64; 3]) -> Option<u64> {
         let at = [0, 1, 2].map(|k| self.octant_along(k, cell[k], self.depth));
         at.iter().all(|v| (0..1 << self.depth).contains(v)).then(|| code(at.map(|v| v as u32)))
     }
 
-    /// Where an octant of a level begins along one axis, and how long it is, in cells.
+    /// Returns the first cell and the number of cells of an octant along axis `k`.
     pub(super) fn stretch(&self, k: usize, octant: i64, level: u32) -> (i64, i64) {
         let side = 1 << (self.levels - level);
         (self.low[k] + octant * side, side)
     }
 }
 
-/// The octree over the grid's cells.
+/// The octree over the grid's cells, in grid units.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Frame {
-    /// Least corner of the root, in units from the grid's.
+    /// Minimum corner of the root, in units from the grid's corner.
     pub(super) low: [i64; 3],
-    /// Bits of codes.
+    /// Bits of a Morton code per axis: the level of the finest cells.
     pub(super) bits: u32,
-    /// Units in the side of the finest cell.
+    /// Side of the finest cell, in units.
     pub(super) finest: i64,
     /// Level of the parts that points are sorted into.
     pub(super) depth: u32,
 }
 
 impl Frame {
-    /// The octree over these cells, whose points reach from and to `ends`, in units: those of one cell may need much
-    /// less than it.
+    /// Builds the octree over `cells`, whose points have the bounds `ends`, in units. The octree of a single cell
+    /// shrinks to the bounds of its points.
     pub(super) fn over(grid: &Grid, cells: &Cells, ends: [[i64; 3]; 2]) -> Self {
         if cells.levels == 0 {
             let longest = (0..3).map(|k| ends[0][k].abs_diff(ends[1][k])).max().unwrap_or(0) as i64;
@@ -167,7 +167,7 @@ impl Frame {
         Self { low: cells.low.map(|l| l * side), bits, finest, depth: cells.depth }
     }
 
-    /// True for what is in the octree.
+    /// True if a position is inside the octree.
     pub(super) fn holds(&self, units: [i64; 3]) -> bool {
         (0..3).all(|k| (0..self.finest << self.bits).contains(&(units[k] - self.low[k])))
     }
@@ -176,7 +176,7 @@ impl Frame {
         code([0, 1, 2].map(|k| ((units[k] - self.low[k]) / self.finest) as u32))
     }
 
-    /// The octant of a level that a point is in.
+    /// Returns the Morton code of the octant of `level` that contains a position.
     pub(super) fn octant(&self, units: [i64; 3], level: u32) -> u64 {
         self.code(units) >> (3 * (self.bits - level))
     }

@@ -1,4 +1,4 @@
-//! Files that are written as one: what they share, and the records that are copied.
+//! Input files of a COPC conversion: checks that they can be one file, and the variable length records that are copied.
 
 use super::Sources;
 use super::column_input::ColumnInput;
@@ -14,26 +14,27 @@ use std::fs::File;
 use std::io::{self, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 
-/// Most bytes of a variable length record that is copied, and most records.
+/// Limits of the variable length records that are copied: bytes of one record, and number of records.
 const MAX_RECORD_BYTES: u64 = 1 << 20;
 const MAX_RECORDS: usize = 256;
 
-/// One of the inputs.
+/// An input file.
 pub(super) struct Input {
     pub(super) path: PathBuf,
     pub(super) file_bytes: u64,
     pub(super) header: Header,
-    /// What its grid's numbers need to be those of the first input's.
+    /// Offset of this input's integer coordinates from the first input's, in steps.
     pub(super) shift: [i64; 3],
-    /// Ends of its points' coordinates from the first input's offset, as its header says; zeros for what is no number.
+    /// Bounds of the points as the header states them, relative to the first input's offset; zeros where a bound isn't
+    /// finite.
     pub(super) low: [f64; 3],
     pub(super) high: [f64; 3],
-    /// What makes records of it, where it has none itself.
+    /// Converter of points to records, for files that aren't LAS.
     columns: Option<ColumnInput>,
 }
 
 impl Input {
-    /// It once more, to be read again.
+    /// Opens the same file again, to read it a second time.
     pub(super) fn again(&self) -> Result<Self, Stop> {
         match &self.columns {
             None => Ok(open(&self.path)?.0),
@@ -46,7 +47,7 @@ impl Input {
         Self { path, file_bytes, header, shift: [0; 3], low: [0.0; 3], high: [0.0; 3], columns: Some(columns) }
     }
 
-    /// The variable length records that are copied.
+    /// Returns the variable length records that are copied.
     pub(super) fn records(&self, raw: &[u8]) -> Result<Vec<Record>, Stop> {
         if let Some(columns) = &self.columns {
             return Ok(columns.records());
@@ -55,32 +56,32 @@ impl Input {
         raw_records(&mut file, raw, self.file_bytes).map_err(|problem| invalid(&self.path, problem))
     }
 
-    /// Where the one scanner stood that all its points were seen from.
+    /// Returns the position of the scanner, if one scanner recorded all points.
     pub(super) fn viewpoint(&self) -> Option<DVec3> {
         self.columns.as_ref()?.viewpoint()
     }
 
-    /// Hands its points to `sink`.
+    /// Passes the points to `sink`.
     pub(super) fn read(&mut self, sink: &mut dyn Sink) -> Result<(), Stop> {
         if let Some(columns) = &self.columns {
             return columns.read(&self.path, sink);
         }
         let system = |source| Stop::Input(IoError::System { path: self.path.clone(), action: READ, source });
-        // Thousands of inputs aren't open at once.
+        // Each input is opened only while it is read: there may be thousands.
         let mut file = File::open(&self.path).map_err(system)?;
         let read = read_records(&mut file, &mut self.header, self.file_bytes, false, sink);
         read.map_err(|problem| invalid(&self.path, problem))
     }
 }
 
-/// Why writing ends early.
+/// Reason why a conversion stops early.
 pub(super) enum Stop {
     Input(IoError),
     Disk(io::Error),
 }
 
 impl Stop {
-    /// The error of what is being written; an input's stays what it is.
+    /// Converts to the output's I/O error, with an input's error inside.
     pub(super) fn into_io(self) -> io::Error {
         match self {
             Self::Input(error) => io::Error::other(error),
@@ -105,7 +106,8 @@ pub(super) fn invalid(path: &Path, problem: Problem) -> Stop {
     Stop::Input(IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
 }
 
-/// Inputs in their order, each with its header's first 375 bytes. What has to be unpacked is, to `folder`.
+/// Opens all inputs in order and returns each with the first 375 bytes of its header. Packed data is unpacked to
+/// `folder`.
 pub(super) fn open_all(
     Sources { paths, columns: names }: Sources<'_>,
     folder: &Path,
@@ -140,7 +142,7 @@ fn is_las(path: &Path) -> Result<bool, Stop> {
     Ok(matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)))
 }
 
-/// An input that has records, with its header's first 375 bytes, and the file.
+/// Opens an input with LAS records; returns it with the first 375 bytes of its header, and the file.
 fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     let system = |source| Stop::Input(IoError::System { path: path.to_path_buf(), action: READ, source });
     if !is_las(path)? {
@@ -156,7 +158,7 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     raw.truncate(375);
     let file_bytes = file.seek(SeekFrom::End(0)).map_err(system)?;
     let header = Header::read(&mut file, file_bytes).map_err(|problem| invalid(path, problem))?;
-    // What older headers lack is what follows them.
+    // Fields that an older, shorter header lacks are zero.
     let own = usize::from(u16::from_le_bytes(field(&raw, 94)));
     raw.truncate(own.max(227));
     raw.resize(375, 0);
@@ -164,11 +166,11 @@ fn open(path: &Path) -> Result<(Input, Vec<u8>, File), Stop> {
     Ok((Input { path, file_bytes, header, shift, low, high, columns: None }, raw, file))
 }
 
-/// Steps from an offset to another one.
+/// Returns the number of whole steps from one offset to another; an error if the difference isn't whole.
 pub(super) fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3], Problem> {
     let steps = (other - first) / scale;
     let whole = steps.round();
-    // Offsets of 10⁷ in steps of 10⁻⁵ are rounded by some 10⁻⁴ of a step.
+    // Offsets of 10⁷ in steps of 10⁻⁵ have a rounding error of about 10⁻⁴ of a step.
     if (steps - whole).abs().max_element() > 1e-3 || whole.abs().max_element() > 2f64.powi(40) {
         let what = format!("has the offset {other}, which is no whole number of steps from the first input's {first}");
         return Err(Problem::new(what).help("convert it by itself, or give its points the first's offset"));
@@ -176,7 +178,7 @@ pub(super) fn shift(scale: DVec3, first: DVec3, other: DVec3) -> Result<[i64; 3]
     Ok(whole.to_array().map(|v| v as i64))
 }
 
-/// Checks that two inputs can be one file.
+/// Checks that two inputs can be written as one file.
 pub(super) fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
     let (a, b) = (&first.header, &other.header);
     let unlike = |what: &str, found: String, expected: String| {
@@ -202,7 +204,8 @@ pub(super) fn check_alike(first: &Input, other: &Input) -> Result<(), Problem> {
     Ok(())
 }
 
-/// The variable length records that are copied; extended ones become ordinary ones where they are short enough.
+/// Reads the variable length records that are copied. Extended records become ordinary ones where they are short
+/// enough.
 fn raw_records(source: &mut dyn Source, raw: &[u8], file_bytes: u64) -> Result<Vec<Record>, Problem> {
     let u32_at = |at: usize| u32::from_le_bytes(field(raw, at));
     let start = u64::from(u32_at(96));

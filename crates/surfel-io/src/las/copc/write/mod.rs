@@ -1,8 +1,9 @@
-//! Files of points as one COPC file, in memory that doesn't grow with them.
+//! Writing of point files as one COPC file, in memory that doesn't grow with the input.
 //!
-//! Points are sorted into cells of a grid in a temporary file, those beside a cell's border also into its neighbours'
-//! margins. Some cells at a time are then read back, their points get splats and levels, and nodes become chunks in a
-//! second such file, of which the output is put together at the end.
+//! Points are sorted into grid cells in a temporary file. Points near a cell's border are also written to the margins
+//! of its neighbours. The octree is then built part by part; a part is a subtree that is built in memory. Points of
+//! some parts are read back, get splats and levels, and their nodes become compressed chunks in a second temporary
+//! file. The output is assembled from these chunks at the end.
 
 mod column_input;
 mod extra_bytes;
@@ -42,33 +43,34 @@ use surfel_model::TableColumns;
 
 pub use parts::{PointSplat, Prepare};
 
-/// How many points are in memory.
+/// Limits on the points per grid cell, per part, in memory, and between two saved states.
 #[derive(Clone, Copy)]
 struct Limits {
-    /// Points of a cell that the grid is made for, on a surface.
+    /// Number of points of a surface that a grid cell is made for.
     cell_points: u64,
-    /// Most cells that points are sorted into.
+    /// Maximum number of grid cells.
     most_cells: usize,
-    /// Most points of a part, but for more in one place.
+    /// Maximum number of points of a part; a part whose points are all in one place may have more.
     most_points: u64,
-    /// Most points of all parts that are in memory, unless one has more.
+    /// Maximum number of points of all parts in memory together; a single larger part is still built.
     held_points: u64,
-    /// Most points in one place, which no part can divide.
+    /// Maximum number of points in one place, which no subdivision separates.
     most_in_place: u64,
-    /// Bytes of points after which they are brought to the disk, with `resume`.
+    /// Bytes of sorted points after which the state is synced to disk, with `resume`.
     kept_bytes: u64,
 }
 
-/// Bytes of a point that is in memory, with its normal and radius, and of what else there is.
+/// Memory per point of a part, in bytes, with its normal and radius; then the fixed memory beside the points.
 const HELD_POINT_BYTES: u64 = 160;
 const OTHER_BYTES: u64 = 64 << 20;
-/// Bytes of its record among those.
+/// Record size, in bytes, that [`HELD_POINT_BYTES`] includes.
 const USUAL_POINT_BYTES: u64 = 64;
-/// Bytes that writing takes: those of one part.
+/// Minimum memory of a conversion, in bytes: the memory of one part.
 pub const LEAST_MEMORY: u64 = 200 << 20;
 
 impl Limits {
-    /// What fits into so many bytes. Only how many parts are made at once depends on it, not what is written.
+    /// Returns the limits that fit into `memory` bytes. Memory decides only how many parts are built at once, not the
+    /// output.
     fn new(memory: u64) -> Self {
         let (cell_points, most_points) = (1_000_000, 1_000_000);
         let useful = cell_points * rayon::current_num_threads() as u64;
@@ -84,7 +86,7 @@ impl Limits {
         }
     }
 
-    /// The same for points of so many bytes: of larger ones than usual there are fewer in memory.
+    /// Scales the limits to records of `bytes` bytes: fewer points fit if records are larger than usual.
     fn of_points(self, bytes: u64) -> Self {
         let fewer = |points: u64| match bytes {
             0..=USUAL_POINT_BYTES => points,
@@ -97,62 +99,64 @@ impl Limits {
     }
 }
 
-/// Bytes of upper nodes that are compressed at a time.
+/// Bytes of nodes above the parts that are compressed at a time.
 const BATCH_BYTES: usize = 64 << 20;
 
-/// What was written.
+/// Summary of a written COPC file.
 #[derive(Clone, Debug, Default, Deserialize, PartialEq, Serialize)]
 pub struct CopcReport {
-    /// Points.
+    /// Number of points.
     pub points: u64,
-    /// Nodes with points.
+    /// Number of nodes with points.
     pub nodes: usize,
-    /// Levels, the root's among them.
+    /// Number of levels, including the root's.
     pub levels: u32,
-    /// What the user should know, as sentences without a full stop.
+    /// Messages for the user: sentences without a full stop.
     pub notes: Vec<String>,
 }
 
-/// How points are written.
+/// Options of a COPC conversion.
 #[derive(Clone, Debug, Default)]
 pub struct CopcOptions {
-    /// Replaces a file that is there.
+    /// True if an existing output is replaced.
     pub overwrite: bool,
-    /// Bytes that it takes about; [`LEAST_MEMORY`] where this is less.
+    /// Approximate memory to use, in bytes; at least [`LEAST_MEMORY`].
     pub memory: u64,
-    /// Keeps what is done in the folder `OUTPUT.resume`, and goes on with what an interrupted conversion of the same
-    /// inputs left there. The folder is removed when the output is there. A share of them that is there is left so.
+    /// True if progress is saved in the folder `OUTPUT.resume`, and an interrupted conversion of the same inputs
+    /// continues from there. The folder is removed once the output exists. An existing shard of the same inputs isn't
+    /// written again.
     pub resume: bool,
-    /// Writes one of so many shares instead: its number, which is less than how many there are.
+    /// Index and count of the shard to write instead of the whole file; the index is less than the count.
     pub shard: Option<[u32; 2]>,
-    /// Names of the columns of tables among the inputs ([`crate::LoadOptions::columns`]).
+    /// Column names of the tables among the inputs ([`crate::LoadOptions::columns`]).
     pub columns: Option<TableColumns>,
 }
 
-/// Files that are written as one, and the names of the columns of tables among them.
+/// Inputs that are written as one file, and the column names of the tables among them.
 #[derive(Clone, Copy)]
 struct Sources<'a> {
     paths: &'a [PathBuf],
     columns: Option<&'a TableColumns>,
 }
 
-/// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all that its record says: what
-/// was format 0 to 5 becomes 6 or 7, and waveforms are left out. Inputs must agree in scale, in whole steps between
-/// their offsets, in the format's columns, in extra bytes and in the coordinate reference system. Points of E57, PLY,
-/// PCD, NPY, NPZ, PTX and text get records, whose steps are a power of two, the same for all inputs.
+/// Writes the points of LAS, LAZ and COPC files as one COPC file, each point once, with all fields of its record.
+/// Formats 0 to 5 become 6 or 7; waveforms are dropped. Inputs must agree in scale, format columns, extra bytes and
+/// coordinate reference system, and their offsets must differ by whole steps. Points of E57, PLY, PCD, NPY, NPZ, PTX
+/// and text become records whose step is a power of two, the same for all inputs.
 ///
-/// Each point also gets, as extra bytes, the mean colour of the points that it stands for at its level; with `prepare`
-/// its radius, its normal and the mean normal too, which is called for some parts of the cloud at once, each with the
-/// points around it. Deterministic, whatever the number of threads. `progress` is told a stage's name, how much of it
-/// is done and of how much.
+/// Each point gets, as extra bytes, the mean colour of the points that it represents at its level. With `prepare`, each
+/// point also gets its radius, its normal and the mean normal. `prepare` runs for several parts of the cloud in
+/// parallel, each with the points around it. The output is deterministic, whatever the number of threads. `progress`
+/// receives a stage's name, the amount done and the total.
 ///
-/// With [`CopcOptions::shard`] the file is one share, and a number of them given as `inputs` is put together. The whole
-/// doesn't depend on how many shares there are, and is as without where the bounds in the inputs' headers are those of
-/// their points: where they are wider, its octree may be larger, as a note says; a point outside of them is refused.
+/// With [`CopcOptions::shard`] the output is one shard. Passing all shards as `inputs` merges them. The merged file
+/// doesn't depend on the number of shards. It equals a file written without shards if the bounds in the inputs' headers
+/// are exact. If the bounds are wider, the octree may be larger, which a note states; a point outside of them is an
+/// error.
 ///
 /// # Errors
-/// [`IoError::Invalid`] for an input that isn't one of these, is damaged or doesn't go with the first, and for a folder
-/// of another conversion; [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
+/// [`IoError::Invalid`] for an unsupported or damaged input, for one that doesn't match the first, and for a resume
+/// folder of another conversion. [`IoError::Exists`] and [`IoError::System`] as [`crate::atomic::write`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
@@ -170,12 +174,13 @@ pub fn save_copc(
     save(inputs, output, options, prepare, progress, Limits::new(options.memory))
 }
 
-/// The folder that [`CopcOptions::resume`] keeps beside an output.
+/// Returns the folder beside an output in which [`CopcOptions::resume`] saves progress.
 pub fn resume_folder(output: &Path) -> PathBuf {
     resume::folder_of(output)
 }
 
-/// Writes such a file of inputs, and of the names of their columns, in `folder`, for as long as it is held.
+/// Writes a COPC file of the inputs to a temporary file in `folder`, which exists as long as the returned
+/// [`Temporary`].
 ///
 /// # Errors
 /// As [`save_copc`].
@@ -229,10 +234,10 @@ fn save(
     Ok(report)
 }
 
-/// Writes a file's content.
+/// A callback that writes a file's content.
 type Content<'a> = &'a mut dyn FnMut(&mut dyn Write) -> io::Result<()>;
 
-/// Hands the content to `write`, which gives what it made of it. Points are sorted in `folder`.
+/// Passes the content to `write` and returns its result. Points are sorted in `folder`.
 fn write_by<T>(
     inputs: Sources<'_>,
     folder: &Path,
@@ -264,7 +269,7 @@ fn write_by<T>(
     Ok((made, report))
 }
 
-/// Counts what is written.
+/// A writer that counts the bytes written.
 struct Counted<'a> {
     sink: &'a mut dyn Write,
     bytes: u64,
@@ -282,7 +287,7 @@ impl Write for Counted<'_> {
     }
 }
 
-/// What is known when the points of some inputs are sorted.
+/// Saved state after the points of `inputs` inputs are sorted.
 #[derive(Deserialize, Serialize)]
 struct Sorted {
     inputs: usize,
@@ -293,7 +298,7 @@ struct Sorted {
     notes: Vec<String>,
 }
 
-/// What is known when some parts are built.
+/// Saved state after `parts` parts are built.
 #[derive(Default, Deserialize, Serialize)]
 struct Built {
     parts: usize,
@@ -306,26 +311,26 @@ struct Built {
 struct Writer<'a> {
     inputs: Vec<Input>,
     folder: PathBuf,
-    /// What keeps that which is done.
+    /// Resume folder, if progress is saved.
     kept: Option<&'a Kept>,
-    /// What is made, where it isn't all.
+    /// The shard that is written; `None` for a whole file.
     share: Option<Share>,
     prepare: Option<Prepare<'a>>,
     progress: &'a dyn Fn(&'static str, u64, u64),
     template: Template,
-    /// Bytes of the standard's fields and of the inputs' extra ones.
+    /// Bytes of a sorted record: the standard's fields and the inputs' extra bytes.
     sorted_bytes: usize,
-    /// Normals of the inputs: where they are, and of which type.
+    /// Normal components in the inputs' extra bytes: byte offset, type, scale and offset of each.
     normals: Option<[(usize, u8, f64, f64); 3]>,
-    /// Where the one scanner stood that all points were seen from.
+    /// Position of the scanner, if one scanner recorded all points.
     viewpoint: Option<DVec3>,
-    /// Extra bytes of Surfel have normals.
+    /// True if Surfel's extra bytes include normals.
     adds_normals: bool,
     grid: Grid,
     spill: Spill<[i64; 3]>,
-    /// Records of points beside a cell, by that cell; none without `prepare`.
+    /// Records of points near a cell's border, by the neighbouring cell; empty without `prepare`.
     margins: Spill<[i64; 3]>,
-    /// Parts that wait for others to be made with.
+    /// Parts in memory that are built together with the next ones.
     waiting: Vec<Loaded>,
     /// Records of nodes above the parts.
     upper: Spill<(u32, u64)>,
@@ -337,10 +342,10 @@ struct Writer<'a> {
     summary: Summary,
     cube: Option<Cube>,
     limits: Limits,
-    /// How many inputs are sorted, and how many parts are built.
+    /// Number of sorted inputs, and of built parts.
     inputs_sorted: usize,
     parts_built: usize,
-    /// Points that are read, and points that are built.
+    /// Number of points read, and of points built.
     read: u64,
     done: u64,
     notes: Vec<String>,
@@ -363,7 +368,7 @@ impl<'a> Writer<'a> {
         let format = records::target(first.header.format);
         let after = POINT_BYTES[usize::from(first.header.format)];
         let extra = &first.header.extra;
-        // What Surfel added to a file that it wrote is made anew; it is at the end.
+        // Extra bytes that Surfel wrote into an input are at the end of its records, and are computed again.
         let own = extra.iter().find(|e| e.name == RADIUS || e.name == LEVEL_COLORS[0]).map(|e| e.at);
         let kept_bytes = own.unwrap_or(first.header.record_bytes - after);
         let normals = NORMALS.map(|name| extra.iter().find(|e| e.name == name && e.at < kept_bytes));
@@ -404,7 +409,7 @@ impl<'a> Writer<'a> {
             let shifted = shift(scale, offset, input.header.offset);
             input.shift = shifted.map_err(|problem| invalid(&input.path, problem))?;
             for k in 0..3 {
-                // As the header says; points outside of that only make the octree grow.
+                // Bounds from the header; points outside of them only make the octree larger.
                 let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
                 let ends = ends.map(|v| if v.is_finite() { v - offset[k] } else { 0.0 });
                 (input.low[k], input.high[k]) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
@@ -478,7 +483,7 @@ impl<'a> Writer<'a> {
         })
     }
 
-    /// Sorts the points of all inputs into cells.
+    /// Sorts the points of all inputs into grid cells.
     fn sort_all(&mut self) -> Result<(), Stop> {
         let mut inputs = std::mem::take(&mut self.inputs);
         let needed: Vec<bool> =
@@ -524,7 +529,7 @@ impl<'a> Writer<'a> {
         }
     }
 
-    /// The octree that holds all cells, and the cells of each of its parts, in their order.
+    /// Returns the octree over all cells, and the cells of each part, in order.
     fn frame(&self) -> (Frame, BTreeMap<u64, Vec<[i64; 3]>>) {
         let mut found: Vec<[i64; 3]> = self.spill.sizes().map(|(cell, _)| cell).collect();
         found.sort_unstable();
@@ -548,7 +553,7 @@ impl<'a> Writer<'a> {
         (frame, parts)
     }
 
-    /// Gives all points their levels, and compresses the nodes.
+    /// Assigns a level to each point and compresses the nodes.
     fn build(&mut self) -> Result<(), Stop> {
         let (frame, parts) = self.frame();
         let side = (frame.finest << frame.bits) as f64 * self.grid.unit;
@@ -556,7 +561,7 @@ impl<'a> Writer<'a> {
         let center = (DVec3::from(self.template.offset) + DVec3::from(low) + 0.5 * side).to_array();
         let spacing = side / f64::from(1_u32 << CELL_BITS);
         self.cube = Some(Cube { center, half: 0.5 * side, spacing });
-        // How many points the octants have that the parts are in.
+        // Number of points of each octant from the root to the parts' level.
         let bytes: HashMap<[i64; 3], u64> = self.spill.sizes().collect();
         let mut counts: HashMap<(u32, u64), u64> = HashMap::new();
         for (code, cells) in &parts {
@@ -568,7 +573,7 @@ impl<'a> Writer<'a> {
         }
         let mut sorted = std::mem::replace(&mut self.spill, Spill::new(&self.folder)?);
         let mut margins = std::mem::replace(&mut self.margins, Spill::new(&self.folder)?);
-        // Memory is the parts' from here on.
+        // From here on the parts use the memory.
         sorted.flush()?;
         margins.flush()?;
         let count = parts.len();
@@ -588,7 +593,7 @@ impl<'a> Writer<'a> {
         self.make_waiting(&frame)?;
         self.keep(count)?;
         if self.share.is_some() {
-            // Other shares have points of the nodes above, too.
+            // Other shards have points of the nodes above, too.
             return Ok(());
         }
         let mut keys: Vec<(u32, u64)> = self.upper.sizes().map(|(key, _)| key).collect();
@@ -609,8 +614,8 @@ impl<'a> Writer<'a> {
         Ok(self.compress(batch)?)
     }
 
-    /// Notes that so many parts are built, of which none waits. What has been taken for them is in them only: its cells
-    /// are octants of level 7 or more, and parts are of level 7 at most.
+    /// Saves the state after `parts` parts, none of which is waiting. `taken` needn't be saved. Its cells are octants
+    /// of level 7 or more, and parts are of level 7 at most, so no cell extends over two parts.
     fn keep(&mut self, parts: usize) -> Result<(), Stop> {
         let Some(kept) = self.kept else { return Ok(()) };
         self.chunk_file.sync_data()?;
@@ -621,12 +626,12 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Points of the parts that wait.
+    /// Returns the number of points of the waiting parts.
     fn waiting_points(&self) -> u64 {
         self.waiting.iter().map(|part| part.records.len() / self.sorted_bytes).sum::<usize>() as u64
     }
 
-    /// Reads the points of an octant, and of its octants one by one where they are too many.
+    /// Reads the points of an octant into memory; divides the octant into its children where it has too many points.
     fn part<K: Copy + Eq + Hash>(
         &mut self,
         frame: &Frame,
@@ -696,7 +701,7 @@ impl<'a> Writer<'a> {
         let mut margin = Vec::new();
         for list in &around {
             margins.read(list, &mut |block| {
-                // Cells that have become one have been each other's neighbours.
+                // Grid cells that were merged have each other's points in their margins.
                 block.chunks_exact(size).filter(|r| !is_inside(r)).for_each(|r| margin.extend_from_slice(r));
                 Ok(())
             })?;
@@ -705,10 +710,11 @@ impl<'a> Writer<'a> {
         Ok(())
     }
 
-    /// Makes nodes of the parts that are in memory.
+    /// Builds the nodes of the parts in memory.
     fn make_waiting(&mut self, frame: &Frame) -> Result<(), Stop> {
         let waiting = std::mem::take(&mut self.waiting);
-        // Of larger cells than a part one part takes a point, and those after it don't.
+        // Selection cells larger than a part are shared: the first part selects a point, and later parts don't. Such
+        // parts are therefore built one after another.
         let is_alone = |part: &Loaded| part.part.depth <= CELL_BITS;
         let made: Vec<Made> = if waiting.iter().all(is_alone) {
             let maker = self.maker();
@@ -770,17 +776,17 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// Takes the records of one input.
+/// A sink that sorts the records of one input into grid cells.
 struct Sorter<'w, 'a> {
     writer: &'w mut Writer<'a>,
-    /// Its number.
+    /// Index of the input.
     input: usize,
     format: u8,
     input_bytes: usize,
     shift: [i64; 3],
     all: u64,
     record: Vec<u8>,
-    /// Why the disk took no more.
+    /// Error of the temporary file, if writing to it failed.
     failed: Option<io::Error>,
 }
 
@@ -823,7 +829,7 @@ impl Sink for Sorter<'_, '_> {
                 sorted = sorted.and_then(|()| in_reach(units, writer.grid.side(), &mut add));
             }
             if sorted.is_ok() && share.is_none() && writer.spill.count() > writer.limits.most_cells {
-                // Points are outside of their headers' bounds, which a share refuses: cells of twice the side.
+                // Points are outside the bounds in their headers, which a shard refuses: double the cells' side.
                 writer.grid.finest *= 2;
                 let halved = |cell: [i64; 3]| cell.map(|c| c.div_euclid(2));
                 sorted = writer.spill.merge(halved).and_then(|()| writer.margins.merge(halved));

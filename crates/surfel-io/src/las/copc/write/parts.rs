@@ -1,4 +1,4 @@
-//! Nodes of the parts of a cloud: splats and levels of their points, and what points stand for at their levels.
+//! Building of octree nodes, part by part: splats, levels, and mean colours and normals.
 
 use super::grid::{Frame, Grid};
 use crate::error::{IoError, Problem};
@@ -15,36 +15,36 @@ use std::io::{self, Cursor};
 use std::path::Path;
 use surfel_model::{Column3, PointCloud};
 
-/// The splat of a point: where its surface faces, and how far it reaches.
+/// The splat of a point: its normal and radius.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointSplat {
-    /// Unit normal; zero if it is unknown.
+    /// Unit normal; zero if it couldn't be estimated.
     pub normal: [f32; 3],
-    /// Radius, object units; 0 if it is unknown.
+    /// Radius, in object units; 0 if it couldn't be estimated.
     pub radius: f32,
 }
 
-/// Makes a splat of each of some points that lie together.
+/// Callback that estimates a splat for each point of a connected region of the cloud.
 pub type Prepare<'a> = &'a (dyn Fn(&PointCloud) -> Result<Vec<PointSplat>, String> + Sync);
 
-/// A part of the cloud that is in memory.
+/// A part of the cloud in memory.
 pub(super) struct Loaded {
     pub(super) part: Part,
     pub(super) records: Vec<u8>,
-    /// Those around it.
+    /// Records of the points around the part.
     pub(super) margin: Vec<u8>,
 }
 
-/// What became of a part.
+/// Nodes built from a part.
 pub(super) struct Made {
     pub(super) points: u64,
-    /// Compressed nodes: level, code, number of points, bytes.
+    /// Compressed nodes that are complete.
     pub(super) packed: Vec<Packed>,
-    /// Records of nodes that other parts have points of, too.
+    /// Records of nodes above the part, which other parts have points of, too.
     pub(super) upper: Vec<((u32, u64), Vec<u8>)>,
 }
 
-/// What makes nodes of parts, several at once.
+/// Settings for building nodes; shared by threads that build several parts at once.
 pub(super) struct Maker<'a> {
     pub(super) prepare: Option<Prepare<'a>>,
     pub(super) template: &'a Template,
@@ -54,12 +54,13 @@ pub(super) struct Maker<'a> {
     pub(super) adds_normals: bool,
     pub(super) grid: Grid,
     pub(super) laz: &'a LazVlr,
-    /// The first input, which errors of points name.
+    /// Path of the first input, for error messages.
     pub(super) input: &'a Path,
 }
 
 impl Maker<'_> {
-    /// Gives the points of one octant their levels, and compresses the nodes that are in it.
+    /// Assigns levels to the points of a part and compresses the nodes inside it. `taken` contains the occupied
+    /// selection cells that are larger than a part.
     pub(super) fn make(&self, frame: &Frame, loaded: &Loaded, taken: &mut HashSet<(u32, u64)>) -> io::Result<Made> {
         let (size, Loaded { part, records, margin }) = (self.sorted_bytes, loaded);
         let splats = self.splats(records, margin)?;
@@ -81,7 +82,7 @@ impl Maker<'_> {
         }
         drop((coded, level_of));
         let whole = |key: (u32, u64), mut indices: Vec<u32>| {
-            // Scan order compresses best.
+            // Points in scan order compress best.
             indices.sort_unstable();
             let mut bytes = Vec::with_capacity(indices.len() * (size + self.template.extra_bytes));
             for i in indices {
@@ -95,7 +96,7 @@ impl Maker<'_> {
         Ok(Made { points: (records.len() / size) as u64, packed: packed(inner, self.laz)?, upper })
     }
 
-    /// The splats of points among those around them, zeros of those that are flagged as withheld.
+    /// Estimates the splats of points among the points around them; withheld points get zeros.
     pub(super) fn splats(&self, records: &[u8], margin: &[u8]) -> io::Result<Option<Vec<PointSplat>>> {
         let Some(prepare) = self.prepare else { return Ok(None) };
         let rows = || records.chunks_exact(self.sorted_bytes);
@@ -125,20 +126,20 @@ pub(super) fn is_withheld(record: &[u8]) -> bool {
     record[15] & 4 != 0
 }
 
-/// A chunk of these points.
+/// Compresses points to one LAZ chunk.
 pub(super) fn pack(points: &[u8], laz: &LazVlr) -> io::Result<Vec<u8>> {
     let other = |e: ::laz::LasZipError| io::Error::other(e.to_string());
     let mut compressor = LasZipCompressor::new(Cursor::new(Vec::new()), laz.clone()).map_err(other)?;
     compressor.compress_many(points)?;
     compressor.finish_current_chunk()?;
-    // Before it is the place of a table of chunks, which the file has one of.
+    // The first 8 bytes are the offset of a chunk table, which only the whole file has.
     Ok(compressor.into_inner().into_inner().split_off(8))
 }
 
-/// Level, octant, number of points, and their chunk.
+/// A compressed node: level, Morton code, number of points, and chunk bytes.
 pub(super) type Packed = (u32, u64, u64, Vec<u8>);
 
-/// Nodes as chunks.
+/// Compresses nodes to chunks, in parallel.
 pub(super) fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Result<Vec<Packed>> {
     let size = laz.items_size() as usize;
     let packed = nodes.into_par_iter().map(|((level, code), bytes)| {
@@ -148,13 +149,13 @@ pub(super) fn packed(nodes: Vec<((u32, u64), Vec<u8>)>, laz: &LazVlr) -> io::Res
     packed.collect()
 }
 
-/// What points stand for at their levels.
+/// Mean colours and normals of the points that represent others at their level.
 pub(super) struct Filtered<'a> {
     pub(super) records: &'a [u8],
     pub(super) size: usize,
     pub(super) color_at: Option<usize>,
     pub(super) splats: Option<&'a [PointSplat]>,
-    /// Mean colour, and mean normal.
+    /// Mean colour and mean normal by point index.
     pub(super) of: HashMap<u32, ([u16; 3], [i8; 3])>,
 }
 
@@ -172,7 +173,7 @@ impl Filtered<'_> {
         self.splats.map_or([0.0; 3], |splats| splats[i as usize].normal)
     }
 
-    /// Point `i` stands for others, itself among them.
+    /// Averages the colours and normals of `others`, which point `i` represents and is one of.
     pub(super) fn add(&mut self, i: u32, others: impl Iterator<Item = u32>) {
         let own = glam::Vec3::from(self.normal(i));
         let (mut count, mut color, mut normal) = (0_u64, [0.0_f64; 3], glam::Vec3::ZERO);
@@ -184,7 +185,7 @@ impl Filtered<'_> {
                 (0..3).for_each(|k| color[k] += f64::from(table[usize::from(levels[k])]));
             }
             let n = glam::Vec3::from(self.normal(other));
-            // Both sides of a thin sheet don't cancel.
+            // The two sides of a thin sheet must not cancel.
             normal += if n.dot(own) < 0.0 { -n } else { n };
         }
         if count > 1 {
@@ -193,12 +194,13 @@ impl Filtered<'_> {
         }
     }
 
-    /// Appends the extra bytes of a point.
+    /// Appends Surfel's extra bytes of point `i`.
     pub(super) fn write(&self, i: u32, adds_normals: bool, out: &mut Vec<u8>) {
         let filtered = self.of.get(&i);
         if let Some(splats) = self.splats {
             let splat = &splats[i as usize];
-            // Eight bits behind the point: what comes after compresses to nothing. Rounded up, so that nothing opens.
+            // The radius has eight bits after the binary point, because the zeros after them compress to nothing. It is
+            // rounded up so that no hole opens.
             let bits = splat.radius.to_bits();
             out.extend_from_slice(&(bits.saturating_add(0x7fff) & 0xffff_8000).to_le_bytes());
             let own = eight_bits(splat.normal);

@@ -1,7 +1,8 @@
-//! What is done of a file that is being written, in a folder beside it, so that another run can go on with it.
+//! Saved progress of a conversion, in a folder beside the output, from which another run can continue.
 //!
-//! Points, margins, chunks and upper nodes are in files that only grow. Now and then these are brought to the disk, and
-//! then a short file says how much of them counts: whatever a run that was killed wrote after that is cut off.
+//! Points, margins, chunks and upper nodes are in files that only grow. From time to time these files are synced to
+//! disk, and then a short state file records their valid lengths. Anything that a killed run wrote after that is cut
+//! off.
 
 use super::CopcOptions;
 use super::inputs::Stop;
@@ -24,10 +25,10 @@ pub(super) const BUILT: &str = "built.json";
 const WRITTEN: &str = "written.json";
 const MANIFEST: &str = "manifest.json";
 const LOCK: &str = "lock";
-/// All files of such a folder in the order in which they are removed: none says what is in one that is gone.
+/// All files of a resume folder in their order of removal: no state file outlives a file that it refers to.
 const NAMES: [&str; 9] = [BUILT, SORTED, UPPER, CHUNKS, MARGINS, POINTS, MANIFEST, WRITTEN, LOCK];
 
-/// What an unfinished conversion is of.
+/// Identity of an unfinished conversion.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 pub(super) struct Manifest {
     version: String,
@@ -37,12 +38,12 @@ pub(super) struct Manifest {
     inputs: Vec<Stated>,
 }
 
-/// An input as it was when the conversion began.
+/// Path, size and time of an input when the conversion began.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct Stated {
     path: PathBuf,
     bytes: u64,
-    /// Seconds and nanoseconds since 1970.
+    /// Modification time: seconds and nanoseconds since 1970.
     modified: Option<[u64; 2]>,
 }
 
@@ -60,7 +61,7 @@ impl Manifest {
         Ok(Self { version: env!("CARGO_PKG_VERSION").to_owned(), splats, shard: options.shard, columns, inputs })
     }
 
-    /// How another one differs, if it does.
+    /// Describes the first difference between two manifests, if there is one.
     fn difference(&self, other: &Self) -> Option<[String; 2]> {
         if self == other {
             return None;
@@ -84,15 +85,15 @@ impl Manifest {
     }
 }
 
-/// A folder that keeps what is done.
+/// A resume folder, locked for this run.
 #[derive(Debug)]
 pub(super) struct Kept {
     folder: PathBuf,
-    /// Locked as long as a run uses the folder.
+    /// Lock file, locked as long as a run uses the folder.
     _lock: File,
 }
 
-/// The folder that belongs to an output.
+/// Returns the path of an output's resume folder.
 pub(super) fn folder_of(output: &Path) -> PathBuf {
     let mut name = output.file_name().unwrap_or_default().to_os_string();
     name.push(".resume");
@@ -100,7 +101,7 @@ pub(super) fn folder_of(output: &Path) -> PathBuf {
 }
 
 impl Kept {
-    /// Opens the folder of an output, and makes it if there is none. Other users can't write to it.
+    /// Opens an output's resume folder, or creates one that other users can't write to.
     pub(super) fn open(output: &Path, manifest: &Manifest) -> Result<Self, IoError> {
         let folder = folder_of(output);
         let system = |source| IoError::System { path: folder.clone(), action: WRITE, source };
@@ -133,7 +134,7 @@ impl Kept {
         IoError::Invalid { path: self.folder.clone(), problem: Box::new(problem) }
     }
 
-    /// The error of a conversion: the folder is to blame if its files have changed since they were written.
+    /// Converts a conversion's error: reports the folder as damaged if its files have changed since they were written.
     pub(super) fn blamed(&self, error: IoError) -> IoError {
         match error {
             IoError::System { source, .. } if source.get_ref().is_some_and(|e| e.is::<Changed>()) => {
@@ -143,7 +144,7 @@ impl Kept {
         }
     }
 
-    /// Reads a state, if there is one, and compares it with its checksum.
+    /// Reads a state file, if there is one, and verifies its checksum.
     pub(super) fn load<T: DeserializeOwned>(&self, name: &str) -> Result<Option<T>, IoError> {
         let system = |source| IoError::System { path: self.folder.join(name), action: WRITE, source };
         let mut bytes = Vec::new();
@@ -161,7 +162,7 @@ impl Kept {
         state.map(Some).map_err(|e| self.damaged(format!("has a damaged {name}: {e}")))
     }
 
-    /// Writes a state with its checksum, whole or not at all.
+    /// Writes a state file with its checksum, atomically.
     pub(super) fn save(&self, name: &str, state: &impl Serialize) -> io::Result<()> {
         let new = self.folder.join(format!("{name}.new"));
         match fs::remove_file(&new) {
@@ -175,12 +176,12 @@ impl Kept {
         file.sync_all()?;
         drop(file);
         fs::rename(&new, self.folder.join(name))?;
-        // Makes the name durable; not every system lets a folder be synced.
+        // Makes the rename durable; not every system can sync a folder.
         let _ = File::open(&self.folder).and_then(|folder| folder.sync_all());
         Ok(())
     }
 
-    /// A file of which so many bytes count.
+    /// Opens a data file and cuts it off after its `bytes` valid bytes.
     pub(super) fn file(&self, name: &str, bytes: u64) -> Result<File, Stop> {
         let mut options = OpenOptions::new();
         let options = options.create(true).truncate(false).read(true).write(true);
@@ -194,12 +195,12 @@ impl Kept {
         Ok(file)
     }
 
-    /// Notes that all of the output is written, in so many bytes; what is left is to make it appear.
+    /// Records that the whole output, of `bytes` bytes, is written; the only step left is to rename it.
     pub(super) fn written<T: Serialize>(&self, bytes: u64, report: &T) -> io::Result<()> {
         self.save(WRITTEN, &(bytes, report))
     }
 
-    /// What was reported of an output that has appeared, if it is this conversion's.
+    /// Returns the report of an output that already exists, if this conversion wrote it.
     pub(super) fn report_of<T: DeserializeOwned>(&self, output: &Path) -> Result<Option<T>, IoError> {
         let written = self.load::<(u64, T)>(WRITTEN)?;
         let bytes = fs::metadata(output).map(|found| found.len()).ok();
@@ -216,12 +217,12 @@ impl Kept {
     }
 }
 
-/// The line behind a state: its checksum.
+/// Returns the line that follows a state: its checksum.
 fn sum_line(json: &[u8]) -> String {
     format!("\n{:08x}", checksum(json))
 }
 
-/// Makes a folder that its owner alone may use, unless it is there.
+/// Creates a folder that only its owner can use, unless it exists.
 fn make_private(folder: &Path) -> io::Result<()> {
     let mut builder = fs::DirBuilder::new();
     #[cfg(unix)]
@@ -232,8 +233,8 @@ fn make_private(folder: &Path) -> io::Result<()> {
     }
 }
 
-/// Returns what makes a folder unsafe to resume in, if anything: links, which this program would write through, and
-/// files or folders that other users own or can write to.
+/// Describes why a folder is unsafe to resume in, if it is. Links are unsafe because this program would write through
+/// them; so are files or folders that other users own or can write to.
 fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
     let found = fs::symlink_metadata(folder)?;
     if !found.is_dir() {
@@ -242,7 +243,8 @@ fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
     #[cfg(unix)]
     {
         use std::os::unix::fs::MetadataExt;
-        // As this file system names the owner of what this process makes, which may be another than its own name.
+        // The expected owner is that of a file made here: some file systems report another owner than the process's
+        // own.
         let made =
             tempfile::tempfile_in(folder.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(".".as_ref()))?;
         if made.metadata()?.uid() != found.uid() {
@@ -266,7 +268,7 @@ fn unsafe_content(folder: &Path) -> io::Result<Option<String>> {
     Ok(None)
 }
 
-/// True for a file that has no other name.
+/// True if a path is a regular file without other hard links.
 fn is_own(found: &fs::Metadata) -> bool {
     #[cfg(unix)]
     let is_linked = std::os::unix::fs::MetadataExt::nlink(found) > 1;
@@ -275,7 +277,7 @@ fn is_own(found: &fs::Metadata) -> bool {
     found.is_file() && !is_linked
 }
 
-/// Opens a file of the folder. A link is an error.
+/// Opens a file of the folder; a link is an error.
 fn open_own(path: &Path, options: &mut OpenOptions) -> io::Result<File> {
     #[cfg(unix)]
     std::os::unix::fs::OpenOptionsExt::custom_flags(options, rustix::fs::OFlags::NOFOLLOW.bits() as i32);

@@ -1,7 +1,7 @@
-//! Files of shares, and the file that they are together.
+//! Shard files, and merging them into one COPC file.
 //!
-//! A signature and the length of what follows as JSON: what the share is of, its chunks, and where the records of nodes
-//! above the parts are. Then come the chunks and those records.
+//! A shard file begins with a signature and the length of a JSON head. The head describes the conversion, the chunks,
+//! and the positions of the records of nodes above the parts. The chunks and these records follow.
 
 use super::{CopcReport, Writer};
 use crate::error::ShowPath as _;
@@ -19,25 +19,25 @@ use std::path::{Path, PathBuf};
 
 const SIGNATURE: [u8; 8] = *b"SURFELS1";
 const HEAD_BYTES: u64 = 16;
-/// Bytes that are copied at a time.
+/// Bytes copied at a time.
 const COPIED_BYTES: u64 = 8 << 20;
 
-/// What all shares of a conversion have in common.
+/// Properties that all shards of a conversion share.
 #[derive(Debug, Deserialize, PartialEq, Serialize)]
 struct Common {
     version: String,
-    /// Bytes of the inputs.
+    /// Size of each input, in bytes.
     inputs: Vec<u64>,
     template: Template,
     cube: Cube,
-    /// Where all points are by the inputs' headers.
+    /// Bounds of all points by the inputs' headers, in steps.
     ends: [[i32; 3]; 2],
 }
 
-/// What a share's file begins with.
+/// Head of a shard file.
 #[derive(Debug, Deserialize, Serialize)]
 struct Head {
-    /// Which share of how many.
+    /// Index and count of the shard.
     shard: [u32; 2],
     common: Common,
     summary: Summary,
@@ -46,13 +46,13 @@ struct Head {
     upper: Index<(u32, u64)>,
 }
 
-/// True for a file of a share.
+/// True if a file is a shard file.
 pub(super) fn is_shard(path: &Path) -> bool {
     let mut found = [0; 8];
     File::open(path).and_then(|mut file| file.read_exact(&mut found)).is_ok() && found == SIGNATURE
 }
 
-/// Writes what a share has.
+/// Writes a shard file.
 pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Write) -> io::Result<CopcReport> {
     let Some(cube) = writer.cube else { return Err(io::Error::other("no octree was built")) };
     let inputs = writer.inputs.iter().map(|input| input.file_bytes).collect();
@@ -98,7 +98,7 @@ pub(super) fn write(mut writer: Writer<'_>, shard: [u32; 2], sink: &mut dyn Writ
     Ok(report)
 }
 
-/// What was reported of a share that is there, if it is of these inputs as they are.
+/// Returns the report of an existing shard, if it was made from these inputs in their present state.
 pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result<CopcReport, IoError> {
     let found = Shard::open(output)?;
     let stated = |path: &Path| {
@@ -127,11 +127,11 @@ pub(super) fn report(summary: &Summary, chunks: &[Chunk], notes: Vec<String>) ->
     CopcReport { points: summary.count, nodes: chunks.len(), levels, notes }
 }
 
-/// A file of a share, of which the head is read.
+/// An open shard file whose head is read.
 struct Shard {
     path: PathBuf,
     head: Head,
-    /// Where chunks begin.
+    /// Byte offset of the first chunk.
     start: u64,
 }
 
@@ -166,7 +166,7 @@ impl Shard {
         }
     }
 
-    /// Reads some bytes behind the head.
+    /// Reads bytes at an offset `at` from the end of the head.
     fn read(&self, file: &mut File, at: u64, bytes: &mut [u8]) -> io::Result<()> {
         file.seek(SeekFrom::Start(self.start + at))?;
         file.read_exact(bytes)
@@ -174,7 +174,7 @@ impl Shard {
 }
 
 impl Head {
-    /// What is wrong with it, if anything is.
+    /// Returns a description of the first inconsistency in the head, if there is one.
     fn check(&self) -> Option<&'static str> {
         let Common { template, cube, .. } = &self.common;
         let is_octant = |level: u32, code: u64| level <= BITS && code >> (3 * level) == 0;
@@ -218,7 +218,7 @@ impl Head {
     }
 }
 
-/// All shares of one conversion, in their order.
+/// Opens all shards of one conversion and returns them in order; an error if one is missing or doesn't match.
 fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
     let mut shards = paths.iter().map(|path| Shard::open(path)).collect::<Result<Vec<_>, _>>()?;
     shards.sort_by_key(|shard| shard.head.shard[0]);
@@ -246,7 +246,7 @@ fn open_all(paths: &[PathBuf]) -> Result<Vec<Shard>, IoError> {
     Ok(shards)
 }
 
-/// Puts all shares of a conversion together.
+/// Merges all shards of a conversion into one COPC file.
 pub(super) fn merge(
     paths: &[PathBuf],
     output: &Path,
@@ -259,7 +259,7 @@ pub(super) fn merge(
         return Err(unreadable(output, io::Error::other("no input is given")));
     };
     let (mut summary, mut chunks) = (Summary::default(), Vec::new());
-    // Which shares have records of a node above the parts.
+    // Shards that have records of each node above the parts.
     let mut upper: BTreeMap<(u32, u64), Vec<(usize, &Blocks)>> = BTreeMap::new();
     for (i, shard) in shards.iter().enumerate() {
         summary.add_all(&shard.head.summary);
@@ -288,7 +288,7 @@ pub(super) fn merge(
         let folder = output.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let mut made = crate::las::copc::spill::unnamed(folder)?;
         let mut made_bytes = 0;
-        // Shares' chunks come in stretches, so that one file is open at a time.
+        // The chunks of a shard are consecutive, so that one file is open at a time.
         let mut opened: Option<(usize, File)> = None;
         let mut read = |i: usize, at: u64, bytes: &mut [u8]| {
             let shard: &Shard = &shards[i];
@@ -342,7 +342,7 @@ pub(super) fn merge(
     })
 }
 
-/// The error of a share whose bytes at this place have changed.
+/// Returns the error of a shard whose bytes at offset `at` have changed.
 fn changed_shard(path: &Path, at: u64) -> io::Error {
     let problem = Problem::new(format!("is damaged: bytes from {at} behind its head have changed"));
     let problem = Box::new(problem.help("copy the file again, or write this share again"));

@@ -1,7 +1,8 @@
-//! The share of one of several runs in a conversion: a stretch of the octree's parts.
+//! The shard of one of several runs of a conversion: a range of the octree's parts.
 //!
-//! A part is made of its own points and of those in its margin, the octree is as the inputs' headers say, and parts in
-//! one node above them are put together in the parts' order. So a file doesn't depend on where stretches end.
+//! A part depends only on its own points and those in its margin. The octree follows from the bounds in the inputs'
+//! headers, and parts of a node above them are merged in order. The merged file therefore doesn't depend on where the
+//! ranges end.
 
 use super::grid::{Cells, Frame, Grid};
 use super::inputs::{Input, Stop};
@@ -14,28 +15,28 @@ use glam::DVec3;
 use std::collections::{BTreeMap, HashMap};
 use std::ops::{Range, RangeInclusive};
 
-/// Most octants that the inputs' bounds are spread over, to tell how many points each has.
+/// Maximum number of octants over which the inputs' bounds are spread, to estimate the number of points in each.
 const MOST_OCTANTS: i64 = 1 << 22;
 
-/// Least and greatest coordinates, in units of the grid.
+/// Minimum and maximum corner, in units of the grid.
 type Bounds = [[i64; 3]; 2];
 
-/// A stretch of the parts.
+/// A range of the parts, and the octree that they belong to.
 #[derive(Debug)]
 pub(super) struct Share {
     pub(super) frame: Frame,
     pub(super) cells: Cells,
-    /// Where all points are by the headers, in the first input's steps.
+    /// Bounds of all points by the headers, in steps of the first input.
     pub(super) ends: [[i32; 3]; 2],
     grid: Grid,
     parts: Range<u64>,
-    /// What the headers say of the inputs with points, and by how much a rounded number may be off.
+    /// Bounds of each input with points, by its header; `off` is the rounding error of a bound, in units.
     bounds: Vec<Option<Bounds>>,
     off: [i64; 3],
 }
 
 impl Share {
-    /// The share `index` of `count`, each of which has about as many points.
+    /// Selects shard `index` of `count`; all shards have about the same number of points.
     pub(super) fn new([index, count]: [u32; 2], inputs: &[Input], grid: Grid, scale: DVec3) -> Self {
         let steps = |input: &Input| {
             let steps = |ends: [f64; 3]| (DVec3::from(ends) / scale).round().to_array().map(|v| v as i32);
@@ -74,7 +75,7 @@ impl Share {
         share
     }
 
-    /// The octants of a level that bounds reach into, along each axis.
+    /// Returns the range of octants of a level that `bounds` overlap, along each axis.
     fn octants(&self, bounds: &Bounds, level: u32) -> [RangeInclusive<i64>; 3] {
         let cells = bounds.map(|end| self.grid.cell(end));
         let last = (1 << level) - 1;
@@ -84,7 +85,7 @@ impl Share {
         })
     }
 
-    /// The share's parts, where points are as evenly spread over the inputs' bounds as may be.
+    /// Returns the shard's range of parts, assuming that points are spread evenly over each input's bounds.
     fn stretch(&self, level: u32, [index, count]: [u32; 2], inputs: &[Input]) -> Range<u64> {
         let side = self.grid.side();
         let mut points: BTreeMap<u64, f64> = BTreeMap::new();
@@ -124,19 +125,19 @@ impl Share {
         edge(index)..edge(index + 1)
     }
 
-    /// True for a cell of its own.
+    /// True if a grid cell belongs to this shard.
     pub(super) fn owns(&self, cell: [i64; 3]) -> bool {
         self.cells.part(cell).is_some_and(|part| self.parts.contains(&part))
     }
 
-    /// True for an input that may have points of its own, or in their margins.
+    /// True if an input may have points in this shard's parts or in their margins.
     pub(super) fn needs(&self, input: usize) -> bool {
         let Some(Some([low, high])) = self.bounds.get(input) else { return false };
         let reach = self.grid.reach() + 1;
         let grown = [[0, 1, 2].map(|k| low[k] - self.off[k] - reach), [0, 1, 2].map(|k| high[k] + self.off[k] + reach)];
         let depth = self.cells.depth;
         let [xs, ys, zs] = self.octants(&grown, depth);
-        // Octants are visited from the root down to those that are in the stretch, or have none of it.
+        // Visits octants from the root down, and stops at octants entirely inside or outside the range.
         let mut open = vec![(0, [0_i64; 3])];
         while let Some((level, at)) = open.pop() {
             let shift = depth - level;
@@ -158,7 +159,7 @@ impl Share {
         false
     }
 
-    /// Refuses a point that isn't where its input's header says: other shares may have missed it.
+    /// Returns an error for a point outside the bounds in its input's header: another shard may have missed it.
     pub(super) fn check(&self, input: usize, units: [i64; 3]) -> Result<(), Problem> {
         let within = |b: &Bounds| (0..3).all(|k| (b[0][k] - self.off[k]..=b[1][k] + self.off[k]).contains(&units[k]));
         if self.frame.holds(units) && self.bounds.get(input).is_some_and(|b| b.as_ref().is_some_and(within)) {
@@ -168,8 +169,8 @@ impl Share {
         Err(problem.help("convert without --shard, which asks no header; or mend the header"))
     }
 
-    /// Completes the numbers of points of octants above the parts, by level and octant, of those that other shares have
-    /// parts of: exact up to the most that an octant has that isn't divided.
+    /// Completes the point counts of octants above the parts that other shards have parts of, too. Counts are exact up
+    /// to the maximum of an octant that isn't divided.
     pub(super) fn complete(&self, counts: &mut HashMap<(u32, u64), u64>, inputs: &[Input]) -> Result<(), Stop> {
         let depth = self.cells.depth;
         for level in (0..depth).rev() {
@@ -186,7 +187,7 @@ impl Share {
         Ok(())
     }
 
-    /// How many points are in an octant, or more than [`LEAF_POINTS`].
+    /// Counts the points in an octant over all inputs; stops early above [`LEAF_POINTS`].
     fn count(&self, level: u32, octant: u64, inputs: &[Input]) -> Result<u64, Stop> {
         let side = self.frame.finest << (self.frame.bits - level);
         let at = crate::las::copc::octants::cell(octant);
@@ -215,7 +216,7 @@ fn long(range: RangeInclusive<i64>) -> i64 {
     range.end() - range.start() + 1
 }
 
-/// Counts the points in a cube.
+/// A sink that counts the points in a cube.
 struct Counter {
     grid: Grid,
     low: [i64; 3],

@@ -1,4 +1,4 @@
-//! Files don't depend on how their parts are made.
+//! Tests that a COPC file doesn't depend on how its parts are made.
 
 use super::super::{Copc, LEVEL_COLORS, LEVEL_NORMALS, LevelValues, NodeColumns};
 use super::*;
@@ -7,7 +7,7 @@ use surfel_model::PointCloud;
 
 const OVER: CopcOptions = CopcOptions { overwrite: true, memory: 0, resume: false, shard: None, columns: None };
 
-/// A LAS file of format 6, whose times number its points.
+/// Builds a LAS file of format 6 whose GPS times are the indices of its points.
 fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");
@@ -27,7 +27,7 @@ fn las_of(points: &[[i32; 3]]) -> Vec<u8> {
     bytes
 }
 
-/// The same in format 7: each point has a colour of its own.
+/// Converts to format 7; each point has a colour of its own.
 fn colored(las: &[u8]) -> Vec<u8> {
     let mut bytes = las[..375].to_vec();
     bytes[104] = 7;
@@ -47,7 +47,7 @@ fn random(seed: u64) -> impl FnMut() -> u64 {
     }
 }
 
-/// Points on a sheet, and half of them in one hundredth of it.
+/// Builds a sheet of points; half of them are in one hundredth of its area.
 fn las(count: u64) -> Vec<u8> {
     let mut next = random(3);
     let point = |i: u64| {
@@ -87,8 +87,8 @@ fn file_does_not_depend_on_how_many_parts_are_made_at_once() {
     assert!(Limits::new(1 << 40).held_points >= 1_000_000);
 }
 
-/// Normal and radius of each point of hills of `side`² points, half a metre apart and 100 m wide at least, by the
-/// points' numbers.
+/// Returns normal and radius of each point, by index, of hills of `side`² points half a metre apart and at least 100 m
+/// wide.
 fn hill_splats(side: u64, limits: Limits) -> Vec<(DVec3, f64)> {
     let folder = std::env::temp_dir().join(format!("surfel-copc-borders-{}-{side}", std::process::id()));
     std::fs::create_dir_all(&folder).unwrap();
@@ -145,9 +145,9 @@ fn splats_at_borders_of_parts_are_those_of_the_whole_cloud() {
             most_in_place: u64::MAX,
         },
     );
-    // Cells of 128² points, and one of 512², divided once and twice; margins are two points wide at least, where those
-    // of real files are eight. Two are enough for normals and for all radii but one in a hundred, four for all. Radii
-    // are decided in f32 about a run of points, and parts have other runs: two of 262,144 were found to differ by 4 %.
+    // Cells of 128² points, and one of 512², divided once and twice; margins are at least two points wide, those of
+    // real files eight. Two are enough for normals and for 99 % of radii, four for all. Radii are selected in f32
+    // within a run of points, and parts have other runs: two of 262,144 differed by 4 %.
     for (cell_points, most_points, most_grown_share) in
         [(16_384, 100_000, 0.01), (262_144, 100_000, 1e-5), (262_144, 20_000, 0.01)]
     {
@@ -199,14 +199,14 @@ fn levels_do_not_depend_on_how_many_points_are_in_memory() {
     };
     let at_once = nodes(1_000_000);
     assert!(at_once.len() > 8 && at_once.iter().map(|n| n.2).sum::<u64>() == 300_000);
-    // 60,000 divides cells, 45,000 more of what they are divided into; a leaf must fit.
+    // 60,000 divides cells, 45,000 divides their octants again; a leaf must fit.
     assert_eq!(nodes(60_000), at_once);
     assert_eq!(nodes(45_000), at_once);
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// Files of `count` tiles side by side, 2048 steps wide each, with true bounds in their headers. Cells of the grid are
-/// 512 steps wide for 12 tiles, and tiles end 3 steps before a cell does, so that margins reach into the next tile.
+/// Writes `count` tiles side by side, each 2048 steps wide, with correct bounds in their headers. For 12 tiles, cells
+/// of the grid are 512 steps wide. Tiles end 3 steps before a cell does, so that margins reach into the next tile.
 fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     let mut next = random(11);
     let tile = |tile: u64| {
@@ -236,7 +236,7 @@ fn tiles(folder: &Path, count: u64, points: u64) -> Vec<PathBuf> {
     (0..count).map(tile).collect()
 }
 
-/// Splats that depend on all points that a part is made with, and on their order.
+/// Makes splats that depend on all points that a part is made with, and on their order.
 fn of_neighbours(cloud: &PointCloud) -> Result<Vec<PointSplat>, String> {
     let middle = (0..cloud.len()).map(|i| cloud.positions.get(i)).sum::<DVec3>() / cloud.len() as f64;
     let splat = |i: usize| PointSplat { normal: [0.6, 0.0, 0.8], radius: (middle.length() + i as f64) as f32 };
@@ -288,7 +288,7 @@ fn shares_put_together_are_the_file_whatever_their_number() {
             };
             let (points, mut paths): (Vec<u64>, Vec<PathBuf>) = (0..count).map(shard).unzip();
             if count == 3 {
-                // Shares are about as large as each other, where bounds tell; tiles are dense in corners here.
+                // Shards have similar sizes if bounds are good estimates; these tiles are dense in corners.
                 assert!(points.iter().all(|points| points * 10 > report.points), "{points:?}");
             }
             paths.reverse();
@@ -318,7 +318,7 @@ fn shares_of_points_in_all_of_a_cube_are_put_together() {
         }
     };
     let input = folder.join("in.las");
-    // Of a surface these points would be in cells of which 4096 are in this cube.
+    // If these points formed a surface, this cube would have 4096 of their cells.
     let limits = Limits { cell_points: 300, most_cells: 1_000, ..TILE_LIMITS };
     let make = |output: &Path, shard: Option<[u32; 2]>| {
         let options = CopcOptions { shard, ..OVER };
@@ -335,7 +335,7 @@ fn shares_of_points_in_all_of_a_cube_are_put_together() {
     };
     let made = both([0.0, 4_095.0]);
     assert!(std::fs::read(&merged).unwrap() == std::fs::read(&whole).unwrap() && made.notes.is_empty());
-    // Bounds that are wider are told.
+    // Wider bounds give a note.
     let made = both([-9_000.0, 9_000.0]);
     assert!(made.points == 60_000 && made.notes[0].contains("wider bounds than their points"), "{made:?}");
     std::fs::remove_dir_all(&folder).unwrap();
@@ -395,7 +395,7 @@ fn shares_that_are_not_one_conversion_are_refused() {
     assert!(refused(&[&a, &c]).contains("of another conversion"));
     assert!(refused(&[&a, &d]).contains("of another conversion"));
     assert!(refused(&[&a, &inputs[0]]).contains("is no share of a conversion"));
-    // Cut off or changed anywhere: an error, or the points of all shares.
+    // Cut off or changed anywhere: an error, or the points of all shards.
     let whole = std::fs::read(&b).unwrap();
     for at in [8, 12, 20, 300, whole.len() / 2, whole.len() - 1] {
         std::fs::write(&b, &whole[..at]).unwrap();
@@ -450,7 +450,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
             save(&inputs, &output, &options, Some(&prepare), progress, TILE_LIMITS)
         };
         let counted = std::cell::Cell::new(0);
-        // Of the last stage two moments are enough.
+        // Two moments of the last stage are enough.
         let count = |name: &'static str, _: u64, _: u64| {
             counted.set(counted.get() + if name == "writing the file" { 0 } else { 1 });
         };
@@ -470,7 +470,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
             };
             assert!(until(moment).is_err(), "{moment}");
             assert!(!output.exists());
-            // What a killed run wrote after the last state, and a state that it had begun to write.
+            // Appends bytes that a killed run wrote after the last state, and a half-written state file.
             let kept = resume_folder(&output);
             for name in [resume::POINTS, resume::MARGINS, resume::CHUNKS, resume::UPPER] {
                 let file = std::fs::OpenOptions::new().append(true).open(kept.join(name));
@@ -494,8 +494,7 @@ fn interrupted_conversions_go_on_and_give_the_same_file() {
     std::fs::remove_dir_all(&folder).unwrap();
 }
 
-/// The error of a conversion with `resume` that goes on with what one left that was interrupted at `stage`, after
-/// `change` was made to its folder.
+/// Returns the error of a resumed conversion: the first run is interrupted at `stage`, then `change` edits its folder.
 fn refused_after((test, points): (&str, u64), stage: &str, change: impl FnOnce(&Path)) -> IoError {
     let folder = folder_of_test(test);
     let inputs = tiles(&folder, 3, points);
@@ -520,7 +519,7 @@ fn changed_state_of_an_interrupted_conversion_is_refused() {
             std::fs::write(folder.join(name), bytes).unwrap();
         }
     };
-    // All points are in a node above the parts. Chunks that were written after the last state are written again.
+    // All points are in a node above the parts. Chunks written after the last state are written again.
     for (stage, name, at, part) in [
         ("building the octree", resume::POINTS, 12_345, "has changed: bytes from"),
         ("writing the file", resume::UPPER, 1_000, "has changed: bytes from"),
@@ -595,13 +594,13 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(77);
     File::options().write(true).open(&inputs[1]).unwrap().set_modified(time).unwrap();
     assert!(refused(&inputs, &resume).contains("changed at 77.000000000"));
-    // Without the flag it is left alone, and what the folder says stays true.
+    // Without the flag the folder stays unchanged and valid.
     let kept = names(&resume_folder(&output));
     run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();
     assert_eq!(names(&resume_folder(&output)), kept);
     std::fs::remove_file(&output).unwrap();
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
-    // Damage is told, another's folder isn't touched, and two runs don't write one folder.
+    // Damage is reported, another conversion's folder isn't touched, and two runs don't share a folder.
     assert!(run(&inputs, &resume, true).is_err());
     std::fs::write(resume_folder(&output).join(resume::SORTED), "{\"inputs\":").unwrap();
     assert!(refused(&inputs, &resume).contains("has a changed or damaged sorted.json"));
@@ -616,7 +615,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
     let held = Kept::open(&output, &Manifest::new(&inputs, false, &CopcOptions::default()).unwrap()).unwrap();
     assert!(refused(&inputs, &resume).contains("another run with --resume is writing it"));
-    // A run that was killed between the output's appearance and its folder's end is done.
+    // A run that was killed after the output appeared but before its folder was removed counts as done.
     let report = run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();
     held.written(std::fs::metadata(&output).unwrap().len(), &report).unwrap();
     drop(held);

@@ -1,4 +1,4 @@
-//! Tests of points from columns.
+//! Tests of points that are read from columns.
 
 use super::super::{CopcOptions, Limits, save};
 use super::*;
@@ -6,7 +6,7 @@ use crate::{Content, LoadOptions};
 use std::path::PathBuf;
 use surfel_model::PointCloud;
 
-/// x y z, red green blue, nx ny nz, and the number of each of some points of a bumpy sheet.
+/// x y z, red green blue, nx ny nz, and the index of a point of a bumpy sheet.
 type Row = ([f32; 3], [u8; 3], [f32; 3], u32);
 
 fn rows(count: u32) -> Vec<Row> {
@@ -77,7 +77,7 @@ fn pcd(rows: &[Row], data: &str) -> Vec<u8> {
             (0..3).for_each(|k| rows.iter().for_each(|row| fields.push(row.1[k])));
             (0..3).for_each(|k| rows.iter().for_each(|row| fields.extend(row.2[k].to_le_bytes())));
             rows.iter().for_each(|row| fields.extend(row.3.to_le_bytes()));
-            // Runs of literals, and one byte again where it comes again and again.
+            // LZF-compressed fields: literals, and a back reference where one byte repeats.
             let mut packed = Vec::new();
             for part in fields.chunks(32) {
                 match part.iter().all(|b| *b == part[0]) && part.len() == 32 {
@@ -147,7 +147,7 @@ fn number(points: &PointCloud, i: usize) -> usize {
     points.extras.iter().find(|e| e.name == "number").unwrap().values.get(i) as usize
 }
 
-/// Colours are those of a file that is read at once, in the 16 bits of LAS, with the same notes.
+/// Points read block by block get the same colours, in the 16 bits of LAS, and the same notes as those read at once.
 #[test]
 fn colors_of_ply_mean_the_same_where_points_are_read_block_by_block() {
     let folder = folder("colors");
@@ -213,7 +213,7 @@ fn points_of_every_format_are_the_same_whatever_fits_into_memory() {
             let found = (points.origin + points.positions.get(i)).to_array();
             for k in 0..3 {
                 let off = (found[k] - f64::from(at[k])).abs();
-                // Steps of 2⁵⁻³⁰, and none is lost of what is far enough from 0.
+                // The step is 2⁵⁻³⁰, and coordinates far enough from 0 lose nothing.
                 assert!(off <= if far[k] { 0.0 } else { 2f64.powi(-26) }, "{name} {i}: {off}");
             }
             assert_eq!(colors[i], color.map(|c| crate::color::linear_of_8_bit()[usize::from(c)]), "{name}");
@@ -239,7 +239,7 @@ fn inputs_share_their_steps() {
     let output = folder.join("out.copc.laz");
     save(&inputs, &output, &OVER, None, &|_, _, _| (), LARGE).unwrap();
     assert!(std::fs::read(&output).unwrap() == written(&whole, LARGE).unwrap().0);
-    // Shares are of the same steps, too.
+    // Shards use the same steps, too.
     let share = |index: u32| {
         let output = folder.join(format!("{index}.shard"));
         let options = CopcOptions { shard: Some([index, 2]), ..OVER };
@@ -323,7 +323,7 @@ fn damaged_files_are_written_or_refused() {
         for _ in 0..150 {
             let mut bytes = whole.clone();
             for _ in 0..1 + next(3) {
-                // Mostly in the header; digits make other counts.
+                // Most changes are in the header; changed digits make other counts.
                 let below = if next(4) == 0 { bytes.len() } else { bytes.len().min(400) };
                 let at = next(below);
                 bytes[at] = if bytes[at].is_ascii_digit() { b'0' + next(10) as u8 } else { next(256) as u8 };
@@ -366,7 +366,7 @@ fn steps_are_the_coarsest_that_lose_nothing_or_the_finest_that_reach() {
     assert_eq!(steps_of(&[[0.0; 3]]), (1.0, DVec3::ZERO));
     assert_eq!(steps_of(&[[1.0, 2.5, -3.0], [4.0, 0.0, 0.0]]), (0.5, DVec3::ZERO));
     assert_eq!(steps_of(&[[0.1, 0.2, 0.3], [1.0, 1.5, -1.9]]).0, 2f64.powi(1 - STEP_BITS));
-    // Numbers of f32 far away have no finer parts; of f64 they do.
+    // f32 numbers far away have no finer digits; f64 numbers have.
     let far = [637_012.25, 4_851_233.125, 312.0];
     let (scale, offset) = steps_of(&[far.map(|v| f64::from(v as f32)), [637_512.0, 4_851_733.5, 300.0]]);
     assert!(scale >= 2f64.powi(-5) && offset != DVec3::ZERO, "{scale} {offset}");
