@@ -401,8 +401,8 @@ pub(crate) struct ConvertArgs {
     /// Additional files for -o OUT.copc.laz.
     #[arg(value_name = "MORE")]
     pub(crate) more: Vec<PathBuf>,
-    /// Splat file to write: .ply, or - for stdout; .copc.laz for points with levels of detail, normals and radii;
-    /// .shard for a shard of that, where {shard} is replaced by its number.
+    /// Splat file to write: .ply, or - for stdout. Also .copc.laz for points with levels of detail, normals and radii,
+    /// or .shard for a shard of that, where {shard} is replaced by its number.
     #[arg(short, long, value_name = "OUT")]
     pub(crate) output: PathBuf,
     /// Overwrite an existing file.

@@ -51,7 +51,7 @@ impl Failure {
         Self::other(format!("stdout: cannot write it: {error}"))
     }
 
-    /// The exit code.
+    /// Returns the exit code.
     pub(crate) fn code(&self) -> u8 {
         self.code
     }

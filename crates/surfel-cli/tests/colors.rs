@@ -65,7 +65,7 @@ fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     let said = f.run(&format!("{inputs} {flags} --size 60x100 -o whole.png")).code(0).stderr();
     assert_eq!(said.matches("coloured by height by viridis from").count(), 1, "{said}");
     assert!(said.contains("the 2nd to the 98th percentile of all 60 files"), "{said}");
-    // The job states the range, and its tiles equal those of the image.
+    // The job states the range, and its tiles equal the corresponding parts of the image.
     let job = |rest: &str| f.run(&format!("jobs {inputs} --cuecmd {rest}")).code(0).stdout();
     let tiles = job(&format!("--tiles 2 -o by-tiles.png -- {flags} --size 60x100 --colorbar"));
     let range = range_in(&tiles);

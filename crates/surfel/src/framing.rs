@@ -92,7 +92,7 @@ pub struct ChosenView {
     pub reason: ViewReason,
 }
 
-/// Choice of the side from which a scene is viewed.
+/// Selection of the side from which a scene is viewed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum ViewChoice {

@@ -48,7 +48,7 @@ const FEET: (f64, f64) = (0.9, 0.1);
 /// Fewest patches of ground contact.
 const FEWEST: usize = 20;
 
-/// A weighted piece of evidence for the direction that a shape faces.
+/// A weighted criterion for the direction that a shape faces.
 struct Piece {
     weight: f64,
     direction: fn(&Patches, Up) -> Option<DVec3>,

@@ -54,8 +54,8 @@ impl LevelStore {
         self.nodes.as_ref().map_or(0, |nodes| nodes.read_bytes())
     }
 
-    /// Returns the memory in bytes that the allocator retains after a file has been written: a third of the least
-    /// memory for writing (40 to 60 of 200 MiB were measured).
+    /// Returns the memory in bytes that the allocator retains after a file has been written. It is estimated as a third
+    /// of the least memory for writing (40 to 60 of 200 MiB were measured).
     pub(crate) fn left_bytes(&self) -> u64 {
         self.least_memory / 3
     }
@@ -327,8 +327,7 @@ mod tests {
         let read = [0, 1, 2].map(|eye| drawn(&store, "100M", eye));
         assert!(0 < read[0] && read[0] < read[1] && read[1] <= read[2], "{read:?}");
         assert_eq!([0, 1, 2, 0].map(|eye| drawn(&store, "100M", eye)), [read[2]; 4]);
-        // The cache is limited to what an image's points leave of the memory; with nothing left, all nodes are read
-        // again.
+        // The cache is limited to the memory that an image's points don't need. Without any, all nodes are read again.
         let needs = plain.iter().map(|(resolved, _)| cloud(resolved).len() as u64 * memory::KNOWN_BYTES).max().unwrap();
         let store = Arc::new(LevelStore::keeping_nodes());
         let first = drawn(&store, &needs.to_string(), 0);

@@ -247,7 +247,7 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
     })
 }
 
-/// Describes what a selection left out, why, and the option that changes it.
+/// Describes which nodes a selection omits, why, and the option that changes it.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "--lod-error draws finer ones");

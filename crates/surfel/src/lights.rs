@@ -12,8 +12,8 @@ const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79])
 const FILL: (DVec3, [f64; 3]) = (DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]);
 /// Rim light, in the form of [`KEY`].
 const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
-/// Length of the mean normal as a measure of facing one way: at the first value a surface starts to count as facing one
-/// way, at the second it fully does. Normals spread over 30° have a mean of length 0.93.
+/// Limits for the length of the mean normal: from the first value on a surface partly counts as facing one way, from
+/// the second fully. Normals spread over 30° have a mean of length 0.93.
 const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
 /// Cosine of the angle between the surface normal and a raking key light: 60°, which is 30° above the surface.
 const RAKING: f64 = 0.5;
@@ -25,8 +25,10 @@ const UP: f64 = 0.9;
 /// Largest factor by which a raking light is brightened.
 const STRONGEST: f64 = 1.4;
 
-/// Returns three lights that follow the camera: a key light from the upper left in front, a soft fill light from the
-/// right, and a rim light from behind that separates the outline from the background.
+/// Returns three lights that follow the camera:
+/// - a key light from the upper left in front,
+/// - a soft fill light from the right,
+/// - a rim light from behind that separates the outline from the background.
 pub fn studio_lights(camera: &Camera) -> Vec<Light> {
     lights(camera, |key| (key, 1.0))
 }

@@ -25,8 +25,8 @@ pub const STDIN: &str = "-";
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// True if damaged files are read as far as possible: invalid splats and the missing end of a cut-off LAZ file are
-    /// skipped and counted in a note, instead of refusing the file.
+    /// True if damaged files are read as far as possible. Invalid splats and the missing end of a cut-off LAZ file are
+    /// then skipped and counted in a note.
     pub repair: bool,
     /// Texture file (PNG, JPEG or WebP) for meshes with texture coordinates that name no texture themselves.
     pub texture: Option<PathBuf>,

@@ -57,7 +57,7 @@ fn scattered(i: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Number of splats or triangles of a geometry.
+/// Counts the splats or triangles of a geometry.
 fn count(geometry: &Geometry) -> usize {
     match geometry {
         Geometry::Splats(cloud) => cloud.len(),

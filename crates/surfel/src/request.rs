@@ -357,9 +357,10 @@ impl Request {
     /// a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options without effect or for an invalid camera, [`Error::Model`] and [`Error::Unsuitable`]
-    /// for objects that can't be framed and numbers out of range, [`Error::Io`] for a matcap that can't be read;
-    /// otherwise as [`load_objects`].
+    /// - [`Error::Usage`] for options without effect or for an invalid camera;
+    /// - [`Error::Model`] and [`Error::Unsuitable`] for objects that can't be framed and numbers out of range;
+    /// - [`Error::Io`] for a matcap that can't be read;
+    /// - otherwise as [`load_objects`].
     pub fn resolve(
         mut self,
         loaded: LoadedObjects,

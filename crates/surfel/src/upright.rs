@@ -126,8 +126,8 @@ const FOOTPRINT: usize = 24;
 const VOXELS: f64 = 20.0;
 /// Patches per voxel that the grid aims at; small samples get fewer voxels.
 const PATCHES_OF_VOXELS: f64 = 6.0;
-/// Tilt stability as the distance of the centroid inside the support's hull over its height: at the first value a shape
-/// starts to count as stable, at the second it fully is.
+/// Limits of stability: the distance of the centroid from the hull's rim, over the centroid's height. From the first
+/// value on a shape counts as partly stable, from the second as fully stable.
 const STEADY: (f64, f64) = (0.04, 0.14);
 /// Largest score that feet at the corners of the footprint add to a base.
 const FEET_WEIGHT: f64 = 0.7;
@@ -179,7 +179,7 @@ const FALLS: f64 = 0.15;
 /// Least [`Standing::rest`] on both faces of a plate that lies flat.
 const LIES: f64 = 1.0;
 
-/// A weighted piece of evidence for or against an axis.
+/// A weighted criterion for or against an axis.
 struct Piece {
     reason: UpReason,
     weight: f64,
@@ -242,7 +242,7 @@ pub(crate) fn others(k: usize) -> [usize; 2] {
     [(k + 1) % 3, (k + 2) % 3]
 }
 
-/// The axis of an up direction, 0 to 2.
+/// Returns the axis of an up direction, 0 to 2.
 pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
 }
@@ -360,7 +360,7 @@ impl Shape {
         leads(self.mirror, self.extent, k)
     }
 
-    /// Returns the strongest evidence for an axis, or else the first piece that rules out other axes.
+    /// Returns the strongest evidence for an axis, or else the first criterion that rules out other axes.
     fn reason(&self, up: Up) -> Option<UpReason> {
         let strongest = EVIDENCE
             .iter()
@@ -520,7 +520,7 @@ fn tapers(patches: &Patches, k: usize) -> bool {
     sections[0].max(sections[9]) < TAPERED * middle
 }
 
-/// Returns, per axis, the fraction of the surface that maps onto surface, within one voxel, when mirrored at the
+/// Computes, per axis, the fraction of the surface that maps onto surface, within one voxel, when mirrored at the
 /// centroid.
 pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
     // Positions are at most 1 from the middle, so at most 2 from the centroid.

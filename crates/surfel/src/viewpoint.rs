@@ -1,11 +1,14 @@
-//! Choice of the side from which a scene shows most.
+//! Selection of the side from which a scene shows most.
 //!
-//! Views on a ring are compared by the functions in [`EVIDENCE`], each with a weight. Viewpoint entropy (Vázquez,
-//! Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is measured over cells of equal size,
-//! direction and colour instead of a mesh's faces, so that tessellation has no influence. Visible curvature follows
-//! Lee, Varshney, Jacobs 2005, "Mesh Saliency". Both are terms of the goodness that Secord, Lu, Finkelstein, Singh,
-//! Nealen 2011, "Perceptual Models of Viewpoint Preference" (ACM TOG 30:5) fit to people's choices, as is a preference
-//! for views from slightly above.
+//! Views on a ring are compared by the functions in [`EVIDENCE`], each with a weight:
+//! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
+//!   measured over cells of equal size, direction and colour. A mesh's faces aren't used, so that tessellation has no
+//!   influence.
+//! - Visible curvature follows Lee, Varshney, Jacobs 2005, "Mesh Saliency".
+//! - Views from slightly above are preferred.
+//!
+//! All three are terms of the goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
+//! Viewpoint Preference" (ACM TOG 30:5), fit to people's choices.
 //!
 //! A front is preferred over a back that shows little more, since file contents face the front by convention. A scene
 //! that is open to one side is viewed through the opening.
@@ -53,7 +56,7 @@ const OPENING: f64 = 0.5;
 /// Fraction of visible surface facing away, over the whole ring, up to which it is merely the rims of a watertight
 /// surface.
 const RIMS: f64 = 0.3;
-/// Least reduction of the fraction facing away, relative to all views, by which an opening is the reason of a choice.
+/// Least reduction of the fraction facing away, relative to all views, for which an opening is reported as the reason.
 const OPENS: f64 = 0.2;
 
 /// Slope of a depth camera's steepest ray to its axis.
@@ -61,7 +64,7 @@ const WIDEST: f64 = 1.5;
 /// Least fraction of a captured surface that faces the camera; rims face anywhere.
 const SEEN: f64 = 0.95;
 
-/// A weighted piece of evidence for or against a view.
+/// A weighted criterion for or against a view.
 struct Piece {
     reason: ViewReason,
     weight: f64,
@@ -84,23 +87,23 @@ const EVIDENCE: [Piece; 6] = {
     ]
 };
 
-/// Viewpoint entropy relative to the ring's best view.
+/// Returns the viewpoint entropy relative to the ring's best view.
 fn entropy(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).entropy / compared.best.entropy
 }
 
-/// Visible curvature relative to the ring's best view.
+/// Returns the visible curvature relative to the ring's best view.
 fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).curvature / compared.best.curvature
 }
 
-/// Cosine of the angle to the front, at most [`FRONT_COS`].
+/// Returns the cosine of the angle to the front, at most [`FRONT_COS`].
 fn frontal(compared: &Compared, view: &Candidate) -> f64 {
     let level = ViewAngles { elevation_deg: 0.0, ..view.angles };
     (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
 }
 
-/// Reduction of the fraction facing away, relative to all views; 0 if the facing direction is meaningless.
+/// Returns the reduction of the fraction facing away, relative to all views; 0 if the facing direction is meaningless.
 fn open(compared: &Compared, view: &Candidate) -> f64 {
     if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
 }

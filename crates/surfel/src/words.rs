@@ -15,8 +15,8 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// Formats a number with the fewest digits that identify it; for a value converted from `f32`, those that identify the
-/// `f32`.
+/// Formats a number with the fewest digits that identify it. A value converted from `f32` gets the digits that identify
+/// the `f32`.
 pub fn shortest(value: f64) -> String {
     let narrow = value as f32;
     if f64::from(narrow) == value { format!("{narrow:?}") } else { format!("{value:?}") }

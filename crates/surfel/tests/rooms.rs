@@ -123,7 +123,7 @@ fn closed_rooms_and_bodies_inside_out_are_seen_from_outside() {
     }
 }
 
-/// A chair whose backrest is at −z.
+/// Returns a chair with its backrest at −z.
 fn chair() -> Faces {
     let leg =
         |faces: Faces, x: f64, z: f64| faces.block([x - 0.03, 0.0, z - 0.03], [x + 0.03, 0.5, z + 0.03], false, &[]);

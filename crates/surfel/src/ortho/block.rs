@@ -91,7 +91,7 @@ pub(crate) fn draw(
         let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
         let of_block = clouds.iter().map(|cloud| &**cloud);
         let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
-        // Foliage isn't a surface: the lower leaves of a crown belong to the upper ones.
+        // Foliage isn't a surface: the lower foliage of a crown belongs to the upper foliage.
         for (cloud, keep) in clouds.iter().zip(&mut keep) {
             let is_behind = |(i, keep): (usize, &mut bool)| {
                 if *keep {

@@ -1,10 +1,12 @@
 //! Filling of gaps in an image.
 //!
-//! A pixel is filled if no circle of the given radius covers it without meeting a pixel with data (morphological
-//! closing by a disk, with exact distances: Felzenszwalb and Huttenlocher 2012). Wider gaps remain, and nothing extends
-//! beyond the outer border. Each filled pixel finds the nearest data along 32 directions. Its height comes from the
-//! plane that fits these heights best, weighted by the inverse squared distance, clamped to their range. Colours and
-//! normals are means weighted by the inverse distance.
+//! An empty pixel is filled unless some circle of the given radius covers it without meeting a pixel with data. This is
+//! morphological closing by a disk, with exact distances (Felzenszwalb and Huttenlocher 2012). Wider gaps remain, and
+//! nothing extends beyond the outer border.
+//!
+//! Each filled pixel finds the nearest data along 32 directions. Its height is that of the plane that fits their
+//! heights best, weighted by the inverse squared distance and clamped to their range. Colours and normals are means
+//! weighted by the inverse distance.
 //!
 //! Pixels are stored in an unnamed file, block by block, so that a gap may extend over several blocks. Pixels with data
 //! are the same as without filling.

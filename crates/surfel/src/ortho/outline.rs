@@ -1,12 +1,13 @@
 //! Edge localisation from the upper surface's points alone: the probability that a place is beneath the surface.
 //!
-//! If the lower of two surfaces continues beneath the upper one, as a road under a bridge or ground under a tree, its
-//! points don't show where the upper one ends. The upper points leave random holes. So every edge that the surface may
-//! have in a window around the place is weighted: parabolas of 32 directions, 5 curvatures and any offset. An edge is
-//! possible if all upper points are inside it. Its likelihood is exp(density × rest): the probability that points as
-//! dense as the upper ones leave the rest of the window empty (a Poisson process). The result is the weighted fraction
-//! of edges that have the place inside; as a mean over all possible edges it has the least mean square error. A hole
-//! that fits into a window is tested with a smaller window.
+//! The lower of two surfaces may continue beneath the upper one, as a road under a bridge or ground under a tree. Its
+//! points then don't show where the upper surface ends, and the upper points have random gaps.
+//!
+//! So every edge that the surface may have in a window around the place is weighted: parabolas of 32 directions, 5
+//! curvatures and any offset. An edge is possible if all upper points are inside it. The points form a Poisson process,
+//! so the likelihood of an edge is exp(−density × area inside), in proportion to exp(density × rest of the window). The
+//! result is the weighted fraction of edges that have the place inside. As a mean over all possible edges it has the
+//! least mean square error. A hole that fits into a window is tested with a smaller window.
 
 use super::sides::Edge;
 use std::sync::LazyLock;
@@ -17,7 +18,8 @@ pub(crate) const WINDOW: f64 = 1.8;
 /// Window sizes relative to the whole window. If points enclose the place in the whole window, the smaller one shows
 /// whether they enclose a hole.
 const SIZES: [f64; 2] = [1.0, 0.8];
-/// Log odds of edges to enclosed holes: holes are rarer, since chance leaves holes of the same size.
+/// Logarithm of the odds by which an edge is more likely than an enclosed hole: chance also produces holes of this
+/// size.
 const RARER: f64 = 2.0;
 /// Number of points in a window that is entirely inside the surface, over π. A splat's radius is 1.65 spacings
 /// (`surfel-sample`).

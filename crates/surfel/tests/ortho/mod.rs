@@ -1,5 +1,7 @@
-//! Orthoimages and surface models: accuracy against an exact surface, compared with means and a triangulation of the
-//! same points; equality of overlapping images of the same points; and the metadata of their files.
+//! Tests of orthoimages and surface models:
+//! - accuracy against an exact surface, compared with means and a triangulation of the same points;
+//! - equality of overlapping images of the same points;
+//! - metadata of the files.
 #![cfg(feature = "ortho")]
 
 mod survey;
@@ -22,7 +24,7 @@ fn levels(path: &Path) -> (usize, Vec<[u8; 4]>) {
     (width, levels.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect())
 }
 
-/// A scan with 8 points per square metre.
+/// Returns a scan with 8 points per square metre.
 fn scan(anywhere: bool) -> Scan {
     Scan { density: 8.0, anywhere, seed: 0 }
 }
