@@ -268,9 +268,9 @@ pub(crate) struct SplatArgs {
     /// Read damaged files as far as possible: skip invalid splats and unreadable parts of LAZ and E57 files.
     #[arg(long, help_heading = "Splats")]
     pub(crate) repair: bool,
-    /// Sampling of a mesh's texture by splats: at the centre (point), with the kernel (ewa), or fitted so that their
-    /// blend reproduces the mesh (fit). Any other value is a texture file, for meshes with texture coordinates that
-    /// name no texture themselves. Both may be given.
+    /// Sampling of a mesh's colours: per splat as the mean over the square that it represents (point) or under its
+    /// kernel (ewa), or for all splats together so that their blend reproduces the mesh (fit). Any other value is a
+    /// texture file, for meshes with texture coordinates that name no texture themselves. Both may be given.
     #[arg(long, help_heading = "Splats", value_name = "point|ewa|fit|FILE")]
     pub(crate) texture: Vec<PathBuf>,
     /// Colours of a scan's splats: those of the points, or fitted so that the blended surface has the points' colours

@@ -161,7 +161,8 @@ pub(crate) fn error(message: &str) {
     to_stderr(&text);
 }
 
-/// Escapes all control characters in a message except newlines: names and files may contain terminal commands.
+/// Escapes the characters of a message that a terminal obeys instead of displaying, except newlines: names and files
+/// may contain any.
 fn harmless(text: &str) -> String {
     let mut harmless = String::with_capacity(text.len());
     for c in text.chars() {

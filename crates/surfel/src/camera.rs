@@ -147,6 +147,9 @@ pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)
 }
 
 /// Reads cameras like [`named`], from JSON text.
+///
+/// # Errors
+/// As [`named`].
 pub fn named_in_json(json: &[u8], name: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
     with_names(surfel_io::cameras::read_json(json, name)?, name, size)
 }

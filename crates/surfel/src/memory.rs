@@ -77,11 +77,11 @@ pub(crate) fn gigabytes(bytes: u64) -> f64 {
 /// Suggestion in the error for points that won't fit.
 #[derive(Clone, Copy)]
 pub(crate) enum Remedy {
-    /// Convert the file to COPC.
+    /// Convert the file to COPC and draw that.
     Levels,
-    /// Read fewer points: the file already has levels of detail or radii.
+    /// Draw fewer points.
     Fewer,
-    /// No single suggestion certainly applies.
+    /// Draw fewer points, or write them as LAZ.
     Points,
 }
 

@@ -127,6 +127,9 @@ fn digits(hash: Sha256) -> String {
 
 /// Returns the drawing options of a camera's image besides its scene, as flags of `render` by their long names. Options
 /// of the file format are added by the caller.
+///
+/// # Errors
+/// As [`RenderOptions::region_of`].
 pub fn drawn(
     options: &RenderOptions,
     camera: &Camera,

@@ -9,6 +9,9 @@ use surfel_model::Octree;
 use surfel_sample::{OctreeOptions, Progress};
 
 /// Loads a mesh and builds its octree. Also returns notes for the user.
+///
+/// # Errors
+/// As [`crate::load`]; also [`Error::Unsuitable`] if the file holds no triangles.
 pub fn load_octree(
     path: &Path,
     options: &LoadOptions,

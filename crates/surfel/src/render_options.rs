@@ -234,6 +234,9 @@ impl SplatOptions {
     }
 
     /// Refuses flags that contradict each other or need another flag.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming two flags.
     pub fn check(&self) -> Result<(), Error> {
         if let Some((a, b)) = self.contradiction() {
             return Err(Error::Usage(format!("--{a} and --{b} contradict each other: give one of them")));
@@ -363,6 +366,9 @@ impl RenderOptions {
     }
 
     /// Refuses flags that contradict each other or need another flag.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] naming two flags.
     pub fn check(&self) -> Result<(), Error> {
         self.splats.check()?;
         let (view, camera, ortho) = (self.view.is_some(), self.camera.is_some(), self.ortho);
@@ -401,6 +407,9 @@ impl RenderOptions {
 
     /// Returns the region of a camera's image to render; a tile is a band of rows across the whole width. `None`: the
     /// whole image.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for more tiles than the image has rows.
     pub fn region_of(&self, camera: &Camera) -> Result<Option<Region>, Error> {
         let Some(part) = self.tile else { return Ok(self.region) };
         let [width, height] = camera.size;

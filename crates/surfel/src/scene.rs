@@ -446,7 +446,7 @@ fn load_uncolored(
     Ok(loaded)
 }
 
-/// Reads the levels that views need for the objects of which only [`Levels::Overview`] was read.
+/// Reads the levels that views need for the objects of which only [`crate::levels::Levels::Overview`] was read.
 ///
 /// # Errors
 /// As [`load_objects`].
