@@ -1,4 +1,4 @@
-//! `surfel again`: draws an image again, from the scene that it carries.
+//! `surfel again`: draws an image again from the scene stored in its metadata.
 
 use crate::args::{AgainArgs, Cli, Command, RenderArgs, command};
 use crate::console::Console;
@@ -53,7 +53,8 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
     judge(args, &image, written, &changed, &drawn, console)
 }
 
-/// Says whether the image is the same, and fails with exit code 5 if it isn't and nothing is known to have changed.
+/// Reports whether the image is identical to the original. Fails with exit code 5 if it differs although nothing is
+/// known to have changed.
 fn judge(
     args: &AgainArgs,
     image: &Planes,
@@ -70,7 +71,7 @@ fn judge(
         return Ok(());
     }
     let differs = format!("{written}: is not the image of {name} to the bit");
-    // What is said already, and another machine's GPU, explain it.
+    // The difference is explained by changes reported before, another backend, or another machine's GPU.
     if !changed.is_empty() || args.backend.is_some() || !drawn["adapter"].is_null() {
         console.note(&differs);
         return Ok(());
@@ -78,12 +79,12 @@ fn judge(
     Err(Failure::threshold(format!("{differs}, although its inputs and surfel's version are as they were")))
 }
 
-/// The bits of a plane, so that NaN equals itself.
+/// Returns the bits of a plane, so that NaN compares equal to itself.
 fn bits(plane: Option<&[f32]>) -> Vec<u32> {
     plane.into_iter().flatten().map(|value| value.to_bits()).collect()
 }
 
-/// IMAGE's name with `-again`, in the current folder.
+/// Returns the default output: IMAGE's name with `-again`, in the current folder.
 fn default_output(image: &Path) -> PathBuf {
     let mut name = image.file_stem().unwrap_or_default().to_owned();
     name.push("-again.");
@@ -91,15 +92,15 @@ fn default_output(image: &Path) -> PathBuf {
     name.into()
 }
 
-/// An entry that holds JSON; null where there is none.
+/// Parses a metadata entry as JSON; null if the entry is missing.
 fn json(args: &AgainArgs, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
     serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.image.shown())))
 }
 
-/// What is said of the inputs that aren't what they were.
+/// Returns a description of each input that has changed since the image was drawn.
 ///
-/// Fails if one isn't there: all such are named before anything is loaded.
+/// Fails if inputs are missing; all of them are named before anything is loaded.
 fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) -> Result<Vec<String>, Failure> {
     let (mut missing, mut changed) = (Vec::new(), Vec::new());
     for input in inputs.as_array().into_iter().flatten() {
@@ -127,11 +128,11 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
     )))
 }
 
-/// The flags that draw the image, by way of the command line's own parser.
+/// Returns the flags that draw the image, parsed by the command line's own parser.
 fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderArgs, Failure> {
     let mut to = OsString::from("--output=");
     to.push(output);
-    // The scene is known already, so that the name of the input says nothing.
+    // The scene is already known, so the input's name has no effect.
     let mut words: Vec<OsString> = vec!["surfel".into(), "render".into(), "scene".into(), to];
     if args.force {
         words.push("--force".into());

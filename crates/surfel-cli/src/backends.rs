@@ -1,4 +1,4 @@
-//! `surfel backends`: what this machine can run.
+//! `surfel backends`: lists the backends available on this machine.
 
 use crate::failure::Failure;
 use crate::stdout;

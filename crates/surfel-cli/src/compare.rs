@@ -1,4 +1,4 @@
-//! `surfel compare`: how far two images are apart.
+//! `surfel compare`: measures the difference between two images.
 
 use crate::args::CompareArgs;
 use crate::failure::Failure;
@@ -44,7 +44,7 @@ fn as_text(compared: &ImageComparison) -> String {
 }
 
 fn judge(args: &CompareArgs, compared: &ImageComparison) -> Result<(), Failure> {
-    // A value that is no number passes nothing.
+    // NaN fails every threshold.
     let judged = |t: &Threshold| Some(compared.metric(t.metric)).filter(|v| !v.is_nan());
     let above = |t: &&Threshold| judged(t).is_none_or(|v| v > t.value);
     let below = |t: &&Threshold| judged(t).is_none_or(|v| v < t.value);

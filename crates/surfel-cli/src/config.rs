@@ -9,7 +9,7 @@ use std::path::Path;
 use surfel::io::ShowPath as _;
 use toml::Value;
 
-/// Flags that exclude each other: one on the command line silences the others of the file.
+/// Flags that exclude each other: one on the command line overrides the others in the file.
 const GROUPS: [&[&str]; 7] = [
     &["region", "tile"],
     &["force", "skip-existing"],
@@ -20,7 +20,7 @@ const GROUPS: [&[&str]; 7] = [
     &["stats", "print-scene"],
 ];
 
-/// The file's flags as arguments, without those that the command line gives itself and those of other commands.
+/// Returns the file's flags as arguments, except flags given on the command line and flags of other commands.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
     let wrong = |what: String| Failure::usage(format!("{}: {what}", path.shown()));
     let text = std::fs::read_to_string(path).map_err(|e| wrong(format!("cannot read it: {e}")))?;

@@ -1,4 +1,4 @@
-//! What the user sees on stderr.
+//! Messages on stderr.
 
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressState, ProgressStyle};
 use std::fmt;
@@ -11,7 +11,7 @@ use surfel::io::is_obeyed;
 /// Longest line of an error message, in characters.
 const MAX_LINE: usize = 400;
 
-/// How much is said.
+/// Verbosity of messages.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Console {
     quiet: bool,
@@ -23,28 +23,28 @@ impl Console {
         Self { quiet, verbose }
     }
 
-    /// Something the user should know.
+    /// Prints a note for the user.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
             to_stderr(&format!("note: {}\n", harmless(text)));
         }
     }
 
-    /// Something that only `-v` shows.
+    /// Prints a detail, only with `-v`.
     pub(crate) fn detail(&self, text: &str) {
         if self.verbose && !self.quiet {
             to_stderr(&format!("{}\n", harmless(text)));
         }
     }
 
-    /// A progress bar: on a terminal only, and not with `-q`.
+    /// Returns a progress bar, which is visible only on a terminal and without `-q`.
     pub(crate) fn progress(&self) -> Bar {
         let visible = !self.quiet && std::io::stderr().is_terminal();
         Bar { visible, current: Mutex::new(None) }
     }
 }
 
-/// Shows how far a conversion has come.
+/// A progress bar.
 pub(crate) struct Bar {
     visible: bool,
     current: Mutex<Option<ProgressBar>>,
@@ -57,7 +57,7 @@ impl Bar {
         }
     }
 
-    /// Takes the bar away: its lines and notes don't mix.
+    /// Removes the bar, so that it doesn't mix with notes.
     pub(crate) fn clear(&self) {
         self.with(|current| {
             if let Some(bar) = current.take() {
@@ -92,13 +92,13 @@ impl Drop for Bar {
     }
 }
 
-/// Steps of a stage below which nothing is to be said of their rate.
+/// Least number of steps of a stage for which a rate is shown.
 const LEAST_STEPS: u64 = 2;
-/// How often a bar is drawn that nothing has advanced.
+/// Interval at which a bar is redrawn when nothing advances it.
 const TICK: Duration = Duration::from_millis(250);
 
-/// A bar that says stage, rate and time left; of a stage of a single step, or of nobody knows how many, how long it has
-/// lasted.
+/// Creates a bar that shows stage, rate and time left. A stage with a single step, or an unknown number of steps, shows
+/// the elapsed time instead.
 fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     let (length, template) = match total {
         0..LEAST_STEPS => (None, "{msg:>20} {spinner} {lasted}"),
@@ -118,7 +118,7 @@ fn bar(name: &str, total: u64, target: ProgressDrawTarget) -> ProgressBar {
     bar
 }
 
-/// Steps a second in three digits.
+/// Formats steps per second with three digits.
 fn rate(per_second: f64) -> String {
     let (scaled, unit) = match per_second {
         r if r >= 999.5e6 => (r / 1e9, " G/s"),
@@ -131,12 +131,12 @@ fn rate(per_second: f64) -> String {
     format!("{scaled:.digits$}{unit}")
 }
 
-/// The time left; nothing where no step has been done.
+/// Formats the time left; empty before the first step.
 fn left(state: &ProgressState) -> String {
     if state.pos() == 0 { String::new() } else { format!("{} left", clock(state.eta().as_secs())) }
 }
 
-/// Seconds, as 0:07 or 1:02:03.
+/// Formats seconds as 0:07 or 1:02:03.
 fn clock(seconds: u64) -> String {
     let (hours, minutes, seconds) = (seconds / 3600, seconds / 60 % 60, seconds % 60);
     if hours > 0 { format!("{hours}:{minutes:02}:{seconds:02}") } else { format!("{minutes}:{seconds:02}") }
@@ -161,7 +161,8 @@ pub(crate) fn error(message: &str) {
     to_stderr(&text);
 }
 
-/// A message in which a terminal has nothing to obey but ends of lines: names and files may hold anything.
+/// Escapes the characters of a message that a terminal obeys instead of displaying, except newlines: names and files
+/// may contain any.
 fn harmless(text: &str) -> String {
     let mut harmless = String::with_capacity(text.len());
     for c in text.chars() {
@@ -171,7 +172,7 @@ fn harmless(text: &str) -> String {
 }
 
 fn to_stderr(text: &str) {
-    // Nobody is left to tell where stderr is closed.
+    // If stderr is closed, the error can't be reported.
     let _ = std::io::stderr().lock().write_all(text.as_bytes());
 }
 
@@ -181,7 +182,7 @@ mod tests {
     use std::io;
     use std::sync::Arc;
 
-    /// A terminal that keeps all that is written to it.
+    /// A terminal that records everything written to it.
     #[derive(Clone, Debug, Default)]
     struct Terminal(Arc<Mutex<String>>);
 
@@ -226,7 +227,7 @@ mod tests {
         }
     }
 
-    /// What a terminal shows of a bar of so many steps, half of which are done.
+    /// Returns the terminal's content for a bar of `total` steps, half of which are done.
     fn shown(total: u64) -> String {
         let terminal = Terminal::default();
         let bar = bar("normals", total, ProgressDrawTarget::term_like_with_hz(Box::new(terminal.clone()), 255));

@@ -1,4 +1,4 @@
-//! `surfel convert`: splats of points and meshes.
+//! `surfel convert`: converts points and meshes to splats.
 
 use crate::args::ConvertArgs;
 use crate::console::Console;
@@ -36,7 +36,7 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     save(args, &converted(args, console)?, console)
 }
 
-/// Refuses what no input makes right, of a share.
+/// Checks the options of a shard that are wrong for any input.
 pub(crate) fn check(args: &ConvertArgs) -> Result<(), Failure> {
     let output = pieces::with_shard(&args.output, args.shard);
     check_output(args, &output)?;
@@ -52,7 +52,7 @@ fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failur
     Ok(request.convert(loaded, &mut |note| console.note(&note))?)
 }
 
-/// What stdin holds, where it is the input.
+/// Returns the content of stdin, if it is the input.
 fn bytes(args: &ConvertArgs) -> Result<Option<Arc<[u8]>>, Failure> {
     Ok(if is_stdin(&args.input) { Some(Stdin::default().bytes()?) } else { None })
 }
@@ -71,7 +71,7 @@ fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(),
     Ok(())
 }
 
-/// An octree of splats and polygons.
+/// Converts a mesh to an octree of splats and polygons.
 fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
     let options = options::splats(&args.splats, args.force)?;
@@ -101,7 +101,7 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The share that this run writes: by the flag, or by a cluster's variables where the output's name is a share's.
+/// Returns the shard for this run: from the flag, or from a cluster's variables if the output is named like a shard.
 fn shard(args: &ConvertArgs, console: &Console) -> Result<Option<Part>, Failure> {
     if args.shard.is_some() || !levels::is_shard(&args.output) {
         return Ok(args.shard);
@@ -113,7 +113,7 @@ fn shard(args: &ConvertArgs, console: &Console) -> Result<Option<Part>, Failure>
     }))
 }
 
-/// Points by levels, as COPC, or a share of them.
+/// Writes points as a COPC file, or a shard of one.
 fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
     let options = options::splats(&args.splats, args.force)?;
     levels::check_copc(output, &options, args.ascii, shard)?;
@@ -168,7 +168,7 @@ fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
     {
         return Err(Failure::usage(format!("--colorbar {}: is the name of -o's file, too", bar.shown())));
     }
-    // An interrupted run may have been about to end.
+    // An interrupted run may have written the file already.
     if output.is_file() && !args.force && !args.resume {
         return Err(IoError::Exists { path: output.to_path_buf() }.into());
     }

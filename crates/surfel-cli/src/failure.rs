@@ -1,4 +1,4 @@
-//! Why a run failed, and with which exit code.
+//! Failures of a run, with their exit codes.
 
 use surfel::io::IoError;
 use surfel::render::RenderError;
@@ -13,37 +13,37 @@ pub(crate) struct Failure {
 }
 
 impl Failure {
-    /// Exit code 1.
+    /// Creates a failure with exit code 1.
     pub(crate) fn other(message: impl Into<String>) -> Self {
         Self { code: 1, message: message.into() }
     }
 
-    /// Exit code 2: the command line is at fault.
+    /// Creates a failure with exit code 2: the command line is at fault.
     pub(crate) fn usage(message: impl Into<String>) -> Self {
         Self { code: 2, message: message.into() }
     }
 
-    /// Exit code 3: the input is at fault.
+    /// Creates a failure with exit code 3: the input is at fault.
     pub(crate) fn input(message: impl Into<String>) -> Self {
         Self { code: 3, message: message.into() }
     }
 
-    /// Exit code 4: the backend that was asked for is not here, or doesn't draw what was asked of it.
+    /// Creates a failure with exit code 4: the backend isn't available, or doesn't support what it should draw.
     pub(crate) fn backend(message: impl Into<String>) -> Self {
         Self { code: 4, message: message.into() }
     }
 
-    /// Exit code 5: a comparison over its threshold.
+    /// Creates a failure with exit code 5: a comparison exceeds its threshold.
     pub(crate) fn threshold(message: impl Into<String>) -> Self {
         Self { code: 5, message: message.into() }
     }
 
-    /// Another exit code, that of what happened before.
+    /// Creates a failure with the exit code of an earlier failure.
     pub(crate) fn with_code(code: u8, message: impl Into<String>) -> Self {
         Self { code, message: message.into() }
     }
 
-    /// Writing to stdout failed. A reader that has seen enough and closed its end is no failure.
+    /// Creates a failure for writing to stdout. A closed pipe isn't a failure: the reader has read enough.
     pub(crate) fn stdout(error: &std::io::Error) -> Self {
         if error.kind() == std::io::ErrorKind::BrokenPipe {
             return Self { code: 0, message: String::new() };
@@ -51,12 +51,12 @@ impl Failure {
         Self::other(format!("stdout: cannot write it: {error}"))
     }
 
-    /// The exit code.
+    /// Returns the exit code.
     pub(crate) fn code(&self) -> u8 {
         self.code
     }
 
-    /// The message; empty where there is nothing to say.
+    /// Returns the message; empty if nothing is printed.
     pub(crate) fn message(&self) -> &str {
         &self.message
     }

@@ -1,4 +1,4 @@
-//! `surfel info`: what a file holds, without converting all of it.
+//! `surfel info`: describes a file's content without converting all of it.
 
 use crate::args::InfoArgs;
 use crate::console::Console;
@@ -69,7 +69,7 @@ fn attributes(facts: &Value) -> impl Iterator<Item = (&String, &Value)> {
     facts["attributes"].as_object().into_iter().flatten()
 }
 
-/// Columns, classes and the coordinate reference system.
+/// Returns lines about columns, classes and the coordinate reference system.
 fn attribute_lines(facts: &Value) -> Vec<(&'static str, String)> {
     let list = |key: &str| facts[key].as_array().into_iter().flatten();
     let string = |value: &Value| value.as_str().unwrap_or_default().to_owned();

@@ -1,7 +1,7 @@
-//! `surfel jobs`: a job for an engine that exists, of the pieces that `--shard` and `--tile` draw or convert.
+//! `surfel jobs`: prints a job for an existing job system, whose tasks run `--shard` or `--tile`.
 //!
-//! Tasks run in the folder in which the job was made, so that all paths mean what they mean there; workers share it.
-//! Job files are JSON where YAML is usual, which JSON is a part of: nothing in a name is then taken for syntax.
+//! Tasks run in the folder in which the job was created, so that relative paths keep their meaning; workers must share
+//! it. Job files that are usually YAML are written as JSON, a subset of YAML, so that no name is mistaken for syntax.
 
 use crate::args::{Cli, Command, JobsArgs, command};
 use crate::console::Console;
@@ -22,10 +22,10 @@ use surfel::request::{self, Source, SplatOptions};
 use surfel::values::RangeChoice;
 use surfel::{camera, levels};
 
-/// Tasks where nothing is said.
+/// Default number of tasks.
 const TASKS: usize = 64;
-/// What stands for a task's number in [`Job`], until an engine puts its own there: characters for private use, which
-/// JSON doesn't escape.
+/// Placeholder for a task's number in [`Job`], which each job system replaces by its own. It uses private-use
+/// characters, which JSON doesn't escape.
 const TASK: &str = "\u{e000}TASK\u{e000}";
 
 pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
@@ -55,34 +55,36 @@ pub(crate) fn run(args: &JobsArgs, console: &Console) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
-/// What an engine is told.
+/// Description of a job, independent of the job system.
 #[derive(Debug)]
 struct Job {
     name: String,
     folder: String,
-    /// What is made.
+    /// Description of the result.
     what: String,
     tasks: usize,
-    /// The command of a task.
+    /// Command of a task.
     words: Vec<String>,
-    /// Files that tasks write, one each, where these are put together.
+    /// Files written by tasks, one each, if they are merged.
     pieces: Option<Pieces>,
 }
 
-/// Files that are put together.
+/// Files that are merged.
 #[derive(Debug)]
 struct Pieces {
-    /// Their name with [`TASK`], and their names.
+    /// Name of the files, with [`TASK`] for their number.
     name: String,
+    /// Names of all files.
     files: Vec<String>,
-    /// What putting them together is called, and its command.
+    /// Name of the merging step.
     step: &'static str,
+    /// Command of the merging step.
     join: Vec<String>,
     whole: String,
 }
 
 impl Pieces {
-    /// So many files, whose name has `placeholder` for their number.
+    /// Creates `count` files, whose name contains `placeholder` for their number.
     fn new([name, placeholder]: [&str; 2], count: usize, step: &'static str, whole: &str) -> Self {
         let files: Vec<String> = (0..count).map(|i| name.replace(placeholder, &format!("{i:04}"))).collect();
         let command = if step == "stitch" { "stitch" } else { "convert" };
@@ -154,7 +156,7 @@ impl Job {
         Ok(Self { what: format!("{pictures} pictures"), tasks, words, pieces, ..self })
     }
 
-    /// Points by levels: shares, and the file that they are together.
+    /// Creates a conversion of points to a COPC file, in shards.
     fn of_shares(self, args: &JobsArgs, inputs: Vec<String>) -> Result<Self, Failure> {
         let output = args.output.as_deref().map_or_else(|| Ok(String::new()), text_of)?;
         let is_of_pictures = args.frames.is_some() || args.cameras.is_some() || args.tiles.is_some();
@@ -182,7 +184,8 @@ impl Job {
         Ok(Self { what, tasks, words, pieces, ..self })
     }
 
-    /// Words in a shell, in the job's folder; `task` goes in as it is.
+    /// Returns a shell command line that runs `words` in the job's folder. `task` is inserted unquoted for the task's
+    /// number.
     fn shell(&self, words: &[String], task: &str) -> String {
         format!("cd {} && {}", quote(&self.folder), shell(words).replace(TASK, task))
     }
@@ -190,7 +193,7 @@ impl Job {
     /// <https://github.com/OpenJobDescription/openjd-specifications/wiki/2023-09-Template-Schemas>
     fn openjd(&self) -> Result<String, Failure> {
         let run = |script: String| {
-            // The format's own brackets can't be written in it.
+            // OpenJD's own brackets can't be escaped.
             if script.replace(OPENJD_TASK, "").contains("{{") {
                 return Err(Failure::usage("OpenJD can't hold {{ in a name or a flag: rename the file"));
             }
@@ -223,7 +226,7 @@ impl Job {
         let last = self.tasks - 1;
         let mut text = format!("#!/bin/bash\n#SBATCH --job-name={}\n#SBATCH --array=0-{last}\nset -eu\n", self.name);
         if let Some(Pieces { step, join, .. }) = &self.pieces {
-            // A script of its own: what is longer than 128 KiB is no argument.
+            // A script instead of an argument, which may not exceed 128 KiB.
             text += &format!(
                 "if [ -z \"${{SLURM_ARRAY_TASK_ID-}}\" ]; then\n  # Run by bash: the array, and then what needs all of \
                  it.\n  array=$(sbatch --parsable \"$0\")\n  exec sbatch --job-name={}-{step} \
@@ -238,7 +241,7 @@ impl Job {
     /// <https://kubernetes.io/docs/reference/kubernetes-api/workload-resources/job-v1/>
     fn k8s(&self, image: &str) -> String {
         let job = |name: &str, words: &[String], tasks: Option<usize>| {
-            // $(NAME) is replaced in what a container runs, and $$ is a dollar.
+            // In a container's command $(NAME) is replaced, and $$ means a dollar.
             let words = words.iter().map(|word| word.replace('$', "$$").replace(TASK, "$(JOB_COMPLETION_INDEX)"));
             let mut spec = json!({
                 "template": { "spec": {
@@ -262,7 +265,7 @@ impl Job {
         };
         let tasks = job(&self.name, &self.words, Some(self.tasks));
         let Some(Pieces { step, join, files, .. }) = &self.pieces else { return pretty(&tasks) };
-        // No job waits for another here, but files appear whole: this one waits for them.
+        // Kubernetes jobs can't wait for another, but files appear complete: this job waits for them.
         let command = &join[..join.len() - files.len()];
         let script = format!("for f do until [ -e \"$f\" ]; do sleep 5; done; done; exec {} \"$@\"", shell(command));
         let words = ["sh".to_owned(), "-c".to_owned(), script, "sh".to_owned()];
@@ -280,7 +283,7 @@ impl Job {
         if [&self.folder, name].iter().any(|name| name.contains(['{', '}'])) {
             return Err(Failure::usage("Snakemake can't hold { or } in the name of a folder or a piece: rename it"));
         }
-        // Python reads JSON's strings; Snakemake replaces what is in braces.
+        // Python reads JSON strings; Snakemake replaces text in braces.
         let string = |text: &str| json!(text).to_string();
         let command = |words: &[String]| {
             let text = line(format!("cd {} && {}", quote(&self.folder), shell(words)))?;
@@ -313,12 +316,12 @@ impl Job {
     }
 }
 
-/// A task's number in OpenJD.
+/// Placeholder for a task's number in OpenJD.
 const OPENJD_TASK: &str = "{{Task.Param.Task}}";
-/// Bytes of a command that a shell takes as one word: what Linux leaves of 128 KiB.
+/// Largest length in bytes of a command as one word: Linux allows 128 KiB including the terminating zero.
 const MOST_LINE: usize = 128 * 1024 - 1;
 
-/// A command that an engine hands to a shell as one word.
+/// Checks a command that a job system passes to a shell as one word.
 fn line(command: String) -> Result<String, Failure> {
     if command.len() < MOST_LINE {
         return Ok(command);
@@ -327,7 +330,7 @@ fn line(command: String) -> Result<String, Failure> {
     Err(Failure::usage(format!("{what}\n  help: fewer files, shorter names, or --slurm, whose scripts are files")))
 }
 
-/// The name of a file that tasks read or write.
+/// Returns the name of a file that tasks read or write.
 fn text_of(path: &Path) -> Result<String, Failure> {
     if is_stdin(path) {
         return Err(Failure::usage("-: a job's tasks have no stdin, expected a file"));
@@ -336,7 +339,7 @@ fn text_of(path: &Path) -> Result<String, Failure> {
     path.to_str().map(str::to_owned).ok_or_else(not)
 }
 
-/// OUT with `{tile}` before its extension.
+/// Returns OUT with `{tile}` inserted before its extension.
 fn tile_name(output: &str) -> String {
     if output.contains("{tile}") {
         return output.to_owned();
@@ -347,7 +350,7 @@ fn tile_name(output: &str) -> String {
     }
 }
 
-/// What a task's words are; an error is one that every task would give.
+/// Parses a task's command line; a parse error would occur in every task.
 fn parsed(words: &[String]) -> Result<Command, Failure> {
     let words = words.iter().map(|word| word.replace(TASK, "0"));
     let wrong = |e: clap::Error| {
@@ -359,7 +362,7 @@ fn parsed(words: &[String]) -> Result<Command, Failure> {
     Ok(Cli::from_arg_matches(&matches).map_err(wrong)?.command)
 }
 
-/// Refuses here what every task would refuse.
+/// Refuses options that every task would refuse.
 fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     let Command::Render(render) = parsed(words)? else {
         return Err(Failure::usage("flags after -- are those of surfel render"));
@@ -381,8 +384,8 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
     pieces::check(&render, !format.is_stdout())
 }
 
-/// The flags of tasks, with the range of all that they draw, so that each needn't find it and all have the same. The
-/// colour bar is written here.
+/// Returns the flags of tasks with the value range over everything they draw. Tasks then needn't find the range, and
+/// all use the same one. The colour bar is written here.
 fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Console) -> Result<Vec<String>, Failure> {
     let mut flags: Vec<OsString> = args.flags.iter().map(OsString::from).collect();
     join_values(&mut flags);
@@ -411,7 +414,7 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
         save_color_bar(&bar, render.force, &coloring)?;
         console.note(&format!("{}: the colour bar of all tasks", bar.display()));
     }
-    // A value may be a word of its own.
+    // A flag's value may be a separate word.
     let is_range = |flag: &String| flag == "--range";
     while let Some(at) = flags.iter().position(is_range) {
         flags.drain(at..(at + 2).min(flags.len()));
@@ -429,7 +432,7 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
     Ok(flags)
 }
 
-/// Words as a POSIX shell takes them.
+/// Quotes words for a POSIX shell.
 fn shell(words: &[String]) -> String {
     words.iter().map(|word| quote(word)).collect::<Vec<_>>().join(" ")
 }
@@ -439,7 +442,7 @@ fn quote(word: &str) -> String {
     if !word.is_empty() && word.replace(TASK, "").chars().all(plain) {
         return word.to_owned();
     }
-    // What stands for the task must be outside of quotes, where an engine's own variable works.
+    // The task placeholder must be outside quotes, where a job system's variable is expanded.
     format!("'{}'", word.replace('\'', r"'\''").replace(TASK, &format!("'{TASK}'")))
 }
 

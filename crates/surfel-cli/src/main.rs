@@ -1,7 +1,7 @@
 //! `surfel`: renders, converts, inspects and compares from the command line.
 //!
-//! Results go to stdout, everything else to stderr. Exit codes: 0 ok, 1 failure, 2 usage, 3 bad input, 4 no such
-//! backend here, 5 comparison over a threshold.
+//! Results go to stdout, everything else to stderr. Exit codes: 0 success, 1 failure, 2 usage error, 3 bad input, 4
+//! backend not available, 5 comparison over a threshold.
 
 mod again;
 mod args;
@@ -39,13 +39,13 @@ use failure::Failure;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Stack for reading the arguments: the grammar of all commands takes most of 1 MiB.
+/// Stack size for parsing the arguments: the grammar of all commands needs most of 1 MiB.
 const STACK_BYTES: usize = 8 << 20;
 
 fn main() -> ExitCode {
     #[cfg(all(target_os = "linux", feature = "wgpu"))]
     wayland::silence();
-    // A panic is a defect, but never a page of text: one line on stderr, exit code 1.
+    // A panic is a defect, but is reported in one line on stderr, with exit code 1.
     std::panic::set_hook(Box::new(|info| {
         let place = info.location().map(|l| format!(" ({}:{})", l.file(), l.line())).unwrap_or_default();
         console::error(&format!("this is a defect of surfel, not of your input{place}: please report it"));
@@ -54,7 +54,7 @@ fn main() -> ExitCode {
     signals::watch();
     let arguments: Vec<OsString> = std::env::args_os().collect();
     let guarded = |arguments| std::panic::catch_unwind(move || run(arguments)).unwrap_or(ExitCode::from(1));
-    // A thread of its own: the stack of the first one may be as small as `ulimit -s` says.
+    // A separate thread, since the main thread's stack may be as small as `ulimit -s` allows.
     let own = arguments.clone();
     match std::thread::Builder::new().stack_size(STACK_BYTES).spawn(move || guarded(own)) {
         Ok(thread) => thread.join().unwrap_or(ExitCode::from(1)),
@@ -69,7 +69,7 @@ fn run(arguments: Vec<OsString>) -> ExitCode {
     };
     let console = Console::new(cli.quiet, cli.verbose);
     let threads = cli.threads.unwrap_or(0);
-    // Conversions use as many threads as the image does.
+    // Conversions use as many threads as rendering does.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let result = match pool {
         Ok(pool) => pool.install(|| execute(cli.command, threads, &console)),

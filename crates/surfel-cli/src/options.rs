@@ -1,4 +1,4 @@
-//! From the parsed command line to the options that decide an image.
+//! Conversion of the parsed command line to the options that determine an image.
 
 use crate::args::{RenderArgs, SplatArgs};
 use crate::failure::Failure;
@@ -97,7 +97,7 @@ mod tests {
     use crate::args::{Cli, Command, command};
     use clap::FromArgMatches;
 
-    /// A value that a flag takes.
+    /// Returns a valid value for a flag.
     fn sample(argument: &clap::Arg) -> String {
         if let Some(value) = argument.get_possible_values().last() {
             return value.get_name().to_owned();
@@ -130,7 +130,7 @@ mod tests {
         }
     }
 
-    /// Flags on who draws and on what is written.
+    /// Flags for backends and output files.
     const OTHERS: [&str; 23] = [
         "output",
         "force",
@@ -169,7 +169,7 @@ mod tests {
             let takes_value = argument.get_action().takes_values();
             let text = if takes_value { sample(argument) } else { "on".to_owned() };
             let word = if takes_value { format!("--{flag}={text}") } else { format!("--{flag}") };
-            // These need others.
+            // These flags need another one.
             let sharp = matches!(flag, "crease-angle" | "error");
             let mut words = vec!["surfel", "render", "a.ply", "-o", "a.png", &word];
             let mut options = RenderOptions::default();

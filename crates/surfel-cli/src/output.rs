@@ -1,4 +1,4 @@
-//! Where images go: names, formats, metadata.
+//! Output of images: file names, formats, metadata.
 
 use crate::failure::Failure;
 use crate::stdin::is_stdin;
@@ -8,7 +8,7 @@ use surfel::Frame;
 use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
 
-/// An image's format.
+/// Format of an image file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
     Png { sixteen: bool },
@@ -18,19 +18,19 @@ pub(crate) enum Format {
 }
 
 impl Format {
-    /// Whether files hold more planes than colour.
+    /// True if files of this format contain more planes than colour.
     pub(crate) fn has_planes(self) -> bool {
         matches!(self, Self::Exr { .. } | Self::Npz)
     }
 }
 
-/// What `{input}` stands for.
+/// Returns the text that replaces `{input}`.
 fn stem_of(input: &Path) -> String {
     let input = if is_stdin(input) { Path::new("stdin") } else { input };
     input.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
 
-/// A name that may have `{input}` in it, of an input.
+/// Replaces `{input}` in a name by the name of an input.
 pub(crate) fn of_input(name: &Path, input: &Path) -> PathBuf {
     match name.to_str() {
         Some(text) if text.contains("{input}") => text.replace("{input}", &stem_of(input)).into(),
@@ -38,17 +38,17 @@ pub(crate) fn of_input(name: &Path, input: &Path) -> PathBuf {
     }
 }
 
-/// What `-o` says.
+/// Destination of images, as given by `-o`.
 #[derive(Clone, Debug)]
 pub(crate) struct Output {
-    /// Name with its placeholders; `None`: stdout.
+    /// File name with its placeholders; `None`: stdout.
     template: Option<String>,
     pub(crate) format: Format,
     force: bool,
 }
 
 impl Output {
-    /// Checks name and format.
+    /// Checks file name and format.
     pub(crate) fn new(path: &Path, force: bool, png16: bool, exr_f32: bool) -> Result<Self, Failure> {
         let png = Format::Png { sixteen: png16 };
         let name = path.to_string_lossy().into_owned();
@@ -69,7 +69,7 @@ impl Output {
         Ok(Self { template: Some(name), format, force })
     }
 
-    /// From now on, files are replaced: they are this run's own.
+    /// Allows existing files to be replaced from now on, since this run has written them.
     pub(crate) fn replace(&mut self) {
         self.force = true;
     }
@@ -79,31 +79,31 @@ impl Output {
         self.template.is_none()
     }
 
-    /// True if every frame gets a name of its own.
+    /// True if each frame gets its own name.
     pub(crate) fn names_frames(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{frame}"))
     }
 
-    /// True if every input gets a name of its own.
+    /// True if each input gets its own name.
     pub(crate) fn names_inputs(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{input}"))
     }
 
-    /// True if every camera gets a name of its own.
+    /// True if each camera gets its own name.
     pub(crate) fn names_cameras(&self) -> bool {
         self.template.as_ref().is_some_and(|t| t.contains("{name}"))
     }
 
-    /// The folder that the image at `path` lies in; for stdout the current one.
+    /// Returns the folder of the image at `path`; the current folder for stdout.
     pub(crate) fn folder(path: Option<&Path>) -> &Path {
         path.and_then(Path::parent).filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."))
     }
 
-    /// The file of a frame, which `camera` is the name of; `None`: stdout.
+    /// Returns the file name of a frame; `camera` is the name of its camera. `None`: stdout.
     pub(crate) fn path(&self, backend: &str, frame: u32, camera: &str, input: &Path) -> Option<PathBuf> {
         let stem = stem_of(input);
         let frame = format!("{frame:04}");
-        // In one go, so that an input called "{frame}" stays what it is.
+        // In a single pass, so that placeholders in an input's name aren't replaced.
         let mut rest = self.template.as_deref()?;
         let mut name = String::new();
         'next: while !rest.is_empty() {
@@ -120,7 +120,7 @@ impl Output {
         Some(name.into())
     }
 
-    /// Refuses what couldn't be written anyway, before the work is done.
+    /// Refuses a file that couldn't be written, before the work is done.
     pub(crate) fn check(&self, path: Option<&Path>) -> Result<(), Failure> {
         let Some(path) = path else { return Ok(()) };
         if path.is_file() && !self.force {
@@ -134,7 +134,7 @@ impl Output {
         Ok(())
     }
 
-    /// Writes a frame, a JPEG blended onto the background's linear RGB.
+    /// Writes a frame; a JPEG is blended onto the background's linear RGB.
     pub(crate) fn write(
         &self,
         path: Option<&Path>,

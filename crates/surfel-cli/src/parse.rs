@@ -1,4 +1,4 @@
-//! From the command line and the configuration file to what is asked for.
+//! Parsing of the command line and the configuration file.
 
 use crate::args::{Cli, Command, command};
 use crate::failure::Failure;
@@ -8,9 +8,9 @@ use clap::error::ErrorKind;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// Parses a command line: the bare form gets its `render`, and the configuration file its say.
+/// Parses a command line. Inserts `render` into the bare form, and the flags of the configuration file.
 ///
-/// Errors (and help) are printed; then there is only the exit code.
+/// Errors and help are printed here, so that only an exit code is returned.
 pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
@@ -26,7 +26,7 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     completed(cli, bare)
 }
 
-/// Tells `render` whether the command line left its name out, and names what hasn't got a name.
+/// Records whether the command line omitted `render`, and assigns default file names.
 fn completed(mut cli: Cli, bare: bool) -> Result<Cli, u8> {
     if let Command::Render(args) = &mut cli.command {
         args.bare = bare;
@@ -40,8 +40,8 @@ fn tell(failure: &Failure) -> u8 {
     failure.code()
 }
 
-/// `--edge-aa samples` is `--edge-aa=samples`, `--colorbar BAR.png` is `--colorbar=BAR.png`. What else follows these
-/// flags, which may stand alone, is an input.
+/// Joins `--edge-aa samples` to `--edge-aa=samples`, and `--colorbar BAR.png` to `--colorbar=BAR.png`. The values of
+/// these flags are optional, so any other word after them is an input.
 pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     for flag in ["--edge-aa", "--colorbar"] {
         let is_value = |word: &OsString| match flag {
@@ -57,7 +57,7 @@ pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
     }
 }
 
-/// Names the colour bar that is asked for without a name, after OUT: beside OUT.png it is OUT-colorbar.png.
+/// Names a colour bar without a name after OUT: for OUT.png it is OUT-colorbar.png.
 fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
     let (splats, output) = match &mut cli.command {
         Command::Render(args) => {
@@ -79,7 +79,7 @@ fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The name of the colour bar of an image: one for all frames and cameras of an input.
+/// Returns the name of an image's colour bar, which all frames and cameras of an input share.
 pub(crate) fn color_bar_beside(output: &Path) -> PathBuf {
     let stem = output.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
     let stem = ["{frame}", "{name}", "{backend}"].iter().fold(stem, |stem, placeholder| stem.replace(placeholder, ""));
@@ -87,8 +87,8 @@ pub(crate) fn color_bar_beside(output: &Path) -> PathBuf {
     output.with_file_name(if stem.is_empty() { "colorbar.png".to_owned() } else { format!("{stem}-colorbar.png") })
 }
 
-/// `surfel INPUT …` is `surfel render INPUT …`: where the first word after global flags is no command. Says
-/// whether it is so.
+/// Inserts `render` if the first word after global flags isn't a command, so that `surfel INPUT …` means `surfel render
+/// INPUT …`. Returns true if it did.
 fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
     let commands: Vec<String> = command().get_subcommands().map(|s| s.get_name().to_owned()).collect();
     let mut i = 0;
@@ -108,11 +108,11 @@ fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
     !words.is_empty()
 }
 
-/// Prints clap's error in at most four lines (help and versions whole) and gives the exit code.
+/// Prints clap's error in at most four lines (help and version completely) and returns the exit code.
 fn complain(error: &clap::Error) -> u8 {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
-            // A closed pipe is no reason to complain.
+            // A closed pipe isn't an error.
             let _ = error.print();
             0
         }

@@ -1,7 +1,7 @@
-//! Pieces of a job: which pictures, and which part of a picture, one of several runs draws.
+//! Shards of a job: selection of the images, or the tile of an image, that one of several runs draws.
 //!
-//! What is shared out is the list of pictures: of each input in order, all frames or cameras in order. A shard is a
-//! stretch of it, so that the fewest inputs are loaded twice.
+//! A job is a list of images: all frames or cameras, in order, of each input in order. A shard is a contiguous range of
+//! the list, so that few inputs are loaded twice.
 
 use crate::args::RenderArgs;
 use crate::console::Console;
@@ -10,7 +10,7 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use surfel::values::Part;
 
-/// `A-B[:STEP]`: frames from A to B, both among them.
+/// Frames from A to B, inclusive, with a step: `A-B[:STEP]`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrameRange {
     first: u32,
@@ -19,7 +19,7 @@ pub(crate) struct FrameRange {
 }
 
 impl FrameRange {
-    /// The frames, if all of them are among so many.
+    /// Returns the frames, if all of them are less than `frames`.
     pub(crate) fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
         if self.last as usize >= frames {
             return Err(format!(
@@ -52,17 +52,17 @@ pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
     })
 }
 
-/// The pictures that this run draws.
+/// Images that this run draws.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Pictures {
-    /// Frames of each input that are asked for.
+    /// Requested frames of each input.
     frames: Vec<u32>,
-    /// What this run draws of the list of pictures.
+    /// Range of the list of images that this run draws.
     drawn: Range<usize>,
 }
 
 impl Pictures {
-    /// The share of this run in the pictures of so many inputs, each of so many frames.
+    /// Selects this run's shard of the images of `inputs` inputs, each with `frames` frames.
     pub(crate) fn of(args: &RenderArgs, inputs: usize, frames: u32, console: &Console) -> Result<Self, Failure> {
         let frames: Vec<u32> = match args.frame_range {
             None => (0..frames).collect(),
@@ -72,7 +72,7 @@ impl Pictures {
         let mut drawn = 0..pictures;
         let told = match args.shard {
             Some(part) => Some((part, None)),
-            // One picture can't be shared, and may well be one that a job's script shares out itself.
+            // A single image can't be divided, and may belong to a job whose script divides the work itself.
             None if pictures > 1 => from_environment(|name| std::env::var(name).ok())
                 .map_err(Failure::usage)?
                 .map(|(part, from)| (part, Some(from))),
@@ -92,7 +92,7 @@ impl Pictures {
         Ok(Self { frames, drawn })
     }
 
-    /// The frames that are drawn of an input, by its number.
+    /// Returns the frames to draw of an input, by its number.
     pub(crate) fn of_input(&self, input: usize) -> &[u32] {
         let (start, count) = (input * self.frames.len(), self.frames.len());
         let within = |picture: usize| picture.saturating_sub(start).min(count);
@@ -100,9 +100,9 @@ impl Pictures {
     }
 }
 
-/// The share that a cluster's variables say, and the variables that say it.
+/// Returns the shard stated by a cluster's environment variables, and the names of these variables.
 ///
-/// Kubernetes tells a pod its index, but not of how many: `JOB_COMPLETIONS` must be set beside it.
+/// Kubernetes states a pod's index but not their number, so `JOB_COMPLETIONS` must be set too.
 pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<Option<(Part, String)>, String> {
     let get = |name: &str| get(name).filter(|value| !value.is_empty());
     let number = |name: &str| {
@@ -136,7 +136,8 @@ pub(crate) fn from_environment(get: impl Fn(&str) -> Option<String>) -> Result<O
     Ok(None)
 }
 
-/// Which of `count` evenly numbered tasks the one called `id` is: Slurm's arrays may begin anywhere and have steps.
+/// Returns the position of task `id` among `count` evenly numbered tasks. Slurm's arrays may start at any number and
+/// have steps.
 fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     let (offset, span) = (id.checked_sub(min)?, max.checked_sub(min)?);
     let gaps = count.checked_sub(1)?;
@@ -144,7 +145,7 @@ fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
     (step > 0 && gaps * step == span && offset % step == 0).then(|| offset / step).filter(|&place| place < count)
 }
 
-/// The name of an image, with the number of its tile for `{tile}`.
+/// Returns an image's name with `{tile}` replaced by its tile's number.
 pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
     match (args.tile, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
@@ -152,7 +153,7 @@ pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
     }
 }
 
-/// The name of a share of a conversion, with its number for `{shard}`.
+/// Returns the name of a conversion's shard with `{shard}` replaced by its number.
 pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
     match (shard, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{shard}", &format!("{:04}", part.index())).into(),
@@ -160,7 +161,7 @@ pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
     }
 }
 
-/// Combinations that make no sense.
+/// Refuses combinations of flags that make no sense.
 pub(crate) fn check(args: &RenderArgs, to_files: bool) -> Result<(), Failure> {
     if args.frame_range.is_some() && args.frames.is_none() && args.cameras.is_none() {
         return Err(Failure::usage("--frame-range is of several frames: give --turntable --frames N, or --cameras"));
@@ -206,7 +207,7 @@ mod tests {
         assert_eq!(environment("SLURM_ARRAY_TASK_ID=2 SLURM_ARRAY_TASK_COUNT=4"), is(2, 4));
         assert_eq!(environment("JOB_COMPLETION_INDEX=0 JOB_COMPLETIONS=8"), is(0, 8));
         assert_eq!(environment("AWS_BATCH_JOB_ARRAY_INDEX=7 AWS_BATCH_JOB_ARRAY_SIZE=8"), is(7, 8));
-        // Arrays that begin elsewhere, and with steps: --array=10-30:10.
+        // Arrays that start elsewhere and have steps: --array=10-30:10.
         let slurm = |id: u32| {
             environment(&format!(
                 "SLURM_ARRAY_TASK_ID={id} SLURM_ARRAY_TASK_COUNT=3 SLURM_ARRAY_TASK_MIN=10 SLURM_ARRAY_TASK_MAX=30"

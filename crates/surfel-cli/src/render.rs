@@ -60,7 +60,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
     drawn.verified.map_or(Ok(()), |verified| verified.judge())
 }
 
-/// The same with the range of all inputs, whichever of them this run draws.
+/// Returns the arguments with the value range over all inputs, whichever of them this run draws.
 fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs, Failure> {
     let sources = args.inputs.iter().map(|input| match is_stdin(input) {
         true => {
@@ -79,10 +79,10 @@ fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs,
     Ok(args)
 }
 
-/// Most bytes of a camera's name that is a part of a file's name: systems allow 255, extension and all.
+/// Largest length in bytes of a camera's name used in a file name: systems allow 255 including the extension.
 const MOST_NAME_BYTES: usize = 200;
 
-/// Refuses a camera whose image can't be called by its name; `path` is the cameras' file.
+/// Refuses a camera whose name can't be used for its image; `path` is the cameras' file.
 fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
     let what = if name.len() > MOST_NAME_BYTES {
         format!("of {} bytes, expected at most {MOST_NAME_BYTES}", name.len())
@@ -99,37 +99,37 @@ fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
     )))
 }
 
-/// The image of `surfel INPUT` alone: INPUT's name with .png, in the current folder.
+/// Returns the output of `surfel INPUT` without -o: INPUT's name with .png, in the current folder.
 pub(crate) fn default_output(args: &RenderArgs) -> Option<PathBuf> {
     let wanted = args.bare && !args.print_scene && !args.stats && !args.verify;
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
 }
 
-/// What one command draws: one image, or one for each input.
+/// State of a command that draws one image, or one for each input.
 pub(crate) struct Session<'a> {
     args: &'a RenderArgs,
     output: Option<Output>,
     stdin: Rc<Stdin>,
     threads: usize,
     console: &'a Console,
-    /// The cameras of `--cameras`, by the names of their images.
+    /// Cameras of `--cameras`, with the names of their images.
     cameras: Vec<(String, Camera)>,
-    /// The first place of each input among all.
+    /// Index of each input's first occurrence.
     input_numbers: HashMap<&'a Path, usize>,
-    /// Which of all pictures are drawn.
+    /// Images that this run draws.
     pictures: Pictures,
-    /// `None` where nothing is drawn.
+    /// Rendering backend; `None` if nothing is drawn.
     backend: Option<Backend>,
 }
 
-/// An image that was drawn.
+/// Result of drawing.
 #[derive(Default)]
 pub(crate) struct Drawn {
-    /// The files written, one a frame; none for stdout.
+    /// Files written, one per frame; empty for stdout.
     pub(crate) files: Vec<PathBuf>,
-    /// What `--stats` prints.
+    /// Output of `--stats`.
     stats: Option<Value>,
-    /// What `--verify` found.
+    /// Result of `--verify`.
     verified: Option<Verified>,
 }
 
@@ -164,12 +164,12 @@ impl<'a> Session<'a> {
         Ok(Self { args, output, stdin, threads, console, cameras, input_numbers, pictures, backend })
     }
 
-    /// The frames of an input that are drawn.
+    /// Returns the frames of an input that are drawn.
     fn frames_of(&self, label: &Path) -> &[u32] {
         self.pictures.of_input(self.input_numbers.get(label).copied().unwrap_or(0))
     }
 
-    /// The files of a scene that this backend draws, one a frame; none for stdout.
+    /// Returns the files of a scene drawn by this backend, one per frame; empty for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
         let name = |frame: u32| {
             let camera = self.cameras.get(frame as usize).map_or("", |(name, _)| name.as_str());
@@ -178,14 +178,14 @@ impl<'a> Session<'a> {
         self.frames_of(label).iter().copied().filter_map(name).collect()
     }
 
-    /// Refuses what couldn't be written anyway, before the work is done.
+    /// Refuses files that couldn't be written, before the work is done.
     pub(crate) fn check_names(&self, label: &Path) -> Result<(), Failure> {
         self.check_apart(&[label])?;
         let (Some(output), Some(backend)) = (&self.output, &self.backend) else { return Ok(()) };
         self.names(backend, label).iter().filter(|path| !self.skips(path)).try_for_each(|path| output.check(Some(path)))
     }
 
-    /// Refuses two files of one name, and an input's name, also by way of links: one would be lost.
+    /// Refuses two files with one name, and an output that is an input, also through links: one file would be lost.
     fn check_apart(&self, labels: &[&Path]) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
         let bar = self.args.splats.colorbar.as_ref().and_then(Option::as_ref);
@@ -215,13 +215,13 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// True for a picture that is there already, with `--skip-existing`.
+    /// True for an image that exists already, with `--skip-existing`.
     fn skips(&self, path: &Path) -> bool {
         self.args.skip_existing && path.is_file()
     }
 
-    /// Draws each input as an image of its own, in order. One that fails is reported, and the others still drawn; the
-    /// exit code is then that of the first failure.
+    /// Draws each input as its own image, in order. A failure is reported and the other images are still drawn; the
+    /// exit code is that of the first failure.
     fn draw_each(&mut self) -> Result<(), Failure> {
         let inputs = &self.args.inputs;
         self.check_apart(&inputs.iter().map(PathBuf::as_path).collect::<Vec<_>>())?;
@@ -250,7 +250,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Draws one of several inputs, and gives its statistics, if they are asked for.
+    /// Draws one of several inputs, and returns its statistics if the options ask for them.
     fn draw_one(&mut self, input: &Path) -> Result<Option<Value>, Failure> {
         self.check_names(input)?;
         let source = resolve::source(&[input.to_path_buf()], &self.stdin)?;
@@ -267,7 +267,7 @@ impl<'a> Session<'a> {
         }))
     }
 
-    /// Draws a scene, all frames of it; `label` is what `{input}` stands for.
+    /// Draws all frames of a scene; `label` is the input that `{input}` refers to.
     pub(crate) fn draw(&mut self, source: Source, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
         if let Some(backend) = self.backend.as_ref().filter(|_| !args.print_scene) {
@@ -297,7 +297,7 @@ impl<'a> Session<'a> {
         Ok(drawn)
     }
 
-    /// Refuses what has no file that could be rewritten.
+    /// Refuses outputs of `--progressive` that aren't a single file that can be rewritten.
     fn check_progressive(&self, label: &Path) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
         let names = self.names(backend, label);
@@ -315,7 +315,7 @@ impl<'a> Session<'a> {
         }
     }
 
-    /// Draws a scene that is there, all frames of it.
+    /// Draws all frames of a loaded scene.
     fn draw_scene(&mut self, resolved: Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
         camera::view(&resolved.file.camera, &options::render(args)?)?;
@@ -332,7 +332,7 @@ impl<'a> Session<'a> {
             other = Some(choose(args, self.threads, console, refuses)?);
         }
         let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), resolved, detail, planes, label);
-        // The next image may be one for the fastest backend again.
+        // The next image may be drawn by the fastest backend again.
         self.backend = Some(backend);
         if let (Detail::Coarse, Some(output)) = (detail, &mut self.output) {
             output.replace();
@@ -373,7 +373,7 @@ impl<'a> Session<'a> {
             job.render(backend, &mut resolved, detail, &camera, moved.as_ref())?;
             if detail == Detail::Coarse {
                 if let (Some(output), Some(path)) = (&self.output, path) {
-                    // What would repeat it is that of the full picture, which takes its place.
+                    // No metadata: the full image's metadata repeats that image, which replaces this one.
                     output.write(Some(path), &job.frame, resolved.file.background, Vec::new())?;
                     console.detail(&format!("{}: a coarse picture, which a finer one replaces", path.shown()));
                 }
@@ -389,7 +389,7 @@ impl<'a> Session<'a> {
                 let metadata = self.metadata(output, path, (&scene, &resolved.beside), backend, &mut carried)?;
                 self.tell_of_alpha(output, path, &job.frame, scene.background);
                 match output.write(path, &job.frame, scene.background, metadata) {
-                    // Another run drew the same picture meanwhile.
+                    // Another run drew the same image in the meantime.
                     Err(_) if path.is_some_and(|path| self.skips(path)) => {}
                     written => written?,
                 }
@@ -402,7 +402,7 @@ impl<'a> Session<'a> {
         if detail == Detail::Coarse {
             return Ok(Drawn::default());
         }
-        // A part of a picture may well show nothing.
+        // A part of an image may well be blank.
         if blank > 0 && args.tile.is_none() && args.region.is_none() {
             let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
             let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
@@ -427,7 +427,7 @@ impl<'a> Session<'a> {
         Ok(Drawn { files, stats, verified })
     }
 
-    /// What the image at `path` carries. The inputs' hashes are `carried` from frame to frame.
+    /// Returns the metadata of the image at `path`. The inputs' hashes are `carried` from frame to frame.
     fn metadata(
         &self,
         output: &Output,
@@ -459,7 +459,7 @@ impl<'a> Session<'a> {
         }))
     }
 
-    /// A JPEG has no alpha: says so where there was some.
+    /// Notes that a JPEG has no alpha, if the image has some.
     fn tell_of_alpha(&self, output: &Output, path: Option<&Path>, frame: &Frame, [r, g, b, _]: [f64; 4]) {
         let (Format::Jpeg, Some(path)) = (output.format, path) else { return };
         if frame.color().iter().any(|c| c[3] < 1.0) {
@@ -471,7 +471,7 @@ impl<'a> Session<'a> {
     }
 }
 
-/// How an image is drawn, beside its scene.
+/// Returns the drawing options of an image, besides its scene.
 pub(crate) fn drawn(
     args: &RenderArgs,
     options: &RenderOptions,
@@ -488,17 +488,17 @@ pub(crate) fn drawn(
     Ok(drawn)
 }
 
-/// The preset whose promise holds: none of splats in 16 bits.
+/// Returns the preset whose promise applies; `None` with 16-bit storage.
 fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
     Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
 }
 
-/// Whether more planes are asked for than every file of planes has.
+/// True if the options ask for planes that files of planes don't always have.
 fn asks_for_planes(args: &RenderArgs) -> bool {
     !args.planes.is_empty() || args.label.is_some()
 }
 
-/// The planes that are drawn.
+/// Returns the planes to draw.
 fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> Planes {
     options.planes_besides(match output.map(|output| output.format) {
         Some(format) if format.has_planes() => Planes::ALL,
@@ -507,7 +507,7 @@ fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> P
     })
 }
 
-/// Combinations that make no sense.
+/// Refuses combinations of flags that make no sense.
 fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
@@ -575,7 +575,7 @@ pub(crate) fn start(args: &RenderArgs, threads: usize, console: &Console) -> Res
     Ok(backend)
 }
 
-/// The fastest backend that nothing speaks against, and a line on why it isn't a faster one.
+/// Starts the fastest backend that isn't refused, and notes why faster ones weren't used.
 pub(crate) fn choose(
     args: &RenderArgs,
     threads: usize,
@@ -605,7 +605,8 @@ fn introduce(backend: &Backend, console: &Console) {
     console.detail(&format!("backend {}: {} ({}){threads}", info.backend, info.adapter, info.driver));
 }
 
-/// The resolved scene file on stdout, with paths relative to the current folder: there it gives the same image.
+/// Prints the resolved scene file on stdout, with paths relative to the current folder. In this folder the file gives
+/// the same image.
 fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     let text = surfel::io::scene_file::to_json_pretty(&paths::relative_to(Path::new("."), file)?);
     if text.trim().is_empty() {
@@ -614,17 +615,17 @@ fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
-/// What stays from frame to frame.
+/// State shared by the frames of a scene.
 struct Job<'a> {
     args: &'a RenderArgs,
     console: &'a Console,
     planes: Planes,
-    /// Nothing but the backend needs the scene once it is uploaded.
+    /// True if only the backend needs the scene after the upload.
     last_upload: bool,
     runs: Vec<Stats>,
     frame: Frame,
     scene: Option<BackendScene>,
-    /// What to say of a picture on which nothing is seen, where the scene is given up.
+    /// Likely reason for a blank image, determined before the scene is freed.
     why_blank: Option<&'static str>,
 }
 

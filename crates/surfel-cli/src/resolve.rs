@@ -1,4 +1,4 @@
-//! From inputs and flags to one scene.
+//! Resolution of inputs and flags into one scene.
 
 use crate::args::RenderArgs;
 use crate::console::Console;
@@ -11,13 +11,13 @@ use surfel::progressive::{self, Detail};
 use surfel::request::{Pictures, Request};
 pub(crate) use surfel::request::{Resolved, SceneSource, Source};
 
-/// What these inputs are.
+/// Determines the source that these inputs form.
 pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failure> {
     let bytes = if inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
     Ok(Source::of(inputs, bytes.as_deref())?)
 }
 
-/// Loads a scene for pictures.
+/// Loads a scene for images.
 pub(crate) fn resolve(
     source: Source,
     pictures: &Pictures,
@@ -35,7 +35,7 @@ pub(crate) fn resolve(
     Ok(resolved?)
 }
 
-/// Loads a scene as scenes that get finer, each of which is given to `each`.
+/// Loads a scene progressively, and passes each successively finer scene to `each`.
 pub(crate) fn resolve_progressively(
     source: Source,
     pictures: &Pictures,
@@ -65,10 +65,10 @@ pub(crate) fn resolve_progressively(
     resolved
 }
 
-/// What is asked for, and what stdin holds where it is an input.
+/// A request, and the content of stdin if it is an input.
 type Asked = (Request, Option<Arc<[u8]>>);
 
-/// Reads the request.
+/// Creates the request.
 pub(crate) fn request(source: Source, pictures: &Pictures, args: &RenderArgs, stdin: &Stdin) -> Result<Asked, Failure> {
     let mut said = options::render(args)?;
     if let (Some(bar), Source::Geometry(paths)) = (&mut said.splats.colorbar, &source) {

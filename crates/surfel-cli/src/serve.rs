@@ -1,6 +1,6 @@
-//! `surfel serve --stdio`: pictures of one scene, as they are asked for.
+//! `surfel serve --stdio`: draws images of one scene on request.
 //!
-//! A request is a line of JSON on stdin, its answer a line of JSON on stdout, in order. A request that can't be met is
+//! A request is a line of JSON on stdin, and its answer a line of JSON on stdout, in order. A request that fails is
 //! answered by an error, and the next one is read.
 
 use crate::args::{RenderArgs, ServeArgs};
@@ -25,12 +25,12 @@ use surfel::{
     Backend, BackendScene, Camera, Frame, LevelStore, NoProgress, Planes, Region, Renderer, Scene, camera, values,
 };
 
-/// Longest request, in bytes.
+/// Longest request in bytes.
 const MAX_LINE: usize = 1 << 16;
-/// Most pixels of a picture: larger ones are drawn by regions.
+/// Largest number of pixels of an image; larger ones are drawn by regions.
 const MAX_PIXELS: usize = 1 << 26;
 
-/// Most pixels of a picture whose memory serves the next picture: that of larger ones is given back.
+/// Largest number of pixels of an image whose memory is reused for the next one. The memory of larger images is freed.
 const KEPT_PIXELS: usize = 1 << 22;
 
 pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result<(), Failure> {
@@ -53,7 +53,7 @@ pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result
     }
 }
 
-/// Flags of `render` that say what requests say.
+/// Refuses flags of `render` that requests state themselves.
 fn check(args: &RenderArgs) -> Result<(), Failure> {
     let given = [
         ("-o", args.output.is_some()),
@@ -89,7 +89,7 @@ enum Line {
     TooLong,
 }
 
-/// Reads a line, of which no more than [`MAX_LINE`] bytes are kept.
+/// Reads a line, storing at most [`MAX_LINE`] bytes of it.
 fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Line> {
     line.clear();
     let count = input.by_ref().take(MAX_LINE as u64 + 1).read_until(b'\n', line)?;
@@ -110,7 +110,7 @@ fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Line> {
     }
 }
 
-/// What a line asks for.
+/// A request for an image.
 #[derive(Debug)]
 struct Request {
     output: PathBuf,
@@ -122,7 +122,7 @@ struct Request {
     force: bool,
 }
 
-/// A request, or what is wrong with it.
+/// Parses a request; the error describes what is wrong with it.
 fn parse(object: &Value) -> Result<Request, String> {
     let mut request = Request {
         output: PathBuf::new(),
@@ -192,31 +192,31 @@ fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
     numbers?.try_into().ok()
 }
 
-/// A scene in memory, and who draws it.
+/// A scene in memory, and its backend.
 struct Server<'a> {
     args: &'a RenderArgs,
     resolved: Resolved,
-    /// What every picture carries of the inputs.
+    /// Metadata about the inputs, stored in every image.
     inputs: Vec<Input>,
     backend: Backend,
-    /// None until the first picture, where it is by levels.
+    /// Uploaded scene; `None` before the first image if levels are selected per image.
     scene: Option<BackendScene>,
     levels: Option<ByLevels>,
     frame: Frame,
 }
 
-/// A scene that doesn't fit into memory: each picture has its own choice of levels.
+/// A scene that doesn't fit into memory, so that each image selects its own levels of detail.
 struct ByLevels {
     loading: Loading,
     /// The coarsest levels, which place cameras.
     overview: LoadedObjects,
     is_bare: bool,
-    /// Whose levels are in the backend.
+    /// Camera whose levels are in the backend.
     camera: Option<Camera>,
 }
 
 impl ByLevels {
-    /// What a camera sees.
+    /// Loads the levels that a camera needs.
     fn scene(&self, camera: &Camera) -> Result<Scene, surfel::Error> {
         let loading = self.loading.clone().with_pictures(Pictures::Cameras(vec![camera.clone()]));
         let mut scene = loading.resolve(self.overview.clone(), &NoProgress, &mut |_| ())?.scene;
@@ -251,7 +251,7 @@ impl<'a> Server<'a> {
             }
         };
         if bare {
-            // One scene for all cameras, as with --cameras: lit along the view.
+            // All cameras share one scene, lit along the view, as with --cameras.
             (resolved.file.lights, resolved.scene.lights) = (None, None);
         }
         let summary = SceneSummary::of(&resolved.scene);
@@ -269,7 +269,7 @@ impl<'a> Server<'a> {
         Ok(Self { args, resolved, inputs, backend, scene, levels, frame: Frame::default() })
     }
 
-    /// The answer to a line, whatever it holds.
+    /// Returns the answer to a line, whatever it contains.
     fn answer(&mut self, line: &[u8]) -> Value {
         let request: Value = match serde_json::from_slice(line) {
             Ok(request) => request,
@@ -292,7 +292,7 @@ impl<'a> Server<'a> {
         let path = request.output.as_path();
         let output = Output::new(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
         output.check(Some(path))?;
-        // What flags say of the camera is in the scene's already; the request's say is like that of flags.
+        // The scene's camera already includes the flags for it; the request's fields act like such flags.
         let mut said = options::render(self.args)?;
         (said.view, said.size, said.region) = (request.view, request.size, request.region);
         (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);
@@ -313,7 +313,7 @@ impl<'a> Server<'a> {
             _ => Planes::COLOR,
         };
         if let Some(levels) = self.levels.as_mut().filter(|levels| levels.camera.as_ref() != Some(&camera)) {
-            // The old goes first.
+            // The old scene is freed first.
             (self.scene, levels.camera) = (None, None);
             self.scene = Some(self.backend.upload(&levels.scene(&camera)?)?);
             levels.camera = Some(camera.clone());

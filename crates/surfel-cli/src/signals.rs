@@ -6,8 +6,9 @@ use std::ffi::c_int;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Waits for these signals on a thread of its own, removes temporary files, and ends as the signal would have. Without
-/// such a thread, the next run removes the files. Signals that the parent had ignored (`nohup`) stay ignored.
+/// Starts a thread that waits for termination signals, removes temporary files, and ends the program as the signal
+/// would have. Without the thread, the next run removes the files. Signals that the parent ignored (`nohup`) stay
+/// ignored.
 pub(crate) fn watch() {
     // With a handler, a write beyond `ulimit -f` fails with an error instead of killing the program.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
@@ -24,7 +25,7 @@ pub(crate) fn watch() {
     let _ = std::thread::Builder::new().name("signals".to_owned()).spawn(wait);
 }
 
-/// The mask of ignored signals, which Linux states in `/proc`; empty elsewhere.
+/// Returns the mask of ignored signals, which Linux states in `/proc`; empty elsewhere.
 fn ignored() -> u64 {
     let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
     let mask = status.lines().find_map(|line| line.strip_prefix("SigIgn:"));
@@ -41,7 +42,7 @@ mod tests {
 
     #[test]
     fn masks_count_signals_from_one() {
-        // As /proc states it of a program that nohup started: SIGHUP, and SIGPIPE of Rust's runtime.
+        // Status in /proc of a program started by nohup: it ignores SIGHUP, and SIGPIPE by Rust's runtime.
         let mask = 0x1001;
         let all = [SIGHUP, SIGINT, signal_hook::consts::SIGPIPE, SIGTERM];
         assert_eq!(all.map(|signal| contains(mask, signal)), [true, false, true, false]);

@@ -1,4 +1,4 @@
-//! `--stats`: medians as JSON.
+//! `--stats`: prints medians as JSON.
 
 use serde_json::{Map, Value, json};
 use surfel::render::RendererInfo;
@@ -13,7 +13,7 @@ fn median(mut values: Vec<f64>) -> f64 {
     *m
 }
 
-/// A run with the fragments that another of the same frame counted.
+/// Adds the fragments counted by another run of the same frame to a run.
 pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
     run.fragments = counted.fragments;
     let unknown = |(name, _): &&(&str, f64)| run.counters.iter().all(|(known, _)| known != name);
@@ -22,7 +22,8 @@ pub(crate) fn with_fragments(mut run: Stats, counted: &Stats) -> Stats {
     run
 }
 
-/// Medians over `runs` (at least one), as the object that `--stats` prints; `preset` is the one whose promise holds.
+/// Returns medians over `runs` (at least one), as the object that `--stats` prints; `preset` is the one whose promise
+/// applies.
 pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: u32, preset: Option<Preset>) -> Value {
     let of = |f: fn(&Stats) -> f64| median(runs.iter().map(f).collect());
     let mut passes = Map::new();
@@ -44,7 +45,7 @@ pub(crate) fn json(runs: &[Stats], info: &RendererInfo, size: [u32; 2], frames: 
     if !rates.is_empty() {
         counters.insert("gb_per_s".to_owned(), json!(median(rates)));
     }
-    // Settings that are no preset's come without a promise.
+    // Settings that match no preset have no promise.
     let promise = preset.map(Preset::promise);
     json!({
         "preset": preset.map(Preset::name),

@@ -6,15 +6,15 @@ use std::io::{IsTerminal, Read};
 use std::sync::Arc;
 pub(crate) use surfel::paths::{display, is_stdin};
 
-/// Most that is read from stdin, in bytes: a stream may never end.
+/// Largest number of bytes read from stdin, since a stream may never end.
 const MAX_BYTES: u64 = 8 << 30;
 
-/// What stdin holds, read once when it is needed.
+/// Content of stdin, read once when it is needed.
 #[derive(Debug, Default)]
 pub(crate) struct Stdin(OnceCell<Arc<[u8]>>);
 
 impl Stdin {
-    /// All of it.
+    /// Returns the whole content.
     pub(crate) fn bytes(&self) -> Result<Arc<[u8]>, Failure> {
         if let Some(bytes) = self.0.get() {
             return Ok(bytes.clone());

@@ -1,4 +1,4 @@
-//! `surfel stitch`: tiles of an image become the image, to the bit and with its metadata.
+//! `surfel stitch`: merges the tiles of an image into the identical image with its metadata.
 
 use crate::args::StitchArgs;
 use crate::console::Console;
@@ -15,7 +15,7 @@ use surfel::model::SceneFile;
 use surfel::{paths, values};
 
 pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
-    // A TIFF has a PNG's samples.
+    // A TIFF stores a PNG's samples.
     let extension = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let is_tiff = matches!(extension.as_deref(), Some("tif" | "tiff"));
     let output = if is_tiff { args.output.with_extension("png") } else { args.output.clone() };
@@ -59,12 +59,12 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A tile, and what it says of the image that it is a part of.
+/// A tile, and the metadata about the image that it belongs to.
 struct Said {
     tile: Tile,
     file: SceneFile,
     version: String,
-    /// How it was drawn, without its region.
+    /// Drawing options without the region.
     drawn: Map<String, Value>,
     inputs: Value,
 }
@@ -107,11 +107,12 @@ impl Said {
         Ok(Self { tile, file, version, drawn, inputs })
     }
 
-    /// What two tiles of one image can't differ in. Their inputs may lie elsewhere, but must hold the same.
+    /// Returns the first property that differs although all tiles of one image share it. Inputs may have other paths
+    /// but must have the same content.
     fn differs(&self, other: &Self) -> Option<&'static str> {
         let scene = |said: &Self| {
             let mut file = said.file.clone();
-            // Every path has a file name; one without stays as it is.
+            // Every path has a file name; one without is left unchanged.
             let _ = paths::for_each(&mut file, |path| {
                 *path = path.file_name().map_or_else(|| path.clone(), PathBuf::from);
                 Ok(())
@@ -126,7 +127,7 @@ impl Said {
                     *path = name.map(Value::from).unwrap_or_default();
                 }
             }
-            // Their order is that of their paths.
+            // Inputs are ordered by path, so they are sorted by content here.
             let mut texts: Vec<String> = inputs.as_array().into_iter().flatten().map(Value::to_string).collect();
             texts.sort();
             texts
@@ -149,7 +150,7 @@ impl Said {
         }
     }
 
-    /// What the whole image carries in `folder`: as if it had been drawn there at once.
+    /// Returns the metadata of the whole image in `folder`, as if it had been drawn there at once.
     fn of_whole(&self, folder: &Path, format: Format) -> Result<Vec<(String, String)>, Failure> {
         let here = Output::folder(Some(&self.tile.path));
         let here = std::fs::canonicalize(here).unwrap_or_else(|_| here.to_path_buf());
@@ -183,7 +184,7 @@ impl Said {
     }
 }
 
-/// An absolute path without `..`, for folders that are no links.
+/// Removes `..` from an absolute path, for folders that aren't links.
 fn clean(path: &Path) -> PathBuf {
     let mut clean = PathBuf::new();
     for part in path.components() {

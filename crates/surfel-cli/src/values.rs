@@ -1,4 +1,4 @@
-//! Parsers of flag values, as clap knows them: [`surfel::values`] has what they parse.
+//! Value parsers for clap, based on [`surfel::values`].
 
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use surfel::Preset;
@@ -14,7 +14,7 @@ pub(crate) use surfel::values::{
     transparency, view,
 };
 
-/// A parser of named values that is also known to help and completions.
+/// Defines a parser of named values whose names appear in help and completions.
 macro_rules! named {
     ($function:ident, $type:ty, $all:ident) => {
         #[doc = concat!("Parses a [`", stringify!($type), "`] by name.")]
@@ -40,7 +40,7 @@ named!(composite, Composite, COMPOSITES);
 named!(sort, Sort, SORTS);
 named!(edge_aa, EdgeAa, EDGE_AA);
 
-/// Parses `--view`: a name, which help and completions know too, or AZIMUTH,ELEVATION.
+/// Parser of `--view`: a name, which appears in help and completions, or AZIMUTH,ELEVATION.
 #[derive(Clone)]
 pub(crate) struct View;
 
@@ -61,12 +61,12 @@ impl TypedValueParser for View {
     }
 }
 
-/// `--up`: an axis, or `None` for `auto`.
+/// Parses `--up`: an axis, or `None` for `auto`.
 pub(crate) fn up(text: &str) -> Result<UpChoice, String> {
     values::up(text).map(UpChoice)
 }
 
-/// The value of `--up`; a type of its own, so that clap doesn't take the inner option for an optional flag.
+/// Value of `--up`. It is a type of its own, since clap would interpret a plain `Option` as an optional flag.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct UpChoice(pub(crate) Option<Up>);
 

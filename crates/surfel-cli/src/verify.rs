@@ -1,4 +1,4 @@
-//! `render --verify`: how close the image came, and whether its preset's promise is kept.
+//! `render --verify`: measures an image's errors, and checks its preset's promise.
 
 use crate::failure::Failure;
 use crate::values::json_number;
@@ -8,29 +8,29 @@ use surfel::render::{Promise, SceneSummary, inside_surfaces};
 use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
 use surfel_metrics::{CompareOptions, Comparison, Image};
 
-/// Both errors of an image.
+/// Errors of an image.
 pub(crate) struct Verified {
     backend: &'static str,
-    /// Against the reference at the same settings, outside of its decision margins.
+    /// Difference from the reference backend with the same settings, outside its decision margins.
     fidelity: Comparison,
-    /// Pixels within the margins.
+    /// Number of pixels within the margins.
     left_out: usize,
-    /// Where the settings are a preset's, and every cloud's interior weight is known: against the preset `reference`,
-    /// both drawn by the reference.
+    /// Model error: difference between the preset and the preset `reference`, both drawn by the reference backend.
+    /// `None` if the settings match no preset, or some cloud's interior weight is unknown.
     model: Option<Model>,
 }
 
-/// How far a preset is from the preset `reference`.
+/// Difference between a preset and the preset `reference`.
 struct Model {
     preset: Preset,
     whole: Comparison,
-    /// Inside of surfaces, where there are any pixels of such.
+    /// Difference inside surfaces; `None` if no pixel is.
     inside: Option<Comparison>,
 }
 
-/// Draws the image again by the reference and compares.
+/// Draws the image again with the reference backend and compares.
 ///
-/// `preset` is the one whose promise holds, `scene` what was drawn, by a backend of this name.
+/// `preset` is the one whose promise applies; `drawn` is the image of `scene` by the named backend.
 pub(crate) fn verify(
     settings: &Settings,
     preset: Option<Preset>,
@@ -50,7 +50,7 @@ pub(crate) fn verify(
     let same = image(settings, Planes::COLOR.with_margin(true))?;
     let mask: Vec<bool> = same.margin().iter().map(|&m| m == 0.0).collect();
     let fidelity = compare(&same, drawn, Some(&mask))?;
-    // Where an octree's cloud has no interior weight, there are no antialiased edges to compare with.
+    // Without an interior weight, as for an octree's cloud, there are no antialiased edges to compare.
     let summary = SceneSummary::of(scene);
     let weighed = summary.without_interior_weight.is_none();
     let model = match preset.filter(|_| weighed) {
@@ -76,7 +76,7 @@ fn compare(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> Result<Compariso
 }
 
 impl Verified {
-    /// What is short of the preset's promise.
+    /// Returns the errors that exceed the preset's promise.
     fn broken(&self) -> Vec<String> {
         let Some(Model { preset, whole, inside }) = &self.model else { return Vec::new() };
         let Promise { fidelity_db, model_db, inside_db, .. } = preset.promise();
@@ -97,7 +97,7 @@ impl Verified {
         if broken.is_empty() { Ok(()) } else { Err(Failure::threshold(broken.join("; "))) }
     }
 
-    /// For people.
+    /// Formats the errors as text.
     pub(crate) fn text(&self) -> String {
         let mut text = String::new();
         let metrics = |c: &Comparison| {
@@ -140,7 +140,7 @@ impl Verified {
         text
     }
 
-    /// For programs.
+    /// Returns the errors as JSON.
     pub(crate) fn json(&self) -> Value {
         let metrics = |c: &Comparison| {
             json!({ "max_abs": json_number(c.max_abs), "rmse": json_number(c.rmse), "psnr": json_number(c.psnr),

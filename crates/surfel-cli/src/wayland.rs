@@ -1,10 +1,9 @@
-//! Keeps libwayland's complaint about `XDG_RUNTIME_DIR` off stderr.
+//! Suppression of libwayland's error message about `XDG_RUNTIME_DIR`.
 //!
-//! wgpu asks Vulkan for window surfaces, whether or not there will be a window. Mesa's device-select layer then looks
-//! for the GPU of a Wayland display, and libwayland prints "error: XDG_RUNTIME_DIR is invalid or not set in the
-//! environment" where it can't build the socket's path, as in containers and under cron. An absolute `WAYLAND_DISPLAY`
-//! needs no such folder. A process can't change its own environment without unsafe code, so the program replaces
-//! itself.
+//! wgpu asks Vulkan for window surfaces, even if no window is opened. Mesa's device-select layer then looks for the GPU
+//! of a Wayland display. If libwayland can't build the socket's path, as in containers and under cron, it prints
+//! "error: XDG_RUNTIME_DIR is invalid or not set in the environment". An absolute `WAYLAND_DISPLAY` makes the folder
+//! unnecessary. A process can't change its own environment without unsafe code, so the program replaces itself.
 
 use std::ffi::OsStr;
 use std::os::unix::process::CommandExt as _;
@@ -14,11 +13,12 @@ use std::process::Command;
 const RUNTIME_DIR: &str = "XDG_RUNTIME_DIR";
 const DISPLAY: &str = "WAYLAND_DISPLAY";
 
-/// The path of a socket that no display has.
+/// Path of a socket that doesn't exist.
 const NO_DISPLAY: &str = "/nonexistent/wayland";
 
-/// Starts the program again, with the same process id, arguments and files, if libwayland couldn't reach a display
-/// anyway and would print why. Returns if it needn't, or can't. Call it before anything is read or written.
+/// Restarts the program, with the same process id, arguments and files, if libwayland couldn't reach a display anyway
+/// and would print the error. Returns if that isn't necessary or possible. Must be called before anything is read or
+/// written.
 pub(crate) fn silence() {
     if !complains(std::env::var_os(RUNTIME_DIR).as_deref(), std::env::var_os(DISPLAY).as_deref()) {
         return;
@@ -29,11 +29,11 @@ pub(crate) fn silence() {
     if let Some(name) = arguments.next() {
         again.arg0(name);
     }
-    // An error means that the program goes on as it is, with a line more on stderr.
+    // On error the program continues as it is, with one more line on stderr.
     let _ = again.args(arguments).env(DISPLAY, NO_DISPLAY).exec();
 }
 
-/// True if libwayland prints an error when it is asked for the default display.
+/// True if libwayland would print an error when asked for the default display.
 fn complains(runtime_dir: Option<&OsStr>, display: Option<&OsStr>) -> bool {
     let is_absolute = |path: Option<&OsStr>| path.is_some_and(|path| Path::new(path).is_absolute());
     !is_absolute(runtime_dir) && !is_absolute(display)
@@ -50,7 +50,7 @@ mod tests {
         };
         for (runtime_dir, display) in [(None, None), (Some(""), None), (Some("run"), Some("wayland-1"))] {
             assert!(with(runtime_dir, display), "{runtime_dir:?} {display:?}");
-            // A second start is never followed by a third.
+            // A restarted program never restarts again.
             assert!(!with(runtime_dir, Some(NO_DISPLAY)));
         }
         assert!(!with(Some("/run/user/1000"), None));

@@ -1,4 +1,4 @@
-//! What images carry, and `surfel again`.
+//! Metadata in images, and `surfel again`.
 
 use crate::common;
 
@@ -19,10 +19,10 @@ fn images_carry_what_decides_them_and_nothing_else() {
     std::fs::create_dir_all(f.path().join("out")).unwrap();
     f.write("a.ply", ball());
     f.write("out/a.ply", ball());
-    // Whatever a machine has: what is drawn by a GPU carries its name.
+    // Always the CPU: images drawn by a GPU also store its name.
     f.run("a.ply -o out/x.png --size 24x16 --threads 1 --backend cpu").code(0);
     assert_eq!(text(&f, "out/x.png", "surfel:version").unwrap(), env!("CARGO_PKG_VERSION"));
-    // What --print-scene prints, with paths from where the image lies.
+    // The stored scene is that of --print-scene, with paths relative to the image's folder.
     let mut printed = f.run("a.ply --size 24x16 --print-scene").code(0).json();
     assert_eq!(printed["objects"][0]["splats"], "a.ply");
     printed["objects"][0]["splats"] = json!("../a.ply");
@@ -31,7 +31,7 @@ fn images_carry_what_decides_them_and_nothing_else() {
     let input = &value(&f, "out/x.png", "surfel:inputs")[0];
     assert_eq!((&input["path"], &input["bytes"]), (&json!("../a.ply"), &json!(ball().len())));
     assert_eq!(input["sha256"].as_str().unwrap().len(), 64);
-    // The same bytes whatever the threads, the name, the statistics, and where one stands.
+    // The file doesn't depend on threads, name, statistics or the current folder.
     f.run("a.ply -o out/y.png --size 24x16 --backend cpu --threads 3 --stats --repeat 2 -v").code(0);
     f.run_in("out", "../a.ply -o z.png --size 24x16 --backend cpu", b"").code(0);
     assert!(f.read("out/x.png") == f.read("out/y.png") && f.read("out/x.png") == f.read("out/z.png"));
@@ -39,7 +39,7 @@ fn images_carry_what_decides_them_and_nothing_else() {
     for part in ["thread", "y.png", "repeat", "stats", f.path().to_str().unwrap()] {
         assert!(!all.contains(part), "{part}: {all}");
     }
-    // Chunks that every reader knows, before the pixels.
+    // The metadata is in standard PNG chunks, before the pixels.
     let png = f.read("out/x.png");
     let at = |part: &[u8]| png.windows(part.len()).position(|w| w == part);
     assert!(at(b"tEXtsurfel:scene\0{").unwrap() < at(b"IDAT").unwrap());
@@ -89,11 +89,11 @@ fn again_repeats_every_kind_of_image_to_the_bit() {
     f.run_in("", "- -o out/p.png --size 16x16", ball().as_bytes()).code(0);
     f.run_in("", "again out/p.png -o out/q.png", ball().as_bytes()).code(0);
     assert_eq!(f.read("out/p.png"), f.read("out/q.png"));
-    // Without a name, and to stdout.
+    // Default output name, and stdout.
     f.run_in("out", "again t0002.png", b"").code(0);
     assert_eq!(f.read("out/t0002-again.png"), f.read("out/t0002.png"));
     f.run_in("out", "again t0002.png", b"").fails(1, "--force");
-    // From elsewhere only the paths are others.
+    // From another folder, only the paths differ.
     f.run("again out/0.png -o here.png").code(0);
     assert_eq!(f.image("here.png").color, f.image("out/0.png").color);
     assert_eq!(value(&f, "here.png", "surfel:scene")["objects"][0]["splats"], "a.ply");
@@ -128,19 +128,19 @@ fn again_says_what_is_missing_or_changed() {
     f.write("a.ply", ball());
     f.write("b.obj", cube());
     f.run("a.ply b.obj -o x.png --size 16x16 --splats 400 --backend cpu").code(0);
-    // A changed input is said, and drawn.
+    // A changed input is reported, and drawn.
     f.write("a.ply", ball().replace("0.25", "0.2"));
     let said = f.run("again x.png -o y.png").code(0).stderr();
     assert!(said.contains("a.ply has changed") && !said.contains("b.obj has changed"), "{said}");
     assert!(said.contains("y.png: is not the image of x.png"), "{said}");
     assert_ne!(f.image("x.png").color, f.image("y.png").color);
-    // All that is missing is named; nothing is written.
+    // All missing inputs are named; nothing is written.
     std::fs::remove_file(f.path().join("a.ply")).unwrap();
     f.run("again x.png -o z.png").fails(3, "a.ply");
     std::fs::rename(f.path().join("x.png"), f.path().join("out/x.png")).unwrap();
     f.run("again out/x.png -o z.png").fails(3, "b.obj");
     assert!(!f.has("z.png"));
-    // What an input refers to is one, too.
+    // Files that an input refers to are inputs too.
     f.write("t.obj", format!("mtllib t.mtl\n{}", cube()));
     f.run("t.obj -o t.png --size 8x8 --splats 400").code(0);
     assert_eq!(value(&f, "t.png", "surfel:inputs")[0], json!({ "path": "t.mtl", "missing": true }));
@@ -152,7 +152,7 @@ fn again_says_what_is_missing_or_changed() {
     assert!(f.run("again t.png -o u.png --force").code(0).stderr().contains("t.mtl has changed"));
     std::fs::remove_file(f.path().join("t.mtl")).unwrap();
     f.run("again t.png -o u.png --force").fails(3, "t.mtl");
-    // No scene, no image of that kind, another format.
+    // An image without a scene, a file that isn't an image, and another output format.
     f.write("a.ply", ball());
     f.run("a.ply -o bare.png --size 8x8 --no-metadata").code(0);
     f.run("again bare.png").fails(3, "--no-metadata");
@@ -165,7 +165,7 @@ fn again_says_what_is_missing_or_changed() {
     f.run("again x.png -o z.png --backend reference").code(0);
 }
 
-/// A PNG of 4 x 4 pixels with these texts.
+/// Writes a PNG of 4 × 4 pixels with these texts.
 fn forged(f: &Folder, name: &str, texts: &[(&str, String)]) {
     let color = vec![[0.5, 0.5, 0.5, 1.0]; 16];
     let planes = surfel::io::Planes { width: 4, height: 4, color: Some(color), ..Default::default() };
@@ -182,7 +182,7 @@ fn again_tells_of_other_versions_and_of_damaged_or_broken_promises() {
     let of = |key: &'static str| (key, text(&f, "x.png", key).unwrap());
     let (scene, drawn, inputs) = (of("surfel:scene"), of("surfel:drawn"), of("surfel:inputs"));
     let version = |text: &str| ("surfel:version", text.to_owned());
-    // The same inputs and version, but another image: a promise that is broken.
+    // The same inputs and version but another image: a broken promise.
     let own = version(env!("CARGO_PKG_VERSION"));
     forged(&f, "f.png", &[own.clone(), scene.clone(), drawn.clone(), inputs.clone()]);
     f.run("again f.png -o y.png").fails(5, "is not the image of f.png to the bit");
@@ -190,7 +190,7 @@ fn again_tells_of_other_versions_and_of_damaged_or_broken_promises() {
     forged(&f, "f.png", &[version("0.0.1"), scene.clone(), drawn.clone(), inputs.clone()]);
     let said = f.run("again f.png -o y.png --force").code(0).stderr();
     assert!(said.contains("drawn by surfel 0.0.1") && said.contains("is not the image"), "{said}");
-    // Entries of unknown origin are no command line.
+    // Entries of unknown origin aren't accepted as command-line flags.
     for (bad, part) in [
         (r#"{"backend": "cpu", "output": "evil.png"}"#, "output"),
         (r#"{"backend": "cpu", "config": "c.toml"}"#, "config"),

@@ -1,11 +1,11 @@
-//! Attributes: which points count, and what splats are coloured by.
+//! Attributes: selection of points, and colouring of splats.
 
 use crate::common;
 
 use common::{Folder, cube, scene};
 use serde_json::json;
 
-/// A grid of 20 × 20 points, its classes, returns and intensities told by row and column.
+/// Returns a grid of 20 × 20 points whose classes, returns and intensities depend on row and column.
 fn grid() -> String {
     let mut text = "x,y,z,intensity,classification,return_number,number_of_returns\n".to_owned();
     for i in 0..400 {
@@ -40,7 +40,7 @@ fn points_are_chosen_in_order_and_the_counts_are_said() {
     let expected = "chose 8 of 400 points: --crop leaves 300, --classes leaves 100, --returns leaves 50, ".to_owned()
         + "--where leaves 30, --every leaves 8";
     assert!(said.contains(&expected), "{said}");
-    // Points that stand alone: two strays, by the flag and by a scene file's key.
+    // Isolated points: two strays, dropped by the flag and by a scene file's key.
     f.write("s.csv", grid() + "9,9,500,0,2,1,1\n-1e8,0,0,0,2,1,1\n");
     let strays = |flags: &str| {
         let run = f.run(&format!("convert s.csv -o t.ply --force {flags}")).code(0);
@@ -55,7 +55,7 @@ fn points_are_chosen_in_order_and_the_counts_are_said() {
     f.write("o.json", scene("").replace("\"a.ply\"", "\"s.csv\", \"convert\": {\"outliers\": \"drop\"}"));
     assert_eq!(f.run("o.json --stats").code(0).json()["splats"], 400);
     assert_eq!(f.run("o.json --stats --outliers keep").code(0).json()["splats"], 402);
-    // The same of splats, by their extras, which convert keeps.
+    // The same selections of splats, by the extra columns that convert preserves.
     left(&[]);
     f.run("convert o.ply --classes 6 -o p.ply").code(0);
     assert_eq!(f.run("info p.ply --json").code(0).json()["splats"], 200);
@@ -102,7 +102,7 @@ fn what_can_not_be_chosen_is_one_clear_error() {
     fails(&["s.json"], 3, "objects[0].convert.where");
 }
 
-/// Colours of the splats of a file, as sRGB levels.
+/// Returns the colours of a file's splats as sRGB levels.
 fn levels(f: &Folder, file: &str) -> Vec<[u8; 3]> {
     let text = String::from_utf8(f.read(file)).unwrap();
     let (header, rows) = text.split_once("end_header\n").unwrap();
@@ -136,7 +136,7 @@ fn splats_have_the_colours_of_their_values_in_convert_and_render() {
     let (colors, said) = convert("height --colormap coolwarm");
     assert_eq!((colors[0], colors[19]), ([59, 76, 192], [180, 4, 38]));
     assert!(said.contains("coloured by height"), "{said}");
-    // What is drawn is what is written, and `again` draws it again.
+    // Drawn and written colours agree, and `again` draws the same image.
     f.run("convert a.csv --color-by classification -o c.ply").code(0);
     f.run("c.ply -o c.exr --size 32x32 --exr-f32 --up +z").code(0);
     f.run("a.csv --color-by classification -o d.exr --size 32x32 --exr-f32 --up +z").code(0);
@@ -151,7 +151,7 @@ fn splats_have_the_colours_of_their_values_in_convert_and_render() {
     f.run("b.obj --color-by height --per-face -o b.png --size 8x8").code(0);
     f.run("b.obj --color-by normal --per-face -o n.png --size 8x8").code(0);
     assert!(f.image("b.png").color != f.image("n.png").color);
-    // Of two files the one without the attribute is grey, which is no error.
+    // Of two files, the one without the attribute is grey, which isn't an error.
     f.write("p.xyz", common::points());
     f.run("a.csv p.xyz --color-by intensity -o two.png --size 8x8").code(0);
 }
@@ -167,7 +167,7 @@ fn the_color_bar_is_an_image_of_its_own() {
     let classes = f.image("classes.png");
     assert!(classes.height > 2 * 24 && (180..260).contains(&classes.width));
     f.run("a.csv --color-by intensity --colorbar bar.png -o b.png --size 8x8").fails(1, "bar.png");
-    // Without a name it stands beside the image.
+    // The default name is beside the image.
     f.run("--color-by intensity --colormap turbo --colorbar a.csv --size 8x8 --force").code(0);
     assert_eq!(f.read("a-colorbar.png"), f.read("bar.png"));
     f.write("b.csv", grid());
@@ -179,8 +179,8 @@ fn the_color_bar_is_an_image_of_its_own() {
     f.run("a.csv --color-by intensity --colorbar -o - --size 8x8").fails(2, "--colorbar=FILE.png");
 }
 
-/// A LAS 1.2 file of a plane of 40×40 points, 0.5 apart, in millimetres from 640,000 and 9,990,000: with GeoTIFF keys,
-/// or a text.
+/// Encodes a LAS 1.2 file of a plane of 40×40 points, 0.5 apart, in millimetres from 640,000 and 9,990,000. Its
+/// reference system is given by `text`, or else by GeoTIFF keys.
 fn las_with_system(text: Option<&str>) -> Vec<u8> {
     let records: Vec<(u16, Vec<u8>)> = match text {
         Some(text) => vec![(2112, format!("{text}\0").into_bytes())],
@@ -223,7 +223,7 @@ fn las_with_system(text: Option<&str>) -> Vec<u8> {
 
 #[test]
 fn system_and_millimetres_survive_conversion_and_orthoimages() {
-    // A zone of the south, whose y are near ten million, with a text of several lines.
+    // A southern zone, whose y coordinates are near ten million, with a text of several lines.
     let text =
         "PROJCS[\"South, zone 33\",\n  GEOGCS[\"g\",AUTHORITY[\"EPSG\",\"4326\"]],AUTHORITY[\"EPSG\",\"32733\"]]";
     for text in [None, Some(text)] {
@@ -237,7 +237,7 @@ fn system_and_millimetres_survive_conversion_and_orthoimages() {
             let name = if text.is_some() { "South, zone 33" } else { "Zone 33" };
             assert_eq!(info["crs"]["name"], name, "{input}");
             folder.run(&format!("ortho {input} --gsd 0.5 -o rgb.tif --dsm dsm.tif --force")).code(0);
-            // Projected, pixels are areas, and the code stands in the directory itself.
+            // Keys: projected, pixels are areas, and the code in the directory itself.
             let model: Vec<u8> = [1024_u16, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 32_733].map(u16::to_le_bytes).concat();
             for image in ["rgb.tif", "dsm.tif"] {
                 let bytes = folder.read(image);
@@ -249,7 +249,7 @@ fn system_and_millimetres_survive_conversion_and_orthoimages() {
         for (side, expected) in expected.into_iter().enumerate() {
             for (k, expected) in expected.into_iter().enumerate() {
                 let found = bounds[side][k].as_f64().unwrap();
-                // What is kept as two f32 is off by a thousandth of a millimetre at most.
+                // Positions stored as two f32 are off by at most a thousandth of a millimetre.
                 assert!((found - expected).abs() < 1e-5, "{side} {k}: {found}, expected {expected}");
             }
         }

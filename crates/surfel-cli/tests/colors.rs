@@ -1,4 +1,4 @@
-//! Colours of values: one range and one legend for all that is drawn together, and meshes by their own columns.
+//! Colouring by values: one range and one legend for everything drawn together, and meshes with their own columns.
 
 use crate::common;
 
@@ -6,7 +6,7 @@ use common::{Folder, scene};
 use serde_json::{Value, json};
 use surfel::io::Planes;
 
-/// A tile of a slope of 60×100 units, six tiles wide and ten deep, in text with a class for each point.
+/// Returns a tile of a slope of 60×100 units, six tiles wide and ten deep, as text with a class per point.
 fn tile(i: u32) -> String {
     let mut text = "x,y,z,classification\n".to_owned();
     for k in 0..144 {
@@ -16,7 +16,7 @@ fn tile(i: u32) -> String {
     text
 }
 
-/// The same of splats.
+/// Returns the same tile as splats.
 fn splat_tile(i: u32) -> String {
     let properties =
         ["x", "y", "z", "nx", "ny", "nz", "radius"].map(|name| format!("property float {name}\n")).concat();
@@ -29,7 +29,7 @@ fn splat_tile(i: u32) -> String {
     text
 }
 
-/// The range that a word of a command says.
+/// Returns the range given in a command line.
 fn range_in(line: &str) -> [f64; 2] {
     let text =
         line.split_whitespace().find_map(|word| word.strip_prefix("--range=")).unwrap_or_else(|| panic!("{line}"));
@@ -37,7 +37,7 @@ fn range_in(line: &str) -> [f64; 2] {
     numbers.try_into().unwrap()
 }
 
-/// Runs a line of a job.
+/// Runs one command line of a job.
 fn run_task(f: &Folder, line: &str) {
     f.run(&line.split_once("surfel ").unwrap().1.replace('\'', "")).code(0);
 }
@@ -48,7 +48,7 @@ fn scene_of(image: &Planes) -> Value {
     serde_json::from_str(&text.1).unwrap()
 }
 
-/// True if an image has a pixel of this colour.
+/// True if an image has a pixel with this colour.
 fn shows(image: &Planes, levels: [u8; 3]) -> bool {
     let color = image.color.as_ref().unwrap();
     let is = |c: &[f32; 4]| surfel::io::to_srgb8(&[*c])[0][..3] == levels;
@@ -65,11 +65,11 @@ fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     let said = f.run(&format!("{inputs} {flags} --size 60x100 -o whole.png")).code(0).stderr();
     assert_eq!(said.matches("coloured by height by viridis from").count(), 1, "{said}");
     assert!(said.contains("the 2nd to the 98th percentile of all 60 files"), "{said}");
-    // The job says the range, and its tasks' tiles are the image's.
+    // The job states the range, and its tiles equal the corresponding parts of the image.
     let job = |rest: &str| f.run(&format!("jobs {inputs} --cuecmd {rest}")).code(0).stdout();
     let tiles = job(&format!("--tiles 2 -o by-tiles.png -- {flags} --size 60x100 --colorbar"));
     let range = range_in(&tiles);
-    // 2 % of heights that go evenly over x and over y, 0 to 54.
+    // 2 % of heights that are distributed evenly over x and y, 0 to 54.
     assert!(range[0] > 3.0 && range[0] < 6.0 && range[1] > 46.0 && range[1] < 51.0, "{range:?}");
     assert!(f.has("by-tiles-colorbar.png") && !tiles.contains("--colorbar"), "{tiles}");
     for line in tiles.lines() {
@@ -78,7 +78,7 @@ fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     }
     f.run("stitch by-tiles.0000.png by-tiles.0001.png -o by-tiles.png").code(0);
     assert!(f.image("by-tiles.png").color == f.image("whole.png").color);
-    // And so are frames of shards.
+    // Frames of shards have the same range, too.
     let frames = job(&format!("--frames 3 --tasks 2 -o s{{frame}}.png -- {flags} --size 30x50"));
     for line in frames.lines() {
         assert_eq!(range_in(line), range);
@@ -86,7 +86,7 @@ fn sixty_tiles_have_one_range_in_one_image_in_tiles_and_in_shards() {
     }
     f.run(&format!("{inputs} {flags} --size 30x50 --turntable --frames 3 -o w{{frame}}.png")).code(0);
     assert!((0..3).all(|i| f.image(&format!("s{i:04}.png")).color == f.image(&format!("w{i:04}.png")).color));
-    // A range that is given is not looked for, so that the files needn't be here.
+    // With a given range the files aren't read, so they needn't exist here.
     let given =
         f.run(&format!("jobs not-here.csv --cuecmd --tiles 1 -o x.png -- {flags} --range=1,2")).code(0).stdout();
     assert_eq!(range_in(&given), [1.0, 2.0]);
@@ -110,7 +110,7 @@ fn images_of_one_input_each_share_a_range_if_asked_to() {
     assert!(lo < 2.0 && hi > 50.0, "{lo} {hi}");
     assert_eq!(f.read("t00-colorbar.png"), f.read("t59-colorbar.png"));
     assert!(f.image("t00.png").color != f.image("alone-t00.png").color);
-    // Whichever of them a run draws.
+    // The range doesn't depend on which inputs a run draws.
     f.run(&format!("{flags} --range shared --shard 1/2 -o part-{{input}}.png")).code(0);
     assert_eq!((range("part-t59.png"), f.has("part-t00.png")), (range("t59.png"), false));
     assert!(f.run("again t59.png -o again.png").code(0).stderr().contains("the same image"));
@@ -145,7 +145,7 @@ fn legends_hold_the_classes_of_all_inputs_with_their_names() {
     both("c-colorbar.png");
     let said = f.run(&format!("{ortho} --color-by height -o h.tif")).code(0).stderr();
     assert!(said.contains("coloured by height") && said.contains("percentile of all 2 files"), "{said}");
-    // Files without colours are coloured by height, and by one range.
+    // Files without colours are coloured by height, with one range.
     let said = f.run(&format!("{ortho} -o o.tif")).code(0).stderr();
     assert!(said.contains("coloured by height") && said.contains("of all 2 files"), "{said}");
 }
@@ -173,7 +173,7 @@ fn a_large_file_by_levels_has_one_range_for_all_views_and_tiles() {
     assert!(lo > 97.0 && lo < 98.5 && hi > 101.5 && hi < 103.0, "{lo} {hi}");
 }
 
-/// A sheet of 10×10 squares of quads with a measure and a class for each vertex and a part for each face.
+/// Returns a sheet of 10×10 quads with a measurement and a class per vertex and a part per face.
 fn sheet() -> String {
     let mut text = "ply\nformat ascii 1.0\nelement vertex 121\nproperty float x\nproperty float y\nproperty float z\n\
                     property float temp\nproperty uchar kind\nelement face 100\n\
@@ -224,7 +224,7 @@ fn meshes_are_coloured_and_labelled_by_their_own_columns() {
     assert!(said.contains("coloured by temp by grey from 0.2500 to 10.25"), "{said}");
     let level = |x: f64| (x / 10.0 * 256.0).floor().min(255.0);
     assert!(all.iter().all(|row| (of(row, "red") - level(of(row, "x"))).abs() <= 1.0));
-    // Nothing lies between two kinds.
+    // Categories aren't interpolated.
     let (_, _, said) = rows("--color-by kind");
     assert!(said.contains("coloured by kind (3: ") && said.contains(", 7: ") && !said.contains("4: "), "{said}");
     let (_, _, said) = rows("--color-by part");
@@ -235,7 +235,7 @@ fn meshes_are_coloured_and_labelled_by_their_own_columns() {
     assert_eq!(info["attributes"]["face_temp"]["of"], "faces");
     let text = f.run("info m.ply").code(0).stdout();
     assert!(text.contains("temp: float, 0.25 to 10.25, of vertices") && text.contains("face_temp: float"), "{text}");
-    // Planes of labels, of vertices and of faces.
+    // Label planes from vertices and from faces.
     let labels = |attribute: &str| {
         let view = "--view top --ortho --up +z --size 20x20";
         f.run(&format!("m.ply --label {attribute} {view} -o l.exr -f")).code(0);
@@ -273,7 +273,7 @@ fn classes_are_left_out_and_conditions_are_joined() {
     assert_eq!(left(&["--config", "c.toml"]), 48);
     let object = r#""a.csv", "convert": {"classes": "!7,18", "where": ["intensity<100 or x=0", "not y>10"]}"#;
     f.write("s.json", scene("").replace("\"a.ply\"", object));
-    // 50 of the first hundred, and 2 of 6 rows' first columns beyond them, of which each is of class 2.
+    // 50 of the first hundred, and the first columns of 6 other rows; all are of class 2.
     assert_eq!(f.run("s.json --stats").code(0).json()["splats"], 56);
     assert_eq!(f.run_words(&["s.json", "--stats", "--where", "x=0"]).code(0).json()["splats"], 20);
     let said =

@@ -1,4 +1,4 @@
-//! Every exit code, messages of at most four lines, and nothing left behind by failed runs.
+//! Exit codes, error messages of at most four lines, and no files left behind by failed runs.
 
 use crate::common;
 
@@ -100,7 +100,7 @@ fn backends_that_are_not_here_exit_with_4() {
     let f = Folder::new("backend");
     f.write("a.ply", ball());
     for backend in ["ash", "wgpu", "cpu"] {
-        // Here either there is no adapter at all, or none of this name.
+        // Either there is no adapter at all, or none with this name.
         f.run(&format!("a.ply -o x.png --backend {backend} --adapter teapot")).fails(4, backend);
     }
     f.run("a.ply -o x.png --backend reference --adapter teapot").fails(4, "teapot");
@@ -108,14 +108,14 @@ fn backends_that_are_not_here_exit_with_4() {
     let list = f.run("backends --json").code(0).json();
     let of = |name: &str| list.as_array().unwrap().iter().find(|b| b["name"] == name).unwrap().clone();
     assert_eq!(of("reference")["available"], true);
-    // Available or not, it is said why not.
+    // A reason is given exactly if the backend isn't available.
     for backend in ["ash", "wgpu"] {
         assert_eq!(of(backend)["available"] == true, of(backend)["reason"].is_null(), "{backend}");
     }
     assert!(f.run("backends").code(0).stdout().contains("reference"));
 }
 
-/// The program as it is built by default.
+/// The program with its default features.
 #[cfg(not(feature = "wgpu"))]
 #[test]
 fn backend_that_is_not_built_in_names_its_feature() {
@@ -149,7 +149,7 @@ fn abuffer_is_drawn_by_any_backend_that_starts() {
     }
 }
 
-/// Mesa's layers and libwayland write to stderr where they miss their environment.
+/// Without their environment, Mesa's layers and libwayland write to stderr.
 #[test]
 fn stderr_is_silent_without_a_runtime_folder() {
     let f = Folder::new("runtime");
@@ -165,9 +165,9 @@ fn stderr_is_silent_without_a_runtime_folder() {
     for runtime_dir in [None, Some(""), Some("relative")] {
         assert_eq!(quiet("backends", runtime_dir), (Some(0), String::new()), "{runtime_dir:?}");
         let (code, stderr) = quiet("a.ply -q -o x.png --size 8x8 --force --backend wgpu", runtime_dir);
-        // Without such a backend it fails, and says nothing else.
+        // Without such a backend the program fails, and prints nothing else.
         assert!(matches!(code, Some(0 | 4)) && !stderr.contains("XDG_RUNTIME_DIR"), "{code:?} {stderr}");
-        // Arguments arrive whatever else is changed.
+        // Arguments are preserved although the environment is changed.
         assert_eq!(quiet("render", runtime_dir).0, Some(2));
     }
 }

@@ -1,11 +1,11 @@
-//! Files of trained Gaussians: told from the file, asked for, refused.
+//! Files of trained Gaussians: detected, requested by options, and refused.
 
 use crate::common;
 
 use common::{Folder, ball, scene};
 use serde_json::json;
 
-/// Four Gaussians, flat (2DGS) or solid (3DGS), with harmonics of degree 1.
+/// Returns four Gaussians, flat (2DGS) or solid (3DGS), with harmonics of degree 1.
 fn gaussians(third: Option<&str>) -> String {
     let mut names: Vec<String> = ["x", "y", "z", "nx", "ny", "nz", "f_dc_0", "f_dc_1", "f_dc_2"].map(Into::into).into();
     names.extend((0..9).map(|i| format!("f_rest_{i}")));
@@ -45,7 +45,7 @@ fn bare_files_of_gaussians_are_drawn_as_trained() {
             (&printed["settings"]["composite"], &printed["settings"]["shader"]),
             (&json!("over"), &json!("unlit"))
         );
-        // The printed scene gives the same image, and so does the image itself.
+        // The printed scene gives the same image, and so does the image's metadata.
         f.write("printed.json", printed.to_string());
         f.run(&format!("printed.json -o p-{name}.exr {planes}")).code(0);
         let again = f.image(&format!("p-{name}.exr"));
@@ -71,7 +71,7 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
         assert_eq!((&print(words)["composite"], &print(words)["shader"]), (&json!(null), &json!("phong")), "{words}");
         f.run(&format!("{words} -o a.png --size 40x30 --force")).code(0);
     }
-    // What was a surface in a scene file stays one; a flag decides.
+    // A scene file draws them as a surface by default; a flag decides otherwise.
     f.write("a.ply", gaussians(None));
     f.write("s.json", scene(""));
     let surface = f.run("s.json -o surface.exr").code(0).stderr();
@@ -84,7 +84,7 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
     f.run("o.json -o q.exr --sort pixel").code(0);
     assert_eq!(f.image("p.exr").color, f.image("q.exr").color);
     assert_eq!(print("flat.ply --sort pixel")["sort"], json!("pixel"));
-    // Of the filters two are of Gaussians.
+    // Only two of the filters apply to Gaussians.
     for (filter, of_gaussians) in [("clamp", json!(null)), ("principal", json!("principal"))] {
         let settings = print(&format!("flat.ply --filter {filter}"));
         assert_eq!((&settings["composite"], &settings["gaussian_filter"]), (&json!("over"), &of_gaussians));
@@ -107,7 +107,7 @@ fn flags_of_surfaces_and_other_files_beside_make_surfaces_of_gaussians() {
 #[test]
 fn info_counts_all_gaussians_and_says_their_degree() {
     let f = Folder::new("faint");
-    // The first is so faint that no surface shows it.
+    // The first Gaussian is so faint that it isn't part of a surface.
     let text = gaussians(Some("-2")).replacen(" 0 -1.2", " -5 -1.2", 1);
     f.write("faint.ply", text);
     let facts = f.run("info faint.ply --json").code(0).json();
@@ -120,7 +120,7 @@ fn info_counts_all_gaussians_and_says_their_degree() {
     assert!(near(low, [-0.3, -0.4, -0.2]) && near(high, [0.4, 0.3, 0.3]), "{facts}");
     assert!(!facts["notes"].to_string().contains("ignored"), "{facts}");
     assert!(f.run("info faint.ply").code(0).stdout().contains("4 Gaussians of degree 1"));
-    // A smoothing filter may leave all of them faint: their image is empty, and no error.
+    // A smoothing filter may make all of them faint; the image is then blank, which isn't an error.
     let filtered = gaussians(Some("-9")).replace("end_header", "property float filter_3D\nend_header");
     let rows: Vec<String> = filtered
         .lines()

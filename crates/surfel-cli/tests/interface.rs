@@ -1,12 +1,12 @@
-//! What other people's scripts and files rely on, statement by statement: settings by flag, the scene file's keys and
-//! defaults, the PLY profile's forms of the same splats.
+//! Interface that users' scripts and files rely on: settings by flag, the scene file's keys and defaults, and the PLY
+//! profile's forms of the same splats.
 
 use crate::common;
 
 use common::{Folder, cube, points, scene};
 use serde_json::{Value, json};
 
-/// The image of a scene file by the reference, all planes of it.
+/// Returns all planes of a scene file's image, drawn by the reference backend.
 fn image(f: &Folder, file: &str) -> surfel::io::Planes {
     f.run(&format!("{file} -o {file}.exr --backend reference --exr-f32 --force")).code(0);
     let mut planes = f.image(&format!("{file}.exr"));
@@ -15,7 +15,7 @@ fn image(f: &Folder, file: &str) -> surfel::io::Planes {
     planes
 }
 
-/// Three splats of aspect 2 that overlap, all in one file: properties and rows as they are given.
+/// Encodes splats as a PLY file with the given properties and rows.
 fn ply(properties: &str, rows: &[&str]) -> String {
     let properties: String = properties.split(' ').map(|p| format!("property {}\n", p.replace(':', " "))).collect();
     format!("ply\nformat ascii 1.0\nelement vertex {}\n{properties}end_header\n{}\n", rows.len(), rows.join("\n"))
@@ -113,7 +113,7 @@ fn scene_file_defaults_are_the_documented_ones() {
     f.write("long.json", long.to_string());
     let want = image(&f, "short.json");
     assert_eq!(image(&f, "long.json"), want);
-    // None of them is without effect here, but for what has nothing to act on.
+    // Every key has an effect here, except those that have nothing to act on.
     let differs = |change: &dyn Fn(&mut Value)| {
         let mut other = long.clone();
         change(&mut other);
@@ -146,7 +146,7 @@ fn scene_file_defaults_are_the_documented_ones() {
 fn scene_file_matrices_are_column_major_and_compose_as_points_do() {
     let f = Folder::new("matrix");
     f.write("a.ply", ellipses());
-    // x' = 2y + 0.25, y' = x, z' = z − 1: mirrored, too.
+    // x' = 2y + 0.25, y' = x, z' = z − 1; this also mirrors.
     let matrix = "0,1,0,0, 2,0,0,0, 0,0,1,0, 0.25,0,-1,1";
     f.write("m.json", scene("").replace("\"a.ply\"", &format!("\"a.ply\", \"matrix\": [{matrix}]")));
     let moved = [
@@ -158,7 +158,8 @@ fn scene_file_matrices_are_column_major_and_compose_as_points_do() {
     f.write("b.json", scene("").replace("a.ply", "b.ply"));
     let (a, b) = (image(&f, "m.json"), image(&f, "b.json"));
     assert_eq!((a.color, a.depth, a.weight), (b.color, b.depth, b.weight));
-    // Outside stays outside: s × t is turned about, the normal isn't (two-sided shows the same either way).
+    // The outside stays the outside: s × t is reversed, the normal isn't (two-sided materials show the same either
+    // way).
     let side = "\"a.ply\", \"material\": {\"cull\": \"back\", \"two_sided\": false}";
     f.write("c.json", scene("").replace("\"a.ply\"", &format!("{side}, \"matrix\": [{matrix}]")));
     f.write("d.json", scene("").replace("\"a.ply\"", &side.replace("a.ply", "b.ply")));
@@ -184,7 +185,7 @@ fn scene_file_splats_may_be_points_or_a_mesh_and_paths_are_relative_to_it() {
         f.write("sub/c.json", scene("\"shader\": \"phong\"").replace("a.ply", "c.ply"));
         assert_eq!(image(&f, "sub/c.json"), splats, "{file}");
     }
-    // As polygons it is another image: sharp edges, a weight of 0.
+    // Polygons give another image, with sharp edges and a weight of 0.
     f.write("sub/m.json", scene("").replace("\"splats\": \"a.ply\"", "\"mesh\": \"b.obj\""));
     f.run("sub/m.json -o m.exr --backend reference").code(0);
     let mesh = f.image("m.exr");
@@ -215,7 +216,7 @@ fn scene_file_lights_and_projections_have_their_forms() {
         f.write("l.json", with("lights", json!([light])));
         image(&f, "l.json");
     }
-    // Only what casts shadows has the key; angles are in order.
+    // Only lights that cast shadows have the key; angles must be ordered.
     for light in [
         json!({"point": {"position": [0, 3, 0], "shadow": true}}),
         json!({"spot": {"position": [0, 3, 3], "direction": [0, -1, 0], "inner_deg": 40, "outer_deg": 30}}),
@@ -265,7 +266,7 @@ fn ply_forms_of_the_same_splats_give_the_same_image() {
         ),
     );
     assert_eq!(image(&f, "s.json"), want);
-    // The other two encodings, by way of the program's own writer.
+    // The other two encodings, written by the program itself.
     f.write("x.ply", ellipses());
     f.run("convert x.ply -o a.ply --force").code(0);
     assert!(f.read("a.ply").windows(20).any(|w| w == b"binary_little_endian"));
@@ -295,7 +296,7 @@ fn ply_optional_properties_mean_what_the_profile_says() {
         image(&f, "s.json")
     };
     let plain = drawn(axes, row, "");
-    // No colour is white; sRGB bytes decode, floats are linear; alpha is linear either way.
+    // Splats without a colour are white; sRGB bytes are decoded, floats are linear; alpha is linear in both forms.
     assert_eq!(plain.color.as_ref().unwrap()[15 * 40 + 20], [1.0; 4]);
     let color = |kind: &str, values: &str| {
         let properties = format!("{axes} {kind}:red {kind}:green {kind}:blue {kind}:alpha");
@@ -307,15 +308,15 @@ fn ply_optional_properties_mean_what_the_profile_says() {
     assert!((bytes[3] - 0.2).abs() < 1e-6, "{bytes:?}");
     let floats = color("float", "0.5 1 0 0.2");
     assert!((floats[0] - 0.1).abs() < 1e-6 && (floats[3] - 0.2).abs() < 1e-6, "{floats:?}");
-    // A disk is the ellipse of equal axes.
+    // A disk is an ellipse with equal axes.
     let disk = drawn("float:x float:y float:z float:nx float:ny float:nz float:radius", "0 0 0 0 0 3 1", "");
     assert_eq!((&disk.depth, &disk.normal), (&plain.depth, &plain.normal));
-    // A normal beside the axes is the one that is shaded.
+    // A normal in addition to the axes is used for shading.
     let tilted = drawn(&format!("{axes} float:nx float:ny float:nz"), &format!("{row} 3 0 4"), "");
     let normal = tilted.normal.unwrap()[15 * 40 + 20];
     assert!((normal[0] - 0.6).abs() < 1e-6 && (normal[2] - 0.8).abs() < 1e-6, "{normal:?}");
     assert_eq!(tilted.weight, plain.weight);
-    // Clips: NaN is none; a line keeps a·u + b·v + c ≥ 0; modes.
+    // Clips: NaN means none; a line keeps a·u + b·v + c ≥ 0; modes.
     let curve = "float:clip_theta1 float:clip_theta3 float:clip_u float:clip_v float:clip_w";
     let clipped = |properties: &str, values: &str| {
         drawn(&format!("{axes} {properties}"), &format!("{row} {values}"), "").weight.unwrap()
@@ -323,7 +324,7 @@ fn ply_optional_properties_mean_what_the_profile_says() {
     let count = |weights: &[f32]| weights.iter().filter(|w| **w > 0.0).count();
     let whole = plain.weight.unwrap();
     assert_eq!(clipped(curve, "0 3 0 1 nan"), whole);
-    // From 0 to π counter-clockwise: the upper half goes.
+    // From 0 to π counter-clockwise: the upper half is clipped.
     let lower = clipped(curve, "0 3.14159265 0 0 0");
     assert!(lower[10 * 40 + 20] == 0.0 && lower[20 * 40 + 20] > 0.0);
     let line = "float:clip_line0_a float:clip_line0_b float:clip_line0_c";
@@ -335,7 +336,7 @@ fn ply_optional_properties_mean_what_the_profile_says() {
     assert_eq!(clipped(&format!("{two} uchar:clip_mode"), "1 0 0 0 1 0 0"), and);
     let quarter = count(&whole) as f64 / 4.0;
     for (weights, quarters) in [(&and, 1.0), (&right, 2.0), (&or, 3.0)] {
-        // A column of pixels more or less.
+        // Up to a column of pixels.
         assert!((count(weights) as f64 - quarters * quarter).abs() < 14.0, "{quarters} {}", count(weights));
     }
 }

@@ -1,4 +1,4 @@
-//! Points by levels: written as COPC, and drawn as far as a view needs them.
+//! Levels of detail for points: writing COPC, and drawing what a view needs.
 
 use crate::common;
 
@@ -8,7 +8,7 @@ fn las(side: u32) -> Vec<u8> {
     las_at(side, 0)
 }
 
-/// How many bytes were read, out of how many, in MiB.
+/// Returns the MiB read, and the file's total, from the notes.
 fn read_mib(notes: &str) -> [f64; 2] {
     let line = notes.lines().find(|line| line.contains("drawn by levels")).unwrap_or_else(|| panic!("{notes}"));
     let words: Vec<&str> = line.split_whitespace().collect();
@@ -29,9 +29,9 @@ fn view_of_a_large_file_reads_what_it_needs_and_looks_like_all_of_it() {
         let notes = folder.run(&format!("render out.copc.laz {view} -o {name}.png")).code(0).stderr();
         let [read, all] = read_mib(&notes);
         assert!(read < most * all, "{name}: {read} of {all} MiB");
-        // What a picture by levels at 1 px may differ by from one of all points.
+        // Largest difference between an image with levels of detail at 1 px and one of all points.
         folder.run(&format!("compare {name}-all.png {name}.png --fail-above flip=0.02")).code(0);
-        // Coarser levels are fewer bytes and still cover what all points cover.
+        // Coarser levels are fewer bytes, and still cover what all points cover.
         let coarse = folder.run(&format!("render out.copc.laz {view} --lod-error 4 -o {name}-4.png")).code(0).stderr();
         assert!(read_mib(&coarse)[0] < read, "{coarse}");
         let alpha = |image: &str| -> Vec<f32> { folder.image(image).color.unwrap().iter().map(|c| c[3]).collect() };
@@ -57,8 +57,9 @@ fn camera_is_the_same_for_a_part_of_the_levels_and_for_all() {
         (place("eye"), place("target"))
     };
     assert_eq!(camera("out.copc.laz --lod-error 3"), camera("out.copc.laz --all-levels"));
-    // The coarsest levels have at most 100,000 points, and with the next more, on 60 m by 60 m: they are at most 0.38 m
-    // apart. Each end of what they cover is half of that off, which moves the eye by the same part of its distance.
+    // The coarsest levels have at most 100,000 points, and with the next level more, on 60 m × 60 m, so points are at
+    // most 0.38 m apart. Each end of the covered area is off by half of that, which moves the eye by the same fraction
+    // of its distance.
     let apart = |a: [f64; 3], b: [f64; 3]| (0..3).map(|k| (a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
     let (levels, points) = (camera("out.copc.laz --view iso"), camera("in.las --view iso"));
     let (off, away) = (apart(levels.0, points.0), apart(points.0, points.1));
@@ -88,14 +89,14 @@ fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
         let mut seen = 0;
         for i in (0..index.len()).filter(|i| index[*i] != u32::MAX) {
             let point = points.origin + points.positions.get(index[i] as usize);
-            // The splats of a level of 3 pixels are less than 2 wide, and single precision is half a unit here.
+            // Splats of a level at 3 pixels are less than 2 wide, and single precision is half a unit here.
             let away = [f64::from(x[i]) - point.x, f64::from(y[i]) - point.y];
             assert!(away.iter().all(|d| d.abs() < 2.0), "{flags}: row {} is {away:?} away", index[i]);
             seen += 1;
         }
         assert!(seen > 1000, "{flags}: {seen}");
     }
-    // Tiles choose by the whole image.
+    // The selection for tiles is that of the whole image.
     folder.run(&format!("{view} --lod-error 3 -o whole.png")).code(0);
     let whole = folder.image("whole.png").color.unwrap();
     for i in 0..4 {
@@ -136,7 +137,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     folder.run("convert in.las -o out.copc.laz").code(0);
     let view = "render out.copc.laz --size 96x80 --eye 600020,4999980,140 --target 600020,5000020,100 --no-metadata";
     folder.run(&format!("{view} --all-levels -o all.png")).code(0);
-    // The limit of points a pixel rises as splats shrink.
+    // The limit on points per pixel rises as splats shrink.
     for error in ["0.01", "1e-300"] {
         folder.run(&format!("{view} --lod-error {error} -o fine.png --force")).code(0);
         folder.run("compare all.png fine.png --fail-above flip=0.0001").code(0);
@@ -150,7 +151,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     for error in ["0", "-1", "NaN", "inf", "1e7"] {
         folder.run(&format!("{view} --lod-error={error} -o no.png")).fails(2, "--lod-error");
     }
-    // A scene file has the same limit; coarser pictures before the last keep within it.
+    // A scene file has the same limit; coarser progressive images also respect it.
     let scene = |error: &str| {
         let camera = r#"{"eye": [600020, 4999980, 140], "target": [600020, 5000020, 100], "up": [0, 0, 1],
             "near": 0.1, "size": [96, 80], "projection": {"perspective": {"fov_y_deg": 40}}}"#;
@@ -172,7 +173,7 @@ fn error_of_any_size_draws_all_points_to_few() {
     assert!(covered("largest.png") > 96 * 80 / 4);
 }
 
-/// A file of 0.8 GB of points, by what they take in memory, none of which are stored on disk.
+/// A file with points that need 0.8 GB of memory, none of which is stored on disk.
 #[cfg(target_os = "linux")]
 #[test]
 fn render_that_is_ended_while_it_writes_levels_leaves_nothing() {
@@ -252,7 +253,7 @@ fn file_that_a_view_needs_all_of_is_drawn_as_ever() {
     folder.run("convert in.las -o other.copc.laz --max-points 9").fails(2, "takes the points as they are");
 }
 
-/// Runs `surfel`, and collects what is in `out` meanwhile: every other picture that was there.
+/// Runs `surfel`, and returns the successive contents of `out` during the run.
 fn pictures_of(folder: &Folder, words: &str, out: &str) -> Vec<Vec<u8>> {
     let mut child = folder.spawn(words);
     let mut pictures: Vec<Vec<u8>> = Vec::new();
@@ -297,7 +298,7 @@ fn progressive_pictures_are_whole_and_the_last_is_the_one_without_the_flag() {
             let covered = image.color.unwrap().iter().filter(|c| c[3] > 0.99).count();
             assert!(covered > 320 * 240 / 4, "{name}: {covered}");
         }
-        // A file that was there before is no picture of this run.
+        // A file that existed before isn't an image of this run.
         folder.run(&format!("{words} --progressive -o {out}")).fails(1, "--force");
         assert!(folder.read(out) == plain, "{out}");
     }
@@ -342,13 +343,13 @@ fn killed_conversion_goes_on_with_resume_and_leaves_nothing_without() {
         std::thread::sleep(after);
         child.kill().unwrap();
         child.wait().unwrap();
-        // Absent or whole at each moment.
+        // At each moment the file is absent or complete.
         assert!(!folder.has("out.copc.laz") || folder.read("out.copc.laz") == whole);
     };
     let resume = format!("{convert} out.copc.laz --resume");
     for twentieths in [1, 3, 6, 9, 12, 14, 16, 17, 18, 19, 20] {
         kill(&resume, took * twentieths / 20);
-        // Most go on from here until the output is there; some begin anew.
+        // Most runs continue from here until the output exists; some start again.
         if twentieths % 3 == 0 && !folder.has("out.copc.laz") {
             folder.run(&resume).code(0);
             assert_eq!(folder.names(), names);
@@ -362,7 +363,7 @@ fn killed_conversion_goes_on_with_resume_and_leaves_nothing_without() {
     assert_eq!(folder.names(), names);
     assert!(folder.read("out.copc.laz") == whole);
     std::fs::remove_file(folder.path().join("out.copc.laz")).unwrap();
-    // What a run without the flag leaves is gone after the next; what one with it leaves is told.
+    // Files left by a run without --resume are removed by the next one; those of a run with it are reported.
     for half in [1, 2, 3] {
         kill(&format!("{convert} out.copc.laz --force"), took * half / 4);
     }
@@ -411,7 +412,7 @@ fn shares_of_a_conversion_are_put_together() {
 fn info_by_blocks_is_that_of_all_points() {
     let folder = Folder::new("levels-info");
     let mut bytes = las(400);
-    // Classes and user data that are zero in the blocks before, a class 0 after others, colours of 8 bits.
+    // Classes and user data that are zero in earlier blocks, a class 0 after others, and 8-bit colours.
     for (i, record) in bytes[375..].chunks_exact_mut(36).enumerate() {
         record[16] = if i % 7 == 0 { 0 } else { (i / 60_000) as u8 };
         record[17] = u8::from(i == 159_999);
@@ -420,20 +421,20 @@ fn info_by_blocks_is_that_of_all_points() {
     folder.write("in.las", bytes);
     folder.run("convert in.las -o in.copc.laz").code(0);
     for file in ["in.las", "in.copc.laz"] {
-        // Bytes on stdin are in memory anyway.
+        // Stdin is in memory anyway.
         let mut whole = folder.run_in("", "info - --json", &folder.read(file)).code(0).json();
         let mut blocks = folder.run(&format!("info {file} --json")).code(0).json();
         assert!(whole["attributes"]["user_data"].is_object() && whole["classes"].as_array().unwrap().len() == 3);
         for side in ["median", "min", "max"] {
             let [a, b] = [&mut whole, &mut blocks].map(|facts| facts["radii"][side].take().as_f64().unwrap());
-            // Positions are rounded to f32 from another origin: by 2^-24 of 60 m, of a spacing of 0.1 m.
+            // Positions are rounded to f32 from another origin: by 2^-24 of 60 m, with a spacing of 0.1 m.
             assert!((a / b - 1.0).abs() < 1e-4, "{file}, {side}: {a} {b}");
         }
         let [a, b] = [&mut whole, &mut blocks].map(|facts| facts["memory_bytes"].take().as_f64().unwrap());
-        // Columns that are zero in a block are left out of it.
+        // Columns that are zero in a block are omitted from it.
         assert!((0.9..=1.0).contains(&(b / a)), "{file}: {a} {b}");
         for facts in [&mut whole, &mut blocks] {
-            // The same, by another origin.
+            // Equal up to the origin.
             drop(facts["file"].take());
             let place = [facts["bounds"].take(), facts["attributes"]["position"].take()].map(|v| v.to_string());
             assert!(place.iter().all(|text| text.contains("600000.0") && text.contains("5000039.95")), "{place:?}");

@@ -5,7 +5,7 @@
 use crate::common::{Folder, ball, las_at, points};
 use std::os::unix::fs::symlink;
 
-/// Points whose heights vary, for colours by height.
+/// Returns points with varying heights, for colours by height.
 fn hill() -> String {
     let at = |i: u32| (f64::from(i % 20), f64::from(i / 20));
     (0..400).map(at).map(|(x, y)| format!("{x} {y} {}\n", (x * 0.3).sin() + y * 0.1)).collect()
@@ -33,7 +33,7 @@ fn two_outputs_of_one_file_are_refused_whatever_they_are_called() {
         &format!("ortho a.las --gsd 0.5 -o s.tif --colorbar=./s.tif {by_height}"),
         &format!("render a.xyz {by_height} --colorbar=./k.png -o k.png"),
         &format!("render a.xyz {by_height} --colorbar=to-t.png -o t.png"),
-        // One bar of two inputs, and one image.
+        // One colour bar of two inputs, and one image.
         &format!("render a.xyz b.xyz {by_height} --colorbar=k.png -o {{input}}.png"),
         "render a.xyz in/a.xyz -o {input}.png --force",
         &format!("convert a.xyz {by_height} --colorbar=./o.ply -o o.ply"),
@@ -46,7 +46,7 @@ fn two_outputs_of_one_file_are_refused_whatever_they_are_called() {
         );
         assert_eq!(f.names(), before, "{words}");
     }
-    // Different files in spite of alike names.
+    // Different files with similar names.
     f.run(&format!("render a.xyz {by_height} --colorbar=in/k.png -o k.png --size 16x16")).code(0);
     assert!(f.has("in/k.png") && f.has("k.png"));
 }
@@ -101,7 +101,7 @@ fn wrong_inputs_are_blamed_also_while_writing() {
         assert!(!run.stderr().contains("cannot write it"), "{}", run.stderr());
         assert!(!f.has("o.copc.laz"), "{input}");
     }
-    // Points that are no numbers among others are left out, as when they are drawn, or are the input's fault.
+    // NaN points among others are dropped, as in drawing, or are reported as a fault of the input.
     for input in ["nan.ply", "nan.xyz"] {
         let run = f.run(&format!("convert {input} -o o.copc.laz --force"));
         assert!(!run.stderr().contains("cannot write it"), "{}", run.stderr());
@@ -154,7 +154,7 @@ fn coincident_points_by_levels_are_as_few_as_without() {
     assert!(seen <= 1615, "{seen}");
 }
 
-/// Resident memory of a process, in KiB.
+/// Returns the resident memory of a process, in KiB.
 #[cfg(target_os = "linux")]
 fn resident_kib(process: u32) -> u64 {
     let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
@@ -184,7 +184,7 @@ fn serve_gives_back_the_memory_of_a_large_image() {
         resident_kib(child.id())
     };
     let before = draw("[64, 64]");
-    // Its colours alone take 96 MB.
+    // Its colours alone need 96 MB.
     draw("[3000, 2000]");
     let after = draw("[64, 64]");
     assert!(after < before + (48 << 10), "{before} KiB before, {after} KiB after");

@@ -1,4 +1,4 @@
-//! The program's tests, in one binary: each links all that the program does.
+//! The program's tests, in one binary, since each binary links the whole program.
 
 mod again;
 mod attributes;

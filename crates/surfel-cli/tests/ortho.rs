@@ -2,25 +2,26 @@
 
 use crate::common::{Folder, las_at};
 
-/// Bytes of a point of [`las_at`], and where the first one is.
+/// Bytes per point of [`las_at`].
 const RECORD: usize = 36;
+/// Offset of the first point in bytes.
 const FIRST: usize = 375;
 const SIDE: u32 = 60;
 
-/// A scan whose points are changed, each by its number and its record.
+/// Returns a scan with points modified by `change`, which gets each point's number and record.
 fn las_with(change: impl Fn(usize, &mut [u8])) -> Vec<u8> {
     let mut bytes = las_at(SIDE, 0);
     bytes[FIRST..].chunks_exact_mut(RECORD).enumerate().for_each(|(i, record)| change(i, record));
     bytes
 }
 
-/// Lifts a point by so many metres.
+/// Raises a point by `metres`.
 fn lift(record: &mut [u8], metres: i32) {
     let z = i32::from_le_bytes([8, 9, 10, 11].map(|k| record[k])) + 1000 * metres;
     record[8..12].copy_from_slice(&z.to_le_bytes());
 }
 
-/// A point of `i` that is noise, high or low, in one of 100.
+/// Turns every hundredth point into noise, high or low.
 fn noise(i: usize, record: &mut [u8]) {
     if i % 100 == 7 {
         record[16] = if i % 200 == 7 { 18 } else { 7 };
@@ -39,7 +40,7 @@ fn heights_are_written_alone() {
     assert!(f.read("again.tif") == f.read("dsm.tif"));
     f.run("ortho in.las --gsd 0.2 --dsm dsm.tif").fails(1, "exists");
     f.run("ortho in.las --gsd 0.2").fails(2, "--output");
-    // Its legend is called as the first image is.
+    // The colour bar is named after the first image.
     f.run("ortho in.las --gsd 0.2 --dsm d.tif --color-by height --colorbar").code(0);
     assert!(f.has("d-colorbar.png"), "{:?}", f.names());
 }
@@ -75,7 +76,7 @@ fn noise_and_withheld_points_move_no_frame_and_are_no_surface() {
     ] {
         let (found, said) = eye(&format!("{words} --view 30,30"));
         assert!(apart(&found) < 1.0 && said.contains(names), "{words}: {found:?} {clean:?} {said}");
-        // The automatic view and up, too.
+        // The automatic view and up axis, too.
         let (found, said) = eye(words);
         assert!((found[2] - clean[2]).abs() < 30.0 && said.contains("up is +z"), "{words}: {found:?} {said}");
         let (found, _) = eye(&format!("{words} --view 30,30 --classes all"));
@@ -89,7 +90,7 @@ fn noise_and_withheld_points_move_no_frame_and_are_no_surface() {
         assert!(!model("--classes all").contains("left out"), "{words}");
         assert!(f.read("dsm.tif") != without, "{words}");
     }
-    // Those of a class that is named count.
+    // A class that is named is included.
     let run = f.run("ortho noise.las --gsd 0.5 --dsm dsm.tif -f --classes 2,7 --outliers keep").code(0);
     assert!(!run.stderr().contains("of noise"), "{}", run.stderr());
     f.write("only.las", las_with(|_, record| record[16] = 7));
@@ -111,7 +112,7 @@ fn conversion_drops_no_noise_and_nothing_withheld() {
     assert_eq!(found["splats"], SIDE * SIDE, "{found}");
     assert!(f.run("info out.ply").code(0).stdout().contains("withheld"));
     f.run("convert in.las -o out.copc.laz").code(0);
-    // A table's column is as good as a flag.
+    // A table's column has the same effect as a flag.
     let run = f.run("ortho out.copc.laz --gsd 0.5 --dsm a.tif").code(0);
     assert!(run.stderr().contains("72 points flagged as withheld"), "{}", run.stderr());
 }
@@ -119,7 +120,7 @@ fn conversion_drops_no_noise_and_nothing_withheld() {
 #[test]
 fn degrees_and_strays_are_refused_by_what_was_given() {
     let f = Folder::new("refused");
-    // As many programs write degrees: steps of 1e-7 beside centimetres, and no system.
+    // Degrees as many programs write them: steps of 1e-7 beside centimetres, and no reference system.
     let mut bytes = las_with(|i, record| {
         let at = [86_000_000 + 10 * (i as i32 % 60), 470_000_000 + 10 * (i as i32 / 60), 41_000 + i as i32 % 90];
         at.iter().zip([0, 4, 8]).for_each(|(v, k)| record[k..k + 4].copy_from_slice(&v.to_le_bytes()));

@@ -1,4 +1,4 @@
-//! What a command draws and where it goes: JPEG, an image for each input, stdin, the image of `surfel FILE` alone.
+//! Images that commands write: JPEG, one image per input, stdin, and the default image of `surfel FILE`.
 
 use crate::common;
 
@@ -16,7 +16,7 @@ fn jpeg_shows_what_the_png_shows() {
         // Quality 92, in linear light.
         f.run(&format!("compare a.png {name} --fail-above rmse=0.02")).code(0);
     }
-    // Blended onto the background's colour, which the alpha of the background does not change.
+    // Blended onto the background's colour, regardless of the background's alpha.
     for (background, opaque) in [("transparent", "0,0,0"), ("0.25,0.5,1,0.5", "0.25,0.5,1")] {
         let said = f.run(&format!("a.ply -o t.jpg --size 64x48 --force --background {background}")).code(0).stderr();
         assert!(said.contains("t.jpg: a JPEG has no transparency") && said.contains(opaque), "{said}");
@@ -40,14 +40,14 @@ fn each_input_gets_an_image_and_one_that_fails_stops_no_other() {
     assert!(errors.len() == 3 && errors[0].contains("bad.ply") && errors[1].contains("nowhere.xyz"), "{said}");
     assert!(errors[2].contains("2 of 5 images failed"), "{said}");
     assert!(f.has("o-a.png") && f.has("o-b.png") && f.has("o-s.png") && !f.has("o-bad.png"));
-    // Each is the image that it would be alone.
+    // Each image equals the one drawn alone.
     f.run("b.ply -o alone.png --size 16x16").code(0);
     assert_eq!(f.read("alone.png"), f.read("o-b.png"));
-    // The first failure's exit code: existing files, then the damaged one. Those that are missing are drawn.
+    // The exit code is that of the first failure: existing files, then the damaged one. Missing images are drawn.
     std::fs::remove_file(f.path().join("o-b.png")).unwrap();
     let said = f.run("a.ply b.ply bad.ply -o o-{input}.png --size 16x16").code(1).stderr();
     assert!(said.contains("o-a.png: already exists") && f.has("o-b.png"), "{said}");
-    // Without {input} they are one scene, as ever.
+    // Without {input} all inputs form one scene.
     f.run("a.ply b.ply -o both.png --size 16x16").code(0);
     assert_ne!(f.image("both.png").color, f.image("o-a.png").color);
     let stats = f.run("a.ply b.ply -o o-{input}.png --size 16x16 --force --stats").code(0).json();
@@ -88,7 +88,7 @@ fn stdin_is_an_input_of_any_format() {
     assert_eq!(f.image("s.png").color, f.image("t.png").color);
     f.run_in("", "- -o {input}.png --size 8x8", ball().as_bytes()).code(0);
     assert!(f.has("stdin.png"));
-    // Beside others, and in a scene file.
+    // Beside other inputs, and in a scene file.
     f.run_in("", "- b.obj -o both.png --size 8x8 --splats 400", ball().as_bytes()).code(0);
     f.write("dash.json", scene("").replace("a.ply", "-"));
     f.run_in("", "dash.json -o dash.png --size 8x8", ball().as_bytes()).code(0);
@@ -108,7 +108,7 @@ fn file_alone_is_drawn_to_its_name_in_the_current_folder() {
     f.run("a.ply -o b.png --size 16x16").code(0);
     assert_eq!(f.image("here/a.png").color, f.image("b.png").color);
     assert!(!f.has("a.png"), "beside the input instead of the current folder");
-    // Never over another file, unless it is said.
+    // An existing file is replaced only with --force.
     f.write("here/a.png", "mine");
     f.run_in("here", "../a.ply --size 16x16", b"").fails(1, "--force");
     assert_eq!(f.read("here/a.png"), b"mine");
@@ -116,7 +116,7 @@ fn file_alone_is_drawn_to_its_name_in_the_current_folder() {
     assert!(f.read("here/a.png").starts_with(b"\x89PNG"));
     f.run_in("here", "- --size 16x16", ball().as_bytes()).code(0);
     assert!(f.has("here/stdin.png"));
-    // What prints something draws only what -o says.
+    // Commands that print something draw only with -o.
     f.run_in("here", "../a.ply --size 16x16 --stats", b"").code(0);
     f.run("a.ply --print-scene").code(0);
     assert!(!f.has("a.png"));

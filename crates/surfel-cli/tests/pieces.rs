@@ -1,4 +1,4 @@
-//! Pieces of a job: frames, shards and tiles, `stitch`, `serve` and `jobs`.
+//! Shards of a job: frames, shards and tiles, `stitch`, `serve` and `jobs`.
 
 use crate::common;
 
@@ -6,14 +6,14 @@ use common::{Folder, Run, ball, las_at};
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Command, Stdio};
 
-/// Runs `surfel` with variables of the environment.
+/// Runs `surfel` with environment variables.
 fn run_with(f: &Folder, words: &str, variables: &[(&str, &str)]) -> std::process::Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
     command.current_dir(f.path()).args(words.split(' ')).env("NO_COLOR", "1");
     command.envs(variables.iter().copied()).output().unwrap()
 }
 
-/// A scene file of two translucent balls, one before the other, seen by `size` pixels.
+/// Writes a scene file of two translucent balls, one before the other, for images of `size` pixels.
 fn scene(f: &Folder, size: [u32; 2], settings: &str) {
     f.write("ball.ply", ball());
     f.write(
@@ -43,14 +43,14 @@ fn tiles_equal_the_whole_to_the_byte() {
             let flags = if extension == "png" { "--png16" } else { flags };
             let whole = format!("whole.{extension}");
             f.run(&format!("scene.json -f -o {whole} {flags}")).code(0);
-            // Bands of 15 and 16 rows, which no block of 16 lines of an EXR ends with.
+            // Bands of 15 and 16 rows, which don't end at the EXR's blocks of 16 lines.
             for i in 0..3 {
                 f.run(&format!("scene.json -f -o t{{tile}}.{extension} --tile {i}/3 {flags}")).code(0);
             }
             let joined = format!("joined.{extension}");
             f.run(&format!("stitch t0002.{extension} t0000.{extension} t0001.{extension} -f -o {joined}")).code(0);
             assert!(f.read(&joined) == f.read(&whole) || same(&f, &joined, &whole), "{settings} {extension}");
-            // And so do regions, beside and below each other.
+            // Regions can be merged too, beside and below each other.
             for (i, region) in ["0,0,20,47", "20,0,41,9", "20,9,41,38"].into_iter().enumerate() {
                 f.run(&format!("scene.json -f -o r{i}.{extension} --region {region} {flags}")).code(0);
             }
@@ -58,7 +58,7 @@ fn tiles_equal_the_whole_to_the_byte() {
             assert!(same(&f, &joined, &whole), "{settings} {extension} by regions");
         }
     }
-    // An EXR is the same file, whichever way it came about.
+    // The EXR is the same file in either case.
     assert_eq!(f.read("joined.exr"), f.read("whole.exr"));
     f.run("again joined.exr -o again.exr").code(0);
 }
@@ -88,11 +88,11 @@ fn tiles_of_a_poster_are_what_the_model_says() {
     assert_eq!((band.width, band.height), (65_536, 4));
     let drawn = band.color.as_ref().unwrap().iter().filter(|c| c[3] > 0.0).count();
     assert!(drawn > 65_536, "{drawn} pixels are drawn");
-    // A corner of the ball far from the origin of pixels, by both backends.
+    // A corner of the ball far from the pixel origin, by both backends.
     for backend in ["cpu", "reference"] {
         f.run(&format!("scene.json -o {backend}.exr --region 52000,33000,24,16 --backend {backend}")).code(0);
     }
-    // What the preset balanced promises of a backend: 50 dB.
+    // The preset balanced promises 50 dB for a backend.
     f.run("compare reference.exr cpu.exr --fail-below psnr=50").code(0);
     f.run("scene.json -o all.png --backend cpu").fails(3, "at most 268435456 pixels at a time");
 }
@@ -161,7 +161,7 @@ fn damaged_tiles_give_an_error_and_no_image() {
             }
             f.write(&format!("c.{extension}"), bytes);
             let run = f.run(&format!("stitch a.{extension} c.{extension} -f -o w.{extension}"));
-            // What doesn't show (a text that nobody compares, a checksum that the format lacks) may pass.
+            // Unnoticeable changes (a text that isn't compared, a checksum that the format lacks) may pass.
             assert!(!run.stderr().contains("defect"), "{extension} {at}: {}", run.stderr());
         }
     }
@@ -183,7 +183,7 @@ fn shards_draw_every_picture_once() {
     let clear = || {
         std::fs::read_dir(f.path().join("out")).unwrap().for_each(|e| std::fs::remove_file(e.unwrap().path()).unwrap());
     };
-    // A shard counted from 1, without --force: a frame drawn twice would fail.
+    // Shards counted from 1, without --force: a frame drawn twice would fail.
     for i in 1..=3 {
         f.run(&format!("{all} out/{{frame}}.png --shard {i}/3")).code(0);
     }
@@ -191,7 +191,7 @@ fn shards_draw_every_picture_once() {
     for i in 0..7 {
         assert_eq!(f.read(&format!("out/000{i}.png")), f.read(&format!("all/000{i}.png")), "frame {i}");
     }
-    // Frames that are there stay, and the others are drawn.
+    // Existing frames are kept, and the others are drawn.
     std::fs::remove_file(f.path().join("out/0004.png")).unwrap();
     f.write("out/0003.png", "mine");
     let run = f.run(&format!("{all} out/{{frame}}.png --skip-existing")).code(0);
@@ -217,7 +217,7 @@ fn shards_draw_every_picture_once() {
         assert!(run.status.success() && stderr.contains(variables[0].0), "{stderr}");
         assert_eq!(out(), expected);
         clear();
-        // One picture is nobody's share, and the flag wins.
+        // A single image isn't divided, and the flag takes precedence.
         assert!(run_with(&f, "scene.json -o out/one.png", &variables).status.success());
         assert_eq!(out(), "one");
         clear();
@@ -230,7 +230,7 @@ fn shards_draw_every_picture_once() {
     let bad = run_with(&f, &format!("{all} out/{{frame}}.png"), &[("SLURM_ARRAY_TASK_ID", "x")]);
     assert_eq!(bad.status.code(), Some(2), "{}", String::from_utf8_lossy(&bad.stderr));
     assert_eq!(out(), "");
-    // Several inputs are one list; shards beyond it have nothing to do.
+    // Several inputs form one list; shards beyond it have nothing to do.
     f.write("b.ply", ball());
     for i in 0..5 {
         f.run(&format!("ball.ply b.ply --size 8x8 --turntable --frames 2 -o out/{{input}}{{frame}}.png --shard {i}/5"))
@@ -243,7 +243,7 @@ fn shards_draw_every_picture_once() {
     f.run("scene.json -o x.png --skip-existing --force").fails(2, "--force");
 }
 
-/// What `surfel serve` answers to lines, one each.
+/// Returns the answers of `surfel serve` to lines, one each.
 fn serve(f: &Folder, words: &str, lines: &[&str]) -> Vec<serde_json::Value> {
     let mut child = Command::new(env!("CARGO_BIN_EXE_surfel"))
         .current_dir(f.path())
@@ -256,7 +256,7 @@ fn serve(f: &Folder, words: &str, lines: &[&str]) -> Vec<serde_json::Value> {
     let mut stdin = child.stdin.take().unwrap();
     let mut stdout = BufReader::new(child.stdout.take().unwrap());
     let answers = lines.iter().map(|line| {
-        // The answer comes before the next request.
+        // The answer arrives before the next request is sent.
         writeln!(stdin, "{line}").unwrap();
         let mut answer = String::new();
         stdout.read_line(&mut answer).unwrap();
@@ -303,7 +303,7 @@ fn serve_answers_every_line() {
     assert_eq!(answers[2]["stats"]["width"], 20);
     assert!(answers[13]["error"].as_str().unwrap().contains("65536 bytes"), "{}", answers[13]);
     assert!(!f.has("e.png") && f.has("f.jpg"));
-    // The same bytes as a command each.
+    // The same bytes as separate commands.
     f.run("scene.json -o ra.exr").code(0);
     f.run("scene.json -o rb.png --camera camera.json").code(0);
     f.run("scene.json -o rc.png --view 30,20 --size 20x10").code(0);
@@ -313,7 +313,7 @@ fn serve_answers_every_line() {
     }
     let (d, rd) = (f.image("d.exr"), f.image("rd.exr"));
     assert!(d.color == rd.color && d.depth == rd.depth && d.normal.is_none() && rd.normal.is_some());
-    // Bare files are lit along the view, as by --cameras.
+    // Bare files are lit along the view, as with --cameras.
     let answers = serve(&f, "serve --stdio ball.ply --size 20x20", &[r#"{"output": "bare.png"}"#, "", "{}"][..1]);
     assert_eq!(answers[0]["ok"], true, "{}", answers[0]);
     f.run("serve --stdio scene.json -o a.png").fails(2, "-o is not for surfel serve");
@@ -322,7 +322,7 @@ fn serve_answers_every_line() {
     f.run("serve --stdio absent.json").fails(3, "absent.json");
 }
 
-/// Runs a job's lines by a shell that finds this program.
+/// Runs a job's lines in a shell whose PATH includes this program.
 fn shell(f: &Folder, script: &str) {
     let folder = std::path::Path::new(env!("CARGO_BIN_EXE_surfel")).parent().unwrap();
     let path = std::env::join_paths(
@@ -333,7 +333,7 @@ fn shell(f: &Folder, script: &str) {
     assert!(run.status.success(), "{script}\n{}", String::from_utf8_lossy(&run.stderr));
 }
 
-/// Slurm in a shell: the tasks of an array one by one, the last first, and then what depends on it.
+/// Slurm emulated in a shell: the tasks of an array one by one, the last first, then the dependent job.
 const SLURM: &str = r#"sbatch() {
     case "$1" in
     --parsable)
@@ -363,7 +363,7 @@ fn jobs_convert_what_one_command_does() {
     f.write("job.sh", slurm.bytes());
     shell(&f, &format!("{SLURM}bash job.sh"));
     assert!(f.read("s it.copc.laz") == whole);
-    // One task as a cluster begins it anew: its share is there, and stays.
+    // A task restarted by a cluster: its shard exists, and is kept.
     let share = std::fs::metadata(f.path().join("s it.0001.shard")).unwrap().modified().unwrap();
     shell(&f, "SLURM_ARRAY_TASK_ID=1 bash job.sh");
     assert_eq!(std::fs::metadata(f.path().join("s it.0001.shard")).unwrap().modified().unwrap(), share);
@@ -371,7 +371,7 @@ fn jobs_convert_what_one_command_does() {
     let merge = lines.stderr().lines().find_map(|l| Some(l.split_once("done: ")?.1.to_owned())).unwrap();
     shell(&f, &format!("{}{merge}", lines.stdout()));
     assert!(f.read("c.copc.laz") == whole);
-    // What a pod runs that waits for the files of the others.
+    // Command of the pod that waits for the files of the others.
     let k8s: serde_json::Value = job("--k8s", "k.copc.laz").json();
     let command = |item: usize, index: &str| -> Vec<String> {
         let words = k8s["items"][item]["spec"]["template"]["spec"]["containers"][0]["command"].as_array().unwrap();
@@ -397,7 +397,7 @@ fn jobs_draw_what_one_command_does() {
     for i in 0..5 {
         assert_eq!(f.read(&format!("f000{i}.exr")), f.read(&format!("r000{i}.exr")), "frame {i}");
     }
-    // Slurm's array, and what waits for it.
+    // Slurm's array, and the job that waits for it.
     f.write("tiles.sh", f.run("jobs scene.json --tiles 3 --slurm -o s.exr").code(0).bytes());
     shell(&f, &format!("{SLURM}bash tiles.sh"));
     f.run("scene.json -o once.exr").code(0);
@@ -408,7 +408,7 @@ fn jobs_draw_what_one_command_does() {
     shell(&f, &format!("{}{stitch}", run.stdout()));
     f.run("scene.json --cutoff 1.5 -o once.exr").code(0);
     assert_eq!(f.read("whole.exr"), f.read("once.exr"));
-    // Slurm's script, as its second task has it.
+    // Slurm's script, as run by its second task.
     let slurm = text(f.run("jobs scene.json --frames 5 --tasks 5 --slurm -o s{frame}.exr"));
     shell(&f, &format!("export SLURM_ARRAY_TASK_ID=1\n{slurm}"));
     assert!(f.has("s0001.exr") && !f.has("s0000.exr"));

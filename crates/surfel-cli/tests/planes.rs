@@ -1,4 +1,4 @@
-//! Planes of what is nearest, in EXR and NPZ files.
+//! Planes of the nearest splat in EXR and NPZ files.
 
 use crate::common;
 
@@ -6,7 +6,7 @@ use common::{Folder, cube};
 use std::collections::BTreeMap;
 use surfel::io::{Planes, read_image};
 
-/// A wall of 20 × 20 points 1 apart, some with classes; the sixth row of the file is no point.
+/// Returns a wall of 20 × 20 points 1 apart, some with classes; the sixth row of the file isn't a valid point.
 fn wall() -> String {
     let mut text = "x,y,z,classification,height_class\n".to_owned();
     for i in 0..400 {
@@ -19,13 +19,13 @@ fn wall() -> String {
     text
 }
 
-/// Row of the point at a column and row of the wall.
+/// Returns the file row of the point at a column and row of the wall.
 fn row(x: usize, y: usize) -> u32 {
     let i = 20 * y + x;
     (i + usize::from(i >= 5)) as u32
 }
 
-/// The arrays of an NPZ file, which are stored: bytes after the header, by name.
+/// Returns type header and data of the arrays in an uncompressed NPZ file, by name.
 fn arrays(bytes: &[u8]) -> BTreeMap<String, (String, Vec<u8>)> {
     let number = |at: usize, n: usize| bytes[at..at + n].iter().rev().fold(0, |v, b| v << 8 | usize::from(*b));
     let (mut at, mut found) = (0, BTreeMap::new());
@@ -93,7 +93,8 @@ fn rows_are_the_files_own_whatever_is_left_out_and_npz_and_exr_agree() {
                 continue;
             }
             seen += 1;
-            // The wall is flat, and its splats reach less than four points away; of 150 points of 400, as much farther.
+            // The wall is flat, and its splats extend less than four points; with 150 of 400 points, correspondingly
+            // farther.
             let found = (0..400).map(|i| (i % 20, i / 20)).find(|&(x, y)| row(x, y) == index[i]).unwrap();
             let reach = if flags.starts_with("--max-points") { 4.0 * (400.0_f64 / 150.0).sqrt() } else { 4.0 };
             assert!(

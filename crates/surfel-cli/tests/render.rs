@@ -1,4 +1,4 @@
-//! What `render` writes, and which of flag, scene file, preset and default wins.
+//! Output of `render`, and precedence of flag, scene file, preset and default.
 
 use crate::common;
 
@@ -30,7 +30,7 @@ fn printed_scene_gives_the_same_pixels() {
         let printed = f.run(&format!("{flags} --print-scene")).code(0);
         assert!(!printed.stdout().contains(f.path().to_str().unwrap()), "{}", printed.stdout());
         f.write(&format!("{i}.json"), printed.bytes());
-        // Wherever it is drawn from: the paths are relative to the scene file.
+        // The image doesn't depend on the current folder: paths are relative to the scene file.
         fs::create_dir_all(f.path().join("elsewhere")).unwrap();
         f.run_in("elsewhere", &format!("../{i}.json -o ../b{i}.exr"), b"").code(0);
         let (a, b) = (f.image(&format!("a{i}.exr")), f.image(&format!("b{i}.exr")));
@@ -121,7 +121,7 @@ fn automatic_frame_shows_everything_and_fills_the_image() {
         assert!((0..h).all(|y| !covered(0, y) && !covered(w - 1, y)), "{flags}: cut off at a side");
         let columns = (0..w).filter(|x| (0..h).any(|y| covered(*x, y))).count() as f64 / w as f64;
         let rows = (0..h).filter(|y| (0..w).any(|x| covered(x, *y))).count() as f64 / h as f64;
-        // 0.9 is what framing aims at; half a pixel and the filter's reach of √½ px to each side come on top.
+        // Framing aims at 0.9; half a pixel and the filter's reach of √½ px on each side are added.
         assert!((0.87..0.96).contains(&columns.max(rows)), "{flags}: {columns} {rows}");
     }
 }
@@ -191,7 +191,7 @@ fn verified_image_says_both_errors_and_whether_its_preset_is_kept() {
     let stats = f.run("a.ply --size 24x24 --backend cpu --verify --stats").code(0).json();
     assert!(stats["verify"]["fidelity"]["psnr"].as_f64().unwrap() > stats["promise"]["fidelity_db"].as_f64().unwrap());
     assert_eq!((&stats["preset"], &stats["verify"]["promise_kept"]), (&"balanced".into(), &true.into()));
-    // Settings that are no preset's are promised nothing.
+    // Settings that match no preset have no promise.
     let own = f.run("a.ply --size 24x24 --backend cpu --cutoff 1.3 --verify --stats").code(0).json();
     assert!(own["preset"].is_null() && own["promise"].is_null() && own["verify"]["model"].is_null());
     assert!(own["verify"]["fidelity"]["psnr"].is_number());
@@ -253,7 +253,7 @@ fn up_comes_from_the_format_and_is_printed() {
     assert!(f.run("p.xyz -o b.png --size 8x8").code(0).stderr().contains("up is +z"));
     assert_eq!(f.run("p.xyz --up -x --print-scene").code(0).json()["up"], "-x");
     assert_eq!(f.run("p.xyz --up auto --print-scene").code(0).json()["up"], "+z");
-    // It says why, and what to type if it is wrong; and which view it took, and how to repeat it.
+    // The notes state the reason and the flag that corrects it, and the view and the flag that repeats it.
     let note = f.run("a.ply -o c.png --size 8x8").code(0).stderr();
     assert!(note.contains("nothing in the data says it") && note.contains("--up +z"), "{note}");
     let (_, seen) = note.split_once("--view ").expect("the view is said");
@@ -282,7 +282,7 @@ fn camera_file_and_named_views_set_the_camera() {
     assert_eq!(eye("--view 30,20"), eye("--view iso"));
     assert!(eye("--view 0,0")[2] > 3.0 && eye("--view -90,0")[0] < -3.0 && eye("--view 0,90")[1] > 3.0);
     assert!(eye("--view front --up +z")[1] < -3.0 && eye("--view right --up +z")[0] > 3.0);
-    // Straight down on the up axis: another up is chosen.
+    // The view is straight down the up axis, so another up direction is chosen.
     f.run("a.ply -o top.png --size 8x8 --eye 0,5,0 --target 0,0,0").code(0);
     f.write("bad.json", "{}");
     f.run("a.ply --print-scene --camera bad.json").fails(3, "bad.json");
@@ -318,16 +318,16 @@ fn gpu_backends_draw_what_the_cpu_draws() {
             continue;
         }
         f.run(&format!("a.ply -o {backend}.exr --size 48x40 --exr-f32 --backend {backend}")).code(0);
-        // What two f32 programs may differ by where no decision does.
+        // Largest difference between two f32 programs apart from decisions.
         f.run(&format!("compare {backend}.exr cpu.exr --fail-below psnr=60")).code(0);
-        // An image of its own, not the other backend's file.
+        // The image is the backend's own, not the other backend's file.
         let stats = f.run(&format!("a.ply --stats --size 8x8 --backend {backend}")).code(0).json();
         assert_eq!(stats["backend"], backend);
         assert!(stats["passes"]["visibility"].is_number() || stats["passes"].as_object().unwrap().is_empty());
     }
 }
 
-/// Three cameras about the ball of splats, each of which sees it in the middle.
+/// Returns three cameras around the ball of splats, with the ball in the middle of each view.
 fn transforms() -> String {
     let camera = |name: &str, x: [f64; 3], y: [f64; 3], z: [f64; 3]| {
         let row = |i: usize| [x[i], y[i], z[i], 4.0 * z[i]];
@@ -355,11 +355,11 @@ fn cameras_of_another_program_give_an_image_each() {
     assert_eq!((front.width, front.height), (48, 32));
     for name in ["front", "right", "top"] {
         let depth = f.image(&format!("out/{name}.exr")).depth.unwrap();
-        // The ball has the radius 1 and stands 4 before every camera.
+        // The ball has radius 1 and is at distance 4 from every camera.
         let middle = depth[16 * 48 + 24];
         assert!((middle - 3.0).abs() < 0.05 && depth[0].is_infinite(), "{name}: {middle}");
     }
-    // An image of one of them is drawn again by what it carries, and smaller images show the same.
+    // One of the images can be repeated from its metadata, and smaller images show the same.
     f.run("again out/right.exr -o again.exr").code(0);
     assert_eq!(f.image("again.exr").depth, f.image("out/right.exr").depth);
     f.run("a.ply --cameras transforms.json -o small_{name}.png --size 24x16").code(0);

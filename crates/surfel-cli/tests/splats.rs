@@ -1,4 +1,4 @@
-//! How files become splats: the flags that `render` and `convert` share, and `convert` of scene files.
+//! Conversion of files to splats: the flags that `render` and `convert` share, and `convert` of scene files.
 
 use crate::common;
 
@@ -31,7 +31,7 @@ fn render_takes_what_convert_takes_and_draws_what_it_would_write() {
         f.run(&format!("{file} {flags} -o {i}.exr --size 32x32 --exr-f32")).code(0);
         let (one, other) = (f.image(&format!("{i}.exr")), f.image(&format!("{i}-ply.exr")));
         assert!(one.color == other.color && one.depth == other.depth, "{file} {flags}");
-        // And none of the flags is without effect.
+        // And each flag has an effect.
         let fewer = if *file == "b.obj" { "--splats 400" } else { "" };
         f.run(&format!("{file} {fewer} -o plain.exr --size 32x32 --exr-f32 --force")).code(0);
         assert!(f.image("plain.exr").weight != one.weight, "{file} {flags} has no effect");
@@ -39,7 +39,7 @@ fn render_takes_what_convert_takes_and_draws_what_it_would_write() {
     assert_eq!(f.run("info 6.ply --json").code(0).json()["splats"], 120);
     let said = f.run("p.xyz -o x.png --size 8x8 --max-points 120").code(0).stderr();
     assert!(said.contains("120 of 300 points are left"), "{said}");
-    // A flag that is for one of the inputs is right.
+    // A flag that applies to only one of the inputs is accepted.
     f.run("a.ply b.obj -o x.png --size 8x8 --splats 40 --force").code(0);
 }
 
@@ -59,11 +59,11 @@ fn scene_file_says_how_files_become_splats() {
     f.write("s.json", scene("").replace("\"a.ply\"", "\"b.obj\", \"convert\": {\"splats\": 60, \"radius_scale\": 2}"));
     let splats = |words: &str| f.run(&format!("{words} --stats")).code(0).json()["splats"].clone();
     assert_eq!(splats("s.json"), 60);
-    // A flag wins over the file.
+    // A flag takes precedence over the file.
     assert_eq!(splats("s.json --splats 70"), 70);
     assert_eq!(splats("s.json --per-face"), 12);
     assert_eq!(splats("s.json --sharp --splats 48"), 48);
-    // What a file has no use for is said, where no flag asks for it.
+    // Keys without effect on a file are reported, even though no flag asks for them.
     f.write("q.json", scene("").replace("\"a.ply\"", "\"p.xyz\", \"convert\": {\"splats\": 60}"));
     let said = f.run("q.json -o q.png").code(0).stderr();
     assert!(said.contains("p.xyz: holds points, so that convert.splats has no effect"), "{said}");
@@ -77,7 +77,7 @@ fn scene_file_says_how_files_become_splats() {
     }
 }
 
-/// A square of 20×20 quads, its vertices' colours a wave.
+/// Returns a square of 20×20 quads with vertex colours in waves.
 fn painted() -> String {
     let mut text = String::new();
     for i in 0..21 * 21 {
@@ -106,7 +106,7 @@ fn textures_are_taken_as_the_flag_or_the_scene_says() {
     assert!(said.contains("fitted to") && said.contains("colours blend to within"), "{said}");
     assert!(f.read("plain.ply") == f.read("point.ply"));
     assert!(f.read("ewa.ply") != f.read("fit.ply") && f.read("fit.ply") != f.read("point.ply"));
-    // The same picture by render, and from a scene file; one thread or several.
+    // The same image by render, and from a scene file; with one thread or several.
     f.run("fit.ply -o 1.exr --size 32x32 --exr-f32").code(0);
     f.run("m.obj --splats 400 --texture fit -o 2.exr --size 32x32 --exr-f32 --threads 1").code(0);
     assert!(f.image("1.exr").color == f.image("2.exr").color);

@@ -1,12 +1,12 @@
-//! Strangers' files: what they refer to stays in their folder, what they cost is bounded. And nothing half written
-//! stays.
+//! Files from unknown sources: references stay in their folder, and costs are bounded. Partially written files never
+//! remain.
 
 use crate::common;
 
 use common::{Folder, cube};
 use std::time::Duration;
 
-/// A textured square that names `library` and, in it, `texture`.
+/// Returns a textured square that names the material library `library`.
 fn square(library: &str) -> String {
     format!(
         "mtllib {library}\nv 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\nusemtl m\n\
@@ -36,7 +36,7 @@ fn references_stay_in_the_folder_of_the_file_unless_a_flag_allows_others() {
     assert!(!said.contains("left out"), "{said}");
     let said = f.run("again o.png -o again.png").code(0).stderr();
     assert!(said.contains("to the bit"), "{said}");
-    // A buffer can't be left out.
+    // A buffer can't be omitted.
     let gltf = |uri: &str| {
         format!(
             r#"{{"asset": {{"version": "2.0"}}, "buffers": [{{"uri": "{uri}", "byteLength": 4}}],
@@ -51,7 +51,7 @@ fn references_stay_in_the_folder_of_the_file_unless_a_flag_allows_others() {
         assert!(!allowed.contains("--allow-outside"), "{uri}: {allowed}");
     }
     f.run("info in/a.obj").code(0);
-    // What the user names may lie anywhere: in a scene file, too.
+    // Files that the user names may be anywhere, also in a scene file.
     f.write("b.obj", cube());
     f.write("in/s.json", common::scene("").replace("\"a.ply\"", "\"../b.obj\""));
     f.run("in/s.json -o s.png").code(0);
@@ -89,14 +89,14 @@ fn points_that_stand_for_nothing_are_left_out_and_counted() {
     assert_eq!(count, 300);
     assert!(said.contains("left out 17 of 317 points at exactly 0,0,0") && said.contains("--all-points"), "{said}");
     assert_eq!(splats("many.xyz --all-points").0, 317);
-    // Sixteen stand for any number, so that the time goes by the file's length.
+    // Sixteen points represent any number at one place, so time is bounded by the file's length.
     let (count, said) = splats("equal.xyz");
     assert_eq!(count, 16);
     assert!(said.contains("99984 points left out, because more than 16 are in their place, to a billionth"), "{said}");
     assert_eq!(splats("zero.xyz").0, 16);
 }
 
-/// Points as text PLY, one of them at `first` and the others of this scale, with an alpha.
+/// Returns points as text PLY with an alpha: one at `first`, and the others with this scale.
 fn scattered(first: &str, scale: f64, alpha: f64) -> String {
     let names = ["x", "y", "z", "alpha"].map(|name| format!("property float {name}\n")).concat();
     let point = |i: u32| [i % 10, i / 10, i % 7].map(|c| format!("{:e}", f64::from(c) * scale)).join(" ");
@@ -107,7 +107,7 @@ fn scattered(first: &str, scale: f64, alpha: f64) -> String {
 #[test]
 fn a_picture_without_anything_on_it_says_what_to_do() {
     let f = Folder::new("blank");
-    // Too little for any image; alphas that are all 0 would mean opaque.
+    // An alpha too small for any image; alphas that are all 0 would mean opaque.
     f.write("clear.ply", scattered("3 3 3", 1.0, 1e-45));
     f.write("stray.ply", scattered("1e9 0 0", 1.0, 1.0));
     f.write("far.ply", scattered("0 0 0", 3.5e37, 1.0));
@@ -124,7 +124,7 @@ fn a_picture_without_anything_on_it_says_what_to_do() {
     }
     let turned = said("clear.ply -o o{frame}.png --turntable --frames 3");
     assert!(count(&turned) == 1 && turned.contains("nothing is seen in 3 of 3 pictures"), "{turned}");
-    // What the notes say helps; a part of a picture may be empty.
+    // The suggested remedies work; a part of an image may be blank.
     for words in ["seen.ply", "clear.ply --transparency off", "stray.ply --outliers drop", "clear.ply --tile 1/2"] {
         let said = said(&format!("{words} -o o.png"));
         assert_eq!(count(&said), 0, "{words}: {said}");
@@ -138,13 +138,13 @@ fn a_polygon_that_repeats_its_corners_is_drawn_once() {
     let f = Folder::new("repeats");
     f.write("a.obj", format!("v 0 0 0\nv 1 0 0\nv 0 1 0\nf{}\n", " 1 2 3".repeat(2000)));
     let run = f.run("a.obj -o a.png --size 16x16 --stats").code(0);
-    // Half a square of side 512 splats, not two thousand times that, which is cut at 500,000.
+    // Half a square of side 512 splats, not two thousand times that number, which would be limited to 500,000.
     let splats = run.json()["splats"].as_u64().unwrap();
     assert!((100_000..200_000).contains(&splats), "{splats}");
     assert!(run.stderr().contains("1999 triangles repeat others"), "{}", run.stderr());
 }
 
-/// A splat file that takes some time to write.
+/// Returns a splat file that takes some time to write.
 fn many() -> String {
     let count = 60_000;
     let mut many = format!("ply\nformat ascii 1.0\ncomment interior_weight 3\nelement vertex {count}\n");
@@ -156,7 +156,8 @@ fn many() -> String {
     many
 }
 
-/// A signal that ends the program in the middle of writing, until it was met there; how many temporary files stay.
+/// Runs the program and ends it by a signal during writing, repeatedly until that succeeds. Returns the number of
+/// temporary files that remain.
 #[cfg(unix)]
 fn ended_by(f: &Folder, signal: &str) -> usize {
     let temporary = || f.names().into_iter().filter(|name| name.ends_with(".tmp")).count();
@@ -196,7 +197,7 @@ fn a_signal_leaves_no_temporary_file_and_the_next_run_removes_what_a_kill_left()
     assert_eq!(f.names(), ["many.ply", "whole.ply"]);
 }
 
-/// The program as a shell starts it after these words.
+/// Returns a command that starts the program in a shell after the command `words`.
 #[cfg(unix)]
 fn after(f: &Folder, words: &str, arguments: &str) -> std::process::Command {
     let mut shell = std::process::Command::new("sh");

@@ -4,7 +4,7 @@ use crate::common;
 
 use common::{Folder, scene};
 
-/// Rows of a wave, each x y z intensity as float32.
+/// Returns rows of a wave, each x y z intensity as float32.
 fn rows() -> Vec<u8> {
     let value = |i: u32| [(i % 20) as f32, (i / 20) as f32, ((i % 20) as f32 * 0.5).sin(), i as f32];
     (0..400).flat_map(value).flat_map(f32::to_le_bytes).collect()
@@ -45,7 +45,7 @@ fn columns_name_what_every_command_reads() {
         let printed = f.run(&format!("render {input} --print-scene {flag}")).code(0).json();
         assert_eq!(printed["objects"][0]["convert"]["columns"], columns);
     }
-    // Errors of the flag, and of what it is used for.
+    // Errors of the flag itself, and of its use.
     for (flag, code, says) in [
         ("--columns a,b,c", 2, "no position"),
         ("--columns f3:x,y,z", 2, "the type 'f3'"),

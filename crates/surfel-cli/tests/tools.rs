@@ -19,7 +19,7 @@ fn compare_measures_and_judges() {
     let number = |key: &str| other[key].as_f64().unwrap();
     let rmse = number("rmse");
     assert!(number("max_abs") > rmse && rmse > 0.01 && number("flip") > 0.01);
-    // 20·log10(1/RMSE), the definition; 1e-9 is far above rounding.
+    // Definition: 20·log10(1/RMSE); 1e-9 is far above rounding.
     assert!((number("psnr") + 20.0 * rmse.log10()).abs() < 1e-9);
     for plane in ["Z", "normal", "weight"] {
         assert_eq!(other["planes"][plane]["max_abs"], 0.0, "{plane}");
@@ -57,7 +57,7 @@ fn info_says_what_a_file_holds() {
     let cloud = f.run("info p.xyz --json").code(0).json();
     assert_eq!((&cloud["points"], &cloud["up"]), (&300.into(), &"+z".into()));
     assert_eq!(cloud["radii"]["estimated"], true);
-    // Points have no extent: what they reach from and to is what bounds them.
+    // Points have no extent, so their positions give the bounds.
     let position = &cloud["attributes"]["position"];
     assert_eq!(cloud["bounds"], serde_json::json!([position["min"], position["max"]]));
     assert!(cloud["memory_bytes"].as_u64().unwrap() >= 3600);
@@ -67,7 +67,7 @@ fn info_says_what_a_file_holds() {
 #[test]
 fn radii_may_lack_normals_and_change_no_axis() {
     let f = Folder::new("radii");
-    // Splats are seen as most files of splats are, unless they say that they were points.
+    // Splats get the up axis of most splat files, unless a comment states that they were made from points.
     for (comment, up) in [("", "+y"), ("comment made of points\n", "+z")] {
         f.write("a.ply", ball().replace("element", &format!("{comment}element")));
         let said = f.run("a.ply -o a.png --size 8x8 --force").code(0).stderr();
@@ -103,7 +103,7 @@ fn info_estimates_large_clouds_as_a_render_would() {
     let median = f.run("info p.xyz --json").code(0).json()["radii"]["median"].as_f64().unwrap();
     f.run("convert p.xyz -o p.ply").code(0);
     let real = f.run("info p.ply --json").code(0).json()["radii"]["median"].as_f64().unwrap();
-    // A regular grid has one spacing, so that a sample of it has the same median; f32 radii.
+    // A regular grid has one spacing, so a sample of it has the same median, up to f32 radii.
     assert!((median / real - 1.0).abs() < 1e-3, "{median} {real}");
 }
 
@@ -150,7 +150,7 @@ fn hybrid_holds_a_mesh_as_splats_and_polygons() {
     };
     assert_eq!(splats("0.01"), 0, "polygons alone");
     assert!(splats("100") > 100, "splats alone");
-    // A cube in either form: the same but for edges that splats of 2 % of its size round off (measured: 0.08).
+    // A cube in either form is the same except at edges, which splats of 2 % of its size round off (measured: 0.08).
     f.run("compare 0.01.png 100.png --fail-above rmse=0.12").code(0);
     f.write("damaged.surfel", &f.read("b.surfel")[..900]);
     f.run("damaged.surfel -o x.png").fails(3, "damaged.surfel");

@@ -1,4 +1,4 @@
-//! A file in, an image out.
+//! Draws a file as an image.
 //!
 //! `cargo run --release -p surfel --example image -- assets/spot/spot.obj spot.png`
 

@@ -1,6 +1,6 @@
-//! Prints how far surface models are from exact surfaces, as a table: ours, means within the best radius, and a
-//! triangulation of first returns, of the same scans. `SEEDS` scans of each kind (8) are taken together; further words
-//! choose kinds by their names.
+//! Prints a table of the errors of surface models against exact surfaces: ours, means with the best radius, and a
+//! triangulation of first returns, all from the same scans. Each row averages `SEEDS` scans (default 8). Further
+//! arguments select kinds of surfaces by name.
 //!
 //! ```sh
 //! cargo run --release -p surfel --example surface_model -- 8 canopy
@@ -12,7 +12,8 @@ mod truth;
 
 use truth::{Errors, Exact, Folder, NOISE_M, Scan, canopy, compared, deck, roof};
 
-/// Name, surface, height between its parts, whether the lower part goes on beneath, points anywhere, their stray.
+/// Kind of scan: name, surface, height between its parts, true if the lower part continues beneath, true for random
+/// positions, noise in metres.
 type Kind = (&'static str, Exact, f64, bool, bool, f64);
 
 const KINDS: [Kind; 7] = [

@@ -1,12 +1,12 @@
-//! What is said about a file's attributes: types and ranges, how many points each class has, and
-//! the coordinate reference system.
+//! Descriptions of a file's attributes: types, ranges, numbers of points per class, and the coordinate reference
+//! system.
 
 use glam::DVec3;
 use serde_json::{Map, Value, json};
 use surfel_io::Content;
 use surfel_model::{CloudData, Column3, ExtraColumn, Mesh, Shape};
 
-/// Names of the classes of LAS 1.4 R15, table 17; those of older versions where it reserves them (8 and 12).
+/// Names of the classes of LAS 1.4 R15, table 17; where it reserves numbers (8 and 12), the names of older versions.
 const ASPRS_CLASSES: [&str; 23] = [
     "never classified",
     "unclassified",
@@ -37,14 +37,14 @@ fn class_name(class: usize) -> &'static str {
     ASPRS_CLASSES.get(class).copied().unwrap_or(if class < 64 { "reserved" } else { "user-defined" })
 }
 
-/// Type and range of a column.
+/// Describes type and range of a column.
 fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
 
-/// Range of an attribute that the format knows, by its name in [`surfel_io::Loaded::attributes`]: a number, or one of
-/// each component; null for what has no order, such as a texture.
+/// Returns the range of an attribute defined by the format, by its name in [`surfel_io::Loaded::attributes`]. The
+/// limits are numbers or one number per component; null for attributes without order, such as textures.
 fn range(content: &Content, name: &str) -> Value {
     match content {
         Content::Splats(cloud) => of_splats(cloud.data(), name),
@@ -113,7 +113,7 @@ fn of_numbers(numbers: Option<&[f32]>) -> Value {
     spread(rows).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))
 }
 
-/// The least and the largest of each component, of rows whose numbers are all finite.
+/// Returns the least and largest value per component, over the rows whose numbers are all finite.
 fn spread<const N: usize>(rows: impl Iterator<Item = [f64; N]>) -> Option<([f64; N], [f64; N])> {
     rows.filter(|row| row.iter().all(|v| v.is_finite())).fold(None, |found, row| {
         let (lo, hi) = found.unwrap_or((row, row));
@@ -129,7 +129,7 @@ fn nothing() -> Value {
     json!({ "min": null, "max": null })
 }
 
-/// Widens a range to hold another one, or zero.
+/// Widens a range to include another one, or zero.
 pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     let zero = json!(0.0);
     let Some(sides) = range.as_object_mut() else { return };
@@ -148,9 +148,9 @@ pub(crate) fn widen(range: &mut Value, other: Option<&Value>) {
     }
 }
 
-/// Ranges of a cloud's attributes by name; columns have types, too.
+/// Returns the ranges of a cloud's attributes by name, and the types of columns.
 pub(crate) fn ranges(content: &Content, names: &[String], extras: &[ExtraColumn]) -> Map<String, Value> {
-    // The names of columns come last, in their order.
+    // The names of columns are last, in order.
     let (known, named) = names.split_at(names.len().saturating_sub(extras.len()));
     let columns = named.iter().cloned().zip(extras.iter().map(column));
     columns.chain(known.iter().map(|name| (name.clone(), range(content, name)))).collect()
@@ -168,7 +168,7 @@ pub(crate) fn of_mesh_with_columns(content: &Content, names: &[String], mesh: &M
     found
 }
 
-/// How many points each class has, by the column "classification".
+/// Counts the points of each class, from the column "classification".
 pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     let extra = extras.iter().find(|e| e.name == "classification")?;
     let mut counts = [0_u64; 256];
@@ -181,18 +181,18 @@ pub(crate) fn class_counts(extras: &[ExtraColumn]) -> Option<[u64; 256]> {
     Some(counts)
 }
 
-/// The classes that have any points.
+/// Lists the classes that have points.
 pub(crate) fn classes(counts: &[u64; 256]) -> Value {
     let found = counts.iter().enumerate().filter(|(_, n)| **n > 0);
     found.map(|(class, n)| json!({ "class": class, "name": class_name(class), "count": n })).collect()
 }
 
-/// The coordinate reference system that comments carry (docs/format.md).
+/// Returns the coordinate reference system stored in comments (docs/format.md).
 pub(crate) fn crs(comments: &[String]) -> Value {
     let after = |key: &str| comments.iter().find_map(|c| c.strip_prefix(key));
     let wkt = after("crs_wkt ");
     let name = wkt.and_then(|wkt| wkt.split('"').nth(1)).or_else(|| {
-        // GeoTIFF ends each of its texts by a bar.
+        // GeoTIFF ends each of its texts with a bar.
         after("crs_geotiff_text ").and_then(|texts| texts.split('|').map(str::trim).find(|text| !text.is_empty()))
     });
     match (after("crs "), name) {

@@ -1,4 +1,4 @@
-//! A scene for files that come without one: camera, lights and settings that show any data well.
+//! Automatic scenes for files without a scene file: camera, lights, materials and settings that suit their data.
 
 use crate::closed;
 use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
@@ -18,38 +18,40 @@ use surfel_sample::Progress;
 
 /// Size of an automatic image, in pixels.
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
-/// Share of an automatic image's width or height that the scene takes.
+/// Fraction of an automatic image's width or height that the scene fills.
 const FILL: f64 = 0.9;
-/// Layers of transparent splats in automatic images: two panes of glass have four surfaces, and all behind the third
-/// are blended as one.
+/// Layers of transparent splats in automatic images. Two panes of glass have four surfaces; everything behind the third
+/// is blended as one layer.
 const LAYERS: u32 = 4;
-/// Depth tolerance of flat parts and sharp splats, in radii: those lie in the surface, and need next to none to blend.
+/// Depth tolerance for flat parts and sharp splats, in radii: their splats lie exactly in the surface and need hardly
+/// any.
 const FLAT_TOLERANCE: f64 = 0.1;
-/// Depth tolerance of splats as fine as their mesh, in radii: what lies closer behind a surface shines through it.
+/// Depth tolerance for splats as fine as their mesh, in radii: with a larger one, close surfaces behind would shine
+/// through.
 const FINE_TOLERANCE: f64 = 0.3;
-/// Ambient light of automatic scenes, linear RGB: shadows stay readable.
+/// Ambient light of automatic scenes, linear RGB; bright enough that shadows stay readable.
 const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
 
-/// What may be said about an automatic scene.
+/// Options for an automatic scene.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct AutoOptions {
-    /// Which axis is up; `None`: as a file or its format says, or else the objects' shape ([`auto_up`]).
+    /// Up axis; `None`: as a file or its format states, else estimated from the objects' shape ([`auto_up`]).
     pub up: Option<Up>,
-    /// Where to look from.
+    /// Side from which the scene is viewed.
     pub view: ViewChoice,
-    /// Projection.
+    /// Projection of the camera.
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
-    /// A camera to use instead of a framed one.
+    /// Camera to use instead of a framed one.
     pub camera: Option<Camera>,
-    /// Linear RGB and straight alpha; `None`: white, or grey behind what is mostly white itself and drawn by `unlit`
-    /// or `edl`.
+    /// Background, linear RGB and straight alpha. `None`: white, or grey if most of the scene is white and drawn by
+    /// `unlit` or `edl`.
     pub background: Option<[f64; 4]>,
-    /// Settings.
+    /// Settings of the renderer.
     pub settings: Settings,
-    /// The framed camera leaves room for the scene to turn about its up axis.
+    /// True if the framed camera leaves room for the scene to turn about its up axis.
     pub turning: bool,
 }
 
@@ -81,8 +83,8 @@ impl Default for AutoOptions {
     }
 }
 
-/// How the transparent splats of files that came without a scene are drawn, and a note that says so; `None` where there
-/// are none, and for Gaussians, which [`ObjectFacts::transparent`] leaves out. `paths` are those of the objects.
+/// Returns the transparency method for files without a scene file, and a note about it. `None` if no splat is
+/// transparent, and for Gaussians, which [`ObjectFacts::transparent`] excludes. `paths` are the objects' paths.
 pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Transparency, ObjectNote)> {
     let (_, path) = loaded.facts.iter().zip(paths).find(|(facts, _)| facts.transparent)?;
     let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
@@ -90,8 +92,8 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
 }
 
-/// The settings for files of trained Gaussians that came without a scene, and a note that says so; `None` for surfaces.
-/// `paths` are those of the objects.
+/// Returns the settings for files of trained Gaussians without a scene file, and a note about them; `None` for
+/// surfaces. `paths` are the objects' paths.
 pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
     let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
     let text = "drawn as trained, Gaussian over Gaussian (--composite over; surface draws them as opaque surfaces)";
@@ -99,9 +101,9 @@ pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Setting
     Some((settings, ObjectNote { path, text: text.to_owned() }))
 }
 
-/// The depth tolerance for files that came without a scene, where it isn't the default: objects of flat parts, as
-/// buildings are, and sharp splats need next to none, splats as fine as their mesh little. The default would let a
-/// floor shine through the wall that it ends at, and skin through eyebrows.
+/// Returns the depth tolerance for files without a scene file; `None` for the default. Objects of flat parts, such as
+/// buildings, and sharp splats need next to none, and splats as fine as their mesh little. With the default a floor
+/// would shine through the wall that it ends at, and skin through eyebrows.
 pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     let needed = loaded.facts.iter().map(|facts| match facts {
         ObjectFacts { flat: true, .. } => Some(FLAT_TOLERANCE),
@@ -112,8 +114,8 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     largest.flatten().map(DepthTolerance::Relative)
 }
 
-/// Which axis is up in objects that came without a scene file, and why: the first file that says it or whose format
-/// does decides, or else the objects' shape ([`upright`]).
+/// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
+/// states it decides; otherwise the objects' shape does ([`upright`]).
 pub fn auto_up(loaded: &LoadedObjects) -> Upright {
     let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
     known.unwrap_or_else(|| match loaded.facts.first() {
@@ -122,10 +124,10 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
     })
 }
 
-/// The scene file of objects that came without one: camera, lights and materials made to suit them.
+/// Creates the scene file of objects without one, with suitable camera, lights and materials.
 ///
 /// # Errors
-/// [`Error::Model`] for objects without extent that can be framed, and for options out of range.
+/// [`Error::Model`] for objects without an extent that can be framed, and for options out of range.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
     let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
@@ -163,24 +165,24 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     })
 }
 
-/// Linear light that the lights of an automatic scene return at most from a white surface of [`material`]'s factors,
-/// before it is made darker: where it faces between the key light and the fill, with the highlight.
+/// Largest linear light that a white surface of [`material`]'s factors reflects in an automatic scene, before exposure:
+/// between key light and fill, including the highlight.
 const BRIGHTEST: f64 = 1.04;
-/// Linear light that the brightest surfaces are brought down to: white objects keep their shape.
+/// Linear light that exposure reduces the brightest surfaces to, so that white objects show their shape.
 const HEADROOM: f64 = 0.9;
-/// Share of the surface that is taken for stray highlights, not for its colour.
+/// Fraction of the surface that counts as stray highlights and is ignored when estimating the brightest colour.
 const HIGHLIGHTS: f64 = 0.02;
-/// Linear albedo from which a surface can't be told from a white background, and the share of such surface from which
-/// the background is grey.
+/// White surfaces: the linear albedo from which they blend into a white background, and the fraction of the surface
+/// from which the background becomes grey.
 const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
-/// Linear grey: as far from white as from black, to the eye.
+/// Linear grey, perceptually halfway between black and white.
 const GREY: f64 = 0.18;
 
-/// How white objects are.
+/// Brightness statistics of objects.
 struct Whites {
-    /// Albedo that all but few coloured surfaces are darker than, in their largest channel.
+    /// Largest albedo of the coloured surfaces, in their largest channel and without stray highlights.
     brightest: f64,
-    /// Share of all surface that is white; what has no colours is.
+    /// Fraction of all surface that is white; surfaces without colours are white.
     share: f64,
 }
 
@@ -202,20 +204,22 @@ impl Whites {
         Self { brightest: brightest.map_or(1.0, |(albedo, _)| albedo), share: white / patches.area }
     }
 
-    /// Factor for the materials of coloured objects, at most 1: the same for all, so that their colours compare.
+    /// Returns the factor for the materials of coloured objects, at most 1. All objects share it, so that their colours
+    /// stay comparable.
     fn exposure(&self) -> f64 {
         (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
     }
 
-    /// The background for a shader. Lit white surfaces are darker than a white background all along their outline,
-    /// which faces past the lights; unlit ones are not, and those of `edl` only beside what is nearer.
+    /// Returns the background for a shader. A lit white surface is darker than a white background along its outline,
+    /// which faces away from the lights. Unlit surfaces aren't, and with `edl` only edges beside something nearer are.
     fn background(&self, shader: Shader) -> [f64; 4] {
         let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
         if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }
     }
 }
 
-/// True of splats that cover a closed surface from outside: as their file or mesh says, or as clouds look.
+/// True if the splats cover a closed surface from outside: stated by their file, derived from their mesh, or detected
+/// in a cloud.
 fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     let is_cloud = matches!(object.geometry, Geometry::Splats(_));
     let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
@@ -223,10 +227,10 @@ fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
     facts.closed || is_judged && looks_closed()
 }
 
-/// Colours are shown as bright as they are, and white ones a little darker; what has none is white by definition, and
-/// shown as light grey clay, which leaves room for highlights.
+/// Returns an object's material. Colours are shown as bright as they are, with white ones slightly darkened. Objects
+/// without colours appear as light grey clay, which leaves room for highlights.
 ///
-/// The back of what closes is left out: its splats reach a little past the silhouette and would fringe it.
+/// The backs of watertight objects are culled: their splats extend slightly past the silhouette and would fringe it.
 fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
     let cull = if hides_its_back { Cull::Back } else { Cull::None };
     if facts.colored {
@@ -237,21 +241,21 @@ fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Materia
     }
 }
 
-/// A scene and the file that describes it.
+/// A scene and the scene file that describes it.
 #[derive(Clone, Debug)]
 pub struct LoadedScene {
-    /// The scene file: as it was read, or as it was made up for bare geometry. Paths are as they were given.
+    /// The scene file, as read or as created for bare geometry. Paths are as given.
     pub file: SceneFile,
-    /// The scene, with everything loaded.
+    /// The scene, with all files loaded.
     pub scene: Scene,
-    /// What was dropped, assumed or estimated, file by file.
+    /// Notes on what was dropped, assumed or estimated, per file.
     pub notes: Vec<ObjectNote>,
 }
 
 /// Opens one scene file (`.json`), or any number of geometry files as one scene that is framed and lit automatically.
 ///
 /// # Errors
-/// As [`load_scene`]; [`Error::Unsuitable`] if there is no path.
+/// As [`load_scene`]; [`Error::Unsuitable`] if no path is given.
 pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Error> {
     let options = LoadOptions::default();
     match paths {
@@ -284,12 +288,12 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
     }
 }
 
-/// True for a name that ends in `.json`, unless it is that of a tileset of 3D Tiles or of SOG.
+/// True for a name that ends in `.json`, unless it names a tileset of 3D Tiles or an SOG file.
 pub fn is_scene_file(path: &Path) -> bool {
     path.extension().is_some_and(|e| e.eq_ignore_ascii_case("json")) && !surfel_io::names_geometry(path)
 }
 
-/// An object of the file at `path`, drawn as splats where it lies.
+/// Creates an object for the file at `path`, drawn as splats without a transformation.
 pub fn bare_object(path: &Path) -> ObjectFile {
     ObjectFile {
         splats: Some(path.to_path_buf()),

@@ -1,4 +1,4 @@
-//! Which program draws: one enum over all backends that are built in.
+//! Backend selection: one enum over all backends that are built in.
 
 #[cfg(feature = "ash")]
 pub use surfel_ash::GpuPath;
@@ -17,7 +17,7 @@ compile_error!("surfel draws by a backend: build it with one at least of its fea
 
 /// Names of backends, fastest first; `reference` is last.
 const NAMES: [&str; 4] = ["ash", "wgpu", "cpu", "reference"];
-/// Those that this program has.
+/// Names of the backends built into this program.
 const BUILT: &[&str] = &[
     #[cfg(feature = "ash")]
     "ash",
@@ -29,7 +29,7 @@ const BUILT: &[&str] = &[
     "reference",
 ];
 
-/// Cargo's feature that builds a backend into programs.
+/// Returns Cargo's feature that builds a backend.
 fn feature_of(name: &'static str) -> &'static str {
     match name {
         "ash" | "wgpu" => "gpu",
@@ -37,24 +37,24 @@ fn feature_of(name: &'static str) -> &'static str {
     }
 }
 
-/// What is asked of a backend when it starts.
+/// Options for starting a backend.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct BackendOptions {
     /// Threads of a CPU backend; 0: as many as the machine has.
     pub threads: usize,
-    /// A part of the adapter's name, in any case; `None`: any adapter.
+    /// Case-insensitive part of the adapter's name; `None`: any adapter.
     pub adapter: Option<String>,
-    /// Splats are kept in 16 bits within a chunk: half the memory or less, and a measured error (docs/accuracy.md). The
-    /// reference takes no notice.
+    /// True if splats are stored in 16 bits per chunk, with half the memory or less and a measured error
+    /// (docs/accuracy.md). The reference backend ignores it.
     pub quantised: bool,
-    /// Compute shaders or raster hardware, for wgpu and ash; the CPU's backends take no notice.
+    /// Use of compute shaders or raster hardware by wgpu and ash; CPU backends ignore it.
     #[cfg(any(feature = "wgpu", feature = "ash"))]
     pub path: GpuPath,
 }
 
 impl BackendOptions {
-    /// With a part of the adapter's name, in any case; `None`: any adapter.
+    /// Sets a case-insensitive part of the adapter's name; `None`: any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();
@@ -77,59 +77,59 @@ impl BackendOptions {
     }
 }
 
-/// Why there is no such backend here.
+/// Reason why a backend isn't available.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BackendError {
-    /// A known backend that this program was built without.
+    /// The backend exists, but this program was built without it.
     #[error(
         "backend '{name}' is not built into this program, which has {available}: build it with Cargo's feature \
          '{feature}', as in cargo build --release --features {feature}"
     )]
     NotBuilt {
-        /// Its name.
+        /// Name of the backend.
         name: &'static str,
-        /// The feature that has it.
+        /// Cargo feature that includes the backend.
         feature: &'static str,
-        /// Those that are built in.
+        /// Names of the backends that are built in.
         available: String,
     },
-    /// A name that no backend has.
+    /// No backend has this name.
     #[error("there is no backend '{name}', expected one of auto, cpu, wgpu, ash, reference")]
     Unknown {
-        /// The name.
+        /// The unknown name.
         name: String,
     },
-    /// The backend runs, but not on such an adapter.
+    /// The backend runs, but has no adapter with the wanted name.
     #[error("backend '{name}' has no adapter called '{wanted}'; it found: {found}")]
     NoAdapter {
         /// The backend's name.
         name: &'static str,
-        /// The part of a name that was asked for.
+        /// Part of the adapter name that was asked for.
         wanted: String,
-        /// The adapter there is.
+        /// Name of the adapter that exists.
         found: String,
     },
-    /// The backend is built in, but doesn't start.
+    /// The backend is built in, but failed to start.
     #[error("backend '{name}' does not start: {source}")]
     NoStart {
-        /// Its name.
+        /// Name of the backend.
         name: &'static str,
-        /// Why.
+        /// Reason for the failure.
         source: RenderError,
     },
 }
 
-/// A backend, started.
+/// A backend that has been started.
 #[non_exhaustive]
 pub enum Backend {
-    /// A GPU, by Vulkan.
+    /// A GPU through raw Vulkan.
     #[cfg(feature = "ash")]
     Ash(Box<surfel_ash::Renderer>),
-    /// A GPU, by wgpu.
+    /// A GPU through wgpu.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<surfel_wgpu::Renderer>),
-    /// The CPU, by SIMD on all threads.
+    /// The CPU, with SIMD on all threads.
     #[cfg(feature = "cpu")]
     Cpu(surfel_cpu::Renderer),
     /// The rendering model in executable form: exact and slow.
@@ -140,30 +140,30 @@ pub enum Backend {
 /// A scene resident in a [`Backend`].
 #[non_exhaustive]
 pub enum BackendScene {
-    /// In the memory of Vulkan's device.
+    /// Scene in the memory of a Vulkan device.
     #[cfg(feature = "ash")]
     Ash(Box<<surfel_ash::Renderer as Renderer>::Scene>),
-    /// In the memory of wgpu's device.
+    /// Scene in the memory of a wgpu device.
     #[cfg(feature = "wgpu")]
     Wgpu(Box<<surfel_wgpu::Renderer as Renderer>::Scene>),
-    /// In the CPU backend.
+    /// Scene of the CPU backend.
     #[cfg(feature = "cpu")]
     Cpu(<surfel_cpu::Renderer as Renderer>::Scene),
-    /// In the reference renderer.
+    /// Scene of the reference renderer.
     #[cfg(feature = "reference")]
     Reference(<surfel_reference::Renderer as Renderer>::Scene),
 }
 
-/// What is known of a backend without drawing.
+/// Availability of a backend on this machine.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BackendInfo {
-    /// Its name.
+    /// Name of the backend.
     pub name: &'static str,
-    /// Who draws, or why it can't.
+    /// Renderer description, or the reason why the backend isn't available.
     pub state: Result<RendererInfo, String>,
 }
 
-/// All backends, fastest first, and whether they run on this machine.
+/// Returns all backends, fastest first, with their availability on this machine.
 pub fn backends() -> Vec<BackendInfo> {
     let state = |name| match Backend::by_name(name, &BackendOptions::default()) {
         Ok(backend) => Ok(backend.info().clone()),
@@ -175,27 +175,27 @@ pub fn backends() -> Vec<BackendInfo> {
     NAMES.into_iter().map(|name| BackendInfo { name, state: state(name) }).collect()
 }
 
-/// The fastest backend that serves, and why those before it don't.
+/// Selected backend, and the reasons against faster ones.
 pub struct Chosen {
     /// The backend.
     pub backend: Backend,
-    /// A line for each faster backend that this program has: its name and why it was passed over.
+    /// Name and rejection reason of each faster backend that is built in, one per line.
     pub rejected: Vec<String>,
 }
 
 impl Backend {
     surfel_render::renderer_methods!(BackendScene);
 
-    /// The fastest backend that works here, with default options.
+    /// Starts the fastest backend that works here, with default options.
     ///
     /// # Errors
-    /// [`BackendError`] of the last one tried.
+    /// [`BackendError`] of the last backend tried.
     pub fn auto() -> Result<Self, BackendError> {
         Self::by_name("auto", &BackendOptions::default())
     }
 
-    /// Frees the memory that frames leave to later frames, where the backend says how: after an image that is much
-    /// larger than the next ones.
+    /// Frees memory that the CPU backend would reuse for later frames; useful after an image much larger than the next
+    /// ones.
     pub fn release_memory(&mut self) {
         #[cfg(feature = "cpu")]
         if let Self::Cpu(renderer) = self {
@@ -203,10 +203,10 @@ impl Backend {
         }
     }
 
-    /// The fastest backend that works here and draws all that the scene and its settings need.
+    /// Starts the fastest backend that works here and supports the scene and its settings.
     ///
     /// # Errors
-    /// [`BackendError`] of the last one tried.
+    /// [`BackendError`] of the last backend tried.
     pub fn auto_for(
         scene: &Scene,
         settings: &Settings,
@@ -218,11 +218,11 @@ impl Backend {
         Ok(Self::choose(options, refuses)?.backend)
     }
 
-    /// The fastest backend that works here and that `refuses` gives no reason against. A GPU that is no faster than the
-    /// CPU, because it computes on it, is passed over unless its adapter is asked for.
+    /// Starts the fastest backend that works here and that `refuses` gives no reason against. A GPU backend that runs
+    /// in software on the CPU is skipped, unless its adapter is asked for.
     ///
     /// # Errors
-    /// [`BackendError`] of the last one tried.
+    /// [`BackendError`] of the last backend tried.
     pub fn choose(
         options: &BackendOptions,
         mut refuses: impl FnMut(&Capabilities) -> Option<String>,
@@ -233,7 +233,7 @@ impl Backend {
                 rejected.push(format!("{name}: this machine has no GPU"));
                 continue;
             }
-            // A device takes time to start, and what draws on it is known before.
+            // Starting a device takes time, so capabilities are checked first.
             if let Some(reason) = capabilities_of(name).and_then(|capabilities| refuses(&capabilities)) {
                 rejected.push(format!("{name}: {reason}"));
                 continue;
@@ -256,10 +256,10 @@ impl Backend {
         Ok(Chosen { backend: Self::by_name("reference", options)?, rejected })
     }
 
-    /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest that works.
+    /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest one that works.
     ///
     /// # Errors
-    /// [`BackendError`] if there is no such backend, or not here.
+    /// [`BackendError`] if the backend doesn't exist or isn't available.
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
             "auto" => Ok(Self::choose(options, |_| None)?.backend),
@@ -313,7 +313,7 @@ impl Backend {
         Ok(Self::Reference(renderer))
     }
 
-    /// True for a GPU backend whose device is software, as lavapipe and WARP are.
+    /// True for a GPU backend whose device is software, such as lavapipe or WARP.
     pub fn is_software(&self) -> bool {
         match self {
             #[cfg(feature = "ash")]
@@ -327,15 +327,15 @@ impl Backend {
         }
     }
 
-    /// True for the backend that can render with several samples a pixel.
+    /// True for the backend that can render several samples per pixel.
     pub fn can_supersample(&self) -> bool {
         self.info().backend == "reference"
     }
 
-    /// Renders with `samples`×`samples` unfiltered samples a pixel and averages them.
+    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them.
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Unsupported`] where [`Backend::can_supersample`] is false.
+    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false.
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     pub fn render_supersampled(
         &mut self,
@@ -364,7 +364,7 @@ impl Backend {
     }
 }
 
-/// What a backend draws, where that is known before it starts.
+/// Returns the capabilities of a backend, if they are known before it starts.
 fn capabilities_of(name: &str) -> Option<Capabilities> {
     match name {
         #[cfg(feature = "ash")]
@@ -375,17 +375,17 @@ fn capabilities_of(name: &str) -> Option<Capabilities> {
     }
 }
 
-/// False where starting a GPU backend could find nothing but software, and is not worth its time.
+/// False if the machine has no GPU, so that starting a GPU backend would at best find a software device.
 fn has_device_for(name: &str) -> bool {
     if name == "cpu" || !cfg!(target_os = "linux") {
         return true;
     }
     let has = |path: &str| std::path::Path::new(path).exists();
-    // Kernel drivers: DRM, NVIDIA's own, Windows' GPU below WSL, and those of phones.
+    // Kernel drivers: DRM, NVIDIA's own, the GPU of Windows below WSL, and drivers of phones.
     ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"].into_iter().any(has)
 }
 
-/// A scene that was uploaded to another backend.
+/// Returns the error for a scene that was uploaded to another backend.
 fn elsewhere(backend: &Backend) -> RenderError {
     let message = "the scene was uploaded to another backend: upload it to this one".to_owned();
     RenderError::Backend { backend: backend.info().backend, message }

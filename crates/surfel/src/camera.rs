@@ -1,4 +1,4 @@
-//! The camera that is asked for, and how it turns.
+//! The camera that options ask for, and its rotation in a turntable movie.
 
 use crate::Error;
 use crate::framing::{self, DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
@@ -10,31 +10,31 @@ use surfel_io::cameras::NamedCamera;
 use surfel_model::{Camera, Light, Projection, Scene, Up};
 use surfel_render::View;
 
-/// Source of the camera that options ask for.
+/// Source of the camera that the options state.
 #[derive(Clone, Debug, PartialEq)]
 pub enum CameraSource {
-    /// A file that holds a scene file's camera object alone.
+    /// A file that holds only a scene file's camera object.
     File(PathBuf),
-    /// A camera itself.
+    /// A camera given as a value.
     Given {
         /// The camera.
         camera: Box<Camera>,
-        /// True if its near and far planes are replaced by ones about the scene.
+        /// True if its near and far planes are replaced by ones fitted to the scene.
         fits_depth: bool,
     },
 }
 
 impl CameraSource {
-    /// True if the camera's near and far planes are replaced by ones about the scene.
+    /// True if the camera's near and far planes are replaced by ones fitted to the scene.
     pub fn fits_depth(&self) -> bool {
         matches!(self, Self::Given { fits_depth: true, .. })
     }
 }
 
-/// Share of the image that `--view` fills.
+/// Fraction of the image that the scene fills with `--view`.
 const FILL: f64 = 0.9;
 
-/// The projection that `--ortho` and `--fov-y` ask for.
+/// Returns the projection that `--ortho` and `--fov-y` ask for.
 pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     if options.ortho {
         FrameProjection::Orthographic
@@ -43,7 +43,7 @@ pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
     }
 }
 
-/// True if a flag changes the camera, so that its faults are the command line's.
+/// True if a flag changes the camera, so that an invalid camera is a usage error.
 pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
     options.eye.is_some()
         || options.target.is_some()
@@ -55,7 +55,7 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.tile.is_some()
 }
 
-/// Frames a scene file's camera anew for `--view`, with the file's projection unless flags say another.
+/// Frames the scene again for `--view`, with the projection of `camera` unless flags state another.
 pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, options: &RenderOptions) -> Option<Camera> {
     let view = options.view?;
     let size = options.size.unwrap_or(camera.size);
@@ -74,7 +74,7 @@ fn fov_of(focal_px: f64, height_px: u32) -> f64 {
     2.0 * (0.5 * f64::from(height_px) / focal_px).atan().to_degrees()
 }
 
-/// What a camera has to be changed by: the flags, and if its near plane is ours to choose.
+/// Applies the options to a camera. `own_near`: the near plane isn't given, so it is fitted to the scene.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();
     if let Some(size) = options.size {
@@ -109,7 +109,7 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
     }
 }
 
-/// The scene's up, or where the camera looks along it, the up of the view from above or below.
+/// Returns the scene's up direction; if the camera looks along it, the up direction of the view from above or below.
 fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     let forward = (DVec3::from(camera.target) - DVec3::from(camera.eye)).normalize_or_zero();
     let along = up.vector();
@@ -120,7 +120,7 @@ fn upward(camera: &Camera, up: Up) -> [f64; 3] {
     ViewAxes::named(view, up).up.into()
 }
 
-/// Near and far planes about the scene: near only where it is ours to choose, far only where it is needed.
+/// Fits near and far planes to the scene: near only if `own_near`, far only if needed.
 fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     let forward = ViewAxes::of(camera).forward;
     let Some((first, last)) = framing::depth_range(scene, camera.eye.into(), forward) else { return };
@@ -137,16 +137,16 @@ fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     }
 }
 
-/// Reads the cameras of another program, for images of `size`: names and cameras.
+/// Reads the cameras of another program for images of `size`, with their names.
 ///
 /// # Errors
-/// [`Error::Io`] and [`Error::Unsuitable`] saying what is wrong with the file.
+/// [`Error::Io`] and [`Error::Unsuitable`] describing what is wrong with the file.
 pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
     let cameras = surfel_io::cameras::read(path)?;
     with_names(cameras, path, size)
 }
 
-/// As [`named`], from the text of a file of JSON.
+/// Reads cameras like [`named`], from JSON text.
 ///
 /// # Errors
 /// As [`named`].
@@ -170,23 +170,24 @@ fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) ->
     cameras.into_iter().map(used).collect()
 }
 
-/// A camera of another program, which knows no near plane, with one before the scene.
+/// Adds a near plane before the scene to another program's camera, which has none.
 pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
     refit_depth(&mut camera, scene, true);
     camera
 }
 
-/// How the camera and its lights go about the scene.
+/// Axis that the camera and its lights turn around.
 #[derive(Clone, Copy, Debug)]
 pub struct Turntable {
-    /// A point of the axis, world space.
+    /// A point on the axis, in world space.
     pub center: DVec3,
-    /// Its direction, a unit vector.
+    /// Direction of the axis, a unit vector.
     pub axis: DVec3,
 }
 
 impl Turntable {
-    /// The camera and lights after `turn` of a revolution: the scene turns before them, so they go the other way.
+    /// Returns camera and lights after the fraction `turn` of a revolution. The scene appears to turn, so camera and
+    /// lights move the other way.
     pub fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
         let rotation = DQuat::from_axis_angle(self.axis, -std::f64::consts::TAU * turn);
         let direction = |v: [f64; 3]| -> [f64; 3] { (rotation * DVec3::from(v)).into() };
@@ -206,10 +207,10 @@ impl Turntable {
     }
 }
 
-/// Checks that the camera can be used.
+/// Creates the view of a camera and checks it.
 ///
 /// # Errors
-/// [`Error::Usage`] where the options made it, else [`Error::Model`].
+/// [`Error::Usage`] if options changed the camera, else [`Error::Model`].
 pub fn view(camera: &Camera, options: &RenderOptions) -> Result<View, Error> {
     View::of_region(camera, options.region_of(camera)?)
         .map_err(|e| if is_flagged(options) { Error::Usage(e.to_string()) } else { e.into() })

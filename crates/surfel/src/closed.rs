@@ -1,4 +1,5 @@
-//! Whether a cloud closes around what it was taken of, so that nobody sees the inner side of its surface.
+//! Detection of watertight clouds: clouds that enclose what they were sampled from, so that inner sides are never
+//! visible.
 
 use crate::framing::ViewAxes;
 use crate::patches::{MOST, Patch, Patches};
@@ -7,24 +8,25 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::cell::LazyCell;
 
-/// Side of a thumbnail in pixels: holes of its pixels' size are found, as in a rocker arm's web of 10,000 points.
+/// Side of a thumbnail in pixels. Holes of a pixel's size are detected, such as in the web of a rocker arm of 10,000
+/// points.
 const SIDE: usize = 128;
-/// Largest share of what a view shows that faces away, of a surface that closes: disks of the far side reach past rims,
-/// those of a teapot of 2,000 points by 0.1, those of a wolf of as many by 0.125. Of open ones, some view shows a
-/// third.
+/// Largest fraction of a view of a watertight surface that faces away. Disks of the far side extend past rims, by 0.1
+/// for a teapot of 2,000 points and by 0.125 for a wolf of as many. Some view of an open surface shows a third.
 const RIMS: f64 = 0.15;
-/// Largest share of what a view shows that faces away elsewhere than at rims: of a cat's thin tail it is 0.001, of
-/// holes that are seen in a rocker arm's web 0.0026.
+/// Largest fraction of a view that faces away elsewhere than at rims: 0.001 for a cat's thin tail, 0.0026 for visible
+/// holes in a rocker arm's web.
 const HOLES: f64 = 0.0012;
-/// Depth over length across the view up to which a surface is even, not a rim.
+/// Ratio of depth to length across the view up to which a surface is even, not a rim.
 const STEEPEST: f64 = 3.0;
-/// What patches that face the view are grown by where they are a part of a cloud: there are gaps between them.
+/// Growth factor of patches that face the view if they are a sample of a cloud and have gaps between them.
 const GROWN: f64 = 2.0;
 
-/// True of a cloud that looks the same, but for its rims, without its inner side, whichever way it is looked at: along
-/// the axes and the diagonals of a cube. Estimated normals that point inward somewhere would leave a hole there.
+/// True if a cloud is watertight: in every view it looks the same with and without its inner side, except at rims. The
+/// views are along the axes and diagonals of a cube. Estimated normals that point inward somewhere would show as a hole
+/// there.
 pub(crate) fn is_closed(patches: &Patches) -> bool {
-    // Of the 27 places in a grid of three, those in the middle of faces and at corners.
+    // Of the 27 cells of a 3×3×3 grid, those at the centres of faces and at the corners.
     let all = (0..27).map(|i| DVec3::new(f64::from(i % 3), f64::from(i / 3 % 3), f64::from(i / 9)) - 1.0);
     let directions: Vec<DVec3> = all.filter(|d| [1.0, 3.0].contains(&d.length_squared())).collect();
     directions.into_par_iter().all(|forward| {
@@ -33,8 +35,9 @@ pub(crate) fn is_closed(patches: &Patches) -> bool {
     })
 }
 
-/// The share of what is seen along a direction that faces away and hides what doesn't, and of that what lies elsewhere
-/// than at rims: where nothing around, as far as the disk reaches, lies much farther away.
+/// Returns two fractions of the pixels visible along a direction: those that face away and hide a surface that doesn't,
+/// and the part of them that isn't at rims. A pixel isn't at a rim if nothing within the disk's reach is much farther
+/// away.
 fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     let (right, up) = forward.any_orthonormal_pair();
     let axes = ViewAxes { right, up, forward };
@@ -59,10 +62,10 @@ fn inner_side(patches: &Patches, forward: DVec3) -> (f64, f64) {
     (share(away), share(holes))
 }
 
-/// Largest depths of the squares of a thumbnail whose sides are powers of two. A few splats may cover all of it, so
-/// that each pixel asks for a square as large as the thumbnail.
+/// Maximum depths over squares of a thumbnail whose sides are powers of two. They make queries fast even for a few
+/// splats that cover the whole thumbnail.
 struct Farthest {
-    /// For each power of two the largest depth of the square that begins at each pixel.
+    /// For each power of two, the largest depth of the square that begins at each pixel.
     levels: Vec<Vec<f64>>,
 }
 
@@ -71,7 +74,7 @@ impl Farthest {
         let mut levels = vec![pixels.iter().map(|(depth, _)| *depth).collect::<Vec<f64>>()];
         while 1 << levels.len() <= SIDE {
             let (half, last) = (1 << (levels.len() - 1), &levels[levels.len() - 1]);
-            // Squares that reach beyond the thumbnail are never asked for.
+            // Squares that extend beyond the thumbnail are never queried.
             let at = |x: usize, y: usize| last[y.min(SIDE - 1) * SIDE + x.min(SIDE - 1)];
             let largest = |i: usize| {
                 let (x, y) = (i % SIDE, i / SIDE);
@@ -82,7 +85,7 @@ impl Farthest {
         Self { levels }
     }
 
-    /// Returns the largest depth within a square of this reach about a pixel; infinity beyond the thumbnail.
+    /// Returns the largest depth within a square of this reach around a pixel; infinity beyond the thumbnail.
     fn around(&self, pixel: usize, reach_px: f64) -> f64 {
         let (x, y, reach) = (pixel % SIDE, pixel / SIDE, reach_px.ceil().min(SIDE as f64) as usize);
         if x.min(y) < reach || x.max(y) + reach >= SIDE {
@@ -90,7 +93,7 @@ impl Farthest {
         }
         let side = 2 * reach + 1;
         let power = side.ilog2();
-        // Four squares that overlap.
+        // Four overlapping squares cover it.
         let rest = side - (1 << power);
         let at = |dx: usize, dy: usize| self.levels[power as usize][(y - reach + dy) * SIDE + x - reach + dx];
         at(0, 0).max(at(rest, 0)).max(at(0, rest)).max(at(rest, rest))
@@ -105,7 +108,7 @@ mod tests {
     use std::sync::Arc;
     use surfel_model::{Geometry, Material, Object, SplatCloud};
 
-    /// Disks about points with normals.
+    /// Runs the test on disks at points with normals.
     fn is_closed_of(splats: &[(DVec3, DVec3)], radius: f64) -> bool {
         is_closed_at(splats, radius, DAffine3::IDENTITY)
     }
@@ -119,7 +122,7 @@ mod tests {
         is_closed(&Patches::of(&[object]).unwrap())
     }
 
-    /// Points spread evenly over a unit ball.
+    /// Returns points spread evenly over a unit sphere, with their normals.
     fn ball(count: usize) -> Vec<(DVec3, DVec3)> {
         let golden = PI * (3.0 - 5f64.sqrt());
         let point = |i: usize| {
@@ -131,12 +134,12 @@ mod tests {
         (0..count).map(point).collect()
     }
 
-    /// A radius of disks that cover a ball of so many points.
+    /// Returns a radius of disks that cover a sphere with `count` points.
     fn radius(count: usize) -> f64 {
         1.5 * (4.0 * PI / count as f64).sqrt()
     }
 
-    /// Two opposite sides of a unit cube each, for all its axes in turn, `side` by `side` points each.
+    /// Returns two opposite sides of a unit cube for each of the axes, with `side` × `side` points each.
     fn sides(axes: &[usize], side: usize, thickness: f64) -> Vec<(DVec3, DVec3)> {
         let at = |i: usize| (i as f64 + 0.5) / side as f64 - 0.5;
         let mut splats = Vec::new();
@@ -196,11 +199,11 @@ mod tests {
         for share in [0.5, 0.1, 0.01] {
             assert!(!is_closed_of(&without(share), radius(8000)), "{share}");
         }
-        // A sheet, and a box without lids.
+        // An open sheet, and a box without lids.
         let sheet: Vec<_> = sides(&[2], 60, 0.0).into_iter().step_by(2).collect();
         assert!(!is_closed_of(&sheet, 1.0 / 60.0));
         assert!(!is_closed_of(&sides(&[0, 1], 40, 1.0), 1.0 / 40.0));
-        // A room, as it is seen from inside.
+        // A room: a sphere whose normals point inward.
         let inward: Vec<_> = ball.iter().map(|(p, n)| (*p, -*n)).collect();
         assert!(!is_closed_of(&inward, radius(8000)));
     }

@@ -1,4 +1,4 @@
-//! How far two images are apart.
+//! Comparison of two images.
 
 use crate::Error;
 use crate::values::json_number;
@@ -9,19 +9,19 @@ use surfel_io::atomic::target;
 use surfel_io::{IoError, Planes, PlanesView, PngOptions};
 use surfel_metrics::{CompareOptions, Comparison, Image, MetricsError, PlaneComparison, PlaneOptions};
 
-/// How far an image is from another.
+/// Differences between two images.
 #[derive(Clone, Debug)]
 pub struct ImageComparison {
-    /// Of the colours.
+    /// Difference of the colours.
     pub colors: Comparison,
-    /// Of the other planes that both have, by the names of their channels.
+    /// Differences of the other planes that both images have, by channel name.
     pub planes: Vec<(String, PlaneComparison)>,
 }
 
-/// Compares image `b` with the reference `a`; `names` are for messages.
+/// Compares image `b` with the reference `a`; `names` are used in messages.
 ///
 /// # Errors
-/// [`Error::Input`] if they differ in size or have no colours.
+/// [`Error::Input`] if the sizes differ or one has no colours.
 pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageComparison, Error> {
     let wrong = |what: String| Error::Input(format!("{} and {}: {what}", names[0].shown(), names[1].shown()));
     if (a.width, a.height) != (b.width, b.height) {
@@ -36,10 +36,11 @@ pub fn compare(a: &Planes, b: &Planes, names: [&Path; 2]) -> Result<ImageCompari
     Ok(ImageComparison { colors, planes })
 }
 
-/// Refuses a name that FLIP's error map of these two images couldn't be written to.
+/// Refuses a file name for FLIP's error map of these two images if it couldn't be written.
 ///
 /// # Errors
-/// [`Error::Usage`] for another format than PNG and for one of the images, [`Error::Io`] for a file that is there.
+/// [`Error::Usage`] for a format other than PNG and for the name of one of the images, [`Error::Io`] for an existing
+/// file.
 pub fn check_diff(diff: &Path, images: [&Path; 2], force: bool) -> Result<(), Error> {
     if !diff.extension().is_some_and(|e| e.eq_ignore_ascii_case("png")) {
         return Err(Error::Usage(format!("--diff {}: expected a name that ends in .png", diff.shown())));
@@ -72,7 +73,7 @@ fn colors(size: &Planes, a: &[f32], b: &[f32]) -> Result<Comparison, MetricsErro
     surfel_metrics::compare(&a, &b, &CompareOptions::default())
 }
 
-/// The planes besides colour that both images have.
+/// Compares the planes besides colour that both images have.
 fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, MetricsError> {
     let mut found = Vec::new();
     let mut add = |name: &str, a: Option<&[f32]>, b: Option<&[f32]>| {
@@ -86,7 +87,7 @@ fn planes(a: &Planes, b: &Planes) -> Result<Vec<(String, PlaneComparison)>, Metr
     add("normal", flat(a).as_deref(), flat(b).as_deref())?;
     add("weight", a.weight.as_deref(), b.weight.as_deref())?;
     for (name, values) in &a.whole {
-        // Whole numbers differ by what f32 can say, though it can't say them.
+        // Integers are subtracted first, since f32 can't represent all of them but can represent small differences.
         let other = b.whole.iter().find(|(n, _)| n == name).map(|(_, v)| v.as_slice());
         let off = other.map(|other| {
             values.iter().zip(other).map(|(a, b)| (f64::from(*a) - f64::from(*b)) as f32).collect::<Vec<f32>>()
@@ -110,12 +111,12 @@ fn value(colors: &Comparison, metric: &str) -> f64 {
 }
 
 impl ImageComparison {
-    /// A metric of the colours by its name: `max_abs`, `rmse`, `psnr` or `flip`.
+    /// Returns a metric of the colours by name: `max_abs`, `rmse`, `psnr` or `flip`.
     pub fn metric(&self, name: &str) -> f64 {
         value(&self.colors, name)
     }
 
-    /// The object that `surfel compare --json` prints, but the images' names.
+    /// Returns the object that `surfel compare --json` prints, without the images' names.
     pub fn to_json(&self) -> serde_json::Value {
         let colors = &self.colors;
         let plane = |p: &PlaneComparison| {

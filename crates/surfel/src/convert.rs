@@ -1,4 +1,4 @@
-//! From points and meshes to splats, as the options say, and what there is to tell about it.
+//! Conversion of points and meshes to splats according to the options, with notes about what was done.
 
 use crate::load::{Conversion, UnusedOption};
 use crate::noise::{no_surface, water};
@@ -13,7 +13,7 @@ use surfel_model::{
 };
 use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointReport, Progress};
 
-/// The options that have nothing to act on in what a file holds.
+/// Returns the options that have no effect on a file's content.
 pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOption> {
     let holds = match content {
         Content::Splats(_) => "splats",
@@ -25,7 +25,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     let whole = ["an octree", "Gaussians"].contains(&holds);
     let (points, mesh) = (holds == "points", holds == "a mesh");
     let rows = points || holds == "splats";
-    // What is one splat a vertex of a mesh is one splat a point of points.
+    // One splat per vertex of a mesh corresponds to one splat per point.
     let (method, fits) = match options.method {
         Some(MeshMethod::PerFace) => ("per_face", mesh),
         Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
@@ -53,7 +53,7 @@ pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOpti
     unused.map(|(option, _, expected)| UnusedOption { option, holds: holds.into(), expected }).collect()
 }
 
-/// Splats with other radii, and the interior weight that goes with them.
+/// Scales the radii of splats, and estimates their interior weight again.
 pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
@@ -69,7 +69,7 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     Ok(cloud)
 }
 
-/// Which of a file's points or splats are chosen; `None`: all.
+/// Returns which of a file's points or splats the options select; `None`: all.
 fn chosen(
     (count, position): (usize, &dyn Fn(usize) -> DVec3),
     extras: &[ExtraColumn],
@@ -102,7 +102,7 @@ fn chosen(
     Ok(Some(found.keep))
 }
 
-/// The splats that the options choose.
+/// Returns the splats that the options select.
 pub(crate) fn chosen_splats(
     cloud: SplatCloud,
     path: &Path,
@@ -116,12 +116,12 @@ pub(crate) fn chosen_splats(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Most points at the origin, and in any one place, that are taken for real ones.
+/// Largest number of points at the origin, or at any other single place, that count as measurements.
 const COINCIDENT: usize = 16;
-/// Why points are left out that share a place.
+/// Reason in notes for dropping points that share a place.
 const CROWDED: &str = "more than 16 are in their place";
 
-/// The points that the options choose, without columns that only levels have a use for.
+/// Returns the points that the options select, without the internal columns of levels of detail.
 #[cfg(feature = "ortho")]
 pub(crate) fn chosen_points(
     points: PointCloud,
@@ -135,7 +135,7 @@ pub(crate) fn chosen_points(
     Ok(points)
 }
 
-/// The points that the options choose, and whether they are evenly thinned.
+/// Returns the points that the options select, and true if they were thinned evenly.
 fn chosen_points_of_levels(
     mut points: PointCloud,
     path: &Path,
@@ -192,7 +192,7 @@ fn chosen_points_of_levels(
     Ok((points, dropped > 0 || options.every.is_some()))
 }
 
-/// Splats of points.
+/// Converts points to splats.
 pub(crate) fn points(
     points: PointCloud,
     path: &Path,
@@ -201,7 +201,7 @@ pub(crate) fn points(
     progress: &dyn Progress,
 ) -> Result<(SplatCloud, Conversion), Error> {
     let (mut points, is_thinned) = chosen_points_of_levels(points, path, options, notes, progress)?;
-    // Those whose neighbours are looked at lose them there.
+    // Estimation from neighbours drops coincident points itself.
     let is_direct = !options.all_points && levels::Radii::are_stated(&points);
     let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
     if dropped > 0 {
@@ -211,7 +211,7 @@ pub(crate) fn points(
         ));
     }
     let radii = levels::Radii::take(&mut points);
-    // Radii close the surface of all points only.
+    // The file's radii cover the surface only if all points are used.
     if is_thinned && points.radii.take().is_some() {
         notes.push("left the file's radii a column: they close the surface of all its points only".to_owned());
     }
@@ -227,7 +227,7 @@ pub(crate) fn points(
     finished((cloud, true), report, path, options, notes, progress)
 }
 
-/// Splats of points that are chosen; seen from a place far `above` alone, if there is one.
+/// Converts selected points to splats. With `above`, a place far above, normals face that place.
 pub(crate) fn splats_of_points(
     points: &PointCloud,
     above: Option<DVec3>,
@@ -251,8 +251,8 @@ pub(crate) fn splats_of_points(
     finished((cloud, false), report, path, options, notes, progress)
 }
 
-/// Splats of points, made to close their level, clipped and coloured as the options say; with them whether the file
-/// states their radii.
+/// Finishes splats of points: enlarges them to cover their level, clips them and fits their colours as the options
+/// state. `stated` is true if the file states their radii.
 fn finished(
     (cloud, stated): (SplatCloud, bool),
     report: PointReport,
@@ -270,7 +270,7 @@ fn finished(
     Ok((cloud, Conversion::Points(report)))
 }
 
-/// Splats of points with colours whose blend is the points'.
+/// Fits colours of splats so that their blend reproduces the points' colours.
 fn fit_colors(
     cloud: SplatCloud,
     path: &Path,
@@ -292,7 +292,7 @@ fn fit_colors(
     Ok(cloud)
 }
 
-/// Splats of a mesh whose blend shows it, as `texture_sampling` says.
+/// Fits colours of a mesh's splats so that their blend reproduces the mesh, by the method `texture_sampling`.
 fn textured(
     cloud: SplatCloud,
     mesh: &Mesh,
@@ -325,7 +325,7 @@ fn textured(
     Ok(cloud)
 }
 
-/// Splats of a mesh.
+/// Converts a mesh to splats.
 pub(crate) fn mesh(
     mesh: &Mesh,
     path: &Path,
@@ -350,7 +350,7 @@ pub(crate) fn mesh(
     Ok((textured(cloud, mesh, path, options, notes, progress)?, Conversion::Mesh(report)))
 }
 
-/// Splats of points, clipped along the edges that the points show.
+/// Clips splats of points along the edges detected in the points.
 #[cfg(feature = "sharp")]
 fn sharpen(
     cloud: SplatCloud,
@@ -372,7 +372,7 @@ fn sharpen(
     Ok(cloud)
 }
 
-/// Clipped splats of a mesh.
+/// Converts a mesh to clipped splats.
 #[cfg(feature = "sharp")]
 fn sharp(
     mesh: &Mesh,

@@ -1,25 +1,28 @@
-//! Equal things side by side: what is decided of a shape is decided of one of them.
+//! Detection of equal things side by side, so that estimates for a shape can be made from one of them.
 
 use crate::patches::Patches;
 use glam::DVec3;
 
-/// Objects, or parts, that are compared at most.
+/// Largest number of objects, or parts of an object, that are compared.
 pub(crate) const MOST: usize = 33;
-/// Parts of parts: rows of rows of rows.
+/// Largest nesting of parts within parts: rows of rows of rows.
 const DEPTH: usize = 3;
-/// Width of a gap between two parts, of half the diagonal of all.
+/// Least width of a gap between two parts, as a fraction of half the diagonal of the whole.
 const GAP: f64 = 0.01;
-/// Share of the area that a part has at least, and that what is none has at most.
+/// Least fraction of the area that a part has.
 const PART: f64 = 0.02;
+/// Largest fraction of the area that smaller pieces, which aren't parts, may have.
 const REST: f64 = 0.01;
-/// Largest difference of the lengths of equal things, and the least share of one that lies where the other has surface.
+/// Largest difference in length between equal things, as a fraction of the larger scale.
 const LENGTHS: f64 = 0.04;
+/// Least fraction of one thing that must lie on the other's surface for them to be equal.
 const SAME: f64 = 0.95;
-/// Cells along half a diagonal in which two are compared, at most; of fewer patches, a cell holds a few.
+/// Largest number of cells per half diagonal when two things are compared.
 const CELLS: f64 = 16.0;
+/// Patches per cell that the grid aims at; small samples get fewer cells.
 const PATCHES_OF_CELLS: f64 = 6.0;
 
-/// One of the parts that a shape consists of, if these are equal and gaps along an axis part them.
+/// Returns one of a shape's parts, if they are equal and separated by gaps along an axis; `None` otherwise.
 pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
     let mut found: Option<Patches> = None;
     for _ in 0..DEPTH {
@@ -30,7 +33,7 @@ pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {
     found
 }
 
-/// The same by gaps along axis `k`.
+/// Returns one of a shape's equal parts, separated by gaps along axis `k`.
 fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     let reach = |number: usize| {
         let [s, t] = patches.all[number].axes;
@@ -60,16 +63,16 @@ fn one_along(patches: &Patches, k: usize) -> Option<Patches> {
     others.iter().all(|other| are_equal(first, other)).then(|| first.clone())
 }
 
-/// True of samples of equal shapes, wherever they are.
+/// True if two samples have equal shapes, regardless of position.
 pub(crate) fn are_equal(a: &Patches, b: &Patches) -> bool {
     let lengths = [a, b].map(|patches| patches.extent() * patches.scale);
     let is_same_length = |k: usize| (lengths[0][k] - lengths[1][k]).abs() <= LENGTHS * a.scale.max(b.scale);
     (0..3).all(is_same_length) && share_on(a, b) >= SAME && share_on(b, a) >= SAME
 }
 
-/// The share of a shape's area that lies where another has surface, within a cell, once their middles are in one place.
+/// Returns the fraction of a shape's area that lies on another's surface, within one cell, when their middles coincide.
 fn share_on(of: &Patches, on: &Patches) -> f64 {
-    // Positions are within 1 of the middle.
+    // Positions are at most 1 from the middle.
     const SIDE: usize = 2 * (CELLS as usize + 2) + 1;
     let fewer = of.all.len().min(on.all.len());
     let cells = (fewer as f64 / PATCHES_OF_CELLS).sqrt().min(CELLS);

@@ -1,4 +1,4 @@
-//! What can go wrong between a file and an image.
+//! Errors that may occur between a file and an image.
 
 use crate::BackendError;
 use std::path::PathBuf;
@@ -8,48 +8,48 @@ use surfel_model::ModelError;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
 
-/// Errors of this crate and of those below it.
+/// An error of this crate or a package below it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A file can't be read or written, or is damaged.
     #[error(transparent)]
     Io(#[from] IoError),
-    /// A number of a scene, camera or setting is out of its range.
+    /// A number of a scene, camera or setting is out of range.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// No splats could be made of a file's points or triangles.
+    /// A file's points or triangles can't be converted to splats.
     #[error("{}: {source}", .path.shown())]
     Sample {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// Reason why no splats could be made.
         source: SampleError,
     },
-    /// A file was read, but is not what it is used as.
+    /// A file was read, but its content is unsuitable for its use.
     #[error("{}: {problem}", .path.shown())]
     Unsuitable {
         /// The file.
         path: PathBuf,
-        /// What was found, expected, and what to do.
+        /// Description of what was found and expected, and how to fix it.
         problem: String,
     },
-    /// Options that contradict or need each other, or that nothing has a use for.
+    /// Options contradict or need each other, or have no effect.
     #[error("{0}")]
     Usage(String),
-    /// The input, as a whole, is not what is asked for.
+    /// The input as a whole is unsuitable.
     #[error("{0}")]
     Input(String),
-    /// No image.
+    /// An image couldn't be rendered.
     #[error(transparent)]
     Render(#[from] RenderError),
-    /// No such backend here.
+    /// The backend isn't available.
     #[error(transparent)]
     Backend(#[from] BackendError),
 }
 
 impl Error {
-    /// True if the input is at fault: a file that isn't there, is damaged, or breaks a rule.
+    /// True if the input is at fault: a file that is missing, damaged or breaks a rule.
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::Io(e) => e.is_bad_input(),

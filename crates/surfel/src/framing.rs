@@ -1,4 +1,4 @@
-//! Where to look from: a camera that shows all of a scene, as large as the image allows.
+//! Camera framing: places a camera so that all of a scene fills the image.
 
 use crate::patches::Patches;
 pub use crate::upright::{UpConvention, UpReason, Upright};
@@ -12,40 +12,40 @@ use surfel_math::basis::unit;
 use surfel_math::clip::Clip;
 use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projection, Scene, Shape, SplatCloud, Up};
 
-/// Vertical field of view of automatic cameras, in degrees: that of a short telephoto lens, which distorts little.
+/// Vertical field of view of automatic cameras, in degrees. It matches a short telephoto lens, which distorts little.
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
 
-/// Views by name, from the scene's up axis. "Front" looks along −z where y is up, and along +y where z is.
+/// Named views, relative to the scene's up axis. `Front` looks along −z if y is up and along +y if z is up.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum NamedView {
-    /// From the front, 30° to its right and 20° above.
+    /// View from 30° to the right of the front and 20° above it.
     #[default]
     Iso,
-    /// From the front.
+    /// Front view.
     Front,
-    /// From behind.
+    /// Back view.
     Back,
-    /// From the left of the front view.
+    /// View from the left-hand side of the front view.
     Left,
-    /// From the right of the front view.
+    /// View from the right-hand side of the front view.
     Right,
-    /// From above.
+    /// View from above.
     Top,
-    /// From below.
+    /// View from below.
     Bottom,
 }
 
-/// Where a view is from, relative to the front: both 0 are [`NamedView::Front`].
+/// Direction from which a scene is viewed, as two angles; both are 0 for [`NamedView::Front`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewAngles {
-    /// About the up axis, toward the right of the front view, in degrees: 90 is [`NamedView::Right`].
+    /// Azimuth about the up axis toward the right of the front view, in degrees: 90 is [`NamedView::Right`].
     pub azimuth_deg: f64,
-    /// Above the horizon, in degrees: 90 is [`NamedView::Top`].
+    /// Elevation above the horizon, in degrees: 90 is [`NamedView::Top`].
     pub elevation_deg: f64,
 }
 
 impl ViewAngles {
-    /// Those of [`NamedView::Iso`].
+    /// Angles of [`NamedView::Iso`].
     pub const ISO: Self = Self { azimuth_deg: 30.0, elevation_deg: 20.0 };
 }
 
@@ -55,19 +55,19 @@ impl fmt::Display for ViewAngles {
     }
 }
 
-/// Evidence that decided from where a scene is shown.
+/// Evidence that decided the automatic view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum ViewReason {
-    /// The view shows most details: places, directions, colours and curvature.
+    /// The view shows the most detail: positions, directions, colours and curvature.
     Details,
-    /// The scene's front is there.
+    /// The scene's semantic front faces the view.
     Front,
-    /// The scene is open to that side, and shows its inside.
+    /// The scene is open toward the view, which shows its inside.
     Opening,
-    /// All that is there faces that way, as a depth camera or a relief has it.
+    /// Nearly all surfaces face the view, as in a depth camera's capture or a relief.
     Camera,
-    /// Too little is there to judge.
+    /// The scene has too few splats to judge, so the default view is used.
     Convention,
 }
 
@@ -86,45 +86,45 @@ impl fmt::Display for ViewReason {
 /// A view and the evidence that decided it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ChosenView {
-    /// Where the view is from.
+    /// Direction from which the scene is viewed.
     pub angles: ViewAngles,
     /// The evidence that decided.
     pub reason: ViewReason,
 }
 
-/// Which side a scene is shown from.
+/// Selection of the side from which a scene is viewed.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum ViewChoice {
-    /// The one of a ring of views that shows most: [`best_view`].
+    /// The view that shows most among a ring of candidates: [`best_view`].
     #[default]
     Auto,
-    /// One with a name.
+    /// A named view.
     Named(NamedView),
-    /// One by its angles.
+    /// A view given by its angles.
     From(ViewAngles),
 }
 
-/// Directions of a view, unit vectors in world space.
+/// Camera axes of a view: unit vectors in world space.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewAxes {
-    /// Toward the right of the image.
+    /// Direction toward the right edge of the image.
     pub right: DVec3,
-    /// Toward its upper edge.
+    /// Direction toward the upper edge of the image.
     pub up: DVec3,
-    /// Into the image.
+    /// Viewing direction, into the image.
     pub forward: DVec3,
 }
 
 impl ViewAxes {
-    /// Axes of a camera.
+    /// Returns the axes of a camera.
     pub fn of(camera: &Camera) -> Self {
         let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
         let right = unit(forward.cross(unit(DVec3::from(camera.up))));
         Self { right, up: right.cross(forward), forward }
     }
 
-    /// Axes of the view of `objects` that is chosen.
+    /// Returns the axes of the view of `objects` that `choice` names.
     pub fn of_choice(choice: ViewChoice, objects: &[Object], up: Up) -> Self {
         match choice {
             ViewChoice::Auto => Self::turned(best_view(objects, up), up),
@@ -138,8 +138,8 @@ impl ViewAxes {
         Self { right, up: right.cross(forward), forward: unit(forward) }
     }
 
-    /// Axes of a view from these angles. Straight above and below, the front is at the lower edge of the image, as in
-    /// [`NamedView::Top`], or at the upper one.
+    /// Returns the axes of a view from these angles. In a view straight from above the front is at the lower edge of
+    /// the image, as in [`NamedView::Top`]; straight from below, at the upper edge.
     pub fn turned(angles: ViewAngles, up: Up) -> Self {
         let u = up.vector();
         let front = front(up);
@@ -150,7 +150,7 @@ impl ViewAxes {
         Self::looking(level * elevation.cos() - u * elevation.sin(), upward)
     }
 
-    /// Axes of a named view.
+    /// Returns the axes of a named view.
     pub fn named(view: NamedView, up: Up) -> Self {
         let u = up.vector();
         let front = front(up);
@@ -173,8 +173,8 @@ impl ViewAxes {
     }
 }
 
-/// Direction in which a front view looks. The front is where people expect it: before a y-up model at +z, before a
-/// z-up model at −y, and before Gaussian splats, whose cameras look along +z with y down, at −z.
+/// Returns the viewing direction of a front view, for each up axis. A y-up model faces +z and a z-up model −y. Gaussian
+/// splats face −z, since their cameras look along +z with y down.
 fn front(up: Up) -> DVec3 {
     match up {
         Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
@@ -187,37 +187,39 @@ fn front(up: Up) -> DVec3 {
 /// Projection of a framed view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrameProjection {
-    /// Perspective with this vertical field of view, in degrees.
+    /// Perspective projection with this vertical field of view, in degrees.
     Perspective(f64),
-    /// Parallel; the view's height is chosen.
+    /// Parallel projection; framing chooses the view's height.
     Orthographic,
 }
 
-/// How a scene is framed.
+/// Options for framing a scene.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FrameOptions {
-    /// Where to look.
+    /// Axes of the camera.
     pub axes: ViewAxes,
-    /// Projection.
+    /// Projection of the camera.
     pub projection: FrameProjection,
     /// Image width and height in pixels.
     pub size: [u32; 2],
-    /// Share of the image's width or height that the scene takes, in (0, 1].
+    /// Fraction of the image's width or height that the scene fills, in (0, 1].
     pub fill: f64,
-    /// The scene fits also while it turns about this axis through its middle.
+    /// Axis through the scene's middle; the scene also fits the image while it turns about this axis. `None`: it
+    /// doesn't turn.
     pub turning: Option<DVec3>,
 }
 
-/// What is centred to this share of half the image's height, to a pixel of 1000, or after so many steps.
+/// Centring error at which iteration stops, as a fraction of half the image's height: one pixel of 1000.
 const CENTRED: f64 = 0.002;
+/// Largest number of centring steps.
 const STEPS: usize = 4;
-/// Angles at which a turning scene must fit.
+/// Number of angles at which a turning scene must fit.
 const TURNS: u32 = 24;
 
-/// Least value over the scene of a linear function of position, for each of several functions.
+/// Minima over the scene of several linear functions of position.
 #[derive(Clone)]
 struct Support {
-    /// Gradients, and their lengths.
+    /// Gradients and their lengths.
     directions: Vec<(DVec3, f64)>,
     least: Vec<f64>,
 }
@@ -228,7 +230,7 @@ impl Support {
         Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
     }
 
-    /// Of the splats for which `at` gives a position.
+    /// Returns the minima over the splats whose centres `at` maps to a position; `None` skips a splat.
     fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
         let add = |support: &mut Self, p: DVec3, splat: &Extent| {
             if at(p).is_none_or(|p| support.may_grow(p, splat)) {
@@ -242,17 +244,17 @@ impl Support {
         gathered(scene, &Self::new(directions), add, join)
     }
 
-    /// Whether a splat at `p` may reach farther than what was added.
+    /// True if a splat at `p` may lower a minimum.
     fn may_grow(&self, p: DVec3, splat: &Extent) -> bool {
         let mut all = self.directions.iter().zip(&self.least);
         all.any(|((g, length), least)| g.dot(p) - length * splat.reach < *least)
     }
 
-    /// Adds a splat at `p`.
+    /// Lowers the minima by a splat at `p`.
     fn add(&mut self, p: DVec3, splat: &Extent) {
         for ((g, length), least) in self.directions.iter().zip(&mut self.least) {
             let middle = g.dot(p);
-            // Most splats are too far inside to matter.
+            // Skips splats too far inside to matter, which most are.
             if middle - length * splat.reach < *least {
                 // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
                 let (s, t) = (splat.axes)();
@@ -262,24 +264,24 @@ impl Support {
     }
 }
 
-/// How far a splat reaches from its centre, in world space.
+/// Extent of a splat about its centre, in world space.
 struct Extent<'a> {
-    /// No point of it is farther away.
+    /// Radius of a sphere about the centre that contains the splat.
     reach: f64,
-    /// Its half-axes; zero for what is a point.
+    /// Half-axes of the splat; zero for a point.
     axes: &'a dyn Fn() -> (DVec3, DVec3),
-    /// Points on the outline of what a clip keeps, which count in its place. To find them takes longer than all else:
-    /// only where the splat may matter.
+    /// Points on the outline of a clipped splat, used instead of the ellipse. Computing them is slow, so they are
+    /// evaluated only if the splat may matter.
     outline: Option<&'a Outline<'a>>,
 }
 
-/// Calls a function with points.
+/// Passes each point of an outline to a function.
 type Outline<'a> = dyn Fn(&mut dyn FnMut(DVec3)) + 'a;
 
 const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO), outline: None };
 
 impl Extent<'_> {
-    /// Calls a function with what the splat at `p` is made of: itself, or the points of its outline.
+    /// Calls `f` with the splat at `p` itself, or with each point of its outline if it is clipped.
     fn parts(&self, p: DVec3, f: &mut dyn FnMut(DVec3, &Extent)) {
         match self.outline {
             Some(outline) => outline(&mut |q| f(q, &POINT)),
@@ -288,12 +290,11 @@ impl Extent<'_> {
     }
 }
 
-/// Calls `f` with centre and extent of splats of an object, in world space; with none for vertices of a mesh. `range`
-/// is of splats, or of vertices; of octrees all are taken with the first.
+/// Calls `f` with the centre and extent of each splat of an object, in world space. Mesh vertices have zero extent.
+/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0.
 fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
-    // No vector gets longer than this many times: the 2-norm is at most √ of the 1-norm times the ∞-norm. And a little
-    // more, for what rounding adds.
+    // Upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
     let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
     let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
     let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
@@ -325,7 +326,7 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
         Geometry::Gaussians(gaussians) => {
             let opacities = &gaussians.data().opacities;
             let is_shown = |opacity: &f32| *opacity >= GaussianCloud::FAINT;
-            // Where all are faint, all of them count.
+            // If all Gaussians are faint, all of them count.
             let are_faint = !opacities.iter().any(is_shown);
             for i in range.filter(|i| are_faint || is_shown(&opacities[*i])) {
                 let (s, t) = gaussians.ellipse(i);
@@ -346,8 +347,8 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
     }
 }
 
-/// What `add` makes of all of a scene, part by part on all threads; what the parts give, which begin with `none`, goes
-/// to `join` in their order.
+/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk starts with `none`, and `join` combines
+/// the chunk results in order.
 fn gathered<T: Clone + Send + Sync>(
     scene: &Scene,
     none: &T,
@@ -368,11 +369,12 @@ fn gathered<T: Clone + Send + Sync>(
     scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
 
-/// How far such points are outside of an ellipse, at most.
+/// Largest distance of an outline's points from the centre, relative to the ellipse (see [`outline`]).
 const OUTSIDE: f64 = 1.02;
 
-/// Points (u, v) just outside of what a clip keeps: on rays from the centre, a step beyond the farthest that is kept,
-/// moved out by what lies between two rays. A clip that keeps nothing has none.
+/// Returns points (u, v) just outside the kept part of a clip. On each of a set of rays from the centre, a point one
+/// step beyond the farthest kept position is moved outward by what neighbouring rays may miss. Empty if the clip keeps
+/// nothing.
 fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
     const RAYS: u32 = 16;
     const STEPS: u32 = 16;
@@ -407,8 +409,8 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
-/// A sphere about the scene without its stray points: at most 1 splat in 200, each four times as far out as the
-/// rest. Everything, where there are no such points.
+/// Returns a sphere around the scene without its stray points: at most 1 splat in 200, each four times as far out as
+/// the rest. The radius is infinite if there are no stray points.
 fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
     let mut coordinates: [Vec<f64>; 3] = Default::default();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
@@ -418,7 +420,7 @@ fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
     for object in &scene.objects {
         let len = object.geometry.len();
         if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
-            // All of them count, so that those between need not be visited.
+            // All splats count, so the ones between samples needn't be visited.
             let first = index.next_multiple_of(step) - index;
             (first..len).step_by(step).for_each(|i| for_each_of(object, i..i + 1, &mut |p, _| add(p)));
             index += len;
@@ -462,9 +464,9 @@ impl Len for Geometry {
     }
 }
 
-/// A camera that shows all of the scene, centred and as large as `options.fill` says: the ellipses themselves are
-/// fitted, not their bounding box. Stray points (at most 1 in 200, four times as far out as the rest) don't count.
-/// `None` if there is nothing to see.
+/// Places a camera that shows all of the scene, centred and as large as `options.fill` allows. It fits the ellipses
+/// themselves, not their bounding box. Stray points (at most 1 in 200, four times as far out as the rest) are ignored.
+/// Returns `None` if the scene is empty.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     let all = bounds(scene, |_| true)?;
     let (middle, radius) = trimmed(scene, all);
@@ -475,7 +477,7 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     let [w, h] = options.size.map(f64::from);
     let fill = options.fill.clamp(0.01, 1.0);
 
-    // Tangents of the half-angles that the scene may take; 0 makes the four functions below plain bounds.
+    // Tangents of the half-angles that the scene may fill; 0 reduces the four functions below to plain bounds.
     let slope = match options.projection {
         FrameProjection::Perspective(fov_y_deg) => (0.5 * fov_y_deg.to_radians()).tan() * fill,
         FrameProjection::Orthographic => 0.0,
@@ -502,7 +504,7 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     let (x, y) = (0.5 * (b - a), 0.5 * (d - c));
     let (z, projection) = match options.projection {
         FrameProjection::Perspective(fov_y_deg) => {
-            // |x − x_eye| ≤ kx (z − z_eye) for all points: two planes a side, met at the eye (likewise for y).
+            // |x − x_eye| ≤ kx (z − z_eye) for all points: two planes per side, which meet at the eye (likewise for y).
             let z = (0.5 * (a + b) / kx).min(0.5 * (c + d) / ky);
             (z, Projection::Perspective { fov_y_deg })
         }
@@ -530,20 +532,21 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
 }
 
-/// What reaches farthest to one side of an image: how far, as a tangent, and at what depth.
+/// Largest extent of a scene toward one side of the image: its tangent, and the depth at which it occurs.
 #[derive(Clone, Copy)]
 struct Reach {
     tangent: f64,
     depth: f64,
 }
 
-/// The place beside `eye` from which what is kept of a scene has as much room on one side of the image as on the other,
-/// and above as below, nearly: as if what reaches farthest stayed the same. With it how far it was off, as a tangent.
-/// Planes that meet at the eye leave that to the two sides alone that limit its distance.
+/// Moves `eye` sideways so that the scene has nearly equal margins left and right, and above and below. The step
+/// assumes that the same splats stay outermost. Also returns the centring error before the step, as a tangent.
+///
+/// The step is needed because planes that meet at the eye fix only the two sides that limit its distance.
 fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) -> bool + Sync)) -> (DVec3, f64) {
     let ViewAxes { right, up, forward } = *axes;
     let across = [-right, right, -up, up];
-    // How far at most, for most splats are too far inside to matter.
+    // Upper bound, since most splats are too far inside to matter.
     let most = |direction: DVec3, q: DVec3, splat: &Extent| {
         let tangent = q.dot(direction) / q.dot(forward);
         tangent + splat.reach * (1.0 + tangent.abs()) / q.dot(forward)
@@ -558,7 +561,8 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
             if most(direction, q, part) <= farthest.tangent {
                 continue;
             }
-            // The plane through eye and centre, and how far an ellipse p + u·s + v·t reaches beyond it.
+            // Tangent of the plane through eye and centre, and the distance that an ellipse p + u·s + v·t extends
+            // beyond it.
             let tangent = q.dot(direction) / depth;
             let (beyond, (s, t)) = (direction - forward * tangent, (part.axes)());
             let tangent = tangent + beyond.dot(s).hypot(beyond.dot(t)) / depth;
@@ -580,14 +584,15 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
     let join = |a: [Reach; 4], b: [Reach; 4]| std::array::from_fn(|k| farther(a[k], b[k]));
     let none = [Reach { tangent: f64::NEG_INFINITY, depth: 1.0 }; 4];
     let [left, on_right, below, above] = gathered(scene, &none, add, join);
-    // By a step aside everything moves the other way, the nearer the farther.
+    // A sideways step moves everything the other way, nearer points by more.
     let step = |a: Reach, b: Reach| (b.tangent - a.tangent) / (1.0 / a.depth + 1.0 / b.depth);
     let moved = eye + right * step(left, on_right) + up * step(below, above);
     let off = (on_right.tangent - left.tangent).abs().max((above.tangent - below.tangent).abs());
     if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
 }
 
-/// The middle of the scene's bounds, without stray points, as [`frame_camera`] centres it; `None` without objects.
+/// Returns the middle of the scene's bounds without stray points, as [`frame_camera`] centres it; `None` without
+/// objects.
 pub fn scene_center(scene: &Scene) -> Option<DVec3> {
     let all = bounds(scene, |_| true)?;
     let (middle, radius) = trimmed(scene, all);
@@ -595,37 +600,45 @@ pub fn scene_center(scene: &Scene) -> Option<DVec3> {
     kept.map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
-/// Least and largest planar depth of the scene from `eye` along the unit vector `forward`; `None` without objects.
+/// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`; `None` without
+/// objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
     let (first, last) = (support.least[0], -support.least[1]);
     (first.is_finite() && last.is_finite()).then_some((first, last))
 }
 
-/// Which axis is up in objects whose files don't say it, by their shape.
+/// Estimates the up axis of objects whose files don't state it, from their shape.
 ///
-/// The evidence is of map coordinates (two of 1e5 to 3e7 m, the third of at most 1e4 m: the third is up); of a base
-/// that they stand on steadily, but not on the opposite side; of ground, a thin height field; and of a mirror plane, in
-/// which up lies. Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x
-/// only if much speaks for them. At most 20,000 splats or triangles are looked at, always the same.
+/// The evidence, in this order:
+/// - map coordinates: two of 1e5 to 3e7 m and a third of at most 1e4 m, which is up;
+/// - a base on which the objects rest stably, but not upside down;
+/// - terrain, a thin height field;
+/// - a mirror plane, in which the up axis lies.
+///
+/// Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x only with
+/// strong evidence. At most 20,000 splats or triangles are sampled, always the same ones.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
     upright::upright(Patches::of(objects), |all| all.one_of(objects), convention)
 }
 
-/// The view that shows most of objects: of twelve around them, 30° apart and 20° above, the one with the largest
-/// viewpoint entropy and visible curvature, or the same from 40° above if that shows clearly more; of what is lower
-/// than 0.4 of its smaller width, of twelve 40° above, and than 0.22 of it, 50° above.
+/// Returns the view that shows most of the objects: the one with the highest viewpoint entropy and visible curvature of
+/// twelve candidates.
 ///
-/// Three-quarter views win over slightly better straight ones, and views of the front over those of the back. The front
-/// is that of [`NamedView::Front`], or of a mirror-symmetric body that stands on feet where it is taller, opposite to
-/// its tail, and away from its backrest. A room that is open to one side is looked into from there. Equal things side
-/// by side are seen from where each would be. At most 20,000 splats or triangles are looked at, always the same; of
-/// objects with less than 24 it is [`ViewAngles::ISO`].
+/// The candidates are 30° apart around the objects and 20° above the horizon; the best one is also tried from 40°
+/// above. Objects lower than 0.4 of their smaller width are viewed from 40° above, and lower than 0.22 of it, from 50°
+/// above.
+///
+/// Three-quarter views win over slightly better straight ones, and front views over back views. The front is that of
+/// [`NamedView::Front`], unless the objects are a mirror-symmetric body on feet. Such a body's front is at its taller
+/// end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the opening.
+/// Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are sampled,
+/// always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
 pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
     choose_view(objects, up).angles
 }
 
-/// The view of [`best_view`], and the evidence that decided it.
+/// Returns the view of [`best_view`] and the evidence that decided it.
 pub fn choose_view(objects: &[Object], up: Up) -> ChosenView {
     viewpoint::choose_view(Patches::of(objects), |all| all.one_of(objects), up)
 }

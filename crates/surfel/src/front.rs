@@ -1,7 +1,6 @@
-//! Which way things look that have a front: animals, seats and figures on two feet.
+//! Detection of the semantic front of animals, seats and figures on two feet.
 //!
-//! Pieces of evidence each speak for a direction, with weights that stand in [`EVIDENCE`]; the direction with the most
-//! weight wins.
+//! Each entry of [`EVIDENCE`] votes for a direction with a weight. The direction with the largest total weight wins.
 
 use crate::patches::{Patch, Patches};
 use crate::upright::{axis_of, leads, mirror, others, standing};
@@ -9,56 +8,64 @@ use glam::{DVec2, DVec3};
 use std::collections::BTreeMap;
 use surfel_model::Up;
 
-/// The share that a mirror plane mirrors, of animals and seats.
+/// Least fraction of the surface that an animal's or seat's mirror plane maps onto surface.
 const MIRRORED: f64 = 0.9;
-/// How much longer than wide an animal is.
+/// Least ratio of length to width of an animal.
 const LONGER: f64 = 1.25;
-/// Where the ends of a body and their tips begin, of its half length; and by how much one is taller, and how far its
-/// tip is above the ground, of its height.
+/// Distance from the middle at which an end of a body begins, as a fraction of the half length.
 const END: f64 = 0.4;
+/// Distance from the middle at which the tip of an end begins, as a fraction of the half length.
 const TIP: f64 = 0.8;
+/// Least lead in height of the head's end over the other, as a fraction of the body's height.
 const HIGHER: f64 = 0.15;
+/// Least height of the head's tip above the ground, as a fraction of the body's height.
 const CHIN: f64 = 0.35;
-/// How much longer than wide a body with a tail is, where the tail begins, of the half length, and how high and wide it
-/// is at most, of the body.
+/// Least ratio of length to width of a body with a tail.
 const SLENDER: f64 = 2.0;
+/// Distance from the middle at which the tail begins, as a fraction of the half length.
 const TAIL: f64 = 0.6;
+/// Largest height and width of a tail, as a fraction of the body's.
 const THIN_TAIL: f64 = 0.3;
-/// Above which height there is a backrest alone, of the whole; where it begins, of the half length; and how high a seat
-/// is at least, in its lengths.
+/// Height above which a seat has only its backrest, as a fraction of its height.
 const BACKREST: f64 = 0.65;
+/// Distance from the middle at which the backrest begins, as a fraction of the half length.
 const BEHIND: f64 = 0.3;
+/// Least ratio of height to length of a seat.
 const SEAT: f64 = 0.75;
 
-/// Where the feet of a figure are that stands, or is in mid-step.
+/// Stance of a standing figure.
 const STANDING: Stance = Stance { soles: 0.05, shins: (0.08, 0.16), off: 0.0 };
+/// Stance of a figure in mid-step.
 const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
-/// Of its height: how far apart patches of one foot are at most, how long a foot is at most, and how far toes reach
-/// forward at least.
+/// Largest gap between patches of one foot, as a fraction of the figure's height.
 const TOGETHER: f64 = 0.02;
+/// Largest length of a foot, as a fraction of the figure's height.
 const LONGEST_FOOT: f64 = 0.22;
+/// Least distance that toes extend forward, as a fraction of the figure's height.
 const TOES: f64 = 0.015;
-/// The share of what touches the ground that both feet are at least, and each of them; and the fewest patches there.
+/// Least fraction of the ground contact that both feet together make up, and each foot alone.
 const FEET: (f64, f64) = (0.9, 0.1);
+/// Fewest patches of ground contact.
 const FEWEST: usize = 20;
 
-/// A piece of evidence for the direction in which a shape looks.
+/// A weighted criterion for the direction that a shape faces.
 struct Piece {
     weight: f64,
     direction: fn(&Patches, Up) -> Option<DVec3>,
 }
 
-/// All evidence. A backrest outweighs a head, which outweighs a tail; toes say most where nothing else does.
+/// All evidence. A backrest outweighs a head, which outweighs a tail. Toes have the least weight, so they decide only
+/// if nothing else does.
 const EVIDENCE: [Piece; 4] = [
     Piece { weight: 1.0, direction: away_from_backrest },
     Piece { weight: 0.6, direction: toward_head },
     Piece { weight: 0.3, direction: away_from_tail },
     Piece { weight: 0.2, direction: toes },
 ];
-/// Cosine of the angle between two directions that are one.
+/// Cosine from which two directions count as the same.
 const ALIKE: f64 = 0.7;
 
-/// Returns the level unit vector toward which a shape looks; `None` where the shape doesn't say it.
+/// Returns the horizontal unit vector toward which a shape faces; `None` if the shape gives no evidence.
 pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
     let found: Vec<(f64, DVec3)> =
         EVIDENCE.iter().filter_map(|piece| Some((piece.weight, (piece.direction)(patches, up)?))).collect();
@@ -85,7 +92,7 @@ fn away_from_tail(patches: &Patches, up: Up) -> Option<DVec3> {
     body.tail(forward, length, across)
 }
 
-/// What stands there.
+/// A body that may have a front: its surface, up direction and height.
 struct Body<'a> {
     patches: &'a Patches,
     up: DVec3,
@@ -93,8 +100,8 @@ struct Body<'a> {
 }
 
 impl<'a> Body<'a> {
-    /// An animal or a seat: it stands on feet, and is its own mirror image from left to right. With it the direction of
-    /// its length, that length, and the direction across.
+    /// Returns an animal or a seat: a shape on feet that is mirror-symmetric from left to right. Also returns the
+    /// direction of its length, that length, and the direction across.
     fn on_feet(patches: &'a Patches, up: Up) -> Option<(Self, DVec3, f64, DVec3)> {
         if !standing(patches, up).is_on_feet() {
             return None;
@@ -107,18 +114,19 @@ impl<'a> Body<'a> {
         Some((body, DVec3::AXES[along], extent[along], DVec3::AXES[across]))
     }
 
-    /// Height above the ground, of the whole.
+    /// Returns the height above the ground, as a fraction of the whole height.
     fn height(&self, patch: &Patch) -> f64 {
         patch.position.dot(self.up) / self.height + 0.5
     }
 
-    /// Heights above the ground at one end of a body, from this share of the half length on.
+    /// Returns the heights above the ground of the patches at one end of a body, beyond the fraction `from` of the half
+    /// length.
     fn heights(&self, end: DVec3, length: f64, from: f64) -> impl Iterator<Item = f64> {
         let there = self.patches.all.iter().filter(move |p| p.position.dot(end) > from * 0.5 * length);
         there.map(|p| self.height(p))
     }
 
-    /// Away from the back of a seat: what is high up is all at one end.
+    /// Returns the direction away from the backrest of a seat: its high parts are all at one end.
     fn backrest(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let high = || self.patches.all.iter().filter(|p| self.height(p) > BACKREST);
         let is_behind = |end: &DVec3| high().all(|p| p.position.dot(*end) > BEHIND * 0.5 * length);
@@ -126,17 +134,17 @@ impl<'a> Body<'a> {
         [forward, -forward].into_iter().filter(|_| is_seat).find(is_behind).map(|back| -back)
     }
 
-    /// Toward the end at which it is taller, as animals carry their heads.
+    /// Returns the direction toward the taller end, where animals have their heads.
     fn head(&self, forward: DVec3, length: f64) -> Option<DVec3> {
         let top = |end: DVec3| self.heights(end, length, END).fold(f64::NEG_INFINITY, f64::max);
         let lead = top(forward) - top(-forward);
         let end = forward * lead.signum();
-        // A head is held up; the tall end of a car goes down to the ground.
+        // A head is held up; the tall end of a car extends down to the ground.
         let chin = self.heights(end, length, TIP).fold(f64::INFINITY, f64::min);
         (lead.abs() > HIGHER && chin > CHIN).then_some(end)
     }
 
-    /// Away from the end that is thin, where the other isn't.
+    /// Returns the direction away from the end that is thin, if the other end isn't.
     fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
         let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
             let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);
@@ -156,7 +164,7 @@ impl<'a> Body<'a> {
     }
 }
 
-/// What lies level: its bounds, and how many patches it has.
+/// A cluster of patches in the ground plane: its bounds and number of patches.
 #[derive(Clone, Copy)]
 struct Spot {
     low: DVec2,
@@ -184,17 +192,19 @@ impl Spot {
     }
 }
 
-/// How a figure is on its feet, of its height.
+/// Dimensions of a figure on its feet, as fractions of its height.
 struct Stance {
-    /// Up to where its soles are, and from where to where its shins are above them.
+    /// Height of the soles.
     soles: f64,
+    /// Range of heights of the shins.
     shins: (f64, f64),
-    /// How far its middle is from above its feet, at most.
+    /// Largest horizontal distance of the centroid from the bounds of the feet.
     off: f64,
 }
 
 impl Stance {
-    /// What stands on the ground, each with a good share of what does; with how many patches that is of all there.
+    /// Returns the clusters that touch the ground with a sufficient fraction of all ground contact, and the number of
+    /// patches in contact.
     fn feet(&self, figure: &Figure) -> (Vec<Spot>, usize) {
         let soles = figure.between(0.0, self.soles);
         let least = FEET.1 * soles.len() as f64;
@@ -202,10 +212,10 @@ impl Stance {
     }
 }
 
-/// A shape that may be a figure on two feet; lengths are in its heights.
+/// A shape that may be a figure on two feet; lengths are in units of its height.
 struct Figure<'a> {
     body: Body<'a>,
-    /// The level axes.
+    /// The two horizontal axes.
     axes: [usize; 2],
 }
 
@@ -214,18 +224,19 @@ impl Figure<'_> {
         DVec2::new(p[self.axes[0]], p[self.axes[1]]) / self.body.height
     }
 
-    /// Places of patches that are so high above the ground.
+    /// Returns the horizontal positions of patches at heights between `low` and `high`.
     fn between(&self, low: f64, high: f64) -> Vec<DVec2> {
         let there = self.body.patches.all.iter().filter(|p| (low..high).contains(&self.body.height(p)));
         there.map(|p| self.level(p.position)).collect()
     }
 }
 
-/// Where the toes of a figure point that stands on two feet: these reach farther forward of the shins than heels back.
+/// Returns the direction in which the toes of a figure on two feet point. Toes extend farther forward of the shins than
+/// heels extend backward.
 fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
     let figure = Figure { body, axes: others(axis_of(up)) };
-    // In mid-step one foot is on the ground.
+    // In mid-step only one foot is on the ground.
     let stance = if STANDING.feet(&figure).0.len() == 1 { STEPPING } else { STANDING };
     let (feet, total) = stance.feet(&figure);
     let [left, right] = feet.try_into().ok()?;
@@ -246,7 +257,7 @@ fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
     (forward.length() > TOES).then(|| toward.normalize())
 }
 
-/// Points that lie together, each with those of the cells around its own.
+/// Clusters points: points in the same or adjacent grid cells belong together.
 fn spots(points: &[DVec2]) -> Vec<Spot> {
     let mut cells = BTreeMap::new();
     for &p in points {

@@ -1,4 +1,4 @@
-//! What a file holds, without converting all of it.
+//! Summary of a file's content without converting all of it.
 
 use crate::Error;
 use crate::attributes;
@@ -20,15 +20,15 @@ use surfel_sample::NoProgress;
 use surfel_sample::SharpErrors;
 use surfel_sample::{MeshMethod, MeshOptions, PointOptions};
 
-/// Points up to which radii are estimated from all of them.
+/// Largest number of points for which radii are estimated from all of them.
 const ALL: usize = 12_000;
-/// Places where the radii of larger clouds are estimated.
+/// Number of patches from which the radii of larger clouds are estimated.
 pub(crate) const PATCHES: usize = 16;
-/// Points around each place that are converted, and those nearest to it whose radii count: the others lie near the
-/// patch's rim, where neighbours are missing.
+/// Points around each patch's centre that are converted, and the ones nearest to it whose radii are used. The others
+/// are near the rim, where neighbours are missing.
 pub(crate) const PATCH: (usize, usize) = (600, 200);
 
-/// Splat radii, in object units.
+/// Statistics of splat radii, in object units.
 pub(crate) struct Radii {
     median: f64,
     min: f64,
@@ -44,19 +44,19 @@ impl Radii {
     }
 }
 
-/// What a file holds, without converting all of it, as the object that `surfel info --json` prints: format, counts
-/// (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (the least and the largest coordinates), up axis,
-/// attributes and their ranges, estimated radii, memory, notes. `stdin` is what the name `-` stands
-/// for. LAS, LAZ and COPC files are read block after block, twice, in the same memory whatever their size.
+/// Describes a file's content without converting all of it, as the object that `surfel info --json` prints. It contains
+/// format, counts (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (least and largest coordinates), up axis,
+/// attributes and their ranges, estimated radii, memory and notes. `stdin` is the content for the name `-`. LAS, LAZ
+/// and COPC files are read twice in blocks, so memory doesn't grow with their size.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
+/// [`Error::Io`] if the file can't be read or is damaged, [`Error::Unsuitable`] for a scene file.
 pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<Value, Error> {
     if is_scene_file(path) {
         let what = "is a scene file, expected splats, points or a mesh: surfel render SCENE --print-scene shows it";
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem: what.to_owned() });
     }
-    // As they were trained: all of them, and their harmonics.
+    // Gaussians are described as trained: all of them, with their harmonics.
     let options = &LoadOptions { gaussians: true, ..options.clone() };
     let file_bytes = |path: &Path| std::fs::metadata(path).map(|m| m.len()).unwrap_or(0);
     let (loaded, file_bytes) = match stdin.filter(|_| is_stdin(path)) {
@@ -69,7 +69,7 @@ pub fn info(path: &Path, options: &LoadOptions, stdin: Option<&[u8]>) -> Result<
     Ok(facts(path, &loaded, file_bytes))
 }
 
-/// What a file of many points holds, if its format is read by blocks.
+/// Summarises a file of many points, if its format can be read in blocks.
 fn survey_of_many(path: &Path, options: &LoadOptions) -> Result<Option<Survey>, Error> {
     match surfel_io::survey_points(path, options.columns.as_ref()) {
         Some(count) if count.points > ALL as u64 => survey(path, count.points, options),
@@ -170,7 +170,7 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
     facts["interior_weight"] = json!(interior_weight);
     #[cfg(feature = "sharp")]
     if let Content::Splats(cloud) = &loaded.content {
-        // What `convert --sharp` measured against the mesh.
+        // Errors that `convert --sharp` measured against the mesh.
         let errors = cloud.data().comments.iter().find_map(|c| c.strip_prefix(SharpErrors::PREFIX));
         facts["sharp_errors"] = json!(errors);
     }
@@ -205,7 +205,7 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
         + bytes_of_textures(m)
 }
 
-/// Each texture once, however many materials show it.
+/// Counts each texture once, however many materials use it.
 fn bytes_of_textures(m: &Mesh) -> usize {
     let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
     textures.values().sum()
@@ -215,18 +215,18 @@ fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
     (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
 }
 
-/// Radii that the first `count` of points get, and whether these are the file's.
+/// Estimates the radii of the first `count` points; true if they are the file's.
 fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
     let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
     made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()
 }
 
-/// Radii of what is nearest to a place, among the points about it, the nearest first.
+/// Estimates the radii of the points nearest to a patch's centre. `near` holds the points around it, nearest first.
 pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
     radii_among(near, PATCH.1).0
 }
 
-/// Radii that a render would give the points: of all of them, or of patches of a large cloud.
+/// Estimates the radii that a render would give the points, from all points or from patches of a large cloud.
 fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     if points.len() <= ALL {
         let (radii, are_given) = radii_among(points, points.len());
@@ -256,7 +256,8 @@ fn radii_of_points(points: &PointCloud) -> Option<Radii> {
     Radii::of(radii, if are_given { "given" } else { "estimated from neighbours, on a sample of the points" })
 }
 
-/// Radii that a render would give a mesh's splats, from fewer of them where those are spread over the surface.
+/// Estimates the radii that a render would give a mesh's splats. If splats are spread over the surface, fewer of them
+/// are used.
 fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
     let options = MeshOptions::auto(mesh);
     match options.method {
@@ -264,7 +265,7 @@ fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
             let few = count.min(4000);
             let options = MeshOptions { method: MeshMethod::Count(few), ..options };
             let (cloud, _) = surfel_sample::splats_from_mesh(mesh, &options, &NoProgress).ok()?;
-            // The spacing of n samples goes with 1/√n.
+            // The spacing of n samples is proportional to 1/√n.
             let scale = (few as f64 / count as f64).sqrt();
             let radii = radii_of(&cloud, cloud.len()).map(|r| r * scale).collect();
             Radii::of(radii, "estimated for splats spread over the surface, from fewer of them")

@@ -1,14 +1,14 @@
-//! Labels of splats, by an attribute of their file.
+//! Labels of splats from an attribute of their file.
 
 use crate::Error;
 use std::path::Path;
 use surfel_model::{ExtraColumn, NO_LABEL, SplatCloud};
 
-/// The attribute that labels are where none is named.
+/// Attribute that labels are taken from by default.
 pub const DEFAULT_LABEL: &str = "classification";
 
-/// Gives a cloud the labels that an attribute of its file says: whole numbers from 0 on; −1 and what isn't a number are
-/// no label. Returns false if the file has no such attribute.
+/// Assigns labels from an attribute of the cloud's file: integers from 0 up; −1 and NaN mean no label. Returns false if
+/// the file doesn't have the attribute.
 pub(crate) fn label(cloud: &mut SplatCloud, attribute: &str, path: &Path) -> Result<bool, Error> {
     let Some(column) = ExtraColumn::find(&cloud.data().extras, attribute) else { return Ok(false) };
     let label = |i: usize| {

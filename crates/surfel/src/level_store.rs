@@ -1,4 +1,4 @@
-//! What stays of files by levels from one picture to the next.
+//! Data of files with levels of detail that is shared between images.
 
 use crate::levels;
 use crate::memory::{self, default_budget};
@@ -11,67 +11,69 @@ use surfel_io::atomic::Temporary;
 use surfel_io::copc::{FileState, LEAST_MEMORY, NodeCache};
 use surfel_sample::Progress;
 
-/// What stays of files by levels from one picture to the next: files that don't fit into memory, written by
-/// levels to temporary files, and, where many pictures follow, decoded nodes. The files are gone when this is dropped,
-/// and when a signal ends a program that calls [`surfel_io::atomic::remove_temporary_files`].
+/// Cache of files with levels of detail, shared between images.
+///
+/// It holds LOD copies of files that don't fit into memory, as temporary COPC files, and, if many images follow,
+/// decoded nodes. The temporary files are deleted when the store is dropped, and when a signal ends a program that
+/// calls [`surfel_io::atomic::remove_temporary_files`].
 pub struct LevelStore {
     nodes: Option<Arc<NodeCache>>,
-    /// Written files by path and names of columns, each under a lock of its own, held while the file is written: others
-    /// are written meanwhile, and none twice.
+    /// Temporary files by path and column names. Each has its own lock, held while the file is written: other files can
+    /// be written at the same time, and no file is written twice.
     converted: Mutex<BTreeMap<Key, Arc<Mutex<Option<Converted>>>>>,
-    /// Memory that writing by levels takes.
+    /// Least memory in bytes for writing a COPC file.
     least_memory: u64,
 }
 
-/// A file's path, and the names of its columns if they are given.
+/// A file's path, and its column names if they are given.
 type Key = (PathBuf, Option<String>);
 
-/// A file that was written by levels.
+/// A file that was converted to COPC.
 struct Converted {
-    /// What it was then: a file that is replaced is written again.
+    /// State of the source file when it was converted; a file that has been replaced since is converted again.
     of: Option<FileState>,
     file: Arc<Temporary>,
 }
 
 impl Default for LevelStore {
-    /// Without decoded nodes: for one picture, or for several that share one choice of nodes.
+    /// Creates a store without decoded nodes, for a single image or several that share one selection of nodes.
     fn default() -> Self {
         Self { nodes: None, converted: Mutex::default(), least_memory: LEAST_MEMORY }
     }
 }
 
 impl LevelStore {
-    /// With decoded nodes: for pictures that choose their nodes each. They take what the points of a picture leave of
-    /// [`LoadOptions::memory`].
+    /// Creates a store with decoded nodes, for images that each select their own nodes. The nodes use the part of
+    /// [`LoadOptions::memory`] that an image's points don't need.
     pub fn keeping_nodes() -> Self {
         Self { nodes: Some(Arc::default()), ..Self::default() }
     }
 
-    /// Compressed bytes of points that were read so far; 0 where no nodes are kept.
+    /// Returns the compressed bytes of points read so far; 0 if the store caches no nodes.
     pub fn read_bytes(&self) -> u64 {
         self.nodes.as_ref().map_or(0, |nodes| nodes.read_bytes())
     }
 
-    /// Memory that stays with the allocator when a file has been written: a third of what writing takes at least (40 to
-    /// 60 of 200 MiB were measured).
+    /// Returns the memory in bytes that the allocator retains after a file has been written. It is estimated as a third
+    /// of the least memory for writing (40 to 60 of 200 MiB were measured).
     pub(crate) fn left_bytes(&self) -> u64 {
         self.least_memory / 3
     }
 
-    /// True if decoded nodes are kept.
+    /// True if the store caches decoded nodes.
     pub(crate) fn keeps_nodes(&self) -> bool {
         self.nodes.is_some()
     }
 
-    /// The nodes that are kept, of which there will be no more than `room_bytes`.
+    /// Returns the node cache, limited to `room_bytes`.
     pub(crate) fn nodes(&self, room_bytes: Option<u64>) -> Option<Arc<NodeCache>> {
         let nodes = self.nodes.as_ref()?;
         nodes.limit(room_bytes.unwrap_or(0));
         Some(nodes.clone())
     }
 
-    /// A file of points by levels, and what to say of that; `None` where writing it takes more memory than there is,
-    /// or it has levels itself.
+    /// Returns a COPC copy of a file of points, and a note about it. `None` if writing it needs more memory than the
+    /// budget, or the file has levels of detail itself.
     pub(crate) fn by_levels(
         &self,
         path: &Path,
@@ -109,7 +111,7 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Where large temporary files go: TMPDIR, or else where the system doesn't keep them in memory.
+/// Returns the folder for large temporary files: TMPDIR, or else one that the system doesn't hold in memory.
 fn large_files_folder() -> PathBuf {
     let on_disk = Path::new("/var/tmp");
     let is_said = std::env::var_os("TMPDIR").is_some();
@@ -123,7 +125,7 @@ impl fmt::Debug for LevelStore {
 }
 
 impl PartialEq for LevelStore {
-    /// True for itself alone.
+    /// True only for the same store.
     fn eq(&self, other: &Self) -> bool {
         std::ptr::eq(self, other)
     }
@@ -138,7 +140,7 @@ mod tests {
     use surfel_model::{Camera, Geometry, SplatCloud};
     use surfel_sample::NoProgress;
 
-    /// A LAS file of format 6: hills of `side`² points 0.1 apart, in millimetres.
+    /// Returns a LAS file of format 6: hills of `side`² points, 0.1 apart, in millimetres.
     fn las(side: u32) -> Vec<u8> {
         let mut bytes = vec![0; 375];
         bytes[..4].copy_from_slice(b"LASF");
@@ -165,7 +167,7 @@ mod tests {
 
     const SIDE: u32 = 400;
 
-    /// A folder with `in.las`.
+    /// Creates a folder with `in.las`.
     fn folder(name: &str) -> PathBuf {
         let folder = std::env::temp_dir().join(format!("surfel-{name}-{}", std::process::id()));
         fs::create_dir_all(&folder).unwrap();
@@ -203,7 +205,7 @@ mod tests {
         let folder = folder("store-converts");
         let (input, converted) = (folder.join("in.las"), folder.join("out.copc.laz"));
         levels::save_copc(std::slice::from_ref(&input), &converted, &CopcRequest::default(), &NoProgress).unwrap();
-        // Enough for the 100 bytes a point of what a view needs, not for the 200 of all.
+        // Enough for the 100 bytes per point that a view needs, but not for the 200 bytes that all points need.
         let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
         let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });
         let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
@@ -212,20 +214,20 @@ mod tests {
         assert!(!notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
         assert_eq!(found.file.camera, expected.file.camera);
         assert!(cloud(&found).len() < (SIDE * SIDE) as usize && cloud(&found) == cloud(&expected));
-        // It is written once, and gone with the last who knows it.
+        // The file is written once, and deleted with its last user.
         let kept = || lock(&lock(&store.converted)[&(input.clone(), None)]).as_ref().unwrap().file.path().to_path_buf();
         let temporary = kept();
         let (again, _) = resolved(&request(&input, memory, &store), [30.0, -150.0, 80.0]).unwrap();
         assert!(!cloud(&again).is_empty());
         assert!(temporary.exists() && kept() == temporary);
-        // A file that is replaced is written again.
+        // A replaced file is converted again.
         fs::write(&input, las(SIDE - 1)).unwrap();
         let (other, _) = resolved(&request(&input, memory, &store), eye).unwrap();
         assert!(!temporary.exists() && cloud(&other) != cloud(&found));
         let temporary = kept();
         drop(store);
         assert!(!temporary.exists());
-        // Where even writing it takes more, it is refused.
+        // A file is refused if even its conversion needs too much memory.
         let error = resolved(&request(&input, memory, &Arc::default()), eye).unwrap_err().to_string();
         assert!(error.contains("surfel convert"), "{error}");
         fs::remove_dir_all(&folder).unwrap();
@@ -252,7 +254,7 @@ mod tests {
         assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");
         let (expected, _) = resolved(&request(&converted, memory, &Arc::default()), eye).unwrap();
         assert!(cloud(&found).len() < count as usize);
-        // But for what the file says is up, which COPC can't.
+        // Equal except for the up axis that the file states, which COPC can't store.
         let [found, expected] = [&found, &expected].map(|resolved| cloud(resolved).data());
         assert!((&found.centers, &found.shape) == (&expected.centers, &expected.shape));
         let options = LoadOptions::default().with_memory(Some(9 << 20)).with_levels(Some(levels::Levels::Overview));
@@ -262,7 +264,7 @@ mod tests {
         fs::remove_dir_all(&folder).unwrap();
     }
 
-    /// Meets another of its kind: each waits in its first stage for the other to get there, or for a while.
+    /// A progress observer that waits in its first stage, for a limited time, until a second observer arrives.
     struct Meeting<'a>(&'a (Mutex<usize>, std::sync::Condvar), std::sync::atomic::AtomicBool);
 
     impl Progress for Meeting<'_> {
@@ -297,7 +299,7 @@ mod tests {
         });
         let met = *lock(&meeting.0);
         assert_eq!(met, 2);
-        // Both threads have the one file of the one that came first.
+        // Both threads share the file that the first one wrote.
         fs::write(folder.join("in.las"), las(SIDE - 1)).unwrap();
         let both = std::thread::scope(|scope| {
             [0, 1].map(|_| scope.spawn(|| write("in.las", &NoProgress))).map(|thread| thread.join().unwrap())
@@ -325,7 +327,7 @@ mod tests {
         let read = [0, 1, 2].map(|eye| drawn(&store, "100M", eye));
         assert!(0 < read[0] && read[0] < read[1] && read[1] <= read[2], "{read:?}");
         assert_eq!([0, 1, 2, 0].map(|eye| drawn(&store, "100M", eye)), [read[2]; 4]);
-        // What the points of a picture leave bounds it; with none left, all is read again.
+        // The cache is limited to the memory that an image's points don't need. Without any, all nodes are read again.
         let needs = plain.iter().map(|(resolved, _)| cloud(resolved).len() as u64 * memory::KNOWN_BYTES).max().unwrap();
         let store = Arc::new(LevelStore::keeping_nodes());
         let first = drawn(&store, &needs.to_string(), 0);

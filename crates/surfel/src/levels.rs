@@ -1,4 +1,4 @@
-//! Points by levels: of a COPC file as much as a view needs, and files written so.
+//! Levels of detail for points: reading what a view needs of a COPC file, and writing COPC files.
 
 use crate::load::io_options;
 use crate::render_options::SplatOptions;
@@ -24,101 +24,104 @@ use surfel_model::{
 use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, View, select_levels};
 use surfel_sample::{PointOptions, PointReport, Progress};
 
-/// Most points of an overview.
+/// Largest number of points in an overview.
 const OVERVIEW_POINTS: u64 = 100_000;
-/// Most points that a view draws where nothing says it.
+/// Largest number of points drawn for a view, unless the options state another.
 pub const DEFAULT_MOST_POINTS: u64 = 10_000_000;
-/// Radius over the distance between the points of a level: a level's points are those nearest to the middles of cells,
-/// and the farthest that a place can be from the nearest of them is the diagonal of a cell's face.
+/// Ratio of splat radius to point spacing at which a level's splats cover the surface without gaps. A level's points
+/// are those nearest to the centres of grid cells, so no place is farther from the nearest point than the diagonal of a
+/// cell's face.
 const CLOSING: f32 = std::f32::consts::SQRT_2;
-/// A level's distance says nothing where the points read are nearer to one another than this part of it. Radii that a
-/// file states are of all its points, and say nothing of a level's.
+/// Largest factor by which an estimated radius grows to cover a level. Where points are denser than the level's spacing
+/// suggests, the spacing is meaningless. Radii stated in the file aren't limited, since they were estimated from all
+/// points.
 const MOST_GROWN: f32 = 4.0;
-/// The radius over its later one that a splat comes in with: by its area it counts for 1/400.
+/// Radius of a splat that starts to fade in, relative to its final radius: 1/400 of the area.
 const LEAST_GROWN: f64 = 0.05;
-/// Fewer points than these make no surface of their own.
+/// Fewest points from which splats are estimated.
 const LEAST_POINTS: usize = 16;
 
-/// Columns that live until splats are made: how far apart points are where finer ones are missing, else 0; and, where
-/// the file states no radii, the radius over that which a splat will have once its level has come in.
+/// Internal column with the spacing of points where finer points are missing, else 0. It exists until splats are made.
 const SPACING: &str = "surfel_level_spacing";
+/// Internal column with the fade-in radius of each point relative to its final radius. It exists if the file states no
+/// radii, until splats are made.
 const GROWTH: &str = "surfel_level_growth";
 
-/// What is read of a COPC file.
+/// Selection of the nodes that are read from a COPC file.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Levels {
-    /// The coarsest levels: enough to place a camera. Their splats have gaps, so that what they cover is no larger than
-    /// what all points do.
+    /// The coarsest levels, enough to place a camera. Their splats have gaps, so that the area they cover is no larger
+    /// than that of all points.
     Overview,
-    /// What views need.
+    /// The nodes that one or more views need.
     Views {
-        /// The views; all of one picture, or of one film.
+        /// The views: all of one image, or of one movie.
         views: Arc<[View]>,
-        /// Where the file's points are.
+        /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
-        /// Finer points are left out where splats are at most so large, in pixels.
+        /// Largest projected splat size in pixels; finer points are skipped.
         error_px: f64,
-        /// Points whose splats are out of sight by more than so many pixels are left out, if the file states radii and
-        /// normals and nothing but their pictures is asked for; `None`: none is.
+        /// Margin in pixels around the view frustum; points whose splats are farther outside are skipped. This applies
+        /// only if the file states radii and normals and only their image is asked for. `None` skips no points.
         sight_px: Option<f64>,
     },
 }
 
-/// What is seen of files by levels.
+/// View parameters that select levels of detail, for all objects.
 #[derive(Clone, Copy, Debug)]
 pub struct Seen<'a> {
-    /// Those of one picture, or of all pictures of a film, so that nothing changes between them.
+    /// Views of one image, or of all images of a movie, so that the selection doesn't change between them.
     pub views: &'a [View],
-    /// As [`Levels::Views`] has it.
+    /// Largest projected splat size in pixels, as in [`Levels::Views`].
     pub error_px: f64,
-    /// As [`Levels::Views`] has it.
+    /// Margin around the view frustum in pixels, as in [`Levels::Views`].
     pub sight_px: Option<f64>,
 }
 
 impl Seen<'_> {
-    /// Of an object whose points are there.
+    /// Returns the selection for an object with this transformation.
     pub(crate) fn levels(&self, world_from_object: DAffine3) -> Levels {
         let Self { views, error_px, sight_px } = *self;
         Levels::Views { views: views.into(), world_from_object, error_px, sight_px }
     }
 }
 
-/// What was read of a COPC file.
+/// Report of what was read from a COPC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LevelReport {
-    /// Points read, and how many there are.
+    /// Points read, and points in the file.
     pub points: [u64; 2],
-    /// Nodes read, and how many there are.
+    /// Nodes read, and nodes in the file.
     pub nodes: [usize; 2],
-    /// Compressed bytes read, and how many there are.
+    /// Compressed bytes read, and in the file.
     pub bytes: [u64; 2],
-    /// Largest radius of a splat, in pixels, where finer points in sight are missing; 0 for an overview.
+    /// Largest splat radius in pixels where finer visible points are missing; 0 for an overview.
     pub error_px: f64,
-    /// What ended the choice.
+    /// Stop reason of the selection.
     pub end: LevelEnd,
 }
 
 impl LevelReport {
-    /// True if nothing is missing.
+    /// True if all points were read.
     pub fn is_whole(&self) -> bool {
         self.points[0] == self.points[1]
     }
 }
 
-/// True for a COPC file that can be read.
+/// True if `path` is a COPC file that can be read.
 pub(crate) fn has_levels(path: &Path) -> bool {
     matches!(Copc::open(path), Ok(Some(_)))
 }
 
-/// What the options say of files by levels; `None`: all.
+/// Returns the selection that the options state for a file; `None` reads all points.
 pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
-    // Points of a level stand alone where finer ones of it aren't read.
+    // Without its finer neighbours, a coarse level's points would count as isolated.
     let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
     options.levels.as_ref().filter(|_| is_by_levels)
 }
 
-/// Reads what the options say of a COPC file, which is `path` or was made of it; `None` where they say all, or it is
-/// another file.
+/// Reads the selected nodes of the COPC file at `copc_path`, which is `path` itself or a copy of it. Returns `None` if
+/// the options ask for all points, or the file isn't COPC.
 pub(crate) fn read(
     path: &Path,
     copc_path: &Path,
@@ -127,7 +130,7 @@ pub(crate) fn read(
     let Some(levels) = chosen(path, options) else { return Ok(None) };
     let opened = Copc::open(copc_path).or_else(|error| if copc_path.is_file() { Err(error) } else { Ok(None) });
     let Some(copc) = opened? else { return Ok(None) };
-    // Of a file that has just been written, not all memory is there.
+    // The allocator still holds memory from writing the file.
     let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.left_bytes());
     let budget = options.memory.or_else(memory::default_budget).map(|bytes| bytes.saturating_sub(left));
     let point_bytes = if copc.has_colors() { memory::KNOWN_COLORED_BYTES } else { memory::KNOWN_BYTES };
@@ -138,10 +141,10 @@ pub(crate) fn read(
         Levels::Overview => (overview(copc.nodes()), 0.0, LevelEnd::Error),
         Levels::Views { views, world_from_object, error_px, .. } => {
             let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(&copc, node)).collect();
-            // A level begins to come in before it is due, and is there as much later.
+            // A level begins to fade in before its error is reached, and finishes as much later.
             let from_px = if views.len() == 1 { error_px * (-0.5 * FADE_OCTAVES).exp2() } else { *error_px };
             let found = select_levels(&nodes, world_from_object, views, from_px, most);
-            // Pictures that share a choice have no other to change to.
+            // Images that share a selection never switch to another, so they don't fade.
             if let [view] = &views[..] {
                 let magnification = Magnification::new(world_from_object, view);
                 fade = Some(Fade { magnification, error_px: from_px.max(found.error_px) });
@@ -168,16 +171,16 @@ pub(crate) fn read(
     memory::check(path, report.points[0], point_bytes, options.memory, memory::Remedy::Fewer)?;
     let room = budget.map(|all| all.saturating_sub(report.points[0] * point_bytes));
     let copc = copc.with_cache(options.level_store.as_ref().and_then(|store| store.nodes(room)));
-    // What chooses points may be any column.
+    // Any column may be part of a condition.
     let has_choice = options.chooses_classes() || options.returns.is_some() || options.condition.is_some();
-    // Noise doesn't move the camera that coarse levels place.
+    // An overview reads all columns: it must classify noise, which may not influence the camera.
     let has_values = options.color_by.is_some() || options.label.is_some() || *levels == Levels::Overview;
     let is_partial = *levels != Levels::Overview && (!report.is_whole() || cut.fades);
     let columns = match has_choice || has_values {
         true => NodeColumns::All,
         false => NodeColumns::Splats(if is_partial { &cut.values } else { &[] }),
     };
-    // Of more than there may be, some are left out evenly.
+    // With more points than `max_points`, some are dropped evenly.
     let is_thinned = options.max_points.is_some_and(|most| report.points[0] > most as u64);
     let sight = sight(levels, &copc, options).filter(|_| columns != NodeColumns::All && !is_thinned);
     let shows = |level: u32, center: DVec3, radius: f64| {
@@ -186,7 +189,7 @@ pub(crate) fn read(
         !is_known(&(radius as f32)) || sight.as_ref().is_none_or(|sight| sight.shows(center, reach))
     };
     let keeps = sight.is_some().then_some(&shows as Keeps<'_>);
-    // What was made of a table names its columns itself.
+    // A copy names the columns of its source itself.
     let names = options.columns.clone().filter(|_| path == copc_path);
     let io_options = surfel_io::LoadOptions { columns: names, ..io_options(options) };
     let mut found = copc.kept_points_of(&nodes, (columns, keeps), &io_options)?;
@@ -209,8 +212,8 @@ pub(crate) fn read(
     Ok(Some((found.loaded, report)))
 }
 
-/// What decides which points are kept, where those out of sight change nothing: neither what is found of others, nor
-/// which rows these are.
+/// Returns the visibility test for points, if skipping points outside the frustum changes neither the estimates for
+/// other points nor the row numbers.
 fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
     let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
     let is_of_all = options.interior_weight || options.sharp || options.colors != PointColors::AsIs;
@@ -219,9 +222,10 @@ fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<S
     is_alone.then(|| Sight::new(world_from_object, views, *margin_px))
 }
 
-/// Rows in the file of points that were read of these nodes, which know their rows among all that was read.
+/// Returns each point's row in the file, for points read from these nodes. `read.rows` holds the rows among all points
+/// that were decoded.
 fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Vec<u32>, Error> {
-    // Row 4294967295 says that there is no splat.
+    // Row 4294967295 means that there is no splat.
     if copc.points() >= u64::from(u32::MAX) {
         let problem = format!(
             "has {} points, and rows of a plane end at 4294967294: leave out the planes index and label",
@@ -243,7 +247,7 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
     })
 }
 
-/// What a view left out, and what to do to have it.
+/// Describes which nodes a selection omits, why, and the option that changes it.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
     let (error_px, finer) = (report.error_px, "--lod-error draws finer ones");
@@ -258,12 +262,12 @@ fn note(report: &LevelReport, limit: &str) -> String {
     )
 }
 
-/// Whole levels from the root down.
+/// Selects whole levels from the root down, as many as fit [`OVERVIEW_POINTS`].
 fn overview(nodes: &[CopcNode]) -> Vec<u32> {
     let (mut chosen, mut points) = (0, 0);
     for level in nodes.chunk_by(|a, b| a.level == b.level) {
         points += level.iter().map(|node| node.points).sum::<u64>();
-        // Above the first level with points nothing is to be seen.
+        // At least the first level with points is selected.
         if points > OVERVIEW_POINTS && nodes[..chosen].iter().any(|node| node.points > 0) {
             break;
         }
@@ -278,22 +282,24 @@ fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
     LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
 }
 
-/// How points of a level come in while a view comes nearer, so that nothing pops: from where splats of the level above
-/// measure the error to where they measure √2 of it, the area of each grows evenly from nothing to its own. Areas of
-/// those that are there shrink evenly to the level's, a quarter, meanwhile: of a surface a level has four times the
-/// points of all above it, so that what covers it stays as much, and the new ones' share of it grows evenly too.
+/// Fading between levels while a view approaches, so that nothing pops.
+///
+/// The fade begins where splats of the level above measure the error, and ends where they measure √2 of it. Meanwhile
+/// the area of each new splat grows linearly from 0 to its own, and the areas of the existing splats shrink linearly to
+/// the new level's, a quarter. On a surface a level has three times as many points as all levels above it together.
+/// Hence the covered area stays constant, and the new splats' fraction of it grows linearly too.
 struct Fade {
     magnification: Magnification,
     error_px: f64,
 }
 
 impl Fade {
-    /// Radius of splats that close a level whose points are 1 apart, in errors.
+    /// Returns the radius of splats that cover a level with point spacing 1, in units of the error.
     fn errors(&self, pixels: f64) -> f64 {
         f64::from(CLOSING) * pixels / self.error_px
     }
 
-    /// True if all points of a node have come in, and nothing of the level above is left.
+    /// True if all points of a node have faded in, and the level above is no longer drawn.
     fn is_done(&self, copc: &Copc, node: &CopcNode) -> bool {
         let (center, half) = copc.cube(node);
         let above = node.level.checked_sub(1).map(|above| copc.spacing(above));
@@ -301,20 +307,22 @@ impl Fade {
     }
 }
 
-/// Where a choice of nodes ends, by the nodes' indices.
+/// Boundary of a selection of nodes; the lists have an entry per node of the file.
 #[derive(Default)]
 struct Cut {
     is_chosen: Vec<bool>,
-    /// Where some children aren't chosen, or come in, its points stand for theirs; and for themselves, if some are.
+    /// Values of each node's points: their own, averages for unselected children, or both. Averages are needed where
+    /// children are missing or fade in; both, where only some are.
     values: Vec<LevelValues>,
-    /// All of it is drawn as if there were no levels, and all nodes below.
+    /// True if the node and all nodes below it are drawn as if there were no levels.
     is_complete: Vec<bool>,
-    /// Some nodes chosen come in.
+    /// True if some selected nodes fade in.
     fades: bool,
 }
 
 impl Cut {
-    /// With all that nodes need in later choices if it `keeps` them.
+    /// Computes the boundary of a selection. With `keeps`, nodes that stay cached have all values that later selections
+    /// may need.
     fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
         let all = copc.nodes();
         let mut is_chosen = vec![false; all.len()];
@@ -324,7 +332,7 @@ impl Cut {
         chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
         let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
         let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
-        // The first points say whether there are colours and normals at all.
+        // The first nodes with points decide whether the cloud has colours and normals at all.
         let first = chosen.iter().map(|i| &all[*i as usize]).find(|node| node.points > 0).map_or(0, |node| node.level);
         let value =
             |node: &CopcNode| match (missing(node), node.children.clone().any(|child| is_chosen[child as usize])) {
@@ -342,31 +350,32 @@ impl Cut {
     }
 }
 
-/// How a point of a level is drawn.
+/// Drawing parameters of a point that depend on its level.
 #[derive(Clone, Copy, PartialEq)]
 struct Mark {
-    /// How far apart points are where finer ones are missing, else 0.
+    /// Point spacing where finer points are missing, else 0.
     spacing: f32,
-    /// How much of its colour and normal is its level's, as finer ones that it stands for are missing; less than 0 if
-    /// it isn't drawn.
+    /// Fraction of the level's averages in the point's colour and normal, for the finer points that are missing.
+    /// Negative if the point isn't drawn.
     share: f32,
-    /// Radius over that which it will have.
+    /// Radius relative to the final radius.
     growth: f32,
 }
 
-/// That of a point of `level`, where the nodes chosen end at level `deepest`, and more are there if `is_missing`. A
-/// splat that closes a level whose points are 1 apart measures so many `errors`, if it fades.
+/// Computes the drawing parameters of a point of `level`, where the selected nodes end at level `deepest`; `is_missing`
+/// if the file has finer points there. If levels fade, a splat that covers a level with point spacing 1 measures
+/// `errors` times the error.
 fn mark_of(
     (level, mut deepest, mut is_missing): (u32, u32, bool),
     errors: Option<f64>,
     spacing: impl Fn(u32) -> f64,
 ) -> Mark {
     let above = |of: u32| errors.map_or(f64::INFINITY, |errors| errors * spacing(of - 1));
-    // A node is chosen by where it is nearest.
+    // A node is selected by its nearest place, so elsewhere it may be finer than needed.
     while deepest > 0 && above(deepest) <= 1.0 {
         (deepest, is_missing) = (deepest - 1, true);
     }
-    // From 0, where a level begins to come in, to 1, where areas are its own.
+    // 0 where a level begins to fade in, 1 where its splats have their own areas.
     let fading = if deepest == 0 { 1.0 } else { (above(deepest).log2() / FADE_OCTAVES).min(1.0) };
     let is_new = level == deepest && fading < 1.0;
     let share = match deepest.checked_sub(level) {
@@ -380,14 +389,14 @@ fn mark_of(
     let spacing = match deepest {
         0 => own,
         _ if is_new => own * growth,
-        // The areas go to the level's own evenly, to nothing where it is the last.
+        // The areas approach the level's own linearly; at the last level, 0.
         _ => (own * own * fading + spacing(deepest - 1).powi(2) * (1.0 - fading)).sqrt(),
     };
     Mark { spacing: spacing as f32, share: share as f32, growth: growth as f32 }
 }
 
-/// Gives points the distance between points where finer ones are missing, and there the colours and normals of their
-/// level, if the file has them; leaves out those that have not come in.
+/// Marks points with the point spacing where finer points are missing, and blends their colours and normals with their
+/// level's averages if the file has these. Removes points that haven't begun to fade in.
 fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[usize]), points: &mut PointCloud) {
     let all = copc.nodes();
     let spacings: Vec<f64> = (0..=all.last().map_or(0, |node| node.level)).map(|level| copc.spacing(level)).collect();
@@ -397,7 +406,7 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
     let mut parts = Vec::new();
     for (node, end) in chosen.iter().zip(ends) {
         let (own, others) = rest.split_at_mut(end - start);
-        // Elsewhere no finer point is missing.
+        // Complete nodes lack no finer points.
         if !cut.is_complete[*node as usize] {
             parts.push((*node as usize, start, own));
         }
@@ -421,7 +430,7 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
             let levels = (all[node].level, all[deepest].level, is_missing);
             let errors = fade.map(|fade| fade.errors(fade.magnification.at(at)));
             *mark = mark_of(levels, errors, |level| spacings[level as usize]);
-            // Where there are no finer points, what stands for them is the point itself.
+            // Where no finer points are missing, the average is the point's own value.
             if cut.values[node] == LevelValues::Alone && mark.share == 0.0 {
                 mark.share = 1.0;
             }
@@ -438,7 +447,7 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
         points.retain(&marks.iter().map(|mark| mark.share >= 0.0).collect::<Vec<_>>());
         marks.retain(|mark| mark.share >= 0.0);
     }
-    // A column of zeros isn't there.
+    // A column of zeros may be omitted.
     let column = |names: [&str; 3]| {
         let found = names.map(|name| points.extras.iter().find(|e| e.name == name).map(|e| &e.values));
         found.iter().any(Option::is_some).then_some(found)
@@ -465,28 +474,28 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
     }
 }
 
-/// The radii that a file of Surfel gives its points.
+/// Radii that Surfel stored in a file's points.
 pub(crate) struct Radii(Option<Vec<f32>>);
 
 impl Radii {
-    /// Takes what Surfel added out of a cloud's columns.
+    /// Removes the columns that Surfel added from a cloud, and returns its radii.
     pub(crate) fn take(points: &mut PointCloud) -> Self {
         let radii = take_f32(&mut points.extras, RADIUS);
         points.extras.retain(|e| !LEVEL_COLORS.iter().chain(&LEVEL_NORMALS).any(|name| e.name == *name));
         Self(radii)
     }
 
-    /// True if points may become splats as they are, without a look at their neighbours.
+    /// True if the points have stored normals and radii, so that neighbours aren't needed to make splats.
     pub(crate) fn are_stated(points: &PointCloud) -> bool {
         points.normals.is_some() && points.extras.iter().any(|e| e.name == RADIUS)
     }
 
-    /// True if the file has normals and radii.
+    /// True if the file has normals and at least one valid radius.
     pub(crate) fn are_known(&self, points: &PointCloud) -> bool {
         points.normals.is_some() && self.0.iter().flatten().any(is_known)
     }
 
-    /// Splats as the file has them, in the points' memory.
+    /// Makes splats with the stored radii and normals, reusing the points' memory.
     pub(crate) fn splats(
         self,
         points: PointCloud,
@@ -513,7 +522,7 @@ impl Radii {
         let mut report = PointReport::default();
         (report.splats, report.normals_given) = (splats.len(), splats.len());
         report.median_radius = f64::from(median) * scale;
-        // Splats of levels are made larger first.
+        // Splats of levels are enlarged first.
         let is_level = splats.data().extras.iter().any(|e| e.name == SPACING);
         report.interior_weight = if is_level { None } else { surfel_sample::interior_weight(&splats) };
         if let Some(weight) = report.interior_weight {
@@ -523,7 +532,7 @@ impl Radii {
     }
 }
 
-/// True of a radius that was found.
+/// True for a valid radius: positive and finite.
 fn is_known(radius: &f32) -> bool {
     *radius > 0.0 && radius.is_finite()
 }
@@ -536,8 +545,8 @@ fn take_f32(extras: &mut Vec<ExtraColumn>, name: &str) -> Option<Vec<f32>> {
     }
 }
 
-/// Makes splats large enough to close the level that they are of, `weighed` if the interior weight is needed; `stated`
-/// if the file says their radii.
+/// Enlarges splats so that they cover the surface at their level without gaps. `weighed`: the interior weight is
+/// needed; `stated`: the file states the radii.
 pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<SplatCloud, surfel_model::ModelError> {
     let weight = cloud.data().interior_weight;
     if !cloud.data().extras.iter().any(|e| e.name == SPACING) {
@@ -572,33 +581,32 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<Sp
     Ok(cloud)
 }
 
-/// True for the name of a file that is written by levels ([`save_copc`]): it ends in .copc.laz.
+/// True if the name is that of a COPC file ([`save_copc`]): it ends in .copc.laz.
 pub fn is_copc(output: &Path) -> bool {
     output.file_name().is_some_and(|name| name.to_string_lossy().to_ascii_lowercase().ends_with(".copc.laz"))
 }
 
-/// True for the name of a file of a share of such a file ([`CopcRequest::shard`]): it ends in .shard.
+/// True if the name is that of a COPC file's shard ([`CopcRequest::shard`]): it ends in .shard.
 pub fn is_shard(output: &Path) -> bool {
     output.extension().is_some_and(|e| e.eq_ignore_ascii_case("shard"))
 }
 
-/// How points by levels are written.
+/// Options for writing a COPC file.
 #[derive(Clone, Debug, Default)]
 pub struct CopcRequest {
-    /// Replaces a file that is there.
+    /// True if an existing file is replaced.
     pub overwrite: bool,
-    /// Bytes of memory that it takes about; [`memory::default_budget`](crate::memory::default_budget) where it is
-    /// `None`.
+    /// Memory budget in bytes, approximately; `None`: [`memory::default_budget`](crate::memory::default_budget).
     pub memory: Option<u64>,
-    /// Keeps what is done in the folder [`resume_folder`], and goes on with what is there.
+    /// True if progress is saved in the folder [`resume_folder`], and continued from there.
     pub resume: bool,
-    /// Writes one share, which a file that ends in .shard holds: of all shares together it is made.
+    /// Shard to write, to a file that ends in .shard; the complete file is made from all shards.
     pub shard: Option<Part>,
     /// Names of the columns of tables among the inputs ([`LoadOptions::columns`]).
     pub columns: Option<TableColumns>,
 }
 
-/// What was written, in words.
+/// Describes what was written.
 pub fn summary(report: &CopcReport) -> String {
     let [points, nodes, levels] =
         [(report.points, "points"), (report.nodes as u64, "nodes"), (report.levels as u64, "levels")]
@@ -606,11 +614,11 @@ pub fn summary(report: &CopcReport) -> String {
     format!("{points} in {nodes} of {levels}")
 }
 
-/// Refuses what can't be said of a file of points by levels, or of a share of one: how they become splats, and text;
-/// and a share by another name.
+/// Refuses options that don't apply when writing a COPC file or a shard of one: options for splats, and text output.
+/// Also refuses a wrong file name for a shard.
 ///
 /// # Errors
-/// [`Error::Usage`] if anything is said.
+/// [`Error::Usage`] if such an option is given.
 pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Option<Part>) -> Result<(), Error> {
     check_shard(output, shard)?;
     let mut allowed = SplatOptions { force: options.force, memory: options.memory, ..SplatOptions::default() };
@@ -622,10 +630,10 @@ pub fn check_copc(output: &Path, options: &SplatOptions, ascii: bool, shard: Opt
     Ok(())
 }
 
-/// Refuses a share by the name of something else, and the name of a share where there is none.
+/// Refuses a shard with another extension than .shard, and a .shard file without a shard.
 ///
 /// # Errors
-/// [`Error::Usage`] if so.
+/// [`Error::Usage`] in either case.
 pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
     let name = output.shown();
     match shard {
@@ -643,11 +651,12 @@ pub fn check_shard(output: &Path, shard: Option<Part>) -> Result<(), Error> {
     }
 }
 
-/// Writes files of points as one COPC file ([`surfel_io::copc::save_copc`]), whose points have normals and
-/// radii besides, so that views of it are drawn at once; or a share of it, or puts shares together.
+/// Writes files of points as one COPC file ([`surfel_io::copc::save_copc`]), or a shard of it, or merges shards. The
+/// points get normals and radii, so that views can be drawn without estimating them again.
 ///
 /// # Errors
-/// [`Error::Usage`] for fewer than [`surfel_io::copc::LEAST_MEMORY`]; as [`surfel_io::copc::save_copc`].
+/// [`Error::Usage`] for less memory than [`surfel_io::copc::LEAST_MEMORY`]; otherwise as
+/// [`surfel_io::copc::save_copc`].
 pub fn save_copc(
     inputs: &[PathBuf],
     output: &Path,
@@ -671,8 +680,8 @@ pub fn save_copc(
     Ok(by_stages(progress, written)?)
 }
 
-/// Writes a file as [`save_copc`] does, by the names of its columns if these are given, in `folder`, for as long as it
-/// is held.
+/// Writes a temporary COPC file in `folder` as [`save_copc`] does, with the given column names. The file exists until
+/// the returned value is dropped.
 pub(crate) fn save_temporary(
     (input, columns): (&Path, Option<&TableColumns>),
     folder: &Path,
@@ -685,7 +694,7 @@ pub(crate) fn save_temporary(
     Ok(by_stages(progress, written)?.0)
 }
 
-/// Normals and radii of points that are a part of a cloud.
+/// Estimates normals and radii of points that are a chunk of a cloud.
 fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     if points.len() < LEAST_POINTS {
         return Ok(vec![PointSplat::default(); points.len()]);
@@ -700,7 +709,7 @@ fn splats_of_part(points: &PointCloud) -> Result<Vec<PointSplat>, String> {
     Ok((0..cloud.len()).map(splat).collect())
 }
 
-/// Tells `progress` what writing tells by stages, how much is done and of how much.
+/// Translates progress by stage name, amount done and total into calls of `progress`.
 fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str, u64, u64)) -> T) -> T {
     let stage = std::cell::RefCell::new(("", 0));
     let tell = |name: &'static str, done: u64, all: u64| {
@@ -715,7 +724,7 @@ fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str
     write(&tell)
 }
 
-/// Where the points of an object are; for [`Levels::Views`].
+/// Returns a selection of levels for views of an object with this transformation.
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     Seen { views, error_px, sight_px: None }.levels(world_from_object)
 }
@@ -724,7 +733,7 @@ pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> L
 mod tests {
     use super::*;
 
-    /// As a view comes nearer, by steps of a thousandth.
+    /// A view approaches in steps of 0.1 %.
     #[test]
     fn points_come_in_without_a_step() {
         const FINEST: u32 = 4;
@@ -734,20 +743,20 @@ mod tests {
                 let mut before: Option<Mark> = None;
                 let mut errors = 0.3;
                 while errors < 40.0 {
-                    // What is chosen somewhere about, at the least and more.
+                    // The least deep selection that the views need nearby, and one level more.
                     let needed = (0..FINEST).take_while(|above| errors * spacing(*above) > 1.0).count() as u32;
                     let deepest = (needed + extra).min(FINEST);
                     let of =
                         |level: u32, deepest: u32| mark_of((level, deepest, deepest < FINEST), Some(errors), spacing);
                     if level > needed {
-                        // Not chosen, or not yet come in.
+                        // Not selected, or not yet faded in.
                         assert!(of(level, deepest.max(level)).share < 0.0, "{level} at {errors}");
                     } else {
                         let mark = of(level, deepest);
-                        // Never larger than the error.
+                        // Splats are never larger than the error.
                         let size_px = f64::from(mark.spacing) * errors;
                         assert!(size_px <= 1.0 + 1e-6, "{level} at {errors}: {size_px}");
-                        // Areas: of half an octave a step is 0.003, of splats that come in with 1/400.
+                        // Per step, areas change by 0.003 of half an octave; new splats start at 1/400.
                         let nothing = Mark { growth: 0.0, spacing: 0.0, ..mark };
                         let last = before.unwrap_or(if level == 0 { mark } else { nothing });
                         let grown = (mark.growth.powi(2) - last.growth.powi(2)).abs();
@@ -756,7 +765,7 @@ mod tests {
                         assert!(grown < 0.006 && (level == 0 || apart < 0.013), "{level} at {errors}: {grown} {apart}");
                         assert!(mark.share >= 0.0 && (mark.share - last.share).abs() < 0.01, "{level} at {errors}");
                         if (1..FINEST).contains(&needed) {
-                            // One of those there and three new ones cover what four do that are the level's own.
+                            // One existing splat and three new ones cover what four splats of the new level cover.
                             let [old, new] = [needed - 1, needed].map(|level| of(level, deepest).spacing.powi(2));
                             let covered = (old + 3.0 * new) / (4.0 * spacing(needed).powi(2) as f32);
                             let fades = of(needed, deepest).growth < 1.0;
@@ -773,7 +782,7 @@ mod tests {
                 assert!(done == Mark { spacing: 0.0, share: 0.0, growth: 1.0 } && before == Some(done), "{level}");
             }
         }
-        // Pictures that share a choice draw what is chosen.
+        // Images that share a selection draw the selected level as it is.
         let shared = |level, deepest, is_missing| mark_of((level, deepest, is_missing), None, spacing);
         assert_eq!([shared(2, 2, true).spacing, shared(2, 2, true).share], [0.25, 1.0]);
         assert_eq!([shared(1, 2, true).spacing, shared(1, 2, true).share], [0.25, 0.0]);
@@ -791,7 +800,7 @@ mod tests {
             let data = CloudData { extras, ..CloudData::new(DVec3::ZERO, centers, shape) };
             SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
         };
-        // As stated, of all points; and as found among those that were read.
+        // Radii stated for all points, and radii estimated from the points read.
         for (stated, radius) in [(true, CLOSING), (false, MOST_GROWN * 0.1)] {
             let closed = close(cloud(), false, stated).unwrap();
             assert_eq!([0, 1].map(|i| closed.radius_max(i) as f32), [radius, 0.05]);

@@ -19,8 +19,7 @@
 //! ```
 //!
 //! [`Renderer::render_into`] also gives other planes, regions and statistics, and reuses a frame's memory. Files are
-//! loaded by [`open`], [`load_scene`] and [`load`]; [`framing`] and [`scene`] frame and light what comes without a
-//! camera:
+//! loaded by [`open`], [`load_scene`] and [`load`]; [`framing`] and [`scene`] frame and light scenes without a camera:
 //!
 //! ```no_run
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {

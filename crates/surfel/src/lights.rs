@@ -1,4 +1,4 @@
-//! The lights of scenes that come without any.
+//! Default lights of scenes without lights.
 
 use crate::framing::ViewAxes;
 use crate::patches::Patches;
@@ -6,33 +6,37 @@ use crate::scene::LoadedObjects;
 use glam::DVec3;
 use surfel_model::{Camera, Light, Up};
 
-/// Where the key light comes from, along the camera's right, up and backward directions, and its linear RGB.
+/// Key light: direction toward it along the camera's right, up and backward axes, and linear RGB.
 const KEY: (DVec3, [f64; 3]) = (DVec3::new(-0.55, 0.7, 0.9), [0.82, 0.81, 0.79]);
-/// The same of a soft fill, and of a rim light.
+/// Soft fill light, in the form of [`KEY`].
 const FILL: (DVec3, [f64; 3]) = (DVec3::new(0.9, 0.1, 0.7), [0.15, 0.16, 0.17]);
+/// Rim light, in the form of [`KEY`].
 const RIM: (DVec3, [f64; 3]) = (DVec3::new(0.5, 0.6, -0.8), [0.22, 0.22, 0.24]);
-/// Length of the mean normal from which a surface begins to face one way as a whole, and fully does: normals spread
-/// over 30° have a mean of 0.93.
+/// Limits for the length of the mean normal: from the first value on a surface partly counts as facing one way, from
+/// the second fully. Normals spread over 30° have a mean of length 0.93.
 const FACES_ONE_WAY: (f64, f64) = (0.9, 0.96);
-/// Cosine of the angle from the surface's normal at which the key light rakes: 60°, 30° above the surface.
+/// Cosine of the angle between the surface normal and a raking key light: 60°, which is 30° above the surface.
 const RAKING: f64 = 0.5;
-/// The same of points that lie about ground, such as a survey or a sweep: those of woods and of streets face up by 0.5
-/// to 0.9 on average, or all down, those of bodies and rooms by less. And the cosine to the up axis within which they
-/// do.
+/// Limits like [`FACES_ONE_WAY`] for points around ground, such as an aerial survey or a mobile scan. Their normals
+/// face up by 0.5 to 0.9 on average (or all down) in woods and streets, and by less for bodies and rooms.
 const FACES_UP: (f64, f64) = (0.4, 0.55);
+/// Least cosine between the mean normal and the up axis for points to count as lying around ground.
 const UP: f64 = 0.9;
-/// How much stronger a raking light is at most.
+/// Largest factor by which a raking light is brightened.
 const STRONGEST: f64 = 1.4;
 
-/// Three lights that stay with the camera: a key light from the upper left in front, a soft fill from the right, and
-/// a rim light from behind that lifts the outline off the background.
+/// Returns three lights that follow the camera:
+/// - a key light from the upper left in front,
+/// - a soft fill light from the right,
+/// - a rim light from behind that separates the outline from the background.
 pub fn studio_lights(camera: &Camera) -> Vec<Light> {
     lights(camera, |key| (key, 1.0))
 }
 
-/// [`studio_lights`], whose key light rakes over objects without colours that face one way as a whole, such as ground,
-/// walls and reliefs, and over points that lie about ground, as hillshades of maps do: in a light from the front slopes
-/// differ little from what is level. Colours show them, and often hold light already.
+/// Returns [`studio_lights`] with a raking key light for objects without colours that face one way as a whole, such as
+/// ground, walls and reliefs, and for points around ground. As in hillshaded maps, raking light shows slopes; with
+/// light from the front they hardly differ from level areas. Coloured objects keep the normal key light: their colours
+/// show the slopes, and often already contain light.
 pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects, up: Up) -> Vec<Light> {
     if loaded.facts.iter().any(|facts| facts.colored) {
         return studio_lights(camera);
@@ -43,8 +47,8 @@ pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects, up: Up) -> Vec<
     lights(camera, |key| raking(key, facing.normalize_or_zero(), share))
 }
 
-/// How much a key light is to rake over a surface with this mean of unit normals, 0 to 1; of points, along this up
-/// axis.
+/// Returns how strongly the key light rakes over a surface with this mean of unit normals, 0 to 1. `up` is the up axis
+/// of points.
 fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     let ramp = |(from, to): (f64, f64)| ((facing.length() - from) / (to - from)).clamp(0.0, 1.0);
     match up {
@@ -53,7 +57,7 @@ fn share_of_one_way(facing: DVec3, up: Option<DVec3>) -> f64 {
     }
 }
 
-/// The three lights, the direction and strength of the key light by `key`, of unit vectors toward it.
+/// Returns the three lights. `key` maps the unit vector toward the key light to its direction and brightness factor.
 fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     let ViewAxes { right, up, forward } = ViewAxes::of(camera);
     let toward = |(from, _): (DVec3, [f64; 3])| (right * from.x + up * from.y - forward * from.z).normalize();
@@ -63,10 +67,10 @@ fn lights(camera: &Camera, key: impl Fn(DVec3) -> (DVec3, f64)) -> Vec<Light> {
     vec![light(key, KEY.1.map(|c| c * strength)), light(toward(FILL), FILL.1), light(toward(RIM), RIM.1)]
 }
 
-/// The direction toward a light at `toward` after it is lowered by this share over a surface with this unit normal, and
-/// how much stronger it is then, so that what is level stays nearly as bright.
+/// Lowers a light over a surface: moves the direction `toward` it by the fraction `share` to the raking angle from the
+/// unit `normal`. Also returns a brightness factor that keeps level areas nearly as bright.
 fn raking(toward: DVec3, normal: DVec3, share: f64) -> (DVec3, f64) {
-    // Either side of a surface is seen, by light from that side.
+    // A surface may be visible from either side, and the light comes from the visible side.
     let normal = if normal.dot(toward) < 0.0 { -normal } else { normal };
     let from = normal.dot(toward);
     let along = (toward - normal * from).normalize_or_zero();
@@ -85,18 +89,18 @@ mod tests {
     fn key_light_rakes_over_what_faces_one_way_alone() {
         let key = DVec3::new(0.3, 0.1, 0.9).normalize();
         let rakes = |key: DVec3, facing: DVec3| raking(key, facing.normalize_or_zero(), share_of_one_way(facing, None));
-        // Ground, seen from above and from below.
+        // Ground, viewed from above and from below.
         for normal in [DVec3::Z, DVec3::NEG_Z] {
             let (toward, strength) = rakes(key, normal);
             assert!((toward.z - RAKING).abs() < 1e-12 && (toward.length() - 1.0).abs() < 1e-12, "{toward}");
-            // It comes from the same quarter, and level ground gets as much light, up to the strongest.
+            // The horizontal direction doesn't change, and level ground gets as much light, up to the limit.
             assert!((toward.x / toward.y - 3.0).abs() < 1e-9 && strength == STRONGEST, "{toward} {strength}");
         }
-        // Half of the way, from between.
+        // Mean normal between the limits: half of the change.
         let (toward, strength) = rakes(key, DVec3::Z * 0.93);
         assert!((toward.z - 0.5 * (key.z + RAKING)).abs() < 1e-9, "{toward}");
         assert!((strength * toward.z - key.z).abs() < 1e-9, "{strength}");
-        // Bodies, what is lit from the side, and straight from above.
+        // Unchanged: bodies, surfaces lit from the side, and light straight from above.
         let grazing = DVec3::new(0.9, 0.0, 0.3).normalize();
         for (key, facing) in [(key, DVec3::Z * 0.9), (key, DVec3::ZERO), (grazing, DVec3::Z), (DVec3::Z, DVec3::Z)] {
             assert_eq!(rakes(key, facing), (key, 1.0));
@@ -108,7 +112,7 @@ mod tests {
         let lean = |degrees: f64, length: f64| {
             DVec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos()) * length
         };
-        // Woods, a street and level ground; bodies; a wall, and ground whose up axis is another.
+        // Woods, a street and level ground; bodies; a wall; ground with another up axis.
         for (facing, up, share) in [
             (lean(0.0, 0.6), DVec3::Z, 1.0),
             (lean(20.0, 0.9), DVec3::Z, 1.0),
@@ -123,7 +127,7 @@ mod tests {
         ] {
             assert!((share_of_one_way(facing, Some(up)) - share).abs() < 1e-9, "{facing} {up}");
         }
-        // Of meshes it takes more.
+        // Meshes need a longer mean normal.
         assert_eq!(share_of_one_way(lean(0.0, 0.6), None), 0.0);
     }
 }

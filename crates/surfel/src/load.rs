@@ -1,4 +1,4 @@
-//! From a file to splats: splats as they are, points and meshes converted.
+//! Loading of files as splats: splats are read directly, points and meshes are converted.
 
 use crate::coloring::together::{ColorJob, Lacking, Member};
 use crate::coloring::{Coloring, Colorings};
@@ -18,92 +18,96 @@ use surfel_model::{
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
-/// The name that stands for [`LoadOptions::stdin`].
+/// The file name that refers to [`LoadOptions::stdin`].
 pub const STDIN: &str = "-";
 
-/// How files are loaded and made into splats.
+/// Options for loading files and converting them to splats.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct LoadOptions {
-    /// Drops invalid splats, and takes the whole chunks of a LAZ file that is cut off, and says how many, instead of
-    /// refusing the file.
+    /// True if damaged files are read as far as possible. Invalid splats and the missing end of a cut-off LAZ file are
+    /// then skipped and counted in a note.
     pub repair: bool,
-    /// A texture (PNG, JPEG or WebP) for meshes with texture coordinates that name none themselves.
+    /// Texture file (PNG, JPEG or WebP) for meshes with texture coordinates that name no texture themselves.
     pub texture: Option<PathBuf>,
-    /// How splats take the colours of meshes ([`surfel_sample::fit_to_mesh`]); `None`: [`TextureSampling::Point`].
+    /// Sampling of mesh textures by splats ([`surfel_sample::fit_to_mesh`]); `None`: [`TextureSampling::Point`].
     pub texture_sampling: Option<TextureSampling>,
-    /// What splats of points take of their colours ([`surfel_sample::fit_point_colors`]).
+    /// Colours of splats made from points: as they are, or fitted ([`surfel_sample::fit_point_colors`]).
     pub colors: PointColors,
-    /// How meshes become splats; `None`: as suits the mesh ([`surfel_sample::MeshOptions::auto`]).
+    /// Method for converting meshes to splats; `None`: chosen by mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
-    /// Multiplies every radius; greater than 0. The interior weight of splat files is then estimated anew.
+    /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
     pub radius_scale: f64,
-    /// Most points of a point cloud that become splats ([`surfel_model::PointCloud::thin`]); `None`: all.
+    /// Largest number of points of a point cloud that become splats ([`surfel_model::PointCloud::thin`]); `None`: no
+    /// limit.
     pub max_points: Option<usize>,
-    /// Clips splats along the creases of meshes and points (Cargo feature `sharp`); of meshes at most as many as
-    /// [`MeshMethod::Count`] says.
+    /// True if splats are clipped along the creases of meshes and points (Cargo feature `sharp`). A mesh then gets at
+    /// most [`MeshMethod::Count`] splats.
     pub sharp: bool,
-    /// With `sharp`: angle from which an edge is a crease, in degrees from 1 to 179; `None`: 40.
+    /// Angle from which an edge is a crease, in degrees from 1 to 179, if `sharp` is set; `None`: 40.
     pub crease_angle_deg: Option<f64>,
-    /// With `sharp`: largest distance from a mesh that its simplification may cause, in object units; `None`: no
-    /// bound, and no simplification unless a number of splats is asked for.
+    /// Largest deviation from the mesh that simplification may cause, in object units, if `sharp` is set. `None`: no
+    /// limit, and no simplification unless a number of splats is given.
     pub sharp_error: Option<f64>,
-    /// Estimates the interior weight of splat files that don't say it, which edge antialiasing needs.
+    /// True if missing interior weights of splat files are estimated; edge antialiasing needs them.
     pub interior_weight: bool,
-    /// The attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file; `None`: their
-    /// own colours.
+    /// Attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file. `None`: their own
+    /// colours.
     pub color_by: Option<String>,
-    /// Colours of that attribute's values; `None`: classes their own, other whole numbers of at most 20 kinds tab20,
-    /// intensity grey, the rest viridis.
+    /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
+    /// distinct values, grey for intensity, and viridis for the rest.
     pub colormap: Option<Colormap>,
-    /// Values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
+    /// Attribute values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
     pub range: Option<[f64; 2]>,
-    /// Carries all properties of a mesh's vertices and faces over to its splats, not only those that colours and labels
-    /// need.
+    /// True if all properties of a mesh's vertices and faces are transferred to its splats, not only those needed for
+    /// colours and labels.
     pub mesh_columns: bool,
-    /// Keeps which row of its file each splat came from, before any was dropped, for the planes `index` and `label`.
+    /// True if each splat stores its row in the file, counted before any row was dropped; the planes `index` and
+    /// `label` need it.
     pub rows: bool,
-    /// The attribute that the plane `label` shows ([`crate::labels::DEFAULT_LABEL`], or another of the file); `None`:
-    /// none is kept.
+    /// Attribute for the plane `label` ([`crate::labels::DEFAULT_LABEL`], or another one of the file); `None`: no
+    /// labels.
     pub label: Option<String>,
-    /// The axis of `height`; `None`: as the file says, else by its shape.
+    /// Axis along which `height` is measured; `None`: as the file states, else estimated from the shape.
     pub up: Option<Up>,
-    /// Only points and splats within this box count: least x, y, z, then largest.
+    /// Box of points and splats that are read: least x, y, z, then largest.
     pub crop: Option<[f64; 6]>,
-    /// Only points of these classes count; `None`: of all.
+    /// Classes of points that are read; `None`: all.
     pub classes: Option<Classes>,
-    /// Only these of a pulse's returns count.
+    /// Returns of a pulse that are read; `None`: all.
     pub returns: Option<Returns>,
-    /// Only points for which this condition holds count ([`surfel_model::Condition`]).
+    /// Condition on points that are read ([`surfel_model::Condition`]).
     pub condition: Option<String>,
-    /// Only every so-manyth point counts, after all else.
+    /// Step of decimation: every n-th point is used, after all other selections. `None`: every point.
     pub every: Option<u32>,
-    /// Points at exactly (0, 0, 0), where they are more than 16, count, and all of more than 16 in one place.
+    /// True if points are used that are otherwise dropped: more than 16 at exactly (0, 0, 0), and more than 16 at one
+    /// place.
     pub all_points: bool,
-    /// Points that their file flags as withheld are read, too.
+    /// True if points that their file flags as withheld are read too.
     pub withheld: bool,
-    /// Points that are no surface are left out, as surface models need it: noise (classes 7 and 18), and points that
-    /// are withheld, unless `classes` or `condition` choose them by their class.
+    /// True if points that belong to no surface are dropped, as surface models need: noise (classes 7 and 18) and
+    /// withheld points, unless `classes` or `condition` select them by class.
     pub surface: bool,
-    /// Whether points that stand alone count ([`surfel_sample::outliers`]). Where not, COPC files are read whole.
+    /// Treatment of isolated points ([`surfel_sample::outliers`]). If they are dropped, COPC files are read whole.
     pub outliers: Outliers,
-    /// What is read of a COPC file; `None`: all of it.
+    /// Selection of the levels of detail read from a COPC file; `None`: all points.
     pub levels: Option<Levels>,
-    /// What stays of files by levels from one picture to the next. With it, and `levels`, LAS and LAZ files that don't
-    /// fit into memory are drawn by levels too.
+    /// Cache of files with levels of detail, shared between images. With it and `levels`, LAS and LAZ files that don't
+    /// fit into memory are drawn with levels of detail too.
     pub level_store: Option<Arc<LevelStore>>,
-    /// Most bytes of memory that points may take, by estimate; `None`: [`crate::memory::default_budget`].
+    /// Memory budget for points in bytes, by estimate; `None`: [`crate::memory::default_budget`].
     pub memory: Option<u64>,
-    /// Files of trained Gaussians are kept as such, and not made a surface: by [`crate::scene::load_objects`] alone.
+    /// True if trained Gaussians are loaded as Gaussians, not as a surface; only [`crate::scene::load_objects`]
+    /// supports this.
     pub gaussians: bool,
-    /// The file may refer to files outside of its own folder.
+    /// True if the file may refer to files outside its own folder.
     pub allow_outside: bool,
-    /// Longest side of a texture in texels, 1 to 32,768; larger ones are reduced. `None`: 8192.
+    /// Longest side of a texture in texels, 1 to 32,768; larger textures are reduced. `None`: 8192.
     pub max_texture: Option<u32>,
-    /// Names of the columns of tables: of text, of NumPy's arrays, and, with types, of binary files without a header.
+    /// Column names of tables: text, NumPy arrays and, with types, binary files without a header.
     pub columns: Option<TableColumns>,
-    /// What the name `-` ([`STDIN`]) stands for: the bytes of a file of any format, told by its content. `None`: a
-    /// file of that name.
+    /// Bytes that the name `-` ([`STDIN`]) refers to, in any format, which is detected from the content. `None`: a file
+    /// of that name.
     pub stdin: Option<Arc<[u8]>>,
 }
 
@@ -146,7 +150,7 @@ impl LoadOptions {
         with_stdin stdin: Option<Arc<[u8]>>,
     }
 
-    /// With what an object's `convert` says; its texture is relative to `base_dir`.
+    /// Applies an object's conversion options; its texture path is relative to `base_dir`.
     #[must_use]
     pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
         let method = match convert.splats {
@@ -177,7 +181,8 @@ impl LoadOptions {
         self.every = convert.every.or(self.every);
         self.all_points |= convert.all_points;
         self.outliers = convert.outliers.unwrap_or(self.outliers);
-        // The coarsest levels place a camera, whatever is drawn then, unless they may hold none of the points.
+        // A camera is placed by the coarsest levels even if all levels are drawn, unless a selection may exclude all
+        // their points.
         if convert.all_levels && (self.levels != Some(Levels::Overview) || self.chooses_points()) {
             self.levels = None;
         }
@@ -189,12 +194,12 @@ impl LoadOptions {
 }
 
 impl LoadOptions {
-    /// True if some classes don't count.
+    /// True if the options exclude some classes.
     pub(crate) fn chooses_classes(&self) -> bool {
         self.classes.as_ref().is_some_and(|classes| *classes != Classes::All)
     }
 
-    /// Whether a part of the points is asked for: a place, classes, returns, attributes.
+    /// True if the options select points by place, class, return, attribute or step.
     pub(crate) fn chooses_points(&self) -> bool {
         self.crop.is_some()
             || self.chooses_classes()
@@ -203,9 +208,9 @@ impl LoadOptions {
             || self.every.is_some()
     }
 
-    /// With what these settings may need of a file: Gaussians as they were trained, and a cloud's interior weight, for
-    /// edges antialiased by coverage and A-buffers. Whether a scene does need that,
-    /// [`surfel_render::needs_interior_weight`] knows once it is loaded.
+    /// Adds what these settings may need from a file: Gaussians as trained, and interior weights for A-buffers and
+    /// edges antialiased by coverage. Once a scene is loaded, [`surfel_render::needs_interior_weight`] returns whether
+    /// it does need the latter.
     #[must_use]
     pub fn for_settings(self, settings: &Settings) -> Self {
         let coverage = settings.edge_aa == EdgeAa::Coverage;
@@ -258,63 +263,63 @@ impl Default for LoadOptions {
     }
 }
 
-/// What was made of a file's content.
+/// Conversion that made splats from a file's content.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Conversion {
-    /// It held splats.
+    /// The file held splats.
     None,
-    /// It held points.
+    /// The file held points.
     Points(PointReport),
-    /// It held a mesh.
+    /// The file held a mesh.
     Mesh(MeshReport),
-    /// It held a mesh, whose splats are clipped along its creases.
+    /// The file held a mesh, and the splats are clipped along its creases.
     #[cfg(feature = "sharp")]
     SharpMesh(Box<surfel_sample::SharpReport>),
 }
 
-/// A file as splats.
+/// A file loaded as splats.
 #[derive(Clone, Debug)]
 pub struct LoadedCloud {
     /// The splats; at least one.
     pub cloud: SplatCloud,
-    /// The format it was in.
+    /// Format of the file.
     pub format: Format,
-    /// Which axis is up: as the file says, else the format's default.
+    /// Up axis stated in the file, else the format's default.
     pub up: Up,
-    /// Why that is known for certain; `None` for the default of a format that is used with any axis up.
+    /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
     pub up_reason: Option<UpReason>,
-    /// They cover a closed mesh from outside: nobody sees the back of one.
+    /// True if the splats cover a closed mesh from outside, so that their backs are never visible.
     pub closed: bool,
-    /// They were Gaussians, whose alphas are shares of a volume.
+    /// True if the splats were Gaussians, whose alphas are opacities of a volume.
     pub gaussian: bool,
-    /// How the splats were made.
+    /// Conversion that made the splats.
     pub conversion: Conversion,
-    /// What they are coloured by, if that was asked for.
+    /// Colouring by an attribute, if the options ask for one.
     pub coloring: Option<Coloring>,
-    /// The octree that the file holds; `cloud` is then its finest splats.
+    /// Octree of the file, if it is one; `cloud` then holds its finest splats.
     pub octree: Option<Arc<Octree>>,
-    /// What was read of a COPC file, where that isn't all of it.
+    /// Report of the nodes read from a COPC file, if some weren't.
     pub levels: Option<LevelReport>,
-    /// What the user should know, as sentences without a full stop: what was dropped, assumed or estimated.
+    /// Notes for the user on what was dropped, assumed or estimated: sentences without a full stop.
     pub notes: Vec<String>,
-    /// Files beside it that it refers to, such as textures and buffers, whether they are there or not, sorted.
+    /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
-    /// Options that what the file holds left without effect.
+    /// Options without effect on what the file holds.
     pub unused: Vec<UnusedOption>,
 }
 
-/// An option that had nothing to act on.
+/// An option that had no effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct UnusedOption {
-    /// Its key in the scene file's `convert`: "splats", "max_points", …
+    /// Key of the option in a scene file's `convert`: "splats", "max_points", …
     pub option: &'static str,
-    /// What the file holds: "splats", "points", "a mesh" or "an octree"; or which attributes.
+    /// Content of the file: "splats", "points", "a mesh" or "an octree"; or its attributes.
     pub holds: Cow<'static, str>,
-    /// What the option is for.
+    /// Content that the option applies to.
     pub expected: &'static str,
 }
 
-/// The options that reading takes.
+/// Returns the options that readers use.
 pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
     surfel_io::LoadOptions {
         repair: options.repair,
@@ -327,7 +332,7 @@ pub(crate) fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
     }
 }
 
-/// Reads a file, or what its name [`STDIN`] stands for.
+/// Reads a file, or the bytes of stdin for the name [`STDIN`].
 pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
     let io_options = io_options(options);
     Ok(match &options.stdin {
@@ -336,11 +341,11 @@ pub(crate) fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> 
     })
 }
 
-/// Loads a file and makes splats of it: a splat file as it is, points and meshes converted.
+/// Loads a file as splats: splats are read directly, points and meshes are converted.
 ///
 /// # Errors
-/// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if no splats can be made of it,
-/// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set and Cargo's feature `sharp` isn't.
+/// [`Error::Io`] if the file can't be read or is damaged, [`Error::Sample`] if it can't be converted to splats,
+/// [`Error::Unsuitable`] if it holds no splat, or `options.sharp` is set without Cargo's feature `sharp`.
 pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
     let options = &options.clone().with_gaussians(false);
     progress.stage("reading", 0);
@@ -352,7 +357,7 @@ pub fn load(path: &Path, options: &LoadOptions, progress: &dyn Progress) -> Resu
     Ok(LoadedCloud { levels, ..made })
 }
 
-/// Colours splats that are drawn alone.
+/// Colours splats that don't share a colouring with other files.
 fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
     let mut cloud = Arc::new(std::mem::replace(&mut made.cloud, empty));
@@ -365,13 +370,13 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     Ok(())
 }
 
-/// Describes a file that lacks the attribute that it is to be coloured by.
+/// Describes a file that lacks the attribute it is to be coloured by.
 pub(crate) fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these" }
 }
 
-/// Reads a file, and of one by levels what the options ask for, with what was left out of it.
+/// Reads a file, or the selected levels of a file with levels of detail. The report is `None` if all points were read.
 pub(crate) fn read_needed(
     path: &Path,
     options: &LoadOptions,
@@ -388,7 +393,7 @@ pub(crate) fn read_needed(
     let (mut loaded, report) = levels::read(path, copc.path(), options)?.ok_or(too_large)?;
     loaded.notes.insert(0, note);
     if let Some((format, up, is_said)) = surfel_io::copc::up_of_columns(path, options.columns.as_ref()) {
-        // LAS has z up; a file that was something else is seen as that.
+        // COPC files are z-up; the source file's own format and up axis are restored.
         (loaded.format, loaded.up) = (format, up);
         if let (Content::Points(points), true) = (&mut loaded.content, is_said) {
             points.up = Some(up);
@@ -410,7 +415,7 @@ pub(crate) fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Makes splats of what was read, and says what they are to be coloured by.
+/// Makes splats from a file's content, and returns how they are to be coloured.
 pub(crate) fn splats_of(
     loaded: Loaded,
     path: &Path,
@@ -437,7 +442,7 @@ pub(crate) fn splats_of(
         Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(points) => convert::points(points, path, options, &mut notes, progress)?,
         Content::Mesh(mut mesh) => {
-            // One that is turned around may be a room, seen from inside: its backs are drawn.
+            // An inverted mesh may be a room seen from inside, so its backs are drawn.
             closed = surfel_sample::is_closed(&mesh);
             if surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
@@ -516,23 +521,23 @@ pub(crate) fn splats_of(
     Ok((made, job))
 }
 
-/// Gaussians where splats are wanted.
+/// Returns the error for Gaussians where splats are expected.
 fn not_splats(path: &Path) -> Error {
     let problem = "holds trained Gaussians, expected splats: leave out --composite over".to_owned();
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 
-/// Length in metres below which what an E57 or PTS file holds is a thing, not a place.
+/// Length in metres below which the content of an E57 or PTS file is an object, not a place.
 const THING_M: f64 = 1.0;
 
-/// Why a file's up axis is known: it says it, or its format does. `None` for OBJ, STL, OFF, PLY, Draco, PCD and
-/// columns of numbers, which come with any axis up, and for E57 and PTS files of a thing that no scanner stood
-/// before.
+/// Returns why a file's up axis is certain: the file or its format states it. `None` for OBJ, STL, OFF, PLY, Draco, PCD
+/// and tables of numbers, which occur with any axis up. Also `None` for E57 and PTS files of an object that wasn't
+/// recorded by a scanner on site.
 pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     if loaded.content.own_up().is_some() {
         return Some(UpReason::Stated);
     }
-    // Gaussian splats are the only PLY files that are −y by default.
+    // Gaussian splats are the only PLY files whose default up axis is −y.
     let is_any = matches!(
         loaded.format,
         Format::Ply
@@ -550,8 +555,8 @@ pub fn up_reason(loaded: &Loaded) -> Option<UpReason> {
     (!is_any || loaded.up == Up::MinusY).then_some(UpReason::Format)
 }
 
-/// Whether an E57 or PTS file holds something small without a scanner's place, which other programs export as they have
-/// it: scanners of places stand upright.
+/// True if an E57 or PTS file holds a small object without a scanner position. Other programs export such objects with
+/// any axis up, while a scanner on site stands upright.
 fn is_thing(loaded: &Loaded) -> bool {
     let Content::Points(points) = &loaded.content else { return false };
     let is_of_one = points.viewpoint.is_none() && points.extras.iter().all(|extra| extra.name != "scan");
@@ -565,7 +570,7 @@ fn is_thing(loaded: &Loaded) -> bool {
         })
 }
 
-/// A file's polygons.
+/// Polygons of a file.
 pub(crate) struct LoadedMesh {
     pub(crate) mesh: Arc<Mesh>,
     pub(crate) up: Up,
@@ -573,7 +578,7 @@ pub(crate) struct LoadedMesh {
     pub(crate) notes: Vec<String>,
 }
 
-/// Loads a file that is drawn as polygons. Files beside it that it refers to are added to `beside`.
+/// Loads a file that is drawn as polygons. Adds the files it refers to to `beside`.
 ///
 /// # Errors
 /// As [`load`]; also [`Error::Unsuitable`] if the file holds no triangles.
@@ -627,7 +632,7 @@ mod tests {
             }
             loaded
         };
-        // Far from the origin as well as near.
+        // Sizes are measured correctly far from the origin.
         let (bunny, room) = ("7 8 9\n7.1 8.9 9.2\n", "7 8 9\n7.1 9.1 9.2\n");
         assert_eq!(up_reason(&file(bunny, None)), None);
         let points = |text: &str| Loaded { format: Format::Pts, ..file(text, None) };

@@ -1,28 +1,29 @@
-//! How much memory loading may take: points that won't fit are refused before they are read.
+//! Memory estimates for loading: points that won't fit are refused before they are read.
 
 use crate::Error;
 use std::path::Path;
 use surfel_io::PointCount;
 use surfel_model::PointCloud;
 
-/// Bytes that a point takes until it is drawn, besides its row of the file: read, its neighbours found, made a splat,
-/// and put into the CPU backend's scene. Peaks of 1 and 4 million points of PLY, PCD, NPY, LAS, LAZ and E57 are within
-/// 20 % of these and the rows.
+/// Peak bytes per point until it is drawn, besides its row of the file: reading, finding neighbours, making a splat,
+/// and uploading to the CPU backend. For 1 and 4 million points of PLY, PCD, NPY, LAS, LAZ and E57, measured peaks are
+/// within 20 % of this constant plus the row.
 const PREPARED_BYTES: u64 = 49;
-/// The same of a point with a normal, and of one with a normal and a radius.
+/// Peak bytes per point with a normal.
 const NORMAL_BYTES: u64 = 31;
+/// Peak bytes per point with a normal and a radius.
 const RADIUS_BYTES: u64 = 25;
-/// What a colour takes, of the point and of the splat.
+/// Bytes per colour, for the point and the splat together.
 const COLOR_BYTES: u64 = 24;
-/// Bytes of a point of a COPC file whose normals and radii it states: 87 were measured of 4 million.
+/// Peak bytes per point of a COPC file that states normals and radii; 87 were measured with 4 million points.
 pub(crate) const KNOWN_BYTES: u64 = 90;
-/// The same where it has colours, its own and its level's: 105 were measured.
+/// Peak bytes per point of such a COPC file with colours, both the point's and its level's; 105 were measured.
 pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
-/// What the machine's own needs leave.
+/// Fraction of the machine's memory that may be used; the rest is for the machine's own needs.
 const SHARE: f64 = 0.6;
 
-/// Bytes that are used where nobody says how many: 60 % of the machine's memory, or of what the process's control
-/// groups (a container's, a batch job's) may use; `None` where that isn't known.
+/// Returns the default memory budget in bytes: 60 % of the machine's memory, or of the limit of the process's control
+/// groups (of a container or batch job). `None` if neither is known.
 pub fn default_budget() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let kib = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
@@ -34,8 +35,8 @@ pub fn default_budget() -> Option<u64> {
     Some((bytes as f64 * SHARE) as u64)
 }
 
-/// The least of the limits of these control groups, as `/proc/self/cgroup` has them, and of the groups around them, of
-/// either version (cgroups(7)).
+/// Returns the smallest memory limit of these control groups, in the format of `/proc/self/cgroup`, and of their
+/// ancestors, for either version (cgroups(7)).
 fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
     let limits = groups.lines().flat_map(|line| {
         let mut fields = line.splitn(3, ':').skip(1);
@@ -45,14 +46,14 @@ fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
             Some(_) => (mounted.join("memory"), "memory.limit_in_bytes"),
             None => return Vec::new(),
         };
-        // In a container the path may be the host's, and only the outermost folder be there.
+        // In a container the path may be the host's, so that only the outermost folder exists.
         let around = Path::new(path.trim_start_matches('/')).ancestors();
         around.map(|group| folder.join(group).join(name)).collect()
     });
     limits.filter_map(|file| std::fs::read_to_string(file).ok()?.trim().parse().ok()).min()
 }
 
-/// Bytes that each point of a file takes at most until it is drawn.
+/// Returns the peak bytes per point of a file until it is drawn.
 pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     let known = match count {
         PointCount { has_radii: true, .. } => RADIUS_BYTES,
@@ -62,7 +63,7 @@ pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     known + count.row_bytes + if count.has_colors { COLOR_BYTES } else { 0 }
 }
 
-/// Bytes that each of these points takes at most until it is drawn.
+/// Returns the peak bytes per point until it is drawn, for points that have been read.
 pub(crate) fn prepared_bytes(points: &PointCloud) -> u64 {
     let extra_bytes: u64 = points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum();
     let known = if points.normals.is_some() { NORMAL_BYTES } else { PREPARED_BYTES };
@@ -73,18 +74,18 @@ pub(crate) fn gigabytes(bytes: u64) -> f64 {
     bytes as f64 / 1e9
 }
 
-/// What to do with points that won't fit.
+/// Suggestion in the error for points that won't fit.
 #[derive(Clone, Copy)]
 pub(crate) enum Remedy {
-    /// They can be written by levels.
+    /// Convert the file to COPC and draw that.
     Levels,
-    /// They are, and fewer can be read.
+    /// Draw fewer points.
     Fewer,
-    /// Neither is sure.
+    /// Draw fewer points, or write them as LAZ.
     Points,
 }
 
-/// Refuses points that take more memory than `budget`, or than [`default_budget`].
+/// Refuses points that need more memory than `budget`, or [`default_budget`] if it is `None`.
 pub(crate) fn check(
     path: &Path,
     points: u64,
@@ -127,7 +128,7 @@ mod tests {
 
     #[test]
     fn bytes_of_points_are_near_what_was_measured() {
-        // Peaks of 4 million points less those of 1 million, at 512² on the CPU backend, a point.
+        // Peak of 4 million points minus that of 1 million, per point, at 512² on the CPU backend.
         for (what, measured, row_bytes, has_normals, has_colors) in [
             ("PLY x y z", 61, 12, false, false),
             ("PLY with colours", 88, 15, false, true),

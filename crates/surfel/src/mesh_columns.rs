@@ -1,31 +1,31 @@
-//! Properties of a mesh's vertices and faces as columns of its splats.
+//! Transfer of a mesh's vertex and face properties to columns of its splats.
 
 use crate::coloring::tally::Tally;
 use crate::coloring::{ColorScale, is_class};
 use surfel_model::{Colormap, ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
-/// A mesh with columns, and where its splats are on it once that is needed.
+/// A mesh with property columns, and the places of its splats on it, computed when needed.
 pub(crate) struct MeshColumns {
     mesh: Mesh,
     places: Option<MeshPlaces>,
 }
 
 impl MeshColumns {
-    /// `None` for a mesh without columns.
+    /// Creates the transfer; `None` for a mesh without columns.
     pub(crate) fn new(mesh: Mesh) -> Option<Self> {
         let has_any = !mesh.vertex_extras.is_empty() || !mesh.triangle_extras.is_empty();
         has_any.then_some(Self { mesh, places: None })
     }
 
-    /// The names of the columns, of vertices and of faces.
+    /// Returns the names of the columns of vertices and of faces.
     pub(crate) fn names(&self) -> Vec<String> {
         let all = self.mesh.vertex_extras.iter().chain(&self.mesh.triangle_extras);
         all.map(|extra| extra.name.escape_debug().to_string()).collect()
     }
 
-    /// Gives splats all columns: numbers with fractions interpolated over triangles, whole numbers those of the nearest
-    /// vertex.
+    /// Adds all columns to the splats. Floating-point columns are interpolated over triangles; integer columns get the
+    /// value of the nearest vertex.
     pub(crate) fn all(&mut self, cloud: SplatCloud) -> Result<SplatCloud, ModelError> {
         let columns: Vec<(String, bool)> = self.mesh.vertex_extras.iter().map(named).collect();
         let of_triangles: Vec<String> = self.mesh.triangle_extras.iter().map(|extra| extra.name.clone()).collect();
@@ -36,14 +36,14 @@ impl MeshColumns {
             .try_fold(cloud, |cloud, (name, is_nearest)| self.with_column(cloud, &name, is_nearest))
     }
 
-    /// Gives splats the column that labels are made of: each the value of the nearest vertex, or of its face.
+    /// Adds the column for labels: each splat gets the value of the nearest vertex, or of its face.
     pub(crate) fn labels(&mut self, cloud: SplatCloud, attribute: &str) -> Result<SplatCloud, ModelError> {
         self.with_column(cloud, attribute, true)
     }
 
-    /// Gives splats the column that they are coloured by: interpolated over triangles if it is a measure, else of the
-    /// nearest vertex, because nothing lies between two categories. Few whole numbers are categories; of a type with
-    /// fractions only if they are the same at all corners of most triangles, as labels are.
+    /// Adds the column that splats are coloured by. Measurements are interpolated over triangles; categories get the
+    /// nearest vertex's value, because nothing lies between two categories. Few distinct integers count as categories;
+    /// if the column has a floating-point type, only if most triangles have one value at all corners, as labels do.
     pub(crate) fn values(
         &mut self,
         cloud: SplatCloud,
@@ -61,7 +61,7 @@ impl MeshColumns {
         self.with_column(cloud, attribute, are_categories)
     }
 
-    /// With the column of this name, if the mesh has it.
+    /// Adds the column `name`, if the mesh has it.
     fn with_column(&mut self, cloud: SplatCloud, name: &str, is_nearest: bool) -> Result<SplatCloud, ModelError> {
         let Self { mesh, places } = self;
         let of_vertices = ExtraColumn::find(&mesh.vertex_extras, name);
@@ -82,7 +82,7 @@ impl MeshColumns {
     }
 }
 
-/// True if a column of the vertices is the same at all three corners of more than half of the triangles.
+/// True if a vertex column has the same value at all three corners of more than half of the triangles.
 fn is_constant_over_most(mesh: &Mesh, column: &ExtraValues) -> bool {
     let is_constant = |triangle: &&[u32; 3]| {
         let [a, b, c] = triangle.map(|i| column.get(i as usize));
@@ -91,7 +91,7 @@ fn is_constant_over_most(mesh: &Mesh, column: &ExtraValues) -> bool {
     2 * mesh.triangles.iter().filter(is_constant).count() > mesh.triangles.len()
 }
 
-/// A column's name, and whether its values are whole numbers.
+/// Returns a column's name, and true if its values are integers.
 fn named(extra: &ExtraColumn) -> (String, bool) {
     (extra.name.clone(), extra.values.is_integer())
 }
@@ -115,7 +115,7 @@ mod tests {
         };
         let columns = |f: fn(u32) -> u32| (0..12).map(|i| f(i / 2)).collect::<Vec<u32>>();
         let floats = |f: fn(u32) -> u32| ExtraValues::F32(columns(f).iter().map(|v| *v as f32).collect());
-        // A measure that goes by tens, and labels of two halves.
+        // Measurements in steps of ten, and labels of two halves.
         assert!((splats(floats(|x| 10 * x)) - 7.0).abs() < 1e-5);
         assert_eq!(splats(ExtraValues::U32(columns(|x| 10 * x))), 10.0);
         assert_eq!(splats(floats(|x| if x < 1 { 5 } else { 9 })), 9.0);

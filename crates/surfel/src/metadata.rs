@@ -1,6 +1,7 @@
-//! What an image carries, so that it can be drawn again: version, scene, how it was drawn, and its inputs' hashes.
+//! Metadata in images from which they can be drawn again: version, scene, drawing options, and hashes of the inputs.
 //!
-//! Only what decides the image: neither threads nor names nor times, so that the same command writes the same bytes.
+//! Only what determines the image is stored, no threads, names or times, so that the same command writes the same
+//! bytes.
 
 use crate::Error;
 use crate::paths::{self, is_stdin};
@@ -17,53 +18,54 @@ use surfel_render::RendererInfo;
 
 /// This program's version.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
-/// Keyword of the version.
+/// Keyword of the program version.
 pub const VERSION_KEY: &str = "surfel:version";
 /// Keyword of the scene file, whose paths are relative to the image's folder.
 pub const SCENE_KEY: &str = "surfel:scene";
-/// Keyword of what decides the image beside the scene.
+/// Keyword of the drawing options that aren't part of the scene.
 pub const DRAWN_KEY: &str = "surfel:drawn";
 /// Keyword of the inputs and their hashes.
 pub const INPUTS_KEY: &str = "surfel:inputs";
 
-/// Bytes of the largest file that is hashed whole. To read all of a larger one, of which an image by levels needs a
-/// part, would take longer than the image.
+/// Largest file size in bytes that is hashed as a whole. Reading a larger file completely would take longer than
+/// drawing it with levels of detail.
 const WHOLE_BYTES: u64 = 256 << 20;
-/// Parts of a larger file that are hashed, the first at its beginning, the last at its end, and the bytes of each.
+/// Number of blocks of a larger file that are hashed, evenly spaced from its beginning to its end.
 const PARTS: u64 = 64;
+/// Bytes of each hashed block.
 const PART_BYTES: u64 = 1 << 20;
 
-/// A file that an image is made of.
+/// An input file of an image.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Input {
-    /// Absolute, or `-` for stdin.
+    /// Absolute path, or `-` for stdin.
     pub path: PathBuf,
-    /// What it holds.
+    /// Size and hash of the file.
     pub content: Content,
 }
 
-/// What a file holds.
+/// Identity of a file's content.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Content {
-    /// Size in bytes and SHA-256.
+    /// A file with known size and hash.
     Known {
-        /// Bytes.
+        /// Size in bytes.
         bytes: u64,
-        /// Hexadecimal digits; of a file beyond 256 MiB after `parts:`, which are those of 64 parts of 1 MiB, evenly
-        /// apart from its beginning to its end.
+        /// SHA-256 in hexadecimal digits. For a file beyond 256 MiB they follow `parts:`, and cover 64 blocks of 1 MiB,
+        /// evenly spaced from its beginning to its end.
         sha256: String,
     },
-    /// A pipe, which is read but once.
+    /// A pipe, which can be read only once.
     Unknown,
-    /// A file that another one refers to, and that isn't there.
+    /// A file that another file refers to, but that doesn't exist.
     Missing,
 }
 
-/// The files that a scene names and those that these refer to (`beside`), each once, with their hashes; paths are
-/// absolute. `stdin` is what the name `-` stands for.
+/// Returns the files that a scene names and the files they refer to (`beside`), each once, with hashes. Paths are
+/// absolute. `stdin` is the content for the name `-`.
 ///
 /// # Errors
-/// [`Error::Io`] for one that can't be read.
+/// [`Error::Io`] for a file that can't be read.
 pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>) -> Result<Vec<Input>, Error> {
     let mut names = beside.clone();
     paths::for_each(&mut file.clone(), |path| {
@@ -75,10 +77,10 @@ pub fn inputs(file: &SceneFile, beside: &BTreeSet<PathBuf>, stdin: Option<&[u8]>
     names.into_iter().map(|path| Ok(Input { content: content(&path, stdin)?, path })).collect()
 }
 
-/// Size and hash of a file, or of `stdin` where its name is `-`.
+/// Returns size and hash of a file, or of `stdin` if the path is `-`.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be read.
+/// [`Error::Io`] if the file can't be read.
 pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     if is_stdin(path) {
         let Some(bytes) = stdin else { return Ok(Content::Unknown) };
@@ -89,7 +91,7 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
         Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(Content::Missing),
         metadata => metadata.map_err(failed)?,
     };
-    // To open a pipe that nobody writes to would wait forever.
+    // Opening a pipe that nobody writes to would block forever.
     if !metadata.is_file() {
         return Ok(Content::Unknown);
     }
@@ -98,7 +100,7 @@ pub fn content(path: &Path, stdin: Option<&[u8]>) -> Result<Content, Error> {
     Ok(Content::Known { bytes, sha256 })
 }
 
-/// What [`Content::Known`] says of a file of so many bytes.
+/// Hashes a file of `bytes` bytes, in the form of [`Content::Known`].
 fn hash(mut file: impl Read + Seek, bytes: u64) -> std::io::Result<String> {
     let mut hash = Sha256::new();
     let mut block = vec![0; PART_BYTES as usize];
@@ -123,8 +125,8 @@ fn digits(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// How a camera's image is drawn, beside its scene: flags of `render` by their long names. What is said of the file's
-/// format is the caller's to add.
+/// Returns the drawing options of a camera's image besides its scene, as flags of `render` by their long names. Options
+/// of the file format are added by the caller.
 ///
 /// # Errors
 /// As [`RenderOptions::region_of`].
@@ -158,12 +160,12 @@ pub fn drawn(
     Ok(drawn)
 }
 
-/// The entries of an image in `folder`: of a scene with absolute paths, and its inputs.
+/// Returns the metadata entries of an image in `folder`, for a scene with absolute paths and its inputs.
 ///
-/// `None` if a path is not UTF-8, which JSON must be.
+/// Returns `None` if a path isn't UTF-8, since JSON must be UTF-8.
 ///
 /// # Errors
-/// None today.
+/// Never fails at present.
 pub fn entries(
     folder: &Path,
     scene: &SceneFile,
@@ -189,7 +191,7 @@ pub fn entries(
         (INPUTS_KEY, ascii(&Value::Array(list).to_string())),
     ];
     if is_exr {
-        // Compositors show an EXR's attributes, where parts are easier to read than the whole.
+        // Compositors display an EXR's attributes, where short entries are easier to read than the whole scene.
         let json = |value: serde_json::Result<String>| value.unwrap_or_default();
         entries.push(("surfel:camera", json(serde_json::to_string(&scene.camera))));
         entries.push(("surfel:settings", json(serde_json::to_string(&scene.settings))));
@@ -200,8 +202,8 @@ pub fn entries(
     Ok(Some(entries.into_iter().map(|(key, value)| (key.to_owned(), value)).collect()))
 }
 
-/// JSON in ASCII: other characters occur in strings alone, where they may be escaped. So it fits into a PNG's `tEXt`
-/// and an EXR's attributes.
+/// Converts JSON to ASCII. Other characters occur only in strings, where they can be escaped. The result fits into a
+/// PNG's `tEXt` and an EXR's attributes.
 fn ascii(json: &str) -> String {
     let mut text = String::with_capacity(json.len());
     for c in json.chars() {
@@ -238,7 +240,7 @@ mod tests {
         assert_eq!(content(&path, None).unwrap(), Content::Missing);
     }
 
-    /// Zeros but for one byte, which counts what is read.
+    /// A file of zeros except for one byte, which counts the bytes read.
     struct Large {
         at: u64,
         one: u64,

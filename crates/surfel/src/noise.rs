@@ -1,15 +1,16 @@
-//! Points that are no surface by what their file says: noise, and points that are withheld; and water, whose few
-//! returns are no outliers.
+//! Noise and withheld points, which belong to no surface according to their file; and water, whose sparse returns
+//! aren't outliers.
 
 use crate::LoadOptions;
 use crate::words::counted;
 use surfel_model::{Classes, CloudData, ExtraColumn, OnInvalid, SplatCloud};
 
-/// ASPRS's classes of low and high noise, and of water.
+/// ASPRS classes of low and high noise.
 const NOISE: [f64; 2] = [7.0, 18.0];
+/// ASPRS class of water.
 const WATER: f64 = 9.0;
 
-/// Points of a file that are no surface.
+/// Points of a file that belong to no surface.
 pub(crate) struct NoSurface {
     /// One flag per point, true for noise and withheld points.
     pub(crate) flags: Vec<bool>,
@@ -17,7 +18,7 @@ pub(crate) struct NoSurface {
     withheld: u64,
 }
 
-/// The points that are no surface, unless the options choose them by their class; `None`: there are none.
+/// Finds the points that belong to no surface, except those that the options select by class; `None` if there are none.
 pub(crate) fn no_surface(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoSurface> {
     let Judged { by_class, by_flag } = Judged::new(options);
     let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);
@@ -51,7 +52,7 @@ struct Judged {
 
 impl Judged {
     fn new(options: &LoadOptions) -> Self {
-        // A choice that names classes has them, noise too.
+        // A selection by class includes noise if it names it.
         let names_class = options.condition.as_ref().is_some_and(|text| text.to_ascii_lowercase().contains("class"));
         let are_named = matches!(options.classes, Some(Classes::All | Classes::Only(_)));
         Self { by_class: !are_named && !names_class, by_flag: options.classes != Some(Classes::All) }
@@ -65,7 +66,8 @@ pub(crate) fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
     flags.contains(&true).then_some(flags)
 }
 
-/// The splats of a cloud that are a surface, without attributes; `None` if all are or none is.
+/// Returns the splats of a cloud without noise and withheld points, and without attributes; `None` if all splats or
+/// none remain.
 pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
     let all = cloud.data();
     let found = no_surface(&all.extras, cloud.len(), &LoadOptions::default())?;

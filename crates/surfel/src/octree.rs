@@ -1,4 +1,4 @@
-//! Octrees of splats and polygons, made of a mesh.
+//! Octrees of splats and polygons built from a mesh.
 
 use crate::load::{LoadedMesh, load_mesh};
 use crate::{Error, LoadOptions};
@@ -8,7 +8,7 @@ use std::sync::Arc;
 use surfel_model::Octree;
 use surfel_sample::{OctreeOptions, Progress};
 
-/// Loads a mesh and puts it into an octree; also what the user should know.
+/// Loads a mesh and builds its octree. Also returns notes for the user.
 ///
 /// # Errors
 /// As [`crate::load`]; also [`Error::Unsuitable`] if the file holds no triangles.
@@ -24,7 +24,7 @@ pub fn load_octree(
         notes.push(what.into());
     }
     let mut mesh = Arc::unwrap_or_clone(mesh);
-    // A mere default is no statement: images judge by the shape then.
+    // A default up axis isn't stated in the octree file, so that renders estimate it from the shape.
     mesh.up = up_reason.map(|_| up);
     let sample = |source| Error::Sample { path: path.to_path_buf(), source };
     let octree_options =

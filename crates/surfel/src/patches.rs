@@ -1,38 +1,38 @@
-//! A small sample of a scene's surface, on which up and view are judged: its cost doesn't grow with the data.
+//! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
 
 use crate::equal;
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
 use surfel_model::{GaussianCloud, Geometry, Object};
 
-/// Patches that a sample has at most.
+/// Largest number of patches in a sample.
 pub(crate) const MOST: usize = 20_000;
-/// Patches below which a sample says nothing of a shape.
+/// Fewest patches from which a shape can be estimated.
 const FEWEST: usize = 24;
-/// Patches that may lie far out, as a share, and how many times as far as the rest that is ([`crate::framing`] frames
-/// without them too).
+/// Stray patches: their largest fraction of a sample, and their least distance relative to the rest. [`crate::framing`]
+/// ignores them too.
 const STRAY: (f64, f64) = (1.0 / 200.0, 4.0);
 
 /// A piece of surface. Lengths are in units of the sample's `scale`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
-    /// Its centre, from the sample's middle; at most 1 long.
+    /// Centre relative to the sample's middle; its length is at most 1.
     pub(crate) position: DVec3,
     /// Unit outward normal.
     pub(crate) normal: DVec3,
-    /// Half-axes, grown by what the sample leaves out, so that the patches still cover the surface.
+    /// Half-axes, enlarged so that the sampled patches still cover the surface.
     pub(crate) axes: [DVec3; 2],
     /// Area of the ellipse with these half-axes, over π.
     pub(crate) area: f64,
     /// Linear RGB.
     pub(crate) color: [f32; 3],
-    /// Whether the normal says which side is outside: that of a Gaussian is either of two.
+    /// True if the normal distinguishes outside from inside; a Gaussian's normal has an arbitrary sign.
     pub(crate) has_sides: bool,
-    /// True if the normal comes from a file, rather than from the points around, and fits the layout of these.
+    /// True if the normal is stored in the file, not estimated from neighbouring points, and fits the points' layout.
     pub(crate) is_given: bool,
 }
 
-/// Cosine of the angle between the normal of a disk and its shading normal (20°) from which the latter fits the former.
+/// Least cosine between a disk's normal and its shading normal for the latter to fit the layout (20°).
 const FITS: f64 = 0.94;
 
 /// A sample of a scene's surface, without stray points.
@@ -41,15 +41,15 @@ pub(crate) struct Patches {
     pub(crate) all: Vec<Patch>,
     /// World position that the patches' positions are relative to: the middle of their bounds.
     pub(crate) middle: DVec3,
-    /// World length that is 1 here: half the diagonal of their bounds.
+    /// World length of one unit here: half the diagonal of the patches' bounds.
     pub(crate) scale: f64,
     /// Sum of the patches' areas.
     pub(crate) area: f64,
-    /// Their mean position, by area.
+    /// Mean position of the patches, weighted by area.
     pub(crate) centroid: DVec3,
 }
 
-/// Spreads the numbers of a sample, so that its step never falls in with an order of the data.
+/// Hashes sample numbers, so that the sampling step never aligns with an order of the data.
 fn scattered(i: u64) -> u64 {
     // The finaliser of SplitMix64 (Steele, Lea, Flood 2014).
     let z = (i ^ (i >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
@@ -57,7 +57,7 @@ fn scattered(i: u64) -> u64 {
     z ^ (z >> 31)
 }
 
-/// Number of splats or triangles of a geometry.
+/// Counts the splats or triangles of a geometry.
 fn count(geometry: &Geometry) -> usize {
     match geometry {
         Geometry::Splats(cloud) => cloud.len(),
@@ -68,7 +68,7 @@ fn count(geometry: &Geometry) -> usize {
 }
 
 impl Patches {
-    /// A sample of these objects; `None` where there are too few splats to tell a shape, or no finite extent.
+    /// Samples these objects; `None` if there are too few splats to estimate a shape, or their extent isn't finite.
     pub(crate) fn of(objects: &[Object]) -> Option<Self> {
         let total: usize = objects.iter().map(|o| count(&o.geometry)).sum();
         let wanted = total.min(MOST);
@@ -90,8 +90,8 @@ impl Patches {
         Self::normalised(all)
     }
 
-    /// This sample of objects, or that of one of them where all are equal, or of one of its equal parts: two things are
-    /// judged as each of them would be.
+    /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
+    /// equal things are then judged as one of them would be.
     pub(crate) fn one_of(self, objects: &[Object]) -> Self {
         if let [first, others @ ..] = objects
             && !others.is_empty()
@@ -106,7 +106,7 @@ impl Patches {
         equal::one_part(&self).unwrap_or(self)
     }
 
-    /// The sample of some of the patches.
+    /// Returns a sample of some of the patches, by their indices.
     pub(crate) fn some(&self, numbers: &[usize]) -> Option<Self> {
         let in_world = |number: &usize| {
             let p = self.all[*number];
@@ -151,19 +151,19 @@ impl Patches {
         Some(Self { centroid: patches.mean(|p| p.position), ..patches })
     }
 
-    /// The mean of a vector over the surface.
+    /// Returns the area-weighted mean of a vector over the surface.
     pub(crate) fn mean(&self, of: impl Fn(&Patch) -> DVec3) -> DVec3 {
         self.all.iter().map(|p| of(p) * p.area).sum::<DVec3>() / self.area
     }
 
-    /// Lengths of the bounds.
+    /// Returns the lengths of the bounds.
     pub(crate) fn extent(&self) -> DVec3 {
         let fold = |f: fn(DVec3, DVec3) -> DVec3| self.all.iter().map(|p| p.position).reduce(f).unwrap_or_default();
         fold(DVec3::max) - fold(DVec3::min)
     }
 }
 
-/// Adds the splats or triangles of these numbers, in world space.
+/// Adds the numbered splats or triangles of an object, in world space.
 fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all: &mut Vec<Patch>) {
     let m = object.world_from_object;
     let flip = if m.matrix3.determinant() < 0.0 { -1.0 } else { 1.0 };
@@ -217,7 +217,7 @@ fn take(object: &Object, numbers: impl Iterator<Item = usize>, growth: f64, all:
     }
 }
 
-/// The colour of a Gaussian from all sides, by its constant harmonic.
+/// Returns a Gaussian's linear colour averaged over directions: its constant harmonic.
 fn color_of(gaussians: &GaussianCloud, i: usize) -> [f32; 3] {
     let constant = gaussians.coefficients(i).get(..1).unwrap_or_default();
     let color = gaussian::color(constant, [0.0; 3]);

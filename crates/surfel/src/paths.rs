@@ -1,4 +1,4 @@
-//! A scene file's paths, absolute while the program works and relative where it is written.
+//! Paths in scene files: absolute in memory, relative in written files.
 
 use crate::Error;
 use crate::load::STDIN;
@@ -7,40 +7,40 @@ use surfel_io::IoError;
 use surfel_io::{ShowPath as _, ShownPath};
 use surfel_model::SceneFile;
 
-/// True for the name `-`.
+/// True for the name `-`, which means stdin.
 pub fn is_stdin(path: &Path) -> bool {
     path.as_os_str() == STDIN
 }
 
-/// An input's name in messages.
+/// Returns an input's name for messages.
 pub fn display(path: &Path) -> ShownPath<'_> {
     if is_stdin(path) { Path::new("stdin").shown() } else { path.shown() }
 }
 
-/// The path from the root, without looking at the disk.
+/// Makes a path absolute without accessing the disk.
 ///
 /// # Errors
-/// [`Error::Io`] where the current folder is gone.
+/// [`Error::Io`] if the current folder no longer exists.
 pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     let action = "find where it is";
     let failed = |source| IoError::System { path: path.to_path_buf(), action, source }.into();
     std::path::absolute(path).map_err(failed)
 }
 
-/// Calls `change` with every path of a scene file, but the name of stdin.
+/// Calls `change` with every path of a scene file except the name of stdin.
 ///
 /// # Errors
-/// The first one of `change`.
+/// The first error of `change`.
 pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Result<(), Error>) -> Result<(), Error> {
     let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture.file]);
     let paths = objects.chain([&mut file.matcap]).flatten();
     paths.filter(|path| !is_stdin(path)).try_for_each(&mut change)
 }
 
-/// A scene file of absolute paths with paths relative to `folder`, which exists.
+/// Returns a scene file with its absolute paths made relative to `folder`, which must exist.
 ///
 /// # Errors
-/// None today.
+/// Never fails at present.
 pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> {
     let mut file = file.clone();
     for_each(&mut file, |path| {
@@ -50,9 +50,11 @@ pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> 
     Ok(file)
 }
 
-/// The way from `folder` to an absolute path, with slashes; the path itself where there is none (another drive).
+/// Returns the relative path from `folder` to an absolute path, with slashes. If there is none (another drive), returns
+/// the path itself.
 ///
-/// Both folders are taken without symbolic links, because `..` out of a link doesn't lead back to where it lies.
+/// Symbolic links in both folders are resolved first, because `..` from a link doesn't lead to the folder that contains
+/// it.
 pub fn relative(path: &Path, folder: &Path) -> PathBuf {
     let real = |folder: &Path| std::fs::canonicalize(folder).or_else(|_| std::path::absolute(folder));
     let (Some(parent), Some(name), Ok(folder)) = (path.parent(), path.file_name(), real(folder)) else {
@@ -75,7 +77,7 @@ pub fn relative(path: &Path, folder: &Path) -> PathBuf {
         }
         text.push(step);
     }
-    // The one name that would be taken for stdin.
+    // The only relative path that would be mistaken for stdin.
     if text == *"-" { PathBuf::from("./-") } else { PathBuf::from(text) }
 }
 

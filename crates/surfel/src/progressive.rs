@@ -1,31 +1,33 @@
-//! Scenes that get finer: a coarse one soon, and then the whole.
+//! Progressive loading: a coarse scene soon, then finer ones up to the full scene.
 
 use crate::request::{Request, Resolved};
 use crate::{Error, levels};
 use std::sync::Arc;
 use surfel_sample::Progress;
 
-/// Points of the coarsest scene, of each file.
+/// Largest number of points per file in the coarsest scene.
 pub const FIRST_POINTS: u32 = 100_000;
-/// Coarse scenes of files with levels.
+/// Number of coarse scenes of files with levels of detail.
 const STEPS: u32 = 2;
 
-/// How much of its files a scene shows.
+/// Level of detail of a progressively loaded scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Detail {
-    /// A part, and a finer scene follows.
+    /// A coarse scene; a finer one follows.
     Coarse,
-    /// What the request asks for: this is the last.
+    /// The full scene as requested; the last one.
     Full,
 }
 
-/// Loads and resolves a request as scenes that get finer, and hands over each when it is there, the full one last: the
-/// same as [`Request::load`] and [`Request::resolve`] give. `note` is told what concerns that.
+/// Loads and resolves a request as successively finer scenes, and passes each to `each` when it is ready. The last is
+/// the full scene, as [`Request::load`] and [`Request::resolve`] return it. Notes on the full scene are passed to
+/// `note`.
 ///
-/// Where files have levels (COPC), two coarse scenes come before it, of 1/64 and 1/16 of its points at most, but not
-/// fewer than [`FIRST_POINTS`], and of splats up to 16 and 4 times as large; all have the same camera. Where none has,
-/// scans of more than [`FIRST_POINTS`] are read twice: so many of each, evenly chosen, are one coarse scene, with the
-/// camera that they are framed by. Anything else comes once.
+/// If files have levels of detail (COPC), two coarse scenes come first. They have at most 1/64 and 1/16 of the full
+/// scene's points, but no fewer than [`FIRST_POINTS`], and their splats are up to 16 and 4 times as large. All scenes
+/// have the same camera. If no file has levels and scans have more than [`FIRST_POINTS`], they are read twice. One
+/// coarse scene then shows [`FIRST_POINTS`] of each, evenly selected, and its own framed camera. In all other cases
+/// only the full scene is passed.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel::Error> {
@@ -43,7 +45,7 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// As [`Request::load`] and [`Request::resolve`]; those of `each`, which end it.
+/// As [`Request::load`] and [`Request::resolve`]; an error of `each` ends the loading.
 pub fn resolve<E: From<Error>>(
     request: Request,
     stdin: Option<Arc<[u8]>>,
@@ -72,7 +74,7 @@ pub fn resolve<E: From<Error>>(
             each(coarse.resolve(loaded, progress, &mut |_| ())?, Detail::Coarse)?;
             loaded = request.load(stdin, progress)?;
         } else if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
-            // It is all there, and nobody has asked for fewer points.
+            // All points were loaded, and no option asks for fewer.
             loaded.unused.retain(|(_, option)| option.option != "max_points");
         }
     }

@@ -1,4 +1,4 @@
-//! What may be said about an image and about the files that it shows: the flags of `surfel render`, as data.
+//! Options for an image and the files in it: the flags of `surfel render` as data.
 
 use crate::Error;
 use crate::camera::CameraSource;
@@ -13,7 +13,7 @@ use surfel_model::{
 };
 use surfel_render::{Planes, Preset, Region};
 
-/// The flags of `surfel render` that decide what an image shows. What isn't said is left to the scene file, the preset
+/// The flags of `surfel render` that determine an image. Values that aren't set come from the scene file, the preset
 /// and the defaults, in this order ([`crate::request`]).
 ///
 /// ```
@@ -26,104 +26,105 @@ use surfel_render::{Planes, Preset, Region};
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct RenderOptions {
-    /// How files become splats.
+    /// Options for converting files to splats.
     pub splats: SplatOptions,
     /// Image width and height in pixels.
     pub size: Option<[u32; 2]>,
-    /// A scene file's camera object.
+    /// Camera in the form of a scene file's camera object.
     pub camera: Option<CameraSource>,
-    /// Lights in place of the scene's, or of those that stay with the camera; no flag has them.
+    /// Lights that replace the scene's, or the default ones that follow the camera; there is no flag for them.
     pub lights: Option<Vec<Light>>,
-    /// Cameras of another program give the images: one light along the view serves all, and near planes are chosen.
+    /// True if the images are taken from another program's cameras. One light along the view then serves all of them,
+    /// and near planes are chosen automatically.
     pub cameras: bool,
-    /// Where to look from.
+    /// Side from which the scene is viewed.
     pub view: Option<ViewChoice>,
-    /// Position of the eye, world units.
+    /// Position of the eye in world units.
     pub eye: Option<[f64; 3]>,
-    /// Point to look at, world units.
+    /// Point that the camera is aimed at, in world units.
     pub target: Option<[f64; 3]>,
-    /// Direction that appears upward; not zero.
+    /// Direction that appears upward in the image; not zero.
     pub camera_up: Option<[f64; 3]>,
-    /// The scene's up axis; `Some(None)`: as the file or its format says, else by the shape.
+    /// Up axis of the scene; `Some(None)`: as the file or its format states, else estimated from the shape.
     pub up: Option<Option<Up>>,
     /// The part of the image that is rendered.
     pub region: Option<Region>,
-    /// Only this band of the image's rows is rendered, of so many.
+    /// Tile of the image to render: one of several bands of rows.
     pub tile: Option<Part>,
     /// Vertical field of view, in degrees between 0 and 180.
     pub fov_y: Option<f64>,
-    /// Parallel projection.
+    /// True for parallel projection.
     pub ortho: bool,
-    /// Named trade of speed for accuracy.
+    /// Named trade-off between speed and accuracy.
     pub preset: Option<Preset>,
     /// Screen-space filter.
     pub filter: Option<Filter>,
-    /// How splats are mapped to the screen.
+    /// Projection of splats to the screen.
     pub mapping: Option<Mapping>,
     /// Kernel cutoff: more than 0, at most 50.
     pub cutoff: Option<f64>,
-    /// Least half-width of a filtered splat, in pixels.
+    /// Least half-width of a filtered splat in pixels.
     pub prefilter: Option<f64>,
-    /// How far behind the nearest surface splats still blend.
+    /// Depth range behind the nearest surface in which splats are blended with it.
     pub depth_tolerance: Option<DepthTolerance>,
-    /// Precision of sums, at least.
+    /// Least precision of sums.
     pub accumulate: Option<Accumulate>,
-    /// How transparent splats are drawn.
+    /// Method for drawing transparent splats.
     pub transparency: Option<Transparency>,
-    /// How trained Gaussians are drawn; `None`: over one another, unless options are given that surfaces alone have a
-    /// use for.
+    /// Compositing of trained Gaussians. `None`: over one another, unless an option is given that applies only to
+    /// surfaces.
     pub composite: Option<Composite>,
-    /// In which order trained Gaussians are drawn over one another.
+    /// Order in which trained Gaussians are composited.
     pub sort: Option<Sort>,
-    /// How clip curves are evaluated.
+    /// Evaluation of clip curves.
     pub clip: Option<ClipPolicy>,
-    /// How pixels are shaded.
+    /// Shading of pixels.
     pub shader: Option<Shader>,
-    /// Image of a lit sphere for the shader matcap, which this chooses; `builtin` is one without a file.
+    /// Image of a lit sphere, which selects the shader matcap; `builtin` is the built-in image.
     pub matcap: Option<PathBuf>,
-    /// Octrees and COPC files: splats of at most this many pixels.
+    /// Largest projected splat size in pixels, for octrees and COPC files.
     pub lod_error: Option<f64>,
-    /// COPC files: all points, not only as many as the view needs.
+    /// True if all points of COPC files are drawn, not only those that the view needs.
     pub all_levels: bool,
-    /// Lights cast shadows.
+    /// True if lights cast shadows.
     pub shadows: bool,
-    /// How edges are antialiased.
+    /// Antialiasing of edges.
     pub edge_aa: Option<EdgeAa>,
-    /// Background: linear RGB and straight alpha.
+    /// Background colour: linear RGB and straight alpha.
     pub background: Option<[f64; 4]>,
-    /// So many unfiltered samples along a pixel's side (backend reference only).
+    /// Number of unfiltered samples along a pixel's side (backend reference only).
     pub samples: Option<u32>,
-    /// Planes besides others: some of [`RenderOptions::MORE_PLANES`].
+    /// Additional planes, from [`RenderOptions::MORE_PLANES`].
     pub planes: Vec<String>,
-    /// The attribute that the plane `label` shows, which this asks for; `None`: [`crate::labels::DEFAULT_LABEL`].
+    /// Attribute for the plane `label`, which this option adds; `None`: [`crate::labels::DEFAULT_LABEL`].
     pub label: Option<String>,
-    /// The framed camera leaves room for the scene to turn about its up axis.
+    /// True if the framed camera leaves room for the scene to turn about its up axis.
     pub turntable: bool,
-    /// Interior weights are estimated for the preset that the image is verified against.
+    /// True if interior weights are estimated for verifying the image against a preset.
     pub verify: bool,
 }
 
-/// How files become splats: the flags that `surfel render` and `surfel convert` share.
+/// Options for converting files to splats: the flags that `surfel render` and `surfel convert` share.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct SplatOptions {
-    /// All but the others here, by the names of a scene file's `convert`.
+    /// Options that scene files also have, in their `convert`.
     pub convert: ConvertOptions,
-    /// Splats that face away are left out, or none; `None`: those of what closes.
+    /// Culling of splats that face away; `None`: only those of watertight objects are culled.
     pub cull: Option<Cull>,
-    /// True if images of one input each share a range ([`crate::request::shared_coloring`]).
+    /// True if images of one input each share a value range ([`crate::request::shared_coloring`]).
     pub shared_range: bool,
-    /// Image of the colours of values to write.
+    /// Image file for the colour bar.
     pub colorbar: Option<PathBuf>,
-    /// Colouring that the image shows, if the values of other images count, too.
+    /// Colouring shared with other images; `None`: from this image's values alone.
     pub legend: Option<Arc<Coloring>>,
-    /// An existing file of that name is overwritten.
+    /// True if an existing colour-bar file is overwritten.
     pub force: bool,
-    /// Most bytes of memory that points may take; `None`: [`crate::memory::default_budget`].
+    /// Memory budget for points in bytes; `None`: [`crate::memory::default_budget`].
     pub memory: Option<u64>,
 }
 
-/// Filters that trained Gaussians are drawn with.
+/// Filters for trained Gaussians.
 const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 
 fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
@@ -136,11 +137,11 @@ fn file(text: &str) -> Result<PathBuf, String> {
 }
 
 impl SplatOptions {
-    /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`. False for a name that
-    /// is none of these flags.
+    /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`. Returns false if no
+    /// such flag exists here.
     ///
     /// # Errors
-    /// What was expected, if the text is no value of the flag.
+    /// What was expected, if the text isn't a valid value of the flag.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
         let convert = &mut self.convert;
         match flag {
@@ -176,7 +177,7 @@ impl SplatOptions {
         Ok(true)
     }
 
-    /// Takes a value of `--range`.
+    /// Sets the value of `--range`.
     pub fn set_range(&mut self, choice: RangeChoice) {
         (self.shared_range, self.convert.range) = match choice {
             RangeChoice::Shared => (true, None),
@@ -184,7 +185,7 @@ impl SplatOptions {
         };
     }
 
-    /// Takes the colouring of all images ([`crate::request::shared_coloring`]).
+    /// Sets the colouring shared by all images ([`crate::request::shared_coloring`]).
     pub fn set_coloring(&mut self, coloring: Coloring) {
         match &coloring.scale {
             ColorScale::Range { range, .. } => self.set_range(RangeChoice::Values(*range)),
@@ -196,16 +197,16 @@ impl SplatOptions {
         self.legend = Some(Arc::new(coloring));
     }
 
-    /// Adds a condition; all of them must hold.
+    /// Adds a condition; all conditions must hold.
     pub fn add_condition(&mut self, condition: String) {
         let known = self.convert.condition.take();
         self.convert.condition = Some(Condition::all(&known.into_iter().chain([condition]).collect::<Vec<_>>()));
     }
 
-    /// Takes a value of `--texture`: the name of a sampling, or else a texture's file.
+    /// Sets a value of `--texture`: the name of a sampling method, or else a texture file.
     ///
     /// # Errors
-    /// What is expected, if there is one of its kind already.
+    /// What was expected, if a value of the same kind was given before.
     pub fn add_texture(&mut self, value: PathBuf) -> Result<(), String> {
         let option = &mut self.convert.texture;
         let is_first = match value.to_str().and_then(TextureSampling::from_name) {
@@ -232,7 +233,7 @@ impl SplatOptions {
         .find_map(|(both, flags)| both.then_some(flags))
     }
 
-    /// Refuses flags that contradict or need each other.
+    /// Refuses flags that contradict each other or need another flag.
     ///
     /// # Errors
     /// [`Error::Usage`] naming two flags.
@@ -249,8 +250,8 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
-    /// The names that [`RenderOptions::planes`] may hold: of what is nearest, of Gaussians, and two that every file of
-    /// planes has.
+    /// Names that [`RenderOptions::planes`] may contain: planes of the nearest splat, planes of Gaussians, and depth
+    /// and normal, which every file of planes has.
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
@@ -258,17 +259,17 @@ impl RenderOptions {
         self.planes.iter().any(|asked| asked == plane)
     }
 
-    /// Whether splats are drawn with their rows.
+    /// True if splats need their row numbers.
     pub(crate) fn wants_rows(&self) -> bool {
         self.asks_for("index") || self.asks_for("object")
     }
 
-    /// Whether splats are drawn with their labels.
+    /// True if splats need their labels.
     pub(crate) fn wants_label(&self) -> bool {
         self.label.is_some() || self.asks_for("label")
     }
 
-    /// The first option that is given and that surfaces alone have a use for.
+    /// Returns the first given option that applies only to surfaces.
     pub(crate) fn of_surfaces(&self) -> Option<&'static str> {
         let convert = ConvertOptions {
             repair: false,
@@ -298,7 +299,7 @@ impl RenderOptions {
         given.into_iter().find_map(|(is_given, flag)| is_given.then_some(flag))
     }
 
-    /// These planes and those that the options ask for.
+    /// Adds the planes that the options ask for to `others`.
     #[must_use]
     pub fn planes_besides(&self, others: Planes) -> Planes {
         let others = others.with_index(others.index || self.wants_rows());
@@ -314,8 +315,8 @@ impl RenderOptions {
     /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`.
     ///
     /// # Errors
-    /// What was expected, if the text is no value of the flag or there is no such flag here: flags on who draws,
-    /// and on what is written, are the caller's.
+    /// What was expected, if the text isn't a valid value of the flag, or no such flag exists here. Flags for backends
+    /// and output files are handled by the caller.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<(), String> {
         if self.splats.set(flag, text)? {
             return Ok(());
@@ -364,7 +365,7 @@ impl RenderOptions {
         Ok(())
     }
 
-    /// Refuses flags that contradict or need each other.
+    /// Refuses flags that contradict each other or need another flag.
     ///
     /// # Errors
     /// [`Error::Usage`] naming two flags.
@@ -404,7 +405,8 @@ impl RenderOptions {
         }
     }
 
-    /// The part of a camera's image that is rendered: a tile is a band of rows, as wide as the image. `None`: all.
+    /// Returns the region of a camera's image to render; a tile is a band of rows across the whole width. `None`: the
+    /// whole image.
     ///
     /// # Errors
     /// [`Error::Usage`] for more tiles than the image has rows.

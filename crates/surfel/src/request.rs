@@ -1,4 +1,4 @@
-//! From inputs and options to one scene: option > scene-file key > preset > default.
+//! Resolution of inputs and options into one scene. Precedence: option, scene-file key, preset, default.
 
 pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
@@ -31,33 +31,33 @@ use surfel_model::{
 use surfel_render::{Preset, Sight, View};
 use surfel_sample::Progress;
 
-/// What an image is of.
+/// Source of an image.
 pub enum Source {
     /// A scene file.
     Scene(Box<SceneSource>),
-    /// Files that make one scene.
+    /// Files of geometry that form one scene.
     Geometry(Vec<PathBuf>),
 }
 
 /// A scene file that has been read.
 pub struct SceneSource {
-    /// What it says.
+    /// Content of the scene file.
     pub file: SceneFile,
-    /// Which keys its `settings` have.
+    /// Keys that its `settings` object has.
     pub keys: BTreeSet<String>,
-    /// What messages call it.
+    /// Name of the scene file in messages.
     pub name: PathBuf,
-    /// What its paths are relative to.
+    /// Folder that the scene file's paths are relative to.
     pub base: PathBuf,
 }
 
 impl Source {
-    /// What these inputs are.
+    /// Reads a scene file, or collects files of geometry.
     ///
-    /// `stdin` is what the name `-` stands for, where it is among them.
+    /// `stdin` is the content for the name `-`, if it is among the inputs.
     ///
     /// # Errors
-    /// [`Error::Io`] for a scene file that can't be read, [`Error::Usage`] for one that isn't alone.
+    /// [`Error::Io`] for a scene file that can't be read, [`Error::Usage`] for a scene file that isn't the only input.
     pub fn of(inputs: &[PathBuf], stdin: Option<&[u8]>) -> Result<Self, Error> {
         for path in inputs {
             let scene = if is_stdin(path) {
@@ -84,7 +84,7 @@ impl Source {
     }
 }
 
-/// True for JSON with the keys of a scene file, which glTF hasn't.
+/// True for JSON with the keys of a scene file; glTF has other keys.
 fn looks_like_scene(bytes: &[u8]) -> bool {
     let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
     if !json.trim_ascii_start().starts_with(b"{") {
@@ -94,25 +94,25 @@ fn looks_like_scene(bytes: &[u8]) -> bool {
     json.get("asset").is_none() && (json.get("camera").is_some() || json.get("objects").is_some())
 }
 
-/// A scene, and the scene file that gives the same image. Its paths are absolute, or `-` for stdin.
+/// A loaded scene, and the scene file that produces the same image. The file's paths are absolute, or `-` for stdin.
 #[derive(Clone, Debug)]
 pub struct Resolved {
     /// The scene file.
     pub file: SceneFile,
-    /// The scene, with everything loaded.
+    /// The scene, with all files loaded.
     pub scene: Scene,
-    /// What it turns about.
+    /// Axis and centre of a turntable movie.
     pub turntable: Turntable,
-    /// The scene's up axis: as the options, the file or its objects say.
+    /// Up axis of the scene: from the options, the scene file or its objects.
     pub up: Up,
-    /// True if a scene file or a file of a camera gave the camera, and not the scene's shape.
+    /// True if the camera comes from a scene file or a camera file, not from framing the scene.
     pub has_own_camera: bool,
-    /// Files that the objects' files refer to, found or not; absolute.
+    /// Absolute paths of files that the objects' files refer to, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
 }
 
 impl Resolved {
-    /// The camera that these options ask for, which start from `given` or else the scene's own camera.
+    /// Returns the camera for these options, starting from `given` or else the scene's own camera.
     pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
         let given = given.unwrap_or(&self.file.camera);
         let reframed = camera::reframe(given, &self.scene, self.up, options);
@@ -121,7 +121,7 @@ impl Resolved {
         camera
     }
 
-    /// Camera of a frame of a turn in so many, and the scene with its lights moved where they have to.
+    /// Returns the camera of frame `index` of a turn of `frames` frames, and the scene if its lights move.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
             return (self.file.camera.clone(), None);
@@ -134,18 +134,19 @@ impl Resolved {
     }
 }
 
-/// Which pictures are drawn of a scene. Of large files of levels ([`crate::levels`]) as much is read as all of them
-/// need.
+/// Images to be drawn of a scene. From large COPC files ([`crate::levels`]) only the nodes that these images need are
+/// read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Pictures {
-    /// One, from the scene's camera.
+    /// One image, from the scene's camera.
     #[default]
     One,
-    /// One from each of another program's cameras.
+    /// One image from each of another program's cameras.
     Cameras(Vec<Camera>),
-    /// So many of a turn about the scene.
+    /// A turn around the scene, with this number of images.
     Turn(u32),
-    /// Any, not known yet: all is read. Of what was read for others the coarsest levels stay.
+    /// Any number of images from cameras that aren't known yet, so all points are read. If nodes were selected for
+    /// other images before, only the coarsest levels remain.
     Any,
 }
 
@@ -154,7 +155,7 @@ impl Pictures {
         if let Self::Cameras(cameras) = self { cameras.first() } else { None }
     }
 
-    /// The views of all pictures, by the scene's camera.
+    /// Returns the views of all images, given the scene's camera.
     fn views(&self, camera: &Camera, turntable: &Turntable, options: &RenderOptions) -> Result<Vec<View>, Error> {
         let turned = |i: u32, frames: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
         match self {
@@ -165,7 +166,7 @@ impl Pictures {
     }
 }
 
-/// Images that are asked for, their options applied, before anything is loaded.
+/// A request for images with its options applied, before anything is loaded.
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel::Error> {
@@ -185,21 +186,21 @@ pub struct Request {
     camera: Option<Camera>,
     settings: Settings,
     objects: Vec<ObjectFile>,
-    /// What the objects' paths are relative to.
+    /// Folder that the objects' paths are relative to.
     base: PathBuf,
-    /// The scene file, if there is one, and its name.
+    /// The scene file and its name, if there is one.
     scene: Option<(SceneFile, PathBuf)>,
-    /// True if the scene file has lights, and nothing chooses a shader.
+    /// True if the scene file has lights but neither it nor the options choose a shader.
     has_unused_lights: bool,
     level_store: Arc<LevelStore>,
 }
 
 impl Request {
-    /// Applies options.
+    /// Creates a request from a source and options.
     ///
     /// # Errors
     /// [`Error::Usage`] for options that contradict each other, [`Error::Unsuitable`] for numbers of a scene file that
-    /// are out of range, [`Error::Io`] for a file of a camera that can't be read.
+    /// are out of range, [`Error::Io`] for a camera file that can't be read.
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
         let given = pictures.first_camera().cloned();
@@ -230,7 +231,7 @@ impl Request {
         if let Some(given) = &given {
             file.camera = given.clone();
         }
-        // Numbers out of range are told before minutes go into loading.
+        // Reports numbers out of range before minutes are spent loading.
         let out_of_range = |e: ModelError| out_of_range(&name, &e);
         file.settings.validate().map_err(out_of_range)?;
         if options.view.is_none() {
@@ -250,13 +251,13 @@ impl Request {
         Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store })
     }
 
-    /// With what stays of files by levels from one picture to the next, for requests that follow one another.
+    /// Shares a cache of files with levels of detail between successive requests.
     #[must_use]
     pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
         Self { level_store, ..self }
     }
 
-    /// The same for other pictures.
+    /// Returns the same request for other images.
     #[must_use]
     pub fn with_pictures(mut self, pictures: Pictures) -> Self {
         if let Some(camera) = pictures.first_camera() {
@@ -266,7 +267,7 @@ impl Request {
         Self { pictures, ..self }
     }
 
-    /// Whether the points of a file don't fit into memory all at once, so that each picture needs its own choice of
+    /// True if the points of some file don't fit into memory at once, so that each image needs its own selection of
     /// levels.
     pub fn exceeds_memory(&self) -> bool {
         let options = self.load_options(None);
@@ -277,19 +278,19 @@ impl Request {
         self.objects.iter().any(|object| exceeds(object).is_some())
     }
 
-    /// The objects, whose paths are relative to the scene file's folder.
+    /// Returns the objects, whose paths are relative to the scene file's folder.
     pub fn objects(&self) -> &[ObjectFile] {
         &self.objects
     }
 
-    /// Files of points and splats.
+    /// Returns the paths of point and splat files.
     pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
         let named = self.objects.iter().filter_map(|object| object.splats.as_ref());
         named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
     }
 
-    /// The same of fewer points, as `most` makes of how many there are at most, and of levels whose splats are so many
-    /// times as large.
+    /// Returns a coarser version of the request. `most` maps the current point limit to the coarser one, and the
+    /// largest projected splat size is multiplied by `times`.
     pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
         let mut coarse = self.clone();
         coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
@@ -301,15 +302,15 @@ impl Request {
             settings.lod_error_px = (settings.lod_error_px * times).min(MOST_LOD_ERROR_PX);
         };
         std::iter::once(&mut coarse.settings).chain(scene).for_each(coarsen);
-        // The full scene's is written.
+        // Only the full scene's colour bar is written.
         coarse.options.splats.colorbar = None;
         coarse
     }
 
-    /// How the objects are loaded, large files of levels as far as placing a camera takes it; `stdin` is what the name
-    /// `-` stands for.
+    /// Returns the options for loading the objects. Of large COPC files they read an overview, enough to place a
+    /// camera. `stdin` is the content for the name `-`.
     pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
-        // The preset that an image is verified against antialiases edges.
+        // Verification compares with a preset that antialiases edges.
         let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
         let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
@@ -346,18 +347,20 @@ impl Request {
         Ok(loaded)
     }
 
-    /// Whether the files themselves say how Gaussians are drawn.
+    /// True if the files decide how Gaussians are drawn, not a scene file or an option.
     fn tells_composite(&self) -> bool {
         self.scene.is_none() && self.options.composite.is_none() && self.options.of_surfaces().is_none()
     }
 
-    /// The scene of these objects, framed and lit where no scene file does, with the levels of large files that its
-    /// pictures need. `note` is told what the user should know, as sentences without a full stop.
+    /// Assembles the scene from its objects, with automatic framing and lighting unless a scene file defines them.
+    /// Reads the levels of large files that its images need. Passes notes for the user to `note`, as sentences without
+    /// a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that nothing has a use for or that make a camera that can't be, [`Error::Model`]
-    /// and [`Error::Unsuitable`] for objects that can't be framed and numbers out of range, [`Error::Io`] for a matcap
-    /// that can't be read; as [`load_objects`].
+    /// - [`Error::Usage`] for options without effect or for an invalid camera;
+    /// - [`Error::Model`] and [`Error::Unsuitable`] for objects that can't be framed and numbers out of range;
+    /// - [`Error::Io`] for a matcap that can't be read;
+    /// - otherwise as [`load_objects`].
     pub fn resolve(
         mut self,
         loaded: LoadedObjects,
@@ -373,7 +376,7 @@ impl Request {
         }
     }
 
-    /// Reads what the pictures need of files of levels.
+    /// Reads the levels of large files that the images need.
     fn refine(
         &self,
         mut loaded: LoadedObjects,
@@ -383,7 +386,7 @@ impl Request {
     ) -> Result<LoadedObjects, Error> {
         if is_partial(&loaded) && self.pictures != Pictures::Any {
             let views = self.pictures.views(&file.camera, turntable, &self.options)?;
-            // What is out of sight may cast a shadow into it.
+            // Geometry outside the frustum may cast a shadow into it.
             let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
             let sight_px = (!casts_shadows).then(|| Sight::margin_px(&file.settings));
             let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
@@ -418,7 +421,7 @@ impl Request {
             file.lights = Some(lights.clone());
         }
         if options.shadows {
-            // Nobody sees the shadows of the default headlight.
+            // Shadows of the default headlight are never visible.
             file.lights = file.lights.take().map(with_shadows);
         }
         let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
@@ -429,7 +432,7 @@ impl Request {
         file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
         camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
         cull(&mut file, options);
-        // A scene file's camera turns about what it looks at, about the scene's up axis or else its own.
+        // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
@@ -477,7 +480,7 @@ impl Request {
                 note(format!("seen from --view {angles} (azimuth and elevation; {reason})"));
                 ViewChoice::From(angles)
             }
-            // Where options say the eye or the target, the other is that of the usual view.
+            // If options give either eye or target, the other follows from the default view.
             ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
             given => given,
         };
@@ -499,10 +502,10 @@ impl Request {
         }
         camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
         camera::view(&file.camera, options)?;
-        // The lights belong to the camera, wherever the options have put it.
+        // The lights follow the camera, wherever the options have placed it.
         let lights = match (&options.lights, options.cameras) {
             (Some(lights), _) => Some(lights.clone()),
-            // One for all cameras, so that the scene stays as it is: the light along the view.
+            // All cameras share the light along the view, so that the scene doesn't change.
             (None, true) => None,
             (None, false) => Some(lights_of(&file.camera, &framed, up)),
         };
@@ -520,11 +523,11 @@ impl Request {
     }
 }
 
-/// Finds one colouring for the values of all sources, of which each is drawn by itself; `None` if they are coloured by
-/// no numbers. The sources are loaded one after another.
+/// Finds one colouring for the values of all sources, each of which is drawn by itself. Returns `None` if they aren't
+/// coloured by numbers. The sources are loaded one after another.
 ///
 /// # Errors
-/// [`Error::Usage`] if the options name no attribute; as [`Request::new`] and [`Request::load`].
+/// [`Error::Usage`] if the options name no attribute; otherwise as [`Request::new`] and [`Request::load`].
 pub fn shared_coloring(
     sources: impl IntoIterator<Item = Result<Source, Error>>,
     options: &RenderOptions,
@@ -543,7 +546,7 @@ pub fn shared_coloring(
     Ok(found.filter(|coloring| coloring.scale != ColorScale::Direct))
 }
 
-/// What the options say on how an object's file becomes splats.
+/// Applies the options for converting an object's file to splats.
 fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
     splats::apply(&options.splats, &mut object.convert)?;
     object.convert.all_levels |= options.all_levels;
@@ -554,7 +557,7 @@ fn is_partial(loaded: &LoadedObjects) -> bool {
     loaded.facts.iter().any(|facts| facts.partial)
 }
 
-/// Says what was found in files.
+/// Reports the notes on files, and options without effect.
 fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(String)) -> Result<(), Error> {
     for ObjectNote { path, text } in &loaded.notes {
         note(format!("{}: {text}", display(path)));
@@ -563,7 +566,7 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
 }
 
-/// Says it where most trained Gaussians before the camera are nearer than such are drawn.
+/// Notes if most trained Gaussians before the camera are closer than the near limit for drawing them.
 fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
     let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
     let (near, forward) = (gaussian::near(&view.projection), view.forward());
@@ -592,7 +595,7 @@ fn out_of_range(name: &Path, e: &ModelError) -> Error {
     Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() }
 }
 
-/// The up axis that the files or their shape say, and what to do if it is wrong.
+/// Determines the up axis from the files or their shape, and notes how to override it.
 fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
     let Upright { up, reason } = auto_up(loaded);
     let other = if up == Up::PlusZ { Up::PlusY } else { Up::PlusZ };
@@ -611,7 +614,7 @@ fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
     Ok(Some(camera))
 }
 
-/// The preset's choices, but what the file says itself stays.
+/// Applies a preset, except to settings that the scene file states itself.
 fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>) -> Settings {
     let Some(preset) = preset else { return file };
     let mut settings = preset.apply(file);
@@ -634,7 +637,7 @@ fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>)
     settings
 }
 
-/// Settings of Gaussians drawn over one another: `--filter` is theirs, then.
+/// Applies `--filter` to Gaussians if they are drawn over one another.
 fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
     let over = options.filter.filter(|_| settings.composite == Composite::Over);
     settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))
@@ -667,14 +670,14 @@ fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
     lights
 }
 
-/// What `cull` says, which decides for all objects.
+/// Applies the culling option to all objects.
 fn cull(file: &mut SceneFile, options: &RenderOptions) {
     if let Some(cull) = options.splats.cull {
         file.objects.iter_mut().for_each(|object| object.material.cull = cull);
     }
 }
 
-/// Makes all paths of a scene file absolute, but the name of stdin.
+/// Makes all paths of a scene file absolute, except the name of stdin.
 fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
     paths::for_each(file, |path| {
         *path = absolute(&base.join(&*path))?;
@@ -682,8 +685,8 @@ fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
     })
 }
 
-/// The matcap that the flag or else the file names, whose paths are absolute; `None` for the built-in one, and where
-/// none is asked for.
+/// Loads the matcap that the option or else the file names, by absolute path. Returns `None` for the built-in matcap,
+/// and if none is asked for.
 fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Matcap>>, Error> {
     if let Some(given) = &options.matcap {
         file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };

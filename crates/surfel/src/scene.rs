@@ -1,4 +1,4 @@
-//! From files to a scene, step by step: scene files, objects, and what automatic scenes are made of.
+//! Steps from files to a scene: scene files, objects, and facts for automatic scenes.
 
 pub use crate::auto::{
     AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_scene, auto_transparency, auto_up,
@@ -23,15 +23,15 @@ use surfel_io::{Content, IoError, Loaded};
 use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, SplatCloud, Up};
 use surfel_sample::Progress;
 
-/// Largest scene file that is read, in bytes: far above any real one.
+/// Size limit of scene files in bytes, far above any real one.
 const MAX_SCENE_BYTES: u64 = 64 << 20;
 
-/// Something the user should know about a file.
+/// A note about a file for the user.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ObjectNote {
     /// The file.
     pub path: PathBuf,
-    /// A sentence without a full stop.
+    /// Text of the note: a sentence without a full stop.
     pub text: String,
 }
 
@@ -41,56 +41,58 @@ impl ObjectNote {
     }
 }
 
-/// A scene's objects, loaded.
+/// The loaded objects of a scene.
 #[derive(Clone, Debug, Default)]
 pub struct LoadedObjects {
     /// The objects, in the scene file's order.
     pub objects: Vec<Object>,
-    /// What is known of each object.
+    /// Facts about each object.
     pub facts: Vec<ObjectFacts>,
-    /// What was dropped, assumed or estimated, file by file.
+    /// Notes on what was dropped, assumed or estimated, per file.
     pub notes: Vec<ObjectNote>,
-    /// Files beside the objects' own that those refer to, such as textures and buffers, whether they are there or not.
+    /// Files that the objects' files refer to, such as textures and buffers, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
-    /// Options that none of the splat objects' files has a use for, with what the first of them holds.
+    /// Options that had no effect on any splat object, with the content of the first object's file.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// What files are coloured by, where that was asked for.
+    /// Colourings by attribute, if the options ask for any.
     pub colorings: Colorings,
-    /// Colourings that are asked for, one an object.
+    /// Colouring requests, one per object.
     pub color_jobs: ColorJobs,
 }
 
-/// Colourings that are asked for the objects of [`LoadedObjects`].
+/// Colouring requests for the objects of [`LoadedObjects`].
 #[derive(Clone, Debug, Default)]
 pub struct ColorJobs(Vec<Option<ColorJob>>);
 
-/// What automatic framing and lighting need to know of an object.
+/// Facts about an object that automatic framing and lighting use.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ObjectFacts {
-    /// Which axis is up in its file.
+    /// Up axis of the object's file.
     pub up: Up,
-    /// Why that is known for certain; `None` for the default of a format that is used with any axis up.
+    /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
     pub up_reason: Option<UpReason>,
-    /// Its file held points, without extent or polygons.
+    /// True if the file held points, without extent or polygons.
     pub points: bool,
-    /// Its file says whether its splats cover a closed surface from outside: by a mesh's edges or a comment.
+    /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
+    /// comment.
     pub sides_known: bool,
-    /// It has colours.
+    /// True if the object has colours.
     pub colored: bool,
-    /// Its file or its mesh says that its splats cover a closed surface from outside.
+    /// True if the file or its mesh states that the splats cover a closed surface from outside.
     pub closed: bool,
-    /// Where its splats overlap they hardly stand apart: they were made of a mesh of flat parts, or clipped by `sharp`.
+    /// True if overlapping splats hardly differ in depth: they were made from a mesh of flat parts, or clipped by
+    /// `sharp`.
     pub flat: bool,
-    /// They stand apart by little: there are at least as many as the mesh that they were made of has triangles.
+    /// True if overlapping splats differ little in depth: they are at least as many as the triangles of their mesh.
     pub fine: bool,
-    /// Of its file, coarse levels were read only ([`refine_objects`]).
+    /// True if only coarse levels of the file were read ([`refine_objects`]).
     pub partial: bool,
-    /// Its file has more points than were asked for at most.
+    /// True if the file has more points than the point limit.
     pub thinned: bool,
-    /// Some of its points are noise or withheld, which move no camera ([`LoadedObjects::framed`]).
+    /// True if some points are noise or withheld; such points don't influence the camera ([`LoadedObjects::framed`]).
     pub noise: bool,
-    /// Some of its splats are transparent, and none is a Gaussian: what one of those hides is a matter of how many
-    /// there are.
+    /// True if some splats are transparent and none is a Gaussian. The opacity of a Gaussian surface depends on how
+    /// many of them overlap.
     pub transparent: bool,
 }
 
@@ -113,7 +115,7 @@ impl Default for ObjectFacts {
     }
 }
 
-/// Splats of one or several objects, and what they are to be coloured by.
+/// Splats shared by one or more objects, and their colouring request.
 struct Shared {
     cloud: Arc<SplatCloud>,
     job: ColorJob,
@@ -128,7 +130,7 @@ impl Shared {
     }
 }
 
-/// Reads a scene file, and which keys its `settings` object has.
+/// Reads a scene file, and the set of keys in its `settings` object.
 ///
 /// # Errors
 /// [`Error::Io`] if it can't be read or isn't a scene file, with line and column.
@@ -136,12 +138,12 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
     let system = |source| IoError::System { path: path.to_path_buf(), action: "read it", source };
     let mut bytes = Vec::new();
     let file = File::open(path).map_err(system)?;
-    // One byte more than is allowed: the parser then meets a cut-off file and says so.
+    // Reads one byte more than the limit, so that the parser sees a truncated file and reports it.
     file.take(MAX_SCENE_BYTES + 1).read_to_end(&mut bytes).map_err(system)?;
     parse_scene_file(&bytes, path)
 }
 
-/// As [`read_scene_file`], from memory; `name` is for messages.
+/// Parses a scene file like [`read_scene_file`], from memory; `name` is used in messages.
 ///
 /// # Errors
 /// As [`read_scene_file`].
@@ -153,7 +155,7 @@ pub fn parse_scene_file(bytes: &[u8], name: &Path) -> Result<(SceneFile, BTreeSe
     Ok((scene, keys.unwrap_or_default()))
 }
 
-/// What is known of a file that was loaded already.
+/// Cached result for a file that was already loaded.
 #[derive(Clone)]
 struct Known {
     geometry: Geometry,
@@ -162,7 +164,7 @@ struct Known {
     color_job: Option<ColorJob>,
 }
 
-/// Trained Gaussians, and what the user should know of them.
+/// Loads trained Gaussians, and returns notes about them.
 fn gaussians(
     cloud: &Arc<GaussianCloud>,
     read: &Loaded,
@@ -179,8 +181,8 @@ fn gaussians(
     Ok((Known { geometry, facts, unused, color_job: None }, read.notes.clone()))
 }
 
-/// As [`load_objects`], and files of trained Gaussians are kept as such if all files are: what one sees of files that
-/// come without a scene.
+/// Loads objects like [`load_objects`] for files without a scene file. Trained Gaussians remain Gaussians if all files
+/// contain them; otherwise all files become surfaces.
 ///
 /// # Errors
 /// As [`load_objects`].
@@ -194,17 +196,17 @@ pub fn load_bare_objects(
     if !loaded.has_gaussians() || loaded.all_gaussians() {
         return Ok(loaded);
     }
-    // Surfaces are drawn with surfaces.
+    // Gaussians and surfaces aren't mixed: all are drawn as surfaces.
     load_objects(objects, base_dir, &options.clone().with_gaussians(false), progress)
 }
 
 impl LoadedObjects {
-    /// Colours the splats that aren't coloured yet, those of one attribute by one scale; `all`: none is. Those that are
-    /// count for the scale, too.
+    /// Colours the splats that aren't coloured yet, or all of them if `all` is set. Splats of one attribute share one
+    /// scale, which also includes splats that are already coloured.
     fn color(&mut self, all: bool) -> Result<(), Error> {
         let is_new = |facts: &ObjectFacts| all || facts.partial;
         let Self { objects, facts, color_jobs, colorings, notes, unused, .. } = self;
-        // An object's splats may be another one's, too.
+        // Several objects may share their splats.
         let mut clouds: Vec<Shared> = Vec::new();
         let mut place_of: HashMap<*const SplatCloud, usize> = HashMap::new();
         for (i, (object, job)) in objects.iter().zip(&color_jobs.0).enumerate() {
@@ -219,7 +221,7 @@ impl LoadedObjects {
         if clouds.is_empty() {
             return Ok(());
         }
-        // They are changed where they are.
+        // Objects release their splats, which can then be changed in place.
         let nothing: Geometry = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?.into();
         clouds.iter().flat_map(|cloud| &cloud.objects).for_each(|i| objects[*i].geometry = nothing.clone());
         let lacking = colorings.color(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>())?;
@@ -260,12 +262,13 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
-    /// Whether some object is of trained Gaussians.
+    /// True if some object consists of trained Gaussians.
     pub fn has_gaussians(&self) -> bool {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
     }
 
-    /// The same with the splats alone that a camera is placed by: without noise (classes 7 and 18) and withheld points.
+    /// Returns the objects with only the splats that influence the camera: without noise (classes 7 and 18) and
+    /// withheld points.
     pub fn framed(&self) -> Self {
         let surface = |(object, facts): (&Object, &ObjectFacts)| match &object.geometry {
             Geometry::Splats(cloud) if facts.noise => {
@@ -278,18 +281,18 @@ impl LoadedObjects {
         Self { objects, facts: self.facts.clone(), ..Self::default() }
     }
 
-    /// Whether there are objects, and all are of trained Gaussians.
+    /// True if there are objects and all of them consist of trained Gaussians.
     pub fn all_gaussians(&self) -> bool {
         let mut geometries = self.objects.iter().map(|object| &object.geometry);
         self.has_gaussians() && geometries.all(|geometry| matches!(geometry, Geometry::Gaussians(_)))
     }
 }
 
-/// Loads the files of `objects`; each file once, however often it is used. Paths are relative to `base_dir`. Interior
-/// weights are estimated where the options ask for it and where there are meshes among splats.
+/// Loads the files of `objects`, each file once, however often it is used. Paths are relative to `base_dir`. Interior
+/// weights are estimated if the options ask for it, and if splats are mixed with meshes.
 ///
 /// # Errors
-/// As [`load`], and [`Error::Model`] for a matrix that is no invertible affine map.
+/// As [`load`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
 pub fn load_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -313,7 +316,7 @@ fn is_colored(geometry: &Geometry) -> bool {
     }
 }
 
-/// Loads objects as [`load_objects`] does, but with the files' own colours.
+/// Loads objects like [`load_objects`], but with the files' own colours.
 fn load_uncolored(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -324,7 +327,7 @@ fn load_uncolored(
     // Splats are blended over polygons by their coverage (rendering model §6).
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
     let mut known: BTreeMap<(PathBuf, bool, bool, String), Known> = BTreeMap::new();
-    // How many splat objects there are, and how many of them have no use for an option.
+    // Number of splat objects, and for each option the number of them that it has no effect on.
     let mut converted = 0;
     let mut useless: BTreeMap<&str, (usize, (PathBuf, UnusedOption))> = BTreeMap::new();
     for (i, object) in objects.iter().enumerate() {
@@ -337,10 +340,10 @@ fn load_uncolored(
         };
         let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
         let path = if from_stdin { file.clone() } else { base_dir.join(file) };
-        // A material's own interior weight wins, so then none need be estimated.
+        // A material's own interior weight takes precedence, so none needs to be estimated.
         let interior_weight = (options.interior_weight || among_meshes) && object.material.interior_weight.is_none();
         let options = &options.clone().with_interior_weight(interior_weight).with_convert(&object.convert, base_dir);
-        // Numbers have no order of their own, but their texts do.
+        // Floats have no total order, but their text has.
         let key = (path.clone(), as_mesh, interior_weight, format!("{:?}", object.convert));
         let Known { geometry, facts, unused, color_job } = match known.get(&key) {
             Some(found) => found.clone(),
@@ -443,7 +446,7 @@ fn load_uncolored(
     Ok(loaded)
 }
 
-/// Reads what views need of the objects whose files were read in part, [`Levels::Overview`].
+/// Reads the levels that views need for the objects of which only [`crate::levels::Levels::Overview`] was read.
 ///
 /// # Errors
 /// As [`load_objects`].
@@ -460,7 +463,7 @@ pub fn refine_objects(
         named.enumerate().filter(|(i, _)| loaded.facts.get(*i).is_some_and(|f| f.partial)).collect();
     let colored: HashSet<(&Path, &str)> = loaded.colorings.notes().collect();
     loaded.notes.retain(|note| !colored.contains(&(note.path.as_path(), note.text.as_str())));
-    // The notes on each file, of the object that was read last.
+    // Notes on each file, from the object that was read last.
     let mut fresh: HashMap<PathBuf, (usize, Vec<ObjectNote>)> = HashMap::new();
     for (i, object) in &partial {
         let levels = seen.levels(object.world_from_object()?);
@@ -469,7 +472,7 @@ pub fn refine_objects(
         let (Some(new), Some(facts)) = (finer.objects.pop(), finer.facts.pop()) else { continue };
         loaded.objects[*i].geometry = new.geometry;
         loaded.color_jobs.0[*i] = finer.color_jobs.0.pop().flatten();
-        // Not yet coloured.
+        // The new splats aren't coloured yet.
         loaded.facts[*i] = ObjectFacts { partial: true, noise: loaded.facts[*i].noise || facts.noise, ..facts };
         for note in finer.notes {
             let (of, notes) = fresh.entry(note.path.clone()).or_default();
@@ -492,16 +495,16 @@ pub fn refine_objects(
     Ok(())
 }
 
-/// The matcap that a scene file names, if its settings draw with one. Its path is relative to `base_dir`.
+/// Loads the matcap that a scene file names, if its settings use one. Its path is relative to `base_dir`.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be read or isn't one.
+/// [`Error::Io`] if the file can't be read or isn't a matcap.
 pub fn load_matcap(file: &SceneFile, base_dir: &Path) -> Result<Option<Arc<Matcap>>, Error> {
     let named = file.matcap.as_ref().filter(|_| file.settings.shader == Shader::Matcap);
     Ok(named.map(|path| surfel_io::load_matcap(&base_dir.join(path))).transpose()?.map(Arc::new))
 }
 
-/// The scene that a scene file describes, with its objects already loaded (in the file's order), and without its matcap
+/// Assembles the scene of a scene file from its loaded objects, in the file's order. Its matcap isn't loaded
 /// ([`load_matcap`]).
 ///
 /// # Errors
@@ -522,7 +525,7 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
     Ok(scene)
 }
 
-/// Loads everything that a scene file names. Interior weights are estimated only where its settings need them.
+/// Loads everything that a scene file names. Interior weights are estimated only if its settings need them.
 ///
 /// # Errors
 /// As [`load_objects`] and [`assemble`].

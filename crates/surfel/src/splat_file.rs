@@ -1,4 +1,4 @@
-//! From a file of points, a mesh or splats to the splats that `surfel convert` writes.
+//! Conversion of a file of points, a mesh or splats to the splats that `surfel convert` writes.
 
 use crate::paths::display;
 use crate::render_options::SplatOptions;
@@ -9,22 +9,22 @@ use std::sync::Arc;
 use surfel_model::{ConvertOptions, Cull, OnInvalid, Shape, SplatCloud, Up};
 use surfel_sample::{BOTH_SIDES, CLOSED_MESH, Progress};
 
-/// A file that is to become splats.
+/// Request to convert a file to splats.
 #[derive(Clone, Debug)]
 pub struct ConvertRequest<'a> {
-    /// The file, or `-` for `stdin`.
+    /// Path of the file, or `-` for `stdin`.
     pub path: &'a Path,
-    /// How it becomes splats.
+    /// Options for converting the file to splats.
     pub options: &'a SplatOptions,
-    /// What the name `-` stands for.
+    /// Content for the name `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
 impl ConvertRequest<'_> {
-    /// How the file is loaded.
+    /// Returns the options for loading the file.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that contradict or need each other.
+    /// [`Error::Usage`] for options that contradict each other or need another one.
     pub fn load_options(&self) -> Result<LoadOptions, Error> {
         self.options.check()?;
         let mut convert = ConvertOptions::default();
@@ -37,7 +37,7 @@ impl ConvertRequest<'_> {
             .with_memory(self.options.memory))
     }
 
-    /// Loads the file; its interior weight is estimated.
+    /// Loads the file, and estimates its interior weight.
     ///
     /// # Errors
     /// As [`load`] and [`ConvertRequest::load_options`].
@@ -45,10 +45,10 @@ impl ConvertRequest<'_> {
         load(self.path, &self.load_options()?.with_interior_weight(true), progress)
     }
 
-    /// The splats to write. `note` is told what the user should know, as sentences without a full stop.
+    /// Returns the splats to write. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that the file has no use for.
+    /// [`Error::Usage`] for options that have no effect on the file.
     pub fn convert(&self, loaded: LoadedCloud, note: &mut dyn FnMut(String)) -> Result<SplatCloud, Error> {
         for text in &loaded.notes {
             note(format!("{}: {text}", display(self.path)));
@@ -58,21 +58,21 @@ impl ConvertRequest<'_> {
         splats::write_color_bar(self.options, loaded.coloring.iter().map(|coloring| (self.path, coloring)), note)?;
         let of_mesh = !matches!(loaded.conversion, Conversion::None | Conversion::Points(_));
         let mut cloud = loaded.cloud;
-        // PLY's own default needs no words.
+        // PLY's default up axis needn't be stated.
         if loaded.up != Up::PlusY || cloud.data().up.is_some() {
             cloud.set_up(loaded.up);
         }
         match (self.options.cull, loaded.closed) {
             (Some(cull), _) => culled(cloud, cull),
             (None, true) => culled(cloud, Cull::Back),
-            // A mesh's edges say that it is open; of splats nothing does.
+            // A mesh's edges show that it is open; for splats this is unknown.
             (None, false) if of_mesh => culled(cloud, Cull::None),
             (None, false) => Ok(cloud),
         }
     }
 }
 
-/// Splats with the comment that lets their backs be left out, or the one that keeps them.
+/// Adds the comment that states whether the backs of splats are culled.
 fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     let mut data = cloud.into_data();
     data.comments.retain(|comment| comment != CLOSED_MESH && comment != BOTH_SIDES);
@@ -81,7 +81,7 @@ fn culled(cloud: SplatCloud, cull: Cull) -> Result<SplatCloud, Error> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse).map_err(Error::from)?.0)
 }
 
-/// Number and radii of splats, in words.
+/// Describes number and radii of splats.
 pub fn summary(cloud: &SplatCloud) -> String {
     let shape = match cloud.data().shape {
         Shape::Disks { .. } => "disks",

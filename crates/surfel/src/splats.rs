@@ -1,4 +1,4 @@
-//! What is said on how files become splats, applied and held against what the files hold.
+//! Options for converting files to splats: merging with scene files, and checks against the files' content.
 
 use crate::Error;
 use crate::coloring::{ColorScale, Coloring, save_color_bar};
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use surfel_io::ShowPath as _;
 use surfel_model::{ConvertOptions, Outliers, PointColors, SplatCount};
 
-/// Puts what the options say over what a scene file may have said.
+/// Merges the options into a scene file's conversion options; options take precedence.
 ///
 /// # Errors
 /// [`Error::Usage`] for options that need others.
@@ -31,7 +31,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     }
     convert.repair |= said.repair;
     if let Some(file) = &said.texture.file {
-        // A flag's file is looked for here, a scene file's beside it.
+        // A texture given by a flag is relative to the current folder; one in a scene file, to the scene file.
         let absolute = std::path::absolute(file);
         convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.shown())))?);
     }
@@ -49,7 +49,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
         ));
     }
     if said.color_by.is_some() {
-        // What a scene file says of its own attribute's colours means nothing for another.
+        // A scene file's colour map for its own attribute is meaningless for another attribute.
         (convert.color_by, convert.colormap, convert.range) = (said.color_by.clone(), None, None);
     }
     convert.colormap = said.colormap.or(convert.colormap);
@@ -76,7 +76,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     Ok(())
 }
 
-/// Refuses options that no input has a use for, and says which keys of a scene file are of no use.
+/// Refuses options that have no effect on any input, and notes keys of a scene file without effect.
 ///
 /// # Errors
 /// [`Error::Usage`] for such an option, [`Error::Input`] for an attribute that the files don't have.
@@ -121,10 +121,10 @@ pub fn check_used(
     Ok(())
 }
 
-/// Writes the colour bar that is asked for, of the first file that has colours of values.
+/// Writes the colour bar that the options ask for, for the first file coloured by values.
 ///
 /// # Errors
-/// [`Error::Usage`] if no file has, [`Error::Io`] if it can't be written.
+/// [`Error::Usage`] if no file is, [`Error::Io`] if the image can't be written.
 pub fn write_color_bar<'a>(
     options: &SplatOptions,
     colorings: impl Iterator<Item = (&'a Path, &'a Coloring)>,

@@ -1,5 +1,5 @@
-//! What a file of points holds that needn't fit into memory: its points are read twice, block after block. Once for
-//! what is true of all of them, and once for the neighbours of a few.
+//! Summary of a point file that needn't fit into memory. Its points are read twice in blocks: first for statistics over
+//! all points, then for the neighbourhoods of a few.
 
 use crate::attributes;
 use crate::error::Error;
@@ -10,21 +10,21 @@ use std::path::Path;
 use surfel_io::{Content, LoadOptions, PointSurvey};
 use surfel_model::{Column3, PointCloud};
 
-/// What was found.
+/// Summary of a point file.
 pub(crate) struct Survey {
     pub read: PointSurvey,
     pub points: usize,
-    /// What they would take in memory, in bytes.
+    /// Size of the points in memory, in bytes.
     pub bytes: usize,
     pub attributes: Value,
     pub classes: Value,
     pub radii: Option<Radii>,
 }
 
-/// Reads a file of about `count` points; `None` if its format isn't read by blocks.
+/// Summarises a file of about `count` points; `None` if its format can't be read in blocks.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be read or is damaged.
+/// [`Error::Io`] if the file can't be read or is damaged.
 pub(crate) fn survey(path: &Path, count: u64, options: &LoadOptions) -> Result<Option<Survey>, Error> {
     let mut whole = Whole::new(count);
     let Some(read) = surfel_io::survey(path, options, &mut |cloud| whole.add(cloud))? else { return Ok(None) };
@@ -45,15 +45,15 @@ pub(crate) fn survey(path: &Path, count: u64, options: &LoadOptions) -> Result<O
     Ok(Some(Survey { read, points: whole.points, bytes: whole.bytes, attributes, classes, radii }))
 }
 
-/// What is true of all points so far.
+/// Statistics over the points read so far.
 struct Whole {
-    /// Points that there will be, about.
+    /// Approximate total number of points.
     count: u64,
     points: usize,
     bytes: usize,
     attributes: Map<String, Value>,
     classes: Option<[u64; 256]>,
-    /// Points at regular distances in the file.
+    /// Points at regular intervals in the file, the centres of patches.
     middles: Vec<DVec3>,
 }
 
@@ -74,7 +74,7 @@ impl Whole {
         if let Some(counts) = attributes::class_counts(&cloud.extras) {
             let all = self.classes.get_or_insert([0; 256]);
             if self.points > cloud.len() && all.iter().sum::<u64>() == 0 {
-                // Blocks before had none but zeros.
+                // Earlier blocks had only class 0.
                 all[0] = (self.points - cloud.len()) as u64;
             }
             all.iter_mut().zip(counts).for_each(|(all, count)| *all += count);
@@ -85,7 +85,7 @@ impl Whole {
         let names = content.attributes();
         let Content::Points(PointCloud { extras, .. }) = &content else { return };
         let found = attributes::ranges(&content, &names, extras);
-        // A column that isn't there is zero.
+        // A missing column counts as zero.
         for (name, range) in &mut self.attributes {
             if !found.contains_key(name) {
                 attributes::widen(range, None);
@@ -108,9 +108,9 @@ impl Whole {
 /// The points nearest to a place.
 struct Patch {
     middle: DVec3,
-    /// Squared distance, position and normal.
+    /// Squared distance, position and normal of each point.
     near: Vec<(f64, DVec3, DVec3)>,
-    /// Nothing farther belongs to it.
+    /// Squared distance beyond which points don't belong to the patch.
     limit: f64,
     has_normals: bool,
 }
@@ -141,7 +141,7 @@ impl Patch {
         self.limit = self.near.last().filter(|_| self.near.len() == PATCH.0).map_or(f64::INFINITY, |last| last.0);
     }
 
-    /// The nearest first.
+    /// Returns the points, nearest first.
     fn cloud(mut self) -> PointCloud {
         self.cut();
         let column =

@@ -1,4 +1,4 @@
-//! Pictures on which nothing is seen, and what to do about them.
+//! Detection of blank images, and the likely causes.
 
 use glam::DVec3;
 use rayon::prelude::*;
@@ -6,18 +6,18 @@ use surfel_math::srgb::{encode_rgba8, limit_color};
 use surfel_model::{Geometry, Scene};
 use surfel_render::Frame;
 
-/// Smallest extent and largest coordinate whose squares f32 holds, in object units.
+/// Smallest extent and largest coordinate in object units whose squares f32 can represent.
 const SQUARED_IN_F32: [f64; 2] = [1e-18, 1e18];
 
-/// sRGB-encoded levels of 255 by which a pixel differs from the background and still isn't seen: one of a few strays in
-/// an otherwise white image.
+/// Difference from the background, in sRGB-encoded levels of 255, up to which a pixel counts as background. Single
+/// strays in an otherwise white image differ by this little.
 const UNSEEN: u8 = 8;
 
-/// Alpha below which a splat changes no pixel of 8 bits.
+/// Alpha below which a splat changes no pixel of an 8-bit image.
 const LEAST_ALPHA: f32 = 0.5 / 255.0;
 
-/// True if no pixel of `frame`, whose plane is that of linear colours or that of 8 bits, differs from the background's
-/// colour (linear RGB and straight alpha) by more than 8 levels of 255.
+/// True if no pixel of `frame` differs from the background colour (linear RGB and straight alpha) by more than 8 levels
+/// of 255. The frame has linear colours, 8-bit colours or both.
 pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     let background = [r * a, g * a, b * a, a].map(|c| limit_color(c) as f32);
     let encoded = encode_rgba8(background);
@@ -27,7 +27,7 @@ pub fn is_blank(frame: &Frame, [r, g, b, a]: [f64; 4]) -> bool {
     some && frame.color().iter().all(same) && frame.rgba8().iter().all(|color| alike(*color))
 }
 
-/// Why pictures of this scene may show nothing, and what to do, in words without a full stop.
+/// Returns the likely reason why images of this scene are blank, and a remedy, as text without a full stop.
 pub fn why_blank(scene: &Scene) -> &'static str {
     let are_clear = |alphas: &[f32]| alphas.iter().all(|a| *a < LEAST_ALPHA);
     let invisible = |geometry: &Geometry| match geometry {

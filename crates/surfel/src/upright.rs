@@ -1,38 +1,40 @@
-//! Which axis is up, from the shape of what is there.
+//! Up-axis estimation from the shape of a scene.
 //!
-//! Pieces of evidence speak for an axis or against it: each is a function, and its weight stands in [`EVIDENCE`]. The
-//! axis with the highest score wins, less what convention asks of it, and the strongest piece is the reason.
+//! Each entry of [`EVIDENCE`] is a function that scores one axis, with a weight; negative weights count against the
+//! axis. An axis's total is the weighted sum minus the cost that the format's convention puts on that axis. The axis
+//! with the highest total wins. The entry that contributes most becomes the reported reason.
 //!
-//! Upright things stand: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3),
-//! judge the planes that a shape can stand on by static stability, symmetry and support. Here the planes are the six
-//! that face a coordinate axis, since files are tilted by nothing else: y and z are mistaken for each other.
+//! The evidence follows Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects" (ACM TOG 27:3), who
+//! rate the planes that a shape can rest on by static stability, symmetry and support. Here the candidates are the six
+//! planes perpendicular to a coordinate axis. Other tilts aren't considered: files with a wrong up axis have y and z
+//! exchanged.
 
 use crate::patches::{Patch, Patches};
 use glam::{DVec2, DVec3};
 use std::fmt;
 use surfel_model::Up;
 
-/// How the up axis of a scene without a statement was found.
+/// Evidence by which the up axis was determined, for a scene whose options don't state it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UpReason {
-    /// The file says it.
+    /// The file states its up axis.
     Stated,
-    /// It is part of the file's format.
+    /// The file format defines the up axis.
     Format,
-    /// Two coordinates are those of a map.
+    /// Two coordinates are in the range of map coordinates; the third is height.
     Georeferenced,
-    /// It stands on a base, steadily, and not so on the opposite side.
+    /// The shape rests stably on a base in this orientation and less stably upside down.
     Base,
-    /// It spreads out as ground does.
+    /// The shape spreads out horizontally, as terrain does.
     Ground,
-    /// By the points' own normals, what lies lowest faces this way.
+    /// The points' own normals show a floor that faces this direction.
     Floor,
-    /// It is long and tapers at both ends, or a plate, so it lies.
+    /// The shape would topple in other orientations: it is long and tapers at both ends, or is a plate.
     Lying,
-    /// It is mirror-symmetric from left to right.
+    /// The shape is mirror-symmetric from left to right, and the up axis lies in its mirror plane.
     Mirrored,
-    /// Nothing speaks for an axis: meshes and splats are mostly +y, points +z.
+    /// No evidence favours an axis, so the most common one is used: +y for meshes and splats, +z for points.
     Convention,
 }
 
@@ -52,39 +54,40 @@ impl fmt::Display for UpReason {
     }
 }
 
-/// An up axis and how it was found.
+/// An up axis and the reason it was chosen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Upright {
     /// The axis.
     pub up: Up,
-    /// Where it is from.
+    /// The evidence that decided.
     pub reason: UpReason,
 }
 
-/// Which way up files of a kind mostly are.
+/// Up axes that are common among files of a kind; sets what evidence an uncommon axis needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum UpConvention {
-    /// Meshes and splats: mostly +y, +z nearly as often.
+    /// Meshes and splats: mostly +y, nearly as often +z.
     Meshes,
-    /// Points: +z, +y less often.
+    /// Points: mostly +z, less often +y.
     Points,
-    /// STL: +z, as printers have it; +y where what it holds clearly lies then.
+    /// STL: +z, as 3D printers use it; +y if the shape would otherwise clearly lie on its side.
     Stl,
 }
 
 impl UpConvention {
-    /// That of a file that held points or not, in a format with this default.
+    /// Returns the convention for a file that held points (`points`) or not, in a format whose default up axis is
+    /// `default`.
     pub fn of(points: bool, default: Up) -> Self {
         match (points, default) {
             (true, _) => Self::Points,
-            // Of the meshes' formats it is STL that has +z.
+            // STL is the only mesh format whose default is +z.
             (false, Up::PlusZ) => Self::Stl,
             (false, _) => Self::Meshes,
         }
     }
 
-    /// What each axis must bring to win over the convention, in the order of [`Up::ALL`].
+    /// Returns the score that an axis loses relative to the conventional one, in the order of [`Up::ALL`].
     const fn costs(self) -> [f64; 6] {
         match self {
             Self::Meshes => [0.6, 0.9, 0.0, 0.7, 0.2, 0.7],
@@ -108,71 +111,84 @@ impl UpConvention {
     }
 }
 
-/// Map coordinates in metres: UTM, Gauss–Krüger, national grids and Web Mercator away from its origin.
+/// Magnitude of map coordinates in metres: UTM, Gauss–Krüger, national grids and Web Mercator away from its origin.
 const MAP: std::ops::RangeInclusive<f64> = 1e5..=3e7;
-/// Heights above the sea, and sizes of scenes that lie on a map, in metres.
+/// Largest magnitude of a height above sea level, in metres.
 const MOST_HEIGHT: f64 = 1e4;
-/// Thickness of the bottom layer that touches the ground, in heights, or where it is flat in half diagonals.
+/// Thickness of the layer of points that touch the ground: a fraction of the height, and a minimum in half diagonals of
+/// the bounds.
 const CONTACT: (f64, f64) = (0.02, 0.004);
-/// Facets of a base are this level, as the cosine to the axis.
+/// Least cosine between the up axis and the normal of a facet that counts as a level base.
 const LEVEL: f64 = 0.95;
-/// Cells along each side of the footprint in which a base is filled.
+/// Number of grid cells along each side of the footprint, for measuring how much of it is base.
 const FOOTPRINT: usize = 24;
-/// Cells along a half diagonal in which mirror images are compared, at most; of fewer patches, a cell holds a few.
+/// Largest number of voxels per half diagonal when mirror images are compared.
 const VOXELS: f64 = 20.0;
+/// Patches per voxel that the grid aims at; small samples get fewer voxels.
 const PATCHES_OF_VOXELS: f64 = 6.0;
-/// Slopes at which a standing shape begins to be steady and fully is: distance of the centroid from the support's rim,
-/// over its height.
+/// Limits of stability: the distance of the centroid from the hull's rim, over the centroid's height. From the first
+/// value on a shape counts as partly stable, from the second as fully stable.
 const STEADY: (f64, f64) = (0.04, 0.14);
-/// What feet say that stand at corners, and the hull between them, of the footprint, from which they begin to and do.
+/// Largest score that feet at the corners of the footprint add to a base.
 const FEET_WEIGHT: f64 = 0.7;
+/// Fraction of the footprint's hull that the hull of the feet covers: at the first value feet start to score, at the
+/// second they score fully.
 const CORNERS: (f64, f64) = (0.5, 0.8);
-/// Share of the footprint that the top of a table fills.
+/// Fraction of the footprint above which the top is a tabletop.
 const TABLE: f64 = 0.85;
-/// Ground faces up within 60° and is this thin, of its smaller width; and no more than half of it is quite level, as
-/// drawings are.
+/// Terrain: least cosine between its normals and the up axis (60°), and largest thickness as a fraction of its smaller
+/// width. A surface of which at least half is exactly level isn't terrain but a drawing.
 const GROUND: (f64, f64) = (0.5, 0.35);
-/// The cosine of how far ground leans at most: 30°.
+/// Cosine of the largest tilt of terrain from the axis (30°).
 const LEANING: f64 = 0.866;
-/// What evidence weighs against a base, whose best is 1.5: hull and half the fill of its footprint.
+/// Weight of terrain; a base scores at most 1.5 (hull plus half of the footprint's fill).
 const GROUND_WEIGHT: f64 = 0.8;
+/// Weight of a floor.
 const FLOOR_WEIGHT: f64 = 1.2;
-/// Share of the surface that is a floor, from which it begins to be one and is; the cosine up to which it leans, and
-/// how high it lies, of the whole.
+/// Fraction of the surface that faces up near the bottom: at the first value it starts to count as a floor, at the
+/// second it fully does.
 const FLOOR: (f64, f64) = (0.08, 0.16);
+/// Least cosine between a floor's normals and the up axis.
 const FLOOR_COS: f64 = 0.9;
-/// Share of the surface whose normals fit the layout of the points, from which they tell a floor.
+/// Fraction of the surface whose stored normals must fit the points' layout before they are used to detect floors.
 const FITTING: f64 = 0.8;
+/// Height below which a floor lies, as a fraction of the whole height.
 const LOW: f64 = 0.25;
-/// The share of something thin that faces up, from which it begins to be ground and is, and what may face down.
+/// Fraction of a thin surface that faces up: at the first value it starts to count as terrain, at the second it fully
+/// does.
 const ABOVE: (f64, f64) = (0.5, 0.7);
+/// Largest fraction of a thin surface that may face down.
 const BELOW: f64 = 0.05;
-/// By how much the best mirror plane begins to be better than the next, and fully is; and the length across it below
-/// which every shape is its own mirror image, as cells go.
+/// Lead of the best mirror plane's score over the next one: at the first value it starts to count, at the second it
+/// counts fully.
 const MIRROR_LEAD: (f64, f64) = (0.03, 0.15);
+/// Least extent across a mirror plane, in half diagonals. Thinner shapes mirror onto the same voxels in any case.
 const THIN: f64 = 0.33;
-/// The share that it mirrors, at which it begins to be a mirror plane and fully is: of scans, some plane is the best.
+/// Fraction of the surface that a mirror plane must map onto surface: at the first value it starts to count, at the
+/// second it counts fully. Among scans some plane is always the best.
 const MIRROR_SHARE: (f64, f64) = (0.7, 0.85);
-/// Lengths, in the larger of the two widths, from which what tapers at both ends lies.
+/// Ratio of length to the larger width from which a shape that tapers at both ends counts as lying.
 const LONG: f64 = 1.75;
-/// Tenths of a length that its middle is, and the share of its cross-section there that tapered ends have at most: the
-/// ends of a post are as thick as its middle, within what an arm or a lamp adds.
+/// Tenths of the length that make up the middle of a shape.
 const MIDDLE: std::ops::Range<usize> = 2..8;
+/// Largest cross-section of a tapered end, as a fraction of the middle's. The ends of a post are as thick as its
+/// middle, apart from an arm or a lamp.
 const TAPERED: f64 = 0.5;
-/// How well something rests that falls over, at most, and what lies on either face, at least.
+/// Largest [`Standing::rest`] of a shape that topples.
 const FALLS: f64 = 0.15;
+/// Least [`Standing::rest`] on both faces of a plate that lies flat.
 const LIES: f64 = 1.0;
 
-/// A piece of evidence for an axis, or against it.
+/// A weighted criterion for or against an axis.
 struct Piece {
     reason: UpReason,
     weight: f64,
     measure: fn(&Shape, Up) -> f64,
-    /// What it adds to a score, from which it is the reason of a choice: of one against, for the others.
+    /// Score beyond which this evidence is reported as the reason; negative for evidence against the other axes.
     decides: f64,
 }
 
-/// All evidence, the strongest kind first: an axis's score is the sum of what is measured times the weights.
+/// All evidence, strongest kind first. An axis scores the sum of the measurements times their weights.
 const EVIDENCE: [Piece; 5] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
@@ -187,8 +203,8 @@ impl Piece {
     }
 }
 
-/// The up axis of a scene whose files don't say it: by the place of all of it, or the shape of what `one_of` makes of
-/// it. Deterministic; time doesn't grow with the data.
+/// Estimates the up axis of a scene whose files don't state it: from map coordinates of the whole scene, else from the
+/// shape of the part that `one_of` selects. Deterministic, and its time doesn't grow with the data.
 pub(crate) fn upright(
     all: Option<Patches>,
     one_of: impl FnOnce(Patches) -> Patches,
@@ -211,7 +227,7 @@ pub(crate) fn upright(
     Upright { up: best.1, reason: shape.reason(best.1).unwrap_or(nothing.reason) }
 }
 
-/// The axis that is height, where the two others are map coordinates.
+/// Returns the height axis if the two other coordinates are in the range of map coordinates.
 fn map_height(patches: &Patches) -> Option<Up> {
     let at = patches.middle.abs();
     let is_map = |k: usize| MAP.contains(&at[k]) && patches.scale < 0.5 * at[k];
@@ -226,57 +242,58 @@ pub(crate) fn others(k: usize) -> [usize; 2] {
     [(k + 1) % 3, (k + 2) % 3]
 }
 
-/// The axis of an up direction, 0 to 2.
+/// Returns the axis of an up direction, 0 to 2.
 pub(crate) fn axis_of(up: Up) -> usize {
     up.vector().abs().max_position()
 }
 
-/// How a shape stands on its lowest points.
+/// Support of a shape on its lowest points, for one up axis.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Standing {
-    /// Area of the hull of what touches the ground, of the footprint's hull.
+    /// Area of the hull of the points that touch the ground, as a fraction of the footprint's hull.
     hull: f64,
-    /// Share of the footprint that is a level base.
+    /// Fraction of the footprint that is a level base.
     fill: f64,
-    /// 0 where it would topple, 1 where it is steady.
+    /// Stability: 0 if the shape would topple, 1 if it is stable.
     steady: f64,
 }
 
 impl Standing {
-    /// How well it rests, 0 to 1.5.
+    /// Scores how well the shape rests, 0 to 1.5.
     fn rest(self) -> f64 {
         self.steady * (self.hull + 0.5 * self.fill)
     }
 
-    /// On feet, tips or a rim rather than on a base.
+    /// True if the shape rests on feet, tips or a rim rather than on a solid base.
     pub(crate) fn is_on_feet(self) -> bool {
         self.steady * self.hull > 0.25 && self.fill < 0.5 * self.hull
     }
 
-    /// On a base that is solid.
+    /// True if the shape rests on a solid base.
     fn is_on_base(self) -> bool {
         self.steady * self.hull > 0.15 && self.fill > 0.6 * self.hull
     }
 }
 
-/// What is measured of a shape.
+/// Measurements of a shape that the evidence is computed from.
 #[derive(Debug)]
 struct Shape {
-    /// How it stands with each of [`Up::ALL`] up.
+    /// Support with each of [`Up::ALL`] up.
     standing: [Standing; 6],
-    /// Shares of its surface that are their own mirror image across the centroid, axis by axis.
+    /// Fraction of the surface that maps onto surface when mirrored at the centroid, per axis.
     mirror: [f64; 3],
-    /// Lengths along the axes.
+    /// Lengths along the axes, in half diagonals.
     extent: [f64; 3],
-    /// Whether it is thinner at both ends than in its middle, axis by axis.
+    /// True if the shape is thinner at both ends than in its middle, per axis.
     tapers: [bool; 3],
-    /// Evidence of ground, axis by axis.
+    /// True if the shape looks like terrain over this axis.
     ground: [bool; 3],
-    /// Evidence of a floor, with each of [`Up::ALL`] up, in points with normals of their own.
+    /// Evidence of a floor with each of [`Up::ALL`] up, 0 to 1; zero unless points have stored normals.
     floors: [f64; 6],
-    /// Sums of the normals, axis by axis: negative where the surface faces down.
+    /// Mean normal; a component is negative if the surface mostly faces down that axis.
     facing: DVec3,
-    /// What has two large faces was made lying, as printers and mills make it; elsewhere it may hang on a wall.
+    /// True if a shape with two large faces counts as lying, as 3D printers and mills make it. In other formats a plate
+    /// may hang on a wall.
     plates_lie: bool,
 }
 
@@ -295,35 +312,35 @@ impl Shape {
         }
     }
 
-    /// How much better the shape stands on this side than on the opposite one, 0 to 2.2.
+    /// Scores how much better the shape rests on this side than on the opposite one, 0 to 2.2.
     fn base(&self, up: Up) -> f64 {
         let sides = [up as usize, up as usize ^ 1].map(|i| self.standing[i]);
-        // The walls above a floor look like bases.
+        // Walls above a floor look like bases.
         base(sides, is_negative(up)) * (1.0 - self.floors.into_iter().fold(0.0, f64::max))
     }
 
-    /// 1 where the shape spreads out as ground does.
+    /// Returns 1 if the shape spreads out as terrain does, else 0.
     fn ground(&self, up: Up) -> f64 {
         let k = axis_of(up);
         if self.ground[k] && !is_negative(up) && self.facing[k] >= 0.0 { 1.0 } else { 0.0 }
     }
 
-    /// How much more the ground says than a floor that faces this way, by their weights.
+    /// Returns the weighted excess of terrain evidence over floor evidence for this direction.
     fn ground_beyond_floor(&self, up: Up) -> f64 {
         (self.ground(up) - FLOOR_WEIGHT / GROUND_WEIGHT * self.floor(up)).max(0.0)
     }
 
-    /// Evidence of a floor that faces this way, 0 to 1.
+    /// Returns the evidence of a floor that faces this direction, 0 to 1.
     fn floor(&self, up: Up) -> f64 {
         self.floors[up as usize]
     }
 
-    /// 1 across the best mirror plane, in which up lies.
+    /// Returns 1 if this axis is perpendicular to the best mirror plane, so that it isn't up.
     fn is_mirror_axis(&self, up: Up) -> f64 {
         self.leads(axis_of(up))
     }
 
-    /// 1 where the shape would fall over and lies otherwise.
+    /// Returns 1 if the shape would topple in this orientation, else 0.
     fn topples(&self, up: Up) -> f64 {
         let k = axis_of(up);
         let [u, v] = others(k);
@@ -343,7 +360,7 @@ impl Shape {
         leads(self.mirror, self.extent, k)
     }
 
-    /// The strongest piece of evidence for an axis, or else the first that speaks against others.
+    /// Returns the strongest evidence for an axis, or else the first criterion that rules out other axes.
     fn reason(&self, up: Up) -> Option<UpReason> {
         let strongest = EVIDENCE
             .iter()
@@ -360,7 +377,7 @@ fn is_negative(up: Up) -> bool {
     up.vector()[axis_of(up)] < 0.0
 }
 
-/// 1 where the mirror plane across axis `k` is clearly better than the two others, 0 where it isn't.
+/// Scores how clearly the mirror plane across axis `k` is better than the two others, 0 to 1.
 pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     let [u, v] = others(k);
     let lead = mirror[k] - mirror[u].max(mirror[v]);
@@ -368,26 +385,26 @@ pub(crate) fn leads(mirror: [f64; 3], extent: [f64; 3], k: usize) -> f64 {
     if extent[k] > THIN { share * smoothstep(MIRROR_LEAD.0, MIRROR_LEAD.1, lead) } else { 0.0 }
 }
 
-/// What standing on one side and on the opposite one says for the former, 0 to 2.2, for an axis that is negative or
-/// not.
+/// Scores the base on one side against the opposite side, 0 to 2.2; `negative` if the axis points in a negative
+/// direction.
 fn base([here, opposite]: [Standing; 2], negative: bool) -> f64 {
     let [positive, other] = if negative { [opposite, here] } else { [here, opposite] };
-    // A table rests well on its top, and a bowl on its rim: files hold them the right way up.
+    // A table rests well on its top, and a bowl on its rim. Files store both upright.
     let table = positive.is_on_feet() && other.fill > TABLE;
     let vessel = positive.is_on_base() && other.is_on_feet();
-    // What stands on feet at its corners was made to; a chair lies as well on its back.
+    // Feet at the corners are made for standing on. A chair rests on its back as well.
     let chair = !negative && !vessel && here.is_on_feet() && !opposite.is_on_feet();
     let feet = if chair { FEET_WEIGHT * smoothstep(CORNERS.0, CORNERS.1, here.hull) } else { 0.0 };
     match (table || vessel, negative) {
         (true, true) => 0.0,
         (true, false) => here.rest() + feet,
-        // What rests as well on its head, such as a box, says nothing.
+        // A shape that rests upside down as well, such as a box, gives no evidence.
         (false, _) => (here.rest() - opposite.rest()).max(0.0) + feet,
     }
 }
 
-/// How a shape stands with this axis up: what touches the ground, how much of it is level, and whether the centroid is
-/// steady over it.
+/// Measures the support of a shape with this axis up: the points that touch the ground, the level part of them, and the
+/// stability of the centroid above them.
 pub(crate) fn standing(patches: &Patches, up: Up) -> Standing {
     let axis = up.vector();
     let [u, v] = others(axis_of(up));
@@ -426,10 +443,12 @@ fn smoothstep(a: f64, b: f64, x: f64) -> f64 {
     t * t * (3.0 - 2.0 * t)
 }
 
-/// What speaks, 0 to 1, for a floor that faces each of [`Up::ALL`]: a good share of the surface does, low in
-/// it; or it is thin, and most of it faces more or less that way, hardly any the other. Only of the axes that are up in
-/// files of points, since walls look like floors, and less where another one has such evidence too. Nothing speaks
-/// where the file's normals are missing, or mostly don't fit the layout of the points.
+/// Scores the evidence, 0 to 1, for a floor that faces each of [`Up::ALL`].
+///
+/// A floor is a sufficient fraction of the surface that faces up and lies low. A thin surface also counts if most of it
+/// faces roughly up and hardly any faces down. Only +y, −y and +z are considered, the up axes found in files of points,
+/// since walls look like floors. Competing axes reduce each other's score. All scores are 0 if the file's normals are
+/// missing or mostly don't fit the layout of the points.
 fn floors(patches: &Patches) -> [f64; 6] {
     let share =
         |is: &dyn Fn(&Patch) -> bool| patches.all.iter().filter(|p| is(p)).map(|p| p.area).sum::<f64>() / patches.area;
@@ -453,16 +472,16 @@ fn floors(patches: &Patches) -> [f64; 6] {
     found.map(|one| (2.0 * one - sum).max(0.0))
 }
 
-/// The surface is a thin height field over this axis, or over one that leans from it as hillsides do, and not a drawing
-/// in its plane.
+/// True if the surface is a thin height field over this axis, or over an axis tilted from it as on a hillside, and
+/// isn't a flat drawing.
 fn is_ground(patches: &Patches, k: usize) -> bool {
     let axis = DVec3::AXES[k];
-    // Either side counts, and what stands upright says nothing.
+    // Normals of either sign count, and upright surfaces contribute nothing.
     let leaning = patches.mean(|p| p.normal * p.normal[k]).normalize_or(axis);
     spreads_across(patches, axis) || leaning[k] > LEANING && spreads_across(patches, leaning)
 }
 
-/// Whether the surface is a thin height field in this direction, and not a drawing in its plane.
+/// True if the surface is a thin height field along this direction and isn't a flat drawing.
 fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     let (u, v) = direction.any_orthonormal_pair();
     let extent = |d: DVec3| {
@@ -478,12 +497,12 @@ fn spreads_across(patches: &Patches, direction: DVec3) -> bool {
     is_thin && share(GROUND.0) > 0.85 && share(0.999) < 0.5
 }
 
-/// Thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.
+/// True if the shape is thinner at both ends than in the middle along axis `k`, as fish are and posts aren't.
 fn tapers(patches: &Patches, k: usize) -> bool {
     let [u, v] = others(k);
     let lowest = patches.all.iter().map(|p| p.position[k]).fold(f64::INFINITY, f64::min);
     let tenths = 10.0 / patches.extent()[k].max(f64::MIN_POSITIVE);
-    // Of area, position and its products.
+    // Sums of area, position and products of positions.
     let mut sums = [[0.0; 6]; 10];
     for p in &patches.all {
         let (x, y) = (p.position[u], p.position[v]);
@@ -501,9 +520,10 @@ fn tapers(patches: &Patches, k: usize) -> bool {
     sections[0].max(sections[9]) < TAPERED * middle
 }
 
-/// Shares of the surface whose mirror image across the centroid, axis by axis, is surface too, within a cell.
+/// Computes, per axis, the fraction of the surface that maps onto surface, within one voxel, when mirrored at the
+/// centroid.
 pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
-    // Positions are within 1 of the middle, so within 2 of the centroid.
+    // Positions are at most 1 from the middle, so at most 2 from the centroid.
     const SIDE: usize = 2 * (2 * VOXELS as usize + 2) + 1;
     let voxels = (patches.all.len() as f64 / PATCHES_OF_VOXELS).sqrt().min(VOXELS);
     let cell = |p: DVec3| (p * voxels).round().to_array().map(|c| (c + 2.0 * VOXELS + 2.0) as usize);
@@ -525,7 +545,7 @@ pub(crate) fn mirror(patches: &Patches) -> [f64; 3] {
     })
 }
 
-/// The convex hull, counter-clockwise (Andrew 1979, monotone chain).
+/// Computes the convex hull, counter-clockwise (Andrew 1979, monotone chain).
 fn hull(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_unstable_by(|a, b| a.x.total_cmp(&b.x).then(a.y.total_cmp(&b.y)));
     points.dedup();
@@ -558,7 +578,7 @@ fn polygon_area(polygon: &[DVec2]) -> f64 {
     0.5 * edges(polygon).map(|[a, b]| a.perp_dot(b)).sum::<f64>()
 }
 
-/// Distance from a point to the nearest edge of a convex polygon around it; negative outside.
+/// Returns the distance from a point to the nearest edge of a convex polygon around it; negative outside.
 fn distance_inside(polygon: &[DVec2], p: DVec2) -> f64 {
     let distances = edges(polygon).map(|[a, b]| (b - a).normalize_or_zero().perp_dot(p - a));
     distances.fold(f64::INFINITY, f64::min)

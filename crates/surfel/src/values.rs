@@ -1,4 +1,4 @@
-//! From the texts of flags to values. The errors say what is expected.
+//! Parsers for the values of flags. Errors state what was expected.
 
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
@@ -16,7 +16,7 @@ fn by_name<T: Copy>(named: &[(&str, T)], text: &str) -> Result<T, String> {
     named.iter().find(|(name, _)| *name == text).map(|(_, value)| *value).ok_or_else(|| format!("expected {}", names()))
 }
 
-/// Values by name, and their parser.
+/// Defines a table of named values and its parser.
 macro_rules! named {
     ($function:ident, $all:ident, $type:ty, [$($name:literal => $value:expr),+ $(,)?]) => {
         #[doc = concat!("Every [`", stringify!($type), "`] by its name.")]
@@ -58,10 +58,11 @@ named!(composite, COMPOSITES, Composite, ["surface" => Composite::Surface, "over
 named!(sort, SORTS, Sort, ["center" => Sort::Center, "pixel" => Sort::Pixel]);
 named!(edge_aa, EDGE_AA, EdgeAa, ["on" => EdgeAa::Coverage, "off" => EdgeAa::Off, "samples" => EdgeAa::Samples]);
 
-/// Most parts that anything is cut into.
+/// Largest number of shards or tiles.
 const MAX_PARTS: u32 = 1_000_000;
 
-/// `I/N`: one of N parts. I counts from 0 or from 1, because N/N is 0/N.
+/// One of N equal parts, a shard of a job or a tile of an image, written `I/N`. I counts from 0 or from 1, because N/N
+/// equals 0/N.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Part {
     index: u32,
@@ -69,37 +70,38 @@ pub struct Part {
 }
 
 impl Part {
-    /// Part `index` of `count`, if there is one.
+    /// Creates part `index` of `count`; `None` if the numbers are out of range.
     pub fn new(index: u64, count: u64) -> Option<Self> {
         let (index, count) = (u32::try_from(index).ok()?, u32::try_from(count).ok()?);
         ((1..=MAX_PARTS).contains(&count) && index <= count).then(|| Self { index: index % count, count })
     }
 
-    /// Which part; less than [`Self::count`].
+    /// Returns the part's index, less than [`Self::count`].
     pub fn index(self) -> u32 {
         self.index
     }
 
-    /// How many parts there are, 1 to 1,000,000.
+    /// Returns the number of parts, 1 to 1,000,000.
     pub fn count(self) -> u32 {
         self.count
     }
 
-    /// This part of `length` things: all parts together have each once, and lengths differ by one at most.
+    /// Returns this part of the range `0..length`. All parts together cover it exactly once, and their lengths differ
+    /// by at most one.
     pub fn of(self, length: u64) -> Range<u64> {
         let edge = |part: u32| u64::from(part) * length / u64::from(self.count);
         edge(self.index)..edge(self.index + 1)
     }
 }
 
-/// I/N: a part of so many.
+/// Parses I/N, part I of N.
 pub fn part(text: &str) -> Result<Part, String> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));
     part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
 }
 
-/// on or off.
+/// Parses on or off.
 pub fn switch(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
@@ -108,7 +110,7 @@ pub fn switch(text: &str) -> Result<bool, String> {
     }
 }
 
-/// Views by name.
+/// Names of views.
 pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("auto", ViewChoice::Auto),
     ("iso", ViewChoice::Named(NamedView::Iso)),
@@ -120,7 +122,7 @@ pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("bottom", ViewChoice::Named(NamedView::Bottom)),
 ];
 
-/// A view's name, or degrees to the right of the front and above the horizon.
+/// Parses a view's name, or two angles in degrees: azimuth to the right of the front, and elevation.
 pub fn view(text: &str) -> Result<ViewChoice, String> {
     if let Some((_, choice)) = VIEWS.iter().find(|(name, _)| *name == text) {
         return Ok(*choice);
@@ -148,17 +150,17 @@ fn number(text: &str, expected: &str, ok: impl Fn(f64) -> bool) -> Result<f64, S
     }
 }
 
-/// Three finite numbers with commas between them.
+/// Parses three finite numbers separated by commas.
 pub fn point(text: &str) -> Result<[f64; 3], String> {
     list(text, "X,Y,Z")
 }
 
-/// `--origin`: a place in the plane.
+/// Parses the value of `--origin`: a place in the plane.
 pub fn place(text: &str) -> Result<[f64; 2], String> {
     list(text, "X,Y")
 }
 
-/// `--bounds`: a rectangle in the plane.
+/// Parses the value of `--bounds`: a rectangle in the plane.
 pub fn bounds(text: &str) -> Result<[f64; 4], String> {
     let bounds = list(text, "X0,Y0,X1,Y1")?;
     if bounds[0] < bounds[2] && bounds[1] < bounds[3] {
@@ -167,7 +169,7 @@ pub fn bounds(text: &str) -> Result<[f64; 4], String> {
     Err("expected the least x and y first, then the largest: X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into())
 }
 
-/// The code of a coordinate reference system that GeoTIFF has a number for.
+/// Parses the code of a coordinate reference system that GeoTIFF can store.
 pub fn epsg(text: &str) -> Result<u16, String> {
     let digits = text.get(..5).filter(|p| p.eq_ignore_ascii_case("EPSG:")).map_or("", |_| &text[5..]);
     match digits.parse() {
@@ -176,7 +178,7 @@ pub fn epsg(text: &str) -> Result<u16, String> {
     }
 }
 
-/// Three finite numbers, not all 0.
+/// Parses three finite numbers, not all 0.
 pub fn direction(text: &str) -> Result<[f64; 3], String> {
     match point(text)? {
         [0.0, 0.0, 0.0] => Err("expected a direction that is not zero".into()),
@@ -184,7 +186,7 @@ pub fn direction(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// `LO,HI`, the first less than the second.
+/// Parses `LO,HI`, the first less than the second.
 pub fn range(text: &str) -> Result<[f64; 2], String> {
     match list(text, "LO,HI")? {
         [lo, hi] if lo < hi => Ok([lo, hi]),
@@ -195,13 +197,13 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
 /// Value of `--range`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum RangeChoice {
-    /// The range of all inputs, also where each has an image of its own.
+    /// One range over all inputs, even if each has its own image.
     Shared,
-    /// The values at the ends of the colour map.
+    /// Values at the ends of the colour map.
     Values([f64; 2]),
 }
 
-/// `LO,HI`, or `shared`.
+/// Parses `LO,HI` or `shared`.
 pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
     match text {
         "shared" => Ok(RangeChoice::Shared),
@@ -209,7 +211,7 @@ pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
     }
 }
 
-/// `X0,Y0,Z0,X1,Y1,Z1`: two corners of a box.
+/// Parses `X0,Y0,Z0,X1,Y1,Z1`, two corners of a box.
 pub fn crop(text: &str) -> Result<[f64; 6], String> {
     let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
     let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
@@ -220,23 +222,23 @@ pub fn crop(text: &str) -> Result<[f64; 6], String> {
     }
 }
 
-/// A [`Condition`] such as `intensity>100 and not z<5`: its text, as a scene file has it.
+/// Checks a [`Condition`] such as `intensity>100 and not z<5`, and returns its text, as scene files store it.
 pub fn condition(text: &str) -> Result<String, String> {
     Condition::parse(text).map(|_| text.trim().to_owned())
 }
 
-/// `2,6`, `!7,18` or `all`.
+/// Parses a set of classes: `2,6`, `!7,18` or `all`.
 pub fn classes(text: &str) -> Result<Classes, String> {
     text.parse()
 }
 
-/// Names of the columns of a table, and perhaps their types: `x,y,z,_,r,g,b`, `f4:x,y,z,intensity`.
+/// Parses the column names of a table, optionally with types: `x,y,z,_,r,g,b`, `f4:x,y,z,intensity`.
 pub fn columns(text: &str) -> Result<TableColumns, String> {
     let columns: TableColumns = text.parse()?;
     surfel_io::check_columns(&columns).map(|()| columns)
 }
 
-/// `--splats`.
+/// Parses the value of `--splats`.
 pub fn splat_count(text: &str) -> Result<SplatCount, String> {
     if text == "auto" {
         return Ok(SplatCount::Auto);
@@ -245,7 +247,7 @@ pub fn splat_count(text: &str) -> Result<SplatCount, String> {
     count.map(SplatCount::Count).ok_or_else(|| "expected auto, or a whole number from 1 to 200000000".to_owned())
 }
 
-/// `WxH` in pixels.
+/// Parses `WxH` in pixels.
 pub fn size(text: &str) -> Result<[u32; 2], String> {
     let wrong = || format!("expected WxH in pixels, 1 to {MAX_IMAGE_SIDE} a side, such as 1024x768");
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
@@ -253,7 +255,7 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     Ok([side(w)?, side(h)?])
 }
 
-/// `--memory`: bytes, or with K, M, G or T units of 1024 times the one before.
+/// Parses the value of `--memory`: bytes, or a number with the unit K, M, G or T, each 1024 times the one before.
 pub fn memory(text: &str) -> Result<u64, String> {
     let upper = text.trim().to_ascii_uppercase();
     let text = ["IB", "B"].into_iter().find_map(|word| upper.strip_suffix(word)).unwrap_or(&upper);
@@ -265,7 +267,7 @@ pub fn memory(text: &str) -> Result<u64, String> {
     ok.map(|bytes| bytes as u64).ok_or_else(|| "expected bytes, such as 4G or 512M".to_owned())
 }
 
-/// `X,Y,W,H` in pixels.
+/// Parses `X,Y,W,H` in pixels.
 pub fn region(text: &str) -> Result<Region, String> {
     let wrong = || "expected X,Y,W,H: four whole numbers of pixels, W and H at least 1".to_owned();
     let values: Result<Vec<u32>, _> = text.split(',').map(|v| v.trim().parse::<u32>()).collect();
@@ -275,7 +277,7 @@ pub fn region(text: &str) -> Result<Region, String> {
     }
 }
 
-/// An up axis' name, or `auto`: `None`.
+/// Parses the name of an up axis; `None` for `auto`.
 pub fn up(text: &str) -> Result<Option<Up>, String> {
     if text == "auto" {
         return Ok(None);
@@ -283,32 +285,32 @@ pub fn up(text: &str) -> Result<Option<Up>, String> {
     text.parse().map(Some).map_err(|_| "expected auto, +x, -x, +y, -y, +z or -z".to_owned())
 }
 
-/// Degrees between 0 and 180.
+/// Parses degrees between 0 and 180.
 pub fn fov(text: &str) -> Result<f64, String> {
     number(text, "degrees, more than 0 and less than 180", |v| v > 0.0 && v < 180.0)
 }
 
-/// A kernel cutoff: more than 0, at most 50.
+/// Parses a kernel cutoff: more than 0, at most 50.
 pub fn cutoff(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 50", |v| v > 0.0 && v <= 50.0)
 }
 
-/// Pixels from 0 to 10,000.
+/// Parses a number of pixels from 0 to 10,000.
 pub fn prefilter(text: &str) -> Result<f64, String> {
     number(text, "a number of pixels from 0 to 10000", |v| (0.0..=1e4).contains(&v))
 }
 
-/// A number more than 0, at most 1,000,000.
+/// Parses a number more than 0, at most 1,000,000.
 pub fn positive(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 1000000", |v| v > 0.0 && v <= 1e6)
 }
 
-/// Degrees from 0 to 180.
+/// Parses degrees from 0 to 180.
 pub fn angle(text: &str) -> Result<f64, String> {
     number(text, "degrees from 0 to 180", |v| (0.0..=180.0).contains(&v))
 }
 
-/// `K` radii, or `abs:D` in world units.
+/// Parses a depth tolerance: `K` radii, or `abs:D` in world units.
 pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
     let expected = "K (times the splat's radius) or abs:D (world units), at least 0";
     let ok = |v: f64| v >= 0.0 && v.is_finite();
@@ -318,12 +320,12 @@ pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
     }
 }
 
-/// A way of drawing transparent splats: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
+/// Parses a transparency method: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
 pub fn transparency(text: &str) -> Result<Transparency, String> {
     text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
 }
 
-/// `R,G,B[,A]` (linear, straight alpha) or `transparent`.
+/// Parses `R,G,B[,A]` (linear, straight alpha) or `transparent`.
 pub fn background(text: &str) -> Result<[f64; 4], String> {
     if text == "transparent" {
         return Ok([0.0; 4]);
@@ -336,7 +338,7 @@ pub fn background(text: &str) -> Result<[f64; 4], String> {
     if (0.0..=1.0).contains(&a) { Ok([r, g, b, a]) } else { Err(wrong(String::new())) }
 }
 
-/// A number for JSON, which knows no infinities: those become `"inf"` and `"-inf"`.
+/// Converts a number to JSON, which has no infinities or NaN: they become `"inf"`, `"-inf"` and `"nan"`.
 pub fn json_number(value: f64) -> Value {
     match value {
         v if v.is_finite() => Value::from(v),

@@ -1,13 +1,17 @@
-//! The side from which a scene shows most.
+//! Selection of the side from which a scene shows most.
 //!
-//! Views on a ring are compared by pieces of evidence: each is a function, and its weight stands in [`EVIDENCE`].
-//! Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is measured
-//! over cells of equal size, direction and colour in place of a mesh's faces, so that tessellation says nothing. The
-//! curvature that is visible is as Lee, Varshney, Jacobs 2005, "Mesh Saliency", choose views. Both are terms of the
-//! goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of Viewpoint Preference" (ACM TOG
-//! 30:5) fit to people's choices, as is a preference for views from slightly above. A front is preferred over a back
-//! that shows little more: what files hold mostly faces the front by convention. What is open to one side is looked
-//! into.
+//! Views on a ring are compared by the functions in [`EVIDENCE`], each with a weight:
+//! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
+//!   measured over cells of equal size, direction and colour. A mesh's faces aren't used, so that tessellation has no
+//!   influence.
+//! - Visible curvature follows Lee, Varshney, Jacobs 2005, "Mesh Saliency".
+//! - Views from slightly above are preferred.
+//!
+//! All three are terms of the goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
+//! Viewpoint Preference" (ACM TOG 30:5), fit to people's choices.
+//!
+//! A front is preferred over a back that shows little more, since file contents face the front by convention. A scene
+//! that is open to one side is viewed through the opening.
 
 use crate::framing::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use crate::front::front;
@@ -18,48 +22,56 @@ use surfel_model::Up;
 
 /// Side of a thumbnail in pixels.
 const SIDE: usize = 64;
-/// Patches that a thumbnail is drawn of, at most.
+/// Largest number of patches drawn in a thumbnail.
 const DRAWN: usize = 8000;
-/// Cells along a half diagonal: those of entropy, and those in which curvature is measured.
+/// Cells per half diagonal for entropy.
 const ENTROPY_CELLS: f64 = 3.0;
+/// Cells per half diagonal for curvature.
 const CURVATURE_CELLS: f64 = 18.0;
-/// Azimuths of the ring in degrees, the preferred first: three-quarter views, as [`ViewAngles::ISO`] is one.
+/// Azimuths of the ring in degrees, preferred ones first: three-quarter views, as [`ViewAngles::ISO`] is.
 const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.0, 120.0, 240.0, 180.0];
-/// Elevation of the ring, and of a view that is tried above its best.
+/// Elevation of the ring.
 const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
+/// Elevation of the additional view that is tried above the ring's best.
 const HIGH_DEG: f64 = 40.0;
-/// Elevation of the ring about what is flat or low: its height over its smaller width is less.
+/// Elevation of the ring around flat shapes.
 const FLAT_DEG: f64 = 50.0;
+/// Height over smaller width below which a shape is flat.
 const FLAT: f64 = 0.22;
+/// Elevation of the ring around low shapes.
 const LOW_DEG: f64 = HIGH_DEG;
+/// Height over smaller width below which a shape is low.
 const LOW: f64 = 0.4;
-/// Elevation of the ring about a room that is open to one side: from higher its roof hides more.
+/// Elevation of the ring around a room that is open to one side: from higher up the roof hides more.
 const ROOM_DEG: f64 = 10.0;
-/// Within this cosine, views are of the front alike.
+/// Cosine up to which views count equally as front views.
 const FRONT_COS: f64 = 0.8;
-/// Views whose scores differ by less are equally good: the preferred one is taken.
+/// Score difference below which views are equally good and the preferred one is chosen.
 const TIE: f64 = 0.03;
-/// Share of visible surface that faces away over the whole ring, from which facing means nothing; unless from some side
-/// at most the second share faces away: a room that is open there.
+/// Fraction of visible surface facing away, over the whole ring, from which the facing direction is meaningless. An
+/// exception is a room: some side where at most [`OPENING`] faces away.
 const MEANINGLESS: f64 = 0.6;
+/// Largest fraction facing away at the opening of a room.
 const OPENING: f64 = 0.5;
-/// Share of visible surface that faces away over the whole ring, up to which these are rims of what closes.
+/// Fraction of visible surface facing away, over the whole ring, up to which it is merely the rims of a watertight
+/// surface.
 const RIMS: f64 = 0.3;
-/// How much less of what is visible must face away than in all views, for an opening to decide.
+/// Least reduction of the fraction facing away, relative to all views, for which an opening is reported as the reason.
 const OPENS: f64 = 0.2;
 
-/// Steepest ray of a depth camera, over its axis, and the share of a surface that faces it: rims face anywhere.
+/// Slope of a depth camera's steepest ray to its axis.
 const WIDEST: f64 = 1.5;
+/// Least fraction of a captured surface that faces the camera; rims face anywhere.
 const SEEN: f64 = 0.95;
 
-/// A piece of evidence for a view, or against it.
+/// A weighted criterion for or against a view.
 struct Piece {
     reason: ViewReason,
     weight: f64,
     measure: fn(&Compared, &Candidate) -> f64,
 }
 
-/// All evidence: a view's score is the sum of what is measured times the weights. Entropy and curvature are 1 for the
+/// All evidence. A view scores the sum of the measurements times their weights. Entropy and curvature are 1 for the
 /// best views of the ring.
 const EVIDENCE: [Piece; 6] = {
     const fn piece(reason: ViewReason, weight: f64, measure: fn(&Compared, &Candidate) -> f64) -> Piece {
@@ -75,56 +87,57 @@ const EVIDENCE: [Piece; 6] = {
     ]
 };
 
-/// Viewpoint entropy, over that of the best view of the ring.
+/// Returns the viewpoint entropy relative to the ring's best view.
 fn entropy(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).entropy / compared.best.entropy
 }
 
-/// Visible curvature, over that of the best view of the ring.
+/// Returns the visible curvature relative to the ring's best view.
 fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
     compared.shown(&view.seen).curvature / compared.best.curvature
 }
 
-/// Cosine of the angle to the front, within [`FRONT_COS`].
+/// Returns the cosine of the angle to the front, at most [`FRONT_COS`].
 fn frontal(compared: &Compared, view: &Candidate) -> f64 {
     let level = ViewAngles { elevation_deg: 0.0, ..view.angles };
     (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
 }
 
-/// How much less of what is visible faces away than in all views, where facing means something.
+/// Returns the reduction of the fraction facing away, relative to all views; 0 if the facing direction is meaningless.
 fn open(compared: &Compared, view: &Candidate) -> f64 {
     if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
 }
 
-/// 1 straight at the front, the back or a side.
+/// Returns 1 if the view is straight from the front, the back or a side.
 fn straight(_: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.azimuth_deg % 90.0 == 0.0))
 }
 
-/// 1 of a view from higher than the ring: it must show clearly more.
+/// Returns 1 for a view from above the ring, which must show clearly more to win.
 fn from_high(compared: &Compared, view: &Candidate) -> f64 {
     f64::from(u8::from(view.angles.elevation_deg > compared.elevation_deg))
 }
 
-/// A view that may be chosen.
+/// A candidate view.
 struct Candidate {
     angles: ViewAngles,
     seen: Seen,
 }
 
-/// What views are compared by.
+/// Scene properties that views are compared by.
 struct Compared {
     up: Up,
-    /// Unit vector toward which the scene looks, and true if its shape says so.
+    /// Unit vector toward which the scene's front faces.
     front: DVec3,
+    /// True if the front was detected from the shape.
     has_front: bool,
-    /// Elevation of the ring.
+    /// Elevation of the ring, in degrees.
     elevation_deg: f64,
-    /// True if facing means nothing.
+    /// True if the facing direction is meaningless.
     two_sided: bool,
-    /// Share of visible surface that faces away, over the ring.
+    /// Fraction of visible surface that faces away, over the ring.
     away: f64,
-    /// The most that a view of the ring shows, each by itself.
+    /// Largest values over the views of the ring, each by itself.
     best: Shown,
 }
 
@@ -137,8 +150,8 @@ impl Compared {
         EVIDENCE.iter().map(|piece| piece.weight * (piece.measure)(self, view)).sum()
     }
 
-    /// The evidence by which a view leads most over the mean of the ring. What only an opening shows, entropy measures,
-    /// too, so that the opening decides where it is one.
+    /// Returns the evidence by which a view leads most over the mean of the ring. An opening takes precedence, since
+    /// entropy also measures what only the opening shows.
     fn reason(&self, view: &Candidate, ring: &[Candidate]) -> ViewReason {
         if open(self, view) >= OPENS {
             return ViewReason::Opening;
@@ -155,8 +168,8 @@ impl Compared {
     }
 }
 
-/// Chooses the view that the evidence speaks for most, of what `one_of` makes of a scene; how low it is counts of all.
-/// Deterministic; time doesn't grow with the data.
+/// Chooses the view with the highest score for the part of a scene that `one_of` selects. The elevation of the ring
+/// depends on the whole scene. Deterministic, and its time doesn't grow with the data.
 pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
     let Some(all) = all else {
         return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
@@ -210,7 +223,7 @@ pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> 
     ChosenView { angles: view.angles, reason: compared.reason(view, &ring) }
 }
 
-/// How far above the horizon the ring is, in degrees: what lies low would be a line, or hide behind its own rim.
+/// Returns the elevation of the ring in degrees. Low shapes would appear as a line, or be hidden by their own rim.
 fn elevation(patches: &Patches, up: Up) -> f64 {
     let extent = patches.extent();
     let [u, v] = others(axis_of(up));
@@ -222,8 +235,8 @@ fn elevation(patches: &Patches, up: Up) -> f64 {
     }
 }
 
-/// True of what a depth camera saw that looks this way, along z or back, at the origin or far away: from elsewhere it
-/// is torn. Reliefs and drawings count too. Along zero nothing does.
+/// True if the surface was captured by a depth camera that looks along `ahead` from the origin or from far away; from
+/// elsewhere such a surface looks torn. Reliefs and drawings also match. A zero vector never matches.
 fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
     let is_seen = |p: &&Patch| {
         let at = patches.middle + p.position * patches.scale;
@@ -234,39 +247,40 @@ fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
 }
 
 impl Seen {
-    /// Share of what is visible that faces away.
+    /// Returns the fraction of visible surface that faces away.
     fn share_away(&self) -> f64 {
         self.away / (self.away + self.toward).max(1.0)
     }
 }
 
-/// What a view shows.
+/// Measurements of one view.
 #[derive(Clone, Copy, Debug, Default)]
 struct Shown {
-    /// In bits, the background being one of the cells.
+    /// Viewpoint entropy in bits; the background is one of the cells.
     entropy: f64,
-    /// Summed over pixels.
+    /// Curvature, summed over pixels.
     curvature: f64,
 }
 
-/// What is seen in a thumbnail.
+/// Measurements of a thumbnail.
 #[derive(Clone, Copy, Debug, Default)]
 struct Seen {
-    /// Of all surface.
+    /// Measurements of all surface.
     all: Shown,
-    /// Of surface that faces the eye; the rest is background.
+    /// Measurements of surface that faces the eye; the rest counts as background.
     facing: Shown,
-    /// Pixels whose surface faces the eye, and faces away.
+    /// Number of pixels whose surface faces the eye.
     toward: f64,
+    /// Number of pixels whose surface faces away.
     away: f64,
 }
 
 /// A scene whose views are compared.
 struct Judge<'a> {
     patches: &'a Patches,
-    /// The cell of each patch in place, direction and colour.
+    /// Cell of each patch, by position, direction and colour.
     cells: Vec<u32>,
-    /// 0 where the surroundings of a patch are flat, to 1.
+    /// Curvature around each patch, from 0 (flat) to 1.
     curvature: Vec<f64>,
 }
 
@@ -313,7 +327,8 @@ impl<'a> Judge<'a> {
     }
 }
 
-/// The cell of a patch: its place in the scene, one of 54 directions, and its colour in quarters of sRGB, nearly.
+/// Returns the cell of a patch: its position in the scene, one of 54 directions, and its approximate sRGB colour in
+/// quarters.
 fn cell(patch: &Patch) -> u64 {
     let index = |digits: [u64; 3], base: u64| (digits[0] * base + digits[1]) * base + digits[2];
     let place = ((patch.position + 1.0) * ENTROPY_CELLS).to_array().map(|c| c as u64);
@@ -326,8 +341,8 @@ fn cell(patch: &Patch) -> u64 {
     (index(place, 8) * 54 + direction) * 64 + index(color, 4)
 }
 
-/// How much the normals around each patch differ: 1 − the length of their mean. Those of either sign say nothing of it:
-/// their patches count alike.
+/// Measures how much the normals around each patch differ: 1 − the length of their mean. Normals of arbitrary sign give
+/// no such measure, so their patches all count 1.
 fn curvature(patches: &Patches) -> Vec<f64> {
     const SIDE: usize = 2 * CURVATURE_CELLS as usize + 3;
     let index = |p: DVec3| {
@@ -359,9 +374,9 @@ fn curvature(patches: &Patches) -> Vec<f64> {
     patches.all.iter().map(around).collect()
 }
 
-/// Draws numbered patches as ellipses, their radii times `growth`, the nearest in front, by parallel projection, 1
-/// being half the image of `side` by `side` pixels; returns the depth and the number of what is seen, row by row: +∞
-/// and the largest number where nothing is.
+/// Draws numbered patches as ellipses by parallel projection, the nearest in front, with radii scaled by `growth`. A
+/// length of 1 is half the image, which has `side` × `side` pixels. Returns depth and patch number per pixel, row by
+/// row; background pixels have +∞ and the largest number.
 pub(crate) fn draw<'a>(
     patches: impl Iterator<Item = (usize, &'a Patch)>,
     growth: f64,
@@ -375,7 +390,7 @@ pub(crate) fn draw<'a>(
         let center = to_image(patch.position) + DVec2::splat(scale);
         let [s, t] = patch.axes.map(|axis| to_image(axis * growth));
         let inverse = 1.0 / s.perp_dot(t);
-        // Half a pixel more, so that edge-on patches are seen too.
+        // Half a pixel more, so that edge-on patches are visible too.
         let reach = (s * s + t * t).map(f64::sqrt).max(DVec2::splat(0.5));
         let depth = patch.position.dot(axes.forward);
         let pixel = |v: f64| (v.max(0.0) as usize).min(side);

@@ -1,8 +1,8 @@
-//! Numbers as messages say them.
+//! Formatting of numbers in messages.
 
 pub use surfel_io::counted;
 
-/// Three significant digits; beyond 1e±5 with a power of ten.
+/// Formats a number with three significant digits; beyond 1e±5 with a power of ten.
 pub fn number(value: f64) -> String {
     match value.abs() {
         0.0 => "0".to_owned(),
@@ -15,7 +15,8 @@ pub fn number(value: f64) -> String {
     }
 }
 
-/// The shortest text that is this number: of one that came from `f32`, that of the `f32`.
+/// Formats a number with the fewest digits that identify it. A value converted from `f32` gets the digits that identify
+/// the `f32`.
 pub fn shortest(value: f64) -> String {
     let narrow = value as f32;
     if f64::from(narrow) == value { format!("{narrow:?}") } else { format!("{value:?}") }

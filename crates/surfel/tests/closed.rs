@@ -1,4 +1,4 @@
-//! Automatic scenes leave out the back of clouds that close, and keep that of others.
+//! Automatic scenes cull the backs of watertight clouds and no others.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -7,7 +7,7 @@ use surfel::model::{Cull, Geometry, Material, Object};
 use surfel::scene::{AutoOptions, LoadedObjects, ObjectFacts, assemble, auto_scene, bare_object};
 use surfel::{Backend, SplatCloud};
 
-/// Splats of a ball, evenly spaced, up to a height, of which no file says that they close.
+/// Returns splats of a sphere, evenly spaced, up to a height; no file states that they are watertight.
 fn ball_up_to(height: f64) -> LoadedObjects {
     let count = 6000;
     let at = |i: u32| {
@@ -25,7 +25,7 @@ fn ball_up_to(height: f64) -> LoadedObjects {
     LoadedObjects { objects: vec![object], facts: vec![ObjectFacts::default()], ..LoadedObjects::default() }
 }
 
-/// What an automatic scene culls.
+/// Returns the culling of an automatic scene.
 fn cull_of(loaded: &LoadedObjects) -> Cull {
     let options = AutoOptions::default().with_size([96, 96]);
     auto_scene(vec![bare_object(Path::new("ball.ply"))], loaded, &options).unwrap().objects[0].material.cull

@@ -1,5 +1,5 @@
-//! A building with floors inside: none of them shows through the walls that it ends at. Walls of points: each pixel of
-//! them has their depth.
+//! Buildings and walls: floors of a building don't show through its walls, and walls of points have depth in every
+//! pixel.
 
 use std::fmt::Write as _;
 use surfel::io::Content;
@@ -10,7 +10,8 @@ use surfel::{Backend, Frame, LoadedScene, NoProgress, Planes, Renderer, View, op
 /// Height of a storey.
 const STOREY: f64 = 0.35;
 
-/// A long, narrow building as an OBJ file: walls and a roof of two triangles each, and floors between the walls.
+/// Returns a long, narrow building as an OBJ file: walls and a roof of two triangles each, and floors between the
+/// walls.
 fn building(storeys: u32) -> String {
     let (half_width, half_depth, top) = (2.0, 0.15, STOREY * f64::from(storeys));
     let mut quads: Vec<[[f64; 3]; 4]> = Vec::new();
@@ -52,7 +53,7 @@ fn floors_do_not_shine_through_the_walls_of_a_bare_building() {
     let mut polygons = scene.clone();
     polygons.objects[0].geometry = Geometry::Mesh(mesh.into());
     let truth = image(&polygons, &file);
-    // Pixels of the walls, away from outlines, whose light is another than that of the polygons.
+    // Counts pixels of the walls, away from outlines, whose light differs from that of the polygons.
     let lines = |frame: &Frame| {
         let [width, height] = file.camera.size.map(|s| s as usize);
         let (mut inside, mut lines) = (0, 0);
@@ -73,12 +74,12 @@ fn floors_do_not_shine_through_the_walls_of_a_bare_building() {
     let (_, tolerant) = lines(&image(&scene, &file));
     println!("of {inside} pixels of walls {bare} differ, {tolerant} at the default depth tolerance");
     assert!(inside > 10_000, "{inside}");
-    // Measured: 676 and 1342 of 117,481. Those that are left come from the part of the tolerance that grows with slope.
+    // Measured: 676 and 1342 of 117,481. The remaining ones come from the part of the tolerance that grows with slope.
     assert!(bare * 100 < inside && bare * 3 < tolerant * 2, "{bare} {tolerant} of {inside}");
 }
 
-/// Depth of 15,625 points as a file's bare picture has it, 128 by 96 pixels, and how many of the pixels that `truth`
-/// gives a depth (by the ray's x and y at z = 1) have no point projected into them.
+/// Returns pairs of drawn and exact depth for 15,625 points drawn automatically at 128 × 96 pixels, and the number of
+/// pixels without a projected point among them. `truth` gives the exact depth by the ray's x and y at z = 1.
 fn depth_of_points(name: &str, points: &[[f64; 3]], truth: impl Fn(f64, f64) -> f64) -> (Vec<[f64; 2]>, usize) {
     const SIZE: [u32; 2] = [128, 96];
     const FOCAL_PX: f64 = 112.5;
@@ -114,8 +115,9 @@ fn depth_of_points(name: &str, points: &[[f64; 3]], truth: impl Fn(f64, f64) -> 
 
 #[test]
 fn walls_of_points_have_depth_in_every_pixel() {
-    // 1.3 points a pixel, as a million on 1024 by 768: of the pixels 0.72 have none (Open3D's project_to_depth_image
-    // leaves as many empty, and 0.084 of the sphere's; of 0.38 of the sphere's it shows the far side).
+    // 1.3 points per pixel, like a million points at 1024 × 768: 0.72 of the pixels have no point. Open3D's
+    // project_to_depth_image leaves as many pixels empty, and 0.084 of the sphere's pixels; at 0.38 of the sphere's
+    // pixels it shows the far side.
     let mut state = 7_u64;
     let mut random = || {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
@@ -133,18 +135,18 @@ fn walls_of_points_have_depth_in_every_pixel() {
     let (depths, empty) = depth_of_points("wall", &wall, |x, _| 2.0 / (1.0 - 0.3 * x));
     assert!(depths.len() == 128 * 96 && empty * 10 > depths.len() * 6, "{empty} of {}", depths.len());
     for [depth, expected] in depths {
-        // f32 points, normals and sums: some ulp of 3 m.
+        // Rounding of f32 points, normals and sums: a few ulp of 3 m.
         assert!((depth - expected).abs() < 1e-5, "{depth} {expected}");
     }
     let hit = |x: f64, y: f64| {
         let a = x * x + y * y + 1.0;
-        // Within the outline: splats end somewhere beyond.
+        // Only within the outline: splats end somewhere beyond it.
         if 9.0 - 8.0 * a > 0.0 { (3.0 - (9.0 - 8.0 * a).sqrt()) / a } else { f64::INFINITY }
     };
     let (depths, empty) = depth_of_points("sphere", &sphere, hit);
     assert!(depths.len() > 4900 && empty * 100 > depths.len() * 5, "{empty} of {}", depths.len());
     let mean = depths.iter().map(|[depth, expected]| (depth - expected).powi(2)).sum::<f64>() / depths.len() as f64;
-    // Disks on a sphere, 0.05 large, lie 0.001 off at their rims; at the outline they are seen from the side. The far
+    // Disks of radius 0.05 on a sphere are off by 0.001 at their rims; at the outline they are viewed edge-on. The far
     // side is 2 away.
     assert!(mean.sqrt() < 0.01, "{}", mean.sqrt());
 }

@@ -1,4 +1,4 @@
-//! Meshes of few large faces are drawn without holes, as they come, whatever the size of the image.
+//! Meshes of few large faces are drawn without holes by default, at any image size.
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
@@ -7,10 +7,10 @@ use surfel::glam::{DVec2, DVec3};
 use surfel::model::{Camera, Projection};
 
 const SIZES: [[u32; 2]; 5] = [[256, 256], [640, 480], [800, 800], [1024, 1024], [1920, 1080]];
-/// Pixels along the outline that may show the background.
+/// Width of the rim along the outline, in pixels, in which the background may show.
 const RIM_PX: f64 = 3.0;
 
-/// The corners of convex solids, by name.
+/// Returns the corners of convex solids, by name.
 fn solids() -> Vec<(&'static str, Vec<DVec3>)> {
     let signs = |n: usize| (0..1 << n).map(|i| [0, 1, 2].map(|k| if i >> k & 1 == 1 { -1.0 } else { 1.0 }));
     let turned = |p: DVec3| [p, DVec3::new(p.y, p.z, p.x), DVec3::new(p.z, p.x, p.y)];
@@ -38,7 +38,7 @@ fn solids() -> Vec<(&'static str, Vec<DVec3>)> {
     ]
 }
 
-/// The faces of the convex hull of points around the origin or not, as an OBJ file of triangles.
+/// Returns the faces of the convex hull of points as an OBJ file of triangles.
 fn obj(corners: &[DVec3]) -> String {
     let mut text = String::new();
     corners.iter().for_each(|p| writeln!(text, "v {} {} {}", p.x, p.y, p.z).unwrap());
@@ -64,7 +64,7 @@ fn obj(corners: &[DVec3]) -> String {
     text
 }
 
-/// Where a point is seen, in pixels.
+/// Projects a point to pixels.
 fn pixel(camera: &Camera, p: DVec3) -> DVec2 {
     let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("a perspective camera") };
     let [eye, target, up] = [camera.eye, camera.target, camera.up].map(DVec3::from);
@@ -77,7 +77,7 @@ fn pixel(camera: &Camera, p: DVec3) -> DVec2 {
     at + DVec2::new(0.5 * w, 0.5 * h)
 }
 
-/// Checks that no pixel inside of a solid's outline shows the background.
+/// Checks that no pixel inside a solid's outline shows the background.
 fn check(name: &str, corners: &[DVec3], sizes: &[[u32; 2]]) {
     let path = std::env::temp_dir().join(format!("surfel-flat-{name}-{}.obj", std::process::id()));
     std::fs::write(&path, obj(corners)).unwrap();
@@ -92,7 +92,7 @@ fn check(name: &str, corners: &[DVec3], sizes: &[[u32; 2]]) {
         let camera = &opened.file.camera;
         let frame = backend.render(&resident, camera, &opened.file.settings).unwrap();
         let seen: Vec<DVec2> = corners.iter().map(|p| pixel(camera, *p)).collect();
-        // Lines through two corners with all others on one side.
+        // The outline consists of the lines through two corners that have all others on one side.
         let pairs = seen.iter().flat_map(|a| seen.iter().map(move |b| (*a, (*b - *a).normalize_or_zero())));
         let is_outline =
             |(a, d): &(DVec2, DVec2)| *d != DVec2::ZERO && seen.iter().all(|c| d.perp_dot(*c - *a) > -1e-6);
@@ -121,7 +121,7 @@ fn check(name: &str, corners: &[DVec3], sizes: &[[u32; 2]]) {
 
 #[test]
 fn a_cube_has_no_pinholes() {
-    // At these sizes it had some, of candidates that coincide along the diagonals.
+    // At these sizes the cube once had holes, from candidates that coincide along the diagonals.
     let (name, corners) = solids().swap_remove(1);
     check(name, &corners, &[SIZES[1], SIZES[3]]);
 }

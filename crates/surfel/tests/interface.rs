@@ -1,8 +1,8 @@
-//! What a program that uses the crate relies on: the front page's program, threads, and a root that fits on a page.
+//! Interface that programs rely on: the front page's program, threads, and a root module that fits on a page.
 
 use surfel::{Backend, Camera, Frame, Planes, Renderer, Scene, Settings, SplatCloud, Stats, View};
 
-/// The front page's program, with a name of its own to save under.
+/// The front page's program, with its own output name.
 #[test]
 fn front_page_program_draws_two_disks() -> Result<(), Box<dyn std::error::Error>> {
     let (centers, normals, radii) = ([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]], [[0.0, 0.0, 1.0]; 2], [0.6, 0.6]);
@@ -21,14 +21,14 @@ fn front_page_program_draws_two_disks() -> Result<(), Box<dyn std::error::Error>
     std::fs::remove_file(&out)?;
     let color = image.color.ok_or("a PNG has colours")?;
     let at = |x: usize| color[300 * 800 + x];
-    // sRGB in 8 bits, half a level.
+    // 8-bit sRGB: half a level.
     let close = |found: [f32; 4], want: [f32; 3]| (0..3).all(|c| (found[c] - want[c]).abs() < 0.005) && found[3] == 1.0;
     assert!(close(at(280), colors[0]) && close(at(520), colors[1]), "{:?} {:?}", at(280), at(520));
     assert_eq!(at(5), [0.0; 4]);
     Ok(())
 }
 
-/// A frame that is used again, other planes, and a crop: the form that the short one is made of.
+/// The long form of rendering, on which the short one is built: reused frame, more planes, and a region.
 #[test]
 fn longer_form_gives_the_short_one_s_colours_and_more() -> Result<(), Box<dyn std::error::Error>> {
     let cloud = SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.6])?;
@@ -88,7 +88,7 @@ fn scenes_and_renderers_go_where_threads_are() {
     }
 }
 
-/// Whatever is used once a program lies in a module.
+/// Items that programs use only once are in modules, not in the root.
 #[test]
 fn root_fits_on_a_page_and_shows_no_internals() {
     let text = include_str!("../src/lib.rs");

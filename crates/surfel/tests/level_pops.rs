@@ -1,4 +1,4 @@
-//! Points by levels, chosen for every picture anew, on a flight: what a change of levels changes.
+//! Level-of-detail transitions of points on a flight, with a new selection for every image.
 #![cfg(feature = "cpu")]
 
 use std::path::{Path, PathBuf};
@@ -9,16 +9,16 @@ use surfel::render::{Frame, Planes, Renderer, SceneSummary, View};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, LevelStore, NoProgress, levels};
 
-/// What the land's colours are like.
+/// Colours of the test terrain.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Colors {
-    /// Waves of 17 m, 17 pixels at the start, and as high as those of the mesh octree's ball.
+    /// Waves 17 m long, 17 pixels at the start, with the amplitude of those on the mesh octree's ball.
     Waves,
-    /// Fields of 5 m whose colours step by 0.4 at their borders, and 0.2 of grain from point to point.
+    /// Fields of 5 m whose colours differ by 0.4 at their borders, with noise of 0.2 from point to point.
     Fields,
 }
 
-/// Hills of `side`² points 0.1 apart, in millimetres, as LAS of format 7.
+/// Returns hills of `side`² points 0.1 apart, in millimetres, as LAS of format 7.
 fn las(side: u32, colors: Colors) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");
@@ -62,31 +62,37 @@ fn las(side: u32, colors: Colors) -> Vec<u8> {
     bytes
 }
 
-/// Steps of a flight, to half the distance.
+/// Number of steps of a flight to half the distance.
 const STEPS: u32 = 24;
-/// Points along a side of the land, and pixels along a picture's: at the start half of the points are left out.
+/// Number of points along a side of the terrain.
 const SIDE: u32 = 600;
+/// Side of an image in pixels; at the start half of the points aren't selected.
 const SIZE: u32 = 48;
-/// Rises of a flight, in radians: one that sees the whole land from above, and one that sees hills behind hills.
+/// Elevation of a flight in radians from which the whole terrain is viewed.
 const ABOVE: f64 = 0.7;
+/// Elevation of a flight in radians at which hills hide other hills.
 const SLANTED: f64 = 0.15;
 
-/// Most that a change of levels may change a picture, root mean square: as of the octree of a mesh. Measured: 0.0044.
+/// Largest RMSE between images before and after a change of levels, the same as for the octree of a mesh. Measured:
+/// 0.0044.
 const POP_RMSE: f64 = 0.005;
-/// Most that it may change a pixel of a smooth surface in colours like those of the octree's ball: less than half of
-/// what its octree may. Measured: 0.0122.
+/// Largest change of a pixel of a smooth surface, with colours like those of the octree's ball: less than half of the
+/// octree's limit. Measured: 0.0122.
 const POP: f64 = 0.0135;
-/// The same where colours step from point to point. A kernel ends where its weight is e⁻² of its middle's: as radii
-/// shrink a splat leaves a pixel with that part of the weights' sum, 1.25, and may differ from the rest by 0.5: 0.054.
-/// Measured: 0.047.
+/// Largest change of a pixel of a smooth surface if colours differ from point to point. A kernel ends where its weight
+/// is e⁻² of that at its centre. When a shrinking splat leaves a pixel, it takes this fraction of the weights' sum,
+/// 1.25, and may differ from the rest by 0.5: 0.054. Measured: 0.047.
 const STEP_POP: f64 = 0.054;
-/// Most for all but a thousandth of these pixels, and of those at borders and ridges. Measured: 0.0256, 0.0209.
+/// Largest change of all but 0.1 % of these pixels. Measured: 0.0256.
 const MOST_POP: f64 = 0.026;
+/// Largest change of all but 0.1 % of the pixels at borders and ridges. Measured: 0.0209.
 const MOST_OUTLINE_POP: f64 = 0.022;
-/// Second difference of the depths of three pixels in a row, over the middle one, from which on they are two surfaces.
+/// Second difference of the depths of three pixels in a row, relative to the middle one, from which they are different
+/// surfaces.
 const MOST_BENT: f32 = 0.02;
 
-/// Toward the middle of the land, and about it: each step as large a share of the distance as the last.
+/// Returns the camera of a step. The flight approaches and circles the middle of the terrain; each step reduces the
+/// distance by the same factor.
 fn flown(step: u32, rise: f64) -> Camera {
     let (share, width) = (f64::from(step) / f64::from(STEPS), f64::from(SIDE) * 0.1);
     let distance = 1.2 * width * 0.5_f64.powf(share);
@@ -119,7 +125,8 @@ fn chosen(
     (asked.resolve(loaded, &NoProgress, &mut note).unwrap(), by_levels)
 }
 
-/// Pixels of one smooth surface: covered as those around them are, and with a depth that steps nowhere among them.
+/// Returns a flag per pixel, true inside a smooth surface: the pixel is covered like its neighbours, and no depth
+/// changes abruptly among them.
 fn smooth(frame: &Frame) -> Vec<bool> {
     let (size, z) = (SIZE as usize, frame.depth());
     let bend = |i: usize, by: usize| (z[i - by] - 2.0 * z[i] + z[i + by]).abs() / z[i];
@@ -133,7 +140,7 @@ fn smooth(frame: &Frame) -> Vec<bool> {
     (0..z.len()).map(|i| is_smooth(&i)).collect()
 }
 
-/// Change of colour of each pixel that is covered in both.
+/// Returns the change of colour of each pixel that both frames cover.
 fn changes(a: &Frame, b: &Frame) -> Vec<f64> {
     let covered = |c: &[f32; 4]| c[3] > 0.999;
     let change = |(a, b): (&[f32; 4], &[f32; 4])| match covered(a) && covered(b) {
@@ -143,19 +150,19 @@ fn changes(a: &Frame, b: &Frame) -> Vec<f64> {
     a.color().iter().zip(b.color()).map(change).collect()
 }
 
-/// Root mean square difference of colour in pixels that are covered in both.
+/// Returns the root mean square difference of colour over the pixels that both frames cover.
 fn rmse(a: &Frame, b: &Frame) -> f64 {
     let both = || a.color().iter().zip(b.color()).filter(|(a, b)| a[3] > 0.999 && b[3] > 0.999);
     let sum: f64 = both().flat_map(|(a, b)| [0, 1, 2].map(|k| f64::from(a[k] - b[k]).powi(2))).sum();
     (sum / (3 * both().count().max(1)) as f64).sqrt()
 }
 
-/// Changes of pixels, sorted.
+/// Sorted changes of pixels.
 #[derive(Default)]
 struct Changes(Vec<f64>);
 
 impl Changes {
-    /// The change that so large a share of the pixels stays within; 1 for the largest.
+    /// Returns the change that the fraction `share` of the pixels doesn't exceed; 1 for the largest.
     fn within(&self, share: f64) -> f64 {
         self.0[(share * (self.0.len() - 1) as f64) as usize]
     }
@@ -168,33 +175,34 @@ impl std::fmt::Debug for Changes {
     }
 }
 
-/// What the choice of a flight alone changes: a picture beside the same view of the points chosen for the step before.
+/// Changes caused by the selection alone: each image is compared with the same view of the points selected for the
+/// previous step.
 #[derive(Debug, Default)]
 struct Flight {
-    /// Pictures that are drawn by levels.
+    /// Number of images drawn with levels of detail.
     by_levels: u32,
-    /// Pixels of smooth surfaces.
+    /// Changes of pixels inside smooth surfaces.
     surface: Changes,
-    /// All others that are covered in both: at borders and ridges.
+    /// Changes of all other pixels that both images cover, at borders and ridges.
     outline: Changes,
-    /// The largest change of a picture, root mean square.
+    /// Largest RMSE between two images.
     rmse: f64,
-    /// The largest root mean square difference from all points.
+    /// Largest RMSE relative to an image of all points.
     error: f64,
-    /// Pixels that all points cover and levels don't.
+    /// Number of pixels that all points cover but the levels don't.
     bare: usize,
-    /// Splats drawn, of all pictures.
+    /// Total number of splats drawn in all images.
     splats: u64,
 }
 
 impl Flight {
-    /// True if every picture is drawn by levels, and covers what all points do.
+    /// True if every image is drawn with levels of detail and covers what all points cover.
     fn is_whole(&self) -> bool {
         self.by_levels == STEPS && self.bare == 0
     }
 }
 
-/// A flight at splats of 1 px; each picture is of so many views that share a choice.
+/// Runs a flight with splats of at most 1 px; each selection is shared by `views` equal views.
 fn fly(path: &Path, rise: f64, views: usize) -> Flight {
     let store = Arc::new(LevelStore::keeping_nodes());
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();
@@ -239,7 +247,7 @@ impl Drop for Folder {
     }
 }
 
-/// Hills by levels, with the splats' normals and radii or, as other programs write them, without.
+/// Writes the hills as COPC, with the splats' normals and radii, or without them as other programs do.
 pub(crate) fn hills(colors: Colors, has_splats: bool) -> (Folder, PathBuf) {
     static COUNT: AtomicU32 = AtomicU32::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
@@ -268,10 +276,10 @@ fn levels_chosen_for_every_picture_do_not_pop() {
         println!("{rise}: {fields:?}");
         assert!(fields.is_whole() && fields.rmse < POP_RMSE, "{fields:?}");
         assert!(fields.surface.within(1.0) < STEP_POP && fields.surface.within(0.999) < MOST_POP, "{fields:?}");
-        // A pixel there shows one of two surfaces, so that its largest change is as much as they differ.
+        // Such a pixel shows one of two surfaces, so its largest change is their difference.
         assert!(fields.outline.within(0.999) < MOST_OUTLINE_POP, "{fields:?}");
     }
-    // What would pop does: pictures that share a choice don't fade, not even two of the same.
+    // Without fading, levels pop: images that share a selection don't fade, not even two equal ones.
     let popping = fly(&path, ABOVE, 2);
     println!("without: {popping:?}");
     assert!(popping.rmse > POP_RMSE && popping.surface.within(1.0) > STEP_POP, "{popping:?}");
@@ -281,7 +289,7 @@ fn levels_chosen_for_every_picture_do_not_pop() {
     );
 }
 
-/// Of nodes that are kept more is read, for pictures to come.
+/// Nodes that are cached are read with more values, for later images.
 #[test]
 fn levels_are_the_same_whether_nodes_are_kept() {
     let (_folder, path) = hills(Colors::Fields, true);
@@ -304,7 +312,7 @@ fn levels_are_the_same_whether_nodes_are_kept() {
     }
 }
 
-/// Whole patches whose estimated normals turn around are left to others: they are at borders.
+/// Patches whose estimated normals flip aren't smooth surfaces here: they are at borders.
 #[test]
 fn levels_of_estimated_splats_do_not_pop() {
     let (_folder, path) = hills(Colors::Fields, false);

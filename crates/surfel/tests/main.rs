@@ -1,4 +1,4 @@
-//! The facade as its callers use it.
+//! Tests of the facade's public interface.
 
 mod closed;
 mod facades;

@@ -1,4 +1,4 @@
-//! Which axis is up and which side is shown, of shapes made for it, of Spot, and of what says nothing.
+//! Up axis and view of shapes made for the tests, of Spot, and of shapes without evidence.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -18,7 +18,7 @@ const MESHES: UpConvention = UpConvention::Meshes;
 const POINTS: UpConvention = UpConvention::Points;
 const STL: UpConvention = UpConvention::Stl;
 
-/// Triangles in y-up coordinates.
+/// A triangle mesh in y-up coordinates.
 #[derive(Default)]
 struct Shape {
     positions: Vec<DVec3>,
@@ -73,13 +73,13 @@ impl Shape {
         chair.block([-0.26, 0.5, -0.26], [0.26, 0.55, 0.26]).block([-0.26, 0.55, -0.26], [0.26, 1.1, -0.22])
     }
 
-    /// A head on a neck, on a plinth, with a nose toward +z.
+    /// Returns a bust: a head on a neck, on a plinth, with a nose toward +z.
     fn bust() -> Self {
         let head = Self::default().ball([0.0, 1.2, 0.0], [0.32, 0.42, 0.38]).ball([0.0, 1.15, 0.38], [0.06, 0.1, 0.12]);
         head.ball([0.0, 0.7, 0.0], [0.17, 0.3, 0.17]).block([-0.35, 0.0, -0.3], [0.35, 0.5, 0.3])
     }
 
-    /// A person: feet, legs, a trunk, arms and a head.
+    /// Returns a person: feet, legs, a trunk, arms and a head.
     fn figure() -> Self {
         let leg = |shape: Self, x: f64| {
             let foot = shape.block([x - 0.05, 0.0, -0.2], [x + 0.05, 0.06, 0.06]);
@@ -89,7 +89,7 @@ impl Shape {
         legs.ball([0.0, 1.15, 0.0], [0.2, 0.36, 0.12]).ball([0.0, 1.63, 0.0], [0.09, 0.13, 0.11])
     }
 
-    /// A calf: four legs, a body along z, and a head held high at −z.
+    /// Returns a calf: four legs, a body along z, and a head held high at −z.
     fn calf() -> Self {
         let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.06, 0.0, z - 0.06], [x + 0.06, 0.6, z + 0.06]);
         let legs = [(-0.2, -0.5), (0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)];
@@ -97,7 +97,7 @@ impl Shape {
         calf.ball([0.0, 0.75, 0.0], [0.3, 0.3, 0.75]).ball([0.0, 1.25, -0.75], [0.2, 0.22, 0.3])
     }
 
-    /// A bull: four legs, a body along z, a head held low at -z, and a tail.
+    /// Returns a bull: four legs, a body along z, a head held low at -z, and a tail.
     fn bull() -> Self {
         let leg = |shape: Self, x: f64, z: f64| shape.block([x - 0.06, 0.0, z - 0.06], [x + 0.06, 0.6, z + 0.06]);
         let legs = [(-0.2, -0.5), (0.2, -0.5), (-0.2, 0.5), (0.2, 0.5)];
@@ -106,7 +106,7 @@ impl Shape {
         bull.block([-0.03, 0.85, 0.6], [0.03, 0.91, 1.3])
     }
 
-    /// Hills of a height of 0.2 over a square with sides of 2.
+    /// Returns hills 0.2 high over a square with sides of 2.
     fn hills() -> Self {
         let height = |x: f64, z: f64| 0.06 * (3.0 * x).sin() * (2.0 * z + 1.0).cos() + 0.04 * (7.0 * x + 4.0 * z).sin();
         Self::default().grid([60, 60], |u, v| {
@@ -115,7 +115,7 @@ impl Shape {
         })
     }
 
-    /// This shape after a map.
+    /// Returns this shape transformed by `map`.
     fn mesh(&self, map: DAffine3) -> Mesh {
         let positions: Vec<DVec3> = self.positions.iter().map(|p| map.transform_point3(*p)).collect();
         let origin = positions[0];
@@ -123,7 +123,7 @@ impl Shape {
         Mesh { origin, positions: Column3::from_f32(local), triangles: self.triangles.clone(), ..Mesh::default() }
     }
 
-    /// Splats of it, as a program would make them of a mesh.
+    /// Returns splats of the shape, as a program would make them from a mesh.
     fn object(&self, map: DAffine3, splats: usize) -> Object {
         let mesh = self.mesh(map);
         let options = MeshOptions { method: MeshMethod::Count(splats), ..MeshOptions::auto(&mesh) };
@@ -136,7 +136,7 @@ fn object(cloud: SplatCloud) -> Object {
     Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() }
 }
 
-/// Turns y-up coordinates so that another axis is up.
+/// Returns the rotation of y-up coordinates that makes another axis up.
 fn turned(up: Up) -> DAffine3 {
     let axis = up.vector();
     let side = DVec3::new(axis.y.abs() + axis.z.abs(), axis.x.abs(), 0.0);
@@ -161,7 +161,7 @@ fn standing_things_stand_in_either_convention() {
             }
         }
     }
-    // What stands clearly on a solid base is believed even where files are hardly ever so.
+    // A clear base decides even for an axis that is hardly ever up in files.
     let found = upright(&[Shape::bust().object(turned(Up::MinusZ), 8000)], MESHES);
     assert_eq!((found.up, found.reason), (Up::MinusZ, UpReason::Base));
 }
@@ -173,7 +173,7 @@ fn ground_lies_level_by_its_coordinates_or_its_shape() {
         let found = upright(&[hills.object(turned(up), 8000)], MESHES);
         assert_eq!((found.up, found.reason), (up, UpReason::Ground), "{up}");
     }
-    // A hillside, but no roof.
+    // A hillside counts as terrain, but a roof doesn't.
     for (angle, is_ground) in [(10.0_f64, true), (18.0, true), (28.0, true), (36.0, false)] {
         for up in [Up::PlusY, Up::PlusZ] {
             for axis in [DVec3::X, DVec3::Z, DVec3::new(0.8, 0.0, -0.6)] {
@@ -183,20 +183,20 @@ fn ground_lies_level_by_its_coordinates_or_its_shape() {
             }
         }
     }
-    // UTM: a hundred metres of it, and quite flat.
+    // UTM coordinates: a hundred metres, and quite flat.
     let utm = DAffine3::from_translation(DVec3::new(691_600.0, 5_336_400.0, 520.0))
         * DAffine3::from_mat3(DMat3::from_cols(DVec3::X * 50.0, DVec3::Z * 0.1, DVec3::NEG_Y * 50.0));
     for convention in [MESHES, POINTS, STL] {
         let found = upright(&[hills.object(utm, 8000)], convention);
         assert_eq!((found.up, found.reason), (Up::PlusZ, UpReason::Georeferenced));
     }
-    // A drawing in the plane of x and y is none.
+    // A drawing in the plane of x and y isn't terrain.
     let drawing = Shape::default().grid([1, 1], |u, v| DVec3::new(u, v, 0.0));
     assert_eq!(upright(&[drawing.object(DAffine3::IDENTITY, 2000)], MESHES).up, Up::PlusY);
 }
 
-/// Points of a corner of a room as a camera sees it, y down: a floor, a wall behind it and one beside it, with normals
-/// or with what is estimated of them.
+/// Returns points of a corner of a room in a camera's coordinates, y down: a floor, a wall behind it and one beside it.
+/// The normals are stored or estimated.
 fn corner(normals: bool) -> Object {
     let side = |n: DVec3, at: fn(f64, f64) -> DVec3| {
         (0..3600).map(move |i| (at(f64::from(i % 60) / 60.0, f64::from(i / 60) / 60.0), n)).collect::<Vec<_>>()
@@ -217,10 +217,10 @@ fn corner(normals: bool) -> Object {
 fn floors_face_up_by_normals_of_the_file() {
     let found = upright(&[corner(true)], POINTS);
     assert_eq!((found.up, found.reason), (Up::MinusY, UpReason::Floor));
-    // Estimated ones face what was taken for outside, and those of meshes are on both sides of walls.
+    // Estimated normals face the presumed outside, and meshes have normals on both sides of walls.
     assert_ne!(upright(&[corner(false)], POINTS).reason, UpReason::Floor);
     assert_ne!(upright(&[corner(true)], MESHES).reason, UpReason::Floor);
-    // Ground with gaps and trees on it is no height field, and yet nothing faces down.
+    // Ground with gaps and trees isn't a height field, but none of it faces down.
     let balls = |s: Shape, i: u32| {
         let (x, z) = (f64::from(i % 6) / 3.0 - 0.9, f64::from(i / 6) / 3.0 - 0.9);
         s.ball([x, 0.15, z], [0.13, 0.13, 0.13])
@@ -279,14 +279,14 @@ fn what_says_nothing_follows_the_convention() {
         let [mesh, points] = [MESHES, POINTS].map(|convention| upright(&objects, convention));
         assert_eq!((mesh.up, mesh.reason), (Up::PlusY, UpReason::Convention));
         assert_eq!((points.up, points.reason), (Up::PlusZ, UpReason::Convention));
-        // Every side of them shows as much: the preferred view, and of a cube a corner.
+        // All sides show as much, so the preferred view is chosen; it shows a corner of the cube.
         assert_eq!(best_view(&objects, Up::PlusY), ViewAngles::ISO);
     }
     assert_eq!(upright(&[], MESHES).up, Up::PlusY);
     assert_eq!(best_view(&[], Up::PlusZ), ViewAngles::ISO);
 }
 
-/// How far a view is from a direction in which something looks, in degrees about the up axis.
+/// Returns the angle between a view and the direction of a front, in degrees about the up axis.
 fn off(view: ViewAngles, up: Up, front: DVec3) -> f64 {
     let level = ViewAxes::turned(ViewAngles { elevation_deg: 0.0, ..view }, up).forward;
     level.angle_between(-front).to_degrees()
@@ -298,7 +298,7 @@ fn spot_shows_its_face() {
     assert_eq!(upright(&objects, MESHES).up, Up::PlusY);
     let view = best_view(&objects, Up::PlusY);
     assert!(off(view, Up::PlusY, DVec3::NEG_Z) <= 60.5, "{view}");
-    // Its tail would be shown by the view that was always taken.
+    // The default view would show its tail.
     assert!(off(ViewAngles::ISO, Up::PlusY, DVec3::NEG_Z) > 120.0);
 }
 
@@ -318,7 +318,7 @@ fn what_lies_low_is_seen_from_above() {
     let elevation_deg = |shape: Shape| best_view(&[shape.object(DAffine3::IDENTITY, 8000)], Up::PlusY).elevation_deg;
     assert_eq!(elevation_deg(Shape::hills()), 50.0);
     assert_eq!(elevation_deg(Shape::default().block([0.0; 3], [3.0, 0.1, 1.0])), 50.0);
-    // Whose sides show as much: posts, four by four.
+    // Shapes whose sides show as much as their tops: posts, four by four.
     let posts = (0..16).fold(Shape::default(), |shape, i| {
         let (x, z) = (f64::from(i % 4) / 4.0, f64::from(i / 4) / 4.0);
         shape.block([x, 0.0, z], [x + 0.025, 0.28, z + 0.025])
@@ -332,7 +332,7 @@ fn what_lies_low_is_seen_from_above() {
 #[test]
 fn seats_show_their_front() {
     for up in [Up::PlusY, Up::PlusZ] {
-        // Turned around, too: the usual front doesn't decide.
+        // The chair is also turned around, so that the default front doesn't decide.
         for turn in [DMat3::IDENTITY, DMat3::from_rotation_y(std::f64::consts::PI)] {
             let map = turned(up) * DAffine3::from_mat3(turn);
             let view = best_view(&[Shape::chair().object(map, 8000)], up);
@@ -341,7 +341,7 @@ fn seats_show_their_front() {
     }
 }
 
-/// A figure that looks toward +x, by its feet alone, one of which is raised by so much.
+/// Returns a figure that faces +x, which only its feet show; one of them is raised by `raised`.
 fn figure(raised: f64) -> Shape {
     let limb = |shape: Shape, z: f64, up: f64| {
         let shape = shape.block([-0.06, up, z - 0.05], [0.2, up + 0.08, z + 0.05]);
@@ -356,14 +356,14 @@ fn figures_on_two_feet_are_seen_from_where_their_toes_point() {
     for up in [Up::PlusY, Up::PlusZ] {
         for degrees in [0.0f64, 90.0, 180.0, 270.0] {
             let map = turned(up) * DAffine3::from_mat3(DMat3::from_rotation_y(degrees.to_radians()));
-            // One stands, one is in mid-step.
+            // One figure stands, one is in mid-step.
             for raised in [0.0, 0.1] {
                 let view = best_view(&[figure(raised).object(map, 20_000)], up);
                 assert!(off(view, up, map.transform_vector3(DVec3::X)) <= 60.5, "{up}, {degrees}, {raised}: {view}");
             }
         }
     }
-    // Two runners are no feet: which way they reach changes nothing.
+    // Two runners aren't feet: their direction has no influence.
     let runner = |shape: Shape, z: f64| {
         let shape = shape.block([-0.1, 0.0, z - 0.05], [0.8, 0.04, z + 0.05]);
         shape.block([-0.1, 0.04, z - 0.05], [0.0, 1.0, z + 0.05])
@@ -378,7 +378,7 @@ fn figures_on_two_feet_are_seen_from_where_their_toes_point() {
 
 #[test]
 fn gaussians_show_their_colourful_side_whichever_way_they_face() {
-    // A ball that is grey but for where it faces −x; axes of all Gaussians face −z.
+    // A ball that is grey except where it faces −x; the axes of all Gaussians face −z.
     let most = 4000u32;
     let at = |i: u32| {
         let height = 1.0 - 2.0 * (f64::from(i) + 0.5) / f64::from(most);
@@ -410,7 +410,7 @@ fn gaussians_show_their_colourful_side_whichever_way_they_face() {
 
 #[test]
 fn open_surfaces_show_the_side_that_they_face() {
-    // Half a ball seen from its inside by the usual view, and a relief that faces −z.
+    // Half a sphere whose inside faces the default view, and a relief that faces −z.
     let shell = Shape::default().grid([48, 48], |u, v| {
         let ((sin, cos), polar) = ((std::f64::consts::PI * u).sin_cos(), std::f64::consts::PI * (v - 0.5));
         DVec3::new(cos * polar.cos(), polar.sin(), -sin * polar.cos())
@@ -422,7 +422,8 @@ fn open_surfaces_show_the_side_that_they_face() {
 
 #[test]
 fn fish_lie_along_their_length() {
-    // Tapered at both ends, a fin on its back and a tail: the length is y in the first map, z in the second.
+    // A fish tapers at both ends, with a fin on its back and a tail. Its length is along y in the first map, along z in
+    // the second.
     let fin = |shape: Shape, lo: [f64; 3], hi: [f64; 3]| shape.block(lo, hi);
     let fish = Shape::default().ball([0.0; 3], [0.22, 0.3, 1.0]);
     let fish = fin(fin(fish, [-0.02, 0.2, -0.2], [0.02, 0.75, 0.2]), [-0.02, -0.2, 0.95], [0.02, 0.7, 1.2]);
@@ -436,7 +437,7 @@ fn fish_lie_along_their_length() {
 
 #[test]
 fn posts_stand() {
-    // A thin post with an arm and a crossbar, as thick below as above: it has no base, and one clear mirror plane.
+    // A thin post with an arm and a crossbar, as thick below as above. It has no base, but one clear mirror plane.
     let post = Shape::default()
         .block([-0.05, 0.0, -0.05], [0.05, 6.0, 0.05])
         .block([-1.2, 3.9, -0.1], [0.0, 4.1, 0.1])
@@ -458,7 +459,7 @@ fn stl_stands_as_printers_have_it() {
         let found = upright(&[shape.object(turned(Up::PlusZ), 8000)], STL);
         assert_eq!(found.up, Up::PlusZ, "{name}: {}", found.reason);
     }
-    // Games' models are y up in STL, too.
+    // Models from games are y-up in STL, too.
     assert_eq!(upright(&[Shape::table().object(turned(Up::PlusY), 8000)], STL).up, Up::PlusY);
 }
 
@@ -468,12 +469,12 @@ fn plates_lie_in_stl_and_hang_elsewhere() {
     let found = upright(&plate([1.0, 0.02, 1.0]), STL);
     assert_eq!((found.up, found.reason), (Up::PlusY, UpReason::Lying));
     assert_eq!(upright(&plate([1.0, 1.0, 0.02]), STL).up, Up::PlusZ);
-    // A wall stands, and so does a picture.
+    // A wall stands, and so does a picture in a frame.
     assert_eq!(upright(&plate([1.0, 0.15, 1.0]), STL).up, Up::PlusZ);
     assert_eq!(upright(&plate([1.0, 1.0, 0.02]), MESHES).up, Up::PlusY);
 }
 
-/// Every centre moved by up to a thousandth of the diagonal along each axis.
+/// Returns the cloud with every centre moved by up to a thousandth of the diagonal along each axis.
 fn shaken(cloud: &SplatCloud, seed: u32) -> SplatCloud {
     let (lo, hi) = cloud.bounds().unwrap();
     let reach = 0.002 * (hi - lo).length() as f32;
@@ -506,7 +507,7 @@ fn small_changes_change_neither() {
     }
 }
 
-/// A file of this text, for a test.
+/// Writes a file for a test.
 fn written(name: &str, text: &str) -> std::path::PathBuf {
     let path = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     std::fs::write(&path, text).unwrap();
@@ -515,7 +516,7 @@ fn written(name: &str, text: &str) -> std::path::PathBuf {
 
 #[test]
 fn depth_images_are_seen_from_their_camera() {
-    // A wall with a box before it, as a camera of 60 px focal length has them, right, down and ahead.
+    // A wall with a box before it, in the coordinates of a camera with 60 px focal length: right, down and forward.
     let pixel = |i: usize| {
         let (column, row) = ((i % 64) as f64, (i / 64) as f64);
         let depth = if (20.0..40.0).contains(&column) && row > 20.0 { 1.2 } else { 2.0 };
@@ -543,19 +544,19 @@ fn depth_images_are_seen_from_their_camera() {
     assert_eq!((image.up, image.up_reason), (Up::MinusY, Some(UpReason::Stated)));
     assert!((0..image.cloud.len()).all(|i| image.cloud.normal(i).dot(image.cloud.center(i)) < 0.0));
     assert_eq!(view(image.cloud, image.up), level);
-    // The same in OpenGL's axes.
+    // The same points in OpenGL's axes.
     let back: Vec<_> = points.iter().map(|p| DVec3::new(p.x, -p.y, -p.z)).collect();
     let opengl = loaded("opengl.pcd", [64, 48], identity, &back);
     assert_eq!((opengl.up, opengl.up_reason), (Up::PlusY, Some(UpReason::Stated)));
     assert!((0..opengl.cloud.len()).all(|i| opengl.cloud.normal(i).dot(opengl.cloud.center(i)) < 0.0));
     assert_eq!(view(opengl.cloud, opengl.up), level);
-    // Points alone tell nothing of a camera, but a sensor's pose does, upside down.
+    // Points alone don't reveal a camera, but a sensor's pose does, here upside down.
     let alone = loaded("alone.pcd", [64 * 48, 1], identity, &points);
     assert_eq!(alone.up_reason, None);
     let turned = loaded("turned.pcd", [64 * 48, 1], "0 0 0 0 1 0 0", &points);
     assert_eq!((turned.up, turned.up_reason), (Up::MinusY, Some(UpReason::Stated)));
     assert_eq!(view(turned.cloud, turned.up), level);
-    // From a pose that is none, nothing follows.
+    // An invalid pose is ignored.
     let broken = loaded("broken.pcd", [64 * 48, 1], "0 nan 0 0 1 0 0", &points);
     assert_eq!(broken.up_reason, None);
 }

@@ -1,4 +1,4 @@
-//! Points of levels that are out of sight: dropped where no picture shows it, kept where their shadows are in sight.
+//! Points of COPC files outside the view frustum: skipped if no image changes, read if their shadows are visible.
 #![cfg(feature = "cpu")]
 
 use crate::level_pops::{Colors, hills};
@@ -8,7 +8,7 @@ use surfel::render::{Frame, Planes, Renderer};
 use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
 use surfel::{Backend, BackendOptions, NoProgress};
 
-/// A scene of the hills in low light, in a folder with their file, as a camera that looks down into a valley sees them.
+/// Resolves a scene of the hills in low light, viewed down into a valley. `folder` holds their file.
 fn resolved(folder: &Path, projection: &str, shadow: bool) -> Resolved {
     let scene = format!(
         r#"{{
@@ -37,7 +37,7 @@ fn cloud(scene: &Scene) -> &SplatCloud {
     }
 }
 
-/// The scene with the splats of another.
+/// Returns the scene with the splats of another one.
 fn with_splats_of(scene: &Scene, other: &Scene) -> Scene {
     let mut scene = scene.clone();
     scene.objects[0].geometry = other.objects[0].geometry.clone();
@@ -54,7 +54,7 @@ fn drawn(backend: &str, scene: &Scene, resolved: &Resolved) -> Frame {
     frame
 }
 
-/// The largest difference of two pictures' planes, relative where numbers are greater than 1.
+/// Returns the largest difference of two images' planes, relative for numbers greater than 1.
 fn difference(a: &Frame, b: &Frame) -> f32 {
     let planes = |frame: &Frame| {
         let (color, normal) = (frame.color().as_flattened().to_vec(), frame.normal().as_flattened().to_vec());
@@ -71,12 +71,12 @@ const ORTHOGRAPHIC: &str = r#"{ "orthographic": { "height": 7 } }"#;
 fn points_out_of_sight_are_dropped_and_no_picture_shows_it() {
     let (folder, _) = hills(Colors::Fields, true);
     for projection in [PERSPECTIVE, ORTHOGRAPHIC] {
-        // Where lights cast shadows all points are there.
+        // If lights cast shadows, all points are read.
         let [shown, all] = [false, true].map(|shadow| resolved(&folder.0, projection, shadow));
         let whole = with_splats_of(&shown.scene, &all.scene);
         let [few, many] = [&shown.scene, &whole].map(|scene| cloud(scene).len());
         assert!(few > 1000 && 2 * few < many, "{few} of {many}");
-        // Those that are left are as they were, to the bit.
+        // The remaining points are unchanged, to the bit.
         let splat = |cloud: &SplatCloud, i: usize| {
             let number = |v: f64| v.to_bits();
             let color = cloud.data().colors.as_ref().unwrap()[i].map(f32::to_bits);
@@ -92,7 +92,7 @@ fn points_out_of_sight_are_dropped_and_no_picture_shows_it() {
             assert_eq!((splat(kept, i).1, splat(kept, i).2), (splat(every, j).1, splat(every, j).2));
             assert_eq!(kept.radius_max(i).to_bits(), every.radius_max(j).to_bits());
         }
-        // Sums are in the order of splats, which are sorted by where they are among all.
+        // Sums follow the order of splats, which depends on the bounds of all splats.
         let apart = difference(&drawn("cpu", &shown.scene, &shown), &drawn("cpu", &whole, &shown));
         assert!(apart < 2e-4, "{projection}: {apart}");
         #[cfg(feature = "reference")]

@@ -1,4 +1,5 @@
-//! Rooms are looked into through their open side, and equal things are seen from where each would be.
+//! Views of rooms and of equal things: rooms are viewed through their open side, and equal things as one of them would
+//! be.
 
 use std::sync::Arc;
 use surfel::framing::{UpConvention, ViewAngles, ViewAxes, ViewReason, best_view, choose_view, upright};
@@ -18,7 +19,7 @@ impl Faces {
         self
     }
 
-    /// Adds the six sides of a block, facing out, or in, but for those that face one of `without`.
+    /// Adds the six sides of a block, facing outward or inward, except the sides that face one of `without`.
     fn block(self, lo: [f64; 3], hi: [f64; 3], inward: bool, without: &[DVec3]) -> Self {
         let (lo, hi) = (DVec3::from(lo), DVec3::from(hi));
         let (mut all, size) = (self, hi - lo);
@@ -59,18 +60,18 @@ fn object(cloud: surfel::SplatCloud) -> Object {
     Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() }
 }
 
-/// Turns y-up coordinates so that another axis is up.
+/// Returns the rotation of y-up coordinates that makes another axis up.
 fn turned(up: Up) -> DAffine3 {
     if up == Up::PlusZ { DAffine3::from_rotation_x(std::f64::consts::FRAC_PI_2) } else { DAffine3::IDENTITY }
 }
 
-/// How far a view is from straight into an opening that faces this way, in degrees about the up axis.
+/// Returns the angle between a view and the direction straight into an opening, in degrees about the up axis.
 fn off(view: ViewAngles, up: Up, opening: DVec3) -> f64 {
     let level = ViewAxes::turned(ViewAngles { elevation_deg: 0.0, ..view }, up).forward;
     level.angle_between(-opening).to_degrees()
 }
 
-/// Walls that face in, but for one, and a block inside.
+/// Returns a room of walls that face inward, without the one on the open side, and a block inside.
 fn room(size: [f64; 3], open: DVec3) -> Faces {
     let [x, y, z] = size;
     let walls = Faces::default().block([0.0; 3], size, true, &[open]);
@@ -89,10 +90,10 @@ fn rooms_that_open_to_one_side_are_looked_into() {
             assert_eq!(view.reason, ViewReason::Opening, "{size:?} {up} {open}: {view:?}");
         }
     }
-    // Open above, as doll's houses are: from above.
+    // Rooms open at the top, like doll's houses, are viewed from above.
     let objects = [room([3.0, 2.0, 3.0], DVec3::Y).object(8000)];
     assert_eq!(best_view(&objects, Up::PlusY).elevation_deg, 40.0);
-    // From the file of the case.
+    // The file in which this case occurred.
     let faces = "f 1 3 4 2\nf 5 6 8 7\nf 1 2 6 5\nf 3 7 8 4\nf 2 4 8 6\nf 10 12 11 9\nf 15 16 14 13\nf 13 14 10 9\n\
                  f 12 16 15 11\nf 11 15 13 9\nf 14 16 12 10\n";
     let mut text = String::new();
@@ -112,7 +113,7 @@ fn rooms_that_open_to_one_side_are_looked_into() {
 
 #[test]
 fn closed_rooms_and_bodies_inside_out_are_seen_from_outside() {
-    // Facing means nothing where all of it faces away from everywhere.
+    // The facing direction is meaningless if all faces point away from every view.
     for shape in [
         Faces::default().block([0.0; 3], [1.0, 1.0, 1.0], true, &[]),
         Faces::default().block([0.0; 3], [1.0, 0.8, 1.2], true, &[DVec3::NEG_Y]),
@@ -122,7 +123,7 @@ fn closed_rooms_and_bodies_inside_out_are_seen_from_outside() {
     }
 }
 
-/// A chair whose backrest is at −z.
+/// Returns a chair with its backrest at −z.
 fn chair() -> Faces {
     let leg =
         |faces: Faces, x: f64, z: f64| faces.block([x - 0.03, 0.0, z - 0.03], [x + 0.03, 0.5, z + 0.03], false, &[]);
@@ -142,7 +143,7 @@ fn equal_things_side_by_side_are_seen_from_where_each_would_be() {
             let front = map.transform_vector3(DVec3::Z);
             assert!(off(alone, up, front) <= 60.5, "{up} {turn}: {alone}");
             let across = front.cross(up.vector());
-            // Two in one file, beside each other and behind each other, four, and two files.
+            // Two in one file, beside and behind each other, four, and several files.
             let moved = |by: DVec3| one.mapped(DAffine3::from_translation(by));
             let row = [1, 2, 3].iter().fold(one.clone(), |row, i| row.with(moved(across * 0.8 * f64::from(*i))));
             let square = one.clone().with(moved(across)).with(moved(front)).with(moved(across + front));
@@ -168,7 +169,7 @@ fn equal_things_side_by_side_are_seen_from_where_each_would_be() {
     }
 }
 
-/// A grid whose stored normals lean by so many degrees.
+/// Returns a grid whose stored normals are tilted by `degrees`.
 fn leaning(axes: DMat3, degrees: f64) -> Object {
     let place = |i: i32| axes * DVec3::new(f64::from(i / 30) * 0.1, f64::from(i % 30) * 0.1, 0.0);
     let normal = axes * (DQuat::from_rotation_x(degrees.to_radians()) * DVec3::Z);
@@ -182,13 +183,13 @@ fn leaning(axes: DMat3, degrees: f64) -> Object {
 
 #[test]
 fn normals_off_the_layout_decide_no_up_axis() {
-    // A wall that stands on x, whose normals lean so far that they face along y.
+    // A wall along x, whose normals are tilted so far that they face along y.
     let wall = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
     for (axes, degrees) in [(DMat3::IDENTITY, 30.0), (wall, 60.0), (wall, 85.0), (DMat3::IDENTITY, 85.0)] {
         let found = upright(&[leaning(axes, degrees)], UpConvention::Points);
         assert_ne!(found.reason, surfel::framing::UpReason::Floor, "{degrees}: {found:?}");
     }
-    // Where they fit, they do.
+    // Normals that fit the layout decide.
     let found = upright(&[leaning(DMat3::IDENTITY, 5.0)], UpConvention::Points);
     assert_eq!((found.up, found.reason), (Up::PlusZ, surfel::framing::UpReason::Floor));
 }

@@ -1,4 +1,4 @@
-//! One program, drawn by one backend crate after another: they differ in the line that names them.
+//! One program compiled with each backend crate: the versions differ only in the line that names the crate.
 
 #![cfg(all(feature = "cpu", feature = "reference"))]
 
@@ -24,7 +24,7 @@ mod on_ash {
     include!("swap/program.rs");
 }
 
-/// Fails where a colour is farther from the reference's than rounding takes it.
+/// Fails if a colour differs from the reference's by more than rounding.
 fn is_the_reference_image(frame: &surfel::Frame) {
     let want = on_reference::draw().unwrap();
     assert_eq!((frame.width(), frame.height()), (80, 60));
@@ -40,7 +40,7 @@ fn cpu_is_the_reference_by_another_name() {
     is_the_reference_image(&on_cpu::draw().unwrap());
 }
 
-/// Machines without a GPU, or a driver that computes on the CPU, have nothing to compare.
+/// Compares with the reference, except on machines without a GPU or with a software driver.
 #[cfg(any(feature = "wgpu", feature = "ash"))]
 fn is_the_reference_image_where_there_is_an_adapter(
     name: &str,

@@ -8,11 +8,11 @@ use surfel::model::{Geometry, Material, Object, Up};
 use surfel::scene::{AutoOptions, LoadedObjects, ObjectFacts, assemble, auto_scene, bare_object};
 use surfel::{Backend, Settings, Shader, SplatCloud};
 
-/// A ball of splats, with this linear colour or none.
+/// Returns a sphere of splats, with this linear colour or none.
 fn ball(color: Option<[f32; 3]>) -> LoadedObjects {
     let count = 6000;
     let at = |i: u32| {
-        // A Fibonacci lattice: even spacing all over.
+        // A Fibonacci lattice has even spacing everywhere.
         let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count);
         let ((sin, cos), r) = ((2.399_963_229_728_653 * f64::from(i)).sin_cos(), (1.0 - z * z).sqrt());
         DVec3::new(r * cos, r * sin, z).as_vec3().to_array()
@@ -35,7 +35,7 @@ fn loaded(cloud: SplatCloud, colored: bool) -> LoadedObjects {
     LoadedObjects { objects: vec![object], facts: vec![facts], ..LoadedObjects::default() }
 }
 
-/// Linear luminance of an automatic image, row by row, and the background's.
+/// Returns the linear luminance of an automatic image, row by row, and that of the background.
 fn image(loaded: LoadedObjects, shader: Shader) -> (Vec<Vec<f32>>, f32) {
     image_by(loaded, AutoOptions::default().with_settings(Settings::default().with_shader(shader)))
 }
@@ -51,7 +51,7 @@ fn image_by(loaded: LoadedObjects, options: AutoOptions) -> (Vec<Vec<f32>>, f32)
     (luminance.chunks_exact(96).map(<[f32]>::to_vec).collect(), file.background[0] as f32)
 }
 
-/// The object's pixels of a row: from the first that is not background to the last.
+/// Returns the object's pixels of a row, from the first to the last that differs from the background.
 fn object_of(row: &[f32], background: f32) -> &[f32] {
     let differs = |v: &f32| (v - background).abs() > 0.01;
     match (row.iter().position(differs), row.iter().rposition(differs)) {
@@ -82,7 +82,7 @@ fn unlit_white_objects_stand_before_grey() {
     for color in [None, Some([0.95; 3])] {
         let (rows, background) = image(ball(color), Shader::Unlit);
         let center = rows[48][48];
-        // What is unlit is drawn as it is: scene-linear albedo.
+        // Unlit objects are drawn with their albedo, scene-linear.
         assert!((center - color.map_or(1.0, |c| c[0])).abs() < 1e-3);
         assert!(background < 0.3, "{background}");
     }

@@ -1,4 +1,4 @@
-//! Runs the program on small inputs in a folder of its own.
+//! Helpers that run the program on small inputs in a temporary folder.
 
 #![allow(dead_code, unreachable_pub, missing_docs, reason = "backends that are left out use a part of this")]
 
@@ -8,7 +8,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-/// A folder that is removed afterwards.
+/// A temporary folder, removed when dropped.
 pub struct Folder(PathBuf);
 
 impl Folder {
@@ -37,7 +37,7 @@ impl Folder {
         self.0.join(name).exists()
     }
 
-    /// Names in the folder, sorted.
+    /// Returns the names of files in the folder, sorted.
     pub fn names(&self) -> Vec<String> {
         let entries = fs::read_dir(&self.0).unwrap();
         let mut names: Vec<String> = entries.map(|e| e.unwrap().file_name().to_string_lossy().into_owned()).collect();
@@ -45,7 +45,7 @@ impl Folder {
         names
     }
 
-    /// Runs `surfel` here with words separated by spaces.
+    /// Runs `surfel` in the folder with words separated by spaces.
     pub fn run(&self, words: &str) -> Run {
         let output = Command::new(env!("CARGO_BIN_EXE_surfel"))
             .current_dir(&self.0)
@@ -56,33 +56,33 @@ impl Folder {
         Run(output, words.to_owned())
     }
 
-    /// Starts `surfel` here with words separated by spaces, without output.
+    /// Starts `surfel` in the folder with words separated by spaces, discarding its output.
     pub fn spawn(&self, words: &str) -> Child {
         self.spawn_with(words, &[])
     }
 
-    /// As [`Self::spawn`], with these variables.
+    /// Starts `surfel` like [`Self::spawn`], with environment variables.
     pub fn spawn_with(&self, words: &str, variables: &[(&str, &str)]) -> Child {
         let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
         command.current_dir(&self.0).args(words.split_whitespace()).envs(variables.iter().copied());
         command.stdout(Stdio::null()).stderr(Stdio::null()).spawn().unwrap()
     }
 
-    /// Runs `surfel` here with words that may hold spaces.
+    /// Runs `surfel` in the folder with words that may contain spaces.
     pub fn run_words(&self, words: &[&str]) -> Run {
         let program = env!("CARGO_BIN_EXE_surfel");
         let output = Command::new(program).current_dir(&self.0).args(words).env("NO_COLOR", "1").output().unwrap();
         Run(output, words.join(" "))
     }
 
-    /// As [`Self::run_words`], with these variables.
+    /// Runs `surfel` like [`Self::run_words`], with environment variables.
     pub fn run_words_with(&self, words: &[&str], variables: &[(&str, &str)]) -> Run {
         let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
         command.current_dir(&self.0).args(words).env("NO_COLOR", "1").envs(variables.iter().copied());
         Run(command.output().unwrap(), words.join(" "))
     }
 
-    /// Runs `surfel` in a folder of this one, with `stdin`.
+    /// Runs `surfel` in a subfolder, with `stdin`.
     pub fn run_in(&self, folder: &str, words: &str, stdin: &[u8]) -> Run {
         let mut child = Command::new(env!("CARGO_BIN_EXE_surfel"))
             .current_dir(self.0.join(folder))
@@ -93,12 +93,12 @@ impl Folder {
             .stderr(Stdio::piped())
             .spawn()
             .unwrap();
-        // Who doesn't read stdin closes it.
+        // Writing fails if the program doesn't read stdin.
         let _ = child.stdin.take().unwrap().write_all(stdin);
         Run(child.wait_with_output().unwrap(), format!("{words} (in {folder:?})"))
     }
 
-    /// The image's planes.
+    /// Returns the planes of an image.
     pub fn image(&self, name: &str) -> surfel::io::Planes {
         surfel::io::read_image(&self.0.join(name)).unwrap()
     }
@@ -110,7 +110,7 @@ impl Drop for Folder {
     }
 }
 
-/// What a run gave.
+/// Result of a run.
 pub struct Run(Output, String);
 
 impl Run {
@@ -137,7 +137,7 @@ impl Run {
         self
     }
 
-    /// Asserts an exit code, and an error of one to four lines that holds `part`.
+    /// Asserts an exit code, and an error of one to four lines that contains `part`.
     #[track_caller]
     pub fn fails(self, expected: i32, part: &str) -> Self {
         let run = self.code(expected);
@@ -149,7 +149,7 @@ impl Run {
     }
 }
 
-/// A ball of disks with colours, as an ASCII splat PLY.
+/// Returns a ball of disks with colours, as an ASCII splat PLY.
 pub fn ball() -> String {
     let count = 200;
     let mut text = format!(
@@ -164,12 +164,12 @@ pub fn ball() -> String {
     text
 }
 
-/// Bare points of a sphere, as XYZ.
+/// Returns bare points of a sphere, as XYZ.
 pub fn points() -> String {
     (0..300).map(|i| on_sphere(i, 300)).map(|[x, y, z]| format!("{x} {y} {z}\n")).collect()
 }
 
-/// A cube as OBJ.
+/// Returns a cube as OBJ.
 pub fn cube() -> String {
     let mut text = String::new();
     for i in 0..8 {
@@ -184,7 +184,7 @@ fn on_sphere(i: usize, count: usize) -> [f64; 3] {
     [r * a.cos(), r * a.sin(), z]
 }
 
-/// A scene file of `a.ply` with `settings`.
+/// Returns a scene file of `a.ply` with `settings`.
 pub fn scene(settings: &str) -> String {
     format!(
         r#"{{"camera": {{"eye": [0,0,5], "target": [0,0,0], "projection": {{"perspective": {{"fov_y_deg": 30}}}},
@@ -192,8 +192,8 @@ pub fn scene(settings: &str) -> String {
     )
 }
 
-/// A LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres, `east` sheets
-/// from the first, with the points' own bounds in the header.
+/// Returns a LAS file of format 7: a hilly sheet of `side`² coloured points 0.1 apart, jittered, in millimetres. The
+/// sheet is `east` sheets from the first, and the header has the points' own bounds.
 pub fn las_at(side: u32, east: u32) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");

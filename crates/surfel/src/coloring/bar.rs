@@ -1,20 +1,23 @@
-//! A colour bar as an image of its own, with numbers.
+//! Colour bar images with labelled values.
 
 use super::{Category, ColorScale, Coloring, linear, maps, short};
 use std::path::Path;
 use surfel_io::{IoError, PlanesView, PngOptions};
 
-/// Size of the bar and of its numbers' pixels, in pixels of the image.
+/// Width and height of the bar in pixels.
 const BAR: [usize; 2] = [512, 32];
+/// Margin around the bar in pixels.
 const MARGIN: usize = 24;
+/// Side in image pixels of one dot of a glyph.
 const DOT: usize = 2;
-/// Numbers below the bar.
+/// Number of labelled values below the bar.
 const TICKS: usize = 5;
-/// Side of a category's square, and most of them: as many as LAS has classes.
+/// Side of a category's square in pixels.
 const SQUARE: usize = 24;
+/// Largest number of categories: as many as LAS has classes.
 const MOST: usize = 256;
 
-/// Rows of five dots, the leftmost the highest bit, from the top.
+/// Returns the glyph of a character: rows from the top, each with five dots, the leftmost in the highest bit.
 fn glyph(c: char) -> [u8; 7] {
     match c {
         '0' => [0x0e, 0x11, 0x13, 0x15, 0x19, 0x11, 0x0e],
@@ -60,7 +63,7 @@ fn glyph(c: char) -> [u8; 7] {
     }
 }
 
-/// An opaque white image that is drawn into.
+/// An opaque image, initially white.
 struct Canvas {
     width: usize,
     height: usize,
@@ -97,7 +100,7 @@ fn width_of(text: &str) -> usize {
     (6 * text.chars().count()).saturating_sub(1) * DOT
 }
 
-/// The colour bar of a coloring; `None` for colours that stand for no value.
+/// Draws the colour bar of a colouring; `None` if its colours don't represent values.
 fn draw(coloring: &Coloring) -> Option<Canvas> {
     match &coloring.scale {
         ColorScale::Direct => None,
@@ -141,13 +144,12 @@ fn draw(coloring: &Coloring) -> Option<Canvas> {
     }
 }
 
-/// Writes the colours of a coloring with their values: a bar with five numbers, or a square for each of up to 256
-/// categories, with its number and, of classes, its name. False where colours stand for no value, and nothing is
-/// written.
+/// Writes a colour bar: a bar with five numbers, or a labelled square for each of up to 256 categories, with the names
+/// of classes. Returns false and writes nothing if the colours don't represent values.
 ///
 /// # Errors
-/// [`IoError`] if another file exists and `overwrite` is false, or it can't be written. One that is the same stays:
-/// several parts of a job may write it.
+/// [`IoError`] if a different file exists and `overwrite` is false, or the file can't be written. An existing identical
+/// file is no error, since several shards of a job may write it.
 pub fn save_color_bar(path: &Path, overwrite: bool, coloring: &Coloring) -> Result<bool, IoError> {
     let Some(canvas) = draw(coloring) else { return Ok(false) };
     let (width, height) = (canvas.width as u32, canvas.height as u32);
@@ -159,7 +161,7 @@ pub fn save_color_bar(path: &Path, overwrite: bool, coloring: &Coloring) -> Resu
     }
 }
 
-/// True if a file is what would be written.
+/// True if the file at `path` is identical to what would be written.
 fn is_same(path: &Path, planes: &PlanesView<'_>) -> bool {
     let mut bytes = Vec::new();
     let written = surfel_io::write_png(&mut bytes, planes, &PngOptions::default());
@@ -174,7 +176,7 @@ mod tests {
     #[test]
     fn bars_hold_their_numbers_and_colours() {
         let of = |scale| draw(&Coloring { attribute: "a".into(), scale });
-        // The longest numbers are whole within the image: its border stays white.
+        // Even the longest numbers fit within the image: its border stays white.
         for range in [[0.0, 1.0], [-1.234_567e-30, 1e300], [-123_456.7, 9_999_999.0]] {
             let canvas = of(ColorScale::Range { map: Colormap::Turbo, range }).unwrap();
             let border = |i: usize| {

@@ -83,7 +83,7 @@ const TAB20: [&str; 2] = [
     "8c564bc49c94e377c2f7b6d27f7f7fc7c7c7bcbd22dbdb8d17becf9edae5",
 ];
 
-/// The map's colours as sRGB levels: 256 from the least value to the largest, of tab20 its 20.
+/// Returns the map's colours as sRGB levels: 256 from the least value to the largest, or the 20 colours of tab20.
 pub(super) fn levels(map: Colormap) -> Vec<[u8; 3]> {
     match map {
         Colormap::Viridis => table(&VIRIDIS),
@@ -102,7 +102,7 @@ fn table(lines: &[&str]) -> Vec<[u8; 3]> {
     digits.chunks_exact(6).map(|c| [level(&c[..2]), level(&c[2..4]), level(&c[4..])]).collect()
 }
 
-/// Name and colour of a class of ASPRS's LAS 1.4 R15, table 17. The colours are Surfel's: ASPRS gives none.
+/// Returns name and colour of a class of ASPRS's LAS 1.4 R15, table 17. The colours are Surfel's: ASPRS defines none.
 pub(super) fn class(number: f64) -> Option<(&'static str, [u8; 3])> {
     let classes: [(&str, [u8; 3]); 23] = [
         ("never classified", [186, 186, 186]),

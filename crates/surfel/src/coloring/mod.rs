@@ -1,8 +1,8 @@
-//! Splats coloured by an attribute: of the file, their height, or their normals.
+//! Colouring of splats by an attribute: a column of the file, their height, or their normals.
 //!
-//! Splats are coloured after they are made: points, meshes and splats alike have a height and normals then. Everything
-//! that is drawn together has one scale: a [`tally::Tally`] of the values of all files makes it, [`together`] applies
-//! it.
+//! Splats are coloured after conversion, when points, meshes and splats alike have heights and normals. Everything
+//! drawn together shares one scale per attribute: a [`tally::Tally`] of the values of all files determines it, and
+//! [`together`] applies it.
 
 mod bar;
 mod maps;
@@ -16,66 +16,66 @@ use glam::DVec3;
 use surfel_math::srgb;
 use surfel_model::{CloudData, Colormap, ExtraColumn, ExtraValues, ModelError, OnInvalid, SplatCloud};
 
-/// sRGB level of what has no value.
+/// sRGB level of splats without a value.
 const GREY: u8 = 128;
 
-/// What splats are coloured by.
+/// An attribute and the colours of its values.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coloring {
-    /// The attribute.
+    /// Name of the attribute.
     pub attribute: String,
-    /// The colours of its values.
+    /// Colours of the attribute's values.
     pub scale: ColorScale,
 }
 
-/// Which colours values have.
+/// Mapping from values to colours.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum ColorScale {
-    /// The colours of the file, or of directions.
+    /// Colours of the file or of directions, without values.
     Direct,
-    /// A map's colours, from the first value of the range to the second.
+    /// A colour map over a range of values.
     Range {
-        /// The map.
+        /// The colour map.
         map: Colormap,
-        /// Its ends.
+        /// Values at the ends of the map.
         range: [f64; 2],
     },
-    /// A colour for each value, in ascending order.
+    /// One colour per value, in ascending order of values.
     Categories(Vec<Category>),
 }
 
-/// A value that stands for a kind of thing.
+/// A value that represents a category, such as a class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Category {
     /// The value.
     pub value: f64,
-    /// What it is called, if it is known.
+    /// Name of the category, if it has one.
     pub name: Option<&'static str>,
-    /// sRGB levels.
+    /// Colour as sRGB levels.
     pub color: [u8; 3],
-    /// How many splats have it.
+    /// Number of splats with this value.
     pub count: usize,
 }
 
 /// Source of an attribute's values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Attribute {
-    /// A column, by its index among the extras.
+    /// A column, by its index among the extra columns.
     Column(usize),
-    /// The position along the up axis.
+    /// Position along the up axis.
     Height,
-    /// The normal, whose components are colours.
+    /// Normal, whose components become colours.
     Normal,
-    /// The file's own colours.
+    /// Colours of the file.
     Rgb,
 }
 
 impl Attribute {
-    /// The attribute of this name.
+    /// Returns the attribute with this name.
     ///
     /// # Errors
-    /// The names of the attributes that there are.
+    /// The names of the attributes that exist.
     pub(crate) fn of(extras: &[ExtraColumn], has_colors: bool, name: &str) -> Result<Self, Vec<String>> {
         if let Some(column) = ExtraColumn::find(extras, name) {
             let index = extras.iter().position(|extra| std::ptr::eq(extra, column));
@@ -92,7 +92,7 @@ impl Attribute {
         }
     }
 
-    /// The attribute's name, as its file has it.
+    /// Returns the attribute's name as spelled in the file.
     pub(crate) fn name(self, extras: &[ExtraColumn]) -> String {
         match self {
             Self::Column(index) => extras.get(index).map_or_else(String::new, |column| column.name.clone()),
@@ -102,7 +102,7 @@ impl Attribute {
         }
     }
 
-    /// The scale of an attribute whose values aren't numbers, and a note that says what its colours are.
+    /// Returns the scale of an attribute without numbers, and a note that explains its colours.
     pub(crate) fn direct(self) -> Option<(ColorScale, &'static str)> {
         let note = match self {
             Self::Column(_) | Self::Height => return None,
@@ -112,7 +112,7 @@ impl Attribute {
         Some((ColorScale::Direct, note))
     }
 
-    /// The value of a splat; NaN where the attribute has no numbers.
+    /// Returns the value for a splat; NaN if the attribute has no numbers.
     fn value(self, cloud: &SplatCloud, up: DVec3, i: usize) -> f64 {
         match self {
             Self::Column(index) => cloud.data().extras.get(index).map_or(f64::NAN, |column| column.values.get(i)),
@@ -121,7 +121,7 @@ impl Attribute {
         }
     }
 
-    /// The values of all splats.
+    /// Returns the values of all splats.
     pub(crate) fn values(self, cloud: &SplatCloud, up: DVec3) -> impl Iterator<Item = f64> + '_ {
         (0..cloud.len()).map(move |i| self.value(cloud, up, i))
     }
@@ -143,7 +143,7 @@ impl ColorScale {
                 })
             }
             Self::Categories(categories) => Box::new(move |v| {
-                // Adding zero makes −0 one with 0.
+                // Adding zero turns −0 into 0.
                 let found = categories.binary_search_by(|c| c.value.total_cmp(&(v + 0.0)));
                 found.map_or(grey, |at| light(categories[at].color))
             }),
@@ -151,7 +151,7 @@ impl ColorScale {
     }
 }
 
-/// Gives splats the colours of an attribute; without one they become grey.
+/// Colours splats by an attribute; without one they become grey.
 pub(crate) fn paint(
     cloud: &mut SplatCloud,
     attribute: Option<Attribute>,
@@ -174,13 +174,13 @@ pub(crate) fn paint(
     Ok(())
 }
 
-/// Returns true for the name of a column of ASPRS's classes.
+/// True for the name of a column of ASPRS classes.
 pub(crate) fn is_class(name: &str) -> bool {
     let named = ExtraColumn { name: "classification".into(), values: ExtraValues::U8(Vec::new()) };
     ExtraColumn::find(&[named], name).is_some()
 }
 
-/// Four digits that tell numbers of a range apart.
+/// Formats a value with about four digits, to distinguish numbers of a range.
 pub(crate) fn short(value: f64) -> String {
     match value.abs() {
         a if a != 0.0 && !(1e-3..1e7).contains(&a) => format!("{value:.3e}"),
@@ -190,7 +190,7 @@ pub(crate) fn short(value: f64) -> String {
     }
 }
 
-/// The linear value of an sRGB-encoded one from 0 to 1.
+/// Converts an sRGB-encoded value from 0 to 1 to linear.
 pub(crate) fn linear(encoded: f64) -> f32 {
     srgb::decode(encoded.clamp(0.0, 1.0)) as f32
 }

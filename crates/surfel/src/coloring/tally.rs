@@ -1,27 +1,27 @@
-//! The values of an attribute over everything that is drawn together, and the scale that suits them.
+//! Statistics of an attribute's values over everything drawn together, and the colour scale derived from them.
 
 use super::{Category, ColorScale, GREY, maps, short};
 use std::collections::HashMap;
 use surfel_model::Colormap;
 
-/// Most categories that are told apart where nobody asks for them.
+/// Largest number of categories that are distinguished by default.
 const CATEGORIES: usize = 20;
-/// Most categories that are told apart.
+/// Largest number of categories that are distinguished at all.
 const MOST_CATEGORIES: usize = 1 << 16;
-/// Percentiles between which values get different colours, where nothing says the range.
+/// Percentiles at the ends of the colour map, if no range is given.
 const PERCENTILES: [f64; 2] = [2.0, 98.0];
-/// Values that are held one by one; of more, each run of [`RUN`] sorted ones is represented by its middle.
+/// Number of values stored exactly. Beyond it, each run of [`RUN`] sorted values is represented by its middle.
 const HELD: usize = 1 << 24;
 const RUN: usize = 1 << 8;
 
-/// The values of an attribute.
+/// Statistics of the values of one attribute.
 pub(crate) struct Tally {
     map: Option<Colormap>,
     range: Option<[f64; 2]>,
     is_class: bool,
-    /// True for the name of an intensity, which is most often shown by grey levels.
+    /// True if the name is that of an intensity, which is usually shown in grey.
     is_intensity: bool,
-    /// Number of occurrences of each whole number, by its bits; empty if the values are no categories.
+    /// Number of occurrences of each integer, by its bits; empty if the values aren't categories.
     counts: HashMap<u64, usize>,
     are_categories: bool,
     spread: Spread,
@@ -30,7 +30,7 @@ pub(crate) struct Tally {
 }
 
 impl Tally {
-    /// No values yet, of the attribute of this name.
+    /// Creates empty statistics for the attribute `name`.
     pub(crate) fn new(name: &str, map: Option<Colormap>, range: Option<[f64; 2]>) -> Self {
         let is_class = super::is_class(name);
         let are_categories = match map {
@@ -49,7 +49,7 @@ impl Tally {
         }
     }
 
-    /// True if whole numbers are categories however many there are.
+    /// True if integers are categories regardless of how many there are.
     fn tells_all_apart(&self) -> bool {
         self.map == Some(Colormap::Tab20) || (self.map.is_none() && self.is_class)
     }
@@ -72,7 +72,7 @@ impl Tally {
 
     fn count(&mut self, value: f64, all: bool) {
         let most = if all { MOST_CATEGORIES } else { CATEGORIES };
-        // Adding zero makes −0 one with 0.
+        // Adding zero turns −0 into 0.
         let bits = (value + 0.0).to_bits();
         let is_new = value.fract() == 0.0 && !self.counts.contains_key(&bits) && self.counts.len() == most;
         if value.fract() != 0.0 || is_new {
@@ -85,7 +85,8 @@ impl Tally {
         *self.counts.entry(bits).or_default() += 1;
     }
 
-    /// Returns the scale of all values. A scale that is `known` from before stays, with further categories.
+    /// Returns the scale for all values. A scale that is `known` from before is preserved; new categories are added to
+    /// it.
     pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
         match known {
             Some(ColorScale::Range { map, range }) => ColorScale::Range { map: *map, range: *range },
@@ -108,7 +109,7 @@ impl Tally {
         }
     }
 
-    /// The distinct whole numbers, in ascending order.
+    /// Returns the distinct integers, in ascending order.
     fn categories(&self) -> Vec<Category> {
         let tab20 = maps::levels(Colormap::Tab20);
         let is_class = self.is_class && self.map.is_none();
@@ -124,7 +125,7 @@ impl Tally {
     }
 }
 
-/// Describes a scale for a note: of so many files, with `missing` values that have no colour.
+/// Describes a scale in a note, for `files` files with `missing` values that have no colour.
 pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize, missing: usize) -> String {
     let mut note = format!("coloured by {}", name.escape_debug());
     match scale {
@@ -159,11 +160,12 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
     note
 }
 
-/// Finite values, from which percentiles are found: exactly of up to [`HELD`], and to a share of 2⁻¹⁶ of more.
+/// Finite values from which percentiles are computed: exactly for up to [`HELD`] values, to within 2⁻¹⁶ of them for
+/// more.
 #[derive(Default)]
 struct Spread {
     held: Vec<f64>,
-    /// Values, and how many each represents.
+    /// Representative values, and how many values each represents.
     runs: Vec<(f64, u64)>,
 }
 
@@ -175,14 +177,14 @@ impl Spread {
         }
     }
 
-    /// Replaces the values that are held by those that represent them.
+    /// Replaces the exact values by representative ones.
     fn reduce(&mut self) {
         self.held.sort_unstable_by(f64::total_cmp);
         self.runs.extend(self.held.chunks(RUN).map(|run| (run[run.len() / 2], run.len() as u64)));
         self.held.clear();
     }
 
-    /// The percentiles; apart from each other by 1 at least where they are one.
+    /// Returns the percentiles; if they are equal, they are moved to a distance of 1.
     fn percentiles(mut self) -> [f64; 2] {
         let [lo, hi] = if self.runs.is_empty() {
             let Some(last) = self.held.len().checked_sub(1) else { return [0.0, 1.0] };
@@ -223,14 +225,14 @@ mod tests {
             }
         };
         assert_eq!(of(&(0..=100).map(|i| f64::from(i) + 0.5).collect::<Vec<_>>()), [2.5, 98.5]);
-        // Values that are all one have a colour, too.
+        // Equal values have a colour, too.
         assert_eq!(of(&[7.0; 9]), [6.5, 7.5]);
         assert_eq!((of(&[f64::NAN]), of(&[])), ([0.0, 1.0], [0.0, 1.0]));
     }
 
     #[test]
     fn percentiles_of_many_values_are_close() {
-        // In an order that mixes large and small ones.
+        // Order that mixes large and small values.
         let count = 100_003_u64;
         let value = |i: u64| ((i * 48_271) % count) as f64;
         let mut spread = Spread::default();
@@ -249,7 +251,7 @@ mod tests {
     fn one_fraction_or_a_twenty_first_number_makes_a_range() {
         let of = |values: &[f64]| {
             let mut tally = Tally::new("a", None, None);
-            // As if of a file each.
+            // Each value as if from its own file.
             values.iter().for_each(|v| tally.add([*v].into_iter()));
             match tally.scale(None) {
                 ColorScale::Categories(all) => all.len(),

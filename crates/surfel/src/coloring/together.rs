@@ -1,4 +1,4 @@
-//! Everything that is drawn together, coloured by one scale for each attribute.
+//! Shared colour scales: everything drawn together has one scale per attribute.
 
 use super::tally::{Tally, words};
 use super::{Attribute, ColorScale, Coloring, paint};
@@ -11,64 +11,64 @@ use std::sync::Arc;
 use surfel_model::PointCloud;
 use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object, SplatCloud, Up};
 
-/// Colouring that is asked for a file's splats.
+/// Colouring request for the splats of one file.
 #[derive(Clone, Debug)]
 pub(crate) struct ColorJob {
     pub(crate) path: PathBuf,
     pub(crate) attribute: String,
     pub(crate) map: Option<Colormap>,
     pub(crate) range: Option<[f64; 2]>,
-    /// The axis of height, if it is certain.
+    /// Axis of height, if it is certain.
     pub(crate) up: Option<Up>,
-    /// The axis that is usual in such files.
+    /// Conventional up axis for files of this kind.
     pub(crate) convention: UpConvention,
     /// Names of attributes that the file has besides those of the splats.
     pub(crate) others: Vec<String>,
 }
 
 impl ColorJob {
-    /// True if both are coloured by one scale.
+    /// True if both requests share one scale.
     fn shares_scale(&self, other: &Self) -> bool {
         self.attribute.eq_ignore_ascii_case(&other.attribute) && self.map == other.map && self.range == other.range
     }
 }
 
-/// A scale and the files that are coloured by it.
+/// A colour scale and the files that use it.
 #[derive(Clone, Debug)]
 struct Scale {
     job: ColorJob,
     coloring: Coloring,
     note: String,
-    /// The files, in their order.
+    /// Files coloured by the scale, in order.
     paths: Vec<PathBuf>,
 }
 
-/// Scales of everything that is drawn together.
+/// Colour scales of everything drawn together.
 #[derive(Clone, Debug, Default)]
 pub struct Colorings {
     scales: Vec<Scale>,
-    /// The axis of height of files that don't say it.
+    /// Axis of height for files that don't state one.
     axis: Option<Up>,
 }
 
-/// Splats that are coloured with others.
+/// Splats that are coloured together with others.
 pub(crate) struct Member<'a> {
     pub(crate) job: &'a ColorJob,
     pub(crate) cloud: &'a mut Arc<SplatCloud>,
-    /// True if they have their colours already, and count for the scale alone.
+    /// True if the splats are already coloured and only contribute to the scale.
     pub(crate) is_colored: bool,
 }
 
-/// Splats without the attribute, which become grey.
+/// Splats that lack the attribute and become grey.
 pub(crate) struct Lacking {
     /// Index of the member.
     pub(crate) member: usize,
-    /// The names of the attributes that it has.
+    /// Names of the attributes that the file has.
     pub(crate) known: Vec<String>,
 }
 
 impl Colorings {
-    /// The files that are coloured, and how.
+    /// Returns the coloured files and their colourings.
     pub fn iter(&self) -> impl Iterator<Item = (&Path, &Coloring)> {
         self.scales.iter().flat_map(|scale| scale.paths.iter().map(|path| (path.as_path(), &scale.coloring)))
     }
@@ -78,8 +78,8 @@ impl Colorings {
         self.scales.iter().filter_map(|scale| Some((scale.paths.first()?.as_path(), scale.note.as_str())))
     }
 
-    /// Finds one scale for each attribute and colours the members by it. Scales that are known from before stay, with
-    /// further categories.
+    /// Determines one scale per attribute and colours the members. Scales that exist already are preserved; new
+    /// categories are added to them.
     pub(crate) fn color(&mut self, members: &mut [Member<'_>]) -> Result<Vec<Lacking>, ModelError> {
         let mut tallies = Tallies { axis: self.axis, ..Tallies::default() };
         let lacking = tallies.add(members);
@@ -103,11 +103,11 @@ impl Colorings {
 
 /// Returns the axis of height.
 fn axis_of(job: &ColorJob, shared: Option<Up>) -> DVec3 {
-    // Where neither is known, nothing has asked for heights.
+    // If neither axis is known, no heights are needed.
     job.up.or(shared).map_or(DVec3::ZERO, Up::vector)
 }
 
-/// Values of attributes, of files that needn't be in memory together.
+/// Values of attributes, collected from files that needn't be in memory together.
 #[derive(Default)]
 pub(crate) struct Tallies {
     all: Vec<(ColorJob, Entry)>,
@@ -118,7 +118,7 @@ struct Entry {
     tally: Tally,
     name: String,
     direct: Option<(ColorScale, &'static str)>,
-    /// The files, in their order, each once.
+    /// Files in order, each once.
     paths: Vec<PathBuf>,
     known: HashSet<PathBuf>,
 }
@@ -148,7 +148,7 @@ impl Tallies {
     /// Adds the values of points.
     ///
     /// # Errors
-    /// The names of the attributes that there are.
+    /// The names of the attributes that exist.
     #[cfg(feature = "ortho")]
     pub(crate) fn add_points(&mut self, job: &ColorJob, points: &PointCloud) -> Result<(), Vec<String>> {
         let attribute = Attribute::of(&points.extras, points.colors.is_some(), &job.attribute)?;
@@ -173,7 +173,7 @@ impl Tallies {
             |(other, entry): &(ColorJob, Entry)| other.shares_scale(job) && entry.direct.is_some() == direct.is_some();
         let at = self.all.iter().position(is_own).unwrap_or_else(|| {
             let name = attribute.name(extras);
-            // Heights are a measure, however few there are.
+            // Heights are measurements even if there are few distinct ones.
             let map = job.map.or((attribute == Attribute::Height).then_some(Colormap::Viridis));
             let tally = Tally::new(&name, map, job.range);
             self.all.push((job.clone(), Entry { tally, name, direct, paths: Vec::new(), known: HashSet::new() }));
@@ -188,8 +188,8 @@ impl Tallies {
         }
     }
 
-    /// Finds one axis for the heights of all files that don't say theirs: that of a file beside them that does, or else
-    /// the one that their shapes together say.
+    /// Determines one axis for the heights of all files that don't state one: the axis of another file that does, or
+    /// else the one estimated from their common shape.
     fn settle_axis(&mut self, members: &mut [Member<'_>]) {
         let is_open = |member: &Member<'_>| {
             let data = member.cloud.data();
@@ -209,7 +209,7 @@ impl Tallies {
         });
     }
 
-    /// The scales of all values; those that are `known` stay.
+    /// Returns the scales of all values, preserving those that are `known`.
     fn scales(self, known: &[Scale]) -> Vec<Scale> {
         let of = |(job, entry): (ColorJob, Entry)| {
             let Entry { tally, name, direct, paths, .. } = entry;
@@ -229,8 +229,7 @@ impl Tallies {
         self.all.into_iter().map(of).collect()
     }
 
-    /// The colouring of all values of the attribute of this name, and what the user should know of it; `None` if no
-    /// file has it.
+    /// Returns the colouring for the attribute `attribute` and a note about it; `None` if no file has the attribute.
     pub(crate) fn coloring(self, attribute: &str) -> Option<(Coloring, String)> {
         let mut scales = self.scales(&[]);
         let named = |scale: &Scale| scale.job.attribute.eq_ignore_ascii_case(attribute);
@@ -247,7 +246,7 @@ mod tests {
     use crate::coloring::{GREY, linear, maps};
     use surfel_model::{ExtraValues, OnInvalid};
 
-    /// Splats one above the other along z.
+    /// Returns splats stacked along z.
     fn cloud(name: &str, values: ExtraValues) -> Arc<SplatCloud> {
         let n = values.len();
         let centers: Vec<[f32; 3]> = (0..n).map(|i| [0.0, 0.0, i as f32]).collect();
@@ -262,7 +261,7 @@ mod tests {
         ColorJob { path, attribute, map: None, range: None, up: Some(Up::PlusZ), convention, others: Vec::new() }
     }
 
-    /// Colours clouds together, each of a file of its own.
+    /// Colours clouds together, each from its own file.
     fn color(clouds: &mut [Arc<SplatCloud>], job: &ColorJob) -> (Colorings, Vec<usize>) {
         let jobs: Vec<ColorJob> =
             (0..clouds.len()).map(|i| ColorJob { path: format!("{i}.ply").into(), ..job.clone() }).collect();
@@ -321,7 +320,7 @@ mod tests {
         assert!(note.contains("(2 ground 3, 6 building 1, 9 water 1, 200: 1)"), "{note}");
         let tab20 = maps::levels(Colormap::Tab20);
         assert_eq!(levels(&clouds[0])[3], tab20[0], "200 is 0 of twenty");
-        // Whole numbers are categories as long as all files together have at most twenty.
+        // Integers are categories as long as all files together have at most twenty.
         let level = |from: i16, to: i16| cloud("level", ExtraValues::I16((from..to).collect()));
         let mut few = [level(-1, 9), level(5, 19)];
         let (found, _) = color(&mut few, &job("", "level"));
@@ -363,7 +362,7 @@ mod tests {
 
     #[test]
     fn files_that_do_not_say_their_axis_share_one() {
-        // A slope, in tiles that alone stand on another axis than all of them together.
+        // A slope in tiles, each of which alone would get another axis than all of them together.
         let mut two = [cloud("a", ExtraValues::U8(vec![0; 9])), cloud("a", ExtraValues::U8(vec![0; 9]))];
         let unknown = ColorJob { up: None, ..job("", "height") };
         let (found, _) = color(&mut two, &unknown);

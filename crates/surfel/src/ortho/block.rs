@@ -1,8 +1,8 @@
-//! Drawing a block: from above, by a parallel projection, and where the nearest surface ends, what lies behind it.
+//! Drawing of one block of an orthoimage, by parallel projection from above.
 //!
-//! Splats reach past the edge of a surface by up to a radius, so that the nearest surface alone would make every roof
-//! too large. So a pixel is drawn twice: with all splats, and with those that lie behind the surface found. Where both
-//! are, the points around it tell which side of the edge it is on (`sides.rs`).
+//! Splats extend past the edge of a surface by up to a radius, so the nearest surface alone would make every roof too
+//! large. Each pixel is therefore drawn twice: with all splats, and with those behind the surface found. At pixels that
+//! both cover, the points around the pixel determine which side of the edge it is on (`sides.rs`).
 
 use super::fill::Has;
 use super::grid::Grid;
@@ -17,41 +17,44 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Geometry, Material, Object, Scene, Settings, SplatCloud};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// Σw inside a surface whose cloud doesn't say it.
+/// Σw inside a surface, if its cloud states no interior weight.
 const WEIGHT: f64 = 4.0;
-/// Σw over that from which on nothing behind counts: it would be less than a hundredth, since the weights of two
-/// surfaces that meet at an edge have a sum of about 1 there.
+/// Factor on the interior Σw from which on nothing behind the surface contributes. The contribution would be below 1 %,
+/// since the weights of two surfaces that meet at an edge sum to about 1 there.
 const FULL: f64 = 1.5;
-/// Side of the squares of pixels that look for an edge together.
+/// Side in pixels of the squares that share one edge search.
 const SQUARE_PX: usize = 4;
-/// Distances from a splat's centre, in its radii, at which it is compared with the surface, and directions.
+/// Distances from a splat's centre, in radii, at which it is compared with the surface.
 const RINGS: [f64; 2] = [0.5, 0.95];
+/// Number of directions on each ring.
 const DIRECTIONS: usize = 8;
-/// As in the rendering model's depth tolerance: |n_z| counts as this at least, and pixels that a slope may take.
+/// Least |n_z| for the depth tolerance, as in the rendering model.
 const LEAST_SLOPE: f64 = 0.02;
+/// Width in pixels over which a slope adds to the depth tolerance.
 const SLOPE_PX: f64 = 1.4;
 
-/// The pixels of a block, with its margin, row by row from the top.
+/// Pixels of a block with its margin, row by row from the top.
 pub(crate) struct BlockPixels {
-    /// Pixels of a side.
+    /// Pixels along a side.
     pub(crate) side: usize,
-    /// Premultiplied linear RGBA; alpha 0 where nothing is. Empty if nobody asked for it.
+    /// Premultiplied linear RGBA; alpha 0 at empty pixels. The list is empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
-    /// z; NaN where nothing is.
+    /// Height z; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Unit normals, those that point down turned up; NaN where nothing is. Empty if nobody asked for it.
+    /// Unit normals, turned upward; NaN at empty pixels. The list is empty if normals aren't needed.
     pub(crate) normal: Vec<[f32; 3]>,
 }
 
-/// What is drawn in a block.
+/// Splats drawn in a block.
 #[derive(Default)]
 pub(crate) struct BlockSplats {
     pub(crate) clouds: Vec<SplatCloud>,
-    /// Which splats of the last cloud are made of points that lie in no surface; empty if it wasn't made of points.
+    /// Flag per splat of the last cloud, true if it was made from a foliage point. Empty if the cloud wasn't made from
+    /// points.
     pub(crate) leaves: Vec<bool>,
 }
 
-/// Memory that one block leaves to the next.
+/// Frames reused from block to block.
 #[derive(Default)]
 pub(crate) struct Frames {
     nearest: Frame,
@@ -84,11 +87,11 @@ pub(crate) fn draw(
     let mut behind = None;
     if keep.iter().any(|keep| keep.contains(&true)) {
         let within = layout.drawn(block, layout.halo);
-        // What surely lies beneath a surface shows nowhere.
+        // Splats that are certainly beneath a surface aren't visible at its edges.
         let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
         let of_block = clouds.iter().map(|cloud| &**cloud);
         let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
-        // Leaves are no surface: the lower ones of a crown belong to what its upper ones show.
+        // Foliage isn't a surface: the lower foliage of a crown belongs to the upper foliage.
         for (cloud, keep) in clouds.iter().zip(&mut keep) {
             let is_behind = |(i, keep): (usize, &mut bool)| {
                 if *keep {
@@ -119,7 +122,7 @@ fn render(
     backend: &mut Backend,
     frame: &mut Frame,
 ) -> Result<(), Error> {
-    // From above no surface shows its back: both sides of a splat are one.
+    // Surfaces never show their backs from above, so both sides of a splat count as front.
     let material = Material { oriented: Some(false), ..Material::default() };
     let object = |cloud: &Arc<SplatCloud>| Object {
         geometry: Geometry::Splats(cloud.clone()),
@@ -132,7 +135,7 @@ fn render(
     Ok(())
 }
 
-/// North up, the eye above the highest splat.
+/// Returns the block's view: north up, with the eye above the highest splat.
 fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) -> View {
     let side = (layout.block_px + 2 * layout.margin_px) as u32;
     let [x0, y0, ..] = layout.drawn(block, 0.0);
@@ -142,7 +145,7 @@ fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) ->
         .filter_map(SplatCloud::bounds)
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), (min, max)| (lo.min(min.z), hi.max(max.z)));
     let height = f64::from(side) * grid.gsd;
-    // Splats reach past their centres by less than a block's side.
+    // Splats extend past their centres by less than a block's side.
     let above = 1.0 + height;
     let kind = ProjectionKind::Orthographic { height, far: highest - lowest + 2.0 * above };
     View {
@@ -154,17 +157,17 @@ fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) ->
     }
 }
 
-/// The nearest surface.
+/// The nearest surface of a block.
 struct Surface<'a> {
     frame: &'a Frame,
     view: &'a View,
     gsd: f64,
-    /// Σw from which on nothing behind it counts.
+    /// Σw from which on nothing behind the surface contributes.
     full_weight: f32,
 }
 
 impl Surface<'_> {
-    /// True of a splat part of which lies behind the surface, where that may end.
+    /// True if a part of a splat lies behind the surface where the surface may end.
     fn hides(&self, cloud: &SplatCloud, i: usize) -> bool {
         let ((s, t), center) = (cloud.axes(i), cloud.center(i));
         let n = s.cross(t);
@@ -195,15 +198,15 @@ impl Surface<'_> {
     }
 }
 
-/// What lies behind the nearest surface.
+/// The second surface, behind the nearest one.
 struct Behind<'a> {
     frame: &'a Frame,
     sides: Sides,
-    /// x of the left edge, y of the upper one.
+    /// x of the left edge and y of the upper edge.
     left_top: [f64; 2],
 }
 
-/// Share of the first surface at each pixel; `None` where nothing is.
+/// Returns the fraction of the first surface at each pixel; `None` at empty pixels.
 fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>> {
     let (frame, side) = (surface.frame, surface.frame.width() as usize);
     let is_there = |i: usize| frame.weight()[i] > 0.0 && frame.depth()[i].is_finite();
@@ -231,13 +234,13 @@ struct Square {
 }
 
 impl Square {
-    /// Columns and rows.
+    /// Iterates over the pixels as column and row.
     fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
         let columns = self.left..self.left + self.width;
         (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
     }
 
-    /// The squares of so many pixels a side that it consists of, smaller ones at its right and bottom.
+    /// Splits the rectangle into squares with a side of `px` pixels; those at the right and bottom may be smaller.
     fn parts(self, px: usize) -> impl Iterator<Item = Self> {
         let (right, bottom) = (self.left + self.width, self.top + self.height);
         (self.top..bottom).step_by(px).flat_map(move |top| {
@@ -248,7 +251,7 @@ impl Square {
 }
 
 impl Behind<'_> {
-    /// Hands on the shares of those pixels of a square where both surfaces are.
+    /// Passes the first surface's fraction to `each` for every pixel of a square that both surfaces cover.
     fn each_share(
         &self,
         surface: &Surface<'_>,
@@ -304,14 +307,14 @@ impl Behind<'_> {
         }
     }
 
-    /// x and y of a place in the image.
+    /// Returns x and y of a position in the image.
     fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
         let [left, top] = self.left_top;
         [left + x * surface.gsd, top - y * surface.gsd]
     }
 }
 
-/// Both surfaces, by the side of their edge that a pixel is on.
+/// Blends both surfaces at each pixel by their fractions.
 fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
     let frame = surface.frame;
     let eye = surface.view.eye.z;
@@ -328,7 +331,7 @@ fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockP
         share.map_or(f32::NAN, |share| (eye - mix(share, &|f| f64::from(f.depth()[i]))) as f32)
     };
     let normal = |(i, share): (usize, &Option<f32>)| {
-        // Between two surfaces there is none: that of the weightier one counts.
+        // Normals of two surfaces aren't blended: the larger fraction determines the normal.
         let of = |share: f32| if share < 0.5 { behind.map_or(frame, |b| b.frame) } else { frame }.normal()[i];
         share.map_or([f32::NAN; 3], |share| {
             let n = of(share);

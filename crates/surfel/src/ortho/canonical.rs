@@ -1,44 +1,45 @@
-//! Coordinates that are the same numbers whatever file the points come from.
+//! Canonical coordinates: identical numbers for the same points, regardless of file format.
 //!
-//! LAS counts steps of a scale, text prints decimals, PLY and NPY hold floats of 32 or 64 bits, and each reader rounds
-//! in its own way: by 2⁻²⁴ of the distance from an origin at most. A surface model is the same to the last bit only if
-//! its points are. So coordinates that lie within what such rounding loses of multiples of a decimal step become those
-//! multiples, and others, near the origin, numbers of 32 bits. No coordinate moves by more than its rounding.
+//! LAS stores multiples of a scale, text has decimals, PLY and NPY hold floats of 32 or 64 bits. Each reader rounds in
+//! its own way, by at most 2⁻²⁴ of the distance from an origin. A surface model is identical to the last bit only if
+//! its points are. Coordinates that are multiples of a decimal step within the rounding error are therefore replaced by
+//! these multiples. Other coordinates near the origin are rounded to 32-bit floats. No coordinate moves by more than
+//! its rounding error.
 
 use glam::DVec3;
 use rayon::prelude::*;
 use surfel_model::PointCloud;
 
-/// Decimal digits of the finest step.
+/// Number of decimal digits of the finest step.
 const MOST_DIGITS: i32 = 8;
-/// Steps below 1, 0.1, …: counts of a tenth or a hundredth of these.
+/// Steps (numerator, denominator) tried in each decade 1, 0.1, ….
 const STEPS: [(f64, f64); 4] = [(1.0, 1.0), (5.0, 10.0), (25.0, 100.0), (2.0, 10.0)];
-/// Rounding over the step that it may be the multiple of.
+/// Largest ratio of rounding error to step.
 const MOST_OF_A_STEP: f64 = 0.3;
-/// Rounding step of coordinates in COPC files, as a share of the extent: COPC counts to 2³⁰.
+/// Rounding step of coordinates in COPC files, as a fraction of the extent: COPC stores multiples of 2⁻³⁰ of it.
 const COUNTED: f64 = 1.0 / (1_u64 << 30) as f64;
-/// Extents from the coordinate origin up to which readers hold measured numbers in 32 bits.
+/// Distance from the coordinate origin, in extents, up to which readers store measured numbers in 32 bits.
 const NEAR: f64 = 32.0;
 
-/// Rounding of one coordinate.
+/// Rounding of one coordinate axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Axis {
-    /// The nearest multiple of `numerator / denominator`.
+    /// Rounds to the nearest multiple of `numerator / denominator`.
     Decimal { numerator: f64, denominator: f64 },
-    /// The nearest number of 32 bits.
+    /// Rounds to the nearest 32-bit float.
     F32,
-    /// Nothing.
+    /// Doesn't round.
     Exact,
 }
 
-/// The rounding of a file's coordinates.
+/// Rounding of a file's coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Canonical([Axis; 3]);
 
 impl Axis {
     fn of(self, value: f64) -> f64 {
         match self {
-            // A quotient of whole numbers is correctly rounded: the same number for any step that it is a multiple of.
+            // A quotient of integers is correctly rounded, so all steps that divide the value give the same number.
             Self::Decimal { numerator, denominator } => {
                 (value * denominator / numerator).round() * numerator / denominator
             }
@@ -49,7 +50,7 @@ impl Axis {
 }
 
 impl Canonical {
-    /// The rounding of a file's points, which lie between `lo` and `hi`.
+    /// Determines the rounding for a file's points, which lie between `lo` and `hi`.
     pub(crate) fn new(points: &PointCloud, (lo, hi): (DVec3, DVec3)) -> Self {
         let from_origin = (lo - points.origin).abs().max((hi - points.origin).abs());
         let largest = lo.abs().max(hi.abs());
@@ -58,7 +59,8 @@ impl Canonical {
         let is_near = largest.max_element() <= NEAR * extent;
         Self([0, 1, 2].map(|axis| {
             let lost = in_f32 * from_origin[axis] + COUNTED * extent + 4.0 * f64::EPSILON * largest[axis];
-            // Coarser than what numbers of 32 bits can hold there, so that these are multiples of it, too.
+            // The step must be coarser than the resolution of 32-bit floats there, so that such floats are multiples of
+            // it too.
             let least = if is_near { 4.0 * f64::from(f32::EPSILON) * largest[axis] } else { 0.0 };
             let step = |(numerator, denominator): &(f64, f64)| numerator / denominator;
             let is_usable = |s: &(f64, f64)| step(s) >= least && lost <= MOST_OF_A_STEP * step(s);
@@ -82,18 +84,18 @@ impl Canonical {
         }))
     }
 
-    /// A point's position.
+    /// Returns a point's rounded position.
     pub(crate) fn position(&self, points: &PointCloud, i: usize) -> DVec3 {
         let p = points.origin + points.positions.get(i);
         DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))
     }
 
-    /// Least and largest coordinates.
+    /// Rounds the least and largest coordinates.
     pub(crate) fn bounds(&self, (lo, hi): (DVec3, DVec3)) -> (DVec3, DVec3) {
         [lo, hi].map(|p| DVec3::new(self.0[0].of(p.x), self.0[1].of(p.y), self.0[2].of(p.z))).into()
     }
 
-    /// The steps that x, y and z are multiples of; `None` where there is none.
+    /// Returns the steps that x, y and z are multiples of; `None` for an axis without a step.
     pub(crate) fn steps(&self) -> [Option<f64>; 3] {
         self.0.map(|axis| match axis {
             Axis::Decimal { numerator, denominator } => Some(numerator / denominator),
@@ -117,7 +119,7 @@ mod tests {
         (0..points.len()).map(|i| canonical.position(points, i)).collect()
     }
 
-    /// Numbers of `digits` decimals between 0 and `extent`, from `offset` on.
+    /// Returns points with `digits` decimals, between `offset` and `offset + extent`.
     fn decimals(offset: f64, extent: f64, digits: i32) -> Vec<DVec3> {
         let per_unit = 10_f64.powi(digits);
         let mut state = 1_u64;
@@ -133,7 +135,7 @@ mod tests {
         for (offset, extent, digits) in [(0.0, 30.0, 3), (5.4e6, 300.0, 3), (637_000.0, 9_000.0, 2), (-80.0, 40.0, 4)] {
             let exact = decimals(offset, extent, digits);
             assert_eq!(positions(&cloud(&exact)), exact, "{offset} {extent}");
-            // As LAS: a product, and 32 bits from an origin.
+            // As in LAS: a product, and 32 bits relative to an origin.
             let steps: Vec<DVec3> = exact.iter().map(|p| *p + DVec3::splat(3e-10)).collect();
             let (lo, hi) = cloud(&exact).bounds().unwrap();
             let origin = Column3::origin_of(lo, hi);
@@ -142,7 +144,7 @@ mod tests {
             if extent * (-24_f64).exp2() < 0.25 * 10_f64.powi(-digits) {
                 assert_eq!(positions(&las), exact, "{offset} {extent}");
             }
-            // As by levels: steps of a power of two.
+            // As in COPC: steps of a power of two.
             let step = extent.log2().ceil().exp2() * COUNTED;
             let counted: Vec<DVec3> = exact.iter().map(|p| (*p / step).round() * step).collect();
             assert_eq!(positions(&cloud(&counted)), exact, "{offset} {extent}");

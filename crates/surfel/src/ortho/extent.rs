@@ -1,4 +1,4 @@
-//! Checks of the extent: coordinates in degrees, and strays that make an image absurdly large.
+//! Checks of the extent: coordinates in degrees, and strays that make an image excessively large.
 
 use super::OrthoOptions;
 use super::grid::Grid;
@@ -10,22 +10,24 @@ use std::path::PathBuf;
 use surfel_io::Crs;
 use surfel_model::Outliers;
 
-/// Score from which coordinates without a stated system are degrees.
+/// Score from which coordinates without a stated reference system count as degrees.
 const ENOUGH: u32 = 3;
-/// Degrees along a side of a file, at most: files of more are rare, and local coordinates are mostly wider.
+/// Largest extent of a file in degrees. Files with larger extents are rare, and local coordinates are mostly wider.
 const WIDEST_DEG: f64 = 5.0;
-/// Finest step of lengths: degrees of this are about a metre.
+/// Finest step of coordinates in lengths; a degree value of this size is about a metre.
 const FINE: f64 = 1e-5;
-/// Pixels of an image that nobody calls absurdly large, and how many times as many strays may make.
+/// Number of pixels up to which an image is never excessively large.
 const ABSURD_PX: f64 = 4e6;
+/// Factor by which strays may enlarge an image.
 const ABSURD_TIMES: f64 = 100.0;
-/// Most strays: one in so many points, and a few at least.
+/// Divisor of the point count that gives the largest number of strays.
 const STRAY_OF: usize = 1000;
+/// Number of strays that is allowed in any case.
 const FEW: usize = 3;
-/// Points that the middle of a cloud is judged by.
+/// Largest number of points from which the middle of a cloud is estimated.
 const SAMPLE: usize = 1 << 16;
 
-/// Refuses files whose x and y are degrees: their system, their columns' names or their numbers say it.
+/// Refuses files whose x and y are degrees according to their reference system, column names or numbers.
 pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
     let (lo, hi) = source.bounds;
     let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
@@ -57,7 +59,7 @@ fn score(source: &Source) -> u32 {
     if widest >= WIDEST_DEG || widest <= 0.0 {
         return 0;
     }
-    // Steps of lengths are alike on all axes; those of degrees are a hundred thousand times finer.
+    // Steps of lengths are equal on all axes; steps of degrees are a hundred thousand times finer.
     let [x, y, z] = points.canonical.steps();
     let is_fine = |step: Option<f64>| step.is_none_or(|step| step <= FINE);
     let is_coarse = |step: Option<f64>| step.is_some_and(|z| z >= 100.0 * FINE && z >= 100.0 * x.unwrap_or(FINE));
@@ -65,26 +67,26 @@ fn score(source: &Source) -> u32 {
         return 0;
     }
     let steps = if is_coarse(z) { 2 } else { 0 };
-    // A metre of height beside 0.001 degrees.
+    // Degrees make heights look steep: a metre of height beside 0.001 degrees of width.
     let steep = u32::from(extent.z >= 10.0 * widest) + u32::from(extent.z >= 1000.0 * widest);
     // Local coordinates begin near 0.
     let far = u32::from(middle.abs().truncate().min_element() >= 20.0 * widest);
     steps + steep + far
 }
 
-/// Strays that enlarge an image.
+/// Stray points that enlarge an image.
 struct Strays {
     count: usize,
     farthest: DVec3,
     /// Distance of the farthest stray from the bounds of the other points.
     distance: f64,
     path: PathBuf,
-    /// Bounds in the plane without them.
+    /// Bounds of the other points in the plane.
     others: [f64; 4],
 }
 
-/// Refuses an image that a few strays make absurdly large, or that is too large for a file, where nothing but the
-/// points say its bounds.
+/// Returns the grid for the points' own bounds. Refuses an image that is too large for a file, or that a few strays
+/// make excessively large.
 pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
     let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
     let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);
@@ -115,7 +117,7 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
     Grid::of_bounds(gsd, origin, bounds).map_err(|fault| fault.of_points(bounds))
 }
 
-/// The few points that are farther from the middle of all points than their extent, in the plane.
+/// Finds the few points that are farther from the middle of all points than their extent, in the plane.
 fn strays(sources: &[Source]) -> Option<Strays> {
     let clouds = || sources.iter().filter_map(|source| Some((source, source.positions()?)));
     let total: usize = clouds().map(|(_, (count, _))| count).sum();
@@ -127,7 +129,7 @@ fn strays(sources: &[Source]) -> Option<Strays> {
             sample[1].push(p.y);
         }
     }
-    // The middle 96 of 100 points, and as much beyond them on all sides.
+    // Extent of the middle 96 % of points, enlarged by its own size on all sides.
     let core = sample.map(|mut values| {
         values.sort_unstable_by(f64::total_cmp);
         let last = values.len().checked_sub(1)?;
@@ -145,7 +147,7 @@ fn strays(sources: &[Source]) -> Option<Strays> {
             } else {
                 out.push((p, source));
             }
-            // What is not rare is no stray.
+            // If there are many, they aren't strays.
             if out.len() > (total / STRAY_OF).max(FEW) {
                 return None;
             }

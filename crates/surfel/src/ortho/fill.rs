@@ -1,13 +1,15 @@
-//! Closing of gaps in an image.
+//! Filling of gaps in an image.
 //!
-//! A gap is closed where no circle of the given radius fits into it without meeting a pixel that shows something
-//! (morphological closing by a disk, by exact distances: Felzenszwalb and Huttenlocher 2012). Wider gaps stay as they
-//! are, and nothing grows beyond the outer border. Each pixel of such a gap looks along 32 directions for the pixels
-//! around the gap, and takes the value of the plane that fits these best, weighted by the inverse square of their
-//! distance and within their least and largest value; colours and normals are their means by inverse distance.
+//! An empty pixel is filled unless some circle of the given radius covers it without meeting a pixel with data. This is
+//! morphological closing by a disk, with exact distances (Felzenszwalb and Huttenlocher 2012). Wider gaps remain, and
+//! nothing extends beyond the outer border.
 //!
-//! Pixels are kept in an unnamed file, block by block, so that a gap may lie in several blocks and pixels that show
-//! something are those of the image without filling.
+//! Each filled pixel finds the nearest data along 32 directions. Its height is that of the plane that fits their
+//! heights best, weighted by the inverse squared distance and clamped to their range. Colours and normals are means
+//! weighted by the inverse distance.
+//!
+//! Pixels are stored in an unnamed file, block by block, so that a gap may extend over several blocks. Pixels with data
+//! are the same as without filling.
 
 use super::block::BlockPixels;
 use rayon::prelude::*;
@@ -16,29 +18,30 @@ use std::fs::File;
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::Path;
 
-/// Most pixels that a gap's radius may measure.
+/// Largest radius of a gap in pixels.
 pub(crate) const MOST_PX: u32 = 512;
-/// Directions in which a pixel looks.
+/// Number of directions in which a pixel searches for data.
 const DIRECTIONS: usize = 32;
-/// Weight of a level plane, over the mean of the squared weighted distances: hits on one line tell no slope across it.
+/// Weight of a horizontal plane, relative to the mean squared weighted distance. It is needed if all data is on one
+/// line, which determines no slope across it.
 const LEVEL: f64 = 2e-3;
 
-/// Rows of pixels from the top.
+/// Planes of a rectangle of pixels, in rows from the top.
 #[derive(Clone, Default)]
 pub(crate) struct Planes {
     pub(crate) width: usize,
-    /// z; NaN where nothing is.
+    /// Height z; NaN at empty pixels.
     pub(crate) height: Vec<f32>,
-    /// Premultiplied linear RGBA; empty if nobody asked for it.
+    /// Premultiplied linear RGBA; empty if colours aren't needed.
     pub(crate) color: Vec<[f32; 4]>,
-    /// Unit normals; empty if nobody asked for it.
+    /// Unit normals; empty if normals aren't needed.
     pub(crate) normal: Vec<[f32; 3]>,
-    /// True where a gap was closed; empty if none was looked for.
+    /// True at filled pixels; empty if nothing was filled.
     pub(crate) filled: Vec<bool>,
 }
 
 impl Planes {
-    /// A part of a drawn block: columns from `left` on, and these rows.
+    /// Copies a part of a drawn block: columns from `left` on, and these rows.
     pub(crate) fn cut(pixels: &BlockPixels, left: usize, width: usize, rows: impl Iterator<Item = usize>) -> Self {
         fn of<T: Copy>(plane: &[T], starts: &[usize], width: usize) -> Vec<T> {
             starts.iter().flat_map(|at| plane.get(*at..at + width).unwrap_or_default()).copied().collect()
@@ -73,13 +76,13 @@ pub(crate) struct Has {
 }
 
 impl Has {
-    /// Numbers of a pixel.
+    /// Returns the number of floats stored per pixel.
     fn numbers(self) -> usize {
         1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
     }
 }
 
-/// Drawn blocks in a file.
+/// Temporary file that stores drawn blocks.
 pub(crate) struct BlockStore {
     file: BufWriter<File>,
     bytes: u64,
@@ -90,7 +93,7 @@ pub(crate) struct BlockStore {
 }
 
 impl BlockStore {
-    /// An empty store beside a file.
+    /// Creates an empty store in the folder of `path`.
     pub(crate) fn beside(path: &Path, block_px: usize, has: Has) -> io::Result<Self> {
         let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
         let file = BufWriter::with_capacity(1 << 20, surfel_io::atomic::unnamed_in(folder)?);
@@ -102,7 +105,7 @@ impl BlockStore {
         self.has
     }
 
-    /// Stores a block's own pixels.
+    /// Stores a block's own pixels, without its margin.
     pub(crate) fn put(&mut self, [column, row]: [i64; 2], planes: &Planes) -> io::Result<()> {
         self.places.insert((row, column), self.bytes);
         for i in 0..planes.height.len() {
@@ -116,8 +119,8 @@ impl BlockStore {
         Ok(())
     }
 
-    /// The pixels of a rectangle: columns from `west` on, rows from `north` down, both counted from the plane's origin,
-    /// rows to the north.
+    /// Reads the pixels of a rectangle: columns from `west` on, rows from `north` down. Both are counted from the
+    /// plane's origin, rows to the north.
     pub(crate) fn get(&mut self, [west, north]: [i64; 2], width: usize, height: usize) -> io::Result<Planes> {
         self.file.flush()?;
         let (side, has) = (self.block_px as i64, self.has);
@@ -159,12 +162,12 @@ impl BlockStore {
     }
 }
 
-/// Pixels around a pixel that its value depends on.
+/// Returns the number of pixels around a pixel that its value depends on.
 pub(crate) fn margin_px(radius_px: f64) -> u32 {
     2 * radius_px.ceil() as u32 + 2
 }
 
-/// Closes gaps, and gives the pixels without a margin of `margin` pixels on each side.
+/// Fills gaps, and returns the pixels without a margin of `margin` pixels on each side.
 pub(crate) fn close(mut planes: Planes, radius_px: f64, margin: usize) -> Planes {
     let width = planes.width;
     let height = planes.height.len() / width.max(1);
@@ -253,7 +256,7 @@ fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Opt
     }
     let [m0, mx, my, mxx, mxy, myy, v0, vx, vy] = sums;
     let (mxx, myy) = (mxx + LEVEL * spread, myy + LEVEL * spread);
-    // The value here of the plane that fits best, by cofactors.
+    // Value at this pixel of the best-fitting plane, by cofactors.
     let [c00, c01, c02] = [mxx * myy - mxy * mxy, mxy * my - mx * myy, mx * mxy - mxx * my];
     let plane = (c00 * v0 + c01 * vx + c02 * vy) / (m0 * c00 + mx * c01 + my * c02);
     let z = if plane.is_finite() { plane } else { v0 / m0 };
@@ -262,10 +265,10 @@ fn interpolated(planes: &Planes, is_data: &[bool], at: usize, reach: f64) -> Opt
     Some(((z as f32).clamp(least, largest), color.map(|c| (c / total) as f32), normal))
 }
 
-/// Squared distance of each pixel from the nearest one that is set; infinite where none is.
+/// Returns each pixel's squared distance to the nearest pixel that is set; infinite if none is.
 fn distances(is_set: &[bool], width: usize) -> Vec<f64> {
     let height = is_set.len() / width;
-    // Along columns, then along rows by lower envelopes of parabolas.
+    // Distances along columns first, then along rows by lower envelopes of parabolas.
     let mut vertical = vec![f64::INFINITY; is_set.len()];
     for rows in [(0..height).collect::<Vec<_>>(), (0..height).rev().collect()] {
         let mut last = vec![f64::INFINITY; width];
@@ -336,7 +339,7 @@ mod tests {
         }
     }
 
-    /// A plane with a hole of a disk, a bay at the border, and nothing outside of a square.
+    /// Returns a plane with a disk-shaped hole, a bay at the border, and no data outside a square.
     fn scene(radius: f64) -> Planes {
         let (width, middle) = (120, 59.5);
         let is_data = |x: f64, y: f64| {
@@ -361,7 +364,7 @@ mod tests {
                 let (x, y) = ((i % 120) as f64, (i / 120) as f64);
                 let is_hole = (x - 59.5).hypot(y - 59.5) < radius;
                 assert!(before.height[i].is_nan() || before.height[i] == after.height[i] && !after.filled[i]);
-                // Outside nothing grows.
+                // Nothing extends beyond the border.
                 assert!(is_hole || before.height[i].is_nan() == after.height[i].is_nan(), "{x} {y}");
                 if is_hole && closes {
                     let exact = (3.0 * x - y) as f32;
@@ -381,7 +384,7 @@ mod tests {
         let (whole, radius) = (scene(6.0), 7.5);
         let margin = margin_px(radius) as usize;
         let all = close(whole.clone(), radius, 0);
-        // A window of 20 x 20 pixels from (50, 52) on, with its margin.
+        // A window of 20 × 20 pixels from (50, 52) on, with its margin.
         let (left, top, side) = (50 - margin, 52 - margin, 20 + 2 * margin);
         let rows = (top..top + side).flat_map(|y| y * 120 + left..y * 120 + left + side);
         let height: Vec<f32> = rows.map(|i| whole.height[i]).collect();

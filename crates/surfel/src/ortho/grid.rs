@@ -3,34 +3,35 @@
 use crate::Error;
 use surfel_model::ModelError;
 
-/// Most columns or rows, and most pixels of an image.
+/// Largest number of columns or rows of an image.
 const MAX_SIDE: f64 = 16_777_216.0;
+/// Largest number of pixels of an image.
 const MAX_PIXELS: f64 = 1e11;
-/// Shares of a pixel by which bounds may miss a pixel's edge without taking in another pixel: what decimal numbers such
-/// as 0.1 lose in binary.
+/// Fraction of a pixel by which bounds may exceed a pixel's edge without including the next pixel. It absorbs the
+/// binary rounding of decimal numbers such as 0.1.
 const SLACK_PX: f64 = 1e-6;
 
-/// Which pixels of the plane an image has.
+/// Pixel grid of an image.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Grid {
-    /// Side of a pixel, in the units of x and y.
+    /// Ground sampling distance: side of a pixel, in the units of x and y.
     pub(crate) gsd: f64,
-    /// A corner of pixels.
+    /// Point at which a corner of pixels lies.
     pub(crate) origin: [f64; 2],
-    /// Column and row, counted from the origin to the east and to the north, of the image's lower left pixel.
+    /// Column and row of the image's lower left pixel, counted from the origin to the east and to the north.
     pub(crate) first: [i64; 2],
-    /// Columns and rows.
+    /// Number of columns and rows.
     pub(crate) size: [u32; 2],
 }
 
-/// Why there is no grid.
+/// Reason why a grid is invalid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum GridFault {
-    /// A ground sampling distance that is none.
+    /// The ground sampling distance isn't a finite number greater than 0.
     Gsd(f64),
-    /// Bounds without area, or that aren't finite.
+    /// The bounds have no area or aren't finite.
     Empty,
-    /// More columns, rows or pixels than there may be, or farther from the origin than f64 counts pixels.
+    /// The grid has too many columns, rows or pixels, or is too far from the origin for f64 to count pixels.
     Large { gsd: f64, size: [f64; 2] },
 }
 
@@ -43,7 +44,7 @@ fn words(v: [f64; 4]) -> String {
 }
 
 impl GridFault {
-    /// The error where the user gave the bounds, or a size.
+    /// Returns the error for bounds or a size that the user gave.
     pub(crate) fn of_bounds(self, bounds: [f64; 4], size: Option<[u32; 2]>) -> Error {
         let field = if size.is_some() { "size" } else { "bounds" };
         let given = size.map_or_else(|| words(bounds), |[width, height]| format!("{width}x{height}"));
@@ -63,7 +64,7 @@ impl GridFault {
         out_of_range(field, found, expected).into()
     }
 
-    /// The error where the points have these bounds.
+    /// Returns the error for bounds computed from the points.
     pub(crate) fn of_points(self, bounds: [f64; 4]) -> Error {
         match self {
             Self::Gsd(gsd) => gsd_error(gsd),
@@ -84,7 +85,7 @@ fn gsd_error(gsd: f64) -> Error {
 }
 
 impl Grid {
-    /// The pixels that meet `bounds` (least x and y, then largest).
+    /// Creates the grid of the pixels that meet `bounds` (least x and y, then largest).
     pub(crate) fn of_bounds(gsd: f64, origin: [f64; 2], bounds: [f64; 4]) -> Result<Self, GridFault> {
         if !(gsd > 0.0 && gsd.is_finite()) {
             return Err(GridFault::Gsd(gsd));
@@ -98,30 +99,30 @@ impl Grid {
         let (first, end) = ([low(x0, 0), low(y0, 1)], [high(x1, 0), high(y1, 1)]);
         let size = [0, 1].map(|k| (end[k] - first[k]).max(1.0));
         let fits = size[0] <= MAX_SIDE && size[1] <= MAX_SIDE && size[0] * size[1] <= MAX_PIXELS;
-        // Beyond that, neighbouring pixels have the same coordinates in f64.
+        // Farther out, neighbouring pixels have the same coordinates in f64.
         if !fits || first.iter().chain(&end).any(|v| v.abs() > 2f64.powi(40)) {
             return Err(GridFault::Large { gsd, size });
         }
         Ok(Self { gsd, origin, first: first.map(|v| v as i64), size: size.map(|v| v as u32) })
     }
 
-    /// The grid with so many more pixels on every side.
+    /// Returns the grid with `by_px` more pixels on every side.
     pub(crate) fn grown(&self, by_px: u32) -> Self {
         let size = self.size.map(|side| side.saturating_add(2 * by_px));
         Self { first: self.first.map(|v| v - i64::from(by_px)), size, ..*self }
     }
 
-    /// x or y (`axis` 0 or 1) of the lower edge of the pixel `index`.
+    /// Returns x or y (`axis` 0 or 1) of the lower edge of the pixel `index`.
     pub(crate) fn edge(&self, axis: usize, index: i64) -> f64 {
         self.origin[axis] + index as f64 * self.gsd
     }
 
-    /// x of the left edge, y of the upper one.
+    /// Returns x of the left edge and y of the upper edge.
     pub(crate) fn left_top(&self) -> [f64; 2] {
         [self.edge(0, self.first[0]), self.edge(1, self.first[1] + i64::from(self.size[1]))]
     }
 
-    /// Least x and y, then largest.
+    /// Returns the bounds: least x and y, then largest.
     pub(crate) fn bounds(&self) -> [f64; 4] {
         let ([left, top], right) = (self.left_top(), self.edge(0, self.first[0] + i64::from(self.size[0])));
         [left, self.edge(1, self.first[1]), right, top]
@@ -139,7 +140,7 @@ mod tests {
         let grid = Grid::of_bounds(0.25, [0.1, -0.1], [-3.0, -3.0, 3.0, 3.0]).unwrap();
         assert_eq!((grid.first, grid.size), ([-13, -12], [25, 25]));
         assert!((grid.left_top()[0] + 3.15).abs() < 1e-12 && (grid.left_top()[1] - 3.15).abs() < 1e-12);
-        // A point alone has a pixel.
+        // A single point gets one pixel.
         assert_eq!(Grid::of_bounds(1.0, [0.0; 2], [2.0, 2.0, 2.0 + 1e-9, 2.5]).unwrap().size, [1, 1]);
     }
 

@@ -1,33 +1,36 @@
-//! How the plane is divided for drawing: into blocks of pixels that depend on the files and the grid alone, never on
-//! the bounds of the image, so that any two images of the same files agree where they overlap.
+//! Division of the plane into blocks of pixels for drawing.
+//!
+//! Blocks depend only on the files and the grid, not on the bounds of the image. Any two images of the same files
+//! therefore agree where they overlap.
 
 use super::grid::Grid;
 use super::source::{Holds, Source};
 use std::ops::RangeInclusive;
 
-/// Sides of the largest and the smallest blocks, in pixels.
+/// Largest and smallest side of a block, in pixels.
 const BLOCK_PX: (i64, i64) = (2048, 16);
-/// Points that a block has at most on average, with those around it.
+/// Largest average number of points in a block, including the points around it.
 const BLOCK_POINTS: f64 = 3e6;
-/// Spacings of points that a block looks beyond its edges: a splat's radius is at most 4, and what it is judged by lies
-/// within as many again.
+/// Width, in point spacings, of the halo of points around a drawn area that are used. A splat's radius is at most 4
+/// spacings, and it is estimated from points within as many again.
 const HALO_SPACINGS: f64 = 12.0;
-/// Spacings of points around a block that are drawn, too: what lies behind a surface is looked for there.
+/// Width, in point spacings, of the margin around a block that is drawn too. Surfaces behind an edge are searched for
+/// there.
 const MARGIN_SPACINGS: f64 = 6.0;
-/// Most pixels of that margin.
+/// Largest margin in pixels.
 const MOST_MARGIN_PX: i64 = 1024;
-/// Bins along a block's side.
+/// Number of bins along a block's side.
 const BINS: i64 = 4;
 
-/// Blocks and bins.
+/// Blocks of an image, and bins of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
     grid: Grid,
-    /// Pixels of a block's side.
+    /// Side of a block in pixels.
     pub(crate) block_px: i64,
-    /// Pixels around a block that are drawn with it.
+    /// Width in pixels of the margin that is drawn around a block.
     pub(crate) margin_px: i64,
-    /// How far beyond what is drawn points count, in the units of x and y.
+    /// Width of the halo of points around the drawn area, in the units of x and y.
     pub(crate) halo: f64,
     /// Mean distance between points; 0 without points.
     pub(crate) spacing: f64,
@@ -49,15 +52,15 @@ impl Layout {
             if own > 0.0 {
                 let middle = 0.5 * (source.bounds.0 + source.bounds.1);
                 let at = [middle.x, middle.y, middle.x, middle.y];
-                // Files that lie above each other have the density of all, those beside each other of one.
+                // Overlapping files have the sum of their densities; adjacent files don't.
                 let mut all: Vec<f64> = sources.iter().filter(|other| other.meets(at)).map(own_density).collect();
-                // In an order of their own, so that the sum is the same in any order of files.
+                // Sorted, so that the sum doesn't depend on the order of files.
                 all.sort_unstable_by(f64::total_cmp);
                 density = density.max(all.iter().sum());
                 spacing = spacing.max(own.sqrt().recip());
             }
         }
-        // In steps, so that the same points in other files are looked at alike.
+        // Rounded to steps, so that the same points divided into other files get the same layout.
         if spacing > 0.0 {
             spacing = ((2.0 * spacing.log2()).ceil() / 2.0).exp2();
         }
@@ -72,25 +75,26 @@ impl Layout {
         Self { grid, block_px, margin_px, halo, spacing }
     }
 
-    /// The bin of a coordinate along an axis (0: x, 1: y).
+    /// Returns the bin of a coordinate along an axis (0: x, 1: y).
     pub(crate) fn bin(&self, axis: usize, value: f64) -> i64 {
         let side = self.block_px as f64 * self.grid.gsd / BINS as f64;
         ((value - self.grid.origin[axis]) / side).floor() as i64
     }
 
-    /// The blocks along an axis that a grid like this one has pixels of.
+    /// Returns the blocks along an axis that contain pixels of `grid`.
     pub(crate) fn blocks(&self, grid: &Grid, axis: usize) -> RangeInclusive<i64> {
         let (first, count) = (grid.first[axis], i64::from(grid.size[axis]));
         first.div_euclid(self.block_px)..=(first + count - 1).div_euclid(self.block_px)
     }
 
-    /// The block itself, in the plane: least x and y, then largest.
+    /// Returns the block's own area in the plane: least x and y, then largest.
     pub(crate) fn own(&self, block: [i64; 2]) -> [f64; 4] {
         let edge = |axis: usize, index: i64| self.grid.edge(axis, index * self.block_px);
         [edge(0, block[0]), edge(1, block[1]), edge(0, block[0] + 1), edge(1, block[1] + 1)]
     }
 
-    /// What is drawn of a block, in the plane: least x and y, then largest, `by` farther on every side.
+    /// Returns the area of a block with its margin in the plane, enlarged by `by` on every side: least x and y, then
+    /// largest.
     pub(crate) fn drawn(&self, block: [i64; 2], by: f64) -> [f64; 4] {
         let edge = |axis: usize, index: i64| self.grid.edge(axis, index);
         let start = |axis: usize| edge(axis, block[axis] * self.block_px - self.margin_px) - by;

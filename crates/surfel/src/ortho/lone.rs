@@ -1,23 +1,23 @@
-//! Points that stand alone in height: birds, reflections in the air and below the ground.
+//! Detection of points that are isolated in height: birds, and reflections in the air and below the ground.
 //!
-//! Such a point is one of many where it is seen from above, and one of few at its height. A point stands alone if fewer
-//! than two others lie within eight spacings of it, and at least sixteen do that in the plane, at any height. The few
-//! points of the ground under a tree have others of the ground beside them, and a wire has more of the wire. Sparse
-//! returns, as of water, have few points at any height.
+//! Such a point has many neighbours in the plane but few at its height. A point is isolated if fewer than two others
+//! are within eight spacings of it, while at least sixteen are within that distance in the plane, at any height. The
+//! few ground points under a tree have other ground points beside them, and a wire has more of the wire. Sparse
+//! returns, such as from water, have few neighbours at any height and aren't isolated.
 
 use glam::DVec3;
 use rayon::prelude::*;
 
-/// Radius of a point's neighbourhood, in spacings.
+/// Radius of a point's neighbourhood, in point spacings.
 const REACH: f64 = 8.0;
-/// Others within that distance that make a point no lone one.
+/// Number of neighbours from which a point isn't isolated.
 const COMPANIONS: usize = 2;
-/// Others at any height, without which nothing is judged.
+/// Least number of neighbours in the plane, at any height, for a point to be classified.
 const LEAST_AROUND: usize = 16;
-/// Cells along a distance that counts: points in one cell are companions.
+/// Number of cells along the neighbourhood's radius; points in the same cell are neighbours.
 const CELLS: f64 = 2.0;
 
-/// Returns a flag per point, true if the point stands alone in height; `spacing` is the mean distance between points.
+/// Returns a flag per point, true if the point is isolated in height; `spacing` is the mean distance between points.
 pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
     if !(spacing > 0.0 && spacing.is_finite()) || positions.len() <= LEAST_AROUND {
         return vec![false; positions.len()];
@@ -43,7 +43,7 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
                 let from = first_at([column, row, z.saturating_sub(reach)]);
                 let to = first_at([column, row, z.saturating_add(reach + 1)]);
                 companions += sorted[from..to].iter().filter(beside).take(COMPANIONS + 1).count();
-                // The point itself is one of them.
+                // The count includes the point itself.
                 if companions > COMPANIONS {
                     return false;
                 }
@@ -55,7 +55,7 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
         }
         around > LEAST_AROUND
     };
-    // Most cells hold enough companions.
+    // Most cells contain enough neighbours, so their points needn't be tested.
     let runs: Vec<&[([u32; 3], u32)]> =
         sorted.chunk_by(|a, b| a.0 == b.0).filter(|run| run.len() <= COMPANIONS).collect();
     let found: Vec<u32> = runs
@@ -72,7 +72,7 @@ pub(crate) fn lone(positions: &[DVec3], spacing: f64) -> Vec<bool> {
 mod tests {
     use super::*;
 
-    /// Ground of rolling hills, 1 apart, and more.
+    /// Returns rolling hills with point spacing 1, and additional points.
     fn with(more: &[[f64; 3]]) -> Vec<DVec3> {
         let ground = (0..10_000).map(|i| [f64::from(i % 100), f64::from(i / 100)]);
         let at = |[x, y]: [f64; 2]| DVec3::new(x + 0.3 * (y * 12.9).sin(), y, 5.0 * (0.2 * x).sin() + 0.7 * y);
@@ -90,7 +90,7 @@ mod tests {
         assert_eq!(found(&[]), [0; 0]);
         let ground = |x: f64, y: f64| 5.0 * (0.2 * x).sin() + 0.7 * y;
         let at = |x: f64, y: f64, over: f64| [x, y, ground(x, y) + over];
-        // A bird, another with its echo, and one below the ground.
+        // A bird, another with its echo, and a reflection below the ground.
         let birds = [at(20.2, 30.1, 40.0), at(70.0, 20.0, 14.0), at(70.4, 20.1, 14.3), at(50.5, 80.2, -12.0)];
         assert_eq!(found(&birds), [10_000, 10_001, 10_002, 10_003]);
         // A wire, a tree, and a mast.
@@ -103,7 +103,7 @@ mod tests {
 
     #[test]
     fn sparse_points_and_those_at_the_edge_are_not_judged() {
-        // Water in the east: one return of fifty, lower than the bank.
+        // Water in the east: one return in fifty, lower than the bank.
         let water: Vec<[f64; 3]> =
             (0..40).map(|i| [115.0 + 7.0 * f64::from(i % 5), 12.0 * f64::from(i / 5), -8.0]).collect();
         assert_eq!(found(&water), [0; 0]);

@@ -1,8 +1,8 @@
-//! Orthoimages: what points and splats look like from above, north up, on an exact grid, with their heights.
+//! Orthoimages: points and splats drawn from above, north up, on an exact grid, with their heights.
 //!
-//! [`Ortho::open`] loads the files and settles the grid, [`Ortho::draw`] writes GeoTIFF images. The plane is drawn in
-//! blocks whose splats are made of the points within and around them, so that memory doesn't grow with the image, and
-//! images of the same files with other bounds have the same pixels.
+//! [`Ortho::open`] loads the files and determines the grid; [`Ortho::draw`] writes GeoTIFF images. The plane is drawn
+//! in blocks. Each block's splats are made from the points in and around it, so memory doesn't grow with the image.
+//! Images of the same files with other bounds have the same pixels.
 
 mod block;
 mod canonical;
@@ -39,38 +39,38 @@ use surfel_model::{ExtraColumn, ModelError, SplatCloud, Up};
 use surfel_sample::{NoProgress, Progress};
 use system::crs_of;
 
-/// Bytes of points that stay in memory between blocks; those of other files are loaded again.
+/// Largest number of bytes of points that stay in memory between blocks; other files are loaded again when needed.
 const KEPT_BYTES: usize = 2 << 30;
-/// Least pixels along a side of the windows that gaps are closed in.
+/// Least side in pixels of the windows in which gaps are filled.
 const WINDOW_PX: u32 = 512;
-/// How far above a block its points' normals look, in its sides.
+/// Height above a block, in its sides, of the viewpoint that the points' normals face.
 const VIEWPOINT_SIDES: f64 = 1e3;
 
-/// What an orthoimage shows, and on which grid.
+/// Content and grid of an orthoimage.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct OrthoOptions {
     /// Ground sampling distance: side of a pixel in the units of x and y; greater than 0.
     pub gsd: f64,
-    /// A corner of pixels.
+    /// Point at which a corner of pixels lies.
     pub origin: [f64; 2],
-    /// Least x and y, then largest; grown to whole pixels. `None`: those of the points.
+    /// Bounds of the image, least x and y, then largest; enlarged to whole pixels. `None`: bounds of the points.
     pub bounds: Option<[f64; 4]>,
-    /// Columns and rows, whose lower left corner is `origin`, in place of bounds.
+    /// Number of columns and rows, as an alternative to bounds; the lower left corner is then `origin`.
     pub size: Option<[u32; 2]>,
-    /// EPSG code of the coordinate reference system; `None`: as the files say.
+    /// EPSG code of the coordinate reference system; `None`: as the files state.
     pub epsg: Option<u16>,
-    /// Radius, in the units of x and y, of the largest circle that fits into gaps that are closed by interpolation;
-    /// `None`: gaps stay no data.
+    /// Radius of the largest circle that fits into gaps to be filled by interpolation, in the units of x and y. `None`:
+    /// gaps aren't filled.
     pub fill: Option<f64>,
-    /// Points that stand alone in height count, as birds and reflections.
+    /// True if points that are isolated in height, such as birds and reflections, are drawn.
     pub lone: bool,
-    /// How files are loaded and made into splats.
+    /// Options for loading files and converting them to splats.
     pub load: LoadOptions,
 }
 
 impl OrthoOptions {
-    /// The whole of the files, at this ground sampling distance.
+    /// Creates options for all of the files' area, with this ground sampling distance.
     pub fn new(gsd: f64) -> Self {
         let load = LoadOptions::default().with_surface(true);
         Self { gsd, origin: [0.0; 2], bounds: None, size: None, epsg: None, fill: None, lone: false, load }
@@ -88,65 +88,65 @@ impl OrthoOptions {
     }
 }
 
-/// The images to write; at least one.
+/// Image files to write; at least one.
 ///
-/// With [`OrthoOptions::fill`] each has one band more, which marks the pixels that are interpolated: 255 in 8 bits or 1
-/// as f32, else 0.
+/// With [`OrthoOptions::fill`] each file has one more band that marks interpolated pixels: 255 in 8-bit files, 1 in f32
+/// files, else 0.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct OrthoFiles {
-    /// Colours: RGBA of 8 bits, sRGB-encoded; alpha is 255 where something is, else 0.
+    /// Colour image: 8-bit RGBA, sRGB-encoded; alpha is 255 at pixels with data, else 0.
     pub color: Option<PathBuf>,
-    /// Heights z, f32; −9999 where nothing is.
+    /// Height image: z as f32; −9999 at empty pixels.
     pub dsm: Option<PathBuf>,
-    /// Unit normals, upward, three f32; −9999 where nothing is.
+    /// Normal image: upward unit normals as three f32; −9999 at empty pixels.
     pub normals: Option<PathBuf>,
-    /// Files that are there are replaced.
+    /// True if existing files are replaced.
     pub overwrite: bool,
 }
 
-/// What was drawn, and what it took.
+/// Statistics of a drawn orthoimage.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct OrthoStats {
-    /// Pixels that show something.
+    /// Number of pixels with data.
     pub covered: u64,
-    /// Pixels of these that are interpolated.
+    /// Number of interpolated pixels among them.
     pub filled: u64,
-    /// Points in the image that are left out because they stand alone in height.
+    /// Number of points dropped because they are isolated in height.
     pub lone: u64,
-    /// Pixels of the image.
+    /// Number of pixels of the image.
     pub pixels: u64,
-    /// Splats that were drawn, those of blocks' margins again for each block.
+    /// Number of splats drawn; splats in blocks' margins count once per block.
     pub splats: u64,
-    /// Time that loading files again and making splats of points took.
+    /// Time for reloading files and converting points to splats.
     pub preparing: Duration,
-    /// Time that drawing took.
+    /// Time for drawing.
     pub drawing: Duration,
-    /// Time that encoding and writing took.
+    /// Time for encoding and writing.
     pub writing: Duration,
 }
 
-/// Files that are loaded, and the grid of their image.
+/// Loaded files, and the grid of their orthoimage.
 pub struct Ortho {
     sources: Vec<Source>,
     grid: Grid,
     layout: Layout,
     options: OrthoOptions,
-    /// What points are coloured by.
+    /// Colouring of points by an attribute.
     color_by: Option<FixedColor>,
     /// The coordinate reference system of the image.
     pub crs: Option<Crs>,
-    /// What the user should know of each file, as sentences without a full stop; no file: of the image.
+    /// Notes for the user, as sentences without a full stop, with the file that each is about; `None` for the image.
     pub notes: Vec<(Option<PathBuf>, String)>,
-    /// Options that what the files hold left without effect.
+    /// Options without effect on what the files hold.
     pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// What is coloured by values, and how.
+    /// Colouring by values, and the first file coloured by it.
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
-/// A colouring that is the same for all files and blocks.
+/// A colouring shared by all files and blocks.
 struct FixedColor {
     attribute: String,
-    /// True if some file has a column of that name.
+    /// True if some file has a column named `attribute`.
     is_column: bool,
     scale: ColorScale,
 }
@@ -158,11 +158,11 @@ impl FixedColor {
 }
 
 impl Ortho {
-    /// Loads files: points, splats and meshes, whose z is up.
+    /// Loads files of points, splats and meshes; z is up.
     ///
     /// # Errors
     /// As [`crate::load`]; also [`Error::Model`] for a grid that is out of range, and [`Error::Unsuitable`] for files
-    /// whose coordinates are degrees or whose coordinate reference systems differ, and bounds that hold nothing.
+    /// in degrees, files with different coordinate reference systems, and bounds without data.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
         let asked = asked(&options)?;
@@ -176,7 +176,7 @@ impl Ortho {
             }
         }
         let (mut sources, mut notes, mut unused) = (Vec::<Source>::new(), Vec::new(), Vec::new());
-        // Heights are those of the surface model.
+        // Height is z, as in the surface model.
         options.load.up = Some(Up::PlusZ);
         let mut colors = ColorChoice::default();
         let mut kept = 0;
@@ -219,20 +219,20 @@ impl Ortho {
         Ok(Self { sources, grid, layout, options, color_by, crs, notes, unused, coloring })
     }
 
-    /// Columns and rows of the image.
+    /// Returns the number of columns and rows.
     pub fn size(&self) -> [u32; 2] {
         self.grid.size
     }
 
-    /// Bounds of the image: least x and y, then largest.
+    /// Returns the bounds of the image: least x and y, then largest.
     pub fn bounds(&self) -> [f64; 4] {
         self.grid.bounds()
     }
 
-    /// Draws the images; `software` is who writes them. They appear when all are whole.
+    /// Draws the images; `software` is the program name stored in them. The files appear when all are complete.
     ///
     /// # Errors
-    /// [`Error::Io`] if a file is there already or can't be written, and what loading and drawing say.
+    /// [`Error::Io`] if a file exists already or can't be written, and errors of loading and drawing.
     pub fn draw(
         &mut self,
         files: &OrthoFiles,
@@ -279,7 +279,7 @@ impl Ortho {
         Ok(stats)
     }
 
-    /// Draws all pixels, and those around the image that gaps in it depend on, closes the gaps, and writes the image.
+    /// Draws all pixels, and those around the image that gaps in it depend on, fills the gaps, and writes the image.
     fn draw_filled(
         &mut self,
         distance: f64,
@@ -317,8 +317,8 @@ impl Ortho {
         Ok(())
     }
 
-    /// Draws the blocks that have pixels of a grid, from north to south, so that few tiles of a file are begun at a
-    /// time.
+    /// Draws the blocks that contain pixels of `grid`, from north to south, so that few tiles of a file are in progress
+    /// at a time.
     fn draw_blocks(
         &mut self,
         grid: &Grid,
@@ -347,7 +347,7 @@ impl Ortho {
                 out.put(&pixels, layout, block, stats)?;
                 stats.writing += start.elapsed();
             }
-            // A row of blocks is done.
+            // The row of blocks is complete.
             if blocks.get(time + 1).is_none_or(|next| next[1] != block[1]) {
                 out.done(&self.layout, block[1])?;
             }
@@ -361,7 +361,7 @@ impl Ortho {
         self.sources.iter().any(|source| source.meets(within))
     }
 
-    /// The splats of a block and of what is around it.
+    /// Returns the splats of a block and its surroundings.
     fn splats_of(&mut self, block: [i64; 2], time: u64, stats: &mut OrthoStats) -> Result<BlockSplats, Error> {
         let Self { sources, grid, layout, options, color_by, .. } = self;
         let within = layout.drawn(block, layout.halo);
@@ -412,7 +412,7 @@ impl Ortho {
     }
 }
 
-/// The bounds that the options give, checked before anything is loaded.
+/// Returns the bounds that the options give. Checks them before anything is loaded.
 fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     let asked = match (options.bounds, options.size) {
         (Some(bounds), _) => Some(bounds),
@@ -426,24 +426,25 @@ fn asked(options: &OrthoOptions) -> Result<Option<[f64; 4]>, Error> {
     Ok(asked)
 }
 
-/// The grid of bounds that the options give.
+/// Returns the grid of bounds that the options give.
 fn grid_of(options: &OrthoOptions, bounds: [f64; 4]) -> Result<Grid, Error> {
     let size = options.size.filter(|_| options.bounds.is_none());
     Grid::of_bounds(options.gsd, options.origin, bounds).map_err(|fault| fault.of_bounds(bounds, size))
 }
 
-/// Attributes that colour points without colours, where nothing is asked for: the first that all files have.
+/// Attributes that colour points without colours by default; the first one that all files have is used.
 const OWN_COLORS: [&str; 2] = ["intensity", "height"];
 
-/// Notes of files, or of the image, and options that files have no use for.
+/// Notes on files, or on the image (`None`).
 type Notes = Vec<(Option<PathBuf>, String)>;
+/// Options without effect, by file.
 type Unused = Vec<(PathBuf, UnusedOption)>;
 
-/// The attribute that files are coloured by, and its values of all of them.
+/// Collects the values of the attribute that files are coloured by.
 #[derive(Default)]
 struct ColorChoice {
     tallies: Tallies,
-    /// The jobs of the files that are splats, and of those of points.
+    /// Colouring requests of splat files and of point files, and whether they lack the attribute.
     jobs: Vec<(ColorJob, Option<Lacking>)>,
     /// True if some points have no colours of their own.
     has_uncolored: bool,
@@ -487,7 +488,7 @@ impl ColorChoice {
         }
     }
 
-    /// Finds one scale for all files, and colours those of splats by it.
+    /// Determines one scale for all files, and colours the splats of splat files by it.
     fn finish(
         self,
         sources: &mut [Source],
@@ -527,7 +528,8 @@ impl ColorChoice {
     }
 }
 
-/// Frees the points that were needed longest ago, until the others leave room; those of this block stay.
+/// Frees the points that were used least recently, until the others leave enough room. Points of the current block
+/// aren't freed.
 fn make_room(sources: &mut [Source], time: u64) {
     loop {
         let mut loaded: Vec<_> = sources
@@ -545,7 +547,7 @@ fn make_room(sources: &mut [Source], time: u64) {
     }
 }
 
-/// Bounds of all files in the plane; larger by something where they have no extent.
+/// Returns the bounds of all files in the plane, slightly enlarged along an axis without extent.
 fn bounds_of(sources: &[Source]) -> [f64; 4] {
     let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     let [x0, y0, x1, y1] = sources.iter().fold(start, |[x0, y0, x1, y1], source| {

@@ -1,42 +1,48 @@
-//! How likely a place is beneath a surface, by that surface's points alone.
+//! Edge localisation from the upper surface's points alone: the probability that a place is beneath the surface.
 //!
-//! Where the lower of two surfaces goes on beneath the upper one, as a road under a bridge or the ground under a tree,
-//! its points say nothing of where the upper one ends, and the upper points leave chance holes. So every edge that the
-//! surface may have in a window around the place is weighed: parabolas of 32 directions, 5 curvatures and any offset.
-//! An edge is possible if all upper points lie inside of it, and points as dense as the upper ones leave the rest of
-//! the window empty with a likelihood of exp(density × rest) (a Poisson process). The chance is the share of those that
-//! have the place inside: a mean over all that may be has the least mean square error. A hole that fits into a window
-//! is weighed in a smaller one.
+//! The lower of two surfaces may continue beneath the upper one, as a road under a bridge or ground under a tree. Its
+//! points then don't show where the upper surface ends, and the upper points have random gaps.
+//!
+//! So every edge that the surface may have in a window around the place is weighted: parabolas of 32 directions, 5
+//! curvatures and any offset. An edge is possible if all upper points are inside it. The points form a Poisson process,
+//! so the likelihood of an edge is exp(−density × area inside), in proportion to exp(density × rest of the window). The
+//! result is the weighted fraction of edges that have the place inside. As a mean over all possible edges it has the
+//! least mean square error. A hole that fits into a window is tested with a smaller window.
 
 use super::sides::Edge;
 use std::sync::LazyLock;
 
-/// Radius of the window, over that of the splats in it: wide enough that chance leaves no half of it empty, and
-/// narrow enough that few holes of a canopy fit into it.
+/// Radius of the window, in radii of the splats in it. It is wide enough that half a window is never empty by chance,
+/// and narrow enough that few holes of a canopy fit into it.
 pub(crate) const WINDOW: f64 = 1.8;
-/// Sizes of windows, over the whole one: where points enclose the place in that, a smaller one shows whether they
-/// enclose a hole.
+/// Window sizes relative to the whole window. If points enclose the place in the whole window, the smaller one shows
+/// whether they enclose a hole.
 const SIZES: [f64; 2] = [1.0, 0.8];
-/// How much rarer such holes are than edges, as the logarithm of the odds: chance leaves as large ones, too.
+/// Logarithm of the odds by which an edge is more likely than an enclosed hole: chance also produces holes of this
+/// size.
 const RARER: f64 = 2.0;
-/// Points of a window that lie inside of the surface, over π: a splat's radius is 1.65 spacings (`surfel-sample`).
+/// Number of points in a window that is entirely inside the surface, over π. A splat's radius is 1.65 spacings
+/// (`surfel-sample`).
 const DENSITY: f64 = (1.65 * WINDOW) * (1.65 * WINDOW);
+/// Number of edge directions.
 const DIRECTIONS: usize = 32;
-/// Curvatures of edges in windows, up to 1 over the splats' radius, and how often each is taken to occur: straight
-/// edges more often, for decks; much more often, canopies lose.
+/// Curvatures of edges in windows, up to 1 over the splats' radius, and their assumed frequencies. Straight edges are
+/// more frequent because of decks; a much higher frequency would harm canopies.
 const CURVATURES: [(f32, f64); 5] = [(0.0, 2.0), (-1.8, 1.0), (-0.9, 1.0), (0.9, 1.0), (1.8, 1.0)];
-/// Largest offset of an edge from the middle of its window, in windows, where no edge is left in it; and steps of one.
+/// Largest offset of an edge from the middle of its window, in windows; such an edge lies outside the window.
 const FARTHEST: f64 = 2.0;
+/// Number of tabulated offsets per window.
 const STEPS: f64 = 64.0;
-/// Strips in which the area inside of an edge is summed.
+/// Number of strips for integrating the area inside an edge.
 const STRIPS: usize = 256;
 
-/// Likelihoods of one edge and of all farther ones, by steps of their offset, of each curvature.
+/// Tabulated likelihoods per curvature: for each offset, that of the edge itself and the integral over all larger
+/// offsets.
 struct Likelihoods([Vec<[f64; 2]>; CURVATURES.len()]);
 
 static LIKELIHOODS: LazyLock<[Likelihoods; 2]> = LazyLock::new(|| SIZES.map(likelihoods));
 
-/// Those in a window of this size.
+/// Tabulates the likelihoods in a window of this relative size.
 fn likelihoods(size: f64) -> Likelihoods {
     Likelihoods(CURVATURES.map(|(curvature, frequency)| {
         let area = |offset: f64| {
@@ -59,7 +65,7 @@ fn likelihoods(size: f64) -> Likelihoods {
 }
 
 impl Likelihoods {
-    /// Those of an edge of this curvature and offset, and of all farther ones.
+    /// Interpolates the likelihood of an edge with this curvature and offset, and the integral over all larger offsets.
     fn at(&self, curvature: usize, offset: f64) -> [f64; 2] {
         let all = &self.0[curvature];
         let step = ((offset + FARTHEST) * STEPS).clamp(0.0, (all.len() - 1) as f64);
@@ -69,39 +75,40 @@ impl Likelihoods {
     }
 }
 
-/// Unit vectors, at 32 angles.
+/// Cosines and sines of the edge directions.
 static UNITS: LazyLock<[[f32; DIRECTIONS]; 2]> = LazyLock::new(|| {
     let angle = |i: usize| i as f64 * std::f64::consts::TAU / DIRECTIONS as f64;
     [std::array::from_fn(|i| angle(i).cos() as f32), std::array::from_fn(|i| angle(i).sin() as f32)]
 });
 
-/// Radius within which points enclose a place, in windows: less than 2 spacings, so that pits two points wide stay.
+/// Radius within which points enclose a place, in windows: less than 2 spacings, so that pits two points wide remain.
 const ENCLOSING: f64 = 1.2 / WINDOW;
-/// Least offset, in windows, of the points that do.
+/// Least offset of an enclosing point in every direction, in windows.
 const ENCLOSED: f32 = 0.01;
 
-/// The chance that a place is beneath a surface, and whether near points of it enclose the place. `around` gives the
-/// surface's points no farther than a distance, from there; `whole` is the window's radius.
+/// Returns the probability that a place is beneath a surface, and true if near points enclose the place. `around`
+/// returns the surface's points within a distance, relative to the place; `whole` is the window's radius.
 pub(crate) fn chance<I: Iterator<Item = [f64; 2]>>(whole: f64, around: impl Fn(f64) -> I) -> (Edge, bool) {
     let outline = Outline::new(0, whole, &around);
     let edge = outline.chance().or_else(|| Outline::new(1, whole, &around).chance());
     (edge.unwrap_or(Edge::constant(1.0)), outline.encloses())
 }
 
-/// The upper points in a window.
+/// Extents of the upper points in a window.
 struct Outline {
-    /// Largest offset of the points that are near enough to enclose the place.
+    /// Largest offset per direction of the points near enough to enclose the place.
     near: [f32; DIRECTIONS],
-    /// Least offset of an edge that has all points inside.
+    /// Least offset of an edge that has all points inside, by curvature and direction.
     least: [[f32; DIRECTIONS]; CURVATURES.len()],
     is_empty: bool,
-    /// Its window, and which of `SIZES` this has.
+    /// Radius of the window.
     window: f64,
+    /// Index of the window's size in `SIZES`.
     size: usize,
 }
 
 impl Outline {
-    /// Of the points around a place, from there, whose whole window has this radius.
+    /// Collects the points around a place, relative to it; `whole` is the radius of the whole window.
     fn new<I: Iterator<Item = [f64; 2]>>(size: usize, whole: f64, around: impl Fn(f64) -> I) -> Self {
         let window = SIZES[size] * whole;
         let mut outline = Self {
@@ -115,7 +122,7 @@ impl Outline {
         outline
     }
 
-    /// A point of the upper surface, from the place, in windows.
+    /// Adds a point of the upper surface, relative to the place, in windows.
     fn add(&mut self, [x, y]: [f64; 2]) {
         let is_near = x * x + y * y < ENCLOSING * ENCLOSING;
         let (x, y) = (x as f32, y as f32);
@@ -143,13 +150,13 @@ impl Outline {
         self.near.iter().all(|offset| *offset > ENCLOSED)
     }
 
-    /// The chance that the place is inside, as a function of the place; `None` where no edge leaves it outside.
+    /// Returns the probability that the place is inside, as a function of the place; `None` if no edge has it outside.
     fn chance(&self) -> Option<Edge> {
         if self.is_empty {
             return Some(Edge::constant(0.0));
         }
         let (table, [cos, sin]) = (&LIKELIHOODS[self.size], &*UNITS);
-        // Of edges with the place inside, and of others: their likelihoods, and the derivatives of these by x and y.
+        // Likelihoods of edges with the place inside and outside, and their derivatives by x and y.
         let (mut inside, mut outside) = ([0.0; 3], [0.0; 3]);
         for (curvature, least) in self.least.iter().enumerate() {
             let at_place = table.at(curvature, 0.0)[1];
@@ -179,7 +186,7 @@ impl Outline {
 mod tests {
     use super::*;
 
-    /// The chance at (x, y) of points on a grid of spacing 1, those that are `kept`.
+    /// Returns the probability at (x, y) for points on a grid of spacing 1, of which `kept` selects some.
     fn chance(x: f64, y: f64, kept: impl Fn(f64, f64) -> bool) -> Edge {
         let grid = (0..1600).map(|i| [i % 40, i / 40].map(|i| f64::from(i) - 19.5));
         let kept: Vec<[f64; 2]> = grid.filter(|p| kept(p[0], p[1])).map(|p| [p[0] - x, p[1] - y]).collect();
@@ -191,7 +198,7 @@ mod tests {
         for angle in [0.0, 0.3, 0.7, 1.2] {
             let (sin, cos) = f64::sin_cos(angle);
             let of = |d: f64| chance(d * cos, d * sin, |x, y| x * cos + y * sin < 0.0).share(0.0, 0.0);
-            // By the function's mean over places: where a step of the same content is.
+            // Mean over places: the position of a step with the same integral.
             let content: f64 = (-40..40).map(|i| 0.1 * of(0.1 * (f64::from(i) + 0.5))).sum();
             assert!((3.6..4.3).contains(&content), "{angle}: {content}");
             assert!(of(-1.5) > 0.95 && of(1.5) < 0.02, "{angle}: {} {}", of(-1.5), of(1.5));
@@ -201,7 +208,7 @@ mod tests {
     #[test]
     fn holes_are_open_and_chance_gaps_are_not() {
         let hole = |radius: f64| chance(0.1, 0.2, |x, y| x.hypot(y) > radius).share(0.0, 0.0);
-        // 4, 16 and 32 points are missing; of the second hole the whole window meets the rim on all sides.
+        // 4, 16 and 32 points are missing. The second hole's rim meets the whole window on all sides.
         assert!(hole(1.0) > 0.5 && hole(2.2) < 0.02 && hole(3.2) < 0.02, "{:?}", [1.0, 2.2, 3.2].map(hole));
         assert!(chance(0.0, 0.0, |_, _| true).share(0.0, 0.0) > 0.999);
         assert!(chance(0.0, 0.0, |_, _| false).share(0.0, 0.0) == 0.0);
@@ -213,7 +220,7 @@ mod tests {
         let (here, d) = (of(0.1, 0.05), 0.02);
         for [dx, dy] in [[d, 0.0], [0.0, d], [-d, 0.0]] {
             let (told, found) = (here.share(dx, dy), of(0.1 + dx, 0.05 + dy).share(0.0, 0.0));
-            // The window moves, too, and with it the area that is counted.
+            // The window moves too, and with it the area that is counted.
             assert!((told - found).abs() < 0.02, "{told} {found}");
         }
     }

@@ -1,4 +1,4 @@
-//! The images that drawn pixels are written to.
+//! Output of drawn pixels to image files.
 
 use super::OrthoStats;
 use super::block::BlockPixels;
@@ -8,7 +8,7 @@ use super::layout::Layout;
 use std::path::Path;
 use surfel_io::{GeoSamples, GeoTiles, IoError};
 
-/// What an image shows.
+/// Content of an image file.
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Shown {
     Color,
@@ -16,7 +16,7 @@ pub(super) enum Shown {
     Normal,
 }
 
-/// The images that pixels are written to.
+/// Image files that pixels are written to.
 pub(super) struct Sink<'a, 'b> {
     pub(super) grid: Grid,
     pub(super) shown: Vec<Shown>,
@@ -28,7 +28,7 @@ impl Sink<'_, '_> {
         Has { color: self.shown.contains(&Shown::Color), normal: self.shown.contains(&Shown::Normal) }
     }
 
-    /// Writes pixels, whose left upper one is `at` in the image.
+    /// Writes pixels whose upper left one is at `at` in the image.
     pub(super) fn write(&mut self, at: [u32; 2], planes: &Planes, stats: &mut OrthoStats) -> Result<(), IoError> {
         let width = planes.width as u32;
         let or_no_data = |v: f32| if v.is_nan() { GeoSamples::NODATA } else { v };
@@ -55,11 +55,11 @@ impl Sink<'_, '_> {
     }
 }
 
-/// What drawn blocks go to.
+/// Destination of drawn blocks.
 pub(super) enum Out<'a, 'b, 'c> {
-    /// The images, as far as they show the block.
+    /// The image files; only pixels within the image are written.
     Image(&'a mut Sink<'b, 'c>),
-    /// A store of whole blocks, beside this file.
+    /// A store of whole blocks, and the image file that it is beside.
     Store(&'a mut BlockStore, &'a Path),
 }
 
@@ -104,7 +104,7 @@ impl Out<'_, '_, '_> {
         }
     }
 
-    /// Says that a row of blocks is drawn.
+    /// Reports that a row of blocks is complete.
     pub(super) fn done(&mut self, layout: &Layout, row: i64) -> Result<(), IoError> {
         let Self::Image(sink) = self else { return Ok(()) };
         let end = sink.grid.first[1] + i64::from(sink.grid.size[1]) - row * layout.block_px;

@@ -1,4 +1,4 @@
-//! From what a user asks for to an orthoimage: the command `surfel ortho`.
+//! Request for an orthoimage, as made by the command `surfel ortho`.
 
 use super::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
 use crate::paths::{display, is_stdin};
@@ -15,28 +15,27 @@ use surfel_io::atomic::target;
 use surfel_model::{ConvertOptions, ModelError, Outliers};
 use surfel_sample::Progress;
 
-/// Files whose orthoimage is asked for.
+/// Request for an orthoimage of files.
 #[derive(Clone, Debug)]
 pub struct OrthoRequest<'a> {
-    /// The files; `-` stands for `stdin`.
+    /// Paths of the files; `-` means `stdin`.
     pub inputs: &'a [PathBuf],
-    /// The grid; how files are loaded is said by `splats`.
+    /// Grid and content of the image; its loading options are replaced according to `splats`.
     pub options: OrthoOptions,
-    /// How files become splats.
+    /// Options for converting files to splats.
     pub splats: &'a SplatOptions,
-    /// What to write.
+    /// Image files to write.
     pub files: &'a OrthoFiles,
-    /// What the name `-` stands for.
+    /// Content for the name `-`.
     pub stdin: Option<Arc<[u8]>>,
 }
 
 impl OrthoRequest<'_> {
-    /// Loads the files. `note` is told what the user should know, as sentences without a full stop.
+    /// Loads the files. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for a grid that is out of range, names that aren't TIFF's or are the same, and options that
-    /// contradict or that the files have no use for; [`Error::Io`] for files that are there already; and as
-    /// [`Ortho::open`].
+    /// [`Error::Usage`] for a grid that is out of range, file names that aren't TIFF or are equal, and options that
+    /// contradict each other or have no effect; [`Error::Io`] for files that exist already; and as [`Ortho::open`].
     pub fn open(&self, progress: &dyn Progress, note: &mut dyn FnMut(String)) -> Result<Ortho, Error> {
         self.check_files()?;
         if self.options.bounds.is_some() && self.options.size.is_some() {
@@ -55,7 +54,7 @@ impl OrthoRequest<'_> {
         let options = self.options.clone().with_load(load).with_lone(self.options.lone || keeps_lone);
         let inputs: Vec<&Path> = self.inputs.iter().map(PathBuf::as_path).collect();
         let ortho = Ortho::open(&inputs, &options, progress).map_err(|error| match error {
-            // A grid that can't be is its flags' fault.
+            // An invalid grid is the fault of its flags.
             Error::Model(e @ ModelError::OutOfRange { .. }) => Error::Usage(format!("--{e}")),
             other => other,
         })?;
@@ -70,7 +69,7 @@ impl OrthoRequest<'_> {
         Ok(ortho)
     }
 
-    /// Refuses names that aren't TIFF's, that are the same, or that are taken.
+    /// Refuses file names that aren't TIFF, are equal, or exist already.
     fn check_files(&self) -> Result<(), Error> {
         let OrthoFiles { color, dsm, normals, overwrite } = self.files;
         let images = [("-o", color), ("--dsm", dsm), ("--normals", normals)];
@@ -104,7 +103,7 @@ impl OrthoRequest<'_> {
 }
 
 impl Ortho {
-    /// What `surfel ortho --stats` prints of an image that the backend of this name drew.
+    /// Returns the object that `surfel ortho --stats` prints, for an image drawn by the backend `backend`.
     pub fn stats_json(&self, stats: &OrthoStats, backend: &str) -> Value {
         let ms = |time: std::time::Duration| time.as_secs_f64() * 1e3;
         json!({
@@ -128,7 +127,7 @@ impl Ortho {
         notes
     }
 
-    /// The bounds as decimal numbers, whose sums are a little off in binary.
+    /// Returns the bounds rounded to decimals, since binary sums are slightly off.
     pub fn rounded_bounds(&self) -> [f64; 4] {
         self.bounds().map(|v| (v * 1e6).round() / 1e6)
     }

@@ -1,47 +1,48 @@
-//! Where the edge between two surfaces is, by the points around it.
+//! Edge localisation between two surfaces, from the points around the edge.
 //!
-//! Weights of splats tell an edge only as well as the points' density is even. Points tell it better: each lies on the
-//! upper or on the lower surface, +1 or −1, and the linear function of x and y that fits those around a pixel best has
-//! its zero where the edge is. It is fitted by moving least squares (Lancaster and Šalkauskas 1981) with Gaussian
-//! weights. The wider they reach, the better a straight edge is known, and the more of what is small is lost: so the
-//! widest is taken whose function has the points on their own sides.
+//! The weights of splats locate an edge well only if the points' density is even. The points themselves locate it
+//! better. Each point is on the upper or the lower surface, and has the value +1 or −1. The linear function of x and y
+//! that fits these values best around a pixel is zero at the edge. It is fitted by moving least squares (Lancaster and
+//! Šalkauskas 1981) with Gaussian weights. Wide weights locate a straight edge more precisely but lose small details.
+//! So the widest scale is used at which the points are on their own sides of the function.
 //!
-//! Points beneath a surface, as of a road under a bridge, say nothing of its edges: the upper points alone tell these
-//! (`outline.rs`).
+//! Points beneath a surface, such as a road under a bridge, carry no information about its edges. There the upper
+//! points alone locate the edge (`outline.rs`).
 
 use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Standard deviations of the weights over the radius of the splats around, which is about 1.6 spacings; beyond `REACH`
-/// of them a point counts as nothing.
+/// Standard deviations of the weights, in radii of the splats nearby; a radius is about 1.6 spacings.
 const SCALES: [f64; 4] = [1.3, 0.8, 0.5, 0.3];
+/// Distance in standard deviations beyond which a point has no weight.
 const REACH: f64 = 2.5;
-/// Largest part of the squared weights that points on the wrong side of the function may have.
+/// Largest fraction of the squared weights that points on the wrong side of the function may have.
 const WRONG: f64 = 0.05;
-/// How steeply the function becomes a share, over the scale: a step between points that lie on both sides of it alike
-/// is fitted by a function that rises slower than the step does, the slower the wider.
+/// Factor from the function's value to a fraction, over the scale. A step between points that are evenly distributed on
+/// both sides is fitted by a function that rises more slowly than the step, the more so the wider the weights.
 const STEEPNESS: f64 = 4.4;
-/// Weight of a level function, over that of the points at their standard deviations: few points, or those on a line,
-/// tell no slope.
+/// Weight of a constant function, relative to the points' weight at their standard deviation. It is needed for few
+/// points or points on a line, which determine no slope.
 const LEVEL: f64 = 2e-3;
-/// Side of a square of pixels that share one function, at most, over the splats' radius. It changes a surface model's
-/// RMSE by 1 %.
+/// Largest side of a square of pixels that share one function, in splat radii. Sharing changes a surface model's RMSE
+/// by 1 %.
 const SQUARE: f64 = 0.8;
-/// The same where the upper points alone tell the edge, whose function isn't linear.
+/// Value like [`SQUARE`] for edges located by the upper points alone, whose function isn't linear.
 const OUTLINE_SQUARE: f64 = 0.4;
-/// Most points that a cell has on average.
+/// Largest average number of points in a cell.
 const CELL_POINTS: f64 = 2.0;
-/// Most points that one pixel is told by, but for a row of cells more.
+/// Maximum number of points used to locate the edge at one pixel (plus one row of grid cells).
 const MOST_POINTS: usize = 1024;
-/// Most cells of a side.
+/// Largest number of cells along a side.
 const MOST_CELLS: f64 = 4096.0;
-/// Chance from which on a point counts as beneath a surface, and from which on it shows that the lower surface goes on
-/// there, if upper points enclose it: in a pit two points wide of a single surface, they enclose none.
+/// Probability from which a point counts as beneath a surface.
 const BENEATH: f32 = 0.5;
+/// Probability from which a point shows that the lower surface continues there, if upper points enclose it. In a pit
+/// two points wide in a single surface, they don't.
 const WELL_BENEATH: f32 = 0.97;
-/// Largest gap in a layer of leaves, over the splats' radius: of leaves whose heights stray by two spacings, gaps of
-/// one radius are common, of two rare.
+/// Largest gap in a layer of foliage, in splat radii. If leaf heights vary by two spacings, gaps of one radius are
+/// common and gaps of two are rare.
 const LINKED: f64 = 3.0;
 
 #[derive(Clone, Copy)]
@@ -49,31 +50,31 @@ struct Point {
     at: [f64; 2],
     z: f32,
     radius: f32,
-    /// Which cloud's splat it is, and which of them.
+    /// Index of the splat's cloud.
     cloud: u32,
+    /// Index of the splat in its cloud.
     splat: u32,
-    /// Whether it lies in no surface.
+    /// True if the splat is foliage.
     is_leaf: bool,
 }
 
-/// The centres of a block's splats, sorted into square cells.
+/// Centres of a block's splats, sorted into square cells.
 pub(crate) struct Sides {
     points: Vec<Point>,
-    /// Index of each cell's first point, and the number of points.
+    /// Index of each cell's first point, followed by the number of points.
     starts: Vec<u32>,
-    /// Which points are beneath a surface.
+    /// True for points beneath a surface.
     beneath: Vec<bool>,
     least: [f64; 2],
     cell: f64,
     cells: [usize; 2],
-    /// The largest distance at which any splat counts.
+    /// Largest distance at which any splat has weight.
     reach: f64,
 }
 
 impl Sides {
-    /// Of the splats within `bounds` (least x and y, then largest); `is_leaf` says which of a cloud's
-    /// splats lie in no surface, and `beneath` is told the cloud and the splat of those
-    /// that surely are beneath a surface.
+    /// Collects the splats within `bounds` (least x and y, then largest). `is_leaf` returns whether a cloud's splat is
+    /// foliage. `beneath` is called with cloud and splat index of each splat that is certainly beneath a surface.
     pub(crate) fn new<'a>(
         clouds: impl Iterator<Item = &'a SplatCloud>,
         is_leaf: impl Fn(usize, usize) -> bool + Sync,
@@ -103,7 +104,7 @@ impl Sides {
     fn sorted(points: Vec<Point>, [x0, y0, x1, y1]: [f64; 4]) -> Self {
         let [width, height] = [x1 - x0, y1 - y0];
         let even = (width * height * CELL_POINTS / points.len().max(1) as f64).sqrt();
-        // Points that leave most of the bounds empty lie denser than that.
+        // If most of the bounds is empty, points are denser than this estimate.
         let mean_radius = points.iter().map(|p| f64::from(p.radius)).sum::<f64>() / points.len().max(1) as f64;
         let cell = even.min(mean_radius).max(width.max(height) / MOST_CELLS);
         let cells = [width, height].map(|side| (side / cell).floor() as usize + 1);
@@ -117,7 +118,7 @@ impl Sides {
         for i in 1..starts.len() {
             starts[i] += starts[i - 1];
         }
-        // In the splats' order within each cell, so that sums are.
+        // Within each cell, points stay in the order of the splats, and so do sums.
         let (mut next, mut order) = (starts.clone(), vec![0_u32; keys.len()]);
         for (&key, i) in keys.iter().zip(0..) {
             order[next[key] as usize] = i;
@@ -128,8 +129,8 @@ impl Sides {
         all
     }
 
-    /// The chance that a point is beneath a surface, if that is likely and it is near to some that are with hardly a
-    /// doubt; else 0.
+    /// Returns the probability per point that it is beneath a surface. It is 0 if that is unlikely, or if no point
+    /// nearby is almost certainly beneath a surface.
     fn all_beneath(&self) -> Vec<f32> {
         let chance = |q: &Point| {
             let is_above = |p: &Point| p.z > q.z + p.radius;
@@ -154,8 +155,8 @@ impl Sides {
         (0..self.points.len()).into_par_iter().with_min_len(1024).map(beneath).collect()
     }
 
-    /// Whether height z, at a place where splats have about this radius, is within a layer of leaves: most points above
-    /// it are leaves', and no gap between them is larger than `LINKED` radii.
+    /// True if height z is within a layer of foliage at a place where splats have about this radius. Most points above
+    /// it must be foliage, with no gap larger than `LINKED` radii between them.
     pub(crate) fn is_among_leaves(&self, [x, y]: [f64; 2], z: f32, radius: f64) -> bool {
         let half = WINDOW * radius;
         let is_near = |p: &&Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2) < half * half && p.z > z;
@@ -170,8 +171,8 @@ impl Sides {
         heights.windows(2).all(|pair| f64::from(pair[1] - pair[0]) <= LINKED * radius)
     }
 
-    /// The chance that (x, y), where splats have about this radius, is beneath the surface of certain points, and
-    /// whether near ones enclose it; `None` if none of them is near.
+    /// Returns the probability that (x, y) is beneath the surface of the points for which `is_above` holds, and true if
+    /// near ones enclose it. Splats there have about this radius. `None` if no such point is near.
     fn chance(&self, x: f64, y: f64, radius: f64, is_above: impl Fn(&Point) -> bool) -> Option<(Edge, bool)> {
         let within = |reach: f64| {
             let from_here = self.around(x, y, reach).map(move |p| (p, [p.at[0] - x, p.at[1] - y]));
@@ -193,7 +194,8 @@ impl Sides {
         (index.max(0.0) as usize).min(self.cells[axis] - 1)
     }
 
-    /// The points of the cells that a square around (x, y) meets; of very many, as on a wall seen from above, some.
+    /// Returns the points of the cells that meet a square around (x, y). Of very many, such as on a wall viewed from
+    /// above, only some.
     fn around(&self, x: f64, y: f64, half: f64) -> impl Iterator<Item = &Point> {
         self.indices_around(x, y, half).map(|i| &self.points[i])
     }
@@ -210,7 +212,7 @@ impl Sides {
         rows.flat_map(move |row| of_row(row).step_by(step))
     }
 
-    /// Radius of the splats around (x, y), by their mean density: of those no farther than the nearest one's radius.
+    /// Returns the radius of the splats around (x, y), from the mean density of those within the nearest one's radius.
     fn radius_at(&self, x: f64, y: f64) -> Option<f64> {
         let squared = |p: &Point| (p.at[0] - x).powi(2) + (p.at[1] - y).powi(2);
         let mut half = self.cell;
@@ -231,15 +233,16 @@ impl Sides {
         Some((count / sum).sqrt())
     }
 
-    /// Pixels, `gsd` apart, along the side of a square about (x, y) that one edge does for: 4, 2 or 1. `found` is an
-    /// edge there, where one is known.
+    /// Returns the side in pixels, 4, 2 or 1, of a square around (x, y) that can share one edge. Pixels are `gsd`
+    /// apart; `found` is an edge there, if one is known.
     pub(crate) fn square_px(&self, x: f64, y: f64, gsd: f64, found: Option<Edge>) -> usize {
         let over_radius = if found.is_some_and(|edge| edge.is_logistic) { OUTLINE_SQUARE } else { SQUARE };
         let most = self.radius_at(x, y).unwrap_or(0.0) * over_radius;
         [4, 2].into_iter().find(|px| *px as f64 * gsd <= most).unwrap_or(1)
     }
 
-    /// The edge near (x, y) of a surface of height `upper` there over one at `lower`; `None` if no point is near.
+    /// Locates the edge near (x, y) between an upper surface of height `upper` and a lower one of height `lower`.
+    /// `None` if no point is near.
     pub(crate) fn edge(&self, x: f64, y: f64, upper: f64, lower: f64, near: &mut Near) -> Option<Edge> {
         let middle = 0.5 * (upper + lower);
         let radius = self.radius_at(x, y)?;
@@ -282,12 +285,13 @@ impl Sides {
     }
 }
 
-/// The share of the upper surface as a function of the place: of a linear one.
+/// Fraction of the upper surface near an edge, as a function of the position.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Edge {
     value: f64,
     slopes: [f64; 2],
-    /// The logistic function of it; else ½ is added to it.
+    /// True if the fraction is the logistic function of the linear function; otherwise it is the linear function plus
+    /// ½.
     is_logistic: bool,
 }
 
@@ -304,18 +308,18 @@ impl Edge {
         Self::linear([share - 0.5, 0.0, 0.0])
     }
 
-    /// The share so far from the place that the edge was asked for.
+    /// Returns the fraction at an offset from the position for which the edge was located.
     pub(crate) fn share(&self, dx: f64, dy: f64) -> f64 {
         let linear = self.value + self.slopes[0] * dx + self.slopes[1] * dy;
         if self.is_logistic { 1.0 / (1.0 + (-linear).exp()) } else { (0.5 + linear).clamp(0.0, 1.0) }
     }
 }
 
-/// Numbers that are computed at a time.
+/// Number of values computed at a time.
 const LANES: usize = 4;
 
-/// The points around a pixel: where they are from there, their sides (+1, −1), and their weights. Others without weight
-/// make their number a multiple of `LANES`.
+/// Points around a pixel: their offsets from the pixel, their sides (+1, −1), and their weights. Points without weight
+/// pad their number to a multiple of `LANES`.
 #[derive(Default)]
 pub(crate) struct Near {
     columns: [Vec<f64>; 3],
@@ -331,18 +335,18 @@ impl Near {
         self.columns.iter_mut().zip([dx, dy, side]).for_each(|(column, value)| column.push(value));
     }
 
-    /// Their coordinates, sides and weights, `LANES` at a time.
+    /// Returns offsets, sides and weights, `LANES` at a time.
     fn lanes(&self) -> impl Iterator<Item = [&[f64; LANES]; 4]> {
         let [dx, dy, side] = [0, 1, 2].map(|k| self.columns[k].as_chunks().0);
         let weights = self.weights.as_chunks().0;
         dx.iter().zip(dy).zip(side).zip(weights).map(|(((dx, dy), side), w)| [dx, dy, side, w])
     }
 
-    /// The linear function that fits the sides of points best: its value here, and its slopes along x and y. `None` of
-    /// no point.
+    /// Fits the linear function to the sides of points: its value at the pixel, and its slopes along x and y. `None`
+    /// without points.
     fn fit(&mut self, variance: f64) -> Option<[f64; 3]> {
         let whole = self.columns[0].len().next_multiple_of(LANES);
-        // Beyond every reach.
+        // Padding points are too far away to have weight.
         self.columns.iter_mut().zip([f64::MAX.sqrt(), 0.0, 0.0]).for_each(|(column, far)| column.resize(whole, far));
         let [dx, dy, _] = &self.columns;
         self.weights.clear();
@@ -352,7 +356,7 @@ impl Near {
         for [dx, dy, side, w] in self.lanes() {
             for k in 0..LANES {
                 let (dx, dy, side, w) = (dx[k], dy[k], side[k], w[k]);
-                // Those without weight are too far for their squares.
+                // The squares of padding offsets would overflow.
                 let (dx, dy) = if w > 0.0 { (dx, dy) } else { (0.0, 0.0) };
                 let terms = [1.0, dx, dy, dx * dx, dx * dy, dy * dy, side, side * dx, side * dy];
                 (0..9).for_each(|i| sums[i][k] += w * terms[i]);
@@ -362,7 +366,7 @@ impl Near {
         let v: [f64; 3] = v;
         let level = LEVEL * variance * m0;
         let (mxx, myy) = (mxx + level, myy + level);
-        // The inverse by cofactors.
+        // Inverse by cofactors.
         let [c00, c01, c02] = [mxx * myy - mxy * mxy, mxy * my - mx * myy, mx * mxy - mxx * my];
         let [c11, c12, c22] = [m0 * myy - my * my, mx * my - m0 * mxy, m0 * mxx - mx * mx];
         let determinant = m0 * c00 + mx * c01 + my * c02;
@@ -371,7 +375,8 @@ impl Near {
         found.iter().all(|v| v.is_finite()).then_some(found)
     }
 
-    /// The squared weights of the points on the wrong side of a linear function, and of all, those of the last fit.
+    /// Returns the squared weights of the points on the wrong side of a linear function, and of all points, for the
+    /// last fit.
     fn wrong(&self, [value, along_x, along_y]: [f64; 3]) -> [f64; 2] {
         let mut sums = [[0.0; LANES]; 2];
         for [dx, dy, side, w] in self.lanes() {
@@ -386,10 +391,10 @@ impl Near {
     }
 }
 
-/// A Gaussian of a squared distance, 0 beyond its reach.
+/// Returns the Gaussian of a squared distance, 0 beyond its reach.
 fn weight(squared: f64, variance: f64) -> f64 {
-    // The eighth power of the series of an eighth of the exponent, which is at most 0.4: within 6e-5 of the Gaussian
-    // where that is least. It takes a tenth of the time of `exp`.
+    // Eighth power of the series of an eighth of the exponent, which is at most 0.4: within 6e-5 of the Gaussian where
+    // it is smallest. It takes a tenth of the time of `exp`.
     let y = squared / (-16.0 * variance);
     let series = 1.0 + y * (1.0 + y * (0.5 + y * (1.0 / 6.0 + y * (1.0 / 24.0 + y / 120.0))));
     let fourth = (series * series) * (series * series);
@@ -417,7 +422,7 @@ mod tests {
         Sides::new([cloud(points, radius)].iter(), |_, _| false, [-10.0, -10.0, 10.0, 10.0], |_, _| ())
     }
 
-    /// Points of a grid of 0.5, as high as `roof` left of an edge through the origin of this direction.
+    /// Returns points on a grid of 0.5, at height `roof` on the left of an edge through the origin with this direction.
     fn step(angle: f64, roof: f64) -> Vec<DVec3> {
         let normal = DVec3::new(angle.cos(), angle.sin(), 0.0);
         let at = |i: i32| DVec3::new(f64::from(i % 40) * 0.5 - 9.75, f64::from(i / 40) * 0.5 - 9.75, 0.0);
@@ -430,7 +435,7 @@ mod tests {
             let (s, c) = f64::sin_cos(angle);
             let sides = sides(&step(angle, 3.0), 0.8);
             let share = |d: f64, along: f64| share_of(&sides, d * c - along * s, d * s + along * c, 3.0, 0.0).unwrap();
-            // The edge of points is known to a third of their spacing; a spacing away there is no doubt.
+            // The edge is located to a third of the point spacing; a spacing away the result is certain.
             for along in [-3.0, -1.1, 0.0, 0.7, 2.5] {
                 assert_eq!((share(-0.5, along), share(0.5, along)), (1.0, 0.0), "{angle} {along}");
                 assert!(share(-0.17, along) > 0.5 && share(0.17, along) < 0.5, "{angle} {along}");
@@ -463,7 +468,7 @@ mod tests {
         let line = [at(-1.0, 3.0), at(-0.5, 3.0), at(0.5, 0.0), at(1.0, 0.0)];
         let share = |x: f64| share_of(&sides(&line, 1.0), x, 0.1, 3.0, 0.0).unwrap();
         assert!((share(0.0) - 0.5).abs() < 1e-12 && share(-0.4) == 1.0 && share(0.4) == 0.0);
-        // Many at one place, beside others: as few are looked at.
+        // Of many points at one place, beside others, only few are used.
         let mut clump = step(0.0, 3.0);
         clump.extend(vec![DVec3::new(-0.01, 0.0, 3.0); 100_000]);
         let clump = sides(&clump, 0.8);
@@ -484,7 +489,7 @@ mod tests {
         let both: Vec<DVec3> = ground.iter().copied().chain(deck).collect();
         for (p, covered) in both.iter().zip(covered_of(&both)) {
             assert!(!covered || (p.z == 0.0 && p.x.abs() < 4.0), "{p}");
-            // Two spacings from the deck's edges there is no doubt.
+            // Two spacings from the deck's edges the result is certain.
             assert!(covered || p.z > 0.0 || p.x.abs() > 3.0 || p.y.abs() > 8.0, "{p}");
         }
         // A shaft two points wide, and a slope as steep as stairs.
@@ -497,7 +502,8 @@ mod tests {
 
     #[test]
     fn lower_leaves_of_a_crown_are_among_leaves_and_what_is_under_roofs_is_not() {
-        // Points whose heights stray over 2 m from 5 m on, and the ground; as leaves and as a thing in layers.
+        // Points whose heights vary over 2 m from 5 m upward, and the ground; classified as foliage, and as surfaces in
+        // layers.
         let crown =
             step(0.0, 0.0).into_iter().zip(0..).map(|(p, i)| p + (5.0 + 0.1 * f64::from(i * 7 % 21)) * DVec3::Z);
         let points: Vec<DVec3> = step(0.0, 0.0).into_iter().chain(crown).collect();

@@ -1,4 +1,4 @@
-//! The points and splats that an orthoimage is drawn of, and which of them lie where.
+//! Points and splats that an orthoimage is drawn from, sorted into bins by position.
 
 use super::canonical::Canonical;
 use super::layout::Layout;
@@ -20,58 +20,59 @@ use surfel_io::{Content, Crs, IN_DEGREES};
 use surfel_model::{Column3, ExtraColumn, ExtraValues, OnInvalid, PointCloud, SplatCloud};
 use surfel_sample::{NoProgress, Progress};
 
-/// Points by which the density of a cloud is judged, and how many a cell has then.
+/// Largest number of points from which the density of a cloud is estimated.
 const SAMPLE: usize = 1 << 17;
+/// Average number of sample points per cell for that estimate.
 const IN_A_CELL: f64 = 16.0;
 
-/// A file.
+/// An input file of an orthoimage.
 pub(crate) struct Source {
     pub(crate) path: PathBuf,
     pub(crate) holds: Holds,
     /// Bounds of the points, or of the splats.
     pub(crate) bounds: (DVec3, DVec3),
     pub(crate) crs: Option<Crs>,
-    /// True if the names or the steps of x and y say that these are degrees.
+    /// True if the names or the steps of x and y indicate degrees.
     pub(crate) is_named_degrees: bool,
 }
 
-/// What a file holds.
+/// Content of a file.
 pub(crate) enum Holds {
-    /// Points.
+    /// Points, which are converted per block.
     Points(Box<Points>),
-    /// Splats, or a mesh that was made into splats.
+    /// Splats, or splats made from a mesh.
     Splats(Arc<SplatCloud>),
 }
 
-/// Points of a file, in memory while they are needed.
+/// Points of a file; they are freed and loaded again as needed.
 pub(crate) struct Points {
-    /// How many a square unit, where there are any.
+    /// Points per square unit of the covered area.
     pub(crate) density: f64,
     pub(crate) bytes: usize,
     pub(crate) has_colors: bool,
     pub(crate) has_intensity: bool,
-    /// The rounding that makes positions the same in any file.
+    /// Rounding that makes positions identical in any file format.
     pub(crate) canonical: Canonical,
     cloud: Option<PointCloud>,
-    /// Water, row by row; empty: none.
+    /// Water flag of each row; empty if no point is water.
     water: Vec<bool>,
-    /// Which rows of the cloud are in which bin; set when the points are sorted into bins.
+    /// Rows of the cloud in each bin; set when the points are sorted into bins.
     bins: Option<Bins>,
-    /// When they were needed last.
+    /// Time of last use, as a block number.
     used: u64,
 }
 
-/// What is to be said of a file that was loaded.
+/// Notes, unused options and colouring request of a loaded file.
 #[derive(Default)]
 pub(crate) struct Told {
     pub(crate) notes: Vec<String>,
     pub(crate) unused: Vec<UnusedOption>,
-    /// What splats are to be coloured by.
+    /// Colouring request for the file's splats.
     pub(crate) color_job: Option<ColorJob>,
 }
 
 impl Source {
-    /// Loads a file; `told` gets what is to be said.
+    /// Loads a file, and adds its notes to `told`.
     pub(crate) fn load(
         path: &Path,
         options: &LoadOptions,
@@ -115,7 +116,7 @@ impl Source {
         Ok(Self { path, holds: Holds::Splats(Arc::new(cloud)), bounds, crs, is_named_degrees })
     }
 
-    /// The number of points or splats that are in memory, and where each is.
+    /// Returns the number of points or splats in memory, and a function for their positions.
     pub(crate) fn positions(&self) -> Option<(usize, Box<dyn Fn(usize) -> DVec3 + '_>)> {
         match &self.holds {
             Holds::Points(points) => {
@@ -126,15 +127,15 @@ impl Source {
         }
     }
 
-    /// True if bounds in the plane (least x and y, then largest) meet this file's.
+    /// True if bounds in the plane (least x and y, then largest) meet this file's bounds.
     pub(crate) fn meets(&self, [x0, y0, x1, y1]: [f64; 4]) -> bool {
         let (lo, hi) = self.bounds;
         lo.x <= x1 && hi.x >= x0 && lo.y <= y1 && hi.y >= y0
     }
 }
 
-/// The points of a file that the options choose, without normals that Surfel itself added to it: those of a file by
-/// levels and of the file that it was made of must give the same surface.
+/// Returns the points of a file that the options select. Normals that Surfel itself added to a COPC file are dropped,
+/// since the COPC file and its source file must give the same surface.
 fn chosen(
     mut points: PointCloud,
     path: &Path,
@@ -149,7 +150,7 @@ fn chosen(
     convert::chosen_points(points, path, options, notes, progress)
 }
 
-/// True of normals in steps of 1/127, as Surfel adds them to files by levels.
+/// True for normals in steps of 1/127, as Surfel adds them to COPC files.
 fn are_estimated(normals: &Column3) -> bool {
     let is_step = |v: f64| (v * 127.0 - (v * 127.0).round()).abs() < 1e-4;
     (0..normals.len()).all(|i| normals.get(i).to_array().into_iter().all(is_step))
@@ -161,12 +162,12 @@ fn empty(path: &Path) -> Error {
 }
 
 impl Points {
-    /// The cloud as it was loaded, before it is sorted into bins.
+    /// Returns the cloud as loaded, before it is sorted into bins.
     pub(crate) fn as_loaded(&self) -> Option<&PointCloud> {
         self.cloud.as_ref()
     }
 
-    /// Frees the points; they are loaded again when they are needed.
+    /// Frees the points and returns their size in bytes; they are loaded again when needed.
     pub(crate) fn free(&mut self) -> usize {
         (self.cloud, self.bins, self.water) = (None, None, Vec::new());
         self.bytes
@@ -180,7 +181,7 @@ impl Points {
         self.used
     }
 
-    /// Sorts the points into bins, having loaded them if they aren't there.
+    /// Sorts the points into bins, loading them first if necessary.
     pub(crate) fn prepare(
         &mut self,
         path: &Path,
@@ -202,7 +203,7 @@ impl Points {
             },
         };
         let is_water = water(&cloud.extras, cloud.len());
-        // Files spell it differently.
+        // Files may spell the column's name differently.
         let named = column.and_then(|name| ExtraColumn::find(&cloud.extras, name)).map(|extra| extra.name.clone());
         cloud.extras.retain(|extra| Some(&extra.name) == named.as_ref());
         let (cloud, order, bins) = binned(&cloud, &self.canonical, layout);
@@ -212,7 +213,7 @@ impl Points {
         Ok(())
     }
 
-    /// Appends the points within bounds in the plane to a block's.
+    /// Appends the points within bounds in the plane to a block's points.
     pub(crate) fn gather(&self, within: [f64; 4], layout: &Layout, into: &mut Gathered) {
         let (Some(cloud), Some(bins)) = (&self.cloud, &self.bins) else { return };
         let [x0, y0, x1, y1] = within;
@@ -230,7 +231,7 @@ impl Points {
     }
 }
 
-/// Points of a block, of all files.
+/// Points of a block, from all files.
 #[derive(Default)]
 pub(crate) struct Gathered {
     positions: Vec<DVec3>,
@@ -246,7 +247,7 @@ impl Gathered {
     fn push(&mut self, cloud: &PointCloud, i: usize, p: DVec3, is_water: bool) {
         self.positions.push(p);
         self.water.push(is_water);
-        // A normal of zero is one that is estimated.
+        // A zero normal is estimated later.
         self.normals.push(cloud.normals.as_ref().map_or(glam::Vec3::ZERO, |n| n.get(i).as_vec3()));
         self.has_normals |= cloud.normals.is_some();
         self.colors.push(cloud.colors.as_ref().and_then(|c| c.get(i)).copied().unwrap_or([1.0; 3]));
@@ -254,8 +255,8 @@ impl Gathered {
         self.values.push(cloud.extras.first().map_or(f64::NAN, |extra| extra.values.get(i)));
     }
 
-    /// One cloud of them, in an order that depends on the points alone, and where the points are that stand alone in
-    /// height, which it leaves out; `column` is the name of their values. Without a `spacing` no point is left out.
+    /// Returns the points as one cloud, in an order that depends only on the points, and the positions of points
+    /// dropped as isolated in height. `column` is the name of their values. Without a `spacing` no point is dropped.
     pub(crate) fn finish(self, column: Option<&str>, spacing: Option<f64>) -> (PointCloud, Vec<DVec3>) {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         order.par_sort_unstable_by(|a, b| self.compare(*a as usize, *b as usize));
@@ -281,7 +282,7 @@ impl Gathered {
 }
 
 impl Gathered {
-    /// By position, then by what else tells points apart.
+    /// Orders points by position, then by the other properties that distinguish them.
     fn compare(&self, a: usize, b: usize) -> Ordering {
         let three =
             |a: [f64; 3], b: [f64; 3]| a[0].total_cmp(&b[0]).then(a[1].total_cmp(&b[1])).then(a[2].total_cmp(&b[2]));
@@ -293,7 +294,7 @@ impl Gathered {
     }
 }
 
-/// The splats whose centres lie within bounds in the plane; `None`: no splat does.
+/// Returns the splats whose centres are within bounds in the plane; `None` if there are none.
 pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Option<SplatCloud>, Error> {
     let [x0, y0, x1, y1] = within;
     let inside = |p: DVec3| p.x >= x0 && p.x < x1 && p.y >= y0 && p.y < y1;
@@ -301,7 +302,7 @@ pub(crate) fn splats_within(cloud: &SplatCloud, within: [f64; 4]) -> Result<Opti
     splats_kept(cloud, &keep)
 }
 
-/// The splats whose flag is set; `None`: no splat's is.
+/// Returns the splats whose flag is set; `None` if there are none.
 pub(crate) fn splats_kept(cloud: &SplatCloud, keep: &[bool]) -> Result<Option<SplatCloud>, Error> {
     if !keep.contains(&true) {
         return Ok(None);
@@ -322,8 +323,8 @@ fn bytes(points: &PointCloud) -> usize {
 /// Rows of each bin, by the bin's row and column.
 type Bins = BTreeMap<(i64, i64), Range<usize>>;
 
-/// The points in the order of their bins, which rows they had, and which rows each bin has. Within a bin they stay in
-/// their order.
+/// Sorts points by their bins, preserving the order within a bin. Returns the points, their previous rows, and the rows
+/// of each bin.
 fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointCloud, Vec<u32>, Bins) {
     let bin = |i: usize| {
         let p = canonical.position(cloud, i);
@@ -331,7 +332,7 @@ fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointC
     };
     let mut counts: BTreeMap<(i64, i64), usize> = BTreeMap::new();
     let mut last = None;
-    // Points come in runs of one bin, mostly.
+    // Points mostly come in runs of one bin.
     let mut run = 0;
     for key in (0..cloud.len()).map(bin) {
         if last != Some(key) {
@@ -370,8 +371,8 @@ fn binned(cloud: &PointCloud, canonical: &Canonical, layout: &Layout) -> (PointC
     (sorted, order, bins)
 }
 
-/// Points a square unit of the area that they cover, judged by the cells of a square grid that hold some of a sample.
-/// Infinite where they all lie above each other. The order of the points has no part in it.
+/// Estimates the points per square unit of the area they cover, from the cells of a square grid that contain points of
+/// a sample. Infinite if all points lie above each other. The result doesn't depend on the order of the points.
 fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3)) -> f64 {
     let share = if points.len() <= SAMPLE { u64::MAX } else { u64::MAX / points.len() as u64 * SAMPLE as u64 };
     let plane = |i: usize| canonical.position(points, i).truncate();
@@ -387,7 +388,7 @@ fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3))
     loop {
         let cell = |p: &DVec2| (((p.x - lo.x) / side) as i64, ((p.y - lo.y) / side) as i64);
         let cells = sample.iter().map(cell).collect::<HashSet<_>>().len();
-        // Far strays make the first cells too large.
+        // Distant strays make the first cells too large.
         if cells as f64 * IN_A_CELL * 2.0 >= count as f64 || cells > count / 4 || side < longest * 1e-9 {
             return points.len() as f64 / (cells as f64 * side * side);
         }
@@ -395,7 +396,7 @@ fn density(points: &PointCloud, canonical: &Canonical, (lo, hi): (DVec3, DVec3))
     }
 }
 
-/// Bits that look random, of others (the finaliser of SplitMix64).
+/// Hashes bits (the finaliser of SplitMix64).
 fn mixed(bits: u64) -> u64 {
     let bits = (bits ^ (bits >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     let bits = (bits ^ (bits >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
@@ -408,7 +409,7 @@ mod tests {
 
     #[test]
     fn density_is_that_of_the_covered_area() {
-        // Mixed twice: multiples alone lie on few lines.
+        // Hashed twice, since simple multiples lie on few lines.
         let random = |i: u64| {
             let mixed = (i.wrapping_mul(0x9E37_79B9_7F4A_7C15) >> 29 ^ i).wrapping_mul(0xBF58_476D_1CE4_E5B9);
             ((mixed >> 32 ^ mixed).wrapping_mul(0x94D0_49BB_1331_11EB) >> 11) as f64 / (1_u64 << 53) as f64
@@ -421,7 +422,7 @@ mod tests {
             density(&cloud, &Canonical::new(&cloud, cloud.bounds().unwrap()), cloud.bounds().unwrap())
         };
         assert!((of(&positions) - 8.0).abs() < 1.5, "{}", of(&positions));
-        // A stray far away changes little.
+        // A distant stray changes little.
         positions.push(DVec3::new(1e6, 1e6, 0.0));
         assert!((of(&positions) - 8.0).abs() < 4.0, "{}", of(&positions));
         assert_eq!(of(&[DVec3::ONE; 5]), f64::INFINITY);

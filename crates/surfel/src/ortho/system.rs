@@ -7,7 +7,7 @@ use surfel_io::Crs;
 use surfel_io::ShowPath as _;
 use surfel_model::ModelError;
 
-/// The system of all files, or of the code that was given.
+/// Returns the coordinate reference system given by an EPSG code, or else shared by all files.
 pub(super) fn crs_of(
     sources: &[Source],
     epsg: Option<u16>,

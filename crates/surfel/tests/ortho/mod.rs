@@ -1,5 +1,7 @@
-//! Orthoimages and surface models: how near they are to an exact surface, beside means and a triangulation of the same
-//! points; that any two images of the same points agree; and what their files say.
+//! Tests of orthoimages and surface models:
+//! - accuracy against an exact surface, compared with means and a triangulation of the same points;
+//! - equality of overlapping images of the same points;
+//! - metadata of the files.
 #![cfg(feature = "ortho")]
 
 mod survey;
@@ -22,12 +24,12 @@ fn levels(path: &Path) -> (usize, Vec<[u8; 4]>) {
     (width, levels.chunks_exact(4).map(|c| [c[0], c[1], c[2], c[3]]).collect())
 }
 
-/// 8 points a square metre.
+/// Returns a scan with 8 points per square metre.
 fn scan(anywhere: bool) -> Scan {
     Scan { density: 8.0, anywhere, seed: 0 }
 }
 
-/// Points of the roof in rows.
+/// Returns points of the roof in rows.
 fn points() -> Vec<[f64; 3]> {
     scan(false).points(|x, y| roof(x, y).0, NOISE_M)
 }
@@ -40,10 +42,10 @@ fn surface_model_is_nearer_than_means_and_a_triangulation() {
         let [ours, means, tin] = compared(&folder, roof, 102.3, [&points, &points]);
         println!("{ours:?} {means:?} {tin:?}");
         assert!(ours.gaps == 0.0 && ours.rmse < means.rmse && ours.edge_m < means.edge_m, "{ours:?} {means:?}");
-        // Noise: a triangle's height is the mean of three points, ours of those within a splat's radius.
+        // Noise: a triangle's height is the mean of three points, ours of all points within a splat's radius.
         assert!(ours.flat_rmse < 0.8 * tin.flat_rmse && ours.flat_rmse < 0.6 * NOISE_M, "{ours:?} {tin:?}");
-        // No triangle is on both sides of an edge, and many points know it better than three: of larger scenes the
-        // model has four fifths of the error; of an edge of 48 m, a few pixels go either way by chance.
+        // No triangle respects the edge, and many points locate it better than three. On larger scenes the model has
+        // four fifths of the triangulation's error; on an edge of 48 m a few pixels vary by chance.
         assert!(ours.rmse <= 0.95 * tin.rmse && ours.edge_m <= 0.9 * tin.edge_m, "{ours:?} {tin:?}");
     }
 }
@@ -72,7 +74,7 @@ fn upper_one_of_two_complete_surfaces_is_the_model() {
     for (name, [ours, of_first, means, largest, tin]) in all_found {
         assert!(ours.gaps == 0.0 && ours.flat_rmse < means.flat_rmse, "{name}");
         assert!(ours.rmse < means.rmse && ours.rmse < largest.rmse && ours.rmse < 1.25 * of_first.rmse, "{name}");
-        // The triangulation is told which of the lower points are seen, which says where holes are; some 5 %.
+        // The triangulation gets only the visible lower points, which reveals holes; this is worth about 5 %.
         assert!(ours.rmse < 1.05 * tin.rmse && of_first.rmse < 1.12 * tin.rmse, "{name}");
         if name.starts_with("deck") {
             assert!(ours.rmse < 0.95 * tin.rmse && ours.edge_m < tin.edge_m, "{name}");
@@ -84,12 +86,12 @@ fn upper_one_of_two_complete_surfaces_is_the_model() {
 fn images_of_the_same_points_have_the_same_pixels_where_they_overlap() {
     let folder = Folder::new("overlap");
     let input = folder.write("scan.ply", &points(), "");
-    // At this distance a block ends at 20.48, in the middle of both images.
+    // At this pixel size a block ends at 20.48, in the middle of both images.
     let options = |bounds| OrthoOptions::new(0.01).with_bounds(Some(bounds));
     let (a, b) = (folder.files("a"), folder.files("b"));
     draw(&input, &options([20.0, 20.2, 20.9, 20.8]), &a);
     draw(&input, &options([20.3, 20.0, 21.3, 20.6]), &b);
-    // 60 x 40 pixels: of a 90 x 60 from column 30, row 20 on; of b 100 x 60 from column 0, row 0 on.
+    // 60 × 40 common pixels: of a (90 × 60) from column 30, row 20 on; of b (100 × 60) from column 0, row 0 on.
     let [of_a, of_b] = [&a, &b].map(|files| {
         let (width, colors) = levels(files.color.as_ref().unwrap());
         let (_, heights) = numbers(files.dsm.as_ref().unwrap());
@@ -103,12 +105,12 @@ fn images_of_the_same_points_have_the_same_pixels_where_they_overlap() {
         assert_eq!(of_a.3[3 * i..3 * i + 3], of_b.3[3 * j..3 * j + 3], "{x} {y}");
         assert!(of_a.1[i][3] == 255 && of_a.3[3 * i + 2] > 0.0);
     }
-    // Another origin on the same grid moves the blocks' edges, and hardly a height: no seam shows.
+    // Another origin on the same grid moves the blocks' edges but hardly any height, so no seam shows.
     let moved = folder.files("moved");
     draw(&input, &options([20.0, 20.2, 20.9, 20.8]).with_origin([5.0, 5.0]), &moved);
     let (_, heights) = numbers(moved.dsm.as_ref().unwrap());
     let largest = of_a.2.iter().zip(&heights).map(|(p, q)| (p - q).abs()).fold(0.0, f32::max);
-    // f32 holds 100 m to 8 µm.
+    // f32 represents 100 m to 8 µm.
     assert!(heights.len() == 5400 && largest < 1e-4, "{largest}");
 }
 
@@ -128,7 +130,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
     let ((_, near), (_, far)) = (numbers(near_files.dsm.as_ref().unwrap()), numbers(far_files.dsm.as_ref().unwrap()));
     let mut off: Vec<f32> = near.iter().zip(&far).map(|(p, q)| (p - q).abs()).collect();
     off.sort_by(f32::total_cmp);
-    // Positions in text lose 1e-9; at edges the choice between two surfaces may turn on less.
+    // Positions in text lose 1e-9; at edges even less may decide between two surfaces.
     assert!(off[off.len() * 999 / 1000] < 1e-3, "{}", off[off.len() * 999 / 1000]);
     for (path, samples) in [(&far_files.color, 4), (&far_files.dsm, 1)] {
         let path = path.as_ref().unwrap();
@@ -138,7 +140,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
         assert_eq!(tag(Tag::ModelPixelScaleTag).into_f64_vec().unwrap(), [0.1, 0.1, 0.0]);
         let tie = tag(Tag::ModelTiepointTag).into_f64_vec().unwrap();
         assert!((tie[3] - 637_005.0).abs() < 1e-6 && (tie[4] - 4_851_020.0).abs() < 1e-6, "{tie:?}");
-        // Version, then projected, pixels are areas, and the code.
+        // Keys: version, projected, pixels are areas, EPSG code.
         let keys = [1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 25_832];
         assert_eq!(tag(Tag::GeoKeyDirectoryTag).into_u16_vec().unwrap(), keys);
         assert_eq!(tag(Tag::SamplesPerPixel).into_u32().unwrap(), samples);
@@ -148,7 +150,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
     }
     let (_, colors) = levels(far_files.color.as_ref().unwrap());
     assert!(colors.iter().all(|c| *c == [200, 100, 50, 255]), "a mean of one colour is that colour");
-    // A code that is given wins.
+    // A given code takes precedence.
     let options = options.with_epsg(Some(32_632));
     let (ortho, _) = draw(&folder.0.join("far.ply"), &options, &far_files);
     assert_eq!(ortho.crs.and_then(|crs| crs.epsg()), Some(32_632));
@@ -157,7 +159,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
 #[test]
 fn what_no_splat_covers_is_no_data() {
     let folder = Folder::new("gap");
-    // A hole of 8 m by 8 m: far wider than a splat.
+    // A hole of 8 m by 8 m, far wider than a splat.
     let hole = |p: &[f64; 3]| (20.0..28.0).contains(&p[0]) && (2.0..10.0).contains(&p[1]);
     let points: Vec<[f64; 3]> = points().into_iter().filter(|p| !hole(p)).collect();
     let files = folder.files("a");
@@ -172,7 +174,7 @@ fn what_no_splat_covers_is_no_data() {
     }
     let rows = heights.len() / width;
     let at = |x: f64, y: f64| heights[(rows - 1 - (y / 0.25) as usize) * width + (x / 0.25) as usize];
-    // Splats reach into it by their radius, some 0.6 m.
+    // Splats extend into the hole by their radius, some 0.6 m.
     assert!([[24.0, 6.0], [21.2, 3.2], [26.8, 8.8]].iter().all(|[x, y]| at(*x, *y) == NO_DATA));
     assert!([[19.8, 6.0], [28.2, 6.0], [10.0, 5.0]].iter().all(|[x, y]| at(*x, *y) > 90.0));
     assert_eq!(stats.covered as usize, heights.iter().filter(|z| **z != NO_DATA).count());
@@ -215,6 +217,6 @@ fn files_side_by_side_are_one() {
     let mut backend = Backend::by_name("cpu", &BackendOptions::default()).unwrap();
     ortho.draw(&two, "surfel test", &mut backend, &NoProgress).unwrap();
     let ((_, of_one), (_, of_two)) = (numbers(one.dsm.as_ref().unwrap()), numbers(two.dsm.as_ref().unwrap()));
-    // The points are the same, and so are the splats, whichever file they come from.
+    // The points are the same, so the splats are too, whatever file they come from.
     assert!(of_one == of_two);
 }

@@ -1,4 +1,4 @@
-//! Surface models of surveys: noise, birds, water, strays, degrees, gaps, and the same points in other files.
+//! Surface models of aerial surveys: noise, birds, water, strays, degrees, gaps, and the same points in other files.
 
 use super::truth::{Folder, NO_DATA, draw, normal, numbers, random};
 use std::fmt::Write as _;
@@ -8,12 +8,14 @@ use surfel::model::Outliers;
 use surfel::ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
 use surfel::{LoadOptions, NoProgress};
 
-/// Side of a square of ground, where it begins, and points a square metre.
+/// Side of a square of ground in metres.
 const SIDE_M: f64 = 48.0;
+/// Coordinates of the square's corner.
 const CORNER: [f64; 2] = [500_000.0, 5_400_000.0];
+/// Points per square metre.
 const DENSITY: f64 = 8.0;
 
-/// A point of a survey: where it is, its class, and whether it is withheld.
+/// A point of a survey: its position, class, and withheld flag.
 #[derive(Clone, Copy)]
 struct Return {
     at: [f64; 3],
@@ -21,7 +23,7 @@ struct Return {
     is_withheld: bool,
 }
 
-/// Height and class of the surface, from the corner on: hills with a gable roof, a bridge and a lake.
+/// Returns height and class of the surface relative to the corner: hills with a gable roof, a bridge and a lake.
 fn surface(u: f64, v: f64) -> (f64, u8) {
     if (10.0..20.0).contains(&u) && (8.0..22.0).contains(&v) {
         return (132.0 - 4.0 * ((u - 15.0) / 5.0).abs(), 6);
@@ -35,8 +37,8 @@ fn surface(u: f64, v: f64) -> (f64, u8) {
     (120.0 + 3.0 * (u / 17.0).sin() * (v / 13.0).cos(), 2)
 }
 
-/// Returns of the surface with 3 cm of noise, 2 % of them of water, and `spikes` far above and below it, in
-/// millimetres.
+/// Returns points of the surface in millimetres, with 3 cm of noise, `spikes` points far above and below it, and only 2
+/// % of the points on water.
 fn survey(spikes: u64, spike_class: Option<[u8; 2]>) -> Vec<Return> {
     let count = (SIDE_M * SIDE_M * DENSITY) as u64;
     let place = |u: f64, v: f64, z: f64| [CORNER[0] + u, CORNER[1] + v, z].map(|c| (c * 1000.0).round() / 1000.0);
@@ -59,7 +61,7 @@ fn survey(spikes: u64, spike_class: Option<[u8; 2]>) -> Vec<Return> {
     all
 }
 
-/// A LAS 1.4 file of format 6 in millimetres.
+/// Encodes a LAS 1.4 file of format 6 in millimetres.
 fn las(returns: &[Return]) -> Vec<u8> {
     let mut bytes = vec![0; 375];
     bytes[..4].copy_from_slice(b"LASF");
@@ -94,7 +96,7 @@ fn write(folder: &Folder, name: &str, bytes: impl AsRef<[u8]>) -> PathBuf {
     path
 }
 
-/// A file of heights alone.
+/// Returns output files with heights only.
 fn dsm(folder: &Folder, name: &str) -> OrthoFiles {
     OrthoFiles { dsm: Some(folder.0.join(name)), overwrite: true, ..OrthoFiles::default() }
 }
@@ -112,7 +114,7 @@ fn message(input: &Path, options: &OrthoOptions) -> String {
 
 const GSD: f64 = 0.25;
 
-/// Root mean square error over all pixels that aren't within 1.5 m of a wall, a shore or the border.
+/// Returns the root mean square error over all pixels farther than 1.5 m from walls, shores and the border.
 fn rmse(width: usize, heights: &[f32]) -> f64 {
     let rows = heights.len() / width;
     let (mut sum, mut count) = (0.0, 0.0);
@@ -145,27 +147,27 @@ fn noise_and_birds_are_no_surface() {
     let (_, width, heights) = model(&classified, &options(), &folder);
     let found = rmse(width, &heights);
     assert!(found <= 0.10, "{found}");
-    // Nobody classified them.
+    // The same noise without classes.
     let plain = write(&folder, "plain.las", las(&survey(40, None)));
     let (stats, width, of_plain) = model(&plain, &options(), &folder);
     assert!(rmse(width, &of_plain) <= 0.10 && (36..=40).contains(&stats.lone), "{} {stats:?}", rmse(width, &of_plain));
-    // Both can be kept.
+    // Both kinds of noise can be included.
     let (stats, width, kept) = model(&plain, &options().with_lone(true), &folder);
     assert!(rmse(width, &kept) > 0.5 && stats.lone == 0);
     let all = options().with_lone(true).with_load(load_all());
     let (_, width, kept) = model(&classified, &all, &folder);
     assert!(rmse(width, &kept) > 0.5);
-    // A note counts them.
+    // A note states their number.
     let ortho = Ortho::open(&[&classified], &options(), &NoProgress).unwrap();
     let said = |text: &str| ortho.notes.iter().any(|(_, note)| note.contains(text));
     assert!(said("left out 40 points of noise (classes 7 and 18)") && said("--classes all"), "{:?}", ortho.notes);
-    // None of the surface was taken for a bird, nor the few returns of the lake.
+    // Neither surface points nor the sparse returns of the lake were classified as birds.
     let clean = write(&folder, "clean.las", las(&survey(0, None)));
     let (stats, _, of_clean) = model(&clean, &options(), &folder);
     assert!(stats.lone == 0 && of_clean == heights);
 }
 
-/// Loads every point of a surface model.
+/// Options that load every point.
 fn load_all() -> LoadOptions {
     LoadOptions::default().with_withheld(true)
 }
@@ -184,7 +186,7 @@ fn withheld_points_are_no_surface_and_come_back_with_all_classes() {
     let all = options().with_lone(true).with_load(load_all());
     let (_, width, heights) = model(&file, &all, &folder);
     assert!(rmse(width, &heights) > 1.0);
-    // As a column of a table, too.
+    // A withheld column of a table has the same effect.
     let mut text = String::from("x y z withheld classification\n");
     for p in &returns {
         let [x, y, z] = p.at;
@@ -246,7 +248,7 @@ fn same_points_give_the_same_bits_in_any_file_and_order() {
     files.push(write(&folder, "b.csv", table(&returns)));
     returns.sort_by(|a, b| b.at[2].total_cmp(&a.at[2]));
     files.push(write(&folder, "c.ply", plys(&returns)));
-    // All points say where the image is, so that bounds are compared, too.
+    // The points determine the bounds, so that these are compared, too.
     let options = OrthoOptions::new(GSD);
     let bits = |path: &Path| {
         let (_, width, heights) = model(path, &options, &folder);
@@ -283,7 +285,7 @@ fn degrees_are_refused_however_they_are_told() {
         let found = open(&write(&folder, name, text));
         assert!(found.contains("degrees") && found.contains("project it first"), "{name}: {found:?}");
     }
-    // The user may know better; and other numbers are lengths.
+    // An explicit reference system overrides the check, and other numbers are lengths.
     let path = folder.0.join("numbers.xyz");
     assert_eq!(message(&path, &OrthoOptions::new(1.0).with_epsg(Some(25_832))), "");
     let room = |i: u64| [4.0 * random(i), 3.0 * random(i + 500), 2.5 * random(i + 900)];
@@ -312,7 +314,7 @@ fn strays_that_make_an_image_absurdly_large_are_named() {
             text
         })
     };
-    // Beyond any image, and one that fits into a file but is absurd.
+    // Strays that make the image too large, or possible but excessively large.
     for (k, stray) in
         [[0.0, 0.0, 0.0], [520_015.0, 4_020_000.5, 280.0], [503_000.0, 4_002_000.0, 10.0]].iter().enumerate()
     {
@@ -324,21 +326,21 @@ fn strays_that_make_an_image_absurdly_large_are_named() {
             found.contains("--outliers drop") && found.contains("--bounds 500000,4000000,500029,4000029"),
             "{found}"
         );
-        // What it says to do works.
+        // The suggested remedies work.
         let load = LoadOptions::default().with_surface(true).with_outliers(Outliers::Drop);
         let ortho = Ortho::open(&[&path], &OrthoOptions::new(1.0).with_load(load), &NoProgress).unwrap();
         assert_eq!(ortho.size(), [29, 29]);
         let bounds = Some([500_000.0, 4_000_000.0, 500_029.0, 4_000_029.0]);
         assert_eq!(message(&path, &OrthoOptions::new(1.0).with_bounds(bounds)), "");
     }
-    // Three of them, and a part of the ground that lies apart.
+    // Three strays, and separate ground that isn't stray.
     let few = [[0.0, 0.0, 0.0], [0.0, 0.0, 5.0], [9.0, 1.0, 0.0]];
     let found = message(&write(&folder, "few.xyz", cloud(&few)), &OrthoOptions::new(1.0));
     assert!(found.contains("3 stray points lie"), "{found}");
     let part: Vec<[f64; 3]> =
         (0..100).map(|i| [502_500.0 + f64::from(i % 10), 4_001_500.0 + f64::from(i / 10), 5.0]).collect();
     assert_eq!(message(&write(&folder, "part.xyz", cloud(&part)), &OrthoOptions::new(1.0)), "");
-    // Only what was given is blamed.
+    // An error names only options that were given.
     let clean = write(&folder, "clean.xyz", cloud(&[]));
     let found = message(&clean, &OrthoOptions::new(1e-7));
     assert!(found.starts_with("gsd 1e-7") || found.starts_with("gsd: 1e-7") || found.contains("gsd"), "{found}");
@@ -382,7 +384,7 @@ fn gaps_are_closed_and_marked_and_nothing_else_changes() {
         assert!(!is_small || height != NO_DATA, "{u} {v}");
     }
     assert!(marked > 300 && stats.filled == marked, "{marked} {stats:?}");
-    // Colours and normals have a band more, too.
+    // Colours and normals have one more band, too.
     let (_, normals) = numbers(of_filled.normals.as_ref().unwrap());
     assert_eq!(normals.len(), 4 * plain.len());
     assert_eq!(normals.chunks_exact(4).filter(|n| n[3] == 1.0).count() as u64, marked);

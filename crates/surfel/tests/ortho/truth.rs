@@ -1,5 +1,4 @@
-//! Exact surfaces, scans of them, and how far surface models of these scans are from them: ours, and those that means
-//! and a triangulation give.
+//! Exact surfaces, scans of them, and errors of surface models of these scans: ours, means, and a triangulation.
 
 use std::fmt::Write as _;
 use std::fs::File;
@@ -9,16 +8,16 @@ use surfel::{Backend, BackendOptions, NoProgress};
 use tiff::decoder::{Decoder, DecodingResult};
 
 pub(crate) const NO_DATA: f32 = -9999.0;
-/// Side of the square that points lie in.
+/// Side of the square that contains the points, in metres.
 pub(crate) const SIDE_M: f64 = 30.0;
-/// Standard deviation of a point's height.
+/// Standard deviation of a point's height, in metres.
 pub(crate) const NOISE_M: f64 = 0.03;
-/// Side of a pixel.
+/// Side of a pixel, in metres.
 pub(crate) const GSD: f64 = 0.2;
-/// Pixels within so many metres of the square's border don't count: all methods miss points beyond it.
+/// Width in metres of the square's border that is ignored: all methods lack the points beyond it.
 const BORDER_M: f64 = 2.0;
 
-/// A folder that is removed afterwards.
+/// A temporary folder, removed when dropped.
 pub(crate) struct Folder(pub(crate) PathBuf);
 
 impl Folder {
@@ -28,7 +27,7 @@ impl Folder {
         Self(path)
     }
 
-    /// Points as PLY with f64 positions, of one colour.
+    /// Writes points as PLY with f64 positions and one colour.
     pub(crate) fn write(&self, name: &str, points: &[[f64; 3]], comment: &str) -> PathBuf {
         let mut text = format!("ply\nformat ascii 1.0\n{comment}element vertex {}\n", points.len());
         text += "property double x\nproperty double y\nproperty double z\n";
@@ -71,7 +70,7 @@ pub(crate) fn numbers(path: &Path) -> (usize, Vec<f32>) {
     (width, numbers)
 }
 
-/// The heights that are drawn of points in the square.
+/// Draws points in the square, and returns their heights as a function of the position.
 pub(crate) fn heights_of(folder: &Folder, points: &[[f64; 3]]) -> impl Fn(f64, f64) -> Option<f64> {
     let files = folder.files("heights");
     let options = OrthoOptions::new(GSD).with_bounds(Some([0.0, 0.0, SIDE_M, SIDE_M]));
@@ -83,7 +82,7 @@ pub(crate) fn heights_of(folder: &Folder, points: &[[f64; 3]]) -> impl Fn(f64, f
     }
 }
 
-/// A number from 0 to 1 for each i (SplitMix64).
+/// Returns a random number from 0 to 1 for each i (SplitMix64).
 pub(crate) fn random(i: u64) -> f64 {
     let mut z = i.wrapping_mul(0x9E37_79B9_7F4A_7C15);
     z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -91,7 +90,7 @@ pub(crate) fn random(i: u64) -> f64 {
     ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
 }
 
-/// A normally distributed number of twelve random ones: their sum, less 6, is normal enough.
+/// Returns an approximately normal number: the sum of twelve uniform ones minus 6.
 fn normal_from(first: u64) -> f64 {
     (0..12).map(|k| random(first + k)).sum::<f64>() - 6.0
 }
@@ -100,10 +99,10 @@ pub(crate) fn normal(i: u64) -> f64 {
     normal_from(12 * i)
 }
 
-/// Height at x and y, and whether that is above an edge.
+/// Height at x and y, and true if that is the upper part of an edge.
 pub(crate) type Exact = fn(f64, f64) -> (f64, bool);
 
-/// Terrain with a gabled roof, turned.
+/// Returns terrain with a rotated gable roof.
 pub(crate) fn roof(x: f64, y: f64) -> (f64, bool) {
     let terrain = 100.0 + 0.03 * x + 0.6 * (x / 7.0).sin() * (y / 5.0).cos();
     let (sin, cos) = 0.4_f64.sin_cos();
@@ -112,31 +111,33 @@ pub(crate) fn roof(x: f64, y: f64) -> (f64, bool) {
     (if roof { 104.0 + 2.5 * (1.0 - u.abs() / 5.0) } else { terrain }, roof)
 }
 
-/// A deck of the roof's outline, 6 m above flat ground.
+/// Returns a deck with the roof's outline, 6 m above flat ground.
 pub(crate) fn deck(x: f64, y: f64) -> (f64, bool) {
     let is_deck = roof(x, y).1;
     (if is_deck { 6.0 } else { 0.0 }, is_deck)
 }
 
-/// A canopy 8 m above flat ground, with holes and lanes some 3 m wide: what is right is the canopy where it is.
+/// Returns a canopy 8 m above flat ground, with holes and lanes about 3 m wide. The exact model is the canopy where it
+/// exists.
 pub(crate) fn canopy(x: f64, y: f64) -> (f64, bool) {
     let is_leaf = (1.3 * x + 0.4 * y).sin() * (1.1 * y - 0.3 * x).cos() > -0.1;
     (if is_leaf { 8.0 } else { 0.0 }, is_leaf)
 }
 
-/// How a surface is scanned.
+/// Sampling pattern of a scan.
 #[derive(Clone, Copy)]
 pub(crate) struct Scan {
-    /// Points a square metre.
+    /// Points per square metre.
     pub(crate) density: f64,
-    /// Anywhere; else in rows, each away from its place at random, by a fifth of the spacing (standard deviation).
+    /// True for random positions; otherwise points are in rows, each displaced by a fifth of the spacing (standard
+    /// deviation).
     pub(crate) anywhere: bool,
-    /// Scans of different seeds are independent.
+    /// Random seed; scans of different seeds are independent.
     pub(crate) seed: u64,
 }
 
 impl Scan {
-    /// Points of a surface whose heights stray by `stray_m` (standard deviation).
+    /// Returns points of a surface whose heights have noise of `stray_m` (standard deviation).
     pub(crate) fn points(self, surface: impl Fn(f64, f64) -> f64, stray_m: f64) -> Vec<[f64; 3]> {
         let along = (SIDE_M * self.density.sqrt()).round() as usize;
         let spacing = SIDE_M / along as f64;
@@ -153,8 +154,8 @@ impl Scan {
             .collect()
     }
 
-    /// Points of a complete ground at height 0, and as many a square metre of what is above it, whose heights stray;
-    /// and those of them that are the first ones from above.
+    /// Returns points of a complete ground at height 0, and points of equal density on the noisy surface above it; and
+    /// the subset that is visible from above.
     pub(crate) fn two_surfaces(self, above: Exact, stray_m: f64) -> [Vec<[f64; 3]>; 2] {
         let ground = self.points(|_, _| 0.0, NOISE_M);
         let is_above = |x: f64, y: f64| above(x, y).1;
@@ -170,19 +171,21 @@ impl Scan {
     }
 }
 
-/// How far heights are from the surface.
+/// Errors of a surface model.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Errors {
-    /// Root mean square, of what isn't a gap: of all, and of what is a metre away from the edge.
+    /// Root mean square error over all pixels with a height.
     pub(crate) rmse: f64,
+    /// Root mean square error over the pixels with a height that are at least a metre from the edge.
     pub(crate) flat_rmse: f64,
-    /// Share of pixels without a height.
+    /// Fraction of pixels without a height.
     pub(crate) gaps: f64,
-    /// Mean distance between the edge and that of the heights: the area of pixels on its wrong side over its length.
+    /// Mean distance between the exact edge and the model's: the area of pixels on the wrong side over the edge's
+    /// length.
     pub(crate) edge_m: f64,
 }
 
-/// Errors against a surface whose parts above and below `middle` meet at an edge.
+/// Computes errors against a surface whose parts above and below `middle` meet at an edge.
 pub(crate) fn errors_of(exact: Exact, middle: f64, height: impl Fn(f64, f64) -> Option<f64>) -> Errors {
     let pixels = (SIDE_M / GSD) as usize;
     let (mut all, mut flat, mut gaps, mut wrong) = ((0.0, 0.0), (0.0, 0.0), 0.0, 0.0);
@@ -194,7 +197,7 @@ pub(crate) fn errors_of(exact: Exact, middle: f64, height: impl Fn(f64, f64) -> 
         }
         total += 1.0;
         let (truth, above) = exact(x, y);
-        // Crofton's formula: an edge of length L crosses 4/π·L/GSD sides of pixels on average over its directions.
+        // Crofton's formula: an edge of length L crosses 4/π·L/GSD pixel sides on average over its directions.
         let ahead = [(GSD, 0.0), (0.0, GSD)].map(|(dx, dy)| exact(x + dx, y + dy).1 != above);
         length += ahead.iter().filter(|crosses| **crosses).count() as f64 * GSD * std::f64::consts::FRAC_PI_4;
         let Some(found) = height(x, y) else {
@@ -213,7 +216,7 @@ pub(crate) fn errors_of(exact: Exact, middle: f64, height: impl Fn(f64, f64) -> 
     Errors { rmse: rms(all), flat_rmse: rms(flat), gaps: gaps / total, edge_m: wrong * GSD * GSD / length }
 }
 
-/// Points of the square in cells of `CELL_M`, whose neighbours have all that other methods look at.
+/// Points of the square in cells of `CELL_M`; a cell and its neighbours contain all points that the other methods need.
 pub(crate) struct Cells {
     all: Vec<Vec<[f64; 3]>>,
     side: usize,
@@ -236,7 +239,7 @@ impl Cells {
         ((v / CELL_M).max(0.0) as usize).min(self.side - 1)
     }
 
-    /// Points within a radius of at most `CELL_M`, from there.
+    /// Returns the points within a radius of at most `CELL_M`, relative to (x, y).
     fn within(&self, radius: f64, x: f64, y: f64) -> impl Iterator<Item = [f64; 3]> {
         let range = move |v: f64| self.index(v - radius)..=self.index(v + radius);
         let cells = range(y).flat_map(move |row| range(x).map(move |column| &self.all[row * self.side + column]));
@@ -244,19 +247,21 @@ impl Cells {
         from_here.filter(move |p| p[0] * p[0] + p[1] * p[1] < radius * radius)
     }
 
-    /// PDAL's `writers.gdal` with `output_type=mean`: the mean of the points within a radius of the pixel's centre.
+    /// Returns the mean of the points within a radius of the pixel's centre, like PDAL's `writers.gdal` with
+    /// `output_type=mean`.
     pub(crate) fn mean(&self, radius: f64, x: f64, y: f64) -> Option<f64> {
         let (sum, count) = self.within(radius, x, y).fold((0.0, 0.0), |(sum, count), p| (sum + p[2], count + 1.0));
         (count > 0.0).then(|| sum / count)
     }
 
-    /// The same with `output_type=max`.
+    /// Returns the largest height within a radius, like PDAL with `output_type=max`.
     pub(crate) fn largest(&self, radius: f64, x: f64, y: f64) -> Option<f64> {
         self.within(radius, x, y).map(|p| p[2]).reduce(f64::max)
     }
 
-    /// Delaunay's triangulation: of all triangles around a place, its own is the lowest there once every point is
-    /// lifted by its squared distance. A far one is exchanged, point by point, for lower ones.
+    /// Interpolates in the Delaunay triangulation. If every point is lifted by its squared distance, the place's
+    /// Delaunay triangle is the lowest of all triangles around it. The search starts from a distant triangle and
+    /// exchanges its corners for lower points.
     pub(crate) fn triangulated(&self, x: f64, y: f64) -> Option<f64> {
         const FAR: f64 = 1e4;
         let near: Vec<[f64; 3]> = self.within(CELL_M, x, y).collect();
@@ -270,7 +275,7 @@ impl Cells {
         let lifted = |p: [f64; 3]| p[0] * p[0] + p[1] * p[1];
         loop {
             let [a, b, c] = corners;
-            // Height over the plane through the lifted corners.
+            // Height above the plane through the lifted corners.
             let [ab, ac] = [b, c].map(|p| [p[0] - a[0], p[1] - a[1], lifted(p) - lifted(a)]);
             let area = cross(ab, ac);
             let slopes = [(ab[2] * ac[1] - ac[2] * ab[1]) / area, (ab[0] * ac[2] - ac[0] * ab[2]) / area];
@@ -291,14 +296,14 @@ impl Cells {
     }
 }
 
-/// Errors of our model, of means within the radius that errs least, and of a triangulation. It is told which points
-/// are the first ones from above; ours and means are given all.
+/// Returns the errors of our model, of means with the best radius, and of a triangulation. The triangulation gets only
+/// the points visible from above; ours and the means get all points.
 pub(crate) fn compared(folder: &Folder, exact: Exact, middle: f64, [all, first]: [&[[f64; 3]]; 2]) -> [Errors; 3] {
     let ours = errors_of(exact, middle, heights_of(folder, all));
     let (of_all, of_first) = (Cells::new(all), Cells::new(first));
     let spacing = (SIDE_M * SIDE_M / first.len() as f64).sqrt();
     let means = [0.5, 0.7, 1.0, 1.4, 2.0].map(|r| errors_of(exact, middle, |x, y| of_all.mean(r * spacing, x, y)));
-    // Means within small radii leave most pixels out, among them the ones that are hard.
+    // Means within small radii leave most pixels empty, including the difficult ones.
     let whole = means.into_iter().filter(|errors| errors.gaps < 0.01);
     let best = whole.min_by(|a, b| a.rmse.total_cmp(&b.rmse)).unwrap();
     [ours, best, errors_of(exact, middle, |x, y| of_first.triangulated(x, y))]

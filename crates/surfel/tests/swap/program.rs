@@ -1,6 +1,6 @@
-// A program that draws by `backend`, whichever crate that is.
+// Program that draws with `backend`, whichever crate that is.
 
-/// Two disks, a quarter of each over the other, lit by a headlight.
+/// Draws two disks, a quarter of each over the other, lit by a headlight.
 pub(crate) fn draw() -> Result<surfel::Frame, Box<dyn std::error::Error>> {
     let (centers, normals, radii) = ([[-0.4, 0.0, 0.0], [0.4, 0.0, 0.1]], [[0.0, 0.0, 1.0]; 2], [0.6, 0.6]);
     let colors = [[0.8, 0.2, 0.1], [0.1, 0.3, 0.8]];
