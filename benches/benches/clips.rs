@@ -207,7 +207,8 @@ fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u
     );
 }
 
-/// Returns the pixels within the disk that the implicit test in f64 keeps, and all pixels within the disk, as bits.
+/// Returns two masks of the block's pixels: pixels of the disk that pass the implicit test in f64, and all pixels of
+/// the disk.
 fn truth(pair: &Pair) -> [u64; 2] {
     let wide = |l: &Linear<f32>| Linear { c: f64::from(l.c), x: f64::from(l.x), y: f64::from(l.y) };
     let Footprint { u, v, w } = &pair.footprint;

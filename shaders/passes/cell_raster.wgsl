@@ -24,7 +24,7 @@ var<workgroup> staged_boxes: array<u32, BATCH>;
 var<workgroup> block_bits: array<atomic<u32>, 48>;
 // One bit for each small record that contributes to a pixel, by word and pixel.
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
-// Depth threshold of each pixel as the bits of its reversed depth. Such bits compare like the numbers.
+// Depth threshold of each pixel as the bits of its reversed depth. The bits of positive floats compare like the floats.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
 // Only where sides of oriented splats are separated: in the first loop the nearness of back-facing splats, afterwards
 // the side that each pixel shows.
@@ -201,8 +201,8 @@ fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
     return Maxima(0.0, threshold, 0.0, nearest, 0.0);
 }
 
-// Raises the maxima of a pixel in workgroup memory. Those of sides reuse memory that only the second loop needs
-// otherwise.
+// Raises the maxima of a pixel in workgroup memory. The maxima of sides use memory that otherwise only the second loop
+// needs.
 fn raise(at: u32, m: Maxima, sided: bool) {
     if m.threshold > 0.0 {
         atomicMax(&thresholds[at], bitcast<u32>(m.threshold));
@@ -252,7 +252,7 @@ fn is_within(threshold: f32, c: Contribution) -> bool {
     return c.is_there && threshold <= reversed_depth(c.z);
 }
 
-// Fragments that the second loop sums at a pixel: those up to a reversed depth and, if sides are separated, of one
+// Fragments that the second loop sums at a pixel: fragments up to a reversed depth and, if sides are separated, of one
 // side.
 struct CellLimit {
     threshold: f32,

@@ -16,7 +16,7 @@ const CELL_ROW: u32 = 32768u;
 const CELL_BLOCK: u32 = 2048u;
 // Size of a record in vec4u.
 const RECORD_PARTS: u32 = 9u;
-// Words of a group's entry after the groups' counts of pairs: its first record, and its number of records.
+// Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
 // Kinds of elements to scan (CellRound.scanned): counts of pairs per group, or counts of digits per block.

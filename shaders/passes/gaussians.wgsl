@@ -41,7 +41,7 @@ const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
 // Words of a pixel's state: its sums, then its progress.
 const GAUSSIAN_STATE_WORDS: u32 = 24u;
-// Words of a waiting fragment.
+// Words of a waiting fragment (see gaussians_by_pixel.wgsl).
 const GAUSSIAN_ROOM_WORDS: u32 = 3u;
 // Offset in the planes of the number of the last dispatch that left a pixel unfinished.
 const GAUSSIANS_UNFINISHED_AT: u32 = 0u;

@@ -1,7 +1,7 @@
-// Trained Gaussians sorted for each pixel (docs/gaussians.md). The fragments of a pixel wait in its room, a part of
-// `gaussian_lists`, until no nearer fragment can follow.
+// Trained Gaussians sorted for each pixel (docs/gaussians.md). The fragments of a pixel wait in a heap, which is a part
+// of `gaussian_lists`, until no nearer fragment can follow. Identifiers call the heap's memory the pixel's room.
 
-// A fragment in a pixel's room.
+// A fragment in a pixel's heap.
 struct WaitingGaussian {
     // Sort key of fragments: the depth step, then the index among the scene's Gaussians.
     key: vec2u,
@@ -9,11 +9,11 @@ struct WaitingGaussian {
     at: u32,
 }
 
-// Steps of a dispatch. Each step may traverse a pixel's room three times, in at most 18 iterations of a loop.
+// Steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of a loop.
 const GAUSSIAN_STEPS: u32 = 1024u;
 const NO_LIMIT: u32 = 0xffffffffu;
 // Number of fragments that may wait in a pixel's first turn. Each further turn allows four times as many, up to the
-// size of the room.
+// size of the heap.
 const FIRST_WAITING: u32 = 32u;
 
 // State of a pixel: reading the list, sorting the waiting fragments, blending them, or finished.
@@ -49,7 +49,7 @@ fn set_waiting_gaussian(pixel: u32, place: u32, waiting: WaitingGaussian) {
     gaussian_lists[at + 2u * pixels] = waiting.at;
 }
 
-// The room is a heap with the farthest fragment at its root. `rise_gaussian` inserts a fragment at the free last place,
+// The heap has the farthest fragment at its root. `rise_gaussian` inserts a fragment at the free last place,
 // `sink_gaussian` at the free root of `count` places.
 fn rise_gaussian(pixel: u32, last: u32, waiting: WaitingGaussian) {
     var place = last;
@@ -82,8 +82,8 @@ fn sink_gaussian(pixel: u32, count: u32, waiting: WaitingGaussian) {
     set_waiting_gaussian(pixel, place, waiting);
 }
 
-// Blends Gaussians exactly in the order of each pixel, in turns. A turn reads the list as long as a fragment may be
-// among the nearest remaining ones that fit the room. It then sorts these and blends them.
+// Blends Gaussians exactly in the order of each pixel, in turns. A turn reads the list as long as an entry may be among
+// the nearest remaining fragments that fit the heap. It then sorts the fragments in the heap and blends them.
 //
 // The next turn begins at the first entry that this turn skipped. Records are sorted by the depth at which they begin,
 // so the first record beyond the limit ends a turn.

@@ -96,7 +96,7 @@ fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     if !is_toon && frame.shader_kind != SHADER_EDL {
         return surface.color;
     }
-    // Distances between neighbours are those of the image's pixels, not of samples.
+    // Distances between neighbours are measured in pixels of the image, not in samples.
     var projection = frame.projection;
     projection.focal_px *= 1.0 / f32(SAMPLES_SIDE);
     let limit = outline_limit(at, surface, projection);

@@ -148,9 +148,9 @@ struct Chunk {
     state: u32,
 }
 
-// State of a chunk none of whose splats can touch the tile.
+// State of a chunk if none of its splats can touch the tile.
 const CHUNK_OUTSIDE: u32 = 0xffffffffu;
-// State of a chunk none of whose splats reaches the near plane.
+// State of a chunk if none of its splats reaches the near plane.
 const CHUNK_ORDINARY: u32 = 0xfffffffeu;
 // Maximum number of splats of a chunk.
 const CHUNK_SPLATS: u32 = 256u;

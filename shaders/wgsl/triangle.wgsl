@@ -31,8 +31,8 @@ fn triangle_depth(t: Triangle, barycentric: vec3f) -> f32 {
     return interpolate(barycentric, t.z);
 }
 
-// Returns the change over a pixel to the right and over a pixel down of an attribute with these `values` at the
-// vertices and `value` at d.
+// Returns the change of an attribute over a pixel to the right and over a pixel down, at d. `values` are the
+// attribute's values at the vertices, `value` the one at d.
 fn triangle_gradient(t: Triangle, values: vec3f, value: f32, d: vec2f) -> vec2f {
     let inverse = 1.0 / (linear_at(t.edges[0], d) + linear_at(t.edges[1], d) + linear_at(t.edges[2], d));
     let apart = values - value;

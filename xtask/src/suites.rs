@@ -121,7 +121,7 @@ struct Suite {
     name: String,
     passed: usize,
     failed: usize,
-    /// Number of ignored tests, and of those that passed only because they had nothing to work on.
+    /// Number of ignored tests, and of tests that passed only because they had nothing to work on.
     skipped: usize,
     reported: bool,
 }

@@ -20,7 +20,7 @@ const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 pub(crate) enum Verdict {
     /// Every test runs, with the validation layer enabled.
     Validated,
-    /// Every test runs except those of validation. Contains the reason.
+    /// Every test runs except the tests of validation. Contains the reason.
     Unvalidated(String),
     /// No test runs. Contains the reason.
     Skipped(String),

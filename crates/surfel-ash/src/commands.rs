@@ -41,7 +41,7 @@ impl Recorder {
         record: impl FnOnce(&Commands<'_>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let (vulkan, raw) = (&device.raw, self.buffer);
-        // SAFETY: what was recorded before was executed and waited for.
+        // SAFETY: the previously recorded commands have been executed and waited for.
         unsafe { vulkan.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }?;
         let fences = [self.fence];
         // SAFETY: no submission that signals the fence is being executed.
@@ -57,7 +57,7 @@ impl Recorder {
         // SAFETY: the commands are recorded, the fence is not signalled, and the queue is used by this thread alone: a
         // renderer is borrowed mutably while it works.
         unsafe { vulkan.queue_submit(device.queue, &[submission], self.fence) }?;
-        // SAFETY: the fence is this device's. After an error the device is lost, and executes nothing any more.
+        // SAFETY: the fence is this device's. After an error the device is lost and executes no more commands.
         unsafe { vulkan.wait_for_fences(&fences, true, u64::MAX) }?;
         Ok(())
     }

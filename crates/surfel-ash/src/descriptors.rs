@@ -104,7 +104,8 @@ impl Sets {
         Ok(Self { device: device.clone(), pool })
     }
 
-    /// Allocates a set, with those of `resources` (pairs of binding and resource) that the layout has.
+    /// Allocates a set for a layout. `resources` are pairs of binding and resource; resources that the layout lacks are
+    /// ignored.
     pub(crate) fn set(
         &self,
         layout: &SetLayout,

@@ -137,7 +137,7 @@ impl Device {
             Ok(allocator) => ManuallyDrop::new(Mutex::new(allocator)),
             Err(error) => {
                 if is_own {
-                    // SAFETY: made by the caller for us; nothing else was made of it.
+                    // SAFETY: the caller created the device for this function, and no other object was created from it.
                     unsafe { raw.destroy_device(None) };
                 }
                 return Err(error.into());
@@ -173,10 +173,11 @@ impl Drop for Device {
         if let Some(recorder) = recorder {
             recorder.destroy(&self.raw);
         }
-        // SAFETY: dropped once, here; all that was allocated from it holds the device and so is gone.
+        // SAFETY: dropped once, here; everything allocated from it holds the device, and so no longer exists.
         unsafe { ManuallyDrop::drop(&mut self.allocator) };
         if self.is_own {
-            // SAFETY: everything made of the device holds it, and so is gone; every submission was waited for.
+            // SAFETY: every object created from the device holds it, and so no longer exists; every submission was
+            // waited for.
             unsafe { self.raw.destroy_device(None) };
         }
     }

@@ -327,7 +327,7 @@ impl<'a> Tile<'a> {
     fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
-        // Lookups that can fail come before the render pass begins: it has to end in any case.
+        // Lookups that can fail precede the begin of the render pass, which has to end in any case.
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         // Splats at the near plane belong to no segment: the first draw of a kind draws them. Draws without records
         // have no pipeline for clipped ones.
@@ -419,7 +419,7 @@ pub(crate) fn bind_sets(
 }
 
 pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
-    // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a
+    // SAFETY: a compute pipeline and its sets are bound; every device supports 65535 groups an axis, and a segment or a
     // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
 }

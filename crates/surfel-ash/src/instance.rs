@@ -26,7 +26,7 @@ pub(crate) struct Instance {
 impl Instance {
     /// Loads Vulkan and creates an instance.
     pub(crate) fn new(validation: bool) -> Result<Self, Failure> {
-        // SAFETY: the loader is the system's; Vulkan must trust it as everything else that is linked does.
+        // SAFETY: the loader is the system's; it has to be trusted like any other linked library.
         let entry = unsafe { ash::Entry::load() };
         let entry = entry.map_err(|error| {
             Failure::Other(format!("no Vulkan loader ({error}); install libvulkan1, or a graphics driver"))
@@ -114,11 +114,11 @@ impl Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         if let Some((utilities, messenger)) = self.messenger.take() {
-            // SAFETY: made from this instance, destroyed once; nobody else has it.
+            // SAFETY: created from this instance, and destroyed once, by its only owner.
             unsafe { utilities.destroy_debug_utils_messenger(messenger, None) };
         }
         if self.is_own {
-            // SAFETY: devices hold their instance, so none is left.
+            // SAFETY: devices hold their instance, so none exists any more.
             unsafe { self.raw.destroy_instance(None) };
         }
     }
@@ -134,7 +134,7 @@ fn check_layer(entry: &ash::Entry) -> Result<(), Failure> {
     Err(Failure::other("the Vulkan validation layer is not installed; install vulkan-validationlayers"))
 }
 
-/// Callback that stores a message of the validation layers.
+/// Stores a message of the validation layers; Vulkan calls it.
 ///
 /// # Safety
 /// `data` is valid during the call, as Vulkan guarantees, and `user` points to [`Messages`].

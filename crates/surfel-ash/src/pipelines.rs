@@ -173,7 +173,7 @@ fn pipeline_layout(
 ) -> Result<Owned<vk::PipelineLayout>, Failure> {
     let sets: Vec<vk::DescriptorSetLayout> = sets.iter().map(|set| set.raw.raw).collect();
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets);
-    // SAFETY: the set layouts are this device's; at most three, of which every device binds four.
+    // SAFETY: the set layouts are this device's; there are at most three, and every device supports four.
     let raw = unsafe { device.raw.create_pipeline_layout(&info, None) }?;
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline_layout)))
 }

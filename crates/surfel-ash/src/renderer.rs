@@ -61,7 +61,7 @@ pub struct Renderer {
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
-    /// The lesser of the device's limits and those of the options.
+    /// The lesser of the device's limits and the limits in the options.
     limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -73,8 +73,8 @@ impl Renderer {
     /// Opens a renderer on the adapter that the options name, or on the fastest kind available.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if there is no Vulkan loader, no adapter exists or matches the name, its device can't
-    /// be opened, or validation is requested but not installed.
+    /// [`RenderError::Backend`] if there is no Vulkan loader, or no adapter exists or matches the name. The error is
+    /// also returned if the device can't be opened, or validation is requested but not installed.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let instance = Arc::new(Instance::new(options.validation)?);
         let candidates = instance.candidates()?;
@@ -180,7 +180,7 @@ impl Renderer {
         self.prepare_targets(TargetKey { size, precision, draws, floats: data.planes.buffer_floats })
     }
 
-    /// Creates the targets, unless those of the last frame fit.
+    /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) -> Result<(), Failure> {
         // The old targets are freed first: memory may not suffice for both.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
@@ -358,8 +358,8 @@ impl Renderer {
             let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
         };
-        // Queries count fragments only if the device supports it, and never those of Gaussians, which a compute shader
-        // draws.
+        // Without queries, the fragments are the sum over the plane of fragments. This also holds for Gaussians:
+        // queries don't count the work of the compute shader that draws them.
         if !self.device.caps.counts_samples || job.plan.has(Pass::Gaussians) {
             stats.fragments += counted;
         }

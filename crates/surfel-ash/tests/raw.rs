@@ -50,10 +50,10 @@ fn a_program_s_own_device_draws_and_stays_its_own() {
     let stats = renderer.render_into(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
     assert_eq!((stats.drawn, frame.color()[36]), (1, [1.0; 4]));
     drop((resident, renderer));
-    // SAFETY: still ours; nothing is executing.
+    // SAFETY: the test still owns the device, and nothing is executing.
     unsafe { device.device_wait_idle() }.unwrap();
-    // SAFETY: all that was made of it is gone.
+    // SAFETY: every object created from it has been destroyed.
     unsafe { device.destroy_device(None) };
-    // SAFETY: its device is gone.
+    // SAFETY: its device has been destroyed.
     unsafe { instance.destroy_instance(None) };
 }

@@ -1,7 +1,8 @@
 //! Estimates normals of points by Surfel or by kiddo: `rivals surfel|kiddo THREADS POINTS [NORMALS]`.
 //!
-//! POINTS is a file of f64, three a point; NORMALS is an output file of the same form. Prints three times in seconds
-//! (neighbour search; search and normals; everything up to splats) and the memory in bytes a point, without POINTS.
+//! POINTS is a file of f64, three a point; NORMALS is an output file of the same form. Prints durations in seconds (of
+//! the neighbour search; of search and normals; of everything up to splats) and the memory in bytes a point, without
+//! POINTS.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -37,8 +38,8 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Returns the resident memory in bytes. With `starts` it is the current size, and resets the peak; without, the peak
-/// since.
+/// Returns resident memory in bytes: with `starts` the current size, after resetting the peak, otherwise the peak since
+/// then.
 fn resident(starts: bool) -> Result<f64, Failure> {
     if starts {
         std::fs::write("/proc/self/clear_refs", "5")?;

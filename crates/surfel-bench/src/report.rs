@@ -37,7 +37,7 @@ pub(crate) struct BackendFacts {
     /// GPU, or SIMD instructions of the CPU.
     pub adapter: String,
     pub driver: String,
-    /// True for a GPU interface computed by the CPU: its times say nothing about GPUs.
+    /// True for a GPU interface computed by the CPU. Its times aren't representative of GPUs.
     pub is_software: bool,
 }
 
@@ -127,8 +127,7 @@ impl Report {
         Self { version: VERSION, machine, backend, fill_rates, rows }
     }
 
-    /// Adds the frames of a later run of the same scenes. Figures of single frames and rates remain those of the first
-    /// run.
+    /// Adds the frames of a later run of the same scenes. Rates and figures of single frames remain unchanged.
     pub(crate) fn extend(&mut self, later: Self) {
         for row in &mut self.rows {
             let same = later.rows.iter().find(|other| other.scene == row.scene && other.threads == row.threads);

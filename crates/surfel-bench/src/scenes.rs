@@ -151,8 +151,8 @@ const IGEA_SPLATS: usize = 134_345;
 /// Scenes of the ladder and extremes of size that the kit draws, too.
 const KIT: [&str; 8] = ["154k", "near", "460k", "1.4M", "2.5M", "5M", "far", "sheet"];
 
-/// Returns the scenes of a GPU kit, the most important first. None needs a file. Each has `fewer` times fewer splats
-/// than its name says.
+/// Returns the scenes of a GPU kit, the most important first. None needs a file. The number of splats of each is
+/// divided by `fewer`.
 pub(crate) fn kit(fewer: usize) -> Vec<Case> {
     let igea_like = |name, about, shader, edges, planes| Case {
         name,

@@ -19,7 +19,7 @@ pub(crate) struct Queries {
     invocations: Option<wgpu::QuerySet>,
     /// Names of the passes measured so far.
     names: Vec<&'static str>,
-    /// Name that replaces those of the following passes.
+    /// Name that replaces the names of the following passes.
     label: Option<&'static str>,
 }
 
@@ -53,7 +53,7 @@ impl Queries {
         self.rename(label);
     }
 
-    /// Sets or removes the name that replaces those of the following passes.
+    /// Sets or removes the name that replaces the names of the following passes.
     pub(crate) fn rename(&mut self, label: Option<&'static str>) {
         self.label = label;
     }
@@ -110,7 +110,7 @@ pub(crate) struct PassRecord {
 }
 
 impl PassRecord {
-    /// Adds the costs of the passes to those of earlier tiles.
+    /// Adds the costs of the passes to the statistics of earlier tiles.
     pub(crate) fn add(&self, words: &[u32], stats: &mut Stats) {
         let (times, invocations) = words.split_at_checked(self.times_words).unwrap_or((words, &[]));
         let number =

@@ -44,7 +44,7 @@ pub struct Renderer {
     readback: Option<wgpu::Buffer>,
     /// Shadow maps of the last frame.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
-    /// The lesser of the device's limits and those of the options.
+    /// The lesser of the device's limits and the limits in the options.
     pub(crate) limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -138,7 +138,7 @@ impl Renderer {
         self.prepare_targets(key);
     }
 
-    /// Creates the targets, unless those of the last frame fit.
+    /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) {
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
             // The old targets are freed first: memory may not suffice for both.

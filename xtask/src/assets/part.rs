@@ -60,8 +60,8 @@ fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     (0..4 * QUARTER).map(point).collect()
 }
 
-/// Returns the outline of a square of side 2, in quarters at the same angles as the circle's, from the corner x = z = 1
-/// on.
+/// Returns the outline of a square of side 2, from the corner x = z = 1 on. Its quarters are at the same angles as
+/// those of the circle.
 fn square(center_x: f64, y: f64) -> Vec<Point> {
     let point = |i: usize| {
         let along = (i % QUARTER) as f64 / QUARTER as f64 * 2.0 - 1.0;

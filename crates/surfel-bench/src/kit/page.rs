@@ -324,8 +324,8 @@ fn probes(found: &Found<'_>) -> String {
     format!("\n## Probes\n\nWhat the device does at best, of several runs.\n\n{}", table.markdown())
 }
 
-/// Returns the section on repeated frames: passes of scenes whose images are always identical, passes that occur only
-/// in other scenes, and the planes that differ in those.
+/// Returns the section on repeated frames. It lists passes of scenes whose images are always identical, passes that
+/// occur only in other scenes, and the differing planes of these.
 fn determinism(found: &Found<'_>) -> String {
     let mut text = "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times, by \
                     software twice, and its planes are hashed.\n\n"

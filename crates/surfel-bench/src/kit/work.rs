@@ -1,7 +1,7 @@
 //! Estimates of the work of a frame's passes, for a comparison of their times with the device's peak rates.
 //!
-//! Bytes are those that have to be read from and written to memory once. Operations are counted by hand in the WGSL of
-//! the pass, a fused multiply-add as two, and are accurate to a factor of two. Passes whose work is hard to estimate
+//! Bytes have to be read from or written to memory at least once. Operations are counted by hand in the WGSL of the
+//! pass, a fused multiply-add as two, and are accurate to a factor of two. Passes whose work is hard to estimate
 //! (layers, polygons, Gaussians, samples of edges) have no estimate.
 
 use serde::{Deserialize, Serialize};
@@ -163,7 +163,7 @@ fn bytes(target: Target, plan: &FramePlan) -> f64 {
     target.format().bytes(Precision::of(plan, true)) as f64
 }
 
-/// Returns the targets that shading reads: those of additive draws.
+/// Returns the targets that shading reads, which are the targets of additive draws.
 fn sums(plan: &FramePlan) -> Vec<Target> {
     let additive = Draw::of(plan).into_iter().filter(|draw| draw.is_additive());
     additive.flat_map(|draw| draw.colors().iter().copied()).collect()

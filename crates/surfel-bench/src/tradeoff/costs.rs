@@ -16,7 +16,7 @@ fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
     Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &everything)?)
 }
 
-/// Returns the passes besides those of every frame of splats, with their numbers.
+/// Returns the passes that not every frame of splats has, with their numbers.
 fn passes(plan: &FramePlan) -> String {
     let always = [Pass::Visibility, Pass::Attributes, Pass::Shade];
     let mut found: Vec<(Pass, usize)> = Vec::new();

@@ -58,7 +58,7 @@ pub(crate) struct Row {
     pub subject: String,
     pub knob: String,
     pub value: String,
-    /// Reason why the backend can't draw the image. The figures are then those of the reference.
+    /// Reason why the backend can't draw the image. The figures then describe the reference's image.
     pub not_drawn: Option<String>,
     /// Median time of a frame, milliseconds: CPU time on one thread, or wall-clock time of a GPU.
     pub ms: Option<f64>,
@@ -70,8 +70,8 @@ pub(crate) struct Row {
     pub fidelity: Option<Error>,
     /// Difference from the subject's truth; `None` if there is no truth for this knob.
     pub model: Option<Error>,
-    /// Difference from the truth in pixels that it covers completely, together with their neighbours: without rims.
-    /// `None` if there are no such pixels.
+    /// Difference from the truth without rims: in pixels that the truth covers completely, together with their
+    /// neighbours. `None` if there are none.
     pub model_inside: Option<Error>,
     pub model_flip: Option<f64>,
     /// Relative RMS difference of Z where both images have one.

@@ -50,10 +50,10 @@ impl Approximates {
     }
 }
 
-/// Subjects to measure, and those that are left out.
+/// Subjects to measure, and subjects that are skipped.
 pub(crate) struct Subjects {
     pub wanted: Vec<Subject>,
-    /// Name of each subject that is left out, and the reason.
+    /// Name of each skipped subject, and the reason.
     pub left_out: Vec<(&'static str, String)>,
 }
 

@@ -22,7 +22,7 @@ struct MeshView<'a> {
     transform: ObjectTransform,
     view: &'a View,
     tile: Region,
-    /// True if back faces are drawn whatever the material says.
+    /// True if back faces are drawn even if the material culls them.
     both_sides: bool,
 }
 

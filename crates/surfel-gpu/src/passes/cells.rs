@@ -244,8 +244,9 @@ pub struct CellRoom {
 }
 
 impl CellRoom {
-    /// Estimates the capacity for a tile before its first frame. It has room for three fifths of the splats (all of
-    /// them in a small tile), each touching two cells. `None` if the buffers would exceed the limits.
+    /// Estimates the capacity for a tile before its first frame. The records are three fifths of the splats, or all of
+    /// them in a small tile. The pairs are two per record and four per cell. `None` if the buffers would exceed the
+    /// limits.
     pub fn estimate(cells: &CellCounts, limits: Limits) -> Option<Self> {
         let splats = cells.splats + u64::from(cells.near);
         let few = splats.min(1 << 18);
@@ -279,8 +280,8 @@ impl CellRoom {
         records <= u64::from(self.records) && pairs <= u64::from(self.pairs)
     }
 
-    /// Returns a capacity for what a tile turned out to need plus a quarter, or for exactly that if more exceeds the
-    /// limits. `None` if what it needs exceeds them. `counters` are the words of [`CellBuffer::Counters`].
+    /// Returns the capacity that a tile needs according to `counters`, with a margin of a quarter if the limits permit.
+    /// `None` if the tile exceeds the limits. `counters` are the words of [`CellBuffer::Counters`].
     pub fn grown(self, counters: &[u32], cells: &CellCounts, limits: Limits) -> Option<Self> {
         let [records, pairs] = needed(counters);
         let exact = [records.max(self.records.into()), pairs.max(self.pairs.into())];
@@ -300,7 +301,7 @@ impl CellRoom {
         layout::record::SIZE as u64 * u64::from(self.records)
     }
 
-    /// Number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
+    /// Returns the number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
     fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
@@ -496,7 +497,7 @@ mod tests {
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
         }
-        // Disabled clipping and disabled transparency turn such splats into opaque, unclipped ones.
+        // With clipping and transparency disabled, all splats are opaque and unclipped.
         let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
             s.clip = ClipPolicy::Off;
             s.transparency = "off".parse().unwrap();

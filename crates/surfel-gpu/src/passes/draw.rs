@@ -254,8 +254,8 @@ impl Draw {
         matches!(self, Self::Sums(Layer::Remaining, _))
     }
 
-    /// Returns the binding of the layer composites, which store how much of each pixel further layers can still
-    /// contribute. It is in the group of [`Draw::reads`].
+    /// Returns the binding of the layer composites, whose depths decide which fragments are still to be drawn. It is in
+    /// the group of [`Draw::reads`].
     pub fn layer_composites_binding(self) -> Option<u32> {
         self.is_transparent().then_some(3)
     }

@@ -94,7 +94,7 @@ pub fn target_bytes(draws: &[Draw], tile: [u32; 2], sums: Precision) -> u64 {
     targets.sum::<u64>() + layer_composite_bytes(draws, tile)
 }
 
-/// Raises the counters of bytes to those of a tile's targets and of its shadow maps, so that they count the largest
+/// Raises the counters of bytes to the sizes of a tile's targets and of its shadow maps, so that they count the largest
 /// tile.
 pub fn count_frame_bytes(target_bytes: u64, shadow_bytes: u64, stats: &mut Stats) {
     raise_counter(TARGET_BYTES, target_bytes as f64, stats);

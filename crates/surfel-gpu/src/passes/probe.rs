@@ -10,7 +10,7 @@ pub enum FillRateProbe {
     Clear,
     /// Depths written by the fragment shader, each nearer than the last, as in the visibility pass.
     Depth,
-    /// Colours that replace those before.
+    /// Colours that replace the previous ones.
     Fill,
     /// Colours that are added, as in the attribute pass of an unlit image.
     Blend,

@@ -164,7 +164,7 @@ mod tests {
         }
     }
 
-    /// The shader function `stored_clip` assumes these offsets.
+    /// Checks the offsets that the shader function `stored_clip` assumes.
     #[test]
     fn a_clip_is_stored_in_the_order_in_which_shaders_read_it() {
         use layout::clip as at;

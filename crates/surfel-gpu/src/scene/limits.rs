@@ -29,7 +29,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// Returns the lesser of these limits and those of a device.
+    /// Returns the lesser of these limits and a device's limits.
     #[must_use]
     pub fn within(self, buffer_bytes: u64, texture_side: u32) -> Self {
         Self {

@@ -45,8 +45,8 @@ impl UploadedObject {
         self.material.is_oriented(&self.cloud)
     }
 
-    /// Returns the coverage of a unit of the object's weight (§5). It is 1 if the interior weight is unknown; no plan
-    /// with coverage has such an object.
+    /// Returns the coverage of a unit of the object's weight (§5). It is 1 if the interior weight is unknown; plans
+    /// with coverage contain no object without it.
     pub(crate) fn coverage(&self, plan: &FramePlan) -> f64 {
         let known = self.material.interior_weight.or(self.cloud.data().interior_weight);
         known.map_or(1.0, |weight| 1.0 / interior_weight_at_cutoff(weight, plan.splat_filter.cutoff))
