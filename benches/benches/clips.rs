@@ -1,9 +1,9 @@
-//! Ways to decide what a clip curve keeps, over blocks of sixteen pixels. `cargo bench -p surfel-benches --bench clips`
-//! runs them.
+//! Compares ways to evaluate a clip curve, over blocks of sixteen pixels. Run it as `cargo bench -p surfel-benches
+//! --bench clips`.
 //!
-//! One thread; curves and splats are random, blocks lie anywhere on the splat's disk. Before the times it prints how
-//! many pixels each way decides otherwise than the implicit test in f64: of those blocks, and of pixels beside the
-//! curves.
+//! It uses one thread. Curves and splats are random, and blocks lie anywhere on the splat's disk. Before the times, it
+//! prints how often each way differs from the implicit test in f64. It counts both pixels of those blocks and pixels
+//! beside the curves.
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use fearless_simd::prelude::*;
@@ -15,7 +15,7 @@ use surfel_math::clip_paper::PaperCurve;
 use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 
-// The renderer's own lanes and instructions; they have more than this needs.
+// The renderer's own lanes and instruction levels, of which this bench needs only a part.
 #[allow(dead_code, unused_imports, unreachable_pub)]
 #[path = "../../crates/surfel-cpu/src/simd"]
 mod simd {
@@ -26,20 +26,20 @@ mod simd {
 use simd::lanes::{LANES, Lanes};
 use simd::level::{Instructions, SimdLevel, with_instructions};
 
-/// Pairs of splat and block that times are taken over: they stay in the nearest cache but one.
+/// Number of timed pairs of splat and block: they fit the second-level cache.
 const TIMED: usize = 1024;
-/// Pairs over which decisions are counted.
+/// Number of pairs over which differing decisions are counted.
 const COUNTED: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug)]
 enum Way {
     /// The conic's implicit form, composed with the mapping into forms over pixels.
     Implicit,
-    /// The same where a pixel of the block lies within the control triangle, else by the chord (C12 §3.3).
+    /// `Implicit` if a pixel of the block lies within the control triangle, else the chord (C12 §3.3).
     ImplicitBounded,
-    /// C12 eq. 7, repaired, over (u, v).
+    /// C12 eq. 7, corrected, over (u, v).
     Paper,
-    /// The same where a pixel of the block lies within the control triangle, else by the chord (C12 §3.3).
+    /// `Paper` if a pixel of the block lies within the control triangle, else the chord (C12 §3.3).
     PaperBounded,
     /// The chord in place of the curve (C12 §3.3).
     Chord,
@@ -47,7 +47,7 @@ enum Way {
 
 const WAYS: [Way; 5] = [Way::Implicit, Way::ImplicitBounded, Way::Paper, Way::PaperBounded, Way::Chord];
 
-/// A splat with a curve, and a block of its pixels.
+/// Splat with a curve, and a block of its pixels.
 struct Pair {
     footprint: Footprint<f32>,
     clip: Clip<f32>,
@@ -73,10 +73,10 @@ impl Random {
     }
 }
 
-/// How near the curve the first pixel is, where it is to be near: pixels.
+/// Largest distance in pixels between the curve and the first pixel of a block beside it.
 const NEAR_PX: f64 = 1e-4;
 
-/// Where a footprint has (u, v).
+/// Returns the pixel offset at which a footprint has the coordinates `q`.
 fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
     let Footprint { u, v, w } = footprint;
     // U(d) = q.x·W(d), V(d) = q.y·W(d).
@@ -85,8 +85,8 @@ fn pixel_of(footprint: &Footprint<f64>, q: V2<f64>) -> V2<f64> {
     V2::new(e * b.y - f * a.y, f * a.x - e * b.x) * (1.0 / a.cross(b))
 }
 
-/// Curves as `convert --sharp` makes them, from nearly straight to strongly bent either way, on splats of 4 to 32
-/// pixels.
+/// Returns curves like those of `convert --sharp`, from nearly straight to strongly bent either way, on splats of 4 to
+/// 32 pixels.
 fn pairs(count: usize, near: bool) -> Vec<Pair> {
     let mut random = Random(5);
     let pair = |_| {
@@ -110,7 +110,7 @@ fn pairs(count: usize, near: bool) -> Vec<Pair> {
         let anywhere = [0, 1].map(|_| random.within(-long, long).floor() as f32 + 0.25);
         let beside = [on_curve.x, on_curve.y].map(|v| (v + random.within(-NEAR_PX, NEAR_PX)) as f32);
         let first = if near { beside } else { anywhere };
-        // The stored clip, in the numbers that both ways start from.
+        // Both ways start from the numbers of the same stored clip.
         Pair { clip: clip.through(&footprint, &Turn::none(1.0)), footprint, paper, first }
     };
     (0..count).map(pair).collect()
@@ -155,7 +155,7 @@ fn paper<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> mask32x16<S> {
     PaperCurve { p1: point(p1), p2: point(p2), p3: point(p3), w: k(*w), turn: k(*turn) }.keeps(q)
 }
 
-/// True if some pixel is within the control triangle, and what the chord keeps.
+/// Returns true if some pixel is within the control triangle, and the mask of the chord alone.
 #[inline(always)]
 fn bounded<S: Simd>(simd: S, pair: &Pair, d: V2<Lanes<S>>) -> (bool, mask32x16<S>) {
     let zero = d.x.zero();
@@ -184,7 +184,7 @@ fn keeps<S: Simd>(simd: S, way: Way, pair: &Pair) -> mask32x16<S> {
     }
 }
 
-/// Calls `each` with the pixels that are kept of every pair.
+/// Calls `each` with the mask of each pair's pixels.
 #[inline(always)]
 fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u64)) {
     macro_rules! all {
@@ -194,7 +194,7 @@ fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u
             }
         };
     }
-    // A loop a way, so that none pays for the choice.
+    // Each way has its own loop, so that the choice costs nothing.
     simd.vectorize(
         #[inline(always)]
         || match way {
@@ -207,7 +207,8 @@ fn run<S: Simd>(simd: S, way: Way, pairs: &[Pair], mut each: impl FnMut(usize, u
     );
 }
 
-/// Pixels within the disk that the implicit test keeps in f64, and those that are within it.
+/// Returns two masks of the block's pixels: pixels of the disk that pass the implicit test in f64, and all pixels of
+/// the disk.
 fn truth(pair: &Pair) -> [u64; 2] {
     let wide = |l: &Linear<f32>| Linear { c: f64::from(l.c), x: f64::from(l.x), y: f64::from(l.y) };
     let Footprint { u, v, w } = &pair.footprint;
@@ -228,7 +229,7 @@ fn truth(pair: &Pair) -> [u64; 2] {
 fn clips(criterion: &mut Criterion) {
     let instructions = Instructions::new(SimdLevel::Best).unwrap();
     for near in [false, true] {
-        // Beside the curve only the first pixel is.
+        // In a block beside the curve only the first pixel is close to it.
         let looked_at = if near { 1 } else { u64::MAX };
         let counted = pairs(COUNTED, near);
         let truths: Vec<[u64; 2]> = counted.iter().map(truth).collect();

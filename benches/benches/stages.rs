@@ -1,9 +1,9 @@
-//! Set-up, binning and the tile loops, by size of splat, and pixels by shader. `cargo bench -p surfel-benches --bench
-//! stages` runs them.
+//! Times setup, binning and the tile loops by size of splat, and pixels by shader. Run it as `cargo bench -p
+//! surfel-benches --bench stages`.
 //!
-//! One thread, 512×512 pixels that a plane of tilted disks covers 3.8 times, seen in perspective: only so most splats
-//! are drawn by the cheapest evaluators. Each stage's time is the renderer's own, so that a stage is measured as a
-//! frame runs it, with the caches as the stage before leaves them.
+//! It uses one thread and an image of 512×512 pixels, which a plane of tilted disks covers 3.8 times. The view is in
+//! perspective, since otherwise the cheapest evaluators draw most splats. Each stage's time is the renderer's own. It
+//! thus runs as in a frame, with the caches in the state that the stage before it leaves.
 
 use std::time::Duration;
 
@@ -16,7 +16,7 @@ use surfel_render::{Frame, Planes, Renderer as _, SceneSummary, Stats, View};
 #[path = "../../crates/surfel-cpu/examples/plane/scene.rs"]
 mod scene;
 
-/// Radii of the splats, pixels: below a pixel, the common case, large, huge.
+/// Radii of the splats in pixels: below a pixel, the common case, large, huge.
 const RADII_PX: [f64; 4] = [0.5, 2.0, 8.0, 32.0];
 
 fn stages(criterion: &mut Criterion) {
@@ -32,7 +32,7 @@ fn stages(criterion: &mut Criterion) {
     }
 }
 
-/// Tiles of few and large splats, by shader: what happens once a pixel is most of it.
+/// Times tiles of few and large splats by shader, where work per pixel dominates.
 fn pixels(criterion: &mut Criterion) {
     let mut group = criterion.benchmark_group("pixels");
     let (mut scene, view) = scene::plane(128.0).expect("the scene is valid");

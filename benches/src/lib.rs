@@ -1,2 +1,2 @@
-//! Benches by criterion: `cargo bench -p surfel-benches`. They are a package of their own so that `cargo xtask test`
+//! Benches by criterion: `cargo bench -p surfel-benches`. They have their own package so that `cargo xtask test`
 //! doesn't compile criterion.

@@ -1,13 +1,13 @@
-//! Fragment entry points, one for each layer, set of sums and clip variant: what varies is a few names, so they are
-//! written here once and not thirty times. They are called `VARIANT_LAYER_WHAT_fragment`; whole splats have no variant
-//! in the name.
+//! Generates the fragment entry points: one for each layer, set of sums and clip variant. They differ in a few names
+//! only, so they are written here once instead of thirty times. They are called `VARIANT_LAYER_WHAT_fragment`; whole
+//! splats have no variant in the name.
 
 use std::fmt::Write as _;
 
 /// Layers that have a depth threshold, and so a visibility pass.
 const THRESHOLD_LAYERS: [&str; 4] = ["front", "shown", "edge_background", "peeled"];
 
-/// The sums of an attribute pass.
+/// Sums of an attribute pass over a layer.
 struct LayerSums {
     layer: &'static str,
     sums: &'static [&'static str],
@@ -24,14 +24,14 @@ const LAYERS: [LayerSums; 8] = [
     LayerSums { layer: "remaining", sums: &["surface", "material_counts"] },
 ];
 
-/// Layers whose nearest splats may be asked for, and whether polygons are among them.
+/// Layers whose nearest splats may be requested. The flag is true if polygons are among them.
 const NEAREST_LAYERS: [(&str, bool); 5] =
     [("front", false), ("mesh_blend", true), ("shown", false), ("shown_mesh_blend", true), ("remaining", false)];
 
-/// Prefix of the names, and the parameter that a variant's fragments have besides.
+/// Clip variants: prefix of the entry points' names, and additional parameter of their fragments.
 const VARIANTS: [(&str, &str); 2] = [("", ""), ("clipped_", ", @location(9) @interpolate(flat, either) record: u32")];
 
-/// The WGSL type of a set of sums.
+/// Returns the WGSL type of a set of sums.
 fn sums_type(sums: &str) -> &'static str {
     match sums {
         "surface" => "SurfaceSums",
@@ -41,7 +41,7 @@ fn sums_type(sums: &str) -> &'static str {
     }
 }
 
-/// All entry points, as WGSL.
+/// Returns the WGSL text of all entry points.
 pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
     let mut text = String::new();
     for (variant, parameter) in VARIANTS {

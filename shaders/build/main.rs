@@ -1,6 +1,6 @@
-//! Puts the WGSL modules together, parses and validates them with naga, and writes what the crate includes: the texts,
-//! and by reflection the formulas' names, offsets of struct members, constants, and what each entry point binds. An
-//! invalid shader fails the build with naga's own message, which points at the line.
+//! Concatenates the WGSL modules, parses and validates them with naga, and writes the files that the crate includes:
+//! the texts and, by reflection, the names of formulas, offsets of struct members, constants, and bindings of entry
+//! points. An invalid shader fails the build with naga's own message, which points at the line.
 
 mod fragment_variants;
 mod reflect;
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 use naga::Module;
 use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
 
-/// What the line before each module starts with.
+/// Prefix of the line that precedes each module in the text.
 const MODULE: &str = "// ==== ";
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -36,7 +36,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     Ok(())
 }
 
-/// The modules that a folder's manifest names, in its order, each under a line that says where it is from.
+/// Concatenates the modules that a folder's manifest lists, in its order. A line before each module gives its file.
 fn concatenate(root: &Path, folder: &str) -> Result<String, Box<dyn Error>> {
     let manifest = std::fs::read_to_string(root.join(folder).join("manifest.txt"))?;
     let names = || manifest.lines().map(str::trim).filter(|line| !line.is_empty() && !line.starts_with('#'));
@@ -56,7 +56,7 @@ fn concatenate(root: &Path, folder: &str) -> Result<String, Box<dyn Error>> {
     Ok(text)
 }
 
-/// Parses and validates, or gives naga's message.
+/// Parses and validates a text. An error is naga's message.
 fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     let module = naga::front::wgsl::parse_str(text).map_err(|e| {
         let line = e.location(text).map(|at| at.line_number);
@@ -70,10 +70,10 @@ fn checked(text: &str) -> Result<(Module, ModuleInfo), String> {
     Ok((module, info))
 }
 
-/// Reports an error in a way that cargo shows.
+/// Reports an error in a form that cargo displays.
 fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     result.map_err(|message| {
-        // Cargo takes a build script's errors a line at a time.
+        // Cargo accepts a build script's errors one line at a time.
         for line in message.lines() {
             println!("cargo::error={line}");
         }
@@ -81,7 +81,7 @@ fn reported<T>(result: Result<T, String>) -> Result<T, Box<dyn Error>> {
     })
 }
 
-/// The module's file and line of a line of the whole text, counted from 1.
+/// Returns the file and line of a module for a line of the whole text, counted from 1.
 fn place(text: &str, line: Option<u32>) -> String {
     let Some(line) = line else { return String::new() };
     let before = text.lines().take(line as usize).enumerate();

@@ -1,4 +1,4 @@
-//! Rust source made from a parsed shader, so that nothing is written twice.
+//! Generates Rust source from a parsed shader, so that nothing is written twice.
 
 use std::error::Error;
 use std::fmt::Write as _;
@@ -6,14 +6,14 @@ use std::fmt::Write as _;
 use naga::valid::{GlobalUse, ModuleInfo};
 use naga::{AddressSpace, Expression, Literal, Module, ShaderStage, StorageAccess, TypeInner};
 
-/// A sorted list of the functions' names.
+/// Returns a sorted list of the functions' names.
 pub(crate) fn functions(module: &Module) -> String {
     let mut names: Vec<&str> = module.functions.iter().filter_map(|(_, f)| f.name.as_deref()).collect();
     names.sort_unstable();
     format!("&{names:?}")
 }
 
-/// A module of offsets for each struct that buffers hold, and the constants.
+/// Returns a module of offsets for each struct in buffers, and the constants.
 pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
     let mut shared = Vec::new();
     for (_, variable) in module.global_variables.iter() {
@@ -25,7 +25,7 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
     for (_, ty) in module.types.iter().filter(|(handle, _)| shared.contains(handle)) {
         let (Some(name), TypeInner::Struct { members, span }) = (&ty.name, &ty.inner) else { continue };
         writeln!(text, "/// Offsets of `{name}`, bytes.\npub mod {} {{", snake(name))?;
-        // The stride in an array: a struct's size is a multiple of its alignment.
+        // The stride of an array of the struct: its size is a multiple of its alignment.
         writeln!(text, "    /// Size, also from one to the next in an array.\n    pub const SIZE: usize = {span};")?;
         for member in members {
             let Some(field) = &member.name else { continue };
@@ -47,7 +47,7 @@ pub(crate) fn layouts(module: &Module) -> Result<String, Box<dyn Error>> {
     Ok(text)
 }
 
-/// Adds `ty` and the structs inside of it.
+/// Adds `ty` and the structs that it contains.
 fn collect(module: &Module, ty: naga::Handle<naga::Type>, found: &mut Vec<naga::Handle<naga::Type>>) {
     match &module.types[ty].inner {
         TypeInner::Struct { members, .. } if !found.contains(&ty) => {
@@ -70,7 +70,7 @@ fn snake(name: &str) -> String {
     text
 }
 
-/// The table of entry points and what they bind.
+/// Returns the table of entry points and their bindings.
 pub(crate) fn entries(module: &Module, info: &ModuleInfo) -> Result<String, Box<dyn Error>> {
     let mut text = String::from("&[\n");
     for (index, entry) in module.entry_points.iter().enumerate() {

@@ -1,4 +1,4 @@
-//! SPIR-V for Vulkan, with every option of naga's stated: its defaults flip y and make up missing bindings.
+//! Generates SPIR-V for Vulkan with all of naga's options explicit: its defaults flip y and invent missing bindings.
 
 use std::error::Error;
 
@@ -8,40 +8,41 @@ use naga::compact::{KeepUnused, compact};
 use naga::proc::{BoundsCheckPolicies, BoundsCheckPolicy};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 
-/// Rust text: a slice of each entry point's name and module.
+/// Returns the Rust text of a slice with each entry point's name and module.
 pub(crate) fn modules(module: &Module) -> Result<String, Box<dyn Error>> {
     let one = |entry: &naga::EntryPoint| Ok(format!("    ({:?}, &{:?}),\n", entry.name, words(module, &entry.name)?));
     let all: Result<String, Box<dyn Error>> = module.entry_points.iter().map(one).collect();
     Ok(format!("&[\n{}]", all?))
 }
 
-/// A module of one entry point and what it uses: there are drivers that look for a descriptor of all that a module
-/// declares.
+/// Returns a module with one entry point and the code that it uses. Some drivers expect a descriptor for everything
+/// that a module declares.
 fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     let mut module = module.clone();
     module.entry_points.retain(|e| e.name == entry);
     compact(&mut module, KeepUnused::No);
     let info = Validator::new(ValidationFlags::all(), Capabilities::empty()).validate(&module)?;
-    // Loops and indices of the compute path are bounded by what it has counted itself, and it has the tightest loops.
+    // The compute path bounds its loops and indices by its own counts, and it has the tightest loops.
     let is_bounded = entry.starts_with("cell_");
     let options = Options {
-        // The latest that Vulkan 1.1 takes.
+        // The newest version that Vulkan 1.1 accepts.
         lang_version: (1, 3),
-        // No flip of y (the viewport does it, as wgpu's), no names (layers of before 2023 call WGSL no source
-        // language), no point size, and depths are between 0 and 1 as they are.
+        // No flags: y isn't flipped (the viewport flips it, as in wgpu), there is no point size, and depths stay within
+        // 0 to 1. Names are omitted, since validation layers from before 2023 don't recognise WGSL as a source
+        // language.
         flags: WriterFlags::empty(),
         fake_missing_bindings: false,
         binding_map: bindings(&module),
         capabilities: None,
-        // What is out of bounds reads something that is there, whatever robustness the device has. An image that a
-        // frame doesn't need is of one pixel.
+        // An out-of-bounds access reads some valid element, whether or not the device has robustness. An image that a
+        // frame doesn't need has one pixel.
         bounds_check_policies: BoundsCheckPolicies {
             index: if is_bounded { BoundsCheckPolicy::Unchecked } else { BoundsCheckPolicy::Restrict },
             buffer: BoundsCheckPolicy::Restrict,
             image_load: BoundsCheckPolicy::Restrict,
             binding_array: BoundsCheckPolicy::Unchecked,
         },
-        // What is read of workgroup memory is written before.
+        // Shaders write workgroup memory before they read it.
         zero_initialize_workgroup_memory: ZeroInitializeWorkgroupMemoryMode::None,
         force_loop_bounding: !is_bounded,
         ray_query_initialization_tracking: false,
@@ -55,7 +56,7 @@ fn words(module: &Module, entry: &str) -> Result<Vec<u32>, Box<dyn Error>> {
     Ok(write_vec(&module, &info, &options, None)?)
 }
 
-/// Each binding under its own number: a group is a descriptor set.
+/// Returns the binding map that preserves each number: a group becomes a descriptor set.
 fn bindings(module: &Module) -> BindingMap {
     let used = module.global_variables.iter().filter_map(|(_, variable)| variable.binding);
     let info = |at: naga::ResourceBinding| BindingInfo {

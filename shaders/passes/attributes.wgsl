@@ -1,4 +1,4 @@
-// The attribute pass (rendering model §5): fragments of filtered footprints, no deeper than the depth threshold,
+// The attribute pass (rendering model §5): fragments of filtered footprints that are no deeper than the depth threshold
 // accumulate their weighted attributes by additive blending.
 
 @group(2) @binding(0) var depth_threshold: texture_depth_2d;
@@ -54,7 +54,7 @@ fn contribution_by(in: AttributeVertex, weight_scale: f32) -> Contribution {
     return contribution_at(d, in.uv, in.w.xy, in.at_anchor, in.depth, in.anchor.z, in.flags, weight_scale);
 }
 
-// The contribution at an offset from the anchor, of the filtered footprint of these gradients.
+// Returns the contribution at an offset from the anchor. The gradients are those of the filtered footprint.
 fn contribution_at(
     d: vec2f,
     uv: vec4f,
@@ -92,7 +92,7 @@ fn front_accumulates(in: AttributeVertex, z: f32) -> bool {
 // Depth of the nearest polygon, or 0 (rendering model §6).
 @group(2) @binding(2) var polygon_limit: texture_2d<f32>;
 
-// Mesh/splat blend: also no deeper than ε behind a polygon that no splat occludes.
+// Mesh/splat blend: a fragment may also be at most ε behind a polygon that no splat occludes.
 fn mesh_blend_accumulates(in: AttributeVertex, z: f32) -> bool {
     let pixel = vec2i(floor(in.position.xy));
     let nearest = textureLoad(depth_threshold, pixel, 0);
@@ -127,8 +127,8 @@ struct MaterialCountsSums {
     @location(1) counts: vec2f,
 }
 
-// Σw·material factors, the number of fragments and their coverage. They are a pass of their own, because few frames
-// need them and all targets together would exceed the 32 bytes a sample that every adapter has.
+// Returns Σw·material factors, the number of fragments and their coverage. They have their own pass, because few frames
+// need them, and all targets together would exceed the 32 bytes a sample that every adapter supports.
 fn material_counts_sums_of(in: AttributeVertex, c: Contribution) -> MaterialCountsSums {
     return MaterialCountsSums(material_sums_of(in, c), vec2f(1.0, c.weight * in.w.z));
 }

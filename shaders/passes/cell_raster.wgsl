@@ -1,39 +1,40 @@
-// The last pass of the compute path: a workgroup draws a cell, an invocation each of its pixels. The cell's records
-// pass through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes
-// up to it. Then the pixel is divided, lit and written from registers.
+// The last pass of the compute path. A workgroup draws a cell, one invocation per pixel. The cell's records pass
+// through workgroup memory in batches, twice: the first loop finds the depth threshold, the second sums attributes up
+// to it. Then the pixel's sums are divided by Σw, lit and written from registers.
 
-// Records of a batch, and words of a bit for each.
+// Records of a batch, and number of words with one bit per record.
 const BATCH: u32 = 92u;
 const BATCH_WORDS: u32 = 3u;
-// Blocks of 8×4 pixels of a cell. The records of a batch that touch a block are found once for all of its pixels.
+// Blocks of 8×4 pixels of a cell. For each block the records of a batch that touch it are found once for all of its
+// pixels.
 const BLOCK_COLUMNS: u32 = 8u;
 const BLOCK_ROWS: u32 = 4u;
 const CELL_BLOCKS: u32 = 8u;
-// Pixels in a cell of a small splat, at most. Two invocations visit the pixels of a small splat; the pixels of a block
-// visit larger ones.
+// A splat is small if it touches at most this many pixels of the cell. Two invocations visit the pixels of a small
+// splat. Larger ones are visited by the pixels of each block that they touch.
 const SMALL_SPLAT_PX: u32 = 64u;
 const IS_SMALL: u32 = 0x80000000u;
 
 // Part k of record r of the batch is at k·BATCH + r; a record has seven parts.
 var<workgroup> staged: array<vec4u, 644>;
-// The part of each record's box in the cell: first column and row, end column and row, five bits each; with IS_SMALL.
-// 0 if there is none.
+// Intersection of each record's box and the cell, with IS_SMALL: first column and row, end column and row, five bits
+// each. 0 if it is empty.
 var<workgroup> staged_boxes: array<u32, BATCH>;
-// A bit for each larger record that touches a block, by block and word; twice, for a batch and the next.
+// One bit for each larger record that touches a block, by block and word; twice, for the current batch and the next.
 var<workgroup> block_bits: array<atomic<u32>, 48>;
-// A bit for each small record that contributes to a pixel, by word and pixel.
+// One bit for each small record that contributes to a pixel, by word and pixel.
 var<workgroup> pixel_bits: array<atomic<u32>, 768>;
-// Bits of the depth threshold of each pixel, as a reversed depth: they compare as the numbers do.
+// Depth threshold of each pixel as the bits of its reversed depth. The bits of positive floats compare like the floats.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
-// Where sides of oriented splats are kept apart: in the first loop the nearness of back-facing splats, afterwards the
-// side that each pixel shows.
+// Only where sides of oriented splats are separated: in the first loop the nearness of back-facing splats, afterwards
+// the side that each pixel shows.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
 
 fn staged_part(part: u32, r: u32) -> vec4u {
     return staged[part * BATCH + r];
 }
 
-// The pixel of invocation i of a cell: blocks of pixels are invocations that follow each other.
+// Returns the pixel of invocation i in a cell. The pixels of a block have consecutive invocations.
 fn pixel_in_cell(i: u32) -> vec2u {
     let block = i / 32u;
     let in_block = i % 32u;
@@ -43,13 +44,13 @@ fn pixel_in_cell(i: u32) -> vec2u {
     );
 }
 
-// The invocation of a pixel.
+// Returns the invocation of a pixel.
 fn invocation_of(x: u32, y: u32) -> u32 {
     let block = (y / BLOCK_ROWS) * 2u + x / BLOCK_COLUMNS;
     return block * 32u + (y % BLOCK_ROWS) * BLOCK_COLUMNS + x % BLOCK_COLUMNS;
 }
 
-// The part of a record's box in a cell, as it is staged.
+// Returns the intersection of a record's box and a cell, in the format of `staged_boxes`.
 fn box_in_cell(corner: vec2u, pixels: vec2u) -> u32 {
     let first_px = max(vec2u(pixels.x & 0xffffu, pixels.x >> 16u), corner);
     let end_px = min(vec2u(pixels.y & 0xffffu, pixels.y >> 16u), corner + CELL_SIDE);
@@ -71,7 +72,7 @@ fn end_of(box: u32) -> vec2u {
     return vec2u((box >> 10u) & 31u, (box >> 15u) & 31u);
 }
 
-// Marks the blocks that a box touches.
+// Sets the bits of the blocks that a box touches.
 fn mark_blocks(box: u32, r: u32, bits_at: u32) {
     let size = vec2u(BLOCK_COLUMNS, BLOCK_ROWS);
     let first_block = first_of(box) / size;
@@ -83,14 +84,14 @@ fn mark_blocks(box: u32, r: u32, bits_at: u32) {
     }
 }
 
-// True if the box of record r holds a pixel of the cell.
+// True if the box of record r contains the pixel of the cell.
 fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
     let box = staged_boxes[r];
     return all(first_of(box) <= in_cell) && all(in_cell < end_of(box));
 }
 
-// Brings a batch into workgroup memory: what the first loop reads, or what the second does. Two invocations bring a
-// record.
+// Copies a batch into workgroup memory, two invocations per record. `visible` selects the data of the first loop or of
+// the second.
 fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, surface: bool) {
     let r = i / 2u;
     if r >= count {
@@ -118,10 +119,10 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
 }
 
 // A staged record in registers. Its gradients are those of the unfiltered (u·w, v·w) in the first loop and of the
-// filtered in the second.
+// filtered one in the second.
 struct CellRecord {
     base: vec2i,
-    // From the anchor to the centre of its pixel.
+    // Offset from the anchor to the centre of its pixel.
     to_center: vec2f,
     // Gradient and range of the depth form.
     depth: vec4f,
@@ -153,7 +154,7 @@ fn staged_record(r: u32) -> CellRecord {
     );
 }
 
-// From a record's anchor to the centre of a pixel.
+// Returns the offset from a record's anchor to the centre of a pixel.
 fn offset_in(record: CellRecord, pixel: vec2i) -> vec2f {
     return vec2f(pixel + frame.origin_px - record.base) + record.to_center;
 }
@@ -166,7 +167,7 @@ struct CellSums {
     fragments: f32,
 }
 
-// Depth of a record's unfiltered splat at a pixel; 0 where it has no fragment.
+// Returns the depth of a record's unfiltered splat at a pixel; 0 if it has no fragment there.
 fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     let d = offset_in(record, pixel);
     let z = fragment_depth(d, record.depth, record.scale, record.at_anchor.z, record.flags);
@@ -174,8 +175,9 @@ fn visible_depth_of(record: CellRecord, pixel: vec2i) -> f32 {
     return select(0.0, z, is_there);
 }
 
-// The first loop's maxima of a pixel, reversed depths: thresholds of splats that have no side, of front-facing and of
-// back-facing ones, and how near the nearest of these come (rendering model §5). Without sides the first is all.
+// Maxima of a pixel in the first loop, all reversed depths (rendering model §5): thresholds of splats without a side,
+// of front-facing and of back-facing ones, and the nearness of the two sides. If sides aren't separated, only the first
+// is used.
 struct Maxima {
     threshold: f32,
     front: f32,
@@ -184,7 +186,7 @@ struct Maxima {
     back_nearness: f32,
 }
 
-// Maxima of a record's fragment at depth z.
+// Returns the maxima of a record's fragment at depth z.
 fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
     let threshold = reversed_depth(z + record.epsilon);
     let facing = record.flags & RECORD_FACING;
@@ -199,7 +201,8 @@ fn maxima_of(record: CellRecord, z: f32, sided: bool) -> Maxima {
     return Maxima(0.0, threshold, 0.0, nearest, 0.0);
 }
 
-// Raises the maxima of an invocation's pixel in workgroup memory. Sides have those that only the second loop needs.
+// Raises the maxima of a pixel in workgroup memory. The maxima of sides use memory that otherwise only the second loop
+// needs.
 fn raise(at: u32, m: Maxima, sided: bool) {
     if m.threshold > 0.0 {
         atomicMax(&thresholds[at], bitcast<u32>(m.threshold));
@@ -224,13 +227,13 @@ fn greatest(a: Maxima, b: Maxima) -> Maxima {
     );
 }
 
-// True if a pixel that shows a side shows this record; 0 is no side.
+// True if a pixel that shows the side `shown` shows the record, too. 0 is no side.
 fn shows_side(shown: u32, flags: u32) -> bool {
     let own = flags & RECORD_FACING;
     return own == 0u || shown == 0u || own == shown;
 }
 
-// The contribution of a record to a pixel.
+// Returns the contribution of a record to a pixel.
 fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
     return contribution_at(
         offset_in(record, pixel),
@@ -244,18 +247,19 @@ fn contribution_of(record: CellRecord, pixel: vec2i) -> Contribution {
     );
 }
 
-// True for a fragment no deeper than the threshold.
+// True if a fragment is no deeper than the threshold.
 fn is_within(threshold: f32, c: Contribution) -> bool {
     return c.is_there && threshold <= reversed_depth(c.z);
 }
 
-// What the second loop sums at a pixel: fragments up to a reversed depth, of a side if there are sides.
+// Fragments that the second loop sums at a pixel: fragments up to a reversed depth and, if sides are separated, of one
+// side.
 struct CellLimit {
     threshold: f32,
     side: u32,
 }
 
-// Adds what record r contributes to a pixel. `surface` is a compile-time constant: false leaves out normals and depths.
+// Adds the contribution of record r to a pixel. `surface` is a compile-time constant: false omits normals and depths.
 fn add_contribution(r: u32, pixel: vec2i, limit: CellLimit, surface: bool, sums: ptr<function, CellSums>) {
     let record = staged_record(r);
     let c = contribution_of(record, pixel);
@@ -273,7 +277,7 @@ fn add_contribution(r: u32, pixel: vec2i, limit: CellLimit, surface: bool, sums:
     (*sums).fragments += 1.0;
 }
 
-// Raises the thresholds of the pixels of a small splat; two invocations share its rows.
+// Raises the thresholds of a small splat's pixels. Two invocations share the splat's rows.
 fn raise_thresholds(r: u32, half: u32, corner: vec2u, sided: bool) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -292,7 +296,7 @@ fn raise_thresholds(r: u32, half: u32, corner: vec2u, sided: bool) {
     }
 }
 
-// Marks the pixels that a small splat contributes to.
+// Sets the bits of the pixels that a small splat contributes to.
 fn mark_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
@@ -316,7 +320,7 @@ fn mark_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
     }
 }
 
-// Clears what the loops over batches write. A barrier follows before anything is read.
+// Clears the memory that the loops over batches write. A barrier has to follow before any of it is read.
 fn clear_cell(i: u32) {
     if i < 2u * CELL_BLOCKS * BATCH_WORDS {
         atomicStore(&block_bits[i], 0u);
@@ -327,14 +331,14 @@ fn clear_cell(i: u32) {
     }
 }
 
-// The first loop: the limit of the invocation's pixel among the pairs of a range, which `thresholds` and `sides` hold
-// afterwards. Bits are clear before and after. `sided` is a compile-time constant: true where sides are kept apart.
+// The first loop: returns the limit of the invocation's pixel among the pairs of a range, and stores it in `thresholds`
+// and `sides`. All bits are clear before and after. `sided` is a compile-time constant: true if sides are separated.
 fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
     let of_batch = CELL_BLOCKS * BATCH_WORDS;
-    // Where the bits of a batch are; those of the next are elsewhere, and cleared meanwhile.
+    // Offset of the batch's bits. The bits of the next batch are in the other half, which is cleared meanwhile.
     var bits_at = 0u;
     var maxima = Maxima(0.0, 0.0, 0.0, 0.0, 0.0);
     if sided {
@@ -394,7 +398,7 @@ fn no_cell_sums() -> CellSums {
     return CellSums(none, none, none, 0.0);
 }
 
-// The second loop: sums of the invocation's pixel, up to its limit, among the pairs of a range.
+// The second loop: returns the sums of the invocation's pixel up to its limit, among the pairs of a range.
 fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, surface: bool, sided: bool) -> CellSums {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
@@ -430,14 +434,14 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, surface: boo
     return sums;
 }
 
-// First pair of a cell, and the end of its pairs.
+// Returns the first pair of a cell, and one past its last.
 fn pairs_of(cell: vec2u) -> vec2u {
     let pairs = pairs_in[cell.y * frame.cell_columns + cell.x];
     return vec2u(pairs.cell, pairs.record);
 }
 
-// Draws a cell, unless it is dense and sides don't matter. `surface`, `full` (see `shade`) and `sided` are compile-time
-// constants.
+// Draws a cell, unless it is dense and sides aren't separated: dense cells are drawn in parts. `surface`, `full` (see
+// `shade`) and `sided` are compile-time constants.
 fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool, sided: bool) {
     let range = pairs_of(cell);
     if !sided && range.y - range.x > DENSE_PAIRS {
@@ -479,7 +483,7 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
     }
 }
 
-// Where passes look at neighbours, `planes` hold a surface of each pixel of the targets: its normal and depth.
+// Writes the normal and depth of a pixel of the targets, for the pass that reads its neighbours.
 fn write_surface(own: vec2u, point: Point) {
     let to = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
     planes[to] = point.normal.x;
@@ -488,19 +492,19 @@ fn write_surface(own: vec2u, point: Point) {
     planes[to + 3u] = select(frame.empty_depth, point.z, point.is_there);
 }
 
-// Draws cells of an image that has neither normals nor depths.
+// Draws cells of an image without normals and depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, false, false, false);
 }
 
-// Draws cells.
+// Draws cells of an image with normals or depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, true, false, false);
 }
 
-// Draws cells of an image with shadows, or by `toon`.
+// Draws cells of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, true, true, false);
@@ -512,33 +516,33 @@ fn cell_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invoca
     draw_cell(cell.xy, i, true, false, true);
 }
 
-// The same of an image with shadows, or by `toon`.
+// Draws cells whose pixels show one side of oriented splats, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_cell(cell.xy, i, true, true, true);
 }
 
-// Dense cells, which have more pairs than this, are drawn in parts by workgroups of their own, so that no workgroup's
-// work grows with the number of splats. Parts are combined in their order.
+// Number of pairs above which a cell is dense. Dense cells are drawn in parts, each by its own workgroup, so that no
+// workgroup's work grows with the number of splats. The parts are combined in order.
 const DENSE_PAIRS: u32 = 4096u;
-// Pairs of a part at most. Two parts may begin in as many pairs: the end of a dense cell's, and the beginning of
-// another's.
+// Maximum number of pairs of a part. Within this many pairs two parts may begin: the last of one dense cell and the
+// first of the next.
 const PART_PAIRS: u32 = 2048u;
-// Words that a part has for each pixel: its threshold, and sums of colours, surface, material and fragments.
+// Words of a part per pixel: its threshold, and sums of colours, surface, material and fragments.
 const PART_WORDS: u32 = 14u;
 
 // Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
 @group(1) @binding(54) var<storage, read_write> cell_parts_out: array<f32>;
 @group(1) @binding(55) var<storage, read> cell_parts: array<f32>;
 
-// A part: its cell, and its pairs, of which there are none if it isn't there.
+// A part: its cell and its range of pairs, which is empty if the part doesn't exist.
 struct CellPart {
     cell: u32,
     range: vec2u,
 }
 
-// Part 2b + 1 is of a dense cell whose pairs begin among the PART_PAIRS pairs from b·PART_PAIRS on; part 2b is of one
-// whose pairs begin before them.
+// Returns the part with this number. Let b be a block of PART_PAIRS pairs. Part 2b + 1 belongs to a dense cell whose
+// pairs begin in the block, part 2b to one whose pairs begin before it.
 fn part_of(number: u32) -> CellPart {
     let count = pair_count();
     let begin = (number / 2u) * PART_PAIRS;
@@ -557,7 +561,7 @@ fn part_of(number: u32) -> CellPart {
     return CellPart(cell, vec2u(max(of_cell.cell, first), min(of_cell.record, end)));
 }
 
-// Number of the k-th part of a dense cell with these pairs, and of its parts.
+// Returns the number of the k-th part of a dense cell with the pairs `range`.
 fn part_number(range: vec2u, k: u32) -> u32 {
     let block = (range.x - frame.cell_count) / PART_PAIRS;
     return 2u * (block + k) + select(0u, 1u, k == 0u);
@@ -587,7 +591,7 @@ fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invo
     cell_parts_out[part_word(number, 0u, i)] = find_limit(part.range, corner_of_cell(part.cell), i, false).threshold;
 }
 
-// Sums what a part contributes, up to the thresholds of all parts of its cell.
+// Sums the contributions of a part, up to the threshold of all parts of its cell.
 fn sum_part(number: u32, i: u32, surface: bool) {
     let part = part_of(number);
     if part.range.x == part.range.y {
@@ -620,7 +624,7 @@ fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invoca
     sum_part(workgroup_number(group), i, true);
 }
 
-// Draws a dense cell of its parts.
+// Draws a dense cell from its parts.
 fn combine_cell(cell: vec2u, i: u32, full: bool) {
     let range = pairs_of(cell);
     if range.y - range.x <= DENSE_PAIRS {
@@ -644,19 +648,19 @@ fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_in
     combine_cell(cell.xy, i, false);
 }
 
-// The same of an image with shadows, or by `toon`.
+// Draws dense cells from their parts, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     combine_cell(cell.xy, i, true);
 }
 
-// Depth of the surface at a pixel of the targets, from `planes`. `front_depth`, which shading and host targets use,
-// reads textures: one buffer more would exceed WebGPU's core limits there.
+// Returns the depth of the surface at a pixel of the targets, from `planes`. `front_depth`, which shading and host
+// targets use, reads textures: another buffer would exceed WebGPU's core limits there.
 fn cell_depth(pixel: vec2i) -> f32 {
     return planes[frame.surfaces_at + 4u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x)) + 3u];
 }
 
-// `has_outline` by the depths in `planes`.
+// Like `has_outline`, from the depths in `planes`.
 fn has_cell_outline(pixel: vec2i, surface: Surface) -> bool {
     let limit = outline_limit(pixel, surface, frame.projection);
     let last = vec2i(frame.size_px) - 1;
@@ -669,7 +673,7 @@ fn has_cell_outline(pixel: vec2i, surface: Surface) -> bool {
     return line;
 }
 
-// `eye_dome_shading` by the depths in `planes`.
+// Like `eye_dome_shading`, from the depths in `planes`.
 fn cell_eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     let last = vec2i(frame.size_px) - 1;
     var rise = 0.0;
@@ -686,7 +690,7 @@ fn cell_eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     return eye_dome_brightness(z, rise, frame.projection);
 }
 
-// Draws what depends on neighbours into the colours: outlines and eye-dome lighting.
+// Applies outlines and eye-dome lighting, which depend on neighbouring pixels, to the colours.
 @compute @workgroup_size(8, 8)
 fn cell_neighbours(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

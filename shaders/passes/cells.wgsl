@@ -1,63 +1,64 @@
-// The compute path: opaque splats drawn without raster hardware. The targets are cut into cells of 16×16 pixels. Setup
-// writes the records of the splats that are drawn, close together. Each record becomes a pair with every cell that it
-// may touch; the pairs are sorted by cell, and a workgroup draws each cell (cell_raster.wgsl). The sort is stable, and
-// pairs are emitted in the order of splats, so a pixel's sums have one order whatever the device does in parallel.
+// The compute path: draws opaque splats without raster hardware. The targets are cut into cells of 16×16 pixels.
 //
-// Nothing here is sorted by depth: visibility is a maximum, and attributes are sums.
+// Setup writes the records of the splats that are drawn, without gaps. Each record becomes a pair with every cell that
+// it may touch. The pairs are sorted by cell, and one workgroup draws each cell (cell_raster.wgsl). The sort is stable,
+// and pairs are emitted in the order of splats, so a pixel's sums have one order whatever the device does in parallel.
+//
+// No pass sorts by depth: visibility is a maximum, and attributes are sums.
 
-// Pixels on a side of a cell.
+// Side of a cell in pixels.
 const CELL_SIDE: u32 = 16u;
 // Invocations of the workgroups of all passes here; also the number of splats of a chunk, and of digits of the sort.
 const CELL_WORKGROUP: u32 = 256u;
-// Workgroups in a row of a dispatch, for a device takes 65535 along an axis.
+// Workgroups in a row of a dispatch: a device allows at most 65535 along an axis.
 const CELL_ROW: u32 = 32768u;
-// Elements that a workgroup scans or sorts.
+// Number of elements that a workgroup scans or sorts.
 const CELL_BLOCK: u32 = 2048u;
-// vec4u of a record.
+// Size of a record in vec4u.
 const RECORD_PARTS: u32 = 9u;
-// Words of a group's entry after those of the groups' pairs: its first record, and their number.
+// Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
-// Elements that CellRound says are scanned: pairs of each group, or how often each block has each digit.
+// Kinds of elements to scan (CellRound.scanned): counts of pairs per group, or counts of digits per block.
 const SCANNED_GROUPS: u32 = 0u;
 const SCANNED_DIGITS: u32 = 1u;
 
-// A chunk that may touch the tile, whose splats a workgroup sets up. Its records are a group.
+// A chunk that may touch the tile. One workgroup sets up its splats, and their records form a group.
 struct CellChunk {
-    // View position of the origin.
+    // View position of the chunk's origin.
     center: vec3f,
-    // CHUNK_ORDINARY, or where its splats' bits in `near_bits` start.
+    // CHUNK_ORDINARY, or the position of its splats' bits in `near_bits`.
     state: u32,
-    // Its first splat in the segment, and their number.
+    // First splat of the chunk in the segment, and number of splats.
     first: u32,
     count: u32,
-    // Its index among the segment's chunks, and among the groups.
+    // Index of the chunk among the segment's chunks, and of its group among all groups.
     chunk: u32,
     group: u32,
 }
 
 // Counts of a tile.
 struct CellCounters {
-    // Splats that were set up and touch the tile: records that they need.
+    // Number of records that the tile needs: splats that were set up and touch it.
     records: atomic<u32>,
-    // Pairs that they need; the largest u32 where there are more.
+    // Number of pairs that the records need, saturated at the largest u32.
     pairs: atomic<u32>,
 }
 
-// The same, for passes that only read them.
+// CellCounters for passes that only read them.
 struct CellCounts {
     records: u32,
     pairs: u32,
 }
 
-// A record and a cell that it may touch. Before the pairs of a buffer there is one for each cell: where the cell's
-// sorted pairs begin and end.
+// A record and a cell that it may touch. A buffer of pairs begins with one element per cell, which stores the begin and
+// end of the cell's sorted pairs instead.
 struct CellPair {
     cell: u32,
     record: u32,
 }
 
-// What a pass does that runs several times: which elements are scanned, and which digit of the cell is sorted by.
+// Parameters of a pass that runs several times: the elements to scan, and the digit of the cell's number to sort by.
 struct CellRound {
     scanned: u32,
     shift: u32,
@@ -65,7 +66,8 @@ struct CellRound {
 }
 
 @group(1) @binding(40) var<storage, read_write> cell_records_out: array<vec4u>;
-// A word for each group: its pairs, then, by a scan, its first pair. Then each group's first record and their number.
+// One word per group: its number of pairs and, after a scan, the index of its first pair. Then the first record and the
+// number of records of each group.
 @group(1) @binding(41) var<storage, read_write> cell_groups: array<u32>;
 @group(1) @binding(42) var<storage, read_write> cell_counters: CellCounters;
 @group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
@@ -78,17 +80,17 @@ struct CellRound {
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
 @group(1) @binding(53) var<storage, read> cell_counts: CellCounts;
 
-// A partial sum of each invocation.
+// Partial sum of each invocation.
 var<workgroup> scan_partial: array<u32, CELL_WORKGROUP>;
 
-// Sums that exceed u32 stay at its largest: so many pairs fit no buffer.
+// Sums saturate at the largest u32: no buffer has room for so many pairs.
 fn saturating_sum(a: u32, b: u32) -> u32 {
     let sum = a + b;
     return select(sum, 0xffffffffu, sum < a);
 }
 
-// Sum of the values of the invocations before this one. All invocations of the workgroup call it, and
-// `scan_partial[CELL_WORKGROUP - 1u]` is the sum of all after a barrier.
+// Returns the sum of the values of all invocations before this one. All invocations of the workgroup have to call it.
+// After a barrier, `scan_partial[CELL_WORKGROUP - 1u]` is the sum of all values.
 fn workgroup_scan(i: u32, value: u32) -> u32 {
     scan_partial[i] = value;
     workgroupBarrier();
@@ -107,8 +109,8 @@ fn workgroup_scan(i: u32, value: u32) -> u32 {
     return scan_partial[i - 1u];
 }
 
-// Where part k of a record is: records are stored part by part, so that invocations that write or read records side by
-// side share memory transactions.
+// Returns the index of part k of a record. Records are stored part by part, so that neighbouring invocations that
+// access neighbouring records share memory transactions.
 fn part_at(k: u32, record: u32) -> u32 {
     return k * frame.cell_record_room + record;
 }
@@ -117,7 +119,8 @@ fn workgroup_number(group: vec3u) -> u32 {
     return group.y * CELL_ROW + group.x;
 }
 
-// Pairs that are drawn: none where records or pairs don't fit their buffers, for the host then draws the tile again.
+// Returns the number of pairs to draw. It is 0 if records or pairs exceed their buffers: the host then draws the tile
+// again.
 fn drawn_pairs(records: u32, pairs: u32) -> u32 {
     return select(0u, pairs, records <= frame.cell_record_room && pairs <= frame.cell_pair_room);
 }
@@ -126,7 +129,7 @@ fn pair_count() -> u32 {
     return drawn_pairs(cell_counts.records, cell_counts.pairs);
 }
 
-// Starts a tile: no records, and no cell has pairs.
+// Starts a tile without records and pairs.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
@@ -139,7 +142,7 @@ fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_ind
     }
 }
 
-// The cells that a record's footprints may touch: first column and row, numbers of columns and rows.
+// Returns the cells that a record's footprints may touch: first column and row, then numbers of columns and rows.
 fn cells_of(boxes: vec4u) -> vec4u {
     let empty = vec2<bool>(boxes.y == 0u, boxes.w == 0u);
     let first = vec4u(boxes.x & 0xffffu, boxes.x >> 16u, boxes.z & 0xffffu, boxes.z >> 16u);
@@ -161,8 +164,8 @@ fn cells_of(boxes: vec4u) -> vec4u {
 var<workgroup> group_first_record: u32;
 var<workgroup> group_pairs: atomic<u32>;
 
-// Writes a group's records one after another and counts its pairs. All invocations of the workgroup call it, those
-// without a record with `is_there` false.
+// Writes a group's records without gaps and counts its pairs. All invocations of the workgroup have to call it, with
+// `is_there` false if they have no record.
 fn write_group(group: u32, i: u32, record: Record, is_there: bool) {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
@@ -224,7 +227,7 @@ fn near_vec2(bits: vec2u) -> vec2f {
     return bitcast<vec2f>(bits);
 }
 
-// Takes over the records of splats at the near plane, which the host has set up, as groups after those of chunks.
+// Copies the records of splats at the near plane, which the host has set up, into groups after those of chunks.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
@@ -254,12 +257,12 @@ fn cell_near(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     write_group(frame.cell_chunk_count + number, i, record, is_there);
 }
 
-// Blocks of so many elements.
+// Returns the number of blocks of `count` elements.
 fn blocks_of(count: u32) -> u32 {
     return (count + (CELL_BLOCK - 1u)) / CELL_BLOCK;
 }
 
-// Elements that are scanned.
+// Returns the number of elements to scan.
 fn scan_length(pairs: u32) -> u32 {
     if cell_round.scanned == SCANNED_GROUPS {
         return frame.cell_group_count;
@@ -269,7 +272,8 @@ fn scan_length(pairs: u32) -> u32 {
 
 const SCAN_PER_INVOCATION: u32 = 8u;
 
-// A scan takes two passes: sums of blocks, and scans of blocks from the sum of all before them on.
+// First pass of a scan: sums each block. The second, cell_scan_add, scans each block from the sum of all blocks before
+// it.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -290,7 +294,7 @@ fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     }
 }
 
-// Finishes a scan. Groups' pairs are counted with it.
+// Second pass of a scan. A scan of groups also counts the pairs of the tile.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -323,7 +327,8 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
     }
 }
 
-// Emits the pairs of a group, each invocation every 256th of them: large splats are shared out as small ones are.
+// Emits the pairs of a group. Each invocation emits every 256th pair, so that the pairs of large splats are spread over
+// all invocations.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let number = workgroup_number(group);
@@ -342,7 +347,7 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     let count = scan_partial[CELL_WORKGROUP - 1u];
     let to = frame.cell_count + cell_groups[number];
     for (var k = i; k < count; k += CELL_WORKGROUP) {
-        // The first record whose pairs end after k.
+        // Finds the first record whose pairs end after k.
         var low = 0u;
         var high = CELL_WORKGROUP - 1u;
         while low < high {
@@ -372,7 +377,7 @@ fn digit_of(pair: CellPair) -> u32 {
 
 var<workgroup> digit_counts: array<atomic<u32>, CELL_WORKGROUP>;
 
-// Counts how often a block of pairs has each digit.
+// Counts the digits of a block of pairs.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -396,13 +401,13 @@ fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
 
 const ROUND_WORDS: u32 = 8u;
 
-// A bit for each of 256 pairs, by word of 32 of them and digit.
+// One bit for each of 256 pairs, by digit and by word of 32 pairs.
 var<workgroup> round_bits: array<atomic<u32>, 2048>;
-// Where the next pair of each digit goes.
+// Output position of the next pair of each digit.
 var<workgroup> digit_ends: array<u32, CELL_WORKGROUP>;
 
-// Writes the pairs of a block where they belong by one digit, in their order: 256 at a time find by bits how many
-// before them have the same digit.
+// Moves the pairs of a block to their positions by one digit, in stable order. The bits of 256 pairs at a time give
+// each pair the number of earlier pairs with the same digit.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
@@ -446,7 +451,7 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
     }
 }
 
-// Finds where the pairs of each cell begin and end.
+// Finds the begin and end of the pairs of each cell.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let index = workgroup_number(group) * CELL_WORKGROUP + i;

@@ -1,5 +1,5 @@
-// Compositing of transparent layers (rendering model §8), once a pixel and layer: shade a layer's sums and composite
-// them under the layers before it.
+// Compositing of transparent layers (rendering model §8), once per pixel and layer: shades a layer's sums and
+// composites them under the layers before it.
 
 @group(1) @binding(14) var<storage, read_write> layer_composites: array<LayerComposite>;
 @group(1) @binding(16) var layer_color: texture_2d<f32>;
@@ -7,7 +7,7 @@
 @group(1) @binding(18) var layer_material: texture_2d<f32>;
 // Number of fragments, and Σw·alpha.
 @group(1) @binding(19) var layer_counts: texture_2d<f32>;
-// The same of an A-buffer's layer, and its coverage.
+// Number of fragments, Σw·alpha and coverage of an A-buffer's layer.
 @group(1) @binding(30) var layer_coverage: texture_2d<f32>;
 @group(1) @binding(20) var layer_threshold: texture_depth_2d;
 
@@ -19,11 +19,11 @@ struct DrawArguments {
     first_instance: u32,
 }
 
-// Indirect draws of the layers. Their instances become 0 after the last layer that has fragments.
+// Indirect draws of the layers. Their instance counts become 0 after the last layer with fragments.
 struct LayerDraws {
-    // 1 if a pixel has a depth threshold in the current layer: only then can a fragment lie behind it.
+    // 1 if a pixel has a depth threshold in the current layer. Without one, no fragment can lie behind the layer.
     any_remaining: atomic<u32>,
-    // Layers that were drawn, the current one included.
+    // Number of layers drawn, including the current one.
     drawn: u32,
     arguments: array<DrawArguments>,
 }
@@ -41,10 +41,10 @@ fn begin_layers(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// A host's depth buffer, of the size of what is shaded.
+// A host's depth buffer, of the size of the shaded region.
 @group(1) @binding(23) var host_depths: texture_depth_2d;
 
-// The same with a host's depth buffer, which occludes the transparent splats behind it.
+// Starts the layers like begin_layers. A host's depth buffer also occludes the transparent splats behind it.
 @compute @workgroup_size(8, 8)
 fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     if !is_in_targets(id) {
@@ -54,7 +54,7 @@ fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
     var occluder_depth = 0.0;
     if all(vec2i(0, 0) <= at) && all(at < vec2i(frame.shade_size_px)) {
         let along = (textureLoad(host_depths, at, 0) - frame.host_depth.x) / frame.host_depth.y;
-        // `along` is 1/z, or z itself.
+        // `along` is 1/z, or z itself in an orthographic projection.
         occluder_depth = max(frame.projection.near * along, 0.0);
         if frame.projection.kind == ORTHOGRAPHIC {
             occluder_depth = reversed_depth(max(along, frame.projection.near));
@@ -67,7 +67,7 @@ fn begin_layers_in_host(@builtin(global_invocation_id) id: vec3u) {
 fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     let pixel = vec2i(id.xy);
     var layers: LayerComposite;
-    // Reversed depths are at most 1, so that every fragment is behind this.
+    // Reversed depths are at most 1, so every fragment lies behind 2.
     layers.peeled_depth = 2.0;
     let sums = textureLoad(color_sums, pixel, 0);
     if LEAST_WEIGHT <= sums.w {
@@ -81,7 +81,7 @@ fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
     layer_composites[id.y * frame.size_px.x + id.x] = layers;
 }
 
-// Porter and Duff's "under": front to back, with the result of "over" back to front.
+// Porter and Duff's "under": compositing front to back, with the same result as "over" back to front.
 fn composite_under(layers: LayerComposite, point: Point, color: vec3f, alpha: f32) -> LayerComposite {
     var more = layers;
     let through = 1.0 - layers.opacity;
@@ -108,7 +108,7 @@ fn peeled_layer(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// A surface of an A-buffer: a peeled layer that counts by its coverage.
+// Composites a surface of an A-buffer: a peeled layer, weighted by its coverage.
 @compute @workgroup_size(8, 8)
 fn gathered_layer(@builtin(global_invocation_id) id: vec3u) {
     if is_in_targets(id) {
@@ -117,7 +117,7 @@ fn gathered_layer(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// Composites a layer of so many fragments and Σw·alpha, `share` of which covers the pixel.
+// Composites a layer with the given number of fragments and Σw·alpha (`counts`). It covers `share` of the pixel.
 fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     let pixel = vec2i(id.xy);
     let at = id.y * frame.size_px.x + id.x;
@@ -128,7 +128,7 @@ fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
         layers = composite_under(layers, point, color, counts.y / point.weight * share);
     }
     layers.counts += u32(counts.x);
-    // A threshold of 0 says that the layer took all that remained.
+    // A threshold of 0 means that no fragments remain behind the layer.
     layers.peeled_depth = textureLoad(layer_threshold, pixel, 0);
     layer_composites[at] = layers;
     if layers.peeled_depth > 0.0 && atomicLoad(&layer_draws.any_remaining) == 0u {
@@ -136,7 +136,7 @@ fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     }
 }
 
-// Runs once between two layers: where nothing remains, all further draws get no instances.
+// Runs once between two layers. If no fragments remain, it sets the instance counts of all further draws to 0.
 @compute @workgroup_size(8, 8)
 fn next_layer(@builtin(global_invocation_id) id: vec3u) {
     if id.x + id.y > 0u {

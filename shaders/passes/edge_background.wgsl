@@ -1,7 +1,8 @@
-// The edge background (rendering model §5, edge antialiasing): the surface behind edge pixels. Visibility and attribute
-// pass run again over fragments deeper than the front surface's threshold.
+// The edge background (rendering model §5, edge antialiasing): the surface behind the nearest one at edge pixels. The
+// visibility and attribute passes run again over fragments deeper than the nearest surface's threshold.
 
-// The front surface's threshold at edge pixels, as a reversed depth; elsewhere 0, behind which no fragment lies.
+// Threshold of the nearest surface at edge pixels, as a reversed depth; 0 elsewhere, so that no fragment lies behind
+// it.
 @group(2) @binding(1) var edge_threshold: texture_2d<f32>;
 
 fn is_edge_background(position: vec4f, z: f32) -> bool {

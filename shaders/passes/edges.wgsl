@@ -12,8 +12,9 @@ fn fullscreen_vertex(@builtin(vertex_index) vertex: u32) -> @builtin(position) v
 
 @group(1) @binding(2) var edge_pass_polygons: texture_2d<f32>;
 
-// True if a neighbour's surface lies beyond the reach of a pixel's own: its splats (a threshold of 0 is infinitely far)
-// and its nearest polygon. A polygon behind splats lies beyond their threshold, and so changes nothing.
+// True if a neighbour's surface lies beyond `reach`, the end of a pixel's own surface. This tests both the neighbour's
+// splats (a threshold of 0 is infinitely far) and its nearest polygon. A polygon behind splats lies beyond their
+// threshold, so it makes no difference.
 fn steps_back(reach: f32, at: vec2i) -> bool {
     let neighbour = textureLoad(edge_pass_tolerance, at, 0).xy;
     if neighbour.x > 0.0 && neighbour.x - neighbour.y <= reach {
@@ -26,7 +27,7 @@ fn steps_back(reach: f32, at: vec2i) -> bool {
     return polygon <= 0.0 || reach < polygon;
 }
 
-// Writes `edge_threshold` for the passes of the edge background. A pixel without splats has none, edge or not.
+// Writes `edge_threshold` for the passes of the edge background. A pixel without splats has no threshold, edge or not.
 @fragment
 fn edges_fragment(@builtin(position) position: vec4f) -> @location(0) f32 {
     let pixel = vec2i(floor(position.xy));

@@ -1,11 +1,12 @@
-// Eye-dome lighting, the shader `edl` (rendering model §5): a pixel is darker the deeper it lies among its neighbours.
+// Eye-dome lighting, the shader `edl` (rendering model §5): a pixel is darker the farther it lies behind its
+// neighbours.
 
-// The part that a neighbour at an offset has in the rise of the surface above depth z.
+// Returns the contribution of a neighbour at an offset to the rise of the surface around depth z.
 fn eye_dome_rise(offset: vec2i, z: f32, neighbour: f32) -> f32 {
     return eye_dome_rise_weight(vec2f(offset), frame.projection) * select(0.0, z - neighbour, neighbour < z);
 }
 
-// Brightness of depth z at a pixel, by the front surfaces of its neighbours.
+// Returns the brightness of a pixel with depth z, from the nearest surfaces of its neighbours.
 fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
     let last = vec2i(frame.size_px) - 1;
     var rise = 0.0;
@@ -13,7 +14,7 @@ fn eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
         for (var i = -1; i <= 1; i++) {
             let offset = vec2i(i, j) * EYE_DOME_REACH;
             let at = pixel + offset;
-            // Neighbours outside of the image count for nothing; the targets have a border for all others.
+            // Neighbours outside of the image contribute nothing; the targets have a border for all others.
             if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
                 continue;
             }

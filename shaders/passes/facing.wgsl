@@ -1,10 +1,10 @@
-// Front- and back-facing splats of oriented clouds, kept apart (rendering model §5). A pass of its own finds which side
-// of them each pixel shows: that of its nearest fragment. The other side then takes part in neither visibility nor
+// Separation of front- and back-facing splats of oriented clouds (rendering model §5). A separate pass finds the side
+// that each pixel shows: that of its nearest fragment. The other side then contributes neither to visibility nor to
 // sums.
 
 const RECORD_FACING: u32 = 24u;
 
-// RECORD_FRONT, RECORD_BACK, or 0 where nothing oriented is hit.
+// RECORD_FRONT, RECORD_BACK, or 0 where a pixel has no oriented fragment.
 @group(2) @binding(4) var shown_facing: texture_2d<f32>;
 
 struct FacingOutput {
@@ -21,7 +21,7 @@ fn facing_is_visible(in: VisibilityVertex, z: f32) -> bool {
     return z > 0.0 && (in.flags & RECORD_FACING) != 0u;
 }
 
-// True if a pixel shows the side that a splat does; undeclared splats have none.
+// True if a pixel shows the side of a splat. Splats of clouds that aren't oriented have no side and always show.
 fn shows(position: vec4f, flags: u32) -> bool {
     let own = flags & RECORD_FACING;
     let shown = u32(textureLoad(shown_facing, vec2i(floor(position.xy)), 0).r);

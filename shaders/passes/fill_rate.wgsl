@@ -1,4 +1,4 @@
-// Fill-rate probes: full-screen triangles whose fragments compute nothing, to measure what a device does at best.
+// Fill-rate probes: full-screen triangles whose fragments compute nothing, to measure a device's upper bounds.
 
 @vertex
 fn probe_vertex(

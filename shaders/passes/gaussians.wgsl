@@ -1,29 +1,30 @@
-// Trained Gaussians, one over another (docs/gaussians.md), once a pixel. The host has projected them, put them in
-// order, and listed them by cells of 16×16 pixels.
+// Trained Gaussians (docs/gaussians.md), blended once a pixel. The host has projected and sorted them, and listed them
+// by cells of 16×16 pixels.
 //
-// A dispatch takes a bounded number of steps, because drivers stop what runs for long: some, in software, silently
-// after 65,535 turns of all loops together. What a pixel has come to is kept in its state, and the host dispatches
-// again while a pixel isn't finished.
+// A dispatch runs a bounded number of steps, because drivers stop shaders that run for long. Some, in software,
+// silently stop after 65,535 iterations of all loops together. The progress of a pixel is stored in its state, and the
+// host dispatches again until every pixel is finished.
 
-// A Gaussian as the view shows it.
+// A Gaussian projected into the view.
 struct GaussianRecord {
-    // The pixel that its centre is in, and where in it.
+    // The pixel that contains its centre, and the position within that pixel.
     base: vec2i,
     fraction: vec2f,
     forms: GaussianForms,
     color: vec3f,
     opacity: f32,
-    // World space.
+    // World-space normal.
     normal: vec3f,
-    // What α is multiplied by.
+    // Factor of α.
     weight: f32,
-    // Depth before which it doesn't show: no less than that of those before it in a list for the order of pixels.
+    // Depth before which the Gaussian has no fragments. In lists for sorting by pixel, it never decreases from one
+    // record to the next.
     nearest: f32,
-    // Its place among the scene's.
+    // Index among the scene's Gaussians.
     number: u32,
 }
 
-// Pixels on a side of a cell.
+// Side of a cell in pixels.
 const GAUSSIAN_CELL: u32 = 16u;
 const MAX_ALPHA: f32 = 0.99;
 const MIN_ALPHA: f32 = 0.003921569;
@@ -31,23 +32,25 @@ const MIN_TRANSMITTANCE: f32 = 1e-4;
 const MIN_GAUSSIAN_WEIGHT: f32 = 1e-12;
 
 @group(1) @binding(28) var<storage, read> gaussian_records: array<GaussianRecord>;
-// Where each cell's entries begin, and where the last one's end; then the entries: numbers of records, ascending. Where
-// pixels have states, words of these follow, from `frame.gaussian_states_at` on, and their rooms: a word of all pixels
-// after another.
+// The begin of each cell's entries, and the end of the last cell's; then the entries, which are ascending indices of
+// records.
+//
+// If pixels have states, their words follow from `frame.gaussian_states_at` on, and then their waiting fragments. Word
+// k of all pixels is stored before word k + 1.
 @group(1) @binding(29) var<storage, read_write> gaussian_lists: array<u32>;
 
-// Words of a pixel's state: its sums, then how far it has come.
+// Words of a pixel's state: its sums, then its progress.
 const GAUSSIAN_STATE_WORDS: u32 = 24u;
-// Words of a fragment that waits in a pixel's room.
+// Words of a waiting fragment (see gaussians_by_pixel.wgsl).
 const GAUSSIAN_ROOM_WORDS: u32 = 3u;
-// Where in the planes the number of the last dispatch is that left a pixel unfinished.
+// Offset in the planes of the number of the last dispatch that left a pixel unfinished.
 const GAUSSIANS_UNFINISHED_AT: u32 = 0u;
-// Entries that a dispatch reads at most in the order of the list.
+// Maximum number of entries that a dispatch reads in the order of the list.
 const GAUSSIAN_READS: u32 = 32768u;
 
-// What is blended of a pixel.
+// Sums of the fragments blended at a pixel.
 struct GaussianSums {
-    // In the Gaussians' colour space.
+    // Colour in the Gaussians' colour space.
     color: vec3f,
     transmittance: f32,
     normal: vec3f,
@@ -55,30 +58,31 @@ struct GaussianSums {
     depth: f32,
     median_depth: f32,
     distortion: f32,
-    // Σw·m and Σw·m², m the depth that the distortion compares.
+    // Σw·m and Σw·m², where m is the depth that the plane `distortion` compares.
     moments: vec2f,
     fragments: u32,
-    // Light may be left.
+    // True while the transmittance is above its limit.
     is_open: bool,
 }
 
-// A Gaussian at a pixel. α is negative where it doesn't show; 0 may be what a filter leaves of a tiny one.
+// A fragment of a Gaussian. α is negative if there is none; α = 0 is possible, since a filter may reduce a tiny one to
+// 0.
 struct GaussianFragment {
     alpha: f32,
     z: f32,
 }
 
 fn gaussian_fragment(record: u32, pixel: vec2i) -> GaussianFragment {
-    // Whole numbers, exact: only the fraction rounds.
+    // The difference of integers is exact: only the fraction rounds.
     let offset = vec2f(pixel - gaussian_records[record].base) - (gaussian_records[record].fraction - 0.5);
     let at = gaussian_forms_at(gaussian_records[record].forms, offset);
-    // exp(−ρ²/2), where it isn't nothing.
+    // exp(−ρ²/2), clamped to normal numbers.
     let alpha = min(gaussian_records[record].opacity * exp2(max(at.x * -0.72134752, -126.0)), MAX_ALPHA);
     let shows = MIN_ALPHA <= alpha && frame.gaussian_near <= at.y && at.y < 1e30;
     return GaussianFragment(select(-1.0, alpha * gaussian_records[record].weight, shows), at.y);
 }
 
-// Blends a fragment behind what is there.
+// Blends a fragment behind those already blended.
 fn blend_gaussian(sums: ptr<function, GaussianSums>, record: u32, fragment: GaussianFragment) {
     let before = (*sums).transmittance;
     let left = before * (1.0 - fragment.alpha);
@@ -102,7 +106,7 @@ fn blend_gaussian(sums: ptr<function, GaussianSums>, record: u32, fragment: Gaus
     (*sums).transmittance = left;
 }
 
-// Linear premultiplied colour over the background.
+// Returns the linear premultiplied colour over the background.
 fn resolved_gaussians(sums: GaussianSums) -> vec4f {
     let behind = frame.gaussian_background;
     let alpha = 1.0 - sums.transmittance + sums.transmittance * behind.a;
@@ -146,7 +150,7 @@ fn write_gaussians(at: u32, sums: GaussianSums) {
     }
 }
 
-// First entry of a pixel's cell, and the end of its entries.
+// Returns the first entry of a pixel's cell, and one past its last.
 fn gaussian_list(id: vec3u) -> vec2u {
     let cell = id.y / GAUSSIAN_CELL * frame.gaussian_columns + id.x / GAUSSIAN_CELL;
     return vec2u(gaussian_lists[cell], gaussian_lists[cell + 1u]);
@@ -159,7 +163,7 @@ fn no_gaussian_sums() -> GaussianSums {
     return sums;
 }
 
-// A word of a pixel's state.
+// Returns the index of a word of a pixel's state.
 fn gaussian_state_at(pixel: u32, word: u32) -> u32 {
     return frame.gaussian_states_at + word * (frame.shade_size_px.x * frame.shade_size_px.y) + pixel;
 }
@@ -180,7 +184,7 @@ fn set_gaussian_number(pixel: u32, word: u32, value: f32) {
     set_gaussian_state(pixel, word, bitcast<u32>(value));
 }
 
-// Words 0 to 14 of a pixel's state.
+// Reads words 0 to 14 of a pixel's state.
 fn load_gaussian_sums(pixel: u32) -> GaussianSums {
     var sums: GaussianSums;
     sums.color = vec3f(gaussian_number(pixel, 0u), gaussian_number(pixel, 1u), gaussian_number(pixel, 2u));
@@ -214,11 +218,11 @@ fn store_gaussian_sums(pixel: u32, sums: GaussianSums) {
     set_gaussian_state(pixel, 14u, select(0u, 1u, sums.is_open));
 }
 
-// Numbers of dispatches that a pixel has had, and of one that has finished it.
+// Word that counts a pixel's dispatches, and its value once the pixel is finished.
 const GAUSSIAN_DISPATCHES: u32 = 15u;
 const GAUSSIANS_FINISHED: u32 = 0xffffffffu;
 
-// Leaves a pixel to the next dispatch, or writes it if it is finished.
+// Ends a pixel's dispatch: writes the pixel if it is finished, otherwise stores its sums for the next dispatch.
 fn end_gaussian_dispatch(pixel: u32, sums: GaussianSums, is_finished: bool) {
     if is_finished {
         write_gaussians(pixel, sums);
@@ -228,11 +232,11 @@ fn end_gaussian_dispatch(pixel: u32, sums: GaussianSums, is_finished: bool) {
     store_gaussian_sums(pixel, sums);
     let dispatches = gaussian_state(pixel, GAUSSIAN_DISPATCHES) + 1u;
     set_gaussian_state(pixel, GAUSSIAN_DISPATCHES, dispatches);
-    // Every pixel that writes here writes the same.
+    // All pixels write the same number here.
     planes[GAUSSIANS_UNFINISHED_AT] = f32(dispatches);
 }
 
-// In the order of the list.
+// Blends Gaussians in the order of the list.
 @compute @workgroup_size(8, 8)
 fn gaussians(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

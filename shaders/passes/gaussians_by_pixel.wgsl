@@ -1,22 +1,22 @@
-// Trained Gaussians in the order of each pixel (docs/gaussians.md). Fragments wait in a pixel's room, among the lists,
-// until none before them can follow.
+// Trained Gaussians sorted for each pixel (docs/gaussians.md). The fragments of a pixel wait in a heap, which is a part
+// of `gaussian_lists`, until no nearer fragment can follow. Identifiers call the heap's memory the pixel's room.
 
-// A fragment that waits in a pixel's room.
+// A fragment in a pixel's heap.
 struct WaitingGaussian {
-    // Fragments are in the order of these: a step of depth, and the place among the scene's.
+    // Sort key of fragments: the depth step, then the index among the scene's Gaussians.
     key: vec2u,
-    // Place of its record in the lists.
+    // Index of the record's entry in the lists.
     at: u32,
 }
 
-// Steps of a dispatch in the order of pixels. Each may pass through a pixel's room thrice, in at most 18 turns of a
-// loop.
+// Steps of a dispatch. Each step may traverse a pixel's heap three times, in at most 18 iterations of a loop.
 const GAUSSIAN_STEPS: u32 = 1024u;
 const NO_LIMIT: u32 = 0xffffffffu;
-// Fragments that wait at first; four times as many in every further turn, as far as there is room.
+// Number of fragments that may wait in a pixel's first turn. Each further turn allows four times as many, up to the
+// size of the heap.
 const FIRST_WAITING: u32 = 32u;
 
-// What a pixel is about: reading the list, putting what waits in order, or blending it.
+// State of a pixel: reading the list, sorting the waiting fragments, blending them, or finished.
 const GAUSSIANS_READ: u32 = 0u;
 const GAUSSIANS_SORT: u32 = 1u;
 const GAUSSIANS_BLEND: u32 = 2u;
@@ -49,8 +49,8 @@ fn set_waiting_gaussian(pixel: u32, place: u32, waiting: WaitingGaussian) {
     gaussian_lists[at + 2u * pixels] = waiting.at;
 }
 
-// The room is a heap, the farthest fragment at its root: puts one into its first `count` places, of which the last, or
-// the root, is free.
+// The heap has the farthest fragment at its root. `rise_gaussian` inserts a fragment at the free last place,
+// `sink_gaussian` at the free root of `count` places.
 fn rise_gaussian(pixel: u32, last: u32, waiting: WaitingGaussian) {
     var place = last;
     while place > 0u {
@@ -82,10 +82,11 @@ fn sink_gaussian(pixel: u32, count: u32, waiting: WaitingGaussian) {
     set_waiting_gaussian(pixel, place, waiting);
 }
 
-// In the order of the pixel, exactly, in turns: a turn reads the list as far as a fragment may be among the nearest
-// that are left and have room, puts these in order, and blends them. The next turn begins where the first entry is
-// that this one has left. Records come in the order in which they begin, so that none after one that begins too late
-// counts.
+// Blends Gaussians exactly in the order of each pixel, in turns. A turn reads the list as long as an entry may be among
+// the nearest remaining fragments that fit the heap. It then sorts the fragments in the heap and blends them.
+//
+// The next turn begins at the first entry that this turn skipped. Records are sorted by the depth at which they begin,
+// so the first record beyond the limit ends a turn.
 @compute @workgroup_size(8, 8)
 fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
@@ -100,13 +101,13 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
     let list = gaussian_list(id);
     var sums = no_gaussian_sums();
     var at = list.x;
-    // The keys from which on and before which this turn takes fragments.
+    // Range of keys whose fragments this turn accepts: from `first` on, before `limit`.
     var first = vec2u(0u, 0u);
     var limit = vec2u(NO_LIMIT, NO_LIMIT);
-    // Where the next turn begins.
+    // Entry at which the next turn begins.
     var next = list.y;
     var state = GAUSSIANS_READ;
-    // How many wait, how many may, and how many are sorted or blended.
+    // Numbers of fragments: waiting, allowed to wait, and already sorted or blended.
     var count = 0u;
     var room = min(FIRST_WAITING, frame.gaussian_room);
     var done = 0u;
@@ -132,7 +133,7 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
                 is_over = !is_before(vec2u(depth_step_f32(nearest), number), limit);
                 if !is_over {
                     let fragment = gaussian_fragment(record, place);
-                    // Rounding never takes it before where its record begins.
+                    // Despite rounding, a fragment is never nearer than the depth at which its record begins.
                     let key = vec2u(depth_step_f32(max(fragment.z, nearest)), number);
                     if fragment.alpha >= 0.0 && !is_before(key, first) {
                         let waiting = WaitingGaussian(key, at);
@@ -162,7 +163,7 @@ fn gaussians_by_pixel(@builtin(global_invocation_id) id: vec3u) {
                 done = 0u;
             }
         } else if state == GAUSSIANS_SORT {
-            // The farthest of those that aren't in order takes the last of their places.
+            // The farthest unsorted fragment moves to the last unsorted place.
             if done + 1u < count {
                 let last = count - 1u - done;
                 let moved = waiting_gaussian(pixel, last);

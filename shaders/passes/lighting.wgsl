@@ -1,13 +1,13 @@
-// Phong's terms (rendering model §5), in world axes about the eye.
+// Terms of Phong's model (rendering model §5), in world axes, relative to the eye.
 
-// Unit vector to a light, and its colour there.
+// Unit vector to a light, and the light's colour at the lit point.
 struct Incident {
     to_light: vec3f,
     color: vec3f,
 }
 
-// Angle between unit vectors, accurate at both ends: 2·atan(|a − b|/|a + b|). The built-in arctangents may be off by
-// 4096 ulp; this polynomial (Cephes, atanf) is good to 2.
+// Returns the angle between unit vectors, accurate at both ends: 2·atan(|a − b|/|a + b|). The built-in arctangents may
+// be off by 4096 ulp; this polynomial (Cephes, atanf) is accurate to 2 ulp.
 fn angle_between(a: vec3f, b: vec3f) -> f32 {
     let y = v3_length(a - b);
     let x = v3_length(a + b);
@@ -21,7 +21,7 @@ fn angle_between(a: vec3f, b: vec3f) -> f32 {
     return 2.0 * select(angle, 1.57079633 - angle, y > x);
 }
 
-// A spot's strength at an angle from its axis: 1 up to `inner`, 0 from `outer` on, smoothstep in between.
+// Returns a spot's strength at an angle from its axis: 1 up to `inner`, 0 from `outer` on, smoothstep in between.
 fn spot_strength(angle: f32, inner: f32, outer: f32) -> f32 {
     if angle <= inner {
         return 1.0;
@@ -45,7 +45,7 @@ fn incident(light: Light, position: vec3f) -> Incident {
     return Incident(to_light, light.color * strength);
 }
 
-// base^exponent for a base in [0, 1]; 0⁰ is 1, as everywhere else.
+// Returns base^exponent for a base in [0, 1]. 0⁰ is 1, as in all backends.
 fn highlight(base: f32, exponent: f32) -> f32 {
     if exponent <= 0.0 {
         return 1.0;
@@ -53,7 +53,8 @@ fn highlight(base: f32, exponent: f32) -> f32 {
     return select(0.0, exp2(exponent * log2(max(base, 1e-37))), base > 0.0);
 }
 
-// Ambient, diffuse and specular light. With `full` (see `shade`) it is shadowed, and quantised in the steps of `toon`.
+// Returns the sum of ambient, diffuse and specular light. With `full` (see `shade`) it includes shadows and the steps
+// of `toon`.
 fn lit(albedo: vec3f, normal: vec3f, position: vec3f, to_eye: vec3f, material: vec4f, full: bool) -> vec3f {
     let is_toon = full && frame.shader_kind == SHADER_TOON;
     var matte = frame.ambient * material.x;

@@ -1,7 +1,7 @@
-// Per-splat lighting of the remaining layer (rendering model §8): each splat is lit at its centre, and its lit colour,
-// weighted by alpha, takes the place of the albedo. Records of transparent splats hold alpha in place of the coverage.
+// Per-splat lighting of the remaining layer (rendering model §8). Each splat is lit at its centre, and its lit colour,
+// weighted by alpha, replaces the albedo. Records of transparent splats store alpha in place of the coverage.
 
-// View position of a splat's centre.
+// Returns the view position of a splat's centre.
 fn center_of(r: Record) -> vec3f {
     if (r.flags & RECORD_CENTERED) != 0u {
         return vec3f(r.visible_u, r.visible_v.x);

@@ -1,6 +1,7 @@
-// The shader `matcap` (rendering model §5): an image of a lit sphere, looked up by the normal.
+// The shader `matcap` (rendering model §5): looks up an image of a lit sphere by the normal.
 
-// Width and height, then linear RGB, row by row from the top; of one word where no shader looks it up.
+// Width and height of the image, then its linear RGB texels, row by row from the top. A single word if the frame has
+// another shader.
 @group(0) @binding(5) var<storage, read> matcap: array<u32>;
 
 fn matcap_texel(at: vec2u, width: u32) -> vec3f {
@@ -8,7 +9,8 @@ fn matcap_texel(at: vec2u, width: u32) -> vec3f {
     return vec3f(bitcast<f32>(matcap[first]), bitcast<f32>(matcap[first + 1u]), bitcast<f32>(matcap[first + 2u]));
 }
 
-// Bilinear; the sphere's rim lies on the centres of the outermost texels. Directions in world axes.
+// Returns the bilinearly interpolated colour. The sphere's rim lies on the centres of the outermost texels. Directions
+// are in world axes.
 fn matcap_color(normal: vec3f, to_eye: vec3f) -> vec3f {
     let on_sphere = matcap_coordinates(normal, to_eye, frame.world_from_view[1]);
     let last = vec2u(matcap[0] - 1u, matcap[1] - 1u);

@@ -1,5 +1,5 @@
-// Which splat is nearest in each pixel (rendering model §5, planes): fragments that add their attributes are drawn once
-// more with a depth buffer, and leave the number of their draw and of their record.
+// The nearest splat in each pixel (rendering model §5, planes): fragments that add their attributes are drawn once more
+// with a depth buffer, and write the numbers of their draw and record.
 
 struct NearestVertex {
     @builtin(position) position: vec4f,
@@ -13,7 +13,7 @@ struct NearestVertex {
     @location(7) @interpolate(flat, either) normal: vec3f,
     @location(8) @interpolate(flat, either) flags: u32,
     @location(9) @interpolate(flat, either) record: u32,
-    // Number of the draw: its vertices begin at four times that.
+    // Number of the draw: its vertices begin at four times this number.
     @location(10) @interpolate(flat, either) source: u32,
 }
 
@@ -40,7 +40,7 @@ fn clipped_nearest_vertex(
 
 struct NearestOutput {
     @builtin(frag_depth) depth: f32,
-    // One more than the number of the draw, and the number of the record: as floats both are exact.
+    // Number of the draw plus one, and number of the record; both are exact as floats.
     @location(0) source: vec2f,
 }
 
@@ -48,7 +48,7 @@ fn nearest_output(z: f32, source: u32, record: u32) -> NearestOutput {
     return NearestOutput(reversed_depth(z), vec2f(f32(source + 1u), f32(record)));
 }
 
-// True for fragments that are no deeper than a polygon that no splat occludes.
+// True for fragments no deeper than a polygon that no splat occludes.
 fn is_before_polygon(position: vec4f, z: f32) -> bool {
     let pixel = vec2i(floor(position.xy));
     let polygon = textureLoad(polygon_limit, pixel, 0).r;
@@ -59,10 +59,10 @@ fn is_before_polygon(position: vec4f, z: f32) -> bool {
 @group(1) @binding(26) var nearest_front: texture_2d<f32>;
 @group(1) @binding(27) var nearest_layer: texture_2d<f32>;
 
-// In place of the number of a draw: the record's number is that of a polygon.
+// Draw number that marks a polygon. The record number is then the polygon's.
 const NEAREST_POLYGON: f32 = -1.0;
 
-// Writes what is nearest in each pixel.
+// Writes the nearest splat or polygon of each pixel.
 @compute @workgroup_size(8, 8)
 fn nearest(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {

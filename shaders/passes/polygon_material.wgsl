@@ -1,5 +1,5 @@
-// Attributes of a polygon at a pixel: interpolated vertex attributes, and textures sampled as surfel-model samples
-// them.
+// Attributes of a polygon at a pixel: interpolated vertex attributes, and textures sampled by the rules of
+// surfel-model.
 
 @group(1) @binding(12) var<storage, read> polygons: array<Polygon>;
 @group(1) @binding(13) var<storage, read> texels: array<u32>;
@@ -17,13 +17,13 @@ fn texel_of(at: u32, level: u32, index: u32) -> vec3f {
     return vec3f(bitcast<f32>(texels[first]), bitcast<f32>(texels[first + 1u]), bitcast<f32>(texels[first + 2u]));
 }
 
-// Bilinear, with repeat addressing, of a level whose words start at `at`.
+// Returns a bilinear sample with repeat addressing of a level whose words start at `at`.
 fn bilinear(at: u32, level: u32, size: vec2u, uv: vec2f) -> vec3f {
     let p = (uv - floor(uv)) * vec2f(size) - 0.5;
     let whole = floor(p);
     let f = p - whole;
     let n = vec2i(size);
-    // At least −1 before it is wrapped.
+    // The coordinate is at least −1 before it wraps around.
     let low = vec2u((vec2i(whole) + n) % n);
     let high = (low + 1u) % size;
     let top = low.y * size.x;
@@ -33,7 +33,7 @@ fn bilinear(at: u32, level: u32, size: vec2u, uv: vec2f) -> vec3f {
     return upper * (1.0 - f.y) + lower * f.y;
 }
 
-// Trilinear, at the level that `footprint` texels of the full size ask for.
+// Returns a trilinear sample, at the level for a footprint of `footprint` texels of the full size.
 fn texture_color(texture_at: u32, uv: vec2f, footprint: f32) -> vec3f {
     let levels = texels[texture_at + 2u];
     let level = min(log2(max(footprint, 1.0)), f32(levels));

@@ -1,19 +1,19 @@
-// The polygon pass (rendering model §6): depth and index of the nearest polygon of every pixel, whether splats occlude
-// it or not.
+// The polygon pass (rendering model §6): depth and index of the nearest polygon of every pixel, whether or not splats
+// occlude it.
 
 // A triangle, set up by the CPU in f64.
 struct Polygon {
-    // Edges about `base`, a pixel's centre, where attributes are interpolated.
+    // Edges relative to the centre of the pixel `base`, for the interpolation of attributes.
     edges: array<Linear, 3>,
-    // Words of its texture in `texels`, or ABSENT.
+    // Offset of the texture in `texels`, in words, or ABSENT.
     texture_at: u32,
     base: vec2i,
-    // Constants of the edges about the targets' first pixel: one anchor for all, so that neighbours judge their common
-    // edge by the same number.
+    // Constants of the edges relative to the targets' first pixel. All polygons share this anchor, so that neighbours
+    // classify their common edge by the same number.
     covers: vec3f,
     // Depths of the vertices.
     @align(16) z: vec3f,
-    // Pixels that it may touch, as a record's.
+    // Box of pixels that the polygon may touch, in the format of a record's boxes.
     box: vec2u,
     // Texture coordinates of the vertices.
     u: vec3f,
@@ -22,17 +22,17 @@ struct Polygon {
     color0: vec3f,
     color1: vec3f,
     color2: vec3f,
-    // Unit world normals of the vertices, and the plane's; turned to the eye where the material is two-sided.
+    // Unit world normals of the vertices, and of the plane; turned to the eye if the material is two-sided.
     normal0: vec3f,
     normal1: vec3f,
     normal2: vec3f,
     flat_normal: vec3f,
-    // Ambient, diffuse, specular, shininess.
+    // Ambient, diffuse and specular factor, shininess.
     material: vec4f,
 }
 
-// A texture: width, height, number of smaller levels, then the full size in four bytes a texel and the levels in three
-// floats. Before all textures is what the bytes mean.
+// Header of a texture: width, height, number of smaller levels. The full size follows with four bytes a texel, then the
+// levels with three floats a texel. The linear values of the 256 bytes precede all textures.
 const TEXTURE_HEADER: u32 = 3u;
 
 @group(1) @binding(0) var<storage, read> drawn_polygons: array<Polygon>;
@@ -51,15 +51,15 @@ fn triangle_of(p: Polygon) -> Triangle {
     return Triangle(p.edges, p.z);
 }
 
-// From the polygon's base to a pixel of the targets.
+// Returns the offset from the polygon's base to a pixel of the targets.
 fn offset_on(p: Polygon, pixel: vec2i) -> vec2f {
     return vec2f(pixel + frame.origin_px - p.base);
 }
 
-// Bound as splat setup's `sampled_pixels`.
+// The same binding as `sampled_pixels` of splat setup.
 @group(2) @binding(5) var polygon_sampled_pixels: texture_2d<f32>;
 
-// False for a sample of a pixel that isn't sampled.
+// False for a sample whose pixel isn't antialiased by samples.
 fn is_wanted(pixel: vec2i) -> bool {
     let pixels = vec2i(frame.first_pixel) + pixel / i32(SAMPLES_SIDE);
     return frame.is_of_samples == 0u || textureLoad(polygon_sampled_pixels, pixels, 0).x > 0.0;
@@ -67,11 +67,11 @@ fn is_wanted(pixel: vec2i) -> bool {
 
 struct PolygonHit {
     @builtin(frag_depth) depth: f32,
-    // Depth, and one more than the polygon's index.
+    // Depth, and the polygon's index plus one.
     @location(0) hit: vec2f,
 }
 
-// A polygon is drawn as a quad over its pixel box, and its fragments evaluate the exact edges: a rasteriser would snap
+// A polygon is drawn as a quad over its pixel box, and its fragments evaluate the exact edges. A rasteriser would snap
 // the vertices to a fraction of a pixel.
 @fragment
 fn polygon_fragment(in: PolygonVertex) -> PolygonHit {

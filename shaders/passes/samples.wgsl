@@ -1,12 +1,12 @@
-// Edges by samples (rendering model §5): which pixels are sampled, and what their samples come to. Samples are the
-// pixels of a frame that is four times as wide and high; it is drawn part by part, into the same targets.
+// Edge antialiasing by samples (rendering model §5): selects the pixels to sample, and averages their samples. Samples
+// are the pixels of an image four times as wide and high, drawn part by part into the same targets.
 
-// The nearest threshold of transparent splats, and the ε of its writer.
+// Nearest threshold of transparent splats, and the ε of the splat that defines it.
 @group(1) @binding(24) var layer_tolerance: texture_2d<f32>;
-// Of the tile of pixels: 1 where one is sampled, and for shaders that look at neighbours the depth of what it shows.
+// Steps of the tile of pixels: 1 for a sampled pixel, and the depth that it shows, for shaders that read neighbours.
 @group(1) @binding(25) var pixel_steps: texture_2d<f32>;
 
-// From where to where a pixel's nearest surface may lie.
+// Depth interval that contains a pixel's nearest surface.
 struct Reach {
     begin: f32,
     end: f32,
@@ -15,7 +15,7 @@ struct Reach {
 struct PixelReach {
     opaque_surface: Reach,
     nearest_layer: Reach,
-    // Layers that aren't empty.
+    // Number of layers that aren't empty.
     layers: u32,
 }
 
@@ -35,7 +35,7 @@ fn opaque_reach(pixel: vec2i) -> Reach {
     var reach = reach_of(threshold);
     let hit = polygon_hit(pixel);
     if hit.x <= 0.0 {
-        // Where only one of its footprints is there, it ends.
+        // If only one of the two footprints has a fragment here, the surface ends: every neighbour is then a step.
         let has_weight = LEAST_WEIGHT <= textureLoad(color_sums, pixel, 0).w;
         if has_weight != (threshold.x > 0.0) {
             reach.end = -frame.empty_depth;
@@ -90,13 +90,13 @@ fn steps_fragment(@builtin(position) position: vec4f) -> @location(0) vec2f {
     return vec2f(select(0.0, 1.0, is_sampled), z);
 }
 
-// The colour of a sample's opaque surface where the frame's shader looks at the neighbours of its pixel.
+// Returns the colour of a sample's opaque surface, with the effects of shaders that read the neighbours of its pixel.
 fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     let is_toon = frame.shader_kind == SHADER_TOON;
     if !is_toon && frame.shader_kind != SHADER_EDL {
         return surface.color;
     }
-    // Distances are the image's.
+    // Distances between neighbours are measured in pixels of the image, not in samples.
     var projection = frame.projection;
     projection.focal_px *= 1.0 / f32(SAMPLES_SIDE);
     let limit = outline_limit(at, surface, projection);
@@ -121,7 +121,7 @@ fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     return surface.color * eye_dome_brightness(surface.z, rise, projection);
 }
 
-// Writes the colours of sampled pixels: one invocation for each pixel whose samples the targets hold.
+// Writes the colours of sampled pixels: one invocation for each pixel whose samples are in the targets.
 @compute @workgroup_size(8, 8)
 fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
     if any(id.xy >= frame.size_px / SAMPLES_SIDE) {
@@ -143,7 +143,7 @@ fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
         if frame.has_layers != 0u {
             layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];
         }
-        // Shares are summed, not colours: these may be as large as an f32.
+        // Each colour is scaled before it is added: colours may be as large as an f32.
         sum += composite_over(layers, color) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
     }
     let shaded = pixel - frame.shade_origin_px;

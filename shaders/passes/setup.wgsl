@@ -1,5 +1,5 @@
-// Splat setup (rendering model §2–§5): one invocation projects a stored splat and writes its screen-space record.
-// Splats that reach the near plane are left out: the CPU sets them up in f64.
+// Splat setup (rendering model §2–§5): one invocation projects a stored splat and writes its screen-space record. It
+// skips splats that reach the near plane, which the CPU sets up in f64.
 
 @group(1) @binding(2) var<storage, read> chunks: array<Chunk>;
 @group(1) @binding(3) var<storage, read> near_bits: array<u32>;
@@ -8,15 +8,17 @@
 // Only bound for clipped splats.
 @group(1) @binding(6) var<storage, read_write> record_clips_out: array<RecordClip>;
 
-// What a frame of samples is drawn about: the steps of its pixels, whose first number is above 0 where one is sampled.
+// Steps of the pixels that a frame of samples belongs to. The first number is above 0 if a pixel is sampled.
 @group(1) @binding(7) var sampled_pixels: texture_2d<f32>;
 
-// Slack of pixel boxes: it exceeds the f32 rounding of box and anchor many times over, and is far below a pixel.
+// Slack of pixel boxes in pixels: it exceeds the f32 rounding of box and anchor many times over, and is far below a
+// pixel.
 const BOX_SLACK_PX: f32 = 2e-3;
-// A whole pixel that any anchor is cut to; i32 holds it and its offset to any pixel.
+// Bound of an anchor's coordinates in pixels: i32 can represent it and its offset to any pixel.
 const FARTHEST_PX: f32 = 1e9;
 
-// The columns and rows of the tile whose pixel centres lie between two offsets of `base`: first, and one past the last.
+// Returns the box of the tile's pixels whose centres lie between two offsets from `base`: first column and row, then
+// one past the last.
 fn pixel_box(base: vec2f, extent: Extent) -> vec4f {
     let limit = vec2f(frame.size_px);
     let start = base - vec2f(frame.origin_px);
@@ -29,10 +31,10 @@ fn box_is_empty(pixels: vec4f) -> bool {
     return !(pixels.x < pixels.z && pixels.y < pixels.w);
 }
 
-// Most pixels of a box that are searched for sampled ones, one after the other: boxes with more are few.
+// Maximum number of pixels of a box that are searched for sampled ones, one by one; few boxes have more.
 const MOST_SEARCHED: i32 = 4096;
 
-// In a frame of samples the part of a box that sampled pixels span.
+// In a frame of samples, returns the part of a box that sampled pixels span.
 fn sampled_part(samples: vec4f) -> vec4f {
     if frame.is_of_samples == 0u || box_is_empty(samples) {
         return samples;
@@ -90,7 +92,7 @@ fn filtered_by(projected: Projected, visible: Footprint) -> Filtered {
     }
 }
 
-// The footprints of a splat that was set up, and how each is turned in the splat's own plane: what its clip follows.
+// Footprints of a splat, and the rotation of each in the splat's own plane, which its clip follows.
 struct ClipFootprints {
     visible: Footprint,
     filtered: Footprint,
@@ -98,7 +100,7 @@ struct ClipFootprints {
     filtered_turn: Turn,
 }
 
-// A splat that was set up; `is_there` is false for one that takes part in no pass.
+// A splat after setup. `is_there` is false if it takes part in no pass.
 struct SetUpSplat {
     record: Record,
     footprints: ClipFootprints,
@@ -117,7 +119,7 @@ fn setup(@builtin(global_invocation_id) id: vec3u) {
     }
 }
 
-// The same for a segment of clipped splats: it writes their clips, too.
+// Sets up a segment of clipped splats, and writes their clips, too.
 @compute @workgroup_size(WORKGROUP)
 fn clipped_setup(@builtin(global_invocation_id) id: vec3u) {
     let i = id.x;
@@ -169,7 +171,7 @@ fn is_set_up_by_host(code: u32, state: u32) -> bool {
     return (near_bits[state + in_chunk / 32u] & (1u << (in_chunk % 32u))) != 0u;
 }
 
-// Sets up splat i of the segment, which is of this chunk about this origin.
+// Sets up splat i of the segment. `center` is the view position of its chunk's origin.
 fn set_up(i: u32, chunk: u32, center: vec3f) -> SetUpSplat {
     let at = i * segment.stride;
     let scales = stored_scales(chunk);

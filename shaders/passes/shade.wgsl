@@ -1,5 +1,5 @@
-// The shading pass (rendering model §5), once a pixel: divide the sums by Σw, renormalise, reconstruct the position,
-// shade.
+// The shading pass (rendering model §5), once a pixel: divides the sums by Σw, normalises the normal, reconstructs the
+// position, and shades it.
 
 @group(1) @binding(0) var color_sums: texture_2d<f32>;
 @group(1) @binding(1) var surface_sums: texture_2d<f32>;
@@ -16,11 +16,11 @@
 @group(1) @binding(10) var shade_threshold: texture_depth_2d;
 @group(1) @binding(11) var polygon_hits: texture_2d<f32>;
 
-// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-18 pixels weigh
-// less.
+// Σw below which attributes have been lost to underflow, so that the pixel is empty. Only splats smaller than 1e-18
+// pixels weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-// A surface sample that is lit; a pixel has up to three.
+// A surface sample to be lit; a pixel has up to three.
 struct Point {
     albedo: vec3f,
     // Unit world normal, or 0.
@@ -44,20 +44,20 @@ fn unit_or_zero(v: vec3f) -> vec3f {
     return select(vec3f(0.0, 0.0, 0.0), v * (1.0 / sqrt(max(square, 1e-30))), square > 1e-30);
 }
 
-// Slope (orthographic: offset) of the ray through a pixel of the targets.
+// Returns the slope (orthographic: offset) of the ray through a pixel of the targets.
 fn ray_of(pixel: vec2i) -> vec2f {
     return frame.ray_start + vec2f(pixel + frame.origin_px) * frame.ray_step;
 }
 
-// View position of depth z at a pixel.
+// Returns the view position of depth z at a pixel.
 fn position_at(pixel: vec2i, z: f32) -> vec3f {
     return vec3f(ray_of(pixel) * select(1.0, z, frame.projection.kind == PERSPECTIVE), z);
 }
 
-// The colour that the frame's shader gives a point at a view position. `full` is a compile-time constant of the entry
-// points: false leaves out what only frames of more than splats need.
+// Returns the colour of a point at a view position by the frame's shader. `full` is a compile-time constant of the
+// entry points: false omits everything that frames of opaque splats don't need.
 fn color_of(at: vec3f, point: Point, full: bool) -> vec3f {
-    // Sums of colours may have left f32's range, which would make NaN of what comes.
+    // Sums of colours may exceed f32's range, and would cause NaN below.
     return limit_rgb(unlimited_color_of(at, point, limit_rgb(point.albedo), full));
 }
 
@@ -101,7 +101,7 @@ fn no_point() -> Point {
     return Point(vec3f(0.0, 0.0, 0.0), vec3f(0.0, 0.0, 0.0), vec4f(0.0, 0.0, 0.0, 0.0), 0.0, 0.0, false);
 }
 
-// The surface of a pixel's sums: colour and weight, normal and depth, material factors.
+// Returns the surface of a pixel's sums: colour and weight, normal and depth, material factors.
 fn point_of(sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Point {
     if !(LEAST_WEIGHT <= sums.w) {
         return no_point();
@@ -119,7 +119,7 @@ fn point_of(sums: vec4f, surface_sum: vec4f, material_sum: vec4f) -> Point {
     return Point(albedo, unit_or_zero(surface.xyz), material, surface.w * frame.depth_unit, sums.w, true);
 }
 
-// Depth of a pixel's nearest polygon, or 0, and one more than its index.
+// Returns the depth of a pixel's nearest polygon, or 0, and its index plus one.
 fn polygon_hit(pixel: vec2i) -> vec2f {
     if frame.has_polygons == 0u {
         return vec2f(0.0, 0.0);
@@ -132,12 +132,12 @@ fn polygon_is_visible(pixel: vec2i, hit: vec2f) -> bool {
     return hit.x > 0.0 && textureLoad(shade_threshold, pixel, 0) <= reversed_depth(hit.x);
 }
 
-// The share of a polygon that splats before it cover.
+// Returns the fraction of a polygon's pixel that splats before it cover.
 fn splat_coverage(pixel: vec2i) -> f32 {
     return min(textureLoad(count_sums, pixel, 0).g / frame.full_coverage, 1.0);
 }
 
-// Depth of the front surface; +∞ without one.
+// Returns the depth of the nearest opaque surface; +∞ without one.
 fn front_depth(pixel: vec2i) -> f32 {
     let weight = textureLoad(color_sums, pixel, 0).w;
     let is_there = LEAST_WEIGHT <= weight;
@@ -150,7 +150,7 @@ fn front_depth(pixel: vec2i) -> f32 {
     return select(hit.x, z * share + hit.x * (1.0 - share), is_there);
 }
 
-// The depth beyond which a neighbour is another surface than the one at a pixel of the targets (§5, toon).
+// Returns the depth beyond which a neighbour belongs to another surface than the pixel (§5, toon).
 fn outline_limit(pixel: vec2i, surface: Surface, projection: Projection) -> f32 {
     let at = position_at(pixel, surface.z);
     var gradient = vec2f(0.0, 0.0);
@@ -160,7 +160,7 @@ fn outline_limit(pixel: vec2i, surface: Surface, projection: Projection) -> f32 
     return toon_step_back_limit(surface.z, gradient, projection);
 }
 
-// True if one of the neighbours inside the image lies beyond that.
+// True if a neighbour inside the image lies beyond the outline limit.
 fn has_outline(pixel: vec2i, surface: Surface) -> bool {
     let limit = outline_limit(pixel, surface, frame.projection);
     let last = vec2i(frame.size_px) - 1;
@@ -180,9 +180,10 @@ struct Pixel {
     color: vec4f,
 }
 
-// The front surface is splats, a polygon, or the ones blended over the other (§6). At an edge it covers its share of
-// what lies behind (§5): the edge background's splats or the nearest polygon, whichever is in front, over the
-// background.
+// Shades a pixel of the opaque image. The nearest surface is splats, a polygon, or one blended over the other (§6).
+//
+// At an edge the surface covers only a part of the pixel (§5). Behind it is the nearer of the edge background's splats
+// and the nearest polygon, over the background.
 fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
     let splats = point_of(
         textureLoad(color_sums, pixel, 0),
@@ -203,7 +204,7 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
     var is_edge = false;
     if full && frame.has_edges != 0u && !shown {
         let has_threshold = textureLoad(threshold_tolerance, pixel, 0).x > 0.0;
-        // A pixel with a depth threshold but no filtered fragment is an edge, too: it covers nothing.
+        // A pixel with a depth threshold but no filtered fragment is an edge, too: its splats cover nothing.
         is_edge = (splats.is_there && !has_threshold) || textureLoad(shade_edge_threshold, pixel, 0).r > 0.0;
         if is_edge {
             backdrop = point_of(
@@ -216,7 +217,7 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
             }
         }
     }
-    // A loop, because compilers would otherwise inline three copies of the shading code.
+    // The loop prevents compilers from inlining three copies of the shading code.
     var colors = array<vec3f, 3>();
     let count = select(1u, 3u, full);
     for (var i = 0u; i < count; i++) {
@@ -259,7 +260,7 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
     return Pixel(front, color);
 }
 
-// The layers composited over a premultiplied colour.
+// Composites the layers over a premultiplied colour.
 fn composite_over(layers: LayerComposite, color: vec4f) -> vec4f {
     return vec4f(layers.color, layers.opacity) + color * (1.0 - layers.opacity);
 }
@@ -331,8 +332,8 @@ struct Composite {
     @builtin(frag_depth) depth: f32,
 }
 
-// Composition into a host's render target: its depth test decides which pixels show, and edges blend over what is
-// there.
+// Composites the image into a host's render target. The host's depth test decides which pixels show, and edges blend
+// over the target's contents.
 @fragment
 fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
@@ -341,8 +342,8 @@ fn composite_fragment(@builtin(position) position: vec4f) -> Composite {
     if frame.has_layers != 0u {
         layers = host_layers_at(pixel);
     }
-    // Layers and the opaque surface behind them are drawn at once, so the opaque surface, where there is one, gives the
-    // depth.
+    // Layers and the opaque surface behind them are drawn at once, so the depth is that of the opaque surface, if there
+    // is one.
     let z = select(layers.z, opaque.front.z, opaque.front.is_there);
     if z <= 0.0 {
         discard;
@@ -359,7 +360,7 @@ fn host_depth_of(z: f32) -> f32 {
     return fma(frame.host_depth.y, along, frame.host_depth.x);
 }
 
-// Where the host's depth buffer can be read, composition takes two passes. The first draws the opaque surface …
+// If the host's depth buffer can be read, composition takes two passes. This first one draws the opaque surface.
 @fragment
 fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     let pixel = vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px);
@@ -370,7 +371,7 @@ fn composite_opaque_fragment(@builtin(position) position: vec4f) -> Composite {
     return Composite(opaque.color, host_depth_of(opaque.front.z));
 }
 
-// … and the second the transparent layers, which were cut off at the host's depth when they were peeled.
+// The second composition pass draws the transparent layers. Peeling has already cut them off at the host's depth.
 @fragment
 fn composite_layers_fragment(@builtin(position) position: vec4f) -> @location(0) vec4f {
     let layers = host_layers_at(vec2i(floor(position.xy)) + vec2i(frame.shade_origin_px));

@@ -1,20 +1,20 @@
-// Shadow map lookup (rendering model §5): how much of a light reaches a point.
+// Shadow map lookup (rendering model §5): returns the fraction of a light that reaches a point.
 
-// A light's view and where its texels are.
+// View of a light, and the location of its texels.
 struct ShadowMap {
     view_from_world: mat3x3f,
-    // From the light to the eye, world axes.
+    // Vector from the light to the eye, world axes.
     eye: vec3f,
-    // First of its texels.
+    // Index of the map's first texel.
     texels_at: u32,
     @align(16) projection: Projection,
 }
 
 @group(0) @binding(3) var<storage, read> shadow_maps: array<ShadowMap>;
-// Row by row, the depth up to which a texel is lit, bias included.
+// Depth up to which a texel is lit, bias included, row by row.
 @group(0) @binding(4) var<storage, read> shadow_texels: array<f32>;
 
-// The share of a light that reaches a point given in a map's view.
+// Returns the fraction of a light that reaches a point in a map's view.
 fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
     let projection = map.projection;
     if p.z < projection.near {
@@ -43,12 +43,12 @@ fn map_visibility(map: ShadowMap, p: vec3f, normal: vec3f) -> f32 {
     return share;
 }
 
-// The share of a light that reaches a point; position relative to the eye, world axes.
+// Returns the fraction of a light that reaches a point. `position` is relative to the eye, in world axes.
 fn light_visibility(light: Light, position: vec3f, normal: vec3f) -> f32 {
     if light.map_count == 0u {
         return 1.0;
     }
-    // Of several maps, the one along whose axis the point lies farthest.
+    // Of several maps, the one along whose axis the point lies farthest is used.
     var best = light.first_map;
     var p = vec3f(0.0, 0.0, 0.0);
     for (var i = 0u; i < light.map_count; i++) {

@@ -1,5 +1,5 @@
-// Reads splats from their storage buffer, as surfel-gpu packs them: 32-bit words, or 16-bit halves where splats are
-// quantised. Offsets within a splat are counted in that unit.
+// Reads splats from their storage buffer in the layout of surfel-gpu: 32-bit words, or 16-bit half-words if splats are
+// quantised. Offsets within a splat are in that unit.
 
 @group(1) @binding(0) var<uniform> segment: Segment;
 @group(1) @binding(1) var<storage, read> splats: array<u32>;
@@ -19,12 +19,12 @@ fn stored_word(at: u32) -> u32 {
     return splats[at];
 }
 
-// The n-th of consecutive f32.
+// Returns the n-th of consecutive f32 numbers.
 fn stored_f32(at: u32, n: u32) -> f32 {
     return bitcast<f32>(stored_word(at + n * select(1u, 2u, is_quantised())));
 }
 
-// The n-th of consecutive numbers that are relative to a scale of their chunk.
+// Returns the n-th of consecutive numbers that are relative to a scale of their chunk.
 fn stored_number(at: u32, n: u32, scale: f32) -> f32 {
     if is_quantised() {
         return (f32(stored_half(at + n)) - 32768.0) * scale;
@@ -44,7 +44,7 @@ fn stored_unit(at: u32) -> vec3f {
     return stored_numbers(at, 0.0);
 }
 
-// A chunk's quantisation steps of centres, radii and colours.
+// Returns a chunk's quantisation steps of centres, radii and colours.
 fn stored_scales(chunk: u32) -> vec3f {
     if !is_quantised() {
         return vec3f(0.0, 0.0, 0.0);
@@ -57,8 +57,8 @@ fn stored_form(at: u32, n: u32) -> Linear {
     return Linear(stored_f32(at, n), stored_f32(at, n + 1u), stored_f32(at, n + 2u));
 }
 
-// The clip of splat i over its (u, v), by the frame's clip policy. Stored are nine numbers of the curve and its sign,
-// twelve of the lines and theirs, and three of the chord.
+// Returns the clip of splat i over its (u, v), by the frame's clip policy. Stored are nine numbers of the curve and its
+// sign, twelve numbers of the lines and their sign, and three numbers of the chord.
 fn stored_clip(i: u32) -> Clip {
     let at = i * segment.stride + segment.clip_at;
     let lines = array<Linear, 4>(

@@ -1,16 +1,16 @@
-// Depth peeling of transparent splats (rendering model §8): what a pixel's layers have come to so far, and which
-// fragments are still to be drawn.
+// Depth peeling of transparent splats (rendering model §8): the composited layers of each pixel so far, and the test
+// for fragments still to be drawn.
 
-// The layers of a pixel, composited front to back. All of it but the two depths is zero before the first layer.
+// The layers of a pixel, composited front to back. All fields except the two depths are zero before the first layer.
 struct LayerComposite {
     // Premultiplied colour of the layers so far, and their opacity.
     color: vec3f,
     opacity: f32,
-    // Attributes of the nearest layer; a depth of 0 says that there is none yet.
+    // Attributes of the nearest layer; a depth of 0 means that there is none yet.
     normal: vec3f,
     z: f32,
     weight: f32,
-    // Number of fragments; from LAYER_COUNT on, of layers that aren't empty.
+    // Number of fragments; from bit LAYER_COUNT on, number of layers that aren't empty.
     counts: u32,
     // Reversed depths: unpeeled fragments are deeper than the first, and no deeper than the opaque surface (0: none).
     peeled_depth: f32,
@@ -44,13 +44,13 @@ fn remaining_accumulates(in: AttributeVertex, z: f32) -> bool {
     return is_unpeeled(in.position, z);
 }
 
-// A layer of an A-buffer: fragments count by their coverage, too.
+// A layer of an A-buffer: fragments are also weighted by their coverage.
 fn gathered_accumulates(in: AttributeVertex, z: f32) -> bool {
     return peeled_accumulates(in, z);
 }
 
-// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight: the other one
-// is 1 under every filter. So a record of an A-buffer has both, and alpha, in full precision.
+// True if a record's factor is the area ratio of its coverage (§5), false if it is that of its weight. Under every
+// filter the other one is 1. A record of an A-buffer thus stores both, and alpha, in full precision.
 fn scale_is_coverage() -> bool {
     return frame.filter_kind == FILTER_CLAMP || frame.filter_kind == FILTER_ADJUST;
 }

@@ -1,4 +1,4 @@
-// Structs and constants of the passes' buffers. surfel-gpu fills these by the offsets that the build script reflects.
+// Structs and constants of the passes' buffers. surfel-gpu fills them at the offsets that the build script reflects.
 
 // Filters (rendering model §4).
 const FILTER_NONE: u32 = 0u;
@@ -16,68 +16,68 @@ const SHADER_TOON: u32 = 4u;
 const SHADER_MATCAP: u32 = 5u;
 const SHADER_EDL: u32 = 6u;
 
-// Samples along a pixel's side, where edges are antialiased by samples (§5).
+// Samples along a side of a pixel, if edges are antialiased by samples (§5).
 const SAMPLES_SIDE: u32 = 4u;
 
-// A frame, or one tile of it where it doesn't fit into a texture. Where edges are antialiased, targets have a border of
-// one pixel more than what is shaded, for neighbours.
+// Uniform of a frame, or of one tile of a frame that exceeds a texture. If edges are antialiased, the targets have a
+// border of one pixel around the shaded region, for neighbours.
 struct Frame {
     projection: Projection,
-    // h, pixels; 0 for no filter.
+    // Filter radius h in pixels; 0 for no filter.
     radius_px: f32,
-    // FILTER_….
+    // One of FILTER_….
     filter_kind: u32,
-    // Rotation of view axes to world axes, and back.
+    // Rotations from view to world axes, and back.
     world_from_view: mat3x3f,
     view_from_world: mat3x3f,
     // First pixel and size of the targets.
     origin_px: vec2i,
     size_px: vec2u,
-    // Slope (orthographic: offset) of the ray through the centre of pixel i: start + i·step.
+    // Slope (orthographic: offset) of the ray through the centre of pixel i: ray_start + i·ray_step.
     ray_start: vec2f,
     ray_step: vec2f,
     // Ambient light.
     ambient: vec3f,
     // Kernel cutoff c.
     cutoff: f32,
-    // Linear, premultiplied.
+    // Background colour, linear and premultiplied.
     background: vec4f,
-    // Ambient, diffuse, specular, shininess where all objects share them.
+    // Ambient, diffuse and specular factor and shininess, if all objects share them.
     material: vec4f,
-    // Toward the eye of an orthographic view, world axes.
+    // Direction to the eye of an orthographic view, world axes.
     to_eye: vec3f,
-    // SHADER_….
+    // One of SHADER_….
     shader_kind: u32,
     // Depth of an empty pixel: +∞, for which WGSL has no literal.
     empty_depth: f32,
-    // Footprints are projective: exact mapping in perspective.
+    // 1 if footprints are projective: exact mapping in perspective.
     projective: u32,
-    // The sums have colours, material factors.
+    // 1 if the sums include colours, or material factors.
     has_colors: u32,
     has_materials: u32,
     light_count: u32,
-    // Edges are antialiased.
+    // 1 if edges are antialiased.
     has_edges: u32,
-    // Texels on a side of a shadow map, and where a map that is drawn starts.
+    // Texels on a side of a shadow map, and offset of the map being drawn.
     shadow_side: u32,
     shadow_at: u32,
-    // The frame has polygons, outlines (where depth steps back), eye-dome lighting.
+    // 1 if the frame has polygons, outlines (at depth steps), or eye-dome lighting.
     has_polygons: u32,
     has_outlines: u32,
     has_eye_dome: u32,
-    // Coverage from which splats occlude a polygon behind them.
+    // Coverage from which on splats occlude a polygon behind them.
     full_coverage: f32,
-    // Transparent splats are drawn in layers, and records of them hold alpha in place of the coverage; those of an
-    // A-buffer have its area ratio, where a filter gives one, in place of the weight's factor.
+    // 1 if transparent splats are drawn in layers; their records then store alpha in place of the coverage. In an
+    // A-buffer (has_abuffer), records store the area ratio of a filter, if it has one, in place of the weight's factor.
     has_layers: u32,
     has_abuffer: u32,
-    // Clip curves are taken for their chords.
+    // 1 if clip curves are replaced by their chords.
     clip_by_chord: u32,
-    // Depths are summed in this unit, a power of two about as large as the farthest: f16 ends at 65504.
+    // Unit of summed depths, a power of two near the farthest depth: f16 ends at 65504.
     depth_unit: f32,
-    // Its reciprocal, for a GPU's division rounds.
+    // Reciprocal of depth_unit, since a GPU's division rounds.
     per_depth_unit: f32,
-    // First value of each plane in `planes`, or ABSENT.
+    // Offset of each plane in `planes`, or ABSENT.
     color_at: u32,
     depth_at: u32,
     normal_at: u32,
@@ -87,55 +87,55 @@ struct Frame {
     alpha_at: u32,
     median_depth_at: u32,
     distortion_at: u32,
-    // Of trained Gaussians: cells in a row, whether colours are linear, where views begin, and what lies behind them in
-    // their colour space, premultiplied.
+    // For trained Gaussians: number of cells in a row, 1 if colours are linear, and least depth that is drawn.
     gaussian_columns: u32,
     has_linear_gaussians: u32,
     gaussian_near: f32,
-    // Where the states of pixels are among the lists of Gaussians, or ABSENT, and how many fragments a pixel has room
-    // for.
+    // Offset of the pixels' states in `gaussian_lists`, or ABSENT; maximum number of waiting fragments per pixel;
+    // background in the Gaussians' colour space, premultiplied.
     gaussian_states_at: u32,
     gaussian_room: u32,
     gaussian_background: vec4f,
-    // First pixel, counted within the targets, and size of what is shaded.
+    // First pixel, relative to the targets, and size of the shaded region.
     shade_origin_px: vec2u,
     shade_size_px: vec2u,
-    // The targets hold samples of pixels at edges, and the tile of those pixels has the two above, which are planes'.
+    // 1 if the targets contain samples of edge pixels. The shaded region is then that of the tile of pixels, whose
+    // planes are written.
     is_of_samples: u32,
-    // Of the targets of that tile: their size, and the pixel that the first sample belongs to.
+    // For samples: size of the targets of the tile of pixels, and the pixel that the first sample belongs to.
     pixels_size_px: vec2u,
     first_pixel: vec2u,
-    // A host's depth buffer holds x + y/z (perspective), or x + y·z (orthographic).
+    // A host's depth buffer stores x + y/z (perspective) or x + y·z (orthographic).
     host_depth: vec2f,
-    // Of the compute path: cells in a row, and in all, chunks that may touch the tile, groups of records, and how many
-    // records and pairs there is room for.
+    // For the compute path: number of cells in a row and in all, of chunks that may touch the tile, and of groups of
+    // records; capacity of the buffers in records and pairs.
     cell_columns: u32,
     cell_count: u32,
     cell_chunk_count: u32,
     cell_group_count: u32,
     cell_record_room: u32,
     cell_pair_room: u32,
-    // Where `planes` hold the surfaces that passes over neighbours look at, or ABSENT.
+    // Offset in `planes` of the surfaces that passes over neighbours read, or ABSENT.
     surfaces_at: u32,
-    // A uniform buffer aligns structs so.
+    // A uniform buffer aligns structs to 16 bytes.
     @align(16) tolerance: Tolerance,
 }
 
 const ABSENT: u32 = 0xffffffffu;
 
 struct Object {
-    // Object to view directions.
+    // Matrix from object to view directions.
     linear: mat3x3f,
-    // Object to world normals up to scale, turned outside-out.
+    // Matrix from object to world normals up to scale, which point outwards.
     normals: mat3x3f,
-    // Ambient, diffuse, specular, shininess.
+    // Ambient, diffuse and specular factor, shininess.
     material: vec4f,
-    // Back-facing splats are left out; show the reverse of their shading normal.
+    // 1 if back-facing splats are skipped; 1 if they show the reverse of their shading normal.
     cull_back: u32,
     two_sided: u32,
     // Coverage of a unit of weight: 1/W0 at the frame's cutoff.
     coverage: f32,
-    // Its normals all point out of the same surface, and the frame keeps that surface's sides apart.
+    // 1 if all normals point out of the same surface; 1 if the frame also separates the sides of that surface.
     oriented: u32,
     keeps_facings: u32,
 }
@@ -144,46 +144,46 @@ struct Object {
 struct Chunk {
     // View position of the origin.
     center: vec3f,
-    // CHUNK_OUTSIDE, CHUNK_ORDINARY, or where its splats' bits in `near_bits` start.
+    // CHUNK_OUTSIDE, CHUNK_ORDINARY, or the position of its splats' bits in `near_bits`.
     state: u32,
 }
 
-// No splat of the chunk can touch the tile.
+// State of a chunk if none of its splats can touch the tile.
 const CHUNK_OUTSIDE: u32 = 0xffffffffu;
-// None of its splats reaches the near plane.
+// State of a chunk if none of its splats reaches the near plane.
 const CHUNK_ORDINARY: u32 = 0xfffffffeu;
-// Splats of a chunk, at most.
+// Maximum number of splats of a chunk.
 const CHUNK_SPLATS: u32 = 256u;
 
-// A part of an object's splats that one buffer holds.
+// Splats of an object that one buffer holds.
 struct Segment {
     // Index of the object.
     object: u32,
     // Number of splats.
     count: u32,
-    // Length of a splat in `splats`: words, or halves of them where splats are in 16 bits. So are the places below
-    // counted.
+    // Length of a splat in `splats`. It and the offsets below are in words, or in half-words if splats are quantised to
+    // 16 bits.
     stride: u32,
-    // Its shape is normal and radius of a disk, or s and t.
+    // 1 if the shape is the normal and radius of a disk, 0 if it is the axes s and t.
     is_disk: u32,
     center_at: u32,
     shape_at: u32,
-    // ABSENT where splats have none.
+    // ABSENT if splats have no colours, or no shading normals.
     color_at: u32,
     shading_normal_at: u32,
-    // Only of segments of clipped splats.
+    // Only in segments of clipped splats.
     clip_at: u32,
-    // Only of segments of transparent splats.
+    // Only in segments of transparent splats.
     alpha_at: u32,
-    // Word in `splats` from which on the chunks' scales are; ABSENT where splats are f32.
+    // Offset in words of the chunks' scales in `splats`; ABSENT if splats are f32.
     scales_at: u32,
 }
 
 const WORKGROUP: u32 = 64u;
 
-// A splat on the screen. Forms are about the anchor, base + fraction.
+// A splat on the screen. Forms are relative to the anchor, base + fraction.
 struct Record {
-    // Whole pixels of the anchor, and what remains of it.
+    // Integer and fractional part of the anchor in pixels.
     base: vec2i,
     fraction: vec2f,
     // Gradients of the unfiltered (u·w, v·w).
@@ -192,63 +192,63 @@ struct Record {
     // Gradient of the plane's depth form, and the form's scale (see DepthPlane).
     depth: vec2f,
     scale: f32,
-    // ε.
+    // Depth tolerance ε.
     epsilon: f32,
     // Range of the depth form over the disk: of w, or of z.
     range: vec2f,
     // Factor of the weight.
     weight_scale: f32,
-    // RECORD_… flags; the object's index from RECORD_OBJECT on.
+    // RECORD_… flags; the object's index begins at bit RECORD_OBJECT.
     flags: u32,
     // Gradients of the filtered (u·w, v·w, w).
     u: vec2f,
     v: vec2f,
     w: vec2f,
-    // u·w, v·w at the anchor; 0 for an ordinary splat.
+    // u·w and v·w at the anchor; 0 for an ordinary splat.
     at_anchor: vec2f,
     // Linear albedo.
     color: vec3f,
     // w at the anchor; 1 for an ordinary splat.
     w_at_anchor: f32,
-    // World shading normal, turned to the eye where the material is two-sided.
+    // Shading normal in world axes, turned to the eye if the material is two-sided.
     normal: vec3f,
-    // Coverage of a unit of weight, a/W0; where transparent splats are layers of their own, their alpha.
+    // Coverage of a unit of weight, a/W0; the alpha, if transparent splats are drawn in layers.
     coverage: f32,
-    // Pixels of the tile that the unfiltered and the filtered footprint may touch: first column | first row << 16, end
-    // column | end row << 16.
+    // Boxes of the tile's pixels that the unfiltered and the filtered footprint may touch: first column | first row <<
+    // 16, end column | end row << 16.
     visible_box: vec2u,
     filtered_box: vec2u,
 }
 
-// Clips of a splat's two footprints, about the record's anchor.
+// Clips of a splat's two footprints, relative to the record's anchor.
 struct RecordClip {
     visible: Clip,
     filtered: Clip,
 }
 
-// The depth form is that of 1/z, else of z.
+// The depth form is that of 1/z; without the flag that of z.
 const RECORD_RECIPROCAL: u32 = 1u;
-// The disk of `clamp` belongs to the filtered footprint.
+// The filtered footprint includes the disk of the filter `clamp`.
 const RECORD_CLAMP: u32 = 2u;
-// In place of the gradients of the unfiltered (u·w, v·w) is the view position of the centre.
+// The gradients of the unfiltered (u·w, v·w) are replaced by the view position of the centre.
 const RECORD_CENTERED: u32 = 4u;
-// The splat is front-facing, or back-facing, of an oriented cloud whose sides are kept apart.
+// The splat is front-facing, or back-facing, and belongs to an oriented cloud whose sides are separated.
 const RECORD_FRONT: u32 = 8u;
 const RECORD_BACK: u32 = 16u;
 const RECORD_OBJECT: u32 = 5u;
 
 struct Light {
-    // Relative to the eye, world axes.
+    // Position relative to the eye, world axes.
     position: vec3f,
-    // LIGHT_….
+    // One of LIGHT_….
     kind: u32,
-    // Unit, where the light travels.
+    // Unit direction in which the light travels.
     direction: vec3f,
-    // Half-angles of a spot, radians.
+    // Half-angle of a spot's full strength, radians; `outer` is that of its edge.
     inner: f32,
     color: vec3f,
     outer: f32,
-    // Its shadow maps.
+    // Index of the light's first shadow map, and number of maps.
     first_map: u32,
     map_count: u32,
 }

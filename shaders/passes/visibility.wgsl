@@ -1,5 +1,5 @@
 // The visibility pass (rendering model §5): splats are drawn as quads over their records' pixel boxes, and the depth
-// buffer keeps the least z + ε of a pixel, the depth threshold. The attribute pass shares the quads and the depths.
+// buffer stores the least z + ε of a pixel, the depth threshold. The attribute pass uses the same quads and depths.
 
 @group(1) @binding(0) var<storage, read> records: array<Record>;
 
@@ -16,7 +16,7 @@ struct VisibilityVertex {
     @location(5) @interpolate(flat, either) flags: u32,
 }
 
-// Corner 0 … 3 of a triangle strip over a box of the tile's pixels. An empty box has no area and no fragments.
+// Returns corner 0 … 3 of a triangle strip over a box of the tile's pixels. An empty box has no area and no fragments.
 fn corner_of(pixels: vec2u, vertex: u32) -> vec4f {
     let first = vec2u(pixels.x & 0xffffu, pixels.x >> 16u);
     let end = vec2u(pixels.y & 0xffffu, pixels.y >> 16u);
@@ -25,19 +25,20 @@ fn corner_of(pixels: vec2u, vertex: u32) -> vec4f {
     return vec4f(ndc.x, -ndc.y, 0.0, 1.0);
 }
 
-// From the anchor to the centre of the fragment's pixel: whole pixels are exact, so an offset is rounded once.
+// Returns the offset from the anchor to the centre of the fragment's pixel. Integers are exact, so an offset is rounded
+// once.
 fn offset_of(position: vec4f, base: vec2i, fraction: vec2f) -> vec2f {
     let pixel = vec2i(floor(position.xy)) + frame.origin_px;
     return vec2f(pixel - base) + (vec2f(0.5, 0.5) - fraction);
 }
 
-// gradient·d + constant.
+// Returns gradient·d + constant.
 fn form_at(gradient: vec2f, d: vec2f, constant: f32) -> f32 {
     return fma(gradient.x, d.x, fma(gradient.y, d.y, constant));
 }
 
-// Depth of the splat's plane within the disk's own range (§3). Both passes call this with the same numbers, so that a
-// fragment's depth is the same in both.
+// Returns the depth of the splat's plane, clamped to the disk's range (§3). Both passes call this with the same
+// numbers, so a fragment's depth is the same in both.
 fn fragment_depth(d: vec2f, depth: vec4f, scale: f32, w_at_anchor: f32, flags: u32) -> f32 {
     if (flags & RECORD_RECIPROCAL) != 0u {
         return scale / clamp(form_at(depth.xy, d, w_at_anchor), depth.z, depth.w);
@@ -45,7 +46,7 @@ fn fragment_depth(d: vec2f, depth: vec4f, scale: f32, w_at_anchor: f32, flags: u
     return clamp(form_at(depth.xy, d, scale), depth.z, depth.w);
 }
 
-// Reversed depth z_near/z: an f32 depth buffer holds it to the last bits, near or far.
+// Returns the reversed depth z_near/z, which an f32 depth buffer stores accurately, near or far.
 fn reversed_depth(z: f32) -> f32 {
     return frame.projection.near / z;
 }
@@ -72,7 +73,7 @@ fn visibility_corner(vertex: u32, instance: u32) -> VisibilityVertex {
     );
 }
 
-// True inside the unfiltered splat, from gradients of its (u·w, v·w) and of its depth form.
+// True inside the unfiltered splat, given the gradients of its (u·w, v·w) and of its depth form.
 fn is_in_unfiltered(d: vec2f, uv: vec4f, depth: vec2f, at_anchor: vec3f, flags: u32) -> bool {
     let u = form_at(uv.xy, d, at_anchor.x);
     let v = form_at(uv.zw, d, at_anchor.y);
@@ -83,7 +84,7 @@ fn is_in_unfiltered(d: vec2f, uv: vec4f, depth: vec2f, at_anchor: vec3f, flags: 
     return 0.0 < w && fma(u, u, v * v) <= w * w;
 }
 
-// Depth of a fragment of the unfiltered splat; 0 where there is none.
+// Returns the depth of a fragment of the unfiltered splat; 0 if there is none.
 fn visible_depth(in: VisibilityVertex) -> f32 {
     let d = offset_of(in.position, in.base, in.anchor.xy);
     let z = fragment_depth(d, in.depth, in.anchor.z, in.at_anchor.z, in.flags);
@@ -92,8 +93,8 @@ fn visible_depth(in: VisibilityVertex) -> f32 {
 
 struct ThresholdOutput {
     @builtin(frag_depth) depth: f32,
-    // The threshold z + ε and the ε of the splat that it is of, for edge detection. Of equal thresholds the first drawn
-    // stays, in the order of the buffers rather than of the cloud.
+    // The threshold z + ε, and the ε of the splat that defines it, for edge detection. Of equal thresholds the first
+    // one drawn remains, in the order of the buffers, not of the cloud.
     @location(0) threshold_tolerance: vec2f,
 }
 

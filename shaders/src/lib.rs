@@ -1,41 +1,43 @@
-//! Surfel's shaders: the only shader source there is, in WGSL.
+//! Surfel's shaders, in WGSL: the only shader source of images.
 //!
-//! `wgsl/` holds the formulas. Each function is the twin of one in `surfel-math`: the same formula in the same order of
-//! operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] says which belongs
-//! to which. `passes/` holds what is drawn with them: data, entry points, bindings. The build script puts the modules
-//! together by their manifests and has naga parse and validate them, so a program that builds has valid shaders; what
-//! buffers hold ([`layout`]) and what entry points bind ([`ENTRIES`]) is reflected, never written twice.
+//! `wgsl/` contains the formulas. Each function is the twin of one in `surfel-math`: the same formula in the same order
+//! of operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] lists the
+//! pairs. `passes/` contains the data, entry points and bindings that draw with these formulas.
+//!
+//! The build script concatenates the modules by their manifests, and naga parses and validates them, so a program that
+//! builds has valid shaders. Buffer layouts ([`layout`]) and the bindings of entry points ([`ENTRIES`]) are reflected,
+//! never written twice.
 
-/// The formulas as one WGSL text without entry points, valid on its own.
+/// Formulas as one WGSL text without entry points, valid on its own.
 pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));
 
-/// The formulas and the passes.
+/// Formulas and passes as one WGSL text.
 pub const PASSES: &str = include_str!(concat!(env!("OUT_DIR"), "/passes.wgsl"));
 
-/// Each entry point of [`PASSES`] by name, as SPIR-V 1.3 for Vulkan 1.1: a module of it and what it uses, clip space
-/// with y up as in WebGPU.
+/// SPIR-V 1.3 for Vulkan 1.1 of each entry point of [`PASSES`], by name. A module contains the entry point and the code
+/// that it uses. Clip space has y up as in WebGPU.
 pub const SPIRV: &[(&str, &[u32])] = include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
 
-/// Names of the functions in [`WGSL`], sorted, as naga found them.
+/// Names of the functions in [`WGSL`], sorted, as reported by naga.
 pub const FUNCTIONS: &[&str] = include!(concat!(env!("OUT_DIR"), "/functions.rs"));
 
-/// Byte offsets of what buffers hold, and the shaders' constants.
+/// Byte offsets of the structs in buffers, and the shaders' constants.
 pub mod layout {
     include!(concat!(env!("OUT_DIR"), "/layout.rs"));
 }
 
-/// Where an entry point runs.
+/// Shader stage of an entry point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Stage {
-    /// Once a vertex.
+    /// Vertex shader.
     Vertex,
-    /// Once a fragment.
+    /// Fragment shader.
     Fragment,
-    /// In workgroups.
+    /// Compute shader.
     Compute,
 }
 
-/// What a binding is.
+/// Kind of resource of a binding.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingKind {
     /// A uniform buffer.
@@ -50,39 +52,39 @@ pub enum BindingKind {
     DepthTexture,
 }
 
-/// Something that an entry point reads or writes.
+/// Resource that an entry point reads or writes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Binding {
     /// Bind group, or descriptor set.
     pub group: u32,
-    /// Number within the group.
+    /// Binding number within the group.
     pub binding: u32,
-    /// What it is.
+    /// Kind of the resource.
     pub kind: BindingKind,
 }
 
-/// An entry point of [`PASSES`].
+/// Entry point of [`PASSES`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Entry {
-    /// Its name.
+    /// Function name of the entry point.
     pub name: &'static str,
-    /// Where it runs.
+    /// Shader stage that it runs in.
     pub stage: Stage,
-    /// Size of a workgroup; zeros for what isn't computed in workgroups.
+    /// Size of a workgroup; zeros unless the stage is [`Stage::Compute`].
     pub workgroup: [u32; 3],
-    /// What it binds, by group and number.
+    /// Bindings that it uses, sorted by group and number.
     pub bindings: &'static [Binding],
 }
 
-/// The entry points.
+/// All entry points.
 pub const ENTRIES: &[Entry] = include!(concat!(env!("OUT_DIR"), "/entries.rs"));
 
-/// A function that is written twice.
+/// Function that exists both in WGSL and in Rust.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Twin {
-    /// Its name in [`WGSL`].
+    /// Name in [`WGSL`].
     pub wgsl: &'static str,
-    /// Its path in `surfel-math`.
+    /// Path in `surfel-math`.
     pub rust: &'static str,
 }
 
@@ -90,7 +92,7 @@ const fn twin(wgsl: &'static str, rust: &'static str) -> Twin {
     Twin { wgsl, rust }
 }
 
-/// Every function of [`WGSL`] but [`HELPERS`], and its twin in `surfel-math`, by module.
+/// All functions of [`WGSL`] except [`HELPERS`], with their twins in `surfel-math`, by module.
 pub const TWINS: &[Twin] = &[
     twin("difference_of_products", "real::Real::difference_of_products"),
     twin("sum_of_products", "real::Real::sum_of_products"),
@@ -163,7 +165,8 @@ pub const TWINS: &[Twin] = &[
     twin("srgb_decode", "srgb::decode"),
 ];
 
-/// Functions of [`WGSL`] without a twin: parts of one, where WGSL has no closures or no fused multiply-add to rely on.
+/// Functions of [`WGSL`] without a twin. They are parts of functions that have one, since WGSL has no closures and no
+/// reliable fused multiply-add.
 pub const HELPERS: &[&str] = &[
     "upper_half",
     "product_head",

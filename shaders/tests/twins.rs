@@ -1,10 +1,10 @@
-//! Every shader function has a twin in surfel-math, and constants that both have are equal.
+//! Tests that every shader function has a twin in surfel-math, and that constants that both have are equal.
 
 use std::collections::BTreeSet;
 
 use surfel_shaders::{FUNCTIONS, HELPERS, TWINS, WGSL};
 
-/// Paths of surfel-math's functions. That they exist is checked by the compiler: each is used as a value.
+/// Lists paths of surfel-math's functions. The compiler checks that they exist: each is used as a value.
 macro_rules! paths {
     ($($module:ident $(:: $name:ident)+ $(, as $value:expr)?);+ $(;)?) => {
         [$({
@@ -106,7 +106,7 @@ fn every_function_in_the_table_exists_in_rust_under_the_name_of_its_twin() {
     let paths = rust_paths();
     assert_eq!(TWINS.iter().map(|twin| twin.rust).collect::<BTreeSet<_>>(), paths);
     for twin in TWINS {
-        // A method `Type::name` is called type_name, a free function by its own name.
+        // A method `Type::name` is called `type_name`, a free function by its own name.
         let name = twin.rust.rsplit("::").next().unwrap();
         assert!(twin.wgsl == name || twin.wgsl.ends_with(&format!("_{name}")), "{twin:?}");
     }

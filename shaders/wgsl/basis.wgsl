@@ -1,6 +1,6 @@
 // Directions and orthonormal bases. Twin: surfel-math, basis.rs.
 
-// v scaled to unit length at any magnitude; zero stays zero.
+// Returns v scaled to unit length at any magnitude; zero stays zero.
 fn unit(v: vec3f) -> vec3f {
     let largest = v3_max_abs(v);
     let scaled = v * (1.0 / select(1.0, largest, 0.0 < largest));
@@ -13,7 +13,7 @@ struct Pair {
     t: vec3f,
 }
 
-// An orthonormal pair with s × t along a unit normal. Source: Duff et al. 2017.
+// Returns an orthonormal pair with s × t along a unit normal. Source: Duff et al. 2017.
 fn orthonormal(n: vec3f) -> Pair {
     let side = select(1.0, -1.0, n.z < 0.0);
     let a = -1.0 / (side + n.z);
@@ -22,7 +22,7 @@ fn orthonormal(n: vec3f) -> Pair {
     return Pair(s, vec3f(b, fma(n.y * n.y, a, side), -n.y));
 }
 
-// The direction of two coordinates on the octahedron, not of unit length. Twin: surfel-math, quantise.rs.
+// Returns the direction of two octahedral coordinates, not of unit length. Twin: surfel-math, quantise.rs.
 fn unfolded(x: f32, y: f32) -> vec3f {
     let z = 1.0 - abs(x) - abs(y);
     let below = max(-z, 0.0);

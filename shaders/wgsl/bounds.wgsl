@@ -1,12 +1,12 @@
-// The pixels a footprint can touch (rendering model §3): conservative and tight. Twin: surfel-math, bounds.rs.
+// The pixels that a footprint can touch (rendering model §3): conservative and tight. Twin: surfel-math, bounds.rs.
 
-// Pixel offsets from an anchor.
+// A box of pixel offsets from an anchor.
 struct Extent {
     least: vec2f,
     greatest: vec2f,
 }
 
-// Extremes of one coordinate of an ellipse, j a row of J; see bounds_ellipse.
+// Returns the extremes of one coordinate of an ellipse; j is a row of J. See bounds_ellipse.
 fn ellipse_extremes(j: vec2f, slope: vec2f, d: f32) -> vec2f {
     let b = v2_dot(j, slope);
     let square = v2_dot(j, j);
@@ -14,12 +14,13 @@ fn ellipse_extremes(j: vec2f, slope: vec2f, d: f32) -> vec2f {
     let q = root + abs(b);
     let far = q / d;
     let near = square / select(1.0, q, 0.0 < q);
-    // b > 0 leans the ellipse toward negative offsets.
+    // If b > 0, the ellipse reaches farther toward negative offsets.
     return select(vec2f(-near, far), vec2f(-far, near), 0.0 < b);
 }
 
-// Box of offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| < 1: the dual conic (Sigg 2006) about the projected
-// centre, its root of larger magnitude formed without cancellation, the other from the product of both.
+// Returns the box of the offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| < 1. Uses the dual conic (Sigg 2006)
+// about the projected centre. The root of larger magnitude is formed without cancellation, the other from the product
+// of both.
 fn bounds_ellipse(j_s: vec2f, j_t: vec2f, slope: vec2f) -> Extent {
     let length = v2_length(slope);
     let d = (1.0 - length) * (1.0 + length);
@@ -28,12 +29,12 @@ fn bounds_ellipse(j_s: vec2f, j_t: vec2f, slope: vec2f) -> Extent {
     return Extent(vec2f(x.x, y.x), vec2f(x.y, y.y));
 }
 
-// Box of the unfiltered splat.
+// Returns the box of the unfiltered splat.
 fn bounds_unfiltered(projected: Projected, projective: bool) -> Extent {
     return bounds_ellipse(projected.j_s, projected.j_t, select(vec2f(0.0, 0.0), projected.slope, projective));
 }
 
-// Box of a footprint about its centre (constants 0, 0, 1), from its forms alone.
+// Returns the box of a footprint about its centre (constants 0, 0, 1), from its forms alone.
 fn bounds_footprint(f: Footprint) -> Extent {
     let u = vec2f(f.u.x, f.u.y);
     let v = vec2f(f.v.x, f.v.y);

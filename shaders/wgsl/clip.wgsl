@@ -1,23 +1,23 @@
 // Clip curves and lines as linear forms (rendering model §7). Twin: surfel-math, clip.rs, which also makes the forms.
 
-// How the given (u, v) of a point follow from a filtered footprint's (u', v'): an orthogonal map.
+// Orthogonal map from a filtered footprint's (u', v') to the (u, v) in which a clip is given.
 struct Turn {
-    // (u, v) of (u', v') = (1, 0) and (0, 1).
+    // The (u, v) of (u', v') = (1, 0), and of (0, 1).
     first: vec2f,
     second: vec2f,
 }
 
-// Forms over (u, v), or over pixels once composed: the curve's chord and sides, scaled so that its conic is
-// chord² = side1·side3, and up to four lines.
+// Forms of a clip over (u, v), or over pixels after `clip_through`: the curve's chord and sides, scaled so that its
+// conic is chord² = side1·side3, and up to four lines.
 struct Clip {
     chord: Linear,
     side1: Linear,
     side3: Linear,
-    // 1: keeps the inside of the curve; −1: its outside.
+    // 1 if the clip keeps the inside of the curve, −1 if it keeps the outside.
     curve_sign: f32,
-    // Times line_sign; absent ones are positive everywhere.
+    // Lines, multiplied by line_sign. Absent lines are positive everywhere.
     lines: array<Linear, 4>,
-    // 1: every line must keep; −1: one is enough.
+    // 1 if a point has to be inside every line, −1 if inside one of them.
     line_sign: f32,
 }
 
@@ -29,7 +29,7 @@ fn turn_apply(turn: Turn, p: vec2f) -> vec2f {
     return turn.first * p.x + turn.second * p.y;
 }
 
-// First inner, then outer.
+// Returns the map that applies `inner` first, then `outer`.
 fn turn_after(outer: Turn, inner: Turn) -> Turn {
     return Turn(turn_apply(outer, inner.first), turn_apply(outer, inner.second));
 }
@@ -45,7 +45,7 @@ fn form_through(form: Linear, footprint: Footprint, turn: Turn) -> Linear {
     );
 }
 
-// The clip over pixels, seen through a footprint whose (u', v') the turn brings back to the given (u, v).
+// Returns the clip over pixels. `turn` maps the (u', v') of the footprint to the clip's (u, v).
 fn clip_through(clip: Clip, footprint: Footprint, turn: Turn) -> Clip {
     return Clip(
         form_through(clip.chord, footprint, turn),
@@ -66,7 +66,7 @@ fn clip_curve_keeps(clip: Clip, d: vec2f) -> bool {
     let chord = linear_at(clip.chord, d);
     let side1 = linear_at(clip.side1, d);
     let side3 = linear_at(clip.side3, d);
-    // A square at most their product leaves side3 the sign of side1.
+    // Comparing the square with the product is enough: where it holds, side3 has the sign of side1.
     let inside = chord <= 0.0 || (0.0 <= side1 && chord * chord <= side1 * side3);
     return inside != (clip.curve_sign < 0.0);
 }
@@ -74,7 +74,7 @@ fn clip_curve_keeps(clip: Clip, d: vec2f) -> bool {
 fn clip_lines_keep(clip: Clip, d: vec2f) -> bool {
     let a = min(linear_at(clip.lines[0], d), linear_at(clip.lines[1], d));
     let b = min(linear_at(clip.lines[2], d), linear_at(clip.lines[3], d));
-    // One of the lines is at least 0 ⇔ the least of their negatives is at most 0.
+    // At least one line is ≥ 0 exactly if the minimum of their negatives is ≤ 0.
     return 0.0 <= min(a, b) * clip.line_sign;
 }
 

@@ -1,5 +1,5 @@
-// Depth of a fragment, and how far apart two fragments of one surface may be (rendering model §3, §5).
-// Twin: surfel-math, depth.rs.
+// Depth of a fragment, and depth tolerance between fragments of one surface (rendering model §3, §5). Twin:
+// surfel-math, depth.rs.
 
 // z = scale/(at_anchor + gradient·d): the plane in perspective.
 const DEPTH_RECIPROCAL: u32 = 0u;
@@ -9,25 +9,26 @@ const DEPTH_LINEAR: u32 = 1u;
 const TOLERANCE_RELATIVE: u32 = 0u;
 const TOLERANCE_ABSOLUTE: u32 = 1u;
 
-// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
+// Pixels beyond the filter radius that the slope term includes: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f32 = 0.7;
 
 struct DepthPlane {
     gradient: vec2f,
     scale: f32,
     at_anchor: f32,
-    // The disk's own range.
+    // Depth range of the disk.
     z_min: f32,
     z_max: f32,
 }
 
-// A multiple of the larger radius, or world units.
+// A tolerance as a multiple of the larger radius, or in world units.
 struct Tolerance {
     value: f32,
     kind: u32,
 }
 
-// The splat's own plane at offset d, clamped to the disk's range on 1/z: a plane behind the eye gives the far end (§3).
+// Returns the depth of the splat's plane at offset d, clamped to the disk's range on 1/z. A plane behind the eye gives
+// the far end (§3).
 fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     let value = fma(plane.gradient.x, d.x, plane.gradient.y * d.y);
     if form == DEPTH_LINEAR {
@@ -38,8 +39,8 @@ fn depth_plane_at(plane: DepthPlane, d: vec2f, form: u32) -> f32 {
     return select(plane.z_max, max(min(z, plane.z_max), plane.z_min), 0.0 < w);
 }
 
-// ε (§5), world units; h_px is 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen
-// at a grazing angle rejects half of its own filter.
+// Returns ε (§5) in world units; h_px is 0 for a splat drawn without a filter. The slope term is Surfel's own: without
+// it a surface seen at a grazing angle rejects half of its own filter.
 fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, projection: Projection) -> f32 {
     let p = splat.p;
     let n = splat.n;
@@ -52,7 +53,7 @@ fn tolerance(splat: ViewSplat, radius_max: f32, h_px: f32, setting: Tolerance, p
         let q = p * inverse;
         let facing = abs(fma(n.x, q.x, fma(n.y, q.y, n.z * q.z)));
         let length = sqrt(fma(q.x, q.x, fma(q.y, q.y, q.z * q.z)));
-        // A splat at the eye itself has neither; its slope term is 0.
+        // A splat at the eye itself has neither facing nor length; its slope term is 0.
         slope = per_pixel * (q.z * p.z) / max(max(facing, 0.02 * length), 1e-30);
         z = max(p.z, projection.near);
     }
@@ -67,8 +68,8 @@ fn away_from_zero(v: f32, least: f32) -> f32 {
     return select(max(v, least), -max(-v, least), v < 0.0);
 }
 
-// Change of planar depth over a pixel to the right and one down, on the plane through the view position p with unit
-// view normal n; steepness is limited as that of ε is.
+// Returns the change of planar depth over a pixel to the right and over a pixel down. The plane contains the view
+// position p and has the unit view normal n. Its steepness is limited as in ε.
 fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     let across = vec2f(n.x / projection.focal_px.x, n.y / projection.focal_px.y);
     if projection.kind == ORTHOGRAPHIC {
@@ -77,10 +78,10 @@ fn plane_gradient(p: vec3f, n: vec3f, projection: Projection) -> vec2f {
     return across * -(p.z * p.z / away_from_zero(v3_dot(n, p), 0.02 * v3_length(p)));
 }
 
-// Pixels over which a polygon's own slope accounts for a step of depth to one of its eight neighbours.
+// Pixels over which a polygon's own slope accounts for a depth step to one of its eight neighbours.
 const STEP_PX: f32 = 2.0;
 
-// How far behind a polygon's depth z its own surface may lie in a neighbouring pixel.
+// Returns how far behind a polygon's depth z its own surface may lie in a neighbouring pixel.
 fn step_allowance(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return max(min(STEP_PX * v2_length(gradient), 0.1 * scale), 1e-3 * scale);

@@ -1,18 +1,18 @@
 // Front- and back-facing splats of one oriented surface (rendering model §2, §5). Twin: surfel-math, facing.rs.
 
-// By how much of its ε a back-facing fragment has to lie before the front-facing ones to be what a pixel shows.
+// Fraction of its ε by which a back-facing fragment has to lie before the front-facing ones for a pixel to show it.
 const BACK_FACING_LAG: f32 = 0.125;
 
-// Sine of the angle between a back-facing splat's plane and the ray to it, up to which it is lit as if it were
+// Sine of the largest angle between a back-facing splat's plane and the ray to it at which it is lit as if it were
 // front-facing: 10°.
 const RIM_SINE: f32 = 0.173648178;
 
-// How near a visibility fragment counts for the choice of the facing that a pixel shows.
+// Returns the depth of a visibility fragment that decides which side a pixel shows.
 fn nearness(z: f32, epsilon: f32, back_facing: bool) -> f32 {
     return select(z, fma(BACK_FACING_LAG, epsilon, z), back_facing);
 }
 
-// The shading normal of a back-facing splat of an oriented two-sided surface: turned about, or near the contour
+// Returns the shading normal of a back-facing splat of an oriented two-sided surface: reversed, or near the contour
 // mirrored in the plane across the ray.
 fn back_normal(shading: vec3f, cosine: f32, to_eye: vec3f) -> vec3f {
     let along = v3_dot(shading, to_eye);

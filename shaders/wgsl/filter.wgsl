@@ -2,11 +2,11 @@
 
 struct Filtered {
     footprint: Footprint,
-    // Factor of the weight: the area ratio where the filter carries it in the weight, else 1.
+    // Factor of the weight: the area ratio if the filter includes it in the weight, else 1.
     weight_scale: f32,
-    // Area ratio of §5's coverage where the weight doesn't carry it, else 1.
+    // Area ratio of §5's coverage if the weight doesn't include it, else 1.
     coverage_scale: f32,
-    // Brings the footprint's (u, v) back to the splat's own: only clips ask (§7).
+    // Maps the footprint's (u, v) to the splat's own. Only clips use it (§7).
     turn: Turn,
 }
 
@@ -14,8 +14,9 @@ fn filtered_unfiltered(footprint: Footprint) -> Filtered {
     return Filtered(footprint, 1.0, 1.0, turn_none());
 }
 
-// Ours (§4): the projected ellipse's axes are lengthened to at least h pixels, weight × ∏ min(1, ℓ/h). An axis of at
-// least h stays exact; a lengthened one becomes parallel to the screen (Guennebaud et al. 2006 eq. 9).
+// Surfel's own filter (§4): lengthens the projected ellipse's axes to at least h pixels, and multiplies the weight by ∏
+// min(1, ℓ/h). An axis of at least h stays exact; a lengthened one becomes parallel to the screen (Guennebaud et al.
+// 2006 eq. 9).
 fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     let major = svd.major_axis;
@@ -26,7 +27,7 @@ fn principal(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let v = minor * (1.0 / short);
     var gradient = vec2f(0.0, 0.0);
     if projective {
-        // The depth gradient's share along each axis that keeps its length.
+        // Component of the depth gradient along each axis that isn't lengthened.
         let g = projected.depth_gradient;
         let along = select(v2_dot(g, major), 0.0, svd.major < h_px);
         let across = select(v2_dot(g, minor), 0.0, svd.minor < h_px);
@@ -48,8 +49,8 @@ fn ewa(projected: Projected, h_px: f32) -> Filtered {
     return Filtered(footprint, (svd.major / long) * (svd.minor / short), 1.0, principal_turn(projected, svd));
 }
 
-// V of J = U·diag(ℓ)·Vᵀ: from the coordinates along the ellipse's axes on the screen to the splat's (u, v). The second
-// column is the quarter turn that has det J's sign: nothing is divided by the smaller value.
+// Returns V of J = U·diag(ℓ)·Vᵀ: the map from coordinates along the ellipse's axes on the screen to the splat's (u, v).
+// The second column is the quarter turn with the sign of det J, so that nothing is divided by the smaller value.
 fn principal_turn(projected: Projected, svd: Svd2) -> Turn {
     let along = vec2f(v2_dot(projected.j_s, svd.major_axis), v2_dot(projected.j_t, svd.major_axis));
     let length = v2_length(along);
@@ -57,7 +58,7 @@ fn principal_turn(projected: Projected, svd: Svd2) -> Turn {
     return Turn(first, vec2f(-first.y, first.x) * select(1.0, -1.0, projected.det_j < 0.0));
 }
 
-// ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` leave to the coverage (§5).
+// Returns ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` apply to the coverage (§5) instead of the weight.
 fn area_ratio(projected: Projected, h_px: f32) -> f32 {
     let svd = svd2_of_columns(projected.j_s, projected.j_t, projected.det_j);
     return (svd.major / max(svd.major, h_px)) * (svd.minor / max(svd.minor, h_px));
@@ -69,8 +70,9 @@ struct Lengthened {
     short: bool,
 }
 
-// A projected half-axis whose diameter projects to less than 2h, made h long: along itself, or where it is zero along
-// the perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z², factored.
+// Returns a projected half-axis lengthened to h if its diameter projects to less than 2h: along itself, or if it is
+// zero along the perpendicular of the other. Guennebaud et al. 2006 eq. 8 with both sides multiplied by p_z² − t_z²,
+// factored.
 fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
     let length = v2_length(j);
     let limit = h_px * ((1.0 - a) * (1.0 + a));
@@ -83,7 +85,7 @@ fn adjust_lengthen(j: vec2f, other: vec2f, a: f32, h_px: f32) -> Lengthened {
     return Lengthened(j, a, false);
 }
 
-// Guennebaud et al. 2006 §4.1, eq. 8–9, given the half-axes that adjust_axes chose: each is lengthened by itself.
+// Guennebaud et al. 2006 §4.1, eq. 8–9, with the half-axes of adjust_axes_turned. Each is lengthened by itself.
 fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     let s = adjust_lengthen(projected.j_s, projected.j_t, projected.slope.x, h_px);
     let t = adjust_lengthen(projected.j_t, projected.j_s, projected.slope.y, h_px);
@@ -93,10 +95,11 @@ fn adjust(projected: Projected, h_px: f32, projective: bool) -> Filtered {
     return Filtered(footprint, 1.0, area_ratio(projected, h_px), turn_none());
 }
 
-// The half-axes that adjust works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
-// Guennebaud et al. 2006 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
-// With how their (u, v) turn back to the given ones. The twin turns by an arctangent; here half the angle comes from
-// the larger of |cos| and |sin| of the whole.
+// Returns the half-axes that `adjust` lengthens (§4), and the map from their (u, v) to the given ones.
+//
+// The axes are an ellipse's principal ones. For a disk (axes equal within 1e-3) they are those of Guennebaud et al.
+// 2006 eq. 10: s along p × n, t along n × s, where p is the view direction in an orthographic projection. The twin uses
+// an arctangent; here half the angle follows from the larger of |cos| and |sin| of the whole.
 fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let scale = radius_max(splat.s, splat.t);
     let s = splat.s * (1.0 / scale);
@@ -118,7 +121,7 @@ fn adjust_axes_turned(splat: ViewSplat, perspective: bool) -> TurnedPair {
     let p = select(vec3f(0.0, 0.0, 1.0), unit(splat.p), perspective);
     let along = v3_cross(p, splat.n);
     let on_axes = vec2f(v3_dot(along, pair.s), v3_dot(along, pair.t)) * (1.0 / scale);
-    // f32 knows no direction of a smaller p × n, and a disk seen face-on needs none.
+    // A smaller p × n has no reliable direction in f32, and a disk seen face-on needs none.
     if v3_length(along) <= 1e-7 {
         return TurnedPair(pair, turn_of(half));
     }
@@ -131,12 +134,12 @@ struct TurnedPair {
     turn: Turn,
 }
 
-// By the angle of these cosine and sine.
+// Returns the rotation by an angle, given its (cos, sin).
 fn turn_of(half: vec2f) -> Turn {
     return Turn(half, vec2f(-half.y, half.x));
 }
 
-// Unit vector along v; (1, 0) for zero.
+// Returns the unit vector along v; (1, 0) for zero.
 fn turn_by(v: vec2f) -> vec2f {
     let largest = max(abs(v.x), abs(v.y));
     if !(0.0 < largest) {
@@ -146,7 +149,7 @@ fn turn_by(v: vec2f) -> vec2f {
     return scaled * (1.0 / v2_length(scaled));
 }
 
-// (s·cos + t·sin, t·cos − s·sin).
+// Returns (s·cos + t·sin, t·cos − s·sin).
 fn turned(s: vec3f, t: vec3f, turn: vec2f) -> Pair {
     return Pair(s * turn.x + t * turn.y, t * turn.x - s * turn.y);
 }

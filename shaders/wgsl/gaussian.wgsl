@@ -1,6 +1,6 @@
 // Trained Gaussians (docs/gaussians.md). Twins: surfel-math, gaussian.rs and srgb.rs.
 
-// Linear forms of an offset d from a projected centre: the ray meets the Gaussian's plane at (u, v)/w standard
+// Linear forms of an offset d from a projected centre: the ray intersects the Gaussian's plane at (u, v)/w standard
 // deviations and depth z/w.
 struct GaussianForms {
     u: vec2f,
@@ -11,7 +11,8 @@ struct GaussianForms {
     low_pass: f32,
 }
 
-// ρ², and the depth. WGSL has no infinity: where the ray is parallel to the plane the depth is past all that shows.
+// Returns ρ² and the depth. WGSL has no infinity: if the ray is parallel to the plane, the depth exceeds all visible
+// ones.
 fn gaussian_forms_at(forms: GaussianForms, d: vec2f) -> vec2f {
     let inverse = 1.0 / away_from_zero(fma(forms.w.x, d.x, fma(forms.w.y, d.y, forms.w.z)), 1e-37);
     let u = clamp(fma(forms.u.x, d.x, forms.u.y * d.y) * inverse, -1e18, 1e18);
@@ -21,25 +22,25 @@ fn gaussian_forms_at(forms: GaussianForms, d: vec2f) -> vec2f {
     return vec2f(min(on_plane, on_screen), fma(forms.z.x, d.x, fma(forms.z.y, d.y, forms.z.z)) * inverse);
 }
 
-// A positive depth as pixels compare it, rounded to 17 bits.
+// Returns a positive depth rounded to 17 bits, by which pixels sort fragments.
 fn depth_step_f32(z: f32) -> u32 {
     return (bitcast<u32>(z) + 64u) >> 7u;
 }
 
-// The depth that the plane `distortion` compares.
+// Returns the depth that the plane `distortion` compares.
 fn distortion_depth(z: f32) -> f32 {
     return (1.0 - 0.2 / z) * 1.002004008;
 }
 
-// The range of f32, less what a few roundings may add.
+// Largest f32, less a margin for a few roundings.
 const LARGEST_COLOR: f32 = 3.4028e38;
 
-// A channel of a colour within that range.
+// Clamps a channel of a colour to ±LARGEST_COLOR.
 fn limit_color(channel: f32) -> f32 {
     return max(min(channel, LARGEST_COLOR), -LARGEST_COLOR);
 }
 
-// Linear value of an sRGB-encoded one.
+// Returns the linear value of an sRGB-encoded one.
 fn srgb_decode(encoded: f32) -> f32 {
     let curve = pow((max(encoded, 0.0) + 0.055) / 1.055, 2.4);
     return select(curve, encoded / 12.92, encoded <= 0.04045);

@@ -2,7 +2,7 @@
 //
 // Source: Guennebaud et al. 2006 §3: at offset d from the projected centre, (u·w, v·w, w) = (U(d), V(d), W(d)).
 
-// c + x·d.x + y·d.y.
+// The linear form c + x·d.x + y·d.y.
 struct Linear {
     c: f32,
     x: f32,
@@ -23,18 +23,19 @@ fn linear_at(form: Linear, d: vec2f) -> f32 {
     return fma(form.x, d.x, fma(form.y, d.y, form.c));
 }
 
-// (U, V, W) at an offset.
+// Returns (U, V, W) at an offset.
 fn footprint_at(footprint: Footprint, d: vec2f) -> vec3f {
     return vec3f(linear_at(footprint.u, d), linear_at(footprint.v, d), linear_at(footprint.w, d));
 }
 
-// Where the unit disk is hit: W > 0 and U² + V² ≤ W², no division.
+// True if the unit disk is hit: W > 0 and U² + V² ≤ W², without division.
 fn footprint_contains(footprint: Footprint, d: vec2f) -> bool {
     let uvw = footprint_at(footprint, d);
     return 0.0 < uvw.z && fma(uvw.x, uvw.x, uvw.y * uvw.y) <= uvw.z * uvw.z;
 }
 
-// Of half-axes with affine projections j_s, j_t (pixels) and slopes s_z/p_z, t_z/p_z (zero: affine).
+// Returns the footprint of half-axes with affine projections j_s, j_t (pixels) and slopes s_z/p_z, t_z/p_z (zero:
+// affine).
 fn footprint_about_center(j_s: vec2f, j_t: vec2f, det_j: f32, slope: vec2f) -> Footprint {
     let inverse = 1.0 / det_j;
     let u = vec2f(j_t.y * inverse, -(j_t.x * inverse));
@@ -43,11 +44,11 @@ fn footprint_about_center(j_s: vec2f, j_t: vec2f, det_j: f32, slope: vec2f) -> F
     return Footprint(linear_new(0.0, u), linear_new(0.0, v), linear_new(1.0, w));
 }
 
-// Projective, or affine (W ≡ 1; always so in an orthographic projection).
+// Returns the projective footprint, or the affine one (W ≡ 1; always so in an orthographic projection).
 fn footprint_unfiltered(projected: Projected, projective: bool) -> Footprint {
     var footprint = footprint_about_center(projected.j_s, projected.j_t, projected.det_j, vec2f(0.0, 0.0));
     if projective {
-        // The plane's own gradient, from the normal: better than combining U and V near edge-on.
+        // The plane's own gradient, from the normal, is more accurate near edge-on than a combination of U and V.
         footprint.w = linear_new(1.0, -projected.depth_gradient);
     }
     return footprint;

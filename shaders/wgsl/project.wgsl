@@ -1,16 +1,16 @@
 // A splat's first-order projection (rendering model §3, §4). Twin: surfel-math, project.rs and projection.rs.
 //
-// Source: Guennebaud et al. 2006 §3, adj(M)/det(M), written about the projected centre, where its constant terms are
-// 0, 0, 1 and no term is a difference of screen coordinates.
+// Source: Guennebaud et al. 2006 §3, adj(M)/det(M), written about the projected centre. There its constant terms are 0,
+// 0, 1, and no term is a difference of screen coordinates.
 
 const PERSPECTIVE: u32 = 0u;
 const ORTHOGRAPHIC: u32 = 1u;
 
-// |n·p| at most this times |p| is edge-on (§2): such a splat takes part in no pass.
+// A splat is edge-on if |n·p| is at most this times |p| (§2). It then takes part in no pass.
 const EDGE_ON: f32 = 1e-5;
 
 struct Projection {
-    // Pixels for a slope (perspective) or a world unit (orthographic).
+    // Pixels per unit of slope (perspective) or per world unit (orthographic).
     focal_px: vec2f,
     // Pixel coordinates of the optical axis.
     principal_px: vec2f,
@@ -24,7 +24,7 @@ struct Projection {
     kind: u32,
 }
 
-// In view space: x right, y down, z forward, eye at the origin.
+// A splat in view space: x right, y down, z forward, eye at the origin.
 struct ViewSplat {
     // Centre.
     p: vec3f,
@@ -43,24 +43,24 @@ struct Projected {
     det_j: f32,
     // s_z/p_z and t_z/p_z; zero in an orthographic projection.
     slope: vec2f,
-    // Perspective: p_z/z = 1 − g·d; orthographic: z = p_z + g·d.
+    // Gradient g of the depth. Perspective: p_z/z = 1 − g·d; orthographic: z = p_z + g·d.
     depth_gradient: vec2f,
     // Half the disk's depth range, world units.
     depth_extent: f32,
-    // n·p relative to p_z (orthographic: n_z); at least 0 is back-facing.
+    // n·p relative to p_z (orthographic: n_z). The splat is back-facing if it is at least 0.
     facing: f32,
     // |n·p|/|p| (orthographic: |n_z|).
     facing_cosine: f32,
 }
 
-// Perspective needs p.z > 0.
+// Projects a splat. Perspective requires p.z > 0.
 fn projected_new(splat: ViewSplat, projection: Projection) -> Projected {
     let p = splat.p;
     let s = splat.s;
     let t = splat.t;
     let n = splat.n;
     let focal = projection.focal_px;
-    // |s × t| with both scaled to their largest coordinate: nothing overflows or vanishes at 1e±15.
+    // |s × t| with both scaled to their largest coordinate, so that nothing overflows or underflows at 1e±15.
     let k_s = v3_max_abs(s);
     let k_t = v3_max_abs(t);
     let s_cross_t = v3_cross(s * (1.0 / k_s), t * (1.0 / k_t));
@@ -104,7 +104,7 @@ fn projected_is_edge_on(projected: Projected) -> bool {
     return projected.facing_cosine <= EDGE_ON;
 }
 
-// r_max (§2): the larger singular value of [s t], at any scale.
+// Returns r_max (§2): the larger singular value of [s t], at any scale.
 fn radius_max(s: vec3f, t: vec3f) -> f32 {
     let scale = max(v3_max_abs(s), v3_max_abs(t));
     let u = s * (1.0 / scale);
@@ -117,7 +117,8 @@ fn radius_max(s: vec3f, t: vec3f) -> f32 {
     return scale * sqrt(fma(a + c, 0.5, root));
 }
 
-// Pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates (§3).
+// Returns the pixel offset of p's projection from base_px, without the cancellation of subtracting pixel coordinates
+// (§3).
 fn projection_offset_from(projection: Projection, p: vec3f, base_px: vec2f) -> vec2f {
     let b = base_px - projection.principal_px;
     let focal = projection.focal_px;

@@ -1,22 +1,25 @@
 // Exact differences of products. Twin: surfel-math, real.rs.
 //
-// Source: Dekker 1971, products as a rounded head and an exact rest. The twin's fma (Kahan) isn't used: WGSL lets an
-// implementation round it twice, and lets it fuse a product and a sum that are written apart. Here every product whose
-// rounding matters is of 12-bit halves, so it is exact however it is evaluated, and heads pass through integer
-// arithmetic, which nothing is fused across. The error is below 2 ulp of the result, however much cancels.
+// Source: Dekker 1971, which splits a product into a rounded head and an exact rest. The twin's fma (Kahan) isn't used.
+// WGSL lets an implementation round an fma twice, and lets it fuse a product and a sum that are written separately.
+//
+// Here every product whose rounding matters has factors of 12 bits, so it is exact however it is evaluated. Heads pass
+// through integer arithmetic, across which nothing is fused. The error is below 2 ulp of the result, however much
+// cancels.
 
-// The upper 12 bits of a's significand; a less this is exact and has 12 bits, too.
+// Returns a with the upper 12 bits of its significand. The difference to a is exact and has 12 bits, too.
 fn upper_half(a: f32) -> f32 {
     return bitcast<f32>(bitcast<u32>(a) & 0xfffff000u);
 }
 
-// a·b, rounded. No product is as large as the bound, but no compiler knows, so it can't be fused into a sum.
+// Returns a·b, rounded. No product is as large as the bound, but compilers can't know, so they can't fuse it into a
+// sum.
 fn product_head(a: f32, b: f32) -> f32 {
     let product = a * b;
     return bitcast<f32>(bitcast<u32>(product) ^ select(0u, 1u, abs(product) > 3.4e38));
 }
 
-// a·b − head, exactly.
+// Returns a·b − head, exactly.
 fn product_rest(a: f32, b: f32, head: f32) -> f32 {
     let a_upper = upper_half(a);
     let b_upper = upper_half(b);
@@ -25,14 +28,14 @@ fn product_rest(a: f32, b: f32, head: f32) -> f32 {
     return (((a_upper * b_upper - head) + a_upper * b_lower) + a_lower * b_upper) + a_lower * b_lower;
 }
 
-// a·b − c·d.
+// Returns a·b − c·d.
 fn difference_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
     let ab = product_head(a, b);
     let cd = product_head(c, d);
     return (ab - cd) + (product_rest(a, b, ab) - product_rest(c, d, cd));
 }
 
-// a·b + c·d.
+// Returns a·b + c·d.
 fn sum_of_products(a: f32, b: f32, c: f32, d: f32) -> f32 {
     return difference_of_products(a, b, -c, d);
 }

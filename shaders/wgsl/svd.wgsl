@@ -1,6 +1,6 @@
 // Singular values of 2×2 matrices. Twin: surfel-math, svd.rs.
 
-// J = U·diag(ℓ)·Vᵀ.
+// The decomposition J = U·diag(ℓ)·Vᵀ.
 struct Svd2 {
     // Larger and smaller singular value, at least 0.
     major: f32,
@@ -9,7 +9,8 @@ struct Svd2 {
     major_axis: vec2f,
 }
 
-// Of the matrix with columns s and t, whose determinant the caller may know better than the columns tell.
+// Decomposes the matrix with columns s and t. The caller may know `determinant` more precisely than the columns give
+// it.
 fn svd2_of_columns(s: vec2f, t: vec2f, determinant: f32) -> Svd2 {
     let scale = max(max(abs(s.x), abs(s.y)), max(abs(t.x), abs(t.y)));
     let safe = select(1.0, scale, 0.0 < scale);
@@ -19,7 +20,7 @@ fn svd2_of_columns(s: vec2f, t: vec2f, determinant: f32) -> Svd2 {
     let c = s.y * inverse;
     let d = t.y * inverse;
     // JJᵀ = [[p, q], [q, r]]; (cos 2φ, sin 2φ) of its major axis is along ((p − r)/2, q). The difference is factored,
-    // since p ≈ r is just where it cancels.
+    // since it would cancel exactly where p ≈ r.
     let difference = sum_of_products(a + c, a - c, b + d, b - d) * 0.5;
     let q = sum_of_products(a, c, b, d);
     let sum = (fma(a, a, b * b) + fma(c, c, d * d)) * 0.5;
@@ -36,7 +37,7 @@ fn svd2_of_columns(s: vec2f, t: vec2f, determinant: f32) -> Svd2 {
     let major_axis = vec2f(select(x * inverse_norm, 1.0, round), y * inverse_norm);
     let major_px = major * scale;
     let safe_major = select(1.0, major_px, 0.0 < major_px);
-    // Rounding may put the quotient above the larger value of a circle.
+    // For a circle, rounding may put the quotient above the larger value.
     let minor = min(abs(determinant) / safe_major, major_px);
     return Svd2(major_px, minor, major_axis);
 }

@@ -1,9 +1,9 @@
-// The shader `toon` (rendering model §5): light in steps, and lines. Twin: surfel-math, toon.rs.
+// The shader `toon` (rendering model §5): stepped light, and outlines. Twin: surfel-math, toon.rs.
 
 const TOON_HALF_WIDTH: f32 = 0.02;
 const TOON_HIGHLIGHT: f32 = 0.5;
 
-// 0 up to low, 1 from high on, 3x² − 2x³ between.
+// Returns 0 up to `low`, 1 from `high` on, and 3x² − 2x³ in between.
 fn toon_smoothstep(x: f32, low: f32, high: f32) -> f32 {
     let t = min(max((x - low) / (high - low), 0.0), 1.0);
     return t * t * (3.0 - 2.0 * t);
@@ -13,22 +13,22 @@ fn toon_step(light: f32, at: f32) -> f32 {
     return toon_smoothstep(light, at - TOON_HALF_WIDTH, at + TOON_HALF_WIDTH);
 }
 
-// Diffuse light, 0 to 1, in steps: 0, ⅓, ⅔ and 1.
+// Quantises diffuse light, 0 to 1, in steps of 0, ⅓, ⅔ and 1.
 fn toon_ramp(light: f32) -> f32 {
     return (toon_step(light, 0.05) + toon_step(light, 0.35) + toon_step(light, 0.7)) * (1.0 / 3.0);
 }
 
-// A highlight of a strength as a spot with an edge.
+// Quantises a highlight's strength, which gives a spot with a sharp edge.
 fn toon_highlight(strength: f32) -> f32 {
     return toon_step(strength, TOON_HIGHLIGHT);
 }
 
-// The share of the colour that a silhouette line leaves at this |n·v|.
+// Returns the factor by which a silhouette line darkens the colour at this |n·v|.
 fn toon_line(cosine: f32) -> f32 {
     return toon_smoothstep(cosine, 0.12, 0.22);
 }
 
-// Depth beyond which a pixel's neighbour is another surface.
+// Returns the depth beyond which a pixel's neighbour is another surface.
 fn toon_step_back_limit(z: f32, gradient: vec2f, projection: Projection) -> f32 {
     let scale = select(z, projection.height, projection.kind == ORTHOGRAPHIC);
     return z + (0.02 * scale + 2.0 * v2_length(gradient));

@@ -2,15 +2,15 @@
 //
 // Source: Olano and Greer 1997, edges from homogeneous coordinates: nothing is clipped.
 
-// About some anchor.
+// A triangle in pixel offsets from an anchor.
 struct Triangle {
-    // One a vertex, about the edge opposite to it, all positive inside.
+    // Edge form of each vertex, of the edge opposite to it; all are positive inside.
     edges: array<Linear, 3>,
     // Depths of the vertices.
     z: vec3f,
 }
 
-// A centre exactly on an edge belongs to the triangle below or to the right of it.
+// True if a point is inside an edge. A point exactly on an edge belongs to the triangle below or to the right of it.
 fn edge_covers(e: Linear, d: vec2f) -> bool {
     let value = linear_at(e, d);
     let right_of = 0.0 < e.x || (!(e.x < 0.0) && 0.0 < e.y);
@@ -21,7 +21,7 @@ fn triangle_contains(t: Triangle, d: vec2f) -> bool {
     return edge_covers(t.edges[0], d) && edge_covers(t.edges[1], d) && edge_covers(t.edges[2], d);
 }
 
-// Correct in perspective; they sum to 1.
+// Returns perspective-correct barycentric coordinates, which sum to 1.
 fn triangle_barycentric(t: Triangle, d: vec2f) -> vec3f {
     let values = vec3f(linear_at(t.edges[0], d), linear_at(t.edges[1], d), linear_at(t.edges[2], d));
     return values * (1.0 / (values.x + values.y + values.z));
@@ -31,8 +31,8 @@ fn triangle_depth(t: Triangle, barycentric: vec3f) -> f32 {
     return interpolate(barycentric, t.z);
 }
 
-// How an attribute with these `values` at the vertices changes a pixel to the right and a pixel down, where it is
-// `value`.
+// Returns the change of an attribute over a pixel to the right and over a pixel down, at d. `values` are the
+// attribute's values at the vertices, `value` the one at d.
 fn triangle_gradient(t: Triangle, values: vec3f, value: f32, d: vec2f) -> vec2f {
     let inverse = 1.0 / (linear_at(t.edges[0], d) + linear_at(t.edges[1], d) + linear_at(t.edges[2], d));
     let apart = values - value;
@@ -42,7 +42,7 @@ fn triangle_gradient(t: Triangle, values: vec3f, value: f32, d: vec2f) -> vec2f 
     );
 }
 
-// Σ b·a: an attribute with values a at the vertices.
+// Returns Σ b·a: the interpolation of an attribute with values a at the vertices.
 fn interpolate(b: vec3f, a: vec3f) -> f32 {
     return fma(b.x, a.x, fma(b.y, a.y, b.z * a.z));
 }

@@ -1,11 +1,11 @@
-// Products of small vectors in a stated order of operations, which WGSL's own dot, cross and length don't have.
-// Twin: surfel-math, vector.rs.
+// Products of small vectors with a fixed order of operations, unlike WGSL's own dot, cross and length. Twin:
+// surfel-math, vector.rs.
 
 fn v2_dot(a: vec2f, b: vec2f) -> f32 {
     return sum_of_products(a.x, b.x, a.y, b.y);
 }
 
-// a.x·b.y − a.y·b.x.
+// Returns a.x·b.y − a.y·b.x.
 fn v2_cross(a: vec2f, b: vec2f) -> f32 {
     return difference_of_products(a.x, b.y, a.y, b.x);
 }
@@ -30,7 +30,7 @@ fn v3_length(a: vec3f) -> f32 {
     return sqrt(v3_dot(a, a));
 }
 
-// The largest absolute value of a coordinate.
+// Returns the largest absolute value of a coordinate.
 fn v3_max_abs(a: vec3f) -> f32 {
     return max(max(abs(a.x), abs(a.y)), abs(a.z));
 }

@@ -1,6 +1,6 @@
-//! `cargo xtask assets`: scenes that are made rather than shipped, written to `assets/generated/`.
+//! `cargo xtask assets`: generates scenes and writes them to `assets/generated/`.
 //!
-//! Everything follows from formulas and one fixed seed, so that every machine makes the same files.
+//! Everything follows from formulas and one fixed seed, so that every machine generates the same files.
 
 mod clouds;
 mod halves;
@@ -12,7 +12,7 @@ mod textured;
 use std::io;
 use std::path::Path;
 
-/// Where the files go, relative to the workspace.
+/// Output folder, relative to the workspace.
 const FOLDER: &str = "assets/generated";
 
 pub(crate) fn run(root: &Path) -> bool {

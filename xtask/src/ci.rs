@@ -1,4 +1,4 @@
-//! `cargo xtask ci`: every check, each run whatever the others say.
+//! `cargo xtask ci`: runs every check, even after failures.
 
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -22,9 +22,9 @@ pub(crate) fn run(root: &Path) -> bool {
             let arguments = ["clippy", "--workspace", "--all-targets", "--features", FEATURES, "--locked"];
             command(cargo(root).args(arguments).args(["--", "-D", "warnings"]))
         }),
-        // As it is built without being asked for more: without GPU backends.
+        // The program with default features, and thus without GPU backends.
         step("default program", &|| command(cargo(root).args(["check", "--package", "surfel-cli", "--locked"]))),
-        // As others take it: with what it has by default, and with as little as can be.
+        // The library as dependents use it: with default features, and with as few as possible.
         step("default library", &|| command(cargo(root).args(["check", "--package", "surfel", "--locked"]))),
         step("smallest library", &|| {
             let arguments = ["check", "--package", "surfel", "--no-default-features", "--features", "cpu", "--locked"];

@@ -1,4 +1,4 @@
-//! `cargo xtask conformance` and `stability`: the backends against the truth, by programs of the package
+//! `cargo xtask conformance` and `stability`: compare the backends with the truth, by programs of the package
 //! `surfel-conformance`.
 
 use std::path::Path;
@@ -6,25 +6,25 @@ use std::process::ExitCode;
 
 use crate::{cargo, vulkan};
 
-/// Where distributions put Chromium's Vulkan driver for CPUs: a second opinion where there is one.
+/// Paths at which distributions install Chromium's software Vulkan driver, used as a second driver if it exists.
 const SECOND_DRIVERS: [&str; 3] = [
     "/usr/lib/chromium/vk_swiftshader_icd.json",
     "/usr/lib64/chromium-browser/vk_swiftshader_icd.json",
     "/opt/google/chrome/vk_swiftshader_icd.json",
 ];
 
-/// What the loader takes drivers from.
+/// Environment variable from which the Vulkan loader takes drivers.
 const DRIVERS: &str = "VK_DRIVER_FILES";
 
-/// Runs one of its programs.
+/// Runs a program of the package.
 pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
-    // What is missing is said again, backend by backend, by the program.
+    // The program reports missing parts again, backend by backend.
     if let Err(problem) = vulkan::prepare(root) {
         eprintln!("error: {problem}");
         return ExitCode::FAILURE;
     }
     let first = run_on(root, program, options, None);
-    // Usage errors have been said.
+    // The program has already reported usage errors.
     if first != ExitCode::SUCCESS && first != ExitCode::FAILURE {
         return first;
     }
@@ -39,8 +39,8 @@ pub(crate) fn run(root: &Path, program: &str, options: &[&str]) -> ExitCode {
     if first == ExitCode::SUCCESS { second } else { first }
 }
 
-/// Options of a second run, by backends that a driver makes a difference to; none if there are no such, or if the
-/// adapter, or scenes that aren't the usual ones, are chosen.
+/// Returns the options of a second run with the backends that use a driver. `None` if there are no such backends, or if
+/// the options select an adapter or other scenes than the usual ones.
 fn second_options(options: &[&str]) -> Option<Vec<String>> {
     let (mut kept, mut backends, mut all) = (Vec::new(), Vec::new(), true);
     let mut left = options.iter();
@@ -66,14 +66,14 @@ fn second_options(options: &[&str]) -> Option<Vec<String>> {
         backends = vec!["wgpu", "ash"];
     }
     kept.extend(backends.iter().flat_map(|name| ["--backend".to_owned(), (*name).to_owned()]));
-    // Another driver than the one that is asked for would be no second opinion.
+    // The second run is useful only on another driver.
     kept.extend(["--adapter".to_owned(), "swiftshader".to_owned()]);
     (!backends.is_empty()).then_some(kept)
 }
 
 fn run_on(root: &Path, program: &str, options: &[&str], driver: Option<&str>) -> ExitCode {
     let mut command = cargo(root);
-    // Files are named from where the user is, not from the workspace.
+    // Paths are relative to the user's folder, not to the workspace.
     if let Ok(here) = std::env::current_dir() {
         command.current_dir(here).arg("run").arg("--manifest-path").arg(root.join("Cargo.toml"));
     }

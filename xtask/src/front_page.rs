@@ -1,14 +1,14 @@
-//! The program of the front page as a stranger builds it: a crate of its own, with Cargo's default profiles.
+//! Tests the program of the front page as a newcomer builds it: in its own crate, with Cargo's default profiles.
 
 use std::path::Path;
 use std::process::Command;
 
 use crate::{cargo, python};
 
-/// Default stack of threads, in bytes, with which the optimised program runs: the least that systems give.
+/// Stack size in bytes of the optimised program's threads: the smallest default of any system.
 const LEAST_STACK: &str = "524288";
 
-/// Builds the program of README.md and runs it, unoptimised and as a release. What went wrong is printed.
+/// Builds the program of README.md and runs it, unoptimised and as a release. Prints failures.
 pub(crate) fn test(root: &Path) -> bool {
     println!("\n== front page");
     let outcome = written(root).and_then(|folder| {
@@ -22,7 +22,7 @@ pub(crate) fn test(root: &Path) -> bool {
     outcome.is_ok()
 }
 
-/// Writes the crate.
+/// Writes the crate, and returns its folder.
 fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     let folder = python::target(root).join("front-page");
     let failed = |error: std::io::Error| format!("{}: can't be written: {error}", folder.display());
@@ -37,12 +37,12 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     std::fs::create_dir_all(folder.join("src")).map_err(failed)?;
     std::fs::write(folder.join("Cargo.toml"), manifest).map_err(failed)?;
     std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)?;
-    // The same versions as the workspace has, which are here.
+    // The lock file gives the same versions as in the workspace, which are already downloaded.
     std::fs::copy(root.join("Cargo.lock"), folder.join("Cargo.lock")).map_err(failed)?;
     Ok(folder)
 }
 
-/// The first program of the section on the library.
+/// Returns the first program of the section on the library.
 fn program_of(readme: &str) -> Option<&str> {
     let section = readme.split_once("## As a library")?.1;
     let program = section.split_once("```rust")?.1.split_once('\n')?.1;

@@ -1,14 +1,14 @@
-//! `cargo xtask gallery`: the images of docs/gallery.md, and those of models that aren't ours to ship.
+//! `cargo xtask gallery`: draws the images of docs/gallery.md, and of models that the repository may not contain.
 
 use std::path::Path;
 
 use crate::{assets, cargo};
 
-/// Files that images need, made by the program itself.
+/// Conversions that make the input files of images.
 const CONVERSIONS: &[&[&str]] =
     &[&["convert", "assets/generated/part.obj", "-o", "assets/generated/part-sharp.ply", "--sharp", "--splats", "960"]];
 
-/// Images, with what the program is asked for.
+/// Images: name, and arguments of the program.
 const IMAGES: &[(&str, &[&str])] = &[
     ("glass", &["assets/gallery/glass.json"]),
     ("half-spot", &["assets/gallery/half-spot.json"]),
@@ -26,13 +26,14 @@ const IMAGES: &[(&str, &[&str])] = &[
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
-/// Images of models that users have and we may not ship: the scene in assets/gallery/models and the model's file.
+/// Images of models that the repository may not contain: name of the scene in assets/gallery/models, and file of the
+/// model.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
 
-/// What stands for the models' folder in their scenes.
+/// Placeholder for the models' folder in their scenes.
 const PLACEHOLDER: &str = "MODELS/";
 
-/// Where images of models go, relative to the workspace: beside what is built, never into the tree.
+/// Output folder of the models' images, relative to the workspace: among build results, outside of the tree.
 const MODEL_IMAGES: &str = "target/gallery";
 
 /// Draws every image of docs/gallery.md.
@@ -43,7 +44,7 @@ pub(crate) fn run(root: &Path) -> bool {
         && IMAGES.iter().all(image)
 }
 
-/// Draws the images of those models that are in a folder, which is relative to where the command was given.
+/// Draws the images of the models in a folder, which is relative to the current folder.
 pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     let result = std::env::current_dir().and_then(|here| {
         std::fs::create_dir_all(root.join(MODEL_IMAGES))?;
@@ -70,13 +71,13 @@ pub(crate) fn run_models(root: &Path, folder: &str) -> bool {
     })
 }
 
-/// A scene whose models lie in this folder.
+/// Returns a scene with the placeholder replaced by this folder.
 fn in_folder(template: &str, folder: &Path) -> String {
     let escaped = folder.display().to_string().replace('\\', "\\\\").replace('"', "\\\"");
     template.replace(PLACEHOLDER, &format!("{escaped}/"))
 }
 
-/// Draws an image on the CPU, which draws all of them, and the same bits anywhere.
+/// Draws an image by the CPU backend, which supports all of them and gives the same bits on any machine.
 fn draw(root: &Path, arguments: &[&str], file: &str) -> bool {
     println!("{file}");
     surfel(root, &[arguments, &["-o", file, "--force", "--backend", "cpu"][..]].concat())

@@ -1,15 +1,15 @@
-//! `cargo xtask gpu-kit` and `gpu-report`: a folder that measures a GPU on a machine without anything else, and the
-//! page of what it measured.
+//! `cargo xtask gpu-kit` and `gpu-report`: a folder that measures a GPU on a machine without any other software, and
+//! the page of its measurements.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::cargo;
 
-/// Folder of the kit, and the page of the report.
+/// Folder of the kit, and page of the report.
 const FOLDER: &str = "target/gpu-kit";
 const PAGE: &str = "docs/data/gpu.md";
-/// Bytes of the folder at most.
+/// Maximum size of the folder in bytes.
 const MOST_BYTES: u64 = 60_000_000;
 
 const SCRIPT: &str = include_str!("gpu_kit/run.sh");
@@ -17,7 +17,7 @@ const SCRIPT: &str = include_str!("gpu_kit/run.sh");
 /// Files of the tree that the kit draws.
 const SPOT: [&str; 5] = ["spot.json", "spot.obj", "spot.mtl", "spot_texture.png", "LICENSE.txt"];
 
-/// Libraries of this machine that a bare one may lack, by the kit's folder, with their licences' names.
+/// Libraries of this machine that others may lack: folder in the kit, files, and licence.
 const LIBRARIES: [(&str, &[&str], &str); 3] = [
     ("vulkan", &["libvulkan.so.1"], "The Khronos Vulkan loader, Apache License 2.0.\n"),
     ("libgcc", &["libgcc_s.so.1"], "GCC's run-time library, GPL 3 with the GCC Runtime Library Exception.\n"),
@@ -43,7 +43,7 @@ fn build(root: &Path) -> Result<(), String> {
         return Err("the release build failed".into());
     }
     let release = crate::python::target(root).join("release");
-    // What an earlier run left would count as the kit's.
+    // Files of an earlier run would otherwise become part of the kit.
     let _ = std::fs::remove_dir_all(&folder);
     make(&folder)?;
     let mut glibc = [2, 0];
@@ -85,7 +85,7 @@ fn build(root: &Path) -> Result<(), String> {
     Ok(())
 }
 
-/// Writes the page of what the kit's script left in a folder.
+/// Writes the page of the results that the kit's script wrote to a folder.
 pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
     let Ok(out) = std::env::current_dir().map(|here| here.join(out)) else { return false };
     let built = root.join(FOLDER).join("gpu-kit");
@@ -94,7 +94,7 @@ pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
         command.current_dir(root).arg("bench");
         command
     } else {
-        // It measures nothing, so that an unoptimised program will do.
+        // The report measures nothing, so an unoptimised program is enough.
         let mut command = cargo(root);
         command.args(["run", "--quiet", "--locked", "--package", "surfel-bench", "--"]);
         command
@@ -103,13 +103,13 @@ pub(crate) fn report(root: &Path, out: &str, page: &Path) -> bool {
     command.status().is_ok_and(|status| status.success())
 }
 
-/// `cargo xtask gpu-report OUT`.
+/// Runs `cargo xtask gpu-report OUT`.
 pub(crate) fn report_page(root: &Path, out: &str) -> bool {
     report(root, out, Path::new(PAGE))
 }
 
-/// Builds the kit, runs its script on the devices that are here, in an environment without anything, and looks at what
-/// it wrote. Returns whether all of it is right.
+/// Builds the kit, runs its script on the devices of this machine in an empty environment, and checks its results.
+/// Returns true if all of them are right.
 pub(crate) fn test(root: &Path) -> bool {
     println!("\n== GPU kit");
     if !run(root) {
@@ -119,7 +119,7 @@ pub(crate) fn test(root: &Path) -> bool {
     let _ = std::fs::remove_dir_all(&out);
     let mut script = Command::new(root.join(FOLDER).join("run.sh"));
     script.arg(&out).env_clear().env("PATH", "/usr/bin:/bin:/usr/sbin:/sbin");
-    // Chosen drivers stay chosen.
+    // A driver that the user selected remains selected.
     for name in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
         script.envs(std::env::var(name).map(|value| (name, value)));
     }
@@ -151,7 +151,7 @@ fn problems(results: &str, page: &str) -> Vec<String> {
     problems
 }
 
-/// Text of the page while no GPU is measured.
+/// Text of the page as long as no GPU is measured.
 pub(crate) const NOT_MEASURED: &str = "**Not measured.**";
 
 fn is_of_gpu(line: &str) -> bool {
@@ -166,7 +166,7 @@ fn write(path: &Path, text: &str) -> Result<(), String> {
     std::fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// Copies a file, whose bytes are returned.
+/// Copies a file and returns its bytes.
 fn copy(from: &Path, to: &Path) -> Result<Vec<u8>, String> {
     to.parent().map_or(Ok(()), make)?;
     let bytes = std::fs::read(from).map_err(|error| format!("{}: {error}", from.display()))?;
@@ -177,7 +177,7 @@ fn copy(from: &Path, to: &Path) -> Result<Vec<u8>, String> {
 /// Copies a program without its symbols, and returns the version of glibc that it needs.
 fn program(from: &Path, to: &Path) -> Result<[u32; 2], String> {
     let bytes = copy(from, to)?;
-    // Binutils come with every linker; without them the kit is larger.
+    // Binutils come with every linker; without strip the kit is larger.
     if !Command::new("strip").arg(to).status().is_ok_and(|status| status.success()) {
         println!("note: strip can't be run, {} keeps its symbols", to.display());
     }
@@ -197,7 +197,7 @@ fn executable(_path: &Path) -> Result<(), String> {
     Err("the kit is for Linux: build it there".into())
 }
 
-/// The greatest version of glibc among the symbols that a program imports: `GLIBC_2.35` and so on.
+/// Returns the greatest version of glibc among the symbols that a program imports, such as `GLIBC_2.35`.
 fn least_glibc(program: &[u8]) -> [u32; 2] {
     const PREFIX: &[u8] = b"GLIBC_";
     let versions = program.windows(PREFIX.len()).enumerate().filter(|(_, bytes)| *bytes == PREFIX).map(|(at, _)| {
@@ -209,13 +209,13 @@ fn least_glibc(program: &[u8]) -> [u32; 2] {
     versions.max().unwrap_or_default()
 }
 
-/// A library of this machine.
+/// Returns the path of a library on this machine.
 fn library(name: &str) -> Option<PathBuf> {
     let folders = ["/usr/lib/x86_64-linux-gnu", "/lib/x86_64-linux-gnu", "/usr/lib64", "/lib64", "/usr/lib", "/lib"];
     folders.iter().map(|folder| Path::new(folder).join(name)).find(|path| path.is_file())
 }
 
-/// Bytes of a folder's files.
+/// Returns the total size of a folder's files in bytes.
 fn size(folder: &Path) -> u64 {
     let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
     entries
@@ -226,7 +226,7 @@ fn size(folder: &Path) -> u64 {
         .sum()
 }
 
-/// The commit, with `+` where files differ from it; empty without git.
+/// Returns the commit, with a trailing `+` if files differ from it; empty without git.
 fn commit(root: &Path) -> String {
     let git = |arguments: &[&str]| {
         let output = Command::new("git").current_dir(root).args(arguments).output().ok()?;

@@ -1,4 +1,5 @@
-//! `cargo xtask growth`: how converting to levels and drawing them grow with the number of points.
+//! `cargo xtask growth`: measures the cost of converting points to levels of detail and drawing them, by number of
+//! points.
 
 use crate::cargo;
 use std::path::Path;
@@ -16,7 +17,7 @@ const TITLES: &str = "\
 | peak, MB | near view, warm, s | CPU, s | peak, MB |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
-/// What a program took.
+/// Resources that a program used.
 struct Cost {
     wall_s: f64,
     cpu_s: f64,
@@ -87,7 +88,7 @@ fn row(root: &Path, folder: &Path, millions: u32) -> Result<String, String> {
     Ok(format!("| {sizes} | {converted} | {:.1} | {warm} | {near} |", cold.wall_s))
 }
 
-/// Runs a program under GNU time.
+/// Runs a program under GNU time, and returns its cost.
 fn measured(program: &mut Command) -> Result<Cost, String> {
     let mut timed = Command::new("/usr/bin/time");
     timed.args(["-f", "cost %e %U %S %M"]).arg(program.get_program()).args(program.get_args());

@@ -1,4 +1,5 @@
-//! The project's chores, run as `cargo xtask COMMAND`. Depends on none of our crates: it spawns cargo.
+//! Chores of the project, run as `cargo xtask COMMAND`. This package depends on no other one of the workspace: it
+//! spawns cargo.
 
 mod assets;
 mod bench;
@@ -18,7 +19,7 @@ use std::process::{Command, ExitCode};
 
 use suites::Gpu;
 
-/// Features that no package has by itself and whose tests run all the same: the program's GPU backends.
+/// Features that no package enables by default but that are tested: the program's GPU backends.
 const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash";
 
 const HELP: &str = "\
@@ -108,23 +109,23 @@ fn main() -> ExitCode {
     if passed { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
 
-/// The folder of the workspace: the parent of this package's.
+/// Returns the folder of the workspace: the parent of this package's folder.
 fn workspace_root() -> PathBuf {
-    // Cargo sets it when it runs us too; then a moved checkout still finds itself.
+    // Cargo sets the variable when it runs this program, so that it also works in a checkout that has been moved.
     let package =
         std::env::var_os("CARGO_MANIFEST_DIR").map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")), PathBuf::from);
     package.parent().map_or_else(|| package.clone(), Path::to_path_buf)
 }
 
-/// The cargo that runs us, in the workspace.
+/// Returns a command that runs the current cargo in the workspace.
 fn cargo(root: &Path) -> Command {
     let mut command = Command::new(std::env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
     command.current_dir(root);
     command
 }
 
-/// The cargo that runs us, for tests. Where nothing of ours is compiled yet it doesn't keep what the next change would
-/// compile faster by: that takes up to half as long again.
+/// Returns a command that runs cargo for tests. In a fresh checkout it disables incremental compilation, whose files
+/// take up to half as long again to write and only speed up later builds.
 fn cargo_for_tests(root: &Path) -> Command {
     let mut command = cargo(root);
     let kept = std::fs::read_dir(python::target(root).join("debug").join("incremental"));
@@ -136,7 +137,7 @@ fn cargo_for_tests(root: &Path) -> Command {
     command
 }
 
-/// Whether the environment forbids skipping `what`.
+/// True if the environment forbids skipping `what`.
 fn required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
 }

@@ -1,18 +1,18 @@
-//! The Python package: its wheels, and its tests in an environment of their own.
+//! Python package: builds its wheels, and runs its tests in a separate environment.
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::{FEATURES, cargo_for_tests};
 
-/// The package's folder.
+/// Folder of the package.
 const PACKAGE: &str = "crates/surfel-python";
 const SOURCE: &str = "crates/surfel-python/python";
 const TESTS: &str = "crates/surfel-python/tests";
-/// What its tests need, as pip's requirements and as modules.
+/// Packages that the tests need, as pip requirements and as module names.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.9,<2", "maturin")];
-/// Packages that the notebooks, engines, rivals and tests of other packages need besides.
+/// Additional packages for the notebooks, engines, rivals and tests of other packages.
 const SHOWN_BY: [(&str, &str); 16] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
@@ -34,7 +34,7 @@ const SHOWN_BY: [(&str, &str); 16] = [
 /// Platforms of the wheels.
 const TARGETS: [&str; 2] = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"];
 
-/// How the package's tests went.
+/// Result of the package's tests.
 #[derive(Debug, PartialEq, Eq)]
 pub(crate) enum Tested {
     Passed,
@@ -42,20 +42,21 @@ pub(crate) enum Tested {
     Skipped(String),
 }
 
-/// Tests the package; with `full` as maturin installs it, and its notebooks, engines and rivals, too.
+/// Tests the package. With `full`, installs it by maturin, and tests its notebooks, engines and rivals, too.
 pub(crate) fn test(root: &Path, full: bool) -> Tested {
     println!("\n== Python package");
     let python = match environment(root, &TESTED_BY) {
         Ok(python) => python,
         Err(why) => return Tested::Skipped(why),
     };
-    // What the tests before these have built: by itself, with fewer features, half of everything is built once more.
+    // The earlier tests have built this program. Building it separately, with fewer features, would compile half of the
+    // crates again.
     let program = target(root).join("debug").join("surfel");
     let ran = |words: &[&str]| {
         let mut command = Command::new(&python);
         command.current_dir(root).args(words).env("SURFEL_PROGRAM", &program);
         command.env("PYTHONPATH", root.join(SOURCE));
-        // Maturin installs into the environment that is active.
+        // Maturin installs into the active environment.
         command.env("VIRTUAL_ENV", folder(root)).status().is_ok_and(|status| status.success())
     };
     let is_built = if full || !cfg!(target_os = "linux") {
@@ -85,13 +86,13 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
 }
 
-/// Builds the extension module where Python looks for it, out of what the Rust tests have built: with their features,
-/// which by itself it doesn't have, so that everything would be built once more.
+/// Builds the extension module in the folder where Python searches for it. It uses the features of the Rust tests,
+/// although it needs none of them, since other features would compile everything again.
 fn build(root: &Path) -> bool {
     let mut command = cargo_for_tests(root);
     command.args(["build", "--quiet", "--workspace", "--lib", "--tests", "--features", FEATURES, "--locked"]);
     command.args(["--exclude", "surfel-benches"]);
-    // As maturin does: Python itself isn't linked.
+    // Like maturin, this doesn't link Python itself.
     command.env("PYO3_BUILD_EXTENSION_MODULE", "1");
     if !command.status().is_ok_and(|status| status.success()) {
         return false;
@@ -106,7 +107,7 @@ fn build(root: &Path) -> bool {
     }
 }
 
-/// Builds a wheel for manylinux2014 on each platform that rustup has.
+/// Builds a manylinux2014 wheel for each platform that rustup has installed.
 pub(crate) fn wheel(root: &Path) -> bool {
     let tools = [("maturin>=1.9,<2", "maturin"), ("ziglang", "ziglang")];
     let python = match environment(root, &tools) {
@@ -138,7 +139,7 @@ pub(crate) fn wheel(root: &Path) -> bool {
         let build = ["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", platform];
         command.current_dir(root).args(build);
         command.args(["--compatibility", "manylinux2014", "--out"]).arg(&out);
-        // Maturin asks the first python3 of the path for zig.
+        // Maturin uses the first python3 of the path to find zig.
         command.env("VIRTUAL_ENV", folder(root)).env("PATH", &path);
         passed &= command.status().is_ok_and(|status| status.success());
     }
@@ -150,12 +151,12 @@ pub(crate) fn target(root: &Path) -> PathBuf {
     std::env::var_os("CARGO_TARGET_DIR").map_or_else(|| root.join("target"), |folder| root.join(folder))
 }
 
-/// The environment's folder.
+/// Returns the environment's folder.
 fn folder(root: &Path) -> PathBuf {
     target(root).join("python")
 }
 
-/// The interpreter of an environment that has these packages, or why there is none.
+/// Returns the interpreter of an environment that has these packages, or the reason why there is none.
 fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String> {
     if !root.join(PACKAGE).is_dir() {
         return Err(format!("there is no {PACKAGE}"));
@@ -177,7 +178,7 @@ fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String
     Ok(python)
 }
 
-/// Installs what isn't there yet.
+/// Installs the packages that are missing.
 fn install(python: &Path, packages: &[(&str, &str)]) -> Result<(), String> {
     let found = "import importlib.util as u, sys; sys.exit(any(u.find_spec(name) is None for name in sys.argv[1:]))";
     let names = packages.iter().map(|(_, module)| module);

@@ -1,4 +1,4 @@
-//! `cargo xtask test`: runs every suite and sums up what cargo and the test harness print.
+//! `cargo xtask test`: runs every suite and summarises the output of cargo and the test harness.
 
 use std::io::{BufRead, BufReader, Read, Write};
 use std::path::{Path, PathBuf};
@@ -7,12 +7,12 @@ use crate::python::Tested;
 use crate::vulkan::Verdict;
 use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, python, required, vulkan};
 
-/// Whether tests of GPU backends may be skipped.
+/// Rule for skipping tests of GPU backends.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Gpu {
-    /// Where there is no driver.
+    /// They may be skipped if there is no driver.
     IfPresent,
-    /// Never.
+    /// They may not be skipped.
     Required,
 }
 
@@ -30,7 +30,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         }
     };
     let python = python::test(root, full);
-    // Its script needs a Vulkan driver, as the tests before it do.
+    // The kit's script needs a Vulkan driver, as the GPU tests do.
     let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
     let front_page_ok = !full || front_page::test(root);
@@ -68,7 +68,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     exit_ok && python_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
 }
 
-/// Returns what no test may skip, as `SURFEL_REQUIRE` lists it.
+/// Returns the tests that may not be skipped, in the format of `SURFEL_REQUIRE`.
 fn must_run(gpu: Gpu, vulkan: Option<&Verdict>) -> &'static str {
     match (vulkan, gpu) {
         (Some(Verdict::Validated), _) => "wgpu,ash,validation",
@@ -77,21 +77,22 @@ fn must_run(gpu: Gpu, vulkan: Option<&Verdict>) -> &'static str {
     }
 }
 
-/// Runs all tests, passing the output through, and whether cargo was content.
+/// Runs all tests and copies their output. The returned flag is true if cargo succeeded.
 fn run_cargo(root: &Path, must_run: &str, full: bool) -> std::io::Result<(Summary, bool)> {
-    // One pipe for both streams: cargo names a suite on stderr before the suite reports on stdout.
+    // Both streams share a pipe: cargo names a suite on stderr before the suite reports on stdout.
     let (reader, writer) = std::io::pipe()?;
     let mut command = cargo_for_tests(root);
     command.args(["test", "--workspace", "--features", FEATURES, "--locked", "--no-fail-fast"]);
-    // It has no tests, and criterion takes 20 CPU-seconds to compile.
+    // The package has no tests, and criterion takes 20 CPU-seconds to compile.
     command.args(["--exclude", "surfel-benches"]);
-    // A test that had nothing to work on says so and passes.
+    // A test without anything to work on prints a line and passes.
     command.args(["--", "--show-output"]);
     if full {
-        // Those that take minutes on a software driver.
+        // Ignored tests take minutes on a software driver.
         command.arg("--include-ignored");
     }
-    // Mesa's software driver compiles 700 shaders for small images: a fifth faster without LLVM's optimisations.
+    // Mesa's software driver compiles 700 shaders for small images, which takes a fifth less time without LLVM's
+    // optimisations.
     if std::env::var_os("GALLIVM_PERF").is_none() {
         command.env("GALLIVM_PERF", "nopt");
     }
@@ -99,13 +100,13 @@ fn run_cargo(root: &Path, must_run: &str, full: bool) -> std::io::Result<(Summar
     command.env("SURFEL_REQUIRE", format!("{asked},{must_run}"));
     command.stdout(writer.try_clone()?).stderr(writer);
     let mut child = command.spawn()?;
-    // It holds the writing ends, and the pipe would never end.
+    // The command holds writing ends of the pipe, so that the pipe would never end.
     drop(command);
     let summary = Summary::read(reader, &packages(root), &mut std::io::stdout())?;
     Ok((summary, child.wait()?.success()))
 }
 
-/// Folders of the workspace's packages, by package name.
+/// Returns the folders of the workspace's packages, by package name.
 fn packages(root: &Path) -> Vec<(String, PathBuf)> {
     let crates = std::fs::read_dir(root.join("crates")).into_iter().flatten().flatten().map(|entry| entry.path());
     let folders = crates.chain(std::fs::read_dir(root).into_iter().flatten().flatten().map(|entry| entry.path()));
@@ -120,7 +121,7 @@ struct Suite {
     name: String,
     passed: usize,
     failed: usize,
-    /// Ignored tests, and those that passed only because they had nothing to work on.
+    /// Number of ignored tests, and of tests that passed only because they had nothing to work on.
     skipped: usize,
     reported: bool,
 }
@@ -143,7 +144,7 @@ struct Summary {
 }
 
 impl Summary {
-    /// Follows the output of `cargo test`, copying it to `echo`.
+    /// Parses the output of `cargo test` and copies it to `echo`.
     fn read(output: impl Read, packages: &[(String, PathBuf)], echo: &mut dyn Write) -> std::io::Result<Self> {
         let mut parser =
             Parser { packages, summary: Self::default(), package: None, excuse: Excuse::Outside, excuses: 0 };
@@ -171,7 +172,7 @@ impl Summary {
     }
 }
 
-/// Where we are in the captured output of passed tests.
+/// Position in the captured output of passed tests.
 #[derive(PartialEq)]
 enum Excuse {
     Outside,
@@ -182,7 +183,7 @@ enum Excuse {
 struct Parser<'a> {
     packages: &'a [(String, PathBuf)],
     summary: Summary,
-    /// The package whose suite was named last.
+    /// Package of the last suite.
     package: Option<String>,
     excuse: Excuse,
     excuses: usize,
@@ -212,14 +213,14 @@ impl Parser<'_> {
         self.summary.suites.push(Suite { name, ..Suite::default() });
     }
 
-    /// Reads `ok. 3 passed; 0 failed; 1 ignored; ...`.
+    /// Parses `ok. 3 passed; 0 failed; 1 ignored; ...`.
     fn finish(&mut self, counts: &str) {
         let count = |what: &str| {
             let clause = counts.split(['.', ';']).map(str::trim).find_map(|clause| clause.strip_suffix(what));
             clause.and_then(|n| n.trim().parse::<usize>().ok()).unwrap_or(0)
         };
         let (passed, failed, ignored) = (count("passed"), count("failed"), count("ignored"));
-        // A crate's doc tests may report twice (merged and standalone ones), and counts add up.
+        // A crate's doc tests may report twice (merged and standalone ones); the counts add up.
         let Some(suite) = self.summary.suites.last_mut() else { return };
         let excused = self.excuses.min(passed);
         suite.passed += passed - excused;
@@ -229,7 +230,7 @@ impl Parser<'_> {
         (self.excuse, self.excuses) = (Excuse::Outside, 0);
     }
 
-    /// Name of the suite in `unittests src/lib.rs (target/debug/deps/surfel_math-0123)`.
+    /// Returns the name of the suite in `unittests src/lib.rs (target/debug/deps/surfel_math-0123)`.
     fn suite_name(&mut self, rest: &str) -> Option<String> {
         let (source, binary) = rest.split_once(" (")?;
         let source = source.replace('\\', "/");
@@ -240,7 +241,8 @@ impl Parser<'_> {
             self.package = package.cloned().or_else(|| self.package.take());
             return Some(format!("{target} unit tests of {main}"));
         }
-        // Cargo doesn't say whose suite this is: it goes by package, so the last one named comes first.
+        // Cargo doesn't print the package of a suite. It runs package by package, so the last named package is tried
+        // first.
         let has_it = |(_, folder): &&(String, PathBuf)| folder.join(&source).is_file();
         let mut owners = self.packages.iter().filter(has_it).map(|(name, _)| name.as_str());
         let last = self.package.as_deref();

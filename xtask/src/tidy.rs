@@ -1,4 +1,4 @@
-//! `cargo xtask tidy`: what a compiler doesn't look at. The same checks run as tests.
+//! `cargo xtask tidy`: checks the tree for problems that the compiler doesn't find. Tests run the same checks.
 
 mod packages;
 mod pages;
@@ -20,7 +20,7 @@ pub(crate) fn run(root: &Path) -> bool {
     problems.is_empty()
 }
 
-/// Everything that is wrong with the tree, one line each.
+/// Returns the problems of the tree, one line each.
 fn problems(root: &Path) -> Vec<String> {
     let files = files(root);
     let mut problems = Vec::new();
@@ -48,14 +48,14 @@ fn problems(root: &Path) -> Vec<String> {
     problems
 }
 
-/// Text that pages must have while no GPU is measured.
+/// Text that pages must contain as long as no GPU is measured.
 const NO_GPU: &str = "No GPU has been measured";
 
-/// Pages that say whether a GPU was measured, and what they must agree with.
+/// Pages that state whether a GPU was measured, and the page that they must agree with.
 const GPU_CLAIMS: [&str; 2] = ["README.md", "docs/performance.md"];
 const GPU_PAGE: &str = "docs/data/gpu.md";
 
-/// Disagreements on whether a GPU was measured, between the page of its figures and those that claim something.
+/// Returns disagreements between the page of GPU figures and other pages on whether a GPU was measured.
 fn gpu_claims(root: &Path) -> Vec<String> {
     let Ok(page) = std::fs::read_to_string(root.join(GPU_PAGE)) else { return Vec::new() };
     let is_measured = !page.contains(crate::gpu_kit::NOT_MEASURED);
@@ -76,8 +76,8 @@ fn gpu_claims(root: &Path) -> Vec<String> {
     GPU_CLAIMS.iter().filter_map(problem).collect()
 }
 
-/// The tree's files, relative to its root, in order: what git has or would add, or, without git, all but
-/// build results and hidden folders.
+/// Returns the tree's files, relative to its root, in order: the files that git tracks or would add or, without git,
+/// all except build results and hidden folders.
 fn files(root: &Path) -> Vec<PathBuf> {
     let git = Command::new("git")
         .current_dir(root)
@@ -86,7 +86,7 @@ fn files(root: &Path) -> Vec<PathBuf> {
     let mut files: Vec<PathBuf> = match git {
         Ok(output) if output.status.success() => {
             let listed = output.stdout.split(|&b| b == 0).filter(|name| !name.is_empty());
-            // Listed, but perhaps deleted since.
+            // A listed file may have been deleted.
             listed.map(|n| PathBuf::from(&*String::from_utf8_lossy(n))).filter(|n| root.join(n).is_file()).collect()
         }
         _ => {
@@ -103,7 +103,7 @@ fn files(root: &Path) -> Vec<PathBuf> {
 fn walk(root: &Path, folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(root.join(folder)).into_iter().flatten().flatten() {
         let path = folder.join(entry.file_name());
-        // Not followed where it is a link, so that a loop of them ends.
+        // Links aren't followed, so that a loop of links can't run forever.
         let Ok(kind) = entry.file_type() else { continue };
         if kind.is_file() {
             found.push(path);

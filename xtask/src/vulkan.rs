@@ -1,4 +1,4 @@
-//! The Vulkan installation that the tests of the GPU backends need.
+//! Vulkan installation for the tests of the GPU backends.
 
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
@@ -9,7 +9,7 @@ use crate::required;
 /// Packages that draw with Vulkan.
 const USERS: [&str; 2] = ["crates/surfel-wgpu", "crates/surfel-ash"];
 
-/// Debian's and Ubuntu's loader, software driver (lavapipe) and validation layers.
+/// Packages of Debian and Ubuntu with the loader, the software driver (lavapipe) and the validation layers.
 const PACKAGES: [&str; 3] = ["libvulkan1", "mesa-vulkan-drivers", "vulkan-validationlayers"];
 
 /// Name of the Khronos validation layer. Mesa and vendors install other explicit layers beside it.
@@ -18,15 +18,15 @@ const LAYER: &str = "VK_LAYER_KHRONOS_validation";
 /// Extent to which tests of the GPU backends can run.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Verdict {
-    /// Every test runs, watched by the validation layer.
+    /// Every test runs, with the validation layer enabled.
     Validated,
-    /// Every test but those of validation runs. Holds the reason.
+    /// Every test runs except the tests of validation. Contains the reason.
     Unvalidated(String),
-    /// No test runs. Holds the reason.
+    /// No test runs. Contains the reason.
     Skipped(String),
 }
 
-/// Parts of a Vulkan installation: true if the part is there.
+/// Parts of a Vulkan installation: true if the part exists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Parts {
     loader: bool,
@@ -34,10 +34,10 @@ struct Parts {
     layer: bool,
 }
 
-/// Installs Vulkan if a part is missing and can be installed. Returns how far the tests can run.
+/// Installs Vulkan if a part is missing and can be installed. Returns the extent to which the tests can run.
 ///
 /// # Errors
-/// The missing part, if `SURFEL_REQUIRE` forbids to do without it.
+/// A message that names the missing part, if `SURFEL_REQUIRE` requires it.
 pub(crate) fn prepare(root: &Path) -> Result<Verdict, String> {
     if !cfg!(target_os = "linux") || !USERS.iter().any(|user| root.join(user).is_dir()) {
         return Ok(Verdict::Skipped("no Vulkan on this platform".into()));
@@ -77,7 +77,8 @@ impl Parts {
         parts.into_iter().filter(|(is_there, _)| !is_there).map(|(_, name)| name).collect()
     }
 
-    /// Decides how far the tests run with these parts. `problem` says why no other part was installed.
+    /// Returns the extent to which the tests run with these parts. `problem` is the reason why no missing part was
+    /// installed.
     fn verdict(self, problem: &str) -> Verdict {
         let reason = format!("no {}, {problem}", self.missing().join(", no "));
         match self {
@@ -88,7 +89,7 @@ impl Parts {
     }
 }
 
-/// The folders and files in which the Vulkan loader of Linux looks for libraries, drivers and layers.
+/// Folders and files in which the Vulkan loader of Linux searches for libraries, drivers and layers.
 struct System {
     /// Folders of libraries.
     libraries: Vec<PathBuf>,
@@ -116,7 +117,7 @@ impl System {
         roots.extend(in_home(paths("XDG_DATA_HOME"), ".local/share"));
         roots.extend(or(paths("XDG_DATA_DIRS"), &["/usr/local/share", "/usr/share"]));
         let usual = |folder: &str| roots.iter().map(|root| root.join("vulkan").join(folder)).collect::<Vec<_>>();
-        // A variable that names files replaces the usual folders; one of added files doesn't.
+        // A variable that names files replaces the usual folders; a variable of additional files doesn't.
         let chosen = |names: &[&str], added: &str, folder: &str| {
             let named: Vec<PathBuf> = names.iter().flat_map(|name| paths(name)).collect();
             let searched = if named.is_empty() { usual(folder) } else { named };
@@ -154,7 +155,7 @@ impl System {
         values(&text, "library_path").next().is_some_and(|library| self.has_library(folder, library))
     }
 
-    /// True if the library exists: beside its manifest if the name has a folder, else where libraries are.
+    /// True if the library exists: beside its manifest if the name has a folder, else in a folder of libraries.
     fn has_library(&self, folder: &Path, library: &str) -> bool {
         match library.contains('/') {
             true => folder.join(library).is_file(),
@@ -163,7 +164,7 @@ impl System {
     }
 }
 
-/// The JSON files among `paths` and in the folders among them.
+/// Returns the JSON files among `paths` and in the folders among them.
 fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
     let files = paths.iter().flat_map(|path| match std::fs::read_dir(path) {
         Ok(entries) => entries.flatten().map(|entry| entry.path()).collect(),
@@ -172,7 +173,7 @@ fn manifests(paths: &[PathBuf]) -> impl Iterator<Item = PathBuf> {
     files.filter(|path| path.extension().is_some_and(|extension| extension == "json"))
 }
 
-/// The strings that stand behind this key in a JSON file.
+/// Returns the strings that follow this key in a JSON file.
 fn values<'a>(text: &'a str, key: &str) -> impl Iterator<Item = &'a str> {
     let key = format!("\"{key}\"");
     let mut rest = text;
@@ -197,10 +198,10 @@ fn install() -> Result<(), String> {
     }
     println!("vulkan: installing {}", PACKAGES.join(" "));
     let apt = |arguments: &[&str]| {
-        // On stderr, so that it isn't taken for a result.
+        // The output goes to stderr, so that it isn't mistaken for a result.
         runs(Command::new("apt-get").args(arguments).env("DEBIAN_FRONTEND", "noninteractive").stdout(std::io::stderr()))
     };
-    // A stale list may still do.
+    // An outdated list may still be enough.
     if !apt(&["update", "-q"]) {
         eprintln!("warning: apt-get update failed");
     }
@@ -217,7 +218,7 @@ fn runs(command: &mut Command) -> bool {
 mod tests {
     use super::*;
 
-    /// Writes a file of a made-up installation.
+    /// Writes a file of a mock installation.
     fn write(path: &Path, text: &str) {
         std::fs::create_dir_all(path.parent().unwrap()).unwrap();
         std::fs::write(path, text).unwrap();
@@ -230,7 +231,7 @@ mod tests {
             let expected = Parts { loader: bits & 1 != 0, driver: bits & 2 != 0, layer: bits & 4 != 0 };
             let folder = root.join(bits.to_string());
             let (libraries, drivers, layers) = (folder.join("lib"), folder.join("icd.d"), folder.join("layer.d"));
-            // Mesa puts an explicit layer of its own beside the place of the validation layer.
+            // Mesa installs an explicit layer of its own beside the validation layer.
             write(
                 &layers.join("overlay.json"),
                 r#"{ "layer": { "name": "VK_LAYER_MESA_overlay", "library_path": "liboverlay.so" },
@@ -254,7 +255,8 @@ mod tests {
             let system = System { libraries: vec![libraries], drivers: vec![drivers], layers: vec![layers] };
             let found = Parts { loader: system.has_loader(), driver: system.has_driver(), layer: system.has_layer() };
             assert_eq!(found, expected);
-            // As found at once, after an installation that failed, and without root.
+            // The problem is empty if all parts are found at once; the others follow a failed installation, or one
+            // without root.
             for problem in ["", "and apt-get could not install it", "and not root"] {
                 match (found.verdict(problem), expected.loader && expected.driver, expected.layer) {
                     (Verdict::Validated, true, true) => (),

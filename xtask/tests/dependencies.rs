@@ -1,4 +1,4 @@
-//! What may depend on what: invariant 1 of docs/architecture.md, held against `cargo metadata`.
+//! Tests which packages may depend on which: invariant 1 of docs/architecture.md, checked with `cargo metadata`.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -6,8 +6,8 @@ use std::process::Command;
 
 use serde_json::Value;
 
-/// Our packages from the bottom up. A package depends only on packages of a lower number; development
-/// dependencies are free.
+/// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
+/// dependencies are unrestricted.
 const LAYERS: [(&str, u32); 20] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
@@ -31,7 +31,7 @@ const LAYERS: [(&str, u32); 20] = [
     ("surfel-conformance", 9),
 ];
 
-/// Packages whose dependencies reach no GPU, directly or not.
+/// Packages whose direct and indirect dependencies include no GPU crate.
 const GPU_FREE: [&str; 8] = [
     "surfel-math",
     "surfel-model",
@@ -44,13 +44,13 @@ const GPU_FREE: [&str; 8] = [
 ];
 const GPU: [&str; 3] = ["wgpu", "ash", "naga"];
 
-/// A package of the dependency graph.
+/// Package of the dependency graph.
 #[derive(Clone, Debug, Default)]
 struct Package {
     name: String,
     version: String,
     ours: bool,
-    /// Ids of what building it takes: normal and build dependencies on any platform.
+    /// Ids of the packages that a build needs: normal and build dependencies on any platform.
     needs: BTreeSet<String>,
     /// Ids of development dependencies.
     tests_with: BTreeSet<String>,
@@ -65,8 +65,8 @@ fn workspace_graph() -> Graph {
         cargo.current_dir(root).args(["metadata", "--format-version", "1", "--locked"]).args(extra).output().unwrap()
     };
     let host = metadata_host();
-    // Offline where all is at hand. Packages for other platforms may not be, so online next, and where that
-    // fails too, this platform alone.
+    // The first try is offline, with all platforms. Packages for other platforms may be missing, so the next one is
+    // online, and the last one offline for this platform alone.
     let tries: [&[&str]; 3] = [&["--offline"], &[], &["--offline", "--filter-platform", &host]];
     let mut complaint = String::new();
     for extra in tries {
@@ -116,7 +116,7 @@ fn names<'a>(graph: &'a Graph, ids: &'a BTreeSet<String>) -> impl Iterator<Item 
     ids.iter().filter_map(|id| graph.get(id))
 }
 
-/// Names of all that building `package` takes, other packages' dependencies included.
+/// Returns the names of all packages that building `package` needs, directly or indirectly.
 fn reach(graph: &Graph, package: &Package) -> BTreeSet<String> {
     let mut open: Vec<&Package> = vec![package];
     let mut seen = BTreeSet::new();
@@ -168,7 +168,7 @@ fn math_problems(graph: &Graph) -> Vec<String> {
         .collect()
 }
 
-/// Dependencies that packages of ours take in several versions.
+/// Returns dependencies that packages of the workspace use in several versions.
 fn version_problems(graph: &Graph) -> Vec<String> {
     let mut versions: BTreeMap<&str, BTreeSet<&str>> = BTreeMap::new();
     for package in ours(graph) {
@@ -192,7 +192,7 @@ fn workspace_keeps_its_layers_and_one_version_of_each_dependency() {
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
 }
 
-/// A graph of packages written as `name version`, ours where the version is 0.1.0.
+/// Creates a graph of packages written as `name version`. Packages of version 0.1.0 belong to the workspace.
 fn made(packages: &[(&str, &[&str], &[&str])]) -> Graph {
     let owned = |ids: &[&str]| ids.iter().map(ToString::to_string).collect();
     let package = |(id, needs, tests_with): &(&str, &[&str], &[&str])| {
@@ -229,7 +229,7 @@ fn checks_accept_a_good_graph() {
     }
 }
 
-/// A rule, the package that breaks it by what it needs and tests with, and the complaint.
+/// Rule, a package that breaks it by its dependencies and development dependencies, and the complaint.
 struct Broken {
     check: Check,
     id: &'static str,

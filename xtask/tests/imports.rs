@@ -1,24 +1,26 @@
-//! Which file imports which: stages of `surfel-cpu` import down only, and no crate has a large circle of files.
+//! Tests which files import which: stages of `surfel-cpu` only import downward, and no crate has a large cycle of
+//! files.
 //!
-//! Sources are read, not compiled: `use crate::…` and `use super::…` outside of tests, comments apart.
+//! Sources are read, not compiled: `use crate::…` and `use super::…` outside of tests and comments.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
-/// Folders of `surfel-cpu` in the order of a frame. Each imports only from those before it; files beside them know all.
+/// Folders of `surfel-cpu` in the order of a frame. Each imports only from earlier ones; files beside them may import
+/// all.
 const STAGES: [&str; 9] = ["simd", "scene", "tiles", "cull", "setup", "raster", "shade", "screen", "gaussians"];
 
-/// Most files that may import each other in a circle.
+/// Maximum number of files that may import each other in a cycle.
 const LARGEST_CIRCLE: usize = 3;
 
-/// The files of a crate by their modules' paths, such as `tiles::grid`, and the paths that each imports.
+/// Files of a crate by their module paths, such as `tiles::grid`, with the paths that each imports.
 type Imports = BTreeMap<String, BTreeSet<String>>;
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
 
-/// Rust files below a folder, with their paths from it.
+/// Finds Rust files in a folder and its subfolders, with their relative paths.
 fn files(folder: &Path, below: &str, found: &mut Vec<(String, String)>) {
     let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     entries.sort();
@@ -32,13 +34,13 @@ fn files(folder: &Path, below: &str, found: &mut Vec<(String, String)>) {
     }
 }
 
-/// The module of a file: `tiles/grid.rs` is `tiles::grid`, `lib.rs` is empty.
+/// Returns the module of a file: `tiles/grid.rs` is `tiles::grid`, `lib.rs` is empty.
 fn module(file: &str) -> String {
     let path = file.trim_end_matches(".rs").trim_end_matches("/mod");
     if ["lib", "main", "mod"].contains(&path) { String::new() } else { path.replace('/', "::") }
 }
 
-/// A source without comments and without what is compiled for tests alone, which comes last in a file.
+/// Returns a source without comments and without code for tests alone, which comes last in a file.
 fn without_tests(source: &str) -> String {
     let mut lines = Vec::new();
     let mut skips_item = false;
@@ -59,7 +61,7 @@ fn without_tests(source: &str) -> String {
     lines.join("\n")
 }
 
-/// The paths that a tree of imports names: `a::{b, c::{d, e}}` is `a::b`, `a::c::d` and `a::c::e`.
+/// Returns the paths in a tree of imports: `a::{b, c::{d, e}}` is `a::b`, `a::c::d` and `a::c::e`.
 fn leaves(tree: &str) -> Vec<String> {
     let tree = tree.trim();
     let Some((head, rest)) = tree.split_once('{') else {
@@ -83,7 +85,7 @@ fn leaves(tree: &str) -> Vec<String> {
     parts.flat_map(leaves).map(|leaf| format!("{}{leaf}", head.trim())).collect()
 }
 
-/// The paths that a file imports from its own crate, from the crate's root.
+/// Returns the paths that a file imports from its own crate, relative to the crate's root.
 fn imported(module: &str, source: &str) -> Vec<String> {
     let flat = without_tests(source).replace('\n', " ");
     let mut found = Vec::new();
@@ -112,7 +114,7 @@ fn imported(module: &str, source: &str) -> Vec<String> {
     found
 }
 
-/// Which files of a crate import which.
+/// Returns the imports between files of a crate.
 fn imports(sources: &[(String, String)]) -> Imports {
     let modules: BTreeSet<String> = sources.iter().map(|(file, _)| module(file)).collect();
     let mut imports = Imports::new();
@@ -120,8 +122,8 @@ fn imports(sources: &[(String, String)]) -> Imports {
         let own = module(file);
         let of_file = imports.entry(own.clone()).or_default();
         for path in imported(&own, source) {
-            // The longest path that is a file: the rest are items in it. An item of the root may be a re-export: no
-            // arrow.
+            // The longest prefix that is a file counts; the rest are items in it. An item of the root may be a
+            // re-export, which is ignored.
             let mut path = path.trim_end_matches("::self").trim_end_matches("::*").to_string();
             while !path.is_empty() && !modules.contains(&path) {
                 path = path.rsplit_once("::").map_or(String::new(), |(head, _)| head.to_string());
@@ -134,7 +136,7 @@ fn imports(sources: &[(String, String)]) -> Imports {
     imports
 }
 
-/// Imports from a stage to a later one, or to what knows all stages.
+/// Returns imports from a stage to a later one, or to a file outside of the stages.
 fn upward(imports: &Imports) -> Vec<String> {
     let stage = |module: &str| {
         let folder = module.split("::").next().unwrap_or_default();
@@ -145,7 +147,7 @@ fn upward(imports: &Imports) -> Vec<String> {
     up.map(|(from, to)| format!("{from} imports {to}, which comes later")).collect()
 }
 
-/// Circles: sets of files each of which imports all others, directly or not.
+/// Returns cycles: sets of files each of which imports all others, directly or indirectly.
 fn circles(imports: &Imports) -> Vec<BTreeSet<String>> {
     let reach = |from: &String| {
         let (mut seen, mut open) = (BTreeSet::new(), vec![from]);
@@ -172,7 +174,7 @@ fn circles(imports: &Imports) -> Vec<BTreeSet<String>> {
     found
 }
 
-/// Folders with sources of the workspace's packages, relative to its root.
+/// Returns the source folders of the workspace's packages, relative to its root.
 fn source_folders() -> Vec<String> {
     let mut folders: Vec<String> = ["shaders", "tests", "xtask"].map(|name| format!("{name}/src")).to_vec();
     for package in std::fs::read_dir(root().join("crates")).unwrap() {
@@ -230,7 +232,7 @@ fn checks_find_imports_that_run_up_and_circles_however_they_are_written() {
         let found = upward(&made(&[("simd/lanes.rs", source), high, below]));
         assert_eq!(found, ["simd::lanes imports raster::block, which comes later"], "{source}");
     }
-    // What knows all stages may not be known by them.
+    // A file outside of the stages may not be imported by them.
     let renderer = ("renderer.rs", "use crate::raster::block::draw;");
     assert_eq!(upward(&made(&[("simd/lanes.rs", "use crate::renderer::Renderer;"), high, renderer])).len(), 1);
     for source in

@@ -1,4 +1,4 @@
-//! The workspace's own rules.
+//! Rules of the workspace.
 
 mod dependencies;
 mod imports;

@@ -1,4 +1,4 @@
-//! The compute path: buffers of cells, and the steps of a tile.
+//! Compute path: buffers of cells, and recording of a tile's dispatches.
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};
@@ -17,22 +17,22 @@ use surfel_gpu::{
     PixelPass, SETUP_STEPS_BINDING, Target, workgroups,
 };
 
-/// Buffers of the compute path, reused from frame to frame while they fit.
+/// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, Buffer>,
-    /// What they have room for; `None` before the first tile.
+    /// Capacity of the buffers, in records and pairs; `None` before the first tile.
     pub room: Option<CellRoom>,
 }
 
 impl CellBuffers {
-    /// Makes buffers that have room for a tile, where those that are there don't.
+    /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
     pub(crate) fn prepare(&mut self, device: &Arc<Device>, cells: &CellCounts, room: CellRoom) -> Result<(), Failure> {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = buffer.bytes(cells, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.bytes < bytes) {
-                // The old one is freed first: both may not fit.
+                // The old buffer is freed first: memory may not suffice for both.
                 self.buffers.remove(&buffer);
                 let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_SRC;
                 let made = Buffer::new(device, buffer.name(), bytes, usage, MemoryLocation::GpuOnly)?;
@@ -42,7 +42,7 @@ impl CellBuffers {
         Ok(())
     }
 
-    /// Bytes of all buffers.
+    /// Returns the size of all buffers, bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.buffers.values().map(|buffer| buffer.bytes).sum()
     }
@@ -52,7 +52,7 @@ impl CellBuffers {
     }
 }
 
-/// A tile of cells: everything that its steps read. It is dropped after they were executed.
+/// Resources that the dispatches of a tile read. It is dropped after they have been executed.
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
     cells: &'a CellBuffers,
@@ -60,10 +60,10 @@ pub(crate) struct CellTile<'a> {
     /// Descriptor sets of each dispatch, stage by stage.
     sets: Vec<Vec<[vk::DescriptorSet; 2]>>,
     pixels: Vec<(PixelPass, [vk::DescriptorSet; 2])>,
-    /// The counters, for the host to read.
+    /// Host-readable copy of the counters.
     pub counters: Buffer,
     _buffers: Vec<Buffer>,
-    /// The pool of the sets.
+    /// Pool of the descriptor sets.
     _sets: Sets,
 }
 
@@ -84,7 +84,7 @@ impl<'a> CellTile<'a> {
         let counts = data.cells.as_ref().ok_or_else(|| Failure::other("a tile has no cells"))?;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         let dispatches: usize = stages.iter().map(|stage| stage.steps.len()).sum();
-        // One of the frame and one of the step's own for each dispatch.
+        // Each dispatch has one set of the frame and one of its own.
         let sets = Sets::new(device, 2 * (dispatches + pixel_passes.len()) as u32)?;
         let frame_buffers = frame_buffers(device, data, frame)?;
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
@@ -135,7 +135,7 @@ impl<'a> CellTile<'a> {
         Ok(Self { inputs: *inputs, cells, stages, sets: all, pixels, counters, _buffers: buffers, _sets: sets })
     }
 
-    /// Records all stages, and copies of what the host reads.
+    /// Records all stages, and copies of the data that the host reads.
     pub(crate) fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
         let TileInputs { pipelines, targets, queries, data, .. } = self.inputs;
         queries.begin(commands);
@@ -147,7 +147,7 @@ impl<'a> CellTile<'a> {
                     bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
                     bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
                     dispatch(commands, step.workgroups);
-                    // Segments are set up side by side.
+                    // Dispatches that set up segments are independent, so only the last one needs a barrier.
                     if step.segment.is_none() || stage.steps.last() == Some(step) {
                         commands.barrier_of_compute();
                     }
@@ -175,7 +175,7 @@ impl<'a> CellTile<'a> {
     }
 }
 
-/// What bindings of steps may be.
+/// Resources that steps can bind.
 struct Resources<'a> {
     scene: &'a ResidentScene,
     targets: &'a Targets,
@@ -186,7 +186,7 @@ struct Resources<'a> {
 }
 
 impl<'a> Resources<'a> {
-    /// The resources of a step's bindings.
+    /// Returns the resources of a step's bindings.
     fn of(&self, step: &CellStep, bindings: &[u32]) -> Result<Vec<(u32, Resource<'a>)>, Failure> {
         let missing = || Failure::other(format!("{} binds what a tile of cells doesn't have", step.entry));
         let resident = || step.segment.and_then(|index| self.scene.segments.get(index)).ok_or_else(missing);

@@ -1,4 +1,4 @@
-//! Recording, submitting and waiting.
+//! Recording and submission of commands, and waiting for their execution.
 
 use crate::device::Device;
 use crate::error::Failure;
@@ -8,7 +8,7 @@ use crate::recorder::Recorder;
 use ash::vk;
 use std::sync::{Arc, PoisonError};
 
-/// Commands that are being recorded.
+/// Command buffer that is being recorded.
 pub(crate) struct Commands<'a> {
     pub device: &'a Arc<Device>,
     pub raw: vk::CommandBuffer,
@@ -22,7 +22,7 @@ impl Recorder {
             .flags(vk::CommandPoolCreateFlags::TRANSIENT);
         // SAFETY: the family is the device's.
         let pool = unsafe { vulkan.create_command_pool(&info, None) }?;
-        // Destroyed below unless everything could be made.
+        // The pool is destroyed at the end of this function, unless all other objects could be created.
         let owned_pool = Owned::new(device, pool, "commands", destroy!(destroy_command_pool));
         let info = vk::CommandBufferAllocateInfo::default().command_pool(pool).command_buffer_count(1);
         // SAFETY: the pool is this device's, and only this function uses it.
@@ -41,7 +41,7 @@ impl Recorder {
         record: impl FnOnce(&Commands<'_>) -> Result<(), Failure>,
     ) -> Result<(), Failure> {
         let (vulkan, raw) = (&device.raw, self.buffer);
-        // SAFETY: what was recorded before was executed and waited for.
+        // SAFETY: the previously recorded commands have been executed and waited for.
         unsafe { vulkan.reset_command_pool(self.pool, vk::CommandPoolResetFlags::empty()) }?;
         let fences = [self.fence];
         // SAFETY: no submission that signals the fence is being executed.
@@ -57,7 +57,7 @@ impl Recorder {
         // SAFETY: the commands are recorded, the fence is not signalled, and the queue is used by this thread alone: a
         // renderer is borrowed mutably while it works.
         unsafe { vulkan.queue_submit(device.queue, &[submission], self.fence) }?;
-        // SAFETY: the fence is this device's. After an error the device is lost, and executes nothing any more.
+        // SAFETY: the fence is this device's. After an error the device is lost and executes no more commands.
         unsafe { vulkan.wait_for_fences(&fences, true, u64::MAX) }?;
         Ok(())
     }
@@ -80,8 +80,8 @@ pub(crate) fn submit(
 }
 
 impl Commands<'_> {
-    /// All that was recorded is done, and seen by all that follows. A tile has a handful of steps, each of which needs
-    /// nearly all of the one before.
+    /// Waits for all earlier commands and makes their writes visible to all later ones. A tile has few steps, and each
+    /// needs nearly all results of the one before.
     pub(crate) fn barrier(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -92,7 +92,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, all, none, &[memory], &[], &[]) };
     }
 
-    /// All that compute shaders wrote is seen by compute shaders that follow.
+    /// Makes all writes of earlier compute shaders visible to later compute shaders.
     pub(crate) fn barrier_of_compute(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::SHADER_WRITE)
@@ -103,7 +103,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, compute, compute, none, &[memory], &[], &[]) };
     }
 
-    /// As [`Commands::barrier`], up to the host that reads.
+    /// Like [`Commands::barrier`], and makes the writes visible to the host.
     pub(crate) fn barrier_to_host(&self) {
         let memory = vk::MemoryBarrier::default()
             .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -114,7 +114,7 @@ impl Commands<'_> {
         unsafe { self.device.raw.cmd_pipeline_barrier(self.raw, all, host, none, &[memory], &[], &[]) };
     }
 
-    /// Brings a new image into the layout in which shaders read it.
+    /// Changes the layout of a new image to the one in which shaders read it.
     pub(crate) fn make_readable(&self, image: &Image) {
         let barrier = vk::ImageMemoryBarrier::default()
             .dst_access_mask(vk::AccessFlags::MEMORY_READ | vk::AccessFlags::MEMORY_WRITE)

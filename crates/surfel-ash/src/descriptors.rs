@@ -9,7 +9,7 @@ use std::sync::Arc;
 use surfel_gpu::binding_slots;
 use surfel_shaders::{BindingKind, Stage};
 
-/// A layout, and what its bindings are, in order.
+/// Descriptor set layout with the types of its bindings, in order.
 pub(crate) struct SetLayout {
     pub raw: Owned<vk::DescriptorSetLayout>,
     /// Number and type of each binding.
@@ -17,7 +17,7 @@ pub(crate) struct SetLayout {
 }
 
 impl SetLayout {
-    /// The layout of a group of these entry points.
+    /// Creates the layout of the group that these entry points use.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -45,7 +45,7 @@ impl SetLayout {
 }
 
 impl SetLayout {
-    /// Numbers of its bindings.
+    /// Returns the numbers of the bindings.
     pub(crate) fn numbers(&self) -> Vec<u32> {
         self.bindings.iter().map(|(number, _)| *number).collect()
     }
@@ -67,30 +67,30 @@ pub(crate) fn stage(stage: Stage) -> vk::ShaderStageFlags {
     }
 }
 
-/// The resource of a binding.
+/// Resource of a binding.
 #[derive(Clone, Copy)]
 pub(crate) enum Resource<'a> {
-    /// All of a buffer.
+    /// A whole buffer.
     Buffer(&'a Buffer),
     /// An image, in the layout in which shaders read it.
     Image(&'a Image),
 }
 
-/// Buffers numbered from 0.
+/// Returns buffers as resources with binding numbers from 0.
 pub(crate) fn numbered<'a>(buffers: impl IntoIterator<Item = &'a Buffer>) -> Vec<(u32, Resource<'a>)> {
     (0..).zip(buffers).map(|(binding, buffer)| (binding, Resource::Buffer(buffer))).collect()
 }
 
-/// Descriptor sets that live as long as their pool.
+/// Descriptor sets, which are freed with their pool.
 pub(crate) struct Sets {
     device: Arc<Device>,
     pool: Owned<vk::DescriptorPool>,
 }
 
 impl Sets {
-    /// Room for `sets` sets of any of our layouts.
+    /// Creates a pool for `sets` sets of any of the backend's layouts.
     pub(crate) fn new(device: &Arc<Device>, sets: u32) -> Result<Self, Failure> {
-        // No layout has more of a kind than these.
+        // These are the largest counts of any layout.
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.saturating_mul(sets).max(1) };
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
@@ -104,7 +104,8 @@ impl Sets {
         Ok(Self { device: device.clone(), pool })
     }
 
-    /// A set of those of these resources, given with their bindings, that the layout has.
+    /// Allocates a set for a layout. `resources` are pairs of binding and resource; resources that the layout lacks are
+    /// ignored.
     pub(crate) fn set(
         &self,
         layout: &SetLayout,

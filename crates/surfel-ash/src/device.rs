@@ -1,4 +1,4 @@
-//! The device, its queue and its memory.
+//! Logical device, with its queue and memory allocator.
 
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};
@@ -10,36 +10,36 @@ use std::ffi::CString;
 use std::mem::ManuallyDrop;
 use std::sync::{Arc, Mutex, PoisonError};
 
-/// A logical device. Everything that is made of it holds it.
+/// Logical device. All objects created from it hold a reference to it.
 pub(crate) struct Device {
     pub raw: ash::Device,
     pub queue: vk::Queue,
     pub family: u32,
     pub caps: DeviceCaps,
     pub instance: Arc<Instance>,
-    /// Dropped before the device.
+    /// Allocator of device memory, dropped before the device.
     pub allocator: ManuallyDrop<Mutex<Allocator>>,
-    /// What the last submission was recorded by.
+    /// Recorder of the last submission, reused for the next one. `None` before the first submission and while one runs.
     pub recorder: Mutex<Option<Recorder>>,
     names: Option<ext::debug_utils::Device>,
     is_own: bool,
 }
 
-/// The capabilities of a device that the backend depends on.
+/// Capabilities of a device that the backend depends on.
 #[derive(Clone, Debug)]
 pub(crate) struct DeviceCaps {
     pub limits: vk::PhysicalDeviceLimits,
-    /// Largest allocation, bytes.
+    /// Size of the largest allocation, bytes.
     pub allocation_bytes: u64,
-    /// Sum of the heaps that are the device's own, bytes.
+    /// Size of all device-local heaps together, bytes.
     pub memory_bytes: u64,
-    /// f32 targets blend.
+    /// True if f32 targets can be blended.
     pub blends_f32: bool,
-    /// Nanoseconds of a timestamp's tick; 0 without timestamps.
+    /// Duration of a timestamp's tick, nanoseconds; 0 without timestamps.
     pub timestamp_period: f64,
-    /// Samples that pass can be counted exactly.
+    /// True if samples that pass the depth test can be counted exactly.
     pub counts_samples: bool,
-    /// Invocations of shaders can be counted.
+    /// True if invocations of shaders can be counted.
     pub counts_invocations: bool,
 }
 
@@ -71,13 +71,13 @@ impl DeviceCaps {
         }
     }
 
-    /// Largest side of an image that is drawn into, pixels.
+    /// Returns the largest side of an image that passes can draw into, pixels.
     pub(crate) fn texture_side(&self) -> u32 {
         let limits = &self.limits;
         limits.max_image_dimension2_d.min(limits.max_framebuffer_width).min(limits.max_framebuffer_height)
     }
 
-    /// Largest buffer that a shader can read, bytes.
+    /// Returns the size of the largest buffer that a shader can read, bytes.
     pub(crate) fn buffer_bytes(&self) -> u64 {
         u64::from(self.limits.max_storage_buffer_range).min(self.allocation_bytes)
     }
@@ -106,7 +106,7 @@ impl Device {
         Self::wrap(instance, candidate, raw, queue, &enabled, true)
     }
 
-    /// A device that a program has anyway, of whose features none is taken for granted. It stays the program's.
+    /// Wraps a program's existing device, without assuming any optional feature. The program still owns the device.
     pub(crate) fn borrowed(
         instance: Arc<Instance>,
         candidate: &Candidate,
@@ -137,7 +137,7 @@ impl Device {
             Ok(allocator) => ManuallyDrop::new(Mutex::new(allocator)),
             Err(error) => {
                 if is_own {
-                    // SAFETY: made by the caller for us; nothing else was made of it.
+                    // SAFETY: the caller created the device for this function, and no other object was created from it.
                     unsafe { raw.destroy_device(None) };
                 }
                 return Err(error.into());
@@ -173,10 +173,11 @@ impl Drop for Device {
         if let Some(recorder) = recorder {
             recorder.destroy(&self.raw);
         }
-        // SAFETY: dropped once, here; all that was allocated from it holds the device and so is gone.
+        // SAFETY: dropped once, here; everything allocated from it holds the device, and so no longer exists.
         unsafe { ManuallyDrop::drop(&mut self.allocator) };
         if self.is_own {
-            // SAFETY: everything made of the device holds it, and so is gone; every submission was waited for.
+            // SAFETY: every object created from the device holds it, and so no longer exists; every submission was
+            // waited for.
             unsafe { self.raw.destroy_device(None) };
         }
     }

@@ -1,4 +1,4 @@
-//! Vulkan's results as errors.
+//! Conversion of Vulkan results into errors.
 
 use crate::NAME;
 use ash::vk;
@@ -6,12 +6,12 @@ use gpu_allocator::AllocationError;
 use std::fmt::Display;
 use surfel_render::RenderError;
 
-/// A failed call.
+/// Error of a failed call.
 #[derive(Debug)]
 pub(crate) enum Failure {
-    /// Host or device memory has ended.
+    /// Host or device memory is exhausted.
     OutOfMemory,
-    /// Anything else, in words.
+    /// Any other error, as a message.
     Other(String),
 }
 

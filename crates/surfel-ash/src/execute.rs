@@ -1,4 +1,4 @@
-//! Records a tile's steps.
+//! Recording of a tile's steps.
 
 use crate::commands::Commands;
 use crate::descriptors::{Resource, Sets, numbered};
@@ -21,7 +21,7 @@ use surfel_gpu::{
 };
 use surfel_shaders::layout;
 
-/// A tile: everything that its steps read. It is dropped after they were executed.
+/// Resources that the steps of a tile read. It is dropped after they have been executed.
 pub(crate) struct Tile<'a> {
     scene: &'a ResidentScene,
     pipelines: &'a Pipelines,
@@ -32,28 +32,28 @@ pub(crate) struct Tile<'a> {
     pixels: HashMap<PixelPass, vk::DescriptorSet>,
     /// Descriptor sets of the textures that draws read.
     reads: HashMap<Draw, vk::DescriptorSet>,
-    /// Size of what it draws into of the targets, pixels.
+    /// Size of the drawn part of the targets, pixels.
     size: [u32; 2],
-    /// Size of the region that is shaded, pixels.
+    /// Size of the shaded region, pixels.
     shaded: [u32; 2],
     segments: Vec<Option<SegmentSets>>,
     near: Vec<RecordDraw>,
     polygons: (vk::DescriptorSet, u32),
-    /// Counts the splats that were set up and touch the tile.
+    /// Counter of the splats that were set up and touch the tile.
     drawn: Buffer,
-    /// The count, for the host to read.
+    /// Host-readable copy of the counter.
     pub drawn_readback: Buffer,
-    /// Indirect draws of transparent splats; `None` where there are none.
+    /// Indirect draws of transparent splats; `None` if there are none.
     layer_draws: Option<Buffer>,
-    /// The number of layers, for the host to read.
+    /// Host-readable copy of the number of layers.
     pub layers_readback: Option<Buffer>,
-    /// The buffers that the sets refer to.
+    /// Buffers that the descriptor sets refer to.
     _buffers: Vec<Buffer>,
-    /// The pool of the sets.
+    /// Pool of the descriptor sets.
     _sets: Sets,
 }
 
-/// What a tile is made of.
+/// Inputs from which a [`Tile`] is created.
 #[derive(Clone, Copy)]
 pub(crate) struct TileInputs<'a> {
     pub scene: &'a ResidentScene,
@@ -62,31 +62,31 @@ pub(crate) struct TileInputs<'a> {
     pub queries: &'a Queries,
     pub frame: &'a FrameScene,
     pub data: &'a TileData,
-    /// The pixel passes among its steps.
+    /// Pixel passes among the tile's steps.
     pub pixel_passes: &'a [PixelPass],
-    /// Texels of shadow maps that it reads.
+    /// Texels of the shadow maps that the tile reads.
     pub shadow_texels: &'a Buffer,
-    /// Texels of shadow maps that it writes.
+    /// Texels of the shadow maps that the tile writes.
     pub drawn_shadow_texels: &'a Buffer,
 }
 
 struct SegmentSets {
-    /// Sets of setup: one that counts drawn splats, and one that doesn't.
+    /// Descriptor sets of setup: the first counts drawn splats, the second doesn't.
     setup: [vk::DescriptorSet; 2],
     drawn: RecordDraw,
 }
 
-/// A draw of records.
+/// Draw of records.
 #[derive(Clone)]
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     records: vk::DescriptorSet,
-    /// The set that replaces them where each splat is lit by itself.
+    /// Descriptor set that replaces `records` where each splat is lit by itself.
     lit: Option<vk::DescriptorSet>,
-    /// The records that it draws, in order; layers, which are drawn indirectly, draw them all.
+    /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Its index among the indirect draws of layers.
+    /// Index among the indirect draws of layers.
     index: usize,
 }
 
@@ -94,8 +94,8 @@ impl<'a> Tile<'a> {
     pub(crate) fn new(device: &Arc<Device>, inputs: &TileInputs<'a>) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, queries, frame, data, pixel_passes, .. } = *inputs;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
-        // Three for frame, setup and polygons; one for each draw and pixel pass; two for each group of records at the
-        // near plane; three for each segment.
+        // Sets: three for frame, setup and polygons; one for each draw and pixel pass; two for each group of records at
+        // the near plane; three for each segment.
         let draws = &targets.key.draws;
         let sets = Sets::new(
             device,
@@ -241,7 +241,7 @@ impl<'a> Tile<'a> {
         })
     }
 
-    /// Records all steps, those of samples, and copies of what the host reads.
+    /// Records all steps, the steps of samples, and copies of the data that the host reads.
     pub(crate) fn record(
         &self,
         commands: &Commands<'_>,
@@ -268,7 +268,7 @@ impl<'a> Tile<'a> {
         Ok(())
     }
 
-    /// Records further dispatches of its pass over Gaussians, and a copy of the planes.
+    /// Records `times` further runs of the pass over Gaussians, and a copy of the planes.
     pub(crate) fn dispatch_again(&self, commands: &Commands<'_>, steps: &[Step], times: u32) -> Result<(), Failure> {
         for step in (0..times).flat_map(|_| steps) {
             self.step(commands, step)?;
@@ -321,9 +321,9 @@ impl<'a> Tile<'a> {
     fn draw(&self, commands: &Commands<'_>, draw: Draw, segments: &[usize], first: bool) -> Result<(), Failure> {
         let vulkan = &commands.device.raw;
         let pass = &self.pipelines.draw(draw, Variant::Whole, self.targets.key.precision)?.pass;
-        // Looked up before the render pass begins, which must end whatever happens.
+        // Lookups that can fail precede the begin of the render pass, which has to end in any case.
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
-        // Splats at the near plane belong to no segment: the first draw of a kind takes them. Draws without records
+        // Splats at the near plane belong to no segment: the first draw of a kind draws them. Draws without records
         // have no pipeline for clipped ones.
         let takes_near = first && draw.draws_records();
         let records: Vec<&RecordDraw> = segments
@@ -343,7 +343,7 @@ impl<'a> Tile<'a> {
             .clear_values(&clear_values);
         // SAFETY: pass and framebuffer are compatible, the images are in the pass's initial layouts; it is ended below.
         unsafe { vulkan.cmd_begin_render_pass(commands.raw, &info, vk::SubpassContents::INLINE) };
-        // Clip space has y up, as in WebGPU: the viewport turns it over.
+        // Clip space has y up, as in WebGPU, so the viewport flips y.
         let (width, height) = (width as f32, height as f32);
         let viewport = vk::Viewport { x: 0.0, y: height, width, height: -height, min_depth: 0.0, max_depth: 1.0 };
         // SAFETY: Vulkan 1.1 takes viewports of negative height; the pipeline's viewport is dynamic.
@@ -413,7 +413,7 @@ pub(crate) fn bind_sets(
 }
 
 pub(crate) fn dispatch(commands: &Commands<'_>, [x, y]: [u32; 2]) {
-    // SAFETY: a compute pipeline and its sets are bound; every device takes 65535 groups an axis, and a segment or a
+    // SAFETY: a compute pipeline and its sets are bound; every device supports 65535 groups an axis, and a segment or a
     // tile has fewer.
     unsafe { commands.device.raw.cmd_dispatch(commands.raw, x, y, 1) };
 }

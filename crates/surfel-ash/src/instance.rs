@@ -1,4 +1,4 @@
-//! The instance, its messages, and the devices that it finds.
+//! Vulkan instance, its validation messages, and the devices that it finds.
 
 use crate::error::Failure;
 use ash::{ext, vk};
@@ -10,23 +10,23 @@ const VALIDATION_LAYER: &CStr = c"VK_LAYER_KHRONOS_validation";
 /// Messages of the validation layers.
 pub(crate) type Messages = Mutex<Vec<String>>;
 
-/// A Vulkan instance and its debug messenger.
+/// Vulkan instance and its debug messenger.
 pub(crate) struct Instance {
     pub raw: ash::Instance,
-    /// Debug utilities are enabled, so that objects can be named.
+    /// True if debug utilities are enabled, so that objects can be named.
     pub has_names: bool,
     messages: Arc<Messages>,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
-    /// Made here, and so destroyed here.
+    /// True if this value created the instance, and therefore destroys it.
     is_own: bool,
-    /// The loader, which the others' functions are in.
+    /// Vulkan loader, which contains the functions that the other fields use.
     _entry: ash::Entry,
 }
 
 impl Instance {
-    /// Loads Vulkan.
+    /// Loads Vulkan and creates an instance.
     pub(crate) fn new(validation: bool) -> Result<Self, Failure> {
-        // SAFETY: the loader is the system's; Vulkan must trust it as everything else that is linked does.
+        // SAFETY: the loader is the system's; it has to be trusted like any other linked library.
         let entry = unsafe { ash::Entry::load() };
         let entry = entry.map_err(|error| {
             Failure::Other(format!("no Vulkan loader ({error}); install libvulkan1, or a graphics driver"))
@@ -49,7 +49,8 @@ impl Instance {
             extensions.push(ext::debug_utils::NAME.as_ptr());
             extensions.push(ext::validation_features::NAME.as_ptr());
         }
-        // Missing barriers show on no software driver, and on some day on every other.
+        // Synchronisation validation finds missing barriers. Software drivers never show them; any other driver may at
+        // some time.
         let hazards = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut checks = vk::ValidationFeaturesEXT::default().enabled_validation_features(&hazards);
         let info = vk::InstanceCreateInfo::default()
@@ -67,7 +68,7 @@ impl Instance {
         Ok(instance)
     }
 
-    /// An instance that a program has anyway. It stays the program's.
+    /// Wraps a program's existing instance. The program still owns it.
     pub(crate) fn borrowed(entry: ash::Entry, raw: ash::Instance) -> Self {
         let messages = Arc::new(Messages::default());
         Self { raw, has_names: false, messages, messenger: None, is_own: false, _entry: entry }
@@ -88,12 +89,12 @@ impl Instance {
         Ok(())
     }
 
-    /// Messages of the validation layers since the last call.
+    /// Returns the messages of the validation layers since the last call.
     pub(crate) fn take_messages(&self) -> Vec<String> {
         std::mem::take(&mut self.messages.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    /// Devices that draw and compute with Vulkan 1.1, the fastest kind first.
+    /// Returns the devices that draw and compute with Vulkan 1.1, the fastest kind first.
     pub(crate) fn candidates(&self) -> Result<Vec<Candidate>, Failure> {
         // SAFETY: the instance is alive.
         let devices = unsafe { self.raw.enumerate_physical_devices() }?;
@@ -113,11 +114,11 @@ impl Instance {
 impl Drop for Instance {
     fn drop(&mut self) {
         if let Some((utilities, messenger)) = self.messenger.take() {
-            // SAFETY: made from this instance, destroyed once; nobody else has it.
+            // SAFETY: created from this instance, and destroyed once, by its only owner.
             unsafe { utilities.destroy_debug_utils_messenger(messenger, None) };
         }
         if self.is_own {
-            // SAFETY: devices hold their instance, so none is left.
+            // SAFETY: devices hold their instance, so none exists any more.
             unsafe { self.raw.destroy_instance(None) };
         }
     }
@@ -133,10 +134,10 @@ fn check_layer(entry: &ash::Entry) -> Result<(), Failure> {
     Err(Failure::other("the Vulkan validation layer is not installed; install vulkan-validationlayers"))
 }
 
-/// Receives a message of the validation layers.
+/// Stores a message of the validation layers; Vulkan calls it.
 ///
 /// # Safety
-/// `data` is valid during the call, as Vulkan says, and `user` points to [`Messages`].
+/// `data` is valid during the call, as Vulkan guarantees, and `user` points to [`Messages`].
 unsafe extern "system" fn on_message(
     _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
     _types: vk::DebugUtilsMessageTypeFlagsEXT,
@@ -152,15 +153,15 @@ unsafe extern "system" fn on_message(
         let text = unsafe { data.message_as_c_str() }.map(|text| text.to_string_lossy().into_owned());
         messages.lock().unwrap_or_else(PoisonError::into_inner).push(text.unwrap_or_default());
     }
-    // The call that caused it goes on.
+    // The call that caused the message continues.
     vk::FALSE
 }
 
-/// A device that could draw.
+/// Device that can draw.
 pub(crate) struct Candidate {
     pub physical: vk::PhysicalDevice,
     pub properties: vk::PhysicalDeviceProperties,
-    /// A queue family that draws and computes, and the bits of its timestamps.
+    /// Queue family that draws and computes, and number of valid bits in its timestamps.
     pub family: u32,
     pub timestamp_bits: u32,
     pub name: String,
@@ -168,7 +169,8 @@ pub(crate) struct Candidate {
 }
 
 impl Candidate {
-    /// `None` for a device of Vulkan 1.0, or one that doesn't both draw and compute.
+    /// Returns a candidate, or `None` for a device with Vulkan 1.0 or without a queue family that both draws and
+    /// computes.
     fn of(instance: &ash::Instance, physical: vk::PhysicalDevice) -> Option<Self> {
         // SAFETY: the physical device is the instance's.
         let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
@@ -178,7 +180,7 @@ impl Candidate {
         Self::with_family(instance, physical, family as u32, timestamp_bits)
     }
 
-    /// As a program describes its own device.
+    /// Returns a candidate for a program's own device, whose queue family is given. `None` for Vulkan 1.0.
     pub(crate) fn with_family(
         instance: &ash::Instance,
         physical: vk::PhysicalDevice,

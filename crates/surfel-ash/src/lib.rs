@@ -1,9 +1,9 @@
-//! Surfel's backend on raw Vulkan 1.1: the same shaders and the same schedule as `surfel-wgpu`, without a layer
-//! between.
+//! Surfel's backend on raw Vulkan 1.1: the same shaders and schedule as `surfel-wgpu`, without an intermediate layer.
 //!
-//! One file an object family. Every Vulkan object is owned by a value that destroys it (`object.rs`, `memory.rs`),
-//! carries a name where a debugger can see it, and keeps its device alive. Every submission is waited for before what
-//! it uses can go: a frame is read back anyway. No result is unwrapped; out of memory and a lost device are errors.
+//! Each file covers one family of Vulkan objects. Every object is owned by a value that destroys it (`object.rs`,
+//! `memory.rs`), has a name for debuggers, and holds a reference to its device. The host waits for every submission
+//! before it drops the resources in use: a frame is read back anyway. No result is unwrapped; exhausted memory and a
+//! lost device are errors.
 //!
 //! ```no_run
 //! use surfel_render::Settings;
@@ -47,11 +47,11 @@ pub use surfel_render::UploadProgress;
 
 use surfel_render::Capabilities;
 
-/// Vulkan's bindings, in the version that [`RawDevice`] is made of.
+/// Vulkan bindings, in the version that [`RawDevice`] uses.
 pub use ash;
 
-/// Name used in messages and on the command line.
+/// Name of the backend in messages and on the command line.
 const NAME: &str = "ash";
 
-/// What the backend draws, on any adapter.
+/// Features that the backend supports, on any adapter.
 pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

@@ -8,7 +8,7 @@ use gpu_allocator::MemoryLocation;
 use gpu_allocator::vulkan::{Allocation, AllocationCreateDesc, AllocationScheme};
 use std::sync::{Arc, PoisonError};
 
-/// Memory of an object, given back when it is dropped.
+/// Memory of an object, freed when it is dropped.
 struct Memory {
     device: Arc<Device>,
     allocation: Option<Allocation>,
@@ -29,7 +29,7 @@ impl Memory {
         Ok(Self { device: device.clone(), allocation: Some(allocation) })
     }
 
-    /// Handle and offset to bind an object to.
+    /// Returns the memory handle and offset to which an object is bound.
     fn place(&self) -> Option<(vk::DeviceMemory, u64)> {
         // SAFETY: the handle is only bound to; the allocator keeps it alive while the allocation is.
         self.allocation.as_ref().map(|allocation| (unsafe { allocation.memory() }, allocation.offset()))
@@ -40,7 +40,7 @@ impl Drop for Memory {
     fn drop(&mut self) {
         if let Some(allocation) = self.allocation.take() {
             let mut allocator = self.device.allocator.lock().unwrap_or_else(PoisonError::into_inner);
-            // It fails for memory of another allocator alone, and this is its own.
+            // Freeing fails only for memory of another allocator.
             let _ = allocator.free(allocation);
         }
     }
@@ -48,15 +48,15 @@ impl Drop for Memory {
 
 /// A buffer.
 pub(crate) struct Buffer {
-    // Before its memory, so that it is destroyed first.
+    // Declared before its memory, so that it is destroyed first.
     object: Owned<vk::Buffer>,
     memory: Memory,
-    /// Its size.
+    /// Size in bytes.
     pub bytes: u64,
 }
 
 impl Buffer {
-    /// A buffer of at least four bytes, whose contents are undefined.
+    /// Creates a buffer of at least four bytes with undefined contents.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -78,7 +78,7 @@ impl Buffer {
         Ok(Self { object, memory, bytes })
     }
 
-    /// A buffer that the host has filled.
+    /// Creates a buffer that the host fills with `words`.
     pub(crate) fn filled(
         device: &Arc<Device>,
         name: &str,
@@ -102,7 +102,7 @@ impl Buffer {
         Ok(())
     }
 
-    /// The first words of a buffer that the host can read, after the device has written it.
+    /// Returns the first words of a host-readable buffer, after the device has written them.
     pub(crate) fn words(&self, count: usize) -> Result<&[u32], Failure> {
         let mapped = self.memory.allocation.as_ref().and_then(Allocation::mapped_slice);
         let bytes = mapped.and_then(|mapped| mapped.get(..4 * count)).ok_or_else(not_mapped)?;
@@ -114,9 +114,9 @@ fn not_mapped() -> Failure {
     Failure::other("memory that the host should reach isn't mapped")
 }
 
-/// A two-dimensional image with one level and its view.
+/// Two-dimensional image with one level, and its view.
 pub(crate) struct Image {
-    // In the order of their destruction.
+    // Fields are declared in the order of their destruction.
     view: Owned<vk::ImageView>,
     object: Owned<vk::Image>,
     _memory: Memory,
@@ -125,7 +125,7 @@ pub(crate) struct Image {
 }
 
 impl Image {
-    /// An image that passes draw into and shaders read.
+    /// Creates an image that passes draw into and shaders read.
     pub(crate) fn new(
         device: &Arc<Device>,
         name: &str,
@@ -176,13 +176,13 @@ impl Image {
         self.object.raw
     }
 
-    /// The layout in which shaders read it.
+    /// Returns the layout in which shaders read the image.
     pub(crate) fn read_layout(&self) -> vk::ImageLayout {
         read_layout(self.format)
     }
 }
 
-/// The layout in which shaders read images of this format.
+/// Returns the layout in which shaders read images of a format.
 pub(crate) fn read_layout(format: vk::Format) -> vk::ImageLayout {
     if format == vk::Format::D32_SFLOAT {
         vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL
@@ -191,7 +191,7 @@ pub(crate) fn read_layout(format: vk::Format) -> vk::ImageLayout {
     }
 }
 
-/// All of an image.
+/// Returns the range of a whole image.
 pub(crate) fn whole(aspect: vk::ImageAspectFlags) -> vk::ImageSubresourceRange {
     vk::ImageSubresourceRange::default().aspect_mask(aspect).level_count(1).layer_count(1)
 }

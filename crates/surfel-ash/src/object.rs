@@ -1,10 +1,10 @@
-//! Vulkan objects that destroy themselves.
+//! Vulkan objects that destroy themselves when dropped.
 
 use crate::device::Device;
 use ash::vk;
 use std::sync::Arc;
 
-/// An object of a device, owned.
+/// Owned object of a device.
 pub(crate) struct Owned<H: Copy> {
     pub raw: H,
     device: Arc<Device>,
@@ -12,7 +12,7 @@ pub(crate) struct Owned<H: Copy> {
 }
 
 impl<H: Copy + vk::Handle> Owned<H> {
-    /// Takes over an object that was just made of the device. `destroy` is called once, when nothing uses it any more.
+    /// Takes ownership of an object that was just created. `destroy` is called once, when the object is no longer used.
     pub(crate) fn new(device: &Arc<Device>, raw: H, name: &str, destroy: fn(&ash::Device, H)) -> Self {
         device.name(raw, name);
         Self { raw, device: device.clone(), destroy }
@@ -20,7 +20,7 @@ impl<H: Copy + vk::Handle> Owned<H> {
 }
 
 impl<H: Copy> Owned<H> {
-    /// Leaves it to the caller to destroy the object.
+    /// Releases the object without destroying it.
     pub(crate) fn keep(mut self) {
         self.destroy = |_, _| ();
     }
@@ -32,7 +32,7 @@ impl<H: Copy> Drop for Owned<H> {
     }
 }
 
-/// A function that destroys a kind of object, for [`Owned::new`].
+/// Defines the function that destroys a kind of object, for [`Owned::new`].
 macro_rules! destroy {
     ($method:ident) => {
         |device, raw| {

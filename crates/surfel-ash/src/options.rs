@@ -3,24 +3,24 @@
 use surfel_gpu::{GpuPath, Limits};
 use surfel_model::Storage;
 
-/// How a [`Renderer`](crate::Renderer) is opened.
+/// Options for opening a [`Renderer`](crate::Renderer).
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// A part of the adapter's name, in any case; `None`: the fastest kind of adapter there is.
+    /// Case-insensitive part of the adapter's name; `None` for the fastest kind of adapter.
     pub adapter: Option<String>,
-    /// Has the validation layer check every call. Whatever it says becomes an error.
+    /// True if the validation layer checks every call. Each of its messages becomes an error.
     pub validation: bool,
-    /// What may be used of the device.
+    /// Limits on the use of the device.
     pub limits: Limits,
-    /// How splats are stored in the device's memory.
+    /// Storage format of splats in the device's memory.
     pub storage: Storage,
-    /// Compute shaders or raster hardware.
+    /// Path by which frames are drawn: compute shaders or raster hardware.
     pub path: GpuPath,
 }
 
 impl Options {
-    /// With a part of the adapter's name, in any case; `None`: any adapter.
+    /// Sets a case-insensitive part of the adapter's name; `None` allows any adapter.
     #[must_use]
     pub fn with_adapter(mut self, adapter: impl Into<Option<String>>) -> Self {
         self.adapter = adapter.into();

@@ -8,10 +8,10 @@ use ash::vk;
 use std::sync::Arc;
 use surfel_gpu::{Draw, Precision, Target, TargetFormat};
 
-/// The image format of a target.
+/// Returns the image format of a target.
 pub(crate) fn format_of(target: Target, sums: Precision) -> vk::Format {
     match (target.format(), sums) {
-        // Every device has it.
+        // Every device supports this format.
         (TargetFormat::Depth, _) => vk::Format::D32_SFLOAT,
         (TargetFormat::Sums4, Precision::F32) => vk::Format::R32G32B32A32_SFLOAT,
         (TargetFormat::Sums4, Precision::F16) => vk::Format::R16G16B16A16_SFLOAT,
@@ -21,12 +21,12 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> vk::Format {
     }
 }
 
-/// Targets of a draw: colours, then depth.
+/// Returns the targets of a draw: colours, then depth.
 pub(crate) fn attachments(draw: Draw) -> impl Iterator<Item = Target> {
     draw.colors().iter().copied().chain(draw.depth())
 }
 
-/// A render pass that clears its targets, and a compatible one that loads them.
+/// Render pass that clears its targets, and a compatible one that loads them.
 pub(crate) struct Pass {
     clearing: Owned<vk::RenderPass>,
     loading: Owned<vk::RenderPass>,
@@ -40,12 +40,13 @@ impl Pass {
         Ok(Self { clearing, loading, targets: attachments(draw).count() })
     }
 
-    /// Either is compatible with pipelines and framebuffers of the other.
+    /// Returns the render pass that clears its targets, or the one that loads them. Pipelines and framebuffers work
+    /// with both.
     pub(crate) fn raw(&self, clears: bool) -> vk::RenderPass {
         if clears { self.clearing.raw } else { self.loading.raw }
     }
 
-    /// One for each target. A reversed depth of 0 is infinitely far.
+    /// Returns a clear value for each target. A reversed depth of 0 is infinitely far.
     pub(crate) fn clear_values(&self) -> Vec<vk::ClearValue> {
         vec![vk::ClearValue { color: vk::ClearColorValue { float32: [0.0; 4] } }; self.targets]
     }
@@ -82,7 +83,7 @@ fn render_pass(
         .pipeline_bind_point(vk::PipelineBindPoint::GRAPHICS)
         .color_attachments(&colors);
     let subpasses = [if draw.depth().is_some() { subpass.depth_stencil_attachment(&depth) } else { subpass }];
-    // Layouts change after all that was before, and before all that follows.
+    // Layouts change after all earlier commands and before all later ones.
     let (all, graphics) = (vk::PipelineStageFlags::ALL_COMMANDS, vk::PipelineStageFlags::ALL_GRAPHICS);
     let dependency = vk::SubpassDependency::default()
         .src_access_mask(vk::AccessFlags::MEMORY_WRITE)
@@ -99,7 +100,7 @@ fn render_pass(
     Ok(Owned::new(device, raw, draw.name(), destroy!(destroy_render_pass)))
 }
 
-/// A framebuffer of images of one size.
+/// Creates a framebuffer from images of one size.
 pub(crate) fn framebuffer(
     device: &Arc<Device>,
     pass: &Pass,

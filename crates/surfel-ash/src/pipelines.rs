@@ -1,4 +1,4 @@
-//! Shaders, layouts and pipelines, built once for a device.
+//! Shaders, layouts and pipelines, built once per device.
 
 use crate::descriptors::{SetLayout, stage};
 use crate::device::Device;
@@ -13,7 +13,7 @@ use std::sync::Arc;
 use surfel_gpu::{Draw, PixelPass, Precision, Variant};
 use surfel_shaders::{ENTRIES, SPIRV, Stage};
 
-/// What the pipeline of a draw depends on.
+/// Parameters of a draw's pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct DrawKey {
     draw: Draw,
@@ -21,12 +21,13 @@ struct DrawKey {
     precision: Precision,
 }
 
-/// The layouts and pipelines of a device, each built once.
+/// Layouts and pipelines of a device, each built once.
 pub(crate) struct Pipelines {
     device: Arc<Device>,
     cache: Owned<vk::PipelineCache>,
     pub frame_set: SetLayout,
-    /// The bindings of the frame that splat setup uses: all of them would be more buffers than every device binds.
+    /// Layout of the frame's bindings that splat setup uses. With all of them, setup would use more buffers than every
+    /// device supports.
     pub setup_frame_set: SetLayout,
     pub polygons_set: SetLayout,
     pixels: HashMap<PixelPass, PixelPipeline>,
@@ -35,38 +36,38 @@ pub(crate) struct Pipelines {
     cells: HashMap<&'static str, CellPipeline>,
 }
 
-/// The pipeline of a pass of the compute path, and the layouts of its sets. Each has its own of the frame: with all
-/// buffers of the frame some would bind more than every device does.
+/// Pipeline of a pass of the compute path, and the layouts of its sets. Each pass has its own layout of the frame's
+/// buffers: with all of them, some passes would exceed the number that every device supports.
 pub(crate) struct CellPipeline {
     pub pipeline: Pipeline,
     pub frame_set: SetLayout,
     pub set: SetLayout,
 }
 
-/// A pipeline and its layout.
+/// Pipeline and its layout.
 pub(crate) struct Pipeline {
     pub raw: Owned<vk::Pipeline>,
     pub layout: Owned<vk::PipelineLayout>,
 }
 
-/// The pipeline of a pixel pass, and the layout of its bindings.
+/// Pipeline of a pixel pass, and the layout of its bindings.
 pub(crate) struct PixelPipeline {
     pub pipeline: Pipeline,
     pub set: SetLayout,
 }
 
-/// The setup pipeline of a variant, and the layouts of its bindings and of its records'.
+/// Setup pipeline of a clip variant, with the layouts of setup's bindings and of records.
 pub(crate) struct SplatPipeline {
     pub setup: Pipeline,
     pub setup_set: SetLayout,
     pub records_set: SetLayout,
 }
 
-/// The pipeline of a draw and its render pass.
+/// Pipeline of a draw, and its render pass.
 pub(crate) struct DrawPipeline {
     pub pipeline: Pipeline,
     pub pass: Pass,
-    /// The layout of the textures that it reads.
+    /// Layout of the textures that the draw reads.
     pub reads_set: SetLayout,
 }
 
@@ -94,7 +95,7 @@ impl Pipelines {
         })
     }
 
-    /// Builds the pipeline of a pixel pass, if it hasn't been built.
+    /// Builds the pipeline of a pixel pass, if it doesn't exist.
     pub(crate) fn prepare_pixels(&mut self, pixels: PixelPass) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.pixels.entry(pixels) else { return Ok(()) };
         let entry = pixels.entry();
@@ -109,7 +110,7 @@ impl Pipelines {
         self.pixels.get(&pixels).ok_or_else(|| Failure::other("a pixel pass was recorded that was not prepared"))
     }
 
-    /// Builds the pipeline of a pass of the compute path, if it hasn't been built.
+    /// Builds the pipeline of a pass of the compute path, if it doesn't exist.
     pub(crate) fn prepare_cells(&mut self, entry: &'static str) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.cells.entry(entry) else { return Ok(()) };
         let [frame_set, set] = [0, 1].map(|group| SetLayout::new(&self.device, entry, &[entry], group));
@@ -124,7 +125,7 @@ impl Pipelines {
         self.cells.get(entry).ok_or_else(|| Failure::other("a pass over cells was recorded that was not prepared"))
     }
 
-    /// Builds the setup pipeline of a variant, if it hasn't been built.
+    /// Builds the setup pipeline of a variant, if it doesn't exist.
     pub(crate) fn prepare_splats(&mut self, variant: Variant) -> Result<(), Failure> {
         let Entry::Vacant(place) = self.splats.entry(variant) else { return Ok(()) };
         let entry = variant.setup();
@@ -140,7 +141,7 @@ impl Pipelines {
         self.splats.get(&variant).ok_or_else(|| Failure::other("splats were drawn that were not prepared"))
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been built, after that of its variant's setup.
+    /// Builds the pipeline of a draw, if it doesn't exist. The setup pipeline of the variant has to exist.
     pub(crate) fn prepare(&mut self, draw: Draw, variant: Variant, precision: Precision) -> Result<(), Failure> {
         let unprepared = || Failure::other("splats were drawn that were not prepared");
         let splats = self.splats.get(&variant).ok_or_else(unprepared)?;
@@ -172,12 +173,12 @@ fn pipeline_layout(
 ) -> Result<Owned<vk::PipelineLayout>, Failure> {
     let sets: Vec<vk::DescriptorSetLayout> = sets.iter().map(|set| set.raw.raw).collect();
     let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&sets);
-    // SAFETY: the set layouts are this device's; at most three, of which every device binds four.
+    // SAFETY: the set layouts are this device's; there are at most three, and every device supports four.
     let raw = unsafe { device.raw.create_pipeline_layout(&info, None) }?;
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline_layout)))
 }
 
-/// A shader: it may go once its pipeline is made.
+/// Creates a shader module. It can be destroyed once its pipeline exists.
 fn shader_module(device: &Arc<Device>, name: &str) -> Result<Owned<vk::ShaderModule>, Failure> {
     let found = SPIRV.iter().find(|(entry, _)| *entry == name);
     let (_, code) = found.ok_or_else(|| Failure::other(format!("there is no shader {name}")))?;
@@ -191,13 +192,13 @@ fn entry_name(entry: &str) -> Result<CString, Failure> {
     CString::new(entry).map_err(Failure::other)
 }
 
-/// Takes over the pipelines of a call that makes one.
+/// Takes ownership of the single pipeline that a call created.
 fn made(
     device: &Arc<Device>,
     name: &str,
     result: Result<Vec<vk::Pipeline>, (Vec<vk::Pipeline>, vk::Result)>,
 ) -> Result<Owned<vk::Pipeline>, Failure> {
-    // After an error there is none: one was asked for.
+    // After an error no pipeline exists, since the call requested only one.
     let pipelines = result.map_err(|(_, error)| error)?;
     let raw = *pipelines.first().ok_or(Failure::OutOfMemory)?;
     Ok(Owned::new(device, raw, name, destroy!(destroy_pipeline)))
@@ -218,7 +219,7 @@ fn compute_pipeline(
     made(device, entry, result)
 }
 
-/// A pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
+/// Creates a pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
 fn draw_pipeline(
     device: &Arc<Device>,
     cache: vk::PipelineCache,

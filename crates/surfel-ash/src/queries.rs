@@ -9,10 +9,10 @@ use std::cell::RefCell;
 use std::sync::Arc;
 use surfel_render::{PassTime, Stats};
 
-/// Steps of a tile that are timed; a scene of very many segments goes on untimed.
+/// Maximum number of steps of a tile that are timed. Further steps, in scenes of very many segments, run untimed.
 const MOST_STEPS: u32 = 512;
 
-/// What is counted of the shaders, in the order of the flags' bits.
+/// Shader stages whose invocations are counted, in the order of the flags' bits.
 const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags::from_raw(
     vk::QueryPipelineStatisticFlags::VERTEX_SHADER_INVOCATIONS.as_raw()
         | vk::QueryPipelineStatisticFlags::FRAGMENT_SHADER_INVOCATIONS.as_raw()
@@ -20,25 +20,25 @@ const COUNTED: vk::QueryPipelineStatisticFlags = vk::QueryPipelineStatisticFlags
 );
 const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "compute_invocations"];
 
-/// Queries of a tile, those that the device has.
+/// Queries of a tile. Kinds that the device lacks are `None`.
 pub(crate) struct Queries {
     device: Arc<Device>,
     times: Option<Owned<vk::QueryPool>>,
     invocations: Option<Owned<vk::QueryPool>>,
     samples: Option<Owned<vk::QueryPool>>,
-    /// Steps that there are queries for.
+    /// Maximum number of steps that can be timed.
     most_steps: u32,
-    /// Replaces the steps' own names.
+    /// Name that replaces the steps' own names.
     label: Option<&'static str>,
     /// Names of the steps timed so far.
     steps: RefCell<Vec<&'static str>>,
-    /// Passes whose samples were counted so far.
+    /// Number of passes whose samples were counted so far.
     counted_passes: RefCell<u32>,
 }
 
 impl Queries {
-    /// Queries of a tile of so many steps, which have the name `label` rather than their own: their fragments don't
-    /// count.
+    /// Creates queries for a tile of `steps` steps. If `label` is set, it replaces the steps' names, and their
+    /// fragments aren't counted.
     pub(crate) fn new(device: &Arc<Device>, label: Option<&'static str>, steps: usize) -> Result<Self, Failure> {
         let most_steps = (steps as u32).clamp(1, MOST_STEPS);
         let caps = &device.caps;
@@ -89,7 +89,7 @@ impl Queries {
         }
     }
 
-    /// Times what `step` records.
+    /// Measures the time of the commands that `step` records.
     pub(crate) fn timed<T>(&self, commands: &Commands<'_>, name: &'static str, step: impl FnOnce() -> T) -> T {
         let index = self.steps.borrow().len() as u32;
         let pool = self.times.as_ref().filter(|_| index < self.most_steps);
@@ -108,7 +108,7 @@ impl Queries {
         result
     }
 
-    /// Counts the fragments of what `draw` records, inside of a render pass.
+    /// Counts the fragments of the commands that `draw` records, inside a render pass.
     pub(crate) fn counted<T>(&self, commands: &Commands<'_>, draw: impl FnOnce() -> T) -> T {
         let index = *self.counted_passes.borrow();
         let Some(pool) = self.samples.as_ref().filter(|_| index < self.most_steps) else { return draw() };
@@ -122,7 +122,7 @@ impl Queries {
         result
     }
 
-    /// Adds what a tile cost, after the device has executed it.
+    /// Adds the costs of a tile to the statistics, after the device has executed it.
     pub(crate) fn add(&self, stats: &mut Stats) -> Result<(), Failure> {
         let steps = self.steps.borrow();
         if let Some(pool) = self.times.as_ref().filter(|_| !steps.is_empty()) {

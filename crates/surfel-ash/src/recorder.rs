@@ -1,8 +1,8 @@
-//! The command buffer that submissions reuse.
+//! Command buffer that submissions reuse.
 
 use ash::vk;
 
-/// A command buffer with its pool and fence, reused from one submission to the next: making and destroying them takes a
+/// Command buffer with its pool and fence, reused from one submission to the next. Creating and destroying them takes a
 /// driver longer than recording a frame.
 pub(crate) struct Recorder {
     pub pool: vk::CommandPool,
@@ -11,7 +11,7 @@ pub(crate) struct Recorder {
 }
 
 impl Recorder {
-    /// Destroys it. No submission of it is being executed.
+    /// Destroys the recorder. None of its submissions may still be executing.
     pub(crate) fn destroy(self, device: &ash::Device) {
         // SAFETY: the fence is the device's, and no submission that signals it is being executed.
         unsafe { device.destroy_fence(self.fence, None) };

@@ -1,4 +1,4 @@
-//! The backend: scenes in, frames out.
+//! The renderer: uploads scenes and draws frames.
 
 use crate::cells::{CellBuffers, CellTile};
 use crate::commands::submit;
@@ -30,29 +30,30 @@ use surfel_render::{
     Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
 };
 
-/// A device that a program has anyway.
+/// Existing Vulkan device of a program.
 pub struct RawDevice {
-    /// The loader. A program that goes on with its device keeps a clone: with the last one its functions are unloaded.
+    /// Vulkan loader. A program that continues to use its device must keep a clone: dropping the last one unloads the
+    /// functions.
     pub entry: ash::Entry,
-    /// An instance of Vulkan 1.1 or later.
+    /// Instance of Vulkan 1.1 or later.
     pub instance: ash::Instance,
-    /// The device's physical one.
+    /// Physical device.
     pub physical: vk::PhysicalDevice,
-    /// The device.
+    /// Logical device.
     pub device: ash::Device,
-    /// A queue of it that draws and computes.
+    /// Queue of the device that supports graphics and compute.
     pub queue: vk::Queue,
-    /// The queue's family.
+    /// Family of the queue.
     pub family: u32,
 }
 
-/// The Vulkan backend.
+/// Renderer of the Vulkan backend.
 pub struct Renderer {
-    // Fields are in the order of their destruction, though each holds the device.
+    // Fields are declared in the order of their destruction, although each holds the device.
     targets: Option<Targets>,
     /// Targets of shadow maps.
     map_targets: Option<Targets>,
-    /// The shadow maps of the frame before.
+    /// Shadow maps of the last frame.
     maps: Option<ShadowMapCache<Arc<Buffer>>>,
     /// Buffers of the compute path.
     cells: CellBuffers,
@@ -60,7 +61,7 @@ pub struct Renderer {
     device: Arc<Device>,
     info: RendererInfo,
     is_software: bool,
-    /// The lesser of the device's limits and the options'.
+    /// The lesser of the device's limits and the limits in the options.
     limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -69,11 +70,11 @@ pub struct Renderer {
 impl Renderer {
     surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer on the adapter that the options name, or the fastest kind that there is.
+    /// Opens a renderer on the adapter that the options name, or on the fastest kind available.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if there is no loader or adapter, none of that name, it doesn't start, or validation is
-    /// asked for and not installed.
+    /// [`RenderError::Backend`] if there is no Vulkan loader, or no adapter exists or matches the name. The error is
+    /// also returned if the device can't be opened, or validation is requested but not installed.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let instance = Arc::new(Instance::new(options.validation)?);
         let candidates = instance.candidates()?;
@@ -93,15 +94,15 @@ impl Renderer {
         Self::start(device, candidate, &options)
     }
 
-    /// A renderer on a device that a program has anyway. None of its optional features is used, so no pass counts
-    /// fragments.
+    /// Creates a renderer on a program's existing device. It uses none of the optional features, so fragments aren't
+    /// counted.
     ///
     /// # Safety
-    /// The handles are valid and belong together, stay so while the renderer lives, and no other thread submits to the
-    /// queue while the renderer is borrowed. The instance was made for Vulkan 1.1 or later.
+    /// The handles must be valid, belong together, and stay valid as long as the renderer exists. No other thread may
+    /// submit to the queue while the renderer is borrowed. The instance must be created for Vulkan 1.1 or later.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if the device is of Vulkan 1.0 or refuses the shaders.
+    /// [`RenderError::Backend`] if the device has Vulkan 1.0 or refuses the shaders.
     pub unsafe fn from_raw(raw: RawDevice) -> Result<Self, RenderError> {
         let RawDevice { entry, instance, physical, device, queue, family } = raw;
         let instance = Arc::new(Instance::borrowed(entry, instance));
@@ -147,12 +148,12 @@ impl Renderer {
         Ok(renderer)
     }
 
-    /// True if the adapter computes on the CPU: the `cpu` backend is faster.
+    /// True if the adapter computes on the CPU; the `cpu` backend is then faster.
     pub fn is_software(&self) -> bool {
         self.is_software
     }
 
-    /// Makes an error of the validation layer's messages.
+    /// Returns an error if the validation layer has reported messages.
     fn check_messages(&self) -> Result<(), RenderError> {
         let messages = self.device.instance.take_messages();
         if messages.is_empty() {
@@ -161,7 +162,7 @@ impl Renderer {
         Err(Failure::Other(format!("the validation layer says: {}", messages.join("\n"))).into())
     }
 
-    /// Makes pipelines and targets of a tile, where they aren't there from the frame before.
+    /// Creates the pipelines and targets of a tile that don't exist from an earlier frame.
     fn prepare(&mut self, plan: &FramePlan, data: &TileData, work: &TileWork) -> Result<(), Failure> {
         work.all(data).try_for_each(|data| data.check(self.limits)).map_err(Failure::Other)?;
         let precision = Precision::of(plan, self.device.caps.blends_f32);
@@ -179,9 +180,9 @@ impl Renderer {
         self.prepare_targets(TargetKey { size, precision, draws, floats: data.planes.buffer_floats })
     }
 
-    /// Makes targets, where they aren't there from the frame before.
+    /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) -> Result<(), Failure> {
-        // The old targets are freed first: both may not fit.
+        // The old targets are freed first: memory may not suffice for both.
         let fitting = self.targets.take().filter(|targets| targets.key == key);
         self.targets = Some(fitting.map_or_else(|| Targets::new(&self.device, &self.pipelines, key), Ok)?);
         Ok(())
@@ -192,7 +193,7 @@ impl Renderer {
         Buffer::new(&self.device, "shadow texels", 4 * texels, storage, MemoryLocation::GpuOnly)
     }
 
-    /// A plan's shadow maps: drawn, or those of the frame before where they are the same.
+    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed.
     fn shadow_maps(
         &mut self,
         scene: &ResidentScene,
@@ -203,7 +204,7 @@ impl Renderer {
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok(cache.texels.clone());
         }
-        // The maps before are freed first: both may not fit.
+        // The old maps are freed first: memory may not suffice for both.
         self.maps = None;
         let texels = Arc::new(self.shadow_buffer(shadow_texels(plan, self.limits).map_err(Failure::Other)?)?);
         std::mem::swap(&mut self.targets, &mut self.map_targets);
@@ -263,7 +264,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Draws one tile by the compute path. Returns false, and draws nothing, if it doesn't fit the device.
+    /// Draws one tile by the compute path. Returns false and draws nothing if the tile doesn't fit the device.
     fn cell_tile(
         &mut self,
         job: &FrameJob<'_>,
@@ -276,7 +277,7 @@ impl Renderer {
         while let Some(tried) = room {
             data.put_room(tried);
             match self.cells.prepare(&self.device, cells, tried) {
-                // Raster hardware may still have enough.
+                // Memory may still suffice for raster hardware.
                 Err(Failure::OutOfMemory) => {
                     self.cells = CellBuffers::default();
                     return Ok(false);
@@ -352,12 +353,13 @@ impl Renderer {
             if is_whole || !plan.has(Pass::ABuffer) {
                 break counted;
             }
-            // Its splats were counted, and are drawn once more.
+            // The tile's splats were counted, and are drawn again.
             [stats.drawn, stats.fragments] = before;
             let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(Failure::Other)?;
         };
-        // Queries count what is drawn, and Gaussians are computed.
+        // Without queries, the fragments are the sum over the plane of fragments. This also holds for Gaussians:
+        // queries don't count the work of the compute shader that draws them.
         if !self.device.caps.counts_samples || job.plan.has(Pass::Gaussians) {
             stats.fragments += counted;
         }
@@ -366,7 +368,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes work, waits for it, and hands the words of the planes to `read`. Also says whether no layers remain.
+    /// Executes work, waits for it, and passes the words of the planes to `read`. The returned flag is true if no
+    /// layers remain.
     fn execute<T>(
         &mut self,
         job: &FrameJob<'_>,
@@ -422,11 +425,11 @@ impl Renderer {
         Ok((read(targets.readback.words(data.planes.floats as usize)?), is_whole))
     }
 
-    /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be
-    /// judged by. Empty where it has no timestamps.
+    /// Measures the device's fill rates in targets of `side_px` pixels a side: upper bounds that times of passes can be
+    /// compared with. Returns an empty list if the device has no timestamps.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`].
+    /// The errors of [`surfel_render::Renderer::render`].
     pub fn fill_rates(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
         let frame = FillRateFrame::new(side_px.min(self.limits.texture_side))?;
         let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
@@ -443,7 +446,7 @@ impl Renderer {
             plan: &frame.plan,
         };
         let mut runs = Vec::new();
-        // The first run warms up. It needs no special case, because the best run is taken.
+        // The first run warms up. It needs no special case, because the best run is used.
         for _ in 0..FILL_RATE_RUNS {
             let mut stats = Stats::default();
             self.execute(&job, &data, &work, &mut stats, |_| ())?;
@@ -454,7 +457,7 @@ impl Renderer {
     }
 }
 
-/// What all tiles of a frame share.
+/// Data that all tiles of a frame share.
 struct FrameJob<'a> {
     scene: &'a ResidentScene,
     /// Texels of the frame's shadow maps.
@@ -464,13 +467,13 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// The work of a tile.
+/// Work to be executed for a tile.
 struct TileWork {
     draws: Vec<Draw>,
-    /// The pixel passes among the steps.
+    /// Pixel passes among the steps.
     pixel_passes: Vec<PixelPass>,
     steps: Vec<Step>,
-    /// Samples of its edges.
+    /// Samples of the tile's edges.
     samples: Vec<SamplePart>,
 }
 
@@ -480,7 +483,7 @@ impl TileWork {
         Self { draws: Draw::of(plan), pixel_passes: PixelPass::of(plan), steps, samples }
     }
 
-    /// The tile's data, and those of its samples.
+    /// Returns the data of the tile and of its samples.
     fn all<'a>(&'a self, data: &'a TileData) -> impl Iterator<Item = &'a TileData> {
         std::iter::once(data).chain(self.samples.iter().map(|part| &part.data))
     }
@@ -518,7 +521,7 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let mut stats = Stats::default().with_splats(plan.splats);
-        // Tiles write every pixel; colours that are asked for in 8 bits alone are encoded from the device's.
+        // Tiles write every pixel. Colours requested only in 8 bits are encoded from the device's f32 colours.
         frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
@@ -562,7 +565,8 @@ mod tests {
         let mut frame = Frame::default();
         renderer.render_into(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
         assert!(frame.color()[36][0] > 0.0);
-        // The layer counts what is left when the device goes. The scene may outlive the renderer.
+        // The validation layer reports objects that still exist when the device is destroyed. The scene may outlive the
+        // renderer.
         let instance = renderer.device.instance.clone();
         drop(renderer);
         drop(resident);

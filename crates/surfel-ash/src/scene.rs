@@ -1,4 +1,4 @@
-//! A scene in the device's memory.
+//! Scene in the device's memory.
 
 use crate::commands::submit;
 use crate::device::Device;
@@ -12,13 +12,13 @@ use surfel_model::Scene;
 use surfel_model::Storage;
 use surfel_render::{RenderError, UploadProgress};
 
-/// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
+/// Scene as this backend stores it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
     pub(crate) segments: Vec<ResidentSegment>,
     /// Textures of polygons.
     pub(crate) texels: Buffer,
-    /// All segments have the same buffer of records.
+    /// True if all segments share one buffer of records.
     pub(crate) shared_records: bool,
     pub(crate) bytes: u64,
 }
@@ -33,12 +33,12 @@ pub(crate) struct ResidentSegment {
 /// Records of splats.
 pub(crate) struct Records {
     pub records: Buffer,
-    /// Their clips; `None` for splats that aren't clipped.
+    /// Clips of the records; `None` unless the splats are clipped.
     pub clips: Option<Buffer>,
 }
 
 impl ResidentScene {
-    /// Bytes of device memory that the splats use; records are beside that.
+    /// Returns the device memory of the splats in bytes, without their records.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
@@ -95,12 +95,12 @@ fn segments(
     Ok(segments)
 }
 
-/// Words in the device's own memory, by way of the host's.
+/// Copies words to the device's own memory, through a staging buffer.
 pub(crate) fn resident(device: &Arc<Device>, name: &str, words: &[u32]) -> Result<Buffer, Failure> {
     resident_before(device, name, words, 0)
 }
 
-/// [`resident`] with so many bytes of any value after them.
+/// Like [`resident`], with `more` uninitialised bytes after the words.
 pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], more: u64) -> Result<Buffer, Failure> {
     let bytes = 4 * words.len() as u64;
     let usage = vk::BufferUsageFlags::STORAGE_BUFFER | vk::BufferUsageFlags::TRANSFER_DST;
@@ -114,7 +114,8 @@ pub(crate) fn resident_before(device: &Arc<Device>, name: &str, words: &[u32], m
     Ok(buffer)
 }
 
-/// Other programs use the device's memory, too: less may be there than it has.
+/// Converts an error of the upload. Other programs use the device's memory, too, so less may be free than the device
+/// has.
 fn too_large(failure: Failure, needed: u64, available: u64) -> RenderError {
     match failure {
         Failure::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },

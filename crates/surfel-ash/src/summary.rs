@@ -1,27 +1,27 @@
-//! Limits and features of this machine's Vulkan devices, read without opening one.
+//! Limits and features of this machine's Vulkan devices, queried without opening one.
 
 use crate::error::Failure;
 use crate::instance::{Candidate, Instance};
 use ash::vk;
 use surfel_render::RenderError;
 
-/// A device that this backend could draw on.
+/// Device that this backend can draw on.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DeviceSummary {
-    /// Its name, in its driver's words.
+    /// Name reported by the driver.
     pub name: String,
-    /// Version of Vulkan, and the driver's name and version.
+    /// Version of Vulkan, and name and version of the driver.
     pub driver: String,
-    /// True if it computes on the CPU.
+    /// True if the device computes on the CPU.
     pub is_software: bool,
-    /// Limits and features by Vulkan's names, in words.
+    /// Limits and features by Vulkan's names, with their values as text.
     pub facts: Vec<(&'static str, String)>,
 }
 
-/// The devices that Vulkan finds, the one that a renderer chooses first.
+/// Returns the devices that Vulkan finds. The first one is a renderer's default.
 ///
 /// # Errors
-/// [`RenderError::Backend`] if there is no Vulkan loader, or no instance can be made.
+/// [`RenderError::Backend`] if there is no Vulkan loader, or no instance can be created.
 pub fn devices() -> Result<Vec<DeviceSummary>, RenderError> {
     let instance = Instance::new(false)?;
     Ok(instance.candidates()?.iter().map(|candidate| summary(&instance, candidate)).collect())

@@ -15,18 +15,18 @@ use surfel_gpu::{Draw, Target, TargetKey, Variant, layer_composite_bytes};
 
 pub(crate) struct Targets {
     pub key: TargetKey,
-    // Before the images that they are of.
+    // Declared before the images that they refer to, so that they are destroyed first.
     framebuffers: HashMap<Draw, Owned<vk::Framebuffer>>,
     images: HashMap<Target, Image>,
     pub planes: Buffer,
     /// Composites of transparent layers.
     pub layer_composites: Buffer,
-    /// The planes, for the host to read.
+    /// Host-readable copy of the planes.
     pub readback: Buffer,
 }
 
 impl Targets {
-    /// The pipelines of the key's draws have been prepared.
+    /// Creates the targets. The pipelines of the key's draws have to exist.
     pub(crate) fn new(device: &Arc<Device>, pipelines: &Pipelines, key: TargetKey) -> Result<Self, Failure> {
         let mut images = HashMap::new();
         for target in Target::ALL {
@@ -60,7 +60,7 @@ impl Targets {
         found.map(|framebuffer| framebuffer.raw).ok_or_else(|| Failure::other("a pass has no targets"))
     }
 
-    /// The images that something reads, with their bindings.
+    /// Returns the images of these targets, with their bindings.
     pub(crate) fn images(&self, reads: &[(u32, Target)]) -> Vec<(u32, &Image)> {
         reads.iter().filter_map(|&(binding, target)| Some((binding, self.images.get(&target)?))).collect()
     }

@@ -1,11 +1,11 @@
-//! A renderer on a program's own device.
+//! Tests a renderer on a program's own device.
 
 use ash::vk;
 use surfel_ash::{RawDevice, Renderer};
 use surfel_model::{Camera, CloudData, Column3, OnInvalid, Projection, Scene, Settings, Shape, SplatCloud};
 use surfel_render::{Frame, Planes, Renderer as _, View};
 
-/// A device as a program might make it: no features, one queue. `None` where there is none.
+/// Creates a device as a program might: without features, with one queue. Returns `None` if there is no device.
 fn device() -> Option<RawDevice> {
     // SAFETY: the system's loader is trusted.
     let entry = unsafe { ash::Entry::load() }.ok()?;
@@ -35,7 +35,7 @@ fn a_program_s_own_device_draws_and_stays_its_own() {
         println!("skipped: no Vulkan device");
         return;
     };
-    // The loader, too: the renderer drops its own, and with the last one the functions go.
+    // The test keeps a clone of the loader: the renderer drops its own, and the last one unloads the functions.
     let (_entry, instance, device) = (raw.entry.clone(), raw.instance.clone(), raw.device.clone());
     // SAFETY: the handles belong together and outlive the renderer; no other thread has the queue.
     let mut renderer = unsafe { Renderer::from_raw(raw) }.unwrap();
@@ -50,10 +50,10 @@ fn a_program_s_own_device_draws_and_stays_its_own() {
     let stats = renderer.render_into(&resident, &view, &Settings::default(), Planes::COLOR, &mut frame).unwrap();
     assert_eq!((stats.drawn, frame.color()[36]), (1, [1.0; 4]));
     drop((resident, renderer));
-    // SAFETY: still ours; nothing is executing.
+    // SAFETY: the test still owns the device, and nothing is executing.
     unsafe { device.device_wait_idle() }.unwrap();
-    // SAFETY: all that was made of it is gone.
+    // SAFETY: every object created from it has been destroyed.
     unsafe { device.destroy_device(None) };
-    // SAFETY: its device is gone.
+    // SAFETY: its device has been destroyed.
     unsafe { instance.destroy_instance(None) };
 }

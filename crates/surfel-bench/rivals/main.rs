@@ -1,6 +1,8 @@
-//! Normals of points by Surfel and by kiddo: `rivals surfel|kiddo THREADS POINTS [NORMALS]`. POINTS are f64, three a
-//! point, and so are NORMALS. Prints seconds of the search, of search and normals, and of all that becomes splats, and
-//! the bytes a point that it takes besides POINTS.
+//! Estimates normals of points by Surfel or by kiddo: `rivals surfel|kiddo THREADS POINTS [NORMALS]`.
+//!
+//! POINTS is a file of f64, three a point; NORMALS is an output file of the same form. Prints durations in seconds (of
+//! the neighbour search; of search and normals; of everything up to splats) and the memory in bytes a point, without
+//! POINTS.
 
 use kiddo::{ImmutableKdTree, SquaredEuclidean};
 use rayon::prelude::*;
@@ -11,7 +13,7 @@ use std::time::Instant;
 use surfel_model::{Column3, PointCloud};
 use surfel_sample::{PointOptions, Progress, splats_from_points};
 
-/// Neighbours of a point, as Surfel's options have them.
+/// Number of neighbours of a point, as in Surfel's default options.
 const NEIGHBOURS: usize = 16;
 
 fn main() -> Result<(), Failure> {
@@ -36,7 +38,8 @@ fn main() -> Result<(), Failure> {
     Ok(())
 }
 
-/// Bytes that are in memory, from where on the most of them is noted; or the most since then.
+/// Returns resident memory in bytes: with `starts` the current size, after resetting the peak, otherwise the peak since
+/// then.
 fn resident(starts: bool) -> Result<f64, Failure> {
     if starts {
         std::fs::write("/proc/self/clear_refs", "5")?;
@@ -47,7 +50,7 @@ fn resident(starts: bool) -> Result<f64, Failure> {
     Ok(kib.ok_or("no VmRSS")? * 1024.0)
 }
 
-/// When stages begin.
+/// Start times of stages.
 struct Clock(Mutex<Vec<(String, Instant)>>);
 
 impl Progress for Clock {
@@ -70,7 +73,7 @@ fn surfel(points: &[[f64; 3]]) -> Result<Normals, Failure> {
     let (splats, _) = splats_from_points(&cloud, &PointOptions::default(), &clock)?;
     let all = start.elapsed().as_secs_f64();
     let stages = clock.0.into_inner()?;
-    // The stage after the normals' tells when they are there.
+    // Normals are complete when the next stage starts.
     let after = stages.iter().skip_while(|(name, _)| name != "normals").nth(1);
     let normals = after.map(|(_, at)| (*at - start).as_secs_f64());
     let normal = |i: usize| splats.normal(i).normalize().to_array();
@@ -102,7 +105,7 @@ fn kiddo(points: &[[f64; 3]]) -> Result<Normals, Failure> {
     Ok((normals, [Some(neighbours), Some(start.elapsed().as_secs_f64()), None]))
 }
 
-/// The direction of least variance, by inverse iteration.
+/// Returns the direction of least variance, by inverse iteration.
 fn normal<'a>(at: &[f64; 3], near: impl Iterator<Item = &'a [f64; 3]>) -> [f64; 3] {
     let (mut first, mut c, mut count) = ([0.0; 3], [[0.0; 3]; 3], 0.0);
     for q in near {
@@ -116,7 +119,7 @@ fn normal<'a>(at: &[f64; 3], near: impl Iterator<Item = &'a [f64; 3]>) -> [f64; 
     for i in 0..3 {
         (0..3).for_each(|j| c[i][j] -= first[i] * first[j] / count);
     }
-    // Columns of the adjugate are along the direction of least variance, the more the flatter.
+    // The columns of the adjugate approximate the direction of least variance, the better the flatter the points are.
     let cross =
         |a: [f64; 3], b: [f64; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
     let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];

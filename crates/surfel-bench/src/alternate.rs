@@ -1,4 +1,4 @@
-//! Two builds of this program, run in turn: what disturbs the machine disturbs both alike.
+//! Runs two builds of this program in turn, so that disturbances of the machine affect both equally.
 
 use std::ffi::OsString;
 use std::io::IsTerminal;
@@ -8,10 +8,11 @@ use std::process::{Command, Stdio};
 use crate::report::Report;
 use crate::{Arguments, Failure, read};
 
-/// How often each build is run.
+/// Number of runs of each build.
 const ROUNDS: usize = 3;
 
-/// Runs both builds by the same arguments, one after the other, [`ROUNDS`] times: the frames of all rounds together.
+/// Runs both builds with the same arguments, one after the other, [`ROUNDS`] times. Each report has the frames of all
+/// rounds.
 pub(crate) fn measured(programs: [&Path; 2], arguments: &Arguments) -> Result<[Report; 2], Failure> {
     let mut reports: [Option<Report>; 2] = [None, None];
     for round in 1..=ROUNDS {
@@ -43,22 +44,22 @@ fn run(program: &Path, arguments: &Arguments) -> Result<Report, Failure> {
     read(&file.0)
 }
 
-/// A file that goes when it is read.
+/// Temporary file, which is removed when the value is dropped.
 struct Temporary(PathBuf);
 
 impl Drop for Temporary {
     fn drop(&mut self) {
-        // It may not be there: a run that fails writes nothing.
+        // The file may be missing: a failed run writes nothing.
         let _ = std::fs::remove_file(&self.0);
     }
 }
 
-/// What a build is to be run with.
+/// Returns the arguments with which a build is run.
 fn words(a: &Arguments) -> Vec<OsString> {
     let mut words: Vec<OsString> =
         vec!["--backend".into(), a.backend.name().into(), "--simd".into(), a.simd.name().into()];
     words.extend(["--models".into(), a.models.clone().into()]);
-    // Older builds don't know it.
+    // Older builds don't accept this option.
     words.extend((a.storage != "32").then(|| ["--storage".into(), a.storage.clone().into()]).into_iter().flatten());
     words.extend(a.threads.iter().flat_map(|n| ["--threads".into(), n.to_string().into()]));
     words.extend(a.scene.iter().flat_map(|name| ["--scene".into(), name.into()]));

@@ -4,11 +4,11 @@ use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, Value
 use plotters::prelude::*;
 use std::ops::Range;
 
-/// Pixels of the whole chart, its legend included.
+/// Size of the whole chart in pixels, including its legend.
 const SIZE: (u32, u32) = (680, 340);
-/// Pixels from the left after which the legend begins.
+/// Left edge of the legend in pixels.
 const LEGEND_LEFT: u32 = 484;
-/// Colours of Okabe and Ito 2008, which those who see fewer colours tell apart too.
+/// Palette of Okabe and Ito 2008, which is distinguishable with colour vision deficiencies.
 const COLORS: [RGBColor; 8] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -23,45 +23,44 @@ const GRID: RGBColor = RGBColor(221, 221, 221);
 const SHADE: RGBColor = RGBColor(232, 242, 228);
 const SHADE_TEXT: RGBColor = RGBColor(74, 122, 58);
 
-/// A logarithmic axis of a chart.
+/// Logarithmic axis of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Axis {
-    /// What it measures, with its unit.
+    /// Quantity that the axis shows, with its unit.
     pub label: String,
-    /// Large values come first. Values that aren't above 0 lie at the small end.
+    /// True if large values come first. Values that aren't above 0 are drawn at the small end.
     pub descends: bool,
-    /// Values at its ends, both above 0; found from the data where there are none. What lies beyond is drawn at the
-    /// end.
+    /// Values at the ends, both above 0; `None` fits them to the data. Values beyond the range are drawn at its ends.
     pub range: Option<[f64; 2]>,
 }
 
 impl Axis {
-    /// An ascending axis that finds its range.
+    /// Creates an ascending axis that fits its range to the data.
     pub fn new(label: impl Into<String>) -> Self {
         Self { label: label.into(), descends: false, range: None }
     }
 
-    /// The same with its ends given.
+    /// Returns the axis with a given range.
     #[must_use]
     pub fn over(self, range: [f64; 2]) -> Self {
         Self { range: Some(range), ..self }
     }
 
-    /// The axis for these values.
+    /// Returns the logarithmic axis for these values.
     fn fit(&self, values: impl Iterator<Item = f64>) -> LogAxis {
         let values = self.range.map_or_else(|| values.collect(), |range| range.to_vec());
         let exponents = values.iter().filter(|v| v.is_finite() && **v > 0.0).map(|v| v.log10());
         let ends = exponents
             .fold(None, |ends: Option<[f64; 2]>, e| Some(ends.map_or([e, e], |[low, high]| [low.min(e), high.max(e)])));
         let [low, high] = ends.unwrap_or([0.0, 1.0]);
-        // Given ends stay as they are; others get a little room, and a single value a factor of two.
+        // A given range is exact. A fitted one gets a margin, and a single value a factor of two.
         let room = if self.range.is_some() { 0.0 } else { (0.04 * (high - low)).max(0.5 * (0.3 - (high - low))) };
         let (low, high) = (low - room, high + room);
         if self.descends { LogAxis { first: high, last: low } } else { LogAxis { first: low, last: high } }
     }
 }
 
-/// An axis with the exponents of ten at its ends.
+/// Axis as exponents of ten at its ends.
 #[derive(Clone, Copy, Debug)]
 struct LogAxis {
     first: f64,
@@ -69,7 +68,7 @@ struct LogAxis {
 }
 
 impl LogAxis {
-    /// Values that are named: powers of ten, and on short axes what lies between them.
+    /// Returns the labelled values: powers of ten, and on short axes multiples in between.
     fn ticks(self) -> Vec<f64> {
         let (low, high) = (self.first.min(self.last), self.first.max(self.last));
         let length = high - low;
@@ -114,38 +113,38 @@ impl ValueFormatter<f64> for LogAxis {
     }
 }
 
-/// How a series is drawn.
+/// Drawing style of a series.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
     /// A line with a mark at each point.
     Line,
-    /// A dashed line without marks: a bound.
+    /// A dashed line without marks, for a bound.
     Bound,
-    /// A dotted line with small marks: what is compared with.
+    /// A dotted line with small marks, for comparison.
     Faint,
-    /// Marks alone, each with its label where it has one.
+    /// Marks alone, each with its label, if any.
     Points,
-    /// A thin line without marks, right then up or down: a Pareto front.
+    /// A thin line without marks, right then up or down, for a Pareto front.
     Steps,
 }
 
-/// A series of a chart.
+/// Series of a chart.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
-    /// Its name in the legend; where it is empty, the series has no line there.
+    /// Name in the legend; the legend omits a series with an empty name.
     pub name: String,
-    /// How it is drawn.
+    /// Drawing style.
     pub style: Style,
-    /// Index of its colour; the palette has eight, and from the ninth on marks are squares.
+    /// Index of the colour. The palette has eight; from the ninth on, the marks are squares.
     pub color: usize,
-    /// Points in order. A NaN leaves a gap.
+    /// Points in order. A NaN makes a gap.
     pub points: Vec<[f64; 2]>,
-    /// Labels of points; as many as points, or none.
+    /// Labels of the points; either one per point, or none.
     pub labels: Vec<String>,
 }
 
 impl Series {
-    /// A series without labels.
+    /// Creates a series without labels.
     pub fn new(name: impl Into<String>, style: Style, color: usize, points: Vec<[f64; 2]>) -> Self {
         Self { name: name.into(), style, color, points, labels: Vec::new() }
     }
@@ -158,7 +157,7 @@ impl Series {
         self.color >= COLORS.len()
     }
 
-    /// Points that have a place.
+    /// Returns the points that aren't gaps.
     fn places(&self) -> impl Iterator<Item = (f64, f64)> {
         self.points.iter().filter(|p| !is_gap(p)).map(|p| (p[0], p[1]))
     }
@@ -168,18 +167,18 @@ fn is_gap(point: &[f64; 2]) -> bool {
     point.iter().any(|v| v.is_nan())
 }
 
-/// A chart.
+/// Chart of several series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Chart {
-    /// Above it.
+    /// Title above the chart.
     pub title: String,
-    /// Across.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Up.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, from back to front.
+    /// Series, from back to front.
     pub series: Vec<Series>,
-    /// A range along x that is shaded, with its name.
+    /// Range along x that is shaded, with its name.
     pub shaded: Option<([f64; 2], String)>,
 }
 
@@ -187,16 +186,16 @@ type Drawing<'a> = DrawingArea<SVGBackend<'a>, plotters::coord::Shift>;
 type DrawingError<'a> = DrawingAreaErrorKind<<SVGBackend<'a> as DrawingBackend>::ErrorType>;
 type Plot<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<LogAxis, LogAxis>>;
 
-/// By how much `plotters` divides sizes of text to get the SVG's.
+/// Factor by which `plotters` divides text sizes to get those of the SVG.
 const TEXT_SCALE: f64 = 1.24;
 
-/// Text of so many pixels.
+/// Returns a text style with a height in pixels.
 fn text(pixels: f64, color: RGBColor) -> TextStyle<'static> {
     ("sans-serif", pixels * TEXT_SCALE).into_font().color(&color)
 }
 
 impl Chart {
-    /// The chart as an SVG element with a size of its own.
+    /// Returns the chart as an SVG element of fixed size.
     ///
     /// # Panics
     /// If `plotters` can't write to a string.
@@ -242,7 +241,7 @@ impl Chart {
         root.present()
     }
 
-    /// Writes labels where they cover neither marks nor each other.
+    /// Writes labels where they overlap neither marks nor each other.
     fn label<'a>(&self, root: &Drawing<'a>, plot: &Plot<'_, 'a>) -> Result<(), DrawingError<'a>> {
         let labelled = || self.series.iter().filter(|series| series.style == Style::Points);
         let place = |point: (f64, f64)| plot.backend_coord(&point);
@@ -264,7 +263,7 @@ impl Chart {
     }
 }
 
-/// Pixels that a label or a mark covers.
+/// Box in pixels that a label or a mark covers.
 #[derive(Clone, Copy, Debug)]
 struct LabelBox {
     left: i32,
@@ -274,9 +273,9 @@ struct LabelBox {
 }
 
 impl LabelBox {
-    /// Boxes of a label with so many letters right and left of a point, above and below.
+    /// Returns the boxes of a label of `letters` characters to the right of a point, left of it, above and below.
     fn beside((x, y): (i32, i32), letters: usize) -> [Self; 4] {
-        // Nine pixels high, a little more than five wide a letter.
+        // A label is nine pixels high, and a little more than five wide a letter.
         let width = (5.3 * letters as f64).ceil() as i32;
         let at = |left: i32, top: i32| Self { left, top, right: left + width, bottom: top + 9 };
         [at(x + 6, y - 5), at(x - 6 - width, y - 5), at(x - width / 2, y - 14), at(x - width / 2, y + 5)]
@@ -329,7 +328,7 @@ fn draw_series<'a>(plot: &mut Plot<'_, 'a>, series: &Series) -> Result<(), Drawi
     Ok(())
 }
 
-/// A row of the legend, so many pixels down.
+/// Draws a row of the legend, `y` pixels below its top.
 fn draw_legend<'a>(legend: &Drawing<'a>, series: &Series, y: i32) -> Result<(), DrawingError<'a>> {
     let color = series.color();
     let dashes: &[(i32, i32)] = match series.style {
@@ -414,7 +413,7 @@ mod tests {
         let labels = (0..9).map(|i| format!("label {i}")).collect();
         crowded.series.push(Series { labels, ..Series::new("", Style::Points, 1, points) });
         assert_eq!(crowded.svg().matches("label ").count(), 4);
-        // A mark to the right of them, which comes later, takes that place.
+        // A later series has a mark at the right of the points, where a label would be.
         crowded.series.push(Series::new("", Style::Points, 2, vec![[11.0, 10.0]]));
         assert_eq!(crowded.svg().matches("label ").count(), 3);
     }

@@ -1,4 +1,4 @@
-//! Surfaces that are made rather than shipped. One formula and fixed seeds: every machine makes the same splats.
+//! Generated surfaces. One formula and fixed seeds give the same splats on every machine.
 
 use std::f64::consts::{PI, TAU};
 
@@ -7,17 +7,17 @@ use rayon::prelude::*;
 use surfel::SplatCloud;
 use surfel::model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
-/// Splats over each point of a surface: disks on a hexagonal lattice cover the plane from 1.06 on; the rest is the
-/// overlap that blending needs.
+/// Mean number of splats over each point of a surface. Disks on a hexagonal lattice cover the plane from 1.06 on; the
+/// rest is the overlap that blending needs.
 pub(crate) const LAYERS: f64 = 3.8;
 
-/// Bumps of the ball, from coarse to fine: cycles about it and height over its radius.
+/// Bumps of the ball, from coarse to fine: cycles around the ball, and height relative to the radius.
 const OCTAVES: [(f64, f64); 4] = [(1.5, 0.12), (3.0, 0.06), (7.0, 0.02), (15.0, 0.006)];
 
-/// Bumps along different directions that an octave adds up.
+/// Number of waves of different directions in an octave.
 const WAVES_PER_OCTAVE: usize = 3;
 
-/// A closed, bumpy surface of genus 0 about the origin, of radius about 1: what a scanned head is to a renderer.
+/// Returns a closed, bumpy surface of genus 0 about the origin with a radius of about 1, similar to a scanned head:
 /// `count` coloured disks on a Fibonacci lattice.
 pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     let waves = waves();
@@ -34,7 +34,7 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     })
 }
 
-/// The ball's distance from the origin along a direction, and its normal there.
+/// Returns the ball's distance from the origin along a direction, and its normal there.
 fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     let (mut radius, mut gradient) = (1.0, DVec3::ZERO);
     for (wave, phase, height) in waves {
@@ -42,12 +42,12 @@ fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
         radius += height * sine;
         gradient += *wave * (height * cosine);
     }
-    // The normal of x = radius(direction)·direction.
+    // Normal of the surface x = radius(direction)·direction.
     (radius, (radius * direction - (gradient - direction * gradient.dot(direction))).normalize())
 }
 
-/// The same ball as `4·rings²` triangles between circles of latitude, coloured and with its normals; `rings` at least
-/// 2.
+/// Returns the same ball as `4·rings²` triangles between circles of latitude, with colours and normals. `rings` is at
+/// least 2.
 pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     let waves = waves();
     let columns = 2 * rings;
@@ -89,17 +89,18 @@ pub(crate) fn bumpy_mesh(rings: u32) -> Mesh {
     }
 }
 
-/// The albedo of a point.
+/// Returns the albedo of a point.
 fn color_at(point: DVec3) -> [f32; 3] {
     (Vec3::splat(0.6) + 0.3 * (4.0 * point).map(f64::sin).as_vec3()).to_array()
 }
 
-/// A wavy sheet across the z axis, 2 wide and high, that faces +z with slopes up to about 60°: every splat is seen.
+/// Returns a wavy sheet across the z axis, 2 wide and high. It faces +z with slopes up to about 60°, and every splat is
+/// visible.
 pub(crate) fn sheet(count: usize, layers: f64) -> Result<SplatCloud, ModelError> {
     build(count, layers, |i| wavy(i, count))
 }
 
-/// Twelve such sheets one behind another, the nearest first: walls behind walls.
+/// Returns twelve wavy sheets one behind another, the nearest first: walls behind walls.
 pub(crate) fn stack(count: usize) -> Result<SplatCloud, ModelError> {
     build(12 * count, LAYERS, |i| {
         let (center, normal, spacing) = wavy(i % count, count);
@@ -107,7 +108,7 @@ pub(crate) fn stack(count: usize) -> Result<SplatCloud, ModelError> {
     })
 }
 
-/// Splat `i` of a wavy sheet of `count`.
+/// Returns centre, normal and spacing of splat `i` of a wavy sheet of `count` splats.
 fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
     let side = (count as f64).sqrt().ceil();
     let spacing = 2.0 / side;
@@ -124,13 +125,13 @@ fn wavy(i: usize, count: usize) -> (DVec3, DVec3, f64) {
     (DVec3::new(x, y, z), normal.normalize(), spacing * normal.length().sqrt())
 }
 
-/// A cloud of disks, `layers` over each point; `splat` gives centre, normal and the distance to its neighbours.
+/// Creates a cloud of disks, `layers` over each point. `splat` returns centre, normal and distance to the neighbours.
 fn build(
     count: usize,
     layers: f64,
     splat: impl Fn(usize) -> (DVec3, DVec3, f64) + Sync,
 ) -> Result<SplatCloud, ModelError> {
-    // A disk over the area of a splat.
+    // Radius of a disk with the area of a splat.
     let radius_per_spacing = (layers / PI).sqrt();
     let splats: Vec<(Vec3, Vec3, f32, [f32; 3])> = (0..count)
         .into_par_iter()
@@ -148,7 +149,7 @@ fn build(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// Wave vector, phase and height of each bump.
+/// Returns wave vector, phase and height of each bump.
 fn waves() -> Vec<(DVec3, f64, f64)> {
     let mut random = Random(7);
     let mut waves = Vec::new();
@@ -164,7 +165,7 @@ fn waves() -> Vec<(DVec3, f64, f64)> {
     waves
 }
 
-/// A generator of numbers in [0, 1): Knuth's MMIX constants, the upper bits.
+/// Generator of numbers in [0, 1): Knuth's MMIX constants, upper bits.
 pub(crate) struct Random(pub(crate) u64);
 
 impl Random {
@@ -180,14 +181,14 @@ mod tests {
 
     #[test]
     fn ball_normals_point_out_and_agree_with_its_neighbours() {
-        // Neighbours on the lattice are within 3 spacings; the direction between them is nearly tangent there.
+        // Lattice neighbours are within 3 spacings, where the direction between them is nearly tangent.
         let cloud = ball(20_000).unwrap();
         for i in (100..19_900).step_by(97) {
             let (center, normal) = (cloud.center(i), cloud.normal(i));
             assert!(normal.dot(center) > 0.0, "splat {i} faces in");
-            // Fibonacci numbers apart on the index are neighbours.
+            // Splats whose indices differ by a Fibonacci number are neighbours.
             let along = (cloud.center(i + 55) - center).normalize();
-            // 0.1: over 3 % of the radius the finest octave turns the surface by about that.
+            // The bound is 0.1: over 3 % of the radius the finest octave rotates the surface by about that much.
             assert!(along.dot(normal).abs() < 0.1, "splat {i}: {}", along.dot(normal));
         }
     }
@@ -197,8 +198,8 @@ mod tests {
         let mesh = bumpy_mesh(8);
         mesh.validate().unwrap();
         assert!(surfel::sample::is_closed(&mesh));
-        // Six times the volume, positive where triangles wind counter-clockwise seen from outside: that of a ball,
-        // roughly.
+        // Six times the volume, positive if triangles wind counter-clockwise as seen from outside. It is roughly that
+        // of a ball.
         let corner = |i: u32| mesh.positions.get(i as usize);
         let volume: f64 = mesh.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();
         assert!((volume / (8.0 * PI) - 1.0).abs() < 0.2, "{volume}");

@@ -1,11 +1,13 @@
-//! Two runs beside each other.
+//! Comparison of two runs.
 
 use crate::Failure;
 use crate::report::{Report, median, quantile};
 use crate::table::aligned;
 
-/// Ratios of medians, B over A, with what noise alone would do to them, and of the least. Of the time on CPUs where
-/// both runs know it, since other work on the machine doesn't lengthen that by much; else of the clock on the wall.
+/// Returns a table with the ratios B over A of medians, of their noise, and of minima.
+///
+/// It compares CPU time if both runs measured it, since other work on the machine affects CPU time little. Otherwise it
+/// compares wall-clock time.
 pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     let cells = |cells: [&str; 8]| cells.map(str::to_owned).to_vec();
     let mut lines = vec![cells(["scene", "thr", "A ms", "B ms", "B / A", "noise", "least", ""])];
@@ -47,13 +49,13 @@ pub(crate) fn table(a: &Report, b: &Report) -> Result<String, Failure> {
     Ok(text)
 }
 
-/// The frame that nothing disturbed, if there is one.
+/// Returns the time of the least disturbed frame: the minimum.
 fn least(frames_ms: &[f64]) -> f64 {
     frames_ms.iter().copied().fold(f64::INFINITY, f64::min)
 }
 
-/// Relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles so that a few disturbed frames don't
-/// count (both constants are the normal distribution's). What disturbs a whole run is not seen by it.
+/// Returns the relative standard error of a median: 1.2533·σ/√n, with σ from the quartiles, so that few disturbed
+/// frames don't count. Both constants are those of the normal distribution. A disturbance of a whole run doesn't show.
 fn standard_error(frames_ms: &[f64]) -> f64 {
     if frames_ms.len() < 2 {
         return f64::NAN;

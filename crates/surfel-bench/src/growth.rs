@@ -1,4 +1,4 @@
-//! How converting to levels grows with the number of points, as a chart of the table that `cargo xtask growth` prints.
+//! Chart of the table that `cargo xtask growth` prints: cost of conversion to levels of detail by number of points.
 
 use crate::Failure;
 use crate::chart::{Axis, Chart, Series, Style};
@@ -7,10 +7,10 @@ use std::path::PathBuf;
 /// Draws the table of `cargo xtask growth` as a chart.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// A page with that table.
+    /// Page that contains the table.
     #[arg(value_name = "TABLE.md")]
     table: PathBuf,
-    /// Where the chart goes, over what is there.
+    /// Output file of the chart; replaces an existing file.
     #[arg(short, long, value_name = "FILE.svg")]
     output: PathBuf,
 }
@@ -23,7 +23,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Columns of the table that are drawn: names in the legend, and in the head after how many others of that name.
+/// Columns to draw: name in the legend, name in the table's head, and number of earlier columns with the same name.
 const DRAWN: [(&str, &str, usize); 4] = [
     ("to COPC, wall", "to COPC, s", 0),
     ("to COPC, CPU", "CPU, s", 0),
@@ -53,7 +53,7 @@ fn chart(page: &str) -> Result<Chart, String> {
         let points = rows.iter().map(|row| [row[0], row[column]]).collect();
         series.push(Series::new(name, Style::Line, color, points));
     }
-    // Through the first row's CPU time of converting.
+    // Reference line of linear growth, through the first row's CPU time of conversion.
     if let (Some(&[from, cost]), Some(last)) = (series[1].points.first(), rows.last()) {
         let line = vec![[from, cost], [last[0], cost * last[0] / from]];
         series.push(Series::new("as many times the points", Style::Faint, 6, line));

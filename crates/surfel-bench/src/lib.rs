@@ -1,8 +1,8 @@
-//! What measurements are shown with: [`chart::Chart`]s as SVG, and [`page::Page`]s that are one HTML file of words,
-//! tables, charts and images. Nothing is fetched from elsewhere, and no script runs.
+//! Presentation of measurements: [`chart::Chart`]s as SVG, and [`page::Page`]s, which are single HTML files of text,
+//! tables, charts and images. Pages load nothing and run no scripts.
 //!
-//! The program of this package times frames and weighs settings; it runs as `cargo xtask bench` and
-//! `cargo xtask tradeoff`. [`main`] is that program, for others to contain it.
+//! The program of this package times frames and measures the cost of settings. It runs as `cargo xtask bench` and
+//! `cargo xtask tradeoff`. Other programs can run it through [`main`].
 
 mod alternate;
 pub mod chart;
@@ -27,7 +27,7 @@ use std::process::ExitCode;
 
 use program::{Arguments, Backend, Failure, Simd, read};
 
-/// Runs the program `surfel-bench` with these words, the first of which is its name.
+/// Runs the program `surfel-bench` with these arguments, the first of which is its name.
 pub fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     program::main(words)
 }

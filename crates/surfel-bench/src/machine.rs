@@ -1,19 +1,19 @@
-//! Where a run took place.
+//! Facts about the machine of a run.
 
 use std::process::Command;
 
 use serde::{Deserialize, Serialize};
 
-/// The machine and the source. What isn't known is empty.
+/// Machine and source of a run. Unknown fields are empty.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Machine {
     pub cpu: String,
-    /// Threads that the system offers.
+    /// Number of hardware threads that the system reports.
     pub threads: usize,
     pub system: String,
-    /// Processes that wanted to run in the last minute, before the run: more than 0 is company.
+    /// System load of the last minute before the run; a value above 0 means that other processes were running.
     pub load: Option<f64>,
-    /// The commit, with `+` where files differ from it.
+    /// Commit, with a trailing `+` if files differ from it.
     pub commit: String,
 }
 
@@ -29,22 +29,22 @@ impl Machine {
     }
 }
 
-/// Time that this process has spent on CPUs, milliseconds; none where the system doesn't say.
+/// Returns the CPU time of this process, milliseconds; `None` if the system doesn't report it.
 ///
-/// On a machine that is shared with others, this and not the clock on the wall is what a frame costs.
+/// On a shared machine the CPU time, not the wall-clock time, is the cost of a frame.
 #[cfg(unix)]
 pub(crate) fn busy_ms() -> Option<f64> {
     let time = rustix::time::clock_gettime(rustix::time::ClockId::ProcessCPUTime);
     Some(time.tv_sec as f64 * 1e3 + time.tv_nsec as f64 * 1e-6)
 }
 
-/// Time that this process has spent on CPUs, milliseconds; none where the system doesn't say.
+/// Returns `None`: this system doesn't report CPU times.
 #[cfg(not(unix))]
 pub(crate) fn busy_ms() -> Option<f64> {
     None
 }
 
-/// Linux's name of the CPU: names alone don't tell virtual ones apart, so family and model are with it.
+/// Returns Linux's name of the CPU, with family and model: names of virtual CPUs alone are ambiguous.
 fn cpu() -> String {
     let text = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let field = |name: &str| {

@@ -1,4 +1,4 @@
-//! Draws every scene in turn, again and again.
+//! Measurement of frames: draws all scenes in turn, repeatedly.
 
 use std::io::IsTerminal;
 use std::path::PathBuf;
@@ -12,11 +12,11 @@ use crate::report::{BackendFacts, FillRate, Report, Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, Source};
 use crate::{Arguments, Failure, Simd};
 
-/// Frames of each scene and thread count, unless something is said.
+/// Default number of frames of each scene and thread count.
 const RUNS: usize = 11;
 const QUICK_RUNS: usize = 5;
 
-/// What is measured and how.
+/// Parameters of a measurement.
 pub(crate) struct Plan {
     backend: crate::Backend,
     adapter: Option<String>,
@@ -40,7 +40,7 @@ impl Plan {
                 Simd::Avx2 => SimdLevel::Avx2,
             },
             quantised: arguments.storage == "16",
-            // A GPU's threads aren't ours to set.
+            // The threads of a GPU can't be set.
             threads: if on_cpu { arguments.threads.clone() } else { vec![0] },
             runs: arguments.runs.unwrap_or(runs).max(1),
             models: arguments.models.clone(),
@@ -61,18 +61,19 @@ impl Plan {
     }
 }
 
-/// Not the GPU backends on software Vulkan: its threads aren't ours to set, and may not even be this process's.
+/// True for backends whose threads this program sets. GPU backends on software Vulkan don't count: their threads can't
+/// be set, and may belong to another process.
 fn is_on_cpu(backend: crate::Backend) -> bool {
     matches!(backend, crate::Backend::Cpu | crate::Backend::Reference)
 }
 
-/// A scene that is ready to be drawn.
+/// Scene that is ready to be drawn.
 struct Ready {
-    /// Its source's place among the uploads.
+    /// Index of the source's upload.
     upload: usize,
     view: View,
     settings: Settings,
-    /// One for each backend.
+    /// Samples of each backend.
     samples: Vec<Samples>,
 }
 
@@ -91,11 +92,11 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     };
     let fill_rates = fill_rates(first, FILL_RATE_SIDE_PX)?;
     let (uploads, mut ready) = prepare(plan, cases, first)?;
-    // One of each kind, so that none pays for planes that another leaves.
+    // There is a frame of each pixel format, so that no case pays for planes that another one left in it.
     let mut frames = [Frame::default(), Frame::default()];
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
-    // The first round warms up (pipelines, page faults, clocks) and counts: weights say which pixels are covered, and
-    // some backends count fragments only where they are wanted.
+    // The first round warms up (pipelines, page faults, clocks) and counts: weights give the covered pixels, and some
+    // backends count fragments only on request.
     for round in 0..=plan.runs {
         for (case, ready) in cases.iter().zip(&mut ready) {
             if std::io::stderr().is_terminal() {
@@ -142,10 +143,10 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
     Ok(Report::new(machine, facts, fill_rates, rows))
 }
 
-/// Pixels on a side of what fill rates are measured on.
+/// Side of the targets for fill rates, in pixels.
 const FILL_RATE_SIDE_PX: u32 = 1024;
 
-/// What the GPU does at best, in targets of `side_px` pixels a side; empty for backends that aren't on one.
+/// Returns the GPU's fill rates in targets of `side_px` pixels a side; empty for backends that don't use a GPU.
 #[cfg_attr(
     not(any(feature = "wgpu", feature = "ash")),
     allow(clippy::unnecessary_wraps, unused_variables, reason = "without GPUs")
@@ -170,7 +171,7 @@ pub(crate) fn fill_rates(backend: &mut Backend, side_px: u32) -> Result<Vec<Fill
     })
 }
 
-/// Loads and uploads every source once; backends of one kind share what is uploaded.
+/// Loads and uploads every source once; backends of one kind share the uploads.
 fn prepare(plan: &Plan, cases: &[Case], backend: &mut Backend) -> Result<(Vec<BackendScene>, Vec<Ready>), Failure> {
     let mut sources: Vec<Source> = Vec::new();
     for case in cases {
@@ -181,7 +182,7 @@ fn prepare(plan: &Plan, cases: &[Case], backend: &mut Backend) -> Result<(Vec<Ba
     let mut uploads = Vec::new();
     let mut ready: Vec<Option<Ready>> = cases.iter().map(|_| None).collect();
     for source in sources {
-        // The loaded scene goes as soon as it is uploaded.
+        // The loaded scene is dropped as soon as it is uploaded.
         let loaded: Loaded = source.load(&plan.models)?;
         for (case, ready) in cases.iter().zip(&mut ready).filter(|(case, _)| case.source == source) {
             *ready = Some(Ready {

@@ -1,4 +1,4 @@
-//! A page: words, tables, charts and images in one HTML file.
+//! Page: text, tables, charts and images in one HTML file.
 
 use crate::chart::Chart;
 use std::fmt::Write;
@@ -12,38 +12,38 @@ tr.good td{background:#eef7ea}tr.bad td{background:#fbe6e2}\
 figure{display:inline-block;margin:.4em 1em .4em 0;vertical-align:top}figcaption{font-size:12px}\
 figure img{width:192px;image-rendering:pixelated;background:#888}code{background:#f3f3f3;padding:0 .2em}";
 
-/// A page that is being written.
+/// Page under construction.
 #[derive(Clone, Debug)]
 pub struct Page {
     body: String,
     title: String,
 }
 
-/// A table, for a page, a terminal or a Markdown file. On pages, cells that are numbers are set to the right.
+/// Table for a page, a terminal or a Markdown file. On pages, numeric cells are right-aligned.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Table {
-    /// Names of columns.
+    /// Column headings.
     pub head: Vec<String>,
     /// Cells, row by row.
     pub rows: Vec<Vec<String>>,
-    /// Rows that stand out: index, and whether for good.
+    /// Highlighted rows: index, and true if the highlight is positive.
     pub marked: Vec<(usize, bool)>,
 }
 
 impl Table {
-    /// An empty table.
+    /// Creates an empty table.
     pub fn new(head: &[&str]) -> Self {
         Self { head: head.iter().map(|&h| h.to_owned()).collect(), ..Self::default() }
     }
 
-    /// The table as Markdown.
+    /// Returns the table as Markdown.
     pub fn markdown(&self) -> String {
         let row = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
         let rule = vec!["---".to_owned(); self.head.len()];
         row(&self.head) + &row(&rule) + &self.rows.iter().map(|r| row(r)).collect::<String>()
     }
 
-    /// The table as text in columns.
+    /// Returns the table as text in aligned columns.
     pub fn text(&self) -> String {
         let rows = || std::iter::once(&self.head).chain(&self.rows);
         let width = |column: usize| rows().filter_map(|r| Some(r.get(column)?.chars().count())).max().unwrap_or(0);
@@ -57,7 +57,7 @@ impl Table {
 }
 
 impl Page {
-    /// A page with nothing but its title.
+    /// Creates a page with a title alone.
     pub fn new(title: &str) -> Self {
         Self { body: format!("<h1>{}</h1>", escape(title)), title: escape(title) }
     }
@@ -68,39 +68,39 @@ impl Page {
         let _ = write!(self.body, "<h2>{}</h2>", escape(title));
     }
 
-    /// Begins a section about something that failed.
+    /// Begins a section about a failure.
     pub fn failed_section(&mut self, title: &str) {
         let _ = write!(self.body, "<h2 class=\"bad\">{}</h2>", escape(title));
     }
 
-    /// A heading within a section.
+    /// Adds a heading within a section.
     pub fn heading(&mut self, title: &str) {
         let _ = write!(self.body, "<h3>{}</h3>", escape(title));
     }
 
-    /// A paragraph of plain words.
+    /// Adds a paragraph of plain text.
     pub fn paragraph(&mut self, words: &str) {
         let _ = write!(self.body, "<p>{}</p>", escape(words));
     }
 
-    /// Text whose lines stay as they are.
+    /// Adds preformatted text, whose lines don't wrap.
     pub fn preformatted(&mut self, text: &str) {
         let _ = write!(self.body, "<pre>{}</pre>", escape(text));
     }
 
-    /// A chart.
+    /// Adds a chart.
     pub fn chart(&mut self, chart: &Chart) {
         let _ = write!(self.body, "<figure>{}</figure>", chart.svg());
     }
 
-    /// An image, as the bytes of a PNG file, under which stands its caption.
+    /// Adds an image, given as the bytes of a PNG file, above its caption.
     pub fn image(&mut self, caption: &str, png: &[u8]) {
         let (caption, data) = (escape(caption), base64(png));
         let _ = write!(self.body, "<figure><img alt=\"{caption}\" src=\"data:image/png;base64,{data}\">");
         let _ = write!(self.body, "<figcaption>{caption}</figcaption></figure>");
     }
 
-    /// A table.
+    /// Adds a table.
     pub fn table(&mut self, table: &Table) {
         self.body.push_str("<table><tr>");
         for name in &table.head {
@@ -125,19 +125,19 @@ impl Page {
         self.body.push_str("</table>");
     }
 
-    /// The file.
+    /// Returns the HTML file.
     pub fn html(&self) -> String {
         let head = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\">";
         format!("{head}<title>{}</title><style>{STYLE}</style>{}</html>\n", self.title, self.body)
     }
 }
 
-/// Text as it stands in HTML, in an element or a quoted attribute.
+/// Escapes text for HTML, in an element or a quoted attribute.
 fn escape(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// RFC 4648, §4.
+/// Encodes bytes as in RFC 4648, §4.
 fn base64(bytes: &[u8]) -> String {
     const DIGITS: &[u8; 64] = b"ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     let mut text = String::with_capacity(bytes.len().div_ceil(3) * 4);

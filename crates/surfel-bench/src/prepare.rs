@@ -1,4 +1,4 @@
-//! What it costs to make splats of points, stage by stage.
+//! Measures the cost of making splats from points, stage by stage.
 
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
@@ -12,24 +12,24 @@ use crate::{Failure, clouds};
 
 /// Times the preparation of points without normals and prints a table.
 ///
-/// The points lie on a bumpy ball, in random order, which no scan is as bad as.
+/// The points lie on a bumpy ball, in random order, which is worse than in any scan.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Numbers of points; several times for several.
+    /// Number of points; may be repeated.
     #[arg(long, value_name = "N", default_values_t = [1_000_000])]
     points: Vec<usize>,
-    /// Thread count; several times for several.
+    /// Thread count; may be repeated.
     #[arg(long, value_name = "N", default_values_t = [1, 2])]
     threads: Vec<usize>,
-    /// Runs, of which the fastest counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, value_name = "N", default_value_t = 3)]
     runs: usize,
 }
 
-/// A run's seconds, those on CPUs where the system tells, and those of each stage.
+/// Wall-clock seconds of a run, CPU seconds if the system reports them, and seconds of each stage.
 type Run = (f64, Option<f64>, Vec<(String, f64)>);
 
-/// Seconds of each stage.
+/// Clock that measures the seconds of each stage.
 struct Clock(Mutex<(Instant, Vec<(String, f64)>)>);
 
 impl Clock {
@@ -65,7 +65,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     for &count in &arguments.points {
         let cloud = clouds::ball(count)?;
         let high = cloud.data().centers.high();
-        // A fixed shuffle: i·k mod n for a k that shares no factor with n.
+        // A fixed shuffle: i·k mod n, with k coprime to n.
         let step = (0..).map(|i| (count as f64 * 0.618) as usize + i).find(|k| gcd(*k, count) == 1).unwrap_or(1);
         let shuffled = (0..count).map(|i| high[(i as u128 * step as u128 % count as u128) as usize]).collect();
         drop(cloud);

@@ -1,4 +1,4 @@
-//! The program: its command line, and frames of known scenes, timed on any backend.
+//! Command line of the program, and timing of frames on any backend.
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -10,7 +10,7 @@ use crate::measure::Plan;
 use crate::report::Report;
 use crate::{alternate, compare, growth, kit, measure, prepare, scale, scenes, start, table, tradeoff};
 
-/// What goes wrong, said in one line.
+/// Error of the program, as a one-line message.
 pub(crate) type Failure = Box<dyn std::error::Error>;
 
 /// Backends that can be timed.
@@ -51,75 +51,75 @@ impl Simd {
 
 /// Times frames of known scenes and prints a table.
 ///
-/// Frames are drawn in turn, one of each scene and thread count, so that what disturbs the machine disturbs all alike;
-/// medians and minima are reported. Loading, uploading and writing files are not timed.
+/// Frames are drawn in turn, one of each scene and thread count, so that disturbances of the machine affect all
+/// equally. The table has medians and minima. Loading, uploading and writing files are not timed.
 #[derive(Debug, Parser)]
 #[command(name = "cargo xtask bench", bin_name = "cargo xtask bench", args_conflicts_with_subcommands = true)]
 pub(crate) struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// What draws.
+    /// Rendering backend.
     #[arg(long, value_enum, default_value = "cpu")]
     pub(crate) backend: Backend,
-    /// A part of the GPU adapter's name.
+    /// Part of the GPU adapter's name.
     #[arg(long)]
     pub(crate) adapter: Option<String>,
-    /// Small scenes and few runs: a minute at most.
+    /// Draw small scenes in few runs, in at most a minute.
     #[arg(long)]
     pub(crate) quick: bool,
-    /// Thread count of the CPU backends; several times for several.
+    /// Thread count of the CPU backends; may be repeated.
     #[arg(long, value_name = "N", default_values_t = [1, 2])]
     pub(crate) threads: Vec<usize>,
-    /// Only scenes whose name has this in it, or is what follows a =; several times for several.
+    /// Only scenes whose name contains NAME, or equals it after a =; may be repeated.
     #[arg(long, value_name = "NAME")]
     pub(crate) scene: Vec<String>,
-    /// Frames of each scene and thread count.
+    /// Number of frames of each scene and thread count.
     #[arg(long, value_name = "N")]
     pub(crate) runs: Option<usize>,
     /// SIMD instructions of the CPU backend.
     #[arg(long, value_enum, default_value = "best")]
     pub(crate) simd: Simd,
-    /// Bits in which splats are kept.
+    /// Bits per stored number of a splat.
     #[arg(long, default_value = "32", value_parser = ["32", "16"])]
     pub(crate) storage: String,
-    /// Where the models igea.ply and lion_takanawa.ply are; without them their scenes are left out.
+    /// Folder of the models igea.ply and lion_takanawa.ply; scenes of missing models are skipped.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     pub(crate) models: PathBuf,
-    /// Write the figures as JSON, over what is there.
+    /// Write the figures to a JSON file, replacing it.
     #[arg(short, long, value_name = "FILE.json")]
     pub(crate) output: Option<PathBuf>,
-    /// Write the table as Markdown, over what is there: docs/data/bench.md is made so.
+    /// Write the table to a Markdown file, replacing it; docs/data/bench.md is made so.
     #[arg(long, value_name = "FILE.md")]
     pub(crate) markdown: Option<PathBuf>,
-    /// Write an image of every scene.
+    /// Write an image of every scene to this folder.
     #[arg(long, value_name = "FOLDER")]
     pub(crate) images: Option<PathBuf>,
-    /// Print the names of the scenes and end.
+    /// Print the names of the scenes and exit.
     #[arg(long)]
     pub(crate) list: bool,
-    /// Compare two files that were written by `-o`; or two builds of this program, run in turn three times each.
+    /// Compare two files written by `-o`, or two builds of this program, which run in turn three times each.
     #[arg(long, num_args = 2, value_names = ["A", "B"])]
     pub(crate) compare: Option<Vec<PathBuf>>,
 }
 
-/// What else this program measures.
+/// Other measurements.
 #[derive(Debug, clap::Subcommand)]
 enum Command {
-    /// What every setting costs, in time and in error; as `cargo xtask tradeoff`.
+    /// Measure what every setting costs in time and error; the same as `cargo xtask tradeoff`.
     Tradeoff(tradeoff::Arguments),
-    /// What jobs of many pieces take on many workers, simulated.
+    /// Simulate how long jobs of many tasks take on many workers.
     Scale(scale::Arguments),
-    /// What it costs to make splats of points.
+    /// Measure what it costs to make splats from points.
     Prepare(prepare::Arguments),
-    /// Time from a command to its image: the whole program, for inputs of several sizes.
+    /// Measure the time from a command to its image: the whole program, for inputs of several sizes.
     Start(start::Arguments),
-    /// How levels of points grow, as a chart.
+    /// Draw a chart of the cost of levels of detail by number of points.
     Growth(growth::Arguments),
-    /// Measure this machine's GPU, step by step; as the script of `cargo xtask gpu-kit` does.
+    /// Measure this machine's GPU, step by step, as the script of `cargo xtask gpu-kit` does.
     Kit(kit::Arguments),
 }
 
-/// Runs the program with these words, the first of which is its name.
+/// Runs the program with these arguments, the first of which is its name.
 pub(crate) fn main(words: impl IntoIterator<Item = OsString>) -> ExitCode {
     match run(&Arguments::parse_from(words)) {
         Ok(()) => ExitCode::SUCCESS,

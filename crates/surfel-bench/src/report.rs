@@ -1,4 +1,4 @@
-//! The figures of a run, as they are written to JSON.
+//! Figures of a run, as stored in JSON.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +7,22 @@ use surfel::Stats;
 
 use crate::machine::Machine;
 
-/// Version of the JSON. Raised whenever a field changes its meaning; new fields don't raise it.
+/// Version of the JSON format. It increases whenever a field changes its meaning, but not with new fields.
 const VERSION: u32 = 1;
 
-/// A run.
+/// Report of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Report {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
-    /// What the GPU does at best; empty for backends that aren't on one, and in older files.
+    /// Peak fill rates of the GPU; empty for backends that don't use one, and in older files.
     #[serde(default)]
     pub fill_rates: Vec<FillRate>,
     pub rows: Vec<Row>,
 }
 
-/// A rate that no pass over splats can exceed.
+/// Fill rate that no pass over splats can exceed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct FillRate {
     /// `clear`, `depth`, `fill`, `blend` or `blend two`.
@@ -30,87 +30,89 @@ pub(crate) struct FillRate {
     pub fragments_per_s: f64,
 }
 
-/// What drew.
+/// Backend that drew the frames.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct BackendFacts {
     pub name: String,
-    /// The GPU, or the SIMD instructions of the CPU.
+    /// GPU, or SIMD instructions of the CPU.
     pub adapter: String,
     pub driver: String,
-    /// A GPU interface computed by the CPU: its times say nothing about GPUs.
+    /// True for a GPU interface computed by the CPU. Its times aren't representative of GPUs.
     pub is_software: bool,
 }
 
-/// One scene on one number of threads. Counts are of one frame.
+/// Figures of one scene with one number of threads. Counts are per frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     pub scene: String,
-    /// What the scene is.
+    /// Description of the scene.
     pub about: String,
     pub shader: String,
     pub threads: usize,
     pub size: [u32; 2],
-    /// Every frame's time, in the order they were drawn, milliseconds.
+    /// Wall-clock time of every frame in drawing order, milliseconds.
     pub frames_ms: Vec<f64>,
     pub median_ms: f64,
     pub min_ms: f64,
-    /// Every frame's time on CPUs, all threads together; nothing for GPUs, and where the system doesn't say.
+    /// CPU time of every frame, all threads together, milliseconds; empty for GPUs, and if the system doesn't report
+    /// it.
     pub busy_frames_ms: Vec<f64>,
-    /// Their median: what the frame would take one thread that is never interrupted.
+    /// Median CPU time, milliseconds: the time of the frame on a single thread that is never interrupted.
     pub busy_ms: Option<f64>,
-    /// Milliseconds by stage, medians.
+    /// Median time of each stage, milliseconds.
     pub stages_ms: BTreeMap<String, f64>,
-    /// Splats of the scene, culled ones too.
+    /// Number of splats of the scene, including culled ones.
     pub splats: u64,
     pub drawn: u64,
-    /// Fragments that contributed to a pixel; none where the backend doesn't count them.
+    /// Number of fragments that contribute to a pixel; `None` if the backend doesn't count them.
     pub fragments: Option<u64>,
-    /// Pixels that show something.
+    /// Number of pixels with any contribution.
     pub covered_px: u64,
-    /// All splats of the scene, culled ones too, over the median.
+    /// All splats of the scene, including culled ones, divided by the median time.
     pub splats_per_s: f64,
     pub drawn_per_s: f64,
     pub fragments_per_s: Option<f64>,
-    /// Fragments a second of the attribute pass alone, over those that the GPU can blend into such targets: what it
-    /// reaches of the fill rate. Splats a second are the same share of what that rate would allow.
+    /// Fragments per second of the attribute pass, as a fraction of the GPU's fill rate for the same targets. Splats
+    /// per second are the same fraction of the rate that the fill rate would allow.
     #[serde(default)]
     pub share_of_blend: Option<f64>,
-    /// The same of the whole frame.
+    /// Like `share_of_blend`, for the time of the whole frame.
     #[serde(default)]
     pub frame_share_of_blend: Option<f64>,
-    /// Fragments over drawn splats.
+    /// Fragments per drawn splat.
     pub fragments_per_splat: Option<f64>,
-    /// Fragments over covered pixels.
+    /// Fragments per covered pixel.
     pub fragments_per_px: Option<f64>,
-    /// Pairs of 4×4-pixel block and splat that were computed (CPU backend).
+    /// Number of computed pairs of a splat and a block of 4×4 pixels (CPU backend).
     pub block_pairs: Option<f64>,
-    /// Time of the tile loops by thread and pair, nanoseconds.
+    /// Time of the tile loops per thread and pair, nanoseconds.
     pub ns_per_pair: Option<f64>,
-    /// Resident bytes a splat.
+    /// Resident bytes per splat.
     pub bytes_per_splat: f64,
-    /// Resident bytes, 10⁶.
+    /// Resident memory, 10⁶ bytes.
     pub resident_mb: f64,
-    /// Records and lists of the largest batch, 10⁶ bytes: what a frame needs besides the scene and the image.
+    /// Records and lists of the largest batch, 10⁶ bytes: the memory of a frame besides the scene and the image.
     pub batch_mb: Option<f64>,
-    /// Splats that were set up are read once, their records and lists written once and read once: 10⁹ bytes a second.
+    /// Memory traffic, 10⁹ bytes per second: splats that were set up are read once, their records and lists written
+    /// once and read once.
     pub gb_per_s: Option<f64>,
     /// All counters of the backend.
     pub counters: BTreeMap<String, f64>,
 }
 
-/// What was seen of one scene on one number of threads.
+/// Measurements of one scene with one number of threads.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Samples {
     pub frames_ms: Vec<f64>,
-    /// Time on CPUs, all threads together.
+    /// CPU time of each frame, all threads together, milliseconds.
     pub busy_ms: Vec<f64>,
     pub stats: Vec<Stats>,
     pub covered_px: u64,
-    /// 0 where the backend doesn't count them.
+    /// Number of fragments; 0 if the backend doesn't count them.
     pub fragments: u64,
 }
 
-/// Which scene a row is of.
+/// Scene and parameters that a row describes.
 pub(crate) struct Subject {
     pub scene: String,
     pub about: String,
@@ -125,7 +127,7 @@ impl Report {
         Self { version: VERSION, machine, backend, fill_rates, rows }
     }
 
-    /// Adds the frames of a later run of the same. Figures of one frame and rates stay those of the first run.
+    /// Adds the frames of a later run of the same scenes. Rates and figures of single frames remain unchanged.
     pub(crate) fn extend(&mut self, later: Self) {
         for row in &mut self.rows {
             let same = later.rows.iter().find(|other| other.scene == row.scene && other.threads == row.threads);
@@ -136,7 +138,7 @@ impl Report {
         }
     }
 
-    /// Reads what `-o` wrote.
+    /// Parses a file written by `-o`.
     pub(crate) fn parse(text: &[u8]) -> Result<Self, String> {
         let value: serde_json::Value = serde_json::from_slice(text).map_err(|e| format!("is no JSON: {e}"))?;
         match value.get("version").and_then(serde_json::Value::as_u64) {
@@ -199,9 +201,9 @@ impl Row {
         }
     }
 
-    /// Holds its fragments against what the GPU can blend.
+    /// Compares the fragment rate with the GPU's fill rate.
     fn judge(&mut self, fill_rates: &[FillRate]) {
-        // Unlit images sum up colour alone, others normal and depth, too.
+        // Unlit images sum colours alone, all others normals and depths, too.
         let name = if self.shader == "unlit" { "blend" } else { "blend two" };
         let fill_rate =
             fill_rates.iter().find(|fill_rate| fill_rate.name == name).map(|fill_rate| fill_rate.fragments_per_s);
@@ -211,12 +213,12 @@ impl Row {
     }
 }
 
-/// The middle value, or the mean of the two in the middle; NaN of none.
+/// Returns the middle value, or the mean of the two middle ones; NaN without values.
 pub(crate) fn median(values: &[f64]) -> f64 {
     0.5 * (quantile(values, 0.5 - 1e-12) + quantile(values, 0.5 + 1e-12))
 }
 
-/// The value that a part of the values lies below; NaN of none.
+/// Returns the quantile `part`, below which that fraction of the values lies; NaN without values.
 pub(crate) fn quantile(values: &[f64], part: f64) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
@@ -255,7 +257,7 @@ mod tests {
             .map(|(name, fragments_per_s)| FillRate { name: name.into(), fragments_per_s });
         let mut row = Row::new(subject, samples);
         row.judge(&fill_rates);
-        // 4·10⁶ in 5 ms are 0.8·10⁹ a second.
+        // 4·10⁶ fragments in 5 ms are 0.8·10⁹ a second.
         assert!((row.share_of_blend.unwrap() - 0.8).abs() < 1e-12);
         assert!((row.frame_share_of_blend.unwrap() - 0.4).abs() < 1e-12);
         row.shader = "unlit".into();

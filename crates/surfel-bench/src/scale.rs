@@ -1,22 +1,22 @@
-//! What a job of many pieces takes on many workers, simulated from measured costs: the figures of docs/scale.md.
+//! Simulation of jobs of many tasks on many workers, from measured costs: the figures of docs/scale.md.
 
 use crate::Failure;
 use crate::page::Table;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Where the figures begin and end on the page.
+/// Markers of the begin and end of the figures on the page.
 const MARKS: [&str; 2] = ["<!-- figures -->\n", "<!-- end of figures -->\n"];
-/// Numbers of workers.
+/// Numbers of workers that are simulated.
 const WORKERS: [usize; 5] = [1, 10, 100, 1000, 10_000];
 
-/// Simulates jobs of many pieces on 1 to 10,000 workers and prints tables.
+/// Simulates jobs of many tasks on 1 to 10,000 workers and prints tables.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Seed of what is drawn by chance; docs/scale.md has 1.
+    /// Seed of the random numbers; docs/scale.md uses 1.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Put the tables into this page, between its marks.
+    /// Write the tables to this page, between its markers.
     #[arg(long, value_name = "docs/scale.md")]
     write: Option<std::path::PathBuf>,
 }
@@ -35,61 +35,62 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     Ok(())
 }
 
-/// What one core of the machine that docs/scale.md names takes, measured by its commands.
+/// Costs measured on one core of the machine that docs/scale.md names, by the commands given there.
 mod measured {
     /// Start of the program, seconds.
     pub(super) const START_S: f64 = 0.001_8;
-    /// `convert` of LAZ without normals to splats, seconds of one core a point.
+    /// Conversion of LAZ without normals to splats by `convert`, seconds of one core per point.
     pub(super) const CONVERT_S: f64 = 2.46e-6;
-    /// Bytes a point of that LAZ, and of the PLY made of it.
+    /// Bytes per point of the LAZ input, and of the PLY output.
     pub(super) const LAZ_BYTES: f64 = 3.74;
     pub(super) const PLY_BYTES: f64 = 28.0;
-    /// Loading and uploading the scene of frames, seconds of one core a splat.
+    /// Loading and uploading the scene of frames, seconds of one core per splat.
     pub(super) const LOAD_S: f64 = 0.218e-6;
     /// Splats of the scene of frames.
     pub(super) const SPLATS: f64 = 2e6;
-    /// A frame of 1024x1024 of it: quantiles over a turntable, seconds.
+    /// Time of a frame of 1024x1024 pixels: quantiles over a turntable, seconds.
     pub(super) const FRAME_S: [f64; 11] =
         [0.0901, 0.0912, 0.0917, 0.0928, 0.0938, 0.0950, 0.0960, 0.0980, 0.1019, 0.1124, 0.1728];
-    /// Encoding and writing it, seconds, and its bytes.
+    /// Encoding and writing of the image, seconds, and size of its file in bytes.
     pub(super) const WRITE_S: f64 = 0.0047;
     pub(super) const FRAME_BYTES: f64 = 408e3;
 }
 
-/// What is not measured but supposed of a cluster.
+/// Assumed properties of a cluster, which are not measured.
 mod supposed {
-    /// Bytes a second that all workers read and write together.
+    /// Bytes per second that all workers together read and write.
     pub(super) const STORAGE: f64 = 10e9;
-    /// Losses a worker and hour, as of machines at a discount.
+    /// Losses per worker and hour, typical of discounted machines.
     pub(super) const LOSSES_PER_HOUR: f64 = 0.05;
-    /// Seconds until another worker is in a lost one's place.
+    /// Time until a lost worker is replaced, seconds.
     pub(super) const REPLACE_S: f64 = 120.0;
-    /// Tasks that a scheduler starts a second.
+    /// Number of tasks that a scheduler starts per second.
     pub(super) const DISPATCH_PER_S: f64 = 100.0;
-    /// Points of a tile of a country, and by how much tiles differ: evenly from one less this share to one more.
+    /// Mean number of points of a tile of a country, and their relative spread: uniform from one less the spread to one
+    /// more.
     pub(super) const TILE_POINTS: f64 = 2e7;
     pub(super) const TILE_SPREAD: f64 = 0.5;
 }
 
-/// A job: costs of its tasks.
+/// Job, with the costs of its tasks.
 struct Job {
-    /// Seconds of one core, and bytes read and written, of each task.
+    /// Core seconds of each task, and bytes that it reads and writes.
     tasks: Vec<(f64, f64)>,
-    /// What of the seconds is not overhead of cutting the job into tasks.
+    /// Core seconds without the overhead of splitting the job into tasks.
     useful_s: f64,
 }
 
-/// What a job took.
+/// Result of a simulated job.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 struct Outcome {
     /// Seconds until the last task is done.
     wall_s: f64,
-    /// Seconds that workers spent on tasks which were lost.
+    /// Seconds that workers spent on lost tasks.
     lost_s: f64,
     losses: usize,
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014).
+/// Random numbers by SplitMix64 (Steele, Lea and Flood 2014).
 struct Random(u64);
 
 impl Random {
@@ -100,17 +101,17 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Even in [0, 1).
+    /// Returns a number uniform in [0, 1).
     fn unit(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Exponential with mean 1.
+    /// Returns an exponentially distributed number with mean 1.
     fn exponential(&mut self) -> f64 {
         -(1.0 - self.unit()).ln()
     }
 
-    /// Of a distribution that quantiles describe, evenly spaced from the least to the most.
+    /// Returns a number of a distribution given by evenly spaced quantiles, from the minimum to the maximum.
     fn of_quantiles(&mut self, quantiles: &[f64]) -> f64 {
         let at = self.unit() * (quantiles.len() - 1) as f64;
         let (i, t) = (at as usize, at.fract());
@@ -118,7 +119,7 @@ impl Random {
     }
 }
 
-/// 10¹² points in tiles, each converted by one task.
+/// Returns the job of converting 10¹² points in tiles, one task a tile.
 fn country(random: &mut Random) -> Job {
     use measured::{CONVERT_S, LAZ_BYTES, PLY_BYTES, START_S};
     use supposed::{TILE_POINTS, TILE_SPREAD};
@@ -132,7 +133,7 @@ fn country(random: &mut Random) -> Job {
     Job { tasks, useful_s: 1e12 * CONVERT_S }
 }
 
-/// A million frames, so many a task.
+/// Returns the job of drawing a million frames, `per_task` frames a task.
 fn frames(random: &mut Random, per_task: usize) -> Job {
     use measured::{FRAME_BYTES, FRAME_S, LOAD_S, PLY_BYTES, SPLATS, START_S, WRITE_S};
     let mut useful_s = 0.0;
@@ -145,14 +146,14 @@ fn frames(random: &mut Random, per_task: usize) -> Job {
     Job { tasks, useful_s }
 }
 
-/// Workers take tasks in order, as a scheduler starts them; a task's bytes go through storage that all share, one after
-/// another; a lost worker's task begins anew on another.
+/// Simulates a job. Workers take tasks in the order in which a scheduler starts them. All share one storage, through
+/// which tasks' bytes pass one after another. The task of a lost worker starts again on another worker.
 fn simulate(job: &Job, workers: usize, losses_per_hour: f64, random: &mut Random) -> Outcome {
-    // Times at which workers are free, in nanoseconds, which have an order.
+    // Times at which workers become free, in nanoseconds: integers can be ordered.
     let ns = |s: f64| (s * 1e9) as u128;
     let s = |ns: u128| ns as f64 * 1e-9;
     let mut free: BinaryHeap<Reverse<u128>> = (0..workers).map(|_| Reverse(0)).collect();
-    // Tasks that were lost, and when that was known.
+    // Lost tasks, each with the time of its loss.
     let mut again: Vec<(f64, (f64, f64))> = Vec::new();
     let (mut outcome, mut storage_free, mut dispatch_free) = (Outcome::default(), 0.0_f64, 0.0_f64);
     let mut waiting = job.tasks.iter().copied();
@@ -164,7 +165,7 @@ fn simulate(job: &Job, workers: usize, losses_per_hour: f64, random: &mut Random
         dispatch_free = started + 1.0 / supposed::DISPATCH_PER_S;
         let lost_at = started + random.exponential() * 3600.0 / losses_per_hour;
         let stored = storage_free.max(started) + task.1 / supposed::STORAGE;
-        // Reading and writing go on beside computing, so that the longer of both counts.
+        // Reading and writing overlap with computing, so the longer of both counts.
         let done = (started + task.0).max(stored);
         if lost_at < done {
             outcome.lost_s += lost_at - started;
@@ -189,7 +190,7 @@ fn duration(s: f64) -> String {
     }
 }
 
-/// A table for each job.
+/// Returns a title and a table for each job.
 fn tables(seed: u64) -> [(String, Table); 2] {
     let hours = |s: f64| format!("{:.0}", s / 3600.0);
     let mut random = Random(seed);
@@ -223,7 +224,7 @@ fn tables(seed: u64) -> [(String, Table); 2] {
     [(format!("10¹² points, {tiles} tiles:"), first), ("A million frames:".to_owned(), second)]
 }
 
-/// The page's figures.
+/// Returns the figures of the page as Markdown.
 fn markdown(seed: u64) -> String {
     tables(seed).map(|(name, table)| format!("{name}\n\n{}\n", table.markdown())).concat().replace("\n\n\n", "\n\n")
 }
@@ -245,7 +246,7 @@ mod tests {
     #[test]
     fn tasks_of_equal_cost_take_whole_rounds() {
         let wall = |tasks, workers| simulate(&even(tasks, 600.0, 0.0), workers, 1e-30, &mut Random(3)).wall_s;
-        // What the scheduler needs to start a round of tasks comes on top.
+        // The time that the scheduler needs to start a round of tasks is added.
         for (tasks, workers, rounds) in [(7, 1, 7.0), (8, 4, 2.0), (9, 4, 3.0), (3, 100, 1.0)] {
             let started = workers.min(tasks) as f64 / supposed::DISPATCH_PER_S;
             let extra = wall(tasks, workers) - 600.0 * rounds;
@@ -263,14 +264,15 @@ mod tests {
 
     #[test]
     fn losses_cost_what_probability_says() {
-        // A task of length T under losses of rate λ takes (e^{λT} − 1)(1/λ + R) on average (Ross, Introduction to
+        // A task of length T with losses at rate λ takes (e^{λT} − 1)(1/λ + R) on average (Ross, Introduction to
         // Probability Models, on repair with restarts).
         let (length, rate) = (1800.0, 0.5_f64);
         let tasks = 20_000;
         let wall = simulate(&even(tasks, length, 0.0), 1, rate, &mut Random(9)).wall_s;
         let expected = (length * rate / 3600.0).exp_m1() * (3600.0 / rate + supposed::REPLACE_S);
         let found = wall / tasks as f64;
-        // A task's time has a standard deviation of less than its mean, so that 3 % are more than four of the mean's.
+        // The standard deviation of a task's time is below its mean, so 3 % are more than four standard errors of the
+        // mean.
         assert!((found / expected - 1.0).abs() < 0.03, "{found} against {expected}");
     }
 
@@ -278,10 +280,10 @@ mod tests {
     fn chance_is_even_and_the_same_for_a_seed() {
         let mut random = Random(1);
         let mean = (0..100_000).map(|_| random.of_quantiles(&[0.0, 1.0, 4.0])).sum::<f64>() / 1e5;
-        // Standard deviation 1.12 / sqrt(1e5) = 0.0035.
+        // The standard error is 1.12 / sqrt(1e5) = 0.0035.
         assert!((mean - 1.5).abs() < 0.015, "{mean}");
         assert_eq!(Random(5).bits(), Random(5).bits());
-        // The first output for the seed 0, as Vigna's splitmix64.c gives it.
+        // First output for the seed 0, by Vigna's splitmix64.c.
         assert_eq!(Random(0).bits(), 0xe220_a839_7b1d_cdaf);
     }
 }

@@ -1,4 +1,4 @@
-//! What is drawn: Guennebaud's ladder, extremes of size, real models where there are any.
+//! Scenes of the bench: Guennebaud's ladder, extremes of size, and real models if their files exist.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -15,35 +15,35 @@ const SIZE: u32 = 1024;
 /// Vertical field of view, degrees.
 const FOV_Y_DEG: f64 = 30.0;
 
-/// What a scene is made of; scenes with the same source share one upload.
+/// Source of a scene's geometry. Scenes with the same source share one upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Source {
-    /// A bumpy ball of so many splats.
+    /// A bumpy ball with this number of splats.
     Ball(usize),
-    /// A wavy sheet of so many splats.
+    /// A wavy sheet with this number of splats.
     Sheet(usize),
-    /// The same with twelve splats over each point.
+    /// A wavy sheet with this number of splats, twelve of them over each point.
     Thick(usize),
-    /// Wavy sheets one behind another, of so many splats each.
+    /// Wavy sheets one behind another, with this number of splats each.
     Stack(usize),
     /// A file of the models' folder.
     Model(&'static str),
-    /// The same, a mesh, as splats that are clipped along its creases, one a face.
+    /// A mesh of the models' folder as splats clipped along its creases, one per face.
     Sharp(&'static str),
-    /// The generated part of the assets, likewise.
+    /// The generated part of the assets, as clipped splats.
     Part,
 }
 
-/// Where the eye is.
+/// Position of the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Eye {
-    /// Where the surface fills the height.
+    /// The surface fills the height of the view.
     Fits,
-    /// There, but with the height of the view so many times larger; less than 1 is a close-up.
+    /// The same position, with the height of the view multiplied by this factor; a factor below 1 gives a close-up.
     Zoomed(f64),
 }
 
-/// A scene that can be timed.
+/// Scene that can be timed.
 #[derive(Clone, Debug)]
 pub(crate) struct Case {
     pub name: &'static str,
@@ -51,29 +51,29 @@ pub(crate) struct Case {
     pub source: Source,
     eye: Eye,
     pub shader: Shader,
-    /// How edges are antialiased.
+    /// Edge antialiasing.
     edges: EdgeAa,
     clip: ClipPolicy,
-    /// What is drawn.
+    /// Planes to draw.
     pub planes: Planes,
-    /// Part of `--quick`.
+    /// True if the scene belongs to `--quick`.
     quick: bool,
 }
 
-/// A source, loaded.
+/// Loaded source.
 pub(crate) struct Loaded {
     pub scene: Scene,
-    /// The camera that frames it.
+    /// Camera that frames the scene.
     pub camera: Camera,
     pub settings: Settings,
 }
 
 const LADDER: &str = "closed surface, fills the height, back faces culled (Guennebaud 2006, table 1)";
 
-/// The far view's height over the surface's: it then takes about 5 % of the image.
+/// Height of the view relative to the surface in the far view, where the surface covers about 5 % of the image.
 const FAR: f64 = 3.7;
 
-/// All scenes.
+/// Returns all scenes.
 fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
     use Source::{Ball, Model, Part, Sharp, Sheet, Stack, Thick};
@@ -145,14 +145,14 @@ fn all() -> Vec<Case> {
     ]
 }
 
-/// Splats of the kit's scene that stands for igea.
+/// Number of splats of the kit's scene that replaces igea.
 const IGEA_SPLATS: usize = 134_345;
 
-/// Scenes of the ladder and extremes of size that a kit draws besides.
+/// Scenes of the ladder and extremes of size that the kit draws, too.
 const KIT: [&str; 8] = ["154k", "near", "460k", "1.4M", "2.5M", "5M", "far", "sheet"];
 
-/// The scenes that a GPU kit draws, the most important first, none of which needs a file; each is made of `fewer` times
-/// fewer splats than its name says.
+/// Returns the scenes of a GPU kit, the most important first. None needs a file. The number of splats of each is
+/// divided by `fewer`.
 pub(crate) fn kit(fewer: usize) -> Vec<Case> {
     let igea_like = |name, about, shader, edges, planes| Case {
         name,
@@ -183,7 +183,7 @@ pub(crate) fn kit(fewer: usize) -> Vec<Case> {
     cases
 }
 
-/// The scenes that are asked for and whose files are there.
+/// Returns the requested scenes whose files exist.
 pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
     let names = all().iter().map(|case| case.name).collect::<Vec<_>>().join(", ");
     let wanted = |case: &Case| match arguments.scene.as_slice() {
@@ -208,7 +208,7 @@ pub(crate) fn chosen(arguments: &Arguments) -> Result<Vec<Case>, Failure> {
 }
 
 impl Source {
-    /// The same of so many times fewer splats, where it is made of any number.
+    /// Returns the source with `fewer` times fewer splats, if its number of splats is a parameter.
     fn shrunk(self, fewer: usize) -> Self {
         match self {
             Self::Ball(count) => Self::Ball(count / fewer),
@@ -219,7 +219,7 @@ impl Source {
         }
     }
 
-    /// Makes or reads it.
+    /// Generates or reads the source.
     pub(crate) fn load(self, models: &Path) -> Result<Loaded, Failure> {
         match self {
             Self::Ball(count) => Ok(framed(clouds::ball(count)?, Cull::Back)),
@@ -238,7 +238,7 @@ impl Source {
     }
 }
 
-/// A mesh as clipped splats, seen as the program would show the mesh.
+/// Loads a mesh as clipped splats, with the camera of the program's default view of the mesh.
 fn sharp(path: &Path) -> Result<Loaded, Failure> {
     let loaded = surfel::io::load(path, &surfel::io::LoadOptions::default())?;
     let surfel::io::Content::Mesh(mesh) = loaded.content else {
@@ -251,10 +251,11 @@ fn sharp(path: &Path) -> Result<Loaded, Failure> {
     Ok(Loaded { camera, ..framed(cloud, Cull::Back) })
 }
 
-/// A cloud with a camera on the z axis, as near as all of it still fits, and the usual lights.
+/// Returns a scene of a cloud with the usual lights. The camera is on the z axis, as near as possible while all of the
+/// cloud is visible.
 fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
     let slope = (0.5 * FOV_Y_DEG).to_radians().tan();
-    // |x| and |y| ≤ (eye − z)·slope for every centre.
+    // A centre is visible if |x| and |y| ≤ (eye − z)·slope.
     let needs = |i: usize| {
         let p = cloud.center(i);
         p.z + p.x.abs().max(p.y.abs()) / slope
@@ -269,7 +270,7 @@ fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
         far: None,
         size: [SIZE; 2],
     };
-    // What antialiased edges need.
+    // Antialiased edges need the interior weight.
     let interior_weight = surfel::sample::interior_weight(&cloud);
     let object = Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
@@ -282,7 +283,7 @@ fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
 }
 
 impl Case {
-    /// The loaded source's camera, moved for this scene.
+    /// Returns the camera of the loaded source, moved for this scene.
     pub(crate) fn camera(&self, loaded: &Loaded) -> Camera {
         let mut camera = loaded.camera.clone();
         if let (Eye::Zoomed(factor), Projection::Perspective { fov_y_deg }) = (self.eye, &mut camera.projection) {
@@ -292,7 +293,7 @@ impl Case {
         camera
     }
 
-    /// The loaded source's settings with this scene's shader and edges.
+    /// Returns the settings of the loaded source with this scene's shader, edge antialiasing and clipping.
     pub(crate) fn settings(&self, loaded: &Loaded) -> Settings {
         loaded.settings.with_shader(self.shader).with_edge_aa(self.edges).with_clip(self.clip)
     }

@@ -1,4 +1,4 @@
-//! Time from a command to its result: the whole process, as a user waits for it.
+//! Measures the time from a command to its result: the whole process, as a user waits for it.
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -9,26 +9,26 @@ use crate::{Failure, clouds};
 
 /// Times the program `surfel` as a whole, from its start to its end, and prints a table.
 ///
-/// Reading, preparing, drawing and writing are all in it. Runs take turns, one of each input, so that what disturbs the
-/// machine disturbs all alike.
+/// The time includes reading, preparing, drawing and writing. Runs alternate between the inputs, so that disturbances
+/// of the machine affect all equally.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// Build of the program; that of this workspace by default.
+    /// Build of the program; default: the one of this workspace.
     #[arg(long, value_name = "FILE", default_value = "target/release/surfel")]
     program: PathBuf,
-    /// Folder of the model igea.ply; without it its row is left out.
+    /// Folder of the model igea.ply; without the file its row is skipped.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,
-    /// Runs, of which the fastest counts.
+    /// Number of runs; the fastest one counts.
     #[arg(long, value_name = "N", default_value_t = 5)]
     runs: usize,
 }
 
-/// A command that is timed.
+/// Command that is timed.
 struct Row {
     name: String,
     words: Vec<PathBuf>,
-    /// Least seconds of all runs, and the sum of those on CPUs where the system says.
+    /// Least wall-clock seconds of all runs, and sum of the CPU seconds if the system reports them.
     best: f64,
     busy: Option<f64>,
 }
@@ -89,7 +89,7 @@ fn time_once(program: &Path, row: &Row) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A binary PLY file of points on a bumpy ball that has nothing but positions.
+/// Returns a binary PLY file with nothing but positions of points on a bumpy ball.
 fn bare_points(count: usize) -> Result<Vec<u8>, Failure> {
     let cloud = clouds::ball(count)?;
     let mut bytes = Vec::with_capacity(128 + 12 * count);
@@ -101,14 +101,14 @@ fn bare_points(count: usize) -> Result<Vec<u8>, Failure> {
     Ok(bytes)
 }
 
-/// Seconds that processes which this one started, and which ended, have spent on CPUs, in steps of a hundredth; none
-/// where the system doesn't say.
+/// Returns the CPU seconds of this process's children that have ended, in steps of a hundredth; `None` if the system
+/// doesn't report them.
 fn children_seconds() -> Option<f64> {
     of_children(&std::fs::read_to_string("/proc/self/stat").ok()?)
 }
 
-/// Fields 16 and 17 of Linux's `stat` file, in hundredths of a second. The name of the program, in brackets, may hold
-/// anything.
+/// Returns the sum of fields 16 and 17 of Linux's `stat` file, which are hundredths of a second. The program's name, in
+/// brackets, may contain any characters.
 fn of_children(stat: &str) -> Option<f64> {
     let fields: Vec<&str> = stat.rsplit_once(')')?.1.split_whitespace().collect();
     let [user, system] = [13, 14].map(|i| fields.get(i)?.parse::<f64>().ok());

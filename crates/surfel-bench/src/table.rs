@@ -1,4 +1,4 @@
-//! A run for readers.
+//! Reports as text and Markdown.
 
 use std::fmt::Write;
 
@@ -6,7 +6,7 @@ use crate::page::Table;
 
 use crate::report::{FillRate, Report, Row};
 
-/// The whole run as text.
+/// Returns the whole report as text.
 pub(crate) fn of(report: &Report) -> String {
     let mut text = String::new();
     let (machine, backend) = (&report.machine, &report.backend);
@@ -34,7 +34,7 @@ pub(crate) fn of(report: &Report) -> String {
     text
 }
 
-/// The report as a Markdown file: a row a scene, the times of each thread count beside each other.
+/// Returns the report as a Markdown file: a row per scene, with the times of all thread counts beside each other.
 pub(crate) fn markdown(report: &Report) -> String {
     let (machine, backend) = (&report.machine, &report.backend);
     let mut threads: Vec<usize> = report.rows.iter().map(|row| row.threads).collect();
@@ -98,7 +98,7 @@ fn line(row: &Row) -> Vec<String> {
     ]
 }
 
-/// Columns as wide as their widest cell; the first and the last to the left, the others to the right.
+/// Returns columns as wide as their widest cell, the first and the last left-aligned, the others right-aligned.
 pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
     let columns = lines.iter().map(Vec::len).max().unwrap_or(0);
     let width = |i: usize| lines.iter().filter_map(|line| line.get(i)).map(|cell| cell.chars().count()).max();
@@ -119,12 +119,13 @@ pub(crate) fn aligned(lines: &[Vec<String>]) -> String {
     text
 }
 
-/// Time on CPUs, where it is known: shaders differ by less than a shared machine's clock on the wall does.
+/// Returns the CPU time if it is known, else the wall-clock time. Shaders differ by less than the noise of a shared
+/// machine's wall clock.
 fn cost(row: &Row) -> f64 {
     row.busy_ms.unwrap_or(row.median_ms)
 }
 
-/// What shading costs: the other shaders' scenes are named after the first one's.
+/// Returns notes on the cost of shading. The scenes of other shaders are named after the Phong scene.
 fn shader_notes(rows: &[Row]) -> Vec<String> {
     let phong = rows.iter().filter(|row| row.shader == "phong");
     let notes = phong.filter_map(|phong| {
@@ -144,7 +145,7 @@ fn shader_notes(rows: &[Row]) -> Vec<String> {
     notes.collect()
 }
 
-/// What a second thread brings.
+/// Returns a note on the speed-up by a second thread.
 fn scaling_note(rows: &[Row]) -> Option<String> {
     let gains = rows.iter().filter(|row| row.threads == 1).filter_map(|one| {
         let two = rows.iter().find(|row| row.scene == one.scene && row.threads == 2)?;

@@ -1,19 +1,19 @@
-//! Bind group (descriptor set) layouts, from what the shaders' entry points bind.
+//! Bind group (descriptor set) layouts, derived from the bindings that the shaders' entry points use.
 
 use surfel_shaders::{BindingKind, ENTRIES, Stage, layout};
 
-/// One binding of a group.
+/// Binding of a group.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct BindingSlot {
-    /// Its number.
+    /// Binding number.
     pub binding: u32,
-    /// What it is.
+    /// Kind of the resource.
     pub kind: BindingKind,
-    /// Stages that use it.
+    /// Shader stages that use the binding.
     pub stages: Vec<Stage>,
 }
 
-/// The bindings of a group that any of these entry points uses, by number.
+/// Returns the bindings of a group that any of these entry points uses, sorted by number.
 pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot> {
     let mut binding_slots: Vec<BindingSlot> = Vec::new();
     for entry in ENTRIES.iter().filter(|entry| entries.iter().any(|e| e.as_ref() == entry.name)) {
@@ -34,7 +34,7 @@ pub fn binding_slots(entries: &[impl AsRef<str>], group: u32) -> Vec<BindingSlot
     binding_slots
 }
 
-/// Workgroups of a compute entry point that cover a length along an axis.
+/// Returns the number of workgroups of a compute entry point that cover `length` invocations along an axis.
 pub fn workgroups(length: u32, entry: &str, axis: usize) -> u32 {
     let entry = ENTRIES.iter().find(|e| e.name == entry);
     let size = entry.and_then(|e| e.workgroup.get(axis).copied()).filter(|&size| size > 0);

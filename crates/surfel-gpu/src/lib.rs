@@ -1,9 +1,9 @@
-//! What Surfel's GPU backends share, whatever their API: how a scene lies in buffers ([`Upload`]), what each frame
-//! uploads beside it ([`TileData`]), and which passes draw it ([`schedule()`]).
+//! Code that Surfel's GPU backends share, whatever their API: the scene's layout in buffers ([`Upload`]), the data that
+//! each frame uploads in addition ([`TileData`]), and the passes that draw it ([`schedule()`]).
 //!
-//! Everything that needs f64 happens here, on the CPU: origins of chunks relative to the eye, culling of chunks, and
-//! the few splats that reach the near plane. The GPU sets up all other splats, by the twins of surfel-math's formulas.
-//! Buffers are filled by the offsets that `surfel-shaders` reflects from the shaders.
+//! Everything that needs f64 happens here, on the CPU: chunk origins relative to the eye, culling of chunks, and setup
+//! of the few splats that reach the near plane. The GPU sets up all other splats, by the WGSL twins of surfel-math's
+//! formulas. Buffers are filled at the offsets that `surfel-shaders` reflects from the shaders.
 //!
 //! Modules import downward: `frame` (a view's tiles, uniforms, culling) uses `passes` (draws, targets, their order),
 //! which uses `scene` (splats, clips and textures in buffers).

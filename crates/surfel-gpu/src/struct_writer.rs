@@ -1,15 +1,15 @@
-//! Writes structs as the shaders lay them out: 32-bit words at reflected byte offsets.
+//! Writes structs in the layout of the shaders: 32-bit words at reflected byte offsets.
 
 use glam::{DMat3, DVec2, DVec3};
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_shaders::layout;
 
-/// A struct of 32-bit words; those that aren't set are zero.
+/// Struct of 32-bit words. Words that aren't set are zero.
 #[derive(Clone, Debug)]
 pub(crate) struct StructWriter(Vec<u32>);
 
 impl StructWriter {
-    /// `bytes` bytes of zeros, a multiple of four.
+    /// Creates a struct of `bytes` zero bytes, a multiple of four.
     pub(crate) fn new(bytes: usize) -> Self {
         Self(vec![0; bytes / 4])
     }
@@ -22,12 +22,12 @@ impl StructWriter {
         self
     }
 
-    /// The word at a byte offset.
+    /// Returns the word at a byte offset.
     pub(crate) fn get(&self, offset: usize) -> u32 {
         self.0.get(offset / 4).copied().unwrap_or(0)
     }
 
-    /// Sets words from a byte offset on.
+    /// Sets consecutive words, beginning at a byte offset.
     pub(crate) fn u32s(&mut self, offset: usize, values: &[u32]) -> &mut Self {
         for (i, &value) in values.iter().enumerate() {
             self.u32(offset + 4 * i, value);
@@ -50,7 +50,7 @@ impl StructWriter {
         self.u32(offset, value[0].cast_unsigned()).u32(offset + 4, value[1].cast_unsigned())
     }
 
-    /// Sets numbers from a byte offset on, rounded to f32.
+    /// Sets consecutive numbers, beginning at a byte offset, each rounded to f32.
     pub(crate) fn f64s<const N: usize>(&mut self, offset: usize, values: [f64; N]) -> &mut Self {
         for (i, value) in values.into_iter().enumerate() {
             self.f64(offset + 4 * i, value);
@@ -68,7 +68,7 @@ impl StructWriter {
         self.f64s(offset, v.to_array())
     }
 
-    /// Sets a `mat3x3f` at a byte offset: columns, each padded to sixteen bytes.
+    /// Sets a `mat3x3f` at a byte offset: three columns, each padded to sixteen bytes.
     pub(crate) fn mat3(&mut self, offset: usize, m: DMat3) -> &mut Self {
         self.vec3(offset, m.x_axis).vec3(offset + 16, m.y_axis).vec3(offset + 32, m.z_axis)
     }
@@ -85,7 +85,7 @@ impl StructWriter {
         self.f64(offset + at::HEIGHT, height).u32(offset + at::KIND, kind)
     }
 
-    /// The struct's words.
+    /// Returns the struct's words.
     pub(crate) fn into_words(self) -> Vec<u32> {
         self.0
     }

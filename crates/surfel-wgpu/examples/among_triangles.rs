@@ -1,5 +1,5 @@
-//! Draws splats into an image of another renderer's triangles: a ring of splats through a triangle, each before and
-//! behind the other, with a depth buffer that the triangle's own pipeline writes.
+//! Draws splats into the image of another renderer's triangle: a ring of splats that passes through the triangle, each
+//! in part before and behind the other. The triangle's own pipeline writes the depth buffer.
 //!
 //! `cargo run -p surfel-wgpu --example among_triangles -- image.png`
 
@@ -13,7 +13,7 @@ use surfel_wgpu::{HostDepth, HostTarget};
 const SIZE: [u32; 2] = [480, 320];
 const NEAR: f64 = 0.1;
 
-/// The host's own drawing: a triangle in clip space, with the same depth as everything else, z_near/z.
+/// The host's own shader: a triangle in clip space, with the same depth z_near/z as the splats.
 const TRIANGLE: &str = "
 vertex fn vertex(builtin(vertex_index) i: u32) -> builtin(position) vec4f {
     // In view space, y up: 4 units away, through the middle of the ring.
@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut encoder = device.create_command_encoder(&Default::default());
     draw_triangle(&device, &mut encoder, [color_format, depth_format], [&color_view, &depth_view]);
 
-    // The splats, into the same colour and depth.
+    // Draws the splats into the same colour and depth textures.
     let mut renderer = surfel_wgpu::Renderer::from_device(device.clone(), queue.clone())?;
     let resident = renderer.upload(&ring()?)?;
     let camera = Camera {
@@ -82,7 +82,7 @@ fn texture(device: &wgpu::Device, format: wgpu::TextureFormat, usage: wgpu::Text
     })
 }
 
-/// Disks on a torus around the y axis, through the triangle.
+/// Returns disks on a torus around the y axis, which passes through the triangle.
 fn ring() -> Result<Scene, Box<dyn Error>> {
     let (mut centers, mut normals, mut colors) = (Vec::new(), Vec::new(), Vec::new());
     for i in 0..160 {
@@ -157,7 +157,7 @@ fn draw_triangle(
     pass.draw(0..3, 0..1);
 }
 
-/// Submits the drawing and writes it as a PNG.
+/// Submits the commands and writes the image as a PNG.
 fn save(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -165,7 +165,7 @@ fn save(
     color: &wgpu::Texture,
     path: &std::path::Path,
 ) -> Result<(), Box<dyn Error>> {
-    // 480 pixels of 16 bytes are 30 times the 256 that rows are aligned to.
+    // A row of 480 pixels of 16 bytes is 30 times the required alignment of 256 bytes.
     let bytes_per_row = 16 * SIZE[0];
     let size = u64::from(bytes_per_row * SIZE[1]);
     let usage = wgpu::BufferUsages::COPY_DST | wgpu::BufferUsages::MAP_READ;

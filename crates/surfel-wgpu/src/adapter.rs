@@ -1,28 +1,28 @@
-//! Adapters, and the device of the one that draws.
+//! Lists adapters, and opens the device of the one that draws.
 
 use crate::error::failed;
 use crate::options::Options;
 use crate::{CAPABILITIES, NAME};
 use surfel_render::{RenderError, RendererInfo};
 
-/// A device that wgpu found.
+/// Adapter that wgpu found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct AdapterSummary {
-    /// Its name, in its driver's words.
+    /// Name reported by the driver.
     pub name: String,
-    /// The API it is reached by.
+    /// Graphics API through which wgpu uses the adapter.
     pub api: String,
-    /// The driver's name and version; empty where the API doesn't state them.
+    /// Name and version of the driver; empty if the API doesn't report them.
     pub driver: String,
-    /// It computes on the CPU.
+    /// True if the adapter computes on the CPU.
     pub is_software: bool,
-    /// Limits and features by wgpu's names, in words.
+    /// Limits and features by wgpu's names, with their values as text.
     pub facts: Vec<(&'static str, String)>,
 }
 
-/// The devices that wgpu finds, real ones first.
+/// Returns the adapters that wgpu finds, hardware before software.
 pub fn adapters() -> Vec<AdapterSummary> {
-    // wgpu panics rather than giving an instance without any API.
+    // wgpu panics instead of returning an instance without any API.
     if wgpu::Instance::enabled_backend_features().is_empty() {
         return Vec::new();
     }
@@ -60,13 +60,13 @@ fn instance(validation: bool) -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.flags = wgpu::InstanceFlags::empty();
     if validation {
-        // Without DEBUG, Vulkan's messages are not printed.
+        // Without DEBUG, Vulkan's messages aren't printed.
         descriptor.flags |= wgpu::InstanceFlags::VALIDATION | wgpu::InstanceFlags::DEBUG;
     }
     wgpu::Instance::new(descriptor)
 }
 
-/// Adapters, the fastest kind first; within a kind, Vulkan, Metal and DX12 before GL.
+/// Returns adapters, the fastest kind first; within a kind, Vulkan, Metal and DX12 before GL.
 fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     let mut adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
     adapters.sort_by_key(|adapter| {
@@ -83,20 +83,20 @@ fn found(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     adapters
 }
 
-/// A device and what is known of it.
+/// Open device, its queue, and facts about its adapter.
 pub(crate) struct OpenDevice {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub info: wgpu::AdapterInfo,
 }
 
-/// Features that are used where there are any.
+/// Returns the optional features, which are enabled where the adapter has them.
 fn wanted_features() -> wgpu::Features {
     wgpu::Features::FLOAT32_BLENDABLE | wgpu::Features::TIMESTAMP_QUERY | wgpu::Features::PIPELINE_STATISTICS_QUERY
 }
 
 pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
-    // wgpu panics rather than giving an instance without any API.
+    // wgpu panics instead of returning an instance without any API.
     if wgpu::Instance::enabled_backend_features().is_empty() {
         return Err(failed(
             "no graphics API of this platform is built in; build with feature vulkan, metal, dx12 or gles",
@@ -126,7 +126,7 @@ pub(crate) fn open(options: &Options) -> Result<OpenDevice, RenderError> {
     Ok(OpenDevice { device, queue, info: adapter.get_info() })
 }
 
-/// What sums can be blended in.
+/// True if the device can blend f32 targets.
 pub(crate) fn blends_f32(device: &wgpu::Device) -> bool {
     device.features().contains(wgpu::Features::FLOAT32_BLENDABLE)
 }

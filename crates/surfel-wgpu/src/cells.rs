@@ -1,4 +1,4 @@
-//! The compute path: buffers of cells, and the steps of a tile.
+//! Compute path: buffers of cells, and recording of a tile's dispatches.
 
 use crate::execute::{TileInputs, compute};
 use crate::pipelines::CellPipeline;
@@ -10,22 +10,22 @@ use surfel_gpu::{
     PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Target, binding_slots, workgroups,
 };
 
-/// Buffers of the compute path, reused from frame to frame while they fit.
+/// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, wgpu::Buffer>,
-    /// What they have room for; `None` before the first tile.
+    /// Capacity of the buffers, in records and pairs; `None` before the first tile.
     pub room: Option<CellRoom>,
 }
 
 impl CellBuffers {
-    /// Makes buffers that have room for a tile, where those that are there don't.
+    /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
     pub(crate) fn prepare(&mut self, device: &wgpu::Device, cells: &CellCounts, room: CellRoom) {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
             let bytes = buffer.bytes(cells, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.size() < bytes) {
-                // The old one is freed first: both may not fit.
+                // The old buffer is freed first: memory may not suffice for both.
                 self.buffers.remove(&buffer);
                 let usage = wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC;
                 self.buffers.insert(buffer, empty(device, buffer.name(), bytes, usage));
@@ -33,7 +33,7 @@ impl CellBuffers {
         }
     }
 
-    /// Bytes of all buffers.
+    /// Returns the size of all buffers, bytes.
     pub(crate) fn bytes(&self) -> u64 {
         self.buffers.values().map(wgpu::Buffer::size).sum()
     }
@@ -43,11 +43,11 @@ impl CellBuffers {
     }
 }
 
-/// A tile of cells: everything that its steps read.
+/// Resources that the dispatches of a tile read.
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
     stages: &'a [CellStage],
-    /// Bind groups of each dispatch, stage by stage; `None` for one that lacks something.
+    /// Bind groups of each dispatch, stage by stage; `None` if a resource is missing.
     groups: Vec<Vec<Option<[wgpu::BindGroup; 2]>>>,
     pixels: Vec<(PixelPass, [wgpu::BindGroup; 2])>,
 }

@@ -1,4 +1,4 @@
-//! wgpu's errors as ours.
+//! Conversion of wgpu's errors into [`RenderError`].
 
 use crate::NAME;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,19 +8,19 @@ pub(crate) fn failed(message: impl Into<String>) -> RenderError {
     RenderError::Backend { backend: NAME, message: message.into() }
 }
 
-/// Errors that arrive outside of any call: of a lost device, or ones that no scope caught.
+/// Error that arrives outside of any call: a lost device, or an error that no scope caught.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ErrorSink(Arc<Mutex<Option<String>>>);
 
 impl ErrorSink {
-    /// Registers with a device. Without a handler wgpu panics.
+    /// Creates a sink and registers it with a device. Without a handler wgpu panics.
     pub(crate) fn of(device: &wgpu::Device) -> Self {
         let mailbox = Self::default();
         let uncaptured = mailbox.clone();
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| uncaptured.put(error.to_string())));
         let lost = mailbox.clone();
         device.set_device_lost_callback(move |reason, message| {
-            // Destroying the device ourselves is no loss.
+            // A device that the renderer itself destroys isn't lost.
             if reason != wgpu::DeviceLostReason::Destroyed {
                 lost.put(format!("the device was lost: {message}"));
             }
@@ -29,21 +29,21 @@ impl ErrorSink {
     }
 
     fn put(&self, message: String) {
-        // The first error explains the others.
+        // The first error is stored, since later ones usually follow from it.
         self.0.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(message);
     }
 
-    /// The first error since the last call.
+    /// Returns the first error since the last call.
     pub(crate) fn check(&self) -> Result<(), RenderError> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).take().map_or(Ok(()), |message| Err(failed(message)))
     }
 }
 
-/// The error of a [`scoped`] call.
+/// Error of a [`scoped`] call.
 pub(crate) enum ScopedError {
-    /// The device has no more memory.
+    /// The device is out of memory.
     OutOfMemory,
-    /// Anything else.
+    /// Any other error, as wgpu's message.
     Other(String),
 }
 
@@ -56,12 +56,12 @@ impl From<ScopedError> for RenderError {
     }
 }
 
-/// Runs `work` and gives the first error that wgpu found in it.
+/// Runs `work`, and returns the first error that wgpu reports in it.
 pub(crate) fn scoped<T>(device: &wgpu::Device, work: impl FnOnce() -> T) -> Result<T, ScopedError> {
     let filters = [wgpu::ErrorFilter::Internal, wgpu::ErrorFilter::Validation, wgpu::ErrorFilter::OutOfMemory];
     let mut scopes = filters.map(|filter| Some(device.push_error_scope(filter)));
     let result = work();
-    // Last in, first out.
+    // Scopes are popped in reverse order.
     let mut caught = None;
     for scope in scopes.iter_mut().rev().filter_map(Option::take) {
         caught = caught.or(pollster::block_on(scope.pop()));

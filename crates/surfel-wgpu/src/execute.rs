@@ -1,4 +1,4 @@
-//! Records the steps of a tile.
+//! Recording of a tile's steps.
 
 use crate::host_target::HostTarget;
 use crate::pipelines::{HostKey, Pipelines};
@@ -13,7 +13,7 @@ use surfel_gpu::{
     layer_draw_offset, layer_draw_words, workgroups,
 };
 
-/// A tile: everything that its steps read.
+/// Resources that the steps of a tile read.
 pub(crate) struct Tile<'a> {
     pub scene: &'a ResidentScene,
     pub pipelines: &'a Pipelines,
@@ -26,21 +26,21 @@ pub(crate) struct Tile<'a> {
     polygons_group: wgpu::BindGroup,
     polygon_count: u32,
     pixels: HashMap<PixelPass, wgpu::BindGroup>,
-    /// Bind group for composing into a host's render target.
+    /// Bind group for compositing into a host's render target.
     composite_group: wgpu::BindGroup,
-    /// The group of the draw that binds as a pixel pass, if there is one.
+    /// Bind group of the draw that binds like a pixel pass, if the tile has one.
     steps_group: Option<wgpu::BindGroup>,
-    /// Size of what it draws into of the targets, pixels.
+    /// Size of the drawn part of the targets, pixels.
     size: [u32; 2],
-    /// Size of the region that is shaded, pixels.
+    /// Size of the shaded region, pixels.
     shaded: [u32; 2],
-    /// Counts the splats that were set up and touch the tile.
+    /// Counter of the splats that were set up and touch the tile.
     pub drawn: wgpu::Buffer,
-    /// Indirect draws of transparent splats; `None` where there are none.
+    /// Indirect draws of transparent splats; `None` if there are none.
     pub layer_draws: Option<wgpu::Buffer>,
 }
 
-/// What a tile is made of.
+/// Inputs from which a [`Tile`] is created.
 #[derive(Clone, Copy)]
 pub(crate) struct TileInputs<'a> {
     pub scene: &'a ResidentScene,
@@ -48,33 +48,33 @@ pub(crate) struct TileInputs<'a> {
     pub targets: &'a Targets,
     pub frame: &'a FrameScene,
     pub data: &'a TileData,
-    /// The pixel passes among its steps.
+    /// Pixel passes among the tile's steps.
     pub pixel_passes: &'a [PixelPass],
-    /// Texels of shadow maps that it reads.
+    /// Texels of the shadow maps that the tile reads.
     pub shadow_texels: &'a wgpu::Buffer,
-    /// Texels of shadow maps that it writes.
+    /// Texels of the shadow maps that the tile writes.
     pub drawn_shadow_texels: &'a wgpu::Buffer,
-    /// A host's depth buffer, which occludes transparent splats.
+    /// Depth buffer of a host, which occludes transparent splats.
     pub host_depth: Option<&'a wgpu::TextureView>,
 }
 
 /// Bind groups of a segment.
 struct SegmentGroups {
-    /// Bind groups of setup: one that counts drawn splats, and one that doesn't.
+    /// Bind groups of setup: the first counts drawn splats, the second doesn't.
     setup: [wgpu::BindGroup; 2],
     drawn: RecordDraw,
 }
 
-/// A draw of records.
+/// Draw of records.
 struct RecordDraw {
     variant: Variant,
     is_transparent: bool,
     group: wgpu::BindGroup,
-    /// The group that replaces it where each splat is lit by itself.
+    /// Bind group that replaces `group` where each splat is lit by itself.
     lit_group: Option<wgpu::BindGroup>,
-    /// The records that it draws, in order; layers, which are drawn indirectly, draw them all.
+    /// Ranges of records to draw, in order. Transparent layers are drawn indirectly, with all records.
     runs: Vec<Range<u32>>,
-    /// Its index among the indirect draws of layers.
+    /// Index among the indirect draws of layers.
     index: usize,
 }
 
@@ -225,7 +225,7 @@ impl<'a> Tile<'a> {
         }
     }
 
-    /// Records further dispatches of its pass over Gaussians.
+    /// Records `times` further runs of the pass over Gaussians.
     pub(crate) fn dispatch_again(&self, encoder: &mut wgpu::CommandEncoder, steps: &[Step], times: u32) {
         for step in (0..times).flat_map(|_| steps) {
             self.step(encoder, step, None);
@@ -345,7 +345,7 @@ impl<'a> Tile<'a> {
         }
         let segments = segments.iter().filter_map(|&i| Some(&self.segments.get(i)?.as_ref()?.drawn));
         let mut last = None;
-        // Splats at the near plane belong to no segment: the first draw of a kind takes them.
+        // Splats at the near plane belong to no segment: the first draw of a kind draws them.
         let near = self.near.iter().filter(|near| first && near.is_transparent == draw.is_transparent());
         for drawn in segments.chain(near) {
             if last.replace(drawn.variant) != Some(drawn.variant) {

@@ -1,4 +1,4 @@
-//! Drawing into a host's render target, among its own geometry.
+//! Draws into a host's render target, together with the host's own geometry.
 
 use crate::error::{failed, scoped};
 use crate::execute::{Tile, TileInputs};
@@ -10,29 +10,34 @@ use surfel_gpu::{FrameScene, PixelPass, Step, TargetKey, TileData, schedule};
 use surfel_model::Settings;
 use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 
-/// A host's image has no edges by samples: its depth buffer has one depth a pixel to test samples against. Nor has it
-/// trained Gaussians, which the host's geometry would have to be among, fragment by fragment, nor an A-buffer: whether
-/// layers remain would have to be read back.
+/// Features that drawing into a host's target lacks.
+///
+/// - Edges by samples: the host's depth buffer has one depth per pixel, too few to test samples against.
+/// - Trained Gaussians: they would have to be blended with the host's geometry fragment by fragment.
+/// - A-buffers: the number of remaining layers would have to be read back.
 const CAPABILITIES: Capabilities = Capabilities {
     backend: crate::NAME,
     lacks: &[Feature::ABuffer, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin],
 };
 
 impl Renderer {
-    /// Draws a scene into a host's render target: where its surface passes the depth test it replaces colour and depth;
-    /// other pixels don't change. The scene's background is not drawn, and antialiased edges blend over what the host
-    /// has there. Transparent splats blend over it, too, and leave the depth alone: those that the host's geometry
-    /// occludes are not drawn. For that the depth buffer is read; where it can't be (see [`HostTarget::depth`]), the
-    /// scene's opaque surface, or else the nearest transparent one, decides for all of a pixel, and writes its depth:
-    /// the host's geometry between them is lost, because layers are composited front to back and a host's image is
-    /// blended back to front.
+    /// Draws a scene into a host's render target. Where the scene's surface passes the depth test, it replaces colour
+    /// and depth; other pixels don't change. The scene's background is not drawn, and antialiased edges blend over the
+    /// host's colours.
+    ///
+    /// Transparent splats blend over the host's colours, too, and don't write the depth. Splats that the host's
+    /// geometry occludes are not drawn, which requires reading the depth buffer. If it can't be read (see
+    /// [`HostTarget::depth`]), the scene's opaque surface, or else the nearest transparent one, decides for the whole
+    /// pixel and writes its depth. The host's geometry between these surfaces is then lost: layers are composited front
+    /// to back, but blending with the host's image is back to front.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
-    /// Nothing is read back, and no time is counted.
+    /// Nothing is read back, and no times are measured.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`]; also for edges by samples, A-buffers, trained Gaussians, a region larger
-    /// than a texture can be, and targets that wgpu refuses.
+    ///
+    /// The errors of [`surfel_render::Renderer::render`]; also edges by samples, A-buffers, trained Gaussians, a region
+    /// larger than the largest texture, and targets that wgpu refuses.
     pub fn render_to_view(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,
@@ -54,7 +59,7 @@ impl Renderer {
         let mut data = TileData::new(&scene.cpu, &frame_scene, view, &plan, region);
         data.check(self.limits).map_err(failed)?;
         data.set_host_depth(target.mapping.offset, target.mapping.scale);
-        // No plane is read.
+        // No plane is read back.
         let key = TargetKey { floats: 1, ..self.key(&plan, &data) };
         let texels = self.shadow_maps(scene, &plan)?.0;
         let mut pixels = PixelPass::of(&plan);

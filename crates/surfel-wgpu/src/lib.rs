@@ -1,8 +1,8 @@
 //! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU.
 //!
-//! A frame runs as `surfel-gpu` schedules it: records of splats are set up by a compute shader, their quads drawn twice
-//! (visibility into a depth buffer, attributes into float targets that blend by adding), and pixels shaded by a compute
-//! shader into an array that is read back. The shaders are `surfel-shaders`'.
+//! `surfel-gpu` schedules the passes of a frame. A compute shader sets up records of splats. Their quads are drawn
+//! twice: visibility into a depth buffer, then attributes into float targets with additive blending. A compute shader
+//! shades the pixels into an array that is read back. The shaders are those of `surfel-shaders`.
 //!
 //! ```no_run
 //! use surfel_render::Settings;
@@ -42,8 +42,8 @@ pub use surfel_render::UploadProgress;
 
 use surfel_render::Capabilities;
 
-/// Name used in messages and on the command line.
+/// Name of the backend in messages and on the command line.
 const NAME: &str = "wgpu";
 
-/// What the backend draws, on any adapter.
+/// Features that the backend supports, on any adapter.
 pub const CAPABILITIES: Capabilities = Capabilities { backend: NAME, lacks: surfel_gpu::UNSUPPORTED };

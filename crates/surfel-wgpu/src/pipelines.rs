@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use surfel_gpu::{Draw, PixelPass, Precision, Target, TargetFormat, Variant, binding_slots, is_cell_entry};
 use surfel_shaders::{BindingKind, ENTRIES, PASSES, Stage};
 
-/// The texture format of a target.
+/// Returns the texture format of a target.
 pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat {
     match (target.format(), sums) {
         (TargetFormat::Depth, _) => wgpu::TextureFormat::Depth32Float,
@@ -16,14 +16,14 @@ pub(crate) fn format_of(target: Target, sums: Precision) -> wgpu::TextureFormat 
     }
 }
 
-/// The part of the image that is composed into a host's render target.
+/// Part of the image that is composited into a host's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) enum Part {
-    /// All at once.
+    /// The whole image at once.
     Whole,
     /// The opaque surface.
     Opaque,
-    /// The transparent layers, over everything.
+    /// The transparent layers, over everything else.
     Layers,
 }
 
@@ -36,13 +36,13 @@ impl Part {
         }
     }
 
-    /// Whether the host's depth is tested and written.
+    /// True if the host's depth is tested and written.
     pub(crate) fn has_depth(self) -> bool {
         self != Self::Layers
     }
 }
 
-/// What a pipeline that composes into a host's render target depends on.
+/// Parameters of a pipeline that composites into a host's render target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub(crate) struct HostKey {
     pub part: Part,
@@ -51,7 +51,7 @@ pub(crate) struct HostKey {
     pub compare: wgpu::CompareFunction,
 }
 
-/// What the pipeline of a draw depends on.
+/// Parameters of a draw's pipeline.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct DrawKey {
     draw: Draw,
@@ -59,11 +59,12 @@ struct DrawKey {
     precision: Precision,
 }
 
-/// The shader module, layouts and pipelines of a device, each built once.
+/// Shader module, layouts and pipelines of a device, each built once.
 pub(crate) struct Pipelines {
     module: wgpu::ShaderModule,
     pub frame_group: wgpu::BindGroupLayout,
-    /// The bindings of the frame that splat setup uses: all of them would be more buffers than every adapter binds.
+    /// Layout of the frame's bindings that splat setup uses. With all of them, setup would use more buffers than every
+    /// adapter supports.
     pub setup_frame_group: wgpu::BindGroupLayout,
     splats: HashMap<Variant, SplatPipeline>,
     pub composite_group: wgpu::BindGroupLayout,
@@ -74,28 +75,28 @@ pub(crate) struct Pipelines {
     cells: HashMap<&'static str, CellPipeline>,
 }
 
-/// The pipeline of a pass of the compute path, and the layouts of its bindings. Each has its own of the frame: with all
-/// buffers of the frame some would bind more than every adapter does.
+/// Pipeline of a pass of the compute path, and the layouts of its bindings. Each pass has its own layout of the frame's
+/// buffers: with all of them, some passes would exceed the number that every adapter supports.
 pub(crate) struct CellPipeline {
     pub raw: wgpu::ComputePipeline,
     pub frame_group: wgpu::BindGroupLayout,
     pub group: wgpu::BindGroupLayout,
 }
 
-/// The pipeline of a pixel pass, and the layout of its bindings.
+/// Pipeline of a pixel pass, and the layout of its bindings.
 pub(crate) struct PixelPipeline {
     pub raw: wgpu::ComputePipeline,
     pub group: wgpu::BindGroupLayout,
 }
 
-/// The setup pipeline of a variant, and the layouts of its bindings and of its records'.
+/// Setup pipeline of a clip variant, with the layouts of setup's bindings and of records.
 pub(crate) struct SplatPipeline {
     pub setup: wgpu::ComputePipeline,
     pub setup_group: wgpu::BindGroupLayout,
     pub records_group: wgpu::BindGroupLayout,
 }
 
-/// The pipeline of a draw, and the layout of the textures that it reads.
+/// Pipeline of a draw, and the layout of the textures that the draw reads.
 pub(crate) struct DrawPipeline {
     pub raw: wgpu::RenderPipeline,
     pub reads_group: wgpu::BindGroupLayout,
@@ -164,7 +165,7 @@ impl Pipelines {
         }
     }
 
-    /// Builds the pipeline of a pixel pass, if it hasn't been built.
+    /// Builds the pipeline of a pixel pass, if it doesn't exist.
     pub(crate) fn prepare_pixels(&mut self, device: &wgpu::Device, pixels: PixelPass) {
         self.pixels.entry(pixels).or_insert_with(|| {
             let entry = pixels.entry();
@@ -177,7 +178,7 @@ impl Pipelines {
         self.pixels.get(&pixels)
     }
 
-    /// Builds the pipeline of a pass of the compute path, if it hasn't been built.
+    /// Builds the pipeline of a pass of the compute path, if it doesn't exist.
     pub(crate) fn prepare_cells(&mut self, device: &wgpu::Device, entry: &'static str) {
         self.cells.entry(entry).or_insert_with(|| {
             let [frame_group, own] = [0, 1].map(|number| group(device, entry, &[entry], number));
@@ -190,7 +191,7 @@ impl Pipelines {
         self.cells.get(entry)
     }
 
-    /// Builds the setup pipeline of a variant, if it hasn't been built.
+    /// Builds the setup pipeline of a variant, if it doesn't exist.
     pub(crate) fn prepare_splats(&mut self, device: &wgpu::Device, variant: Variant) -> &SplatPipeline {
         self.splats.entry(variant).or_insert_with(|| {
             let entry = variant.setup();
@@ -205,7 +206,7 @@ impl Pipelines {
         self.splats.get(&variant)
     }
 
-    /// Builds the pipeline of a draw, if it hasn't been built, after that of its variant's setup.
+    /// Builds the pipeline of a draw, if it doesn't exist. The setup pipeline of the variant has to exist.
     pub(crate) fn prepare(&mut self, device: &wgpu::Device, draw: Draw, variant: Variant, precision: Precision) {
         let Some(splats) = self.splats.get(&variant) else { return };
         self.draws.entry(DrawKey { draw, variant, precision }).or_insert_with(|| {
@@ -241,7 +242,7 @@ impl Pipelines {
         self.draws.get(&DrawKey { draw, variant, precision })
     }
 
-    /// Builds the pipeline that composes into a host's render target, if it hasn't been built.
+    /// Builds the pipeline that composites into a host's render target, if it doesn't exist.
     pub(crate) fn prepare_composite(&mut self, device: &wgpu::Device, host: HostKey) {
         self.composites.entry(host).or_insert_with(|| {
             let blend = Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING);
@@ -283,7 +284,7 @@ fn layout(device: &wgpu::Device, label: &str, workgroups: &[&wgpu::BindGroupLayo
     })
 }
 
-/// Workgroup memory isn't zeroed: what is read of it is written before.
+/// Returns options that don't zero workgroup memory: shaders write it before they read it.
 fn compilation() -> wgpu::PipelineCompilationOptions<'static> {
     wgpu::PipelineCompilationOptions { constants: &[], zero_initialize_workgroup_memory: false }
 }
@@ -298,7 +299,7 @@ fn depth_state(format: wgpu::TextureFormat, compare: wgpu::CompareFunction) -> w
     }
 }
 
-/// A pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
+/// Creates a pipeline that draws strips without vertex buffers: records as quads, or full-screen triangles.
 fn drawing(
     device: &wgpu::Device,
     module: &wgpu::ShaderModule,

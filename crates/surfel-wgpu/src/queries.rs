@@ -1,11 +1,12 @@
-//! GPU queries: times of passes and counts of shader invocations, where the adapter has them.
+//! GPU queries: times of passes and counts of shader invocations, if the adapter supports them.
 
 use surfel_render::{PassTime, Stats};
 
-/// Most passes of a tile that are measured; those of a scene of very many segments go on unmeasured.
+/// Maximum number of passes of a tile that are measured. Further passes, in scenes of very many segments, run
+/// unmeasured.
 const MOST_PASSES: u32 = 512;
 
-/// What is counted of the shaders, in the order of the bits.
+/// Shader stages whose invocations are counted, in the order of the bits.
 const COUNTED: wgpu::PipelineStatisticsTypes = wgpu::PipelineStatisticsTypes::VERTEX_SHADER_INVOCATIONS
     .union(wgpu::PipelineStatisticsTypes::FRAGMENT_SHADER_INVOCATIONS)
     .union(wgpu::PipelineStatisticsTypes::COMPUTE_SHADER_INVOCATIONS);
@@ -13,16 +14,16 @@ const COUNTERS: [&str; 3] = ["vertex_invocations", "fragment_invocations", "comp
 
 /// Queries of a tile.
 pub(crate) struct Queries {
-    /// Timestamps, and nanoseconds of a tick.
+    /// Timestamps, and the duration of a tick in nanoseconds.
     times: Option<(wgpu::QuerySet, f64)>,
     invocations: Option<wgpu::QuerySet>,
-    /// Names of the passes so far.
+    /// Names of the passes measured so far.
     names: Vec<&'static str>,
-    /// Replaces the own names of passes that follow.
+    /// Name that replaces the names of the following passes.
     label: Option<&'static str>,
 }
 
-/// The queries of a pass.
+/// Queries of a pass.
 #[derive(Clone, Copy)]
 pub(crate) struct Query<'a> {
     queries: &'a Queries,
@@ -30,7 +31,7 @@ pub(crate) struct Query<'a> {
 }
 
 impl Queries {
-    /// The queries that the device was opened for.
+    /// Creates the queries that the device's features allow.
     pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue) -> Self {
         let set = |wanted, label, ty, count| {
             let descriptor = wgpu::QuerySetDescriptor { label: Some(label), ty, count };
@@ -46,18 +47,18 @@ impl Queries {
         }
     }
 
-    /// Starts a tile, whose passes have this name rather than their own.
+    /// Starts a tile. If `label` is set, it replaces the names of the tile's passes.
     pub(crate) fn restart(&mut self, label: Option<&'static str>) {
         self.names.clear();
         self.rename(label);
     }
 
-    /// Gives the passes that follow this name rather than their own.
+    /// Sets or removes the name that replaces the names of the following passes.
     pub(crate) fn rename(&mut self, label: Option<&'static str>) {
         self.label = label;
     }
 
-    /// Copies the results to a buffer, if there are any.
+    /// Copies the results to a buffer, if there are any. Returns it with its size in bytes.
     pub(crate) fn resolve(
         &self,
         device: &wgpu::Device,
@@ -80,7 +81,7 @@ impl Queries {
         Some((buffer, bytes))
     }
 
-    /// Bytes of times, up to where other results may begin, and of invocations.
+    /// Returns the size in bytes of the times, padded so that other results may follow, and of the invocation counts.
     fn bytes(&self) -> [u64; 2] {
         let passes = self.names.len() as u64;
         let times = if self.times.is_some() { 16 * passes } else { 0 };
@@ -88,7 +89,7 @@ impl Queries {
         [times.next_multiple_of(wgpu::QUERY_RESOLVE_BUFFER_ALIGNMENT), invocations]
     }
 
-    /// Names of the passes, for [`Queries::add`] after other passes have followed.
+    /// Returns the layout of the results, which can be read after further passes were recorded.
     pub(crate) fn pass_record(&self) -> PassRecord {
         let [times, _] = self.bytes();
         PassRecord {
@@ -109,7 +110,7 @@ pub(crate) struct PassRecord {
 }
 
 impl PassRecord {
-    /// Adds the passes' costs to those of earlier tiles.
+    /// Adds the costs of the passes to the statistics of earlier tiles.
     pub(crate) fn add(&self, words: &[u32], stats: &mut Stats) {
         let (times, invocations) = words.split_at_checked(self.times_words).unwrap_or((words, &[]));
         let number =
@@ -135,7 +136,7 @@ impl PassRecord {
 }
 
 impl<'a> Query<'a> {
-    /// Takes the next queries for the pass `name`.
+    /// Reserves the next queries for the pass `name`.
     pub(crate) fn next(queries: Option<&'a mut Queries>, name: &'static str) -> Option<Self> {
         let queries = queries?;
         let index = queries.names.len() as u32;
@@ -161,7 +162,7 @@ impl<'a> Query<'a> {
         Some(wgpu::ComputePassTimestampWrites { query_set, beginning_of_pass_write_index, end_of_pass_write_index })
     }
 
-    /// What counts invocations.
+    /// Returns the query set that counts invocations, and the index in it.
     pub(crate) fn invocations(self) -> Option<(&'a wgpu::QuerySet, u32)> {
         Some((self.queries.invocations.as_ref()?, self.index))
     }

@@ -1,11 +1,11 @@
-//! Buffers of the device as words of the host.
+//! Reads buffers of the device as words on the host.
 
 use crate::error::failed;
 use crate::scene::empty;
 use std::sync::mpsc;
 use surfel_render::RenderError;
 
-/// Parts of device buffers, gathered in one that the host can map.
+/// Regions of device buffers, copied into one buffer that the host can map.
 pub(crate) struct Readback {
     buffer: wgpu::Buffer,
     lengths: Vec<u64>,
@@ -21,8 +21,8 @@ impl Readback {
         Self::record_into(None, device, encoder, parts)
     }
 
-    /// The same, into a buffer that [`Readback::read_and_keep`] gave back, if it fits: the pages of a new one would be
-    /// the system's first.
+    /// Like [`Readback::record`], but reuses the buffer that [`Readback::read_and_keep`] returned, if it is large
+    /// enough. The system would have to map the pages of a new one.
     pub(crate) fn record_into(
         kept: Option<wgpu::Buffer>,
         device: &wgpu::Device,
@@ -42,12 +42,12 @@ impl Readback {
         Self { buffer, lengths }
     }
 
-    /// Waits for the device and hands the words of each part to `read`.
+    /// Waits for the device and passes the words of each region to `read`.
     pub(crate) fn read<T>(self, device: &wgpu::Device, read: impl FnOnce(&[&[u32]]) -> T) -> Result<T, RenderError> {
         self.read_and_keep(device, read).map(|(result, _)| result)
     }
 
-    /// The same, and gives the buffer back for [`Readback::record_into`].
+    /// Like [`Readback::read`], and returns the buffer for [`Readback::record_into`].
     pub(crate) fn read_and_keep<T>(
         self,
         device: &wgpu::Device,
@@ -55,7 +55,7 @@ impl Readback {
     ) -> Result<(T, wgpu::Buffer), RenderError> {
         let (sender, receiver) = mpsc::channel();
         self.buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-            // The receiver is gone if waiting failed.
+            // The receiver no longer exists if waiting failed.
             let _ = sender.send(result);
         });
         device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(error.to_string()))?;

@@ -1,4 +1,4 @@
-//! The backend: scenes in, frames out.
+//! The renderer: uploads scenes and draws frames.
 
 use crate::adapter::{self, OpenDevice, blends_f32, renderer_info};
 use crate::cells::{CellBuffers, CellTile};
@@ -24,13 +24,13 @@ use surfel_render::{
     Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
 };
 
-/// The wgpu backend.
+/// Renderer of the wgpu backend.
 pub struct Renderer {
     pub(crate) device: wgpu::Device,
     pub(crate) queue: wgpu::Queue,
     pub(crate) info: RendererInfo,
     is_software: bool,
-    /// The adapter blends f32.
+    /// True if the adapter blends f32.
     f32_sums: bool,
     pub(crate) errors: ErrorSink,
     pub(crate) pipelines: Pipelines,
@@ -40,11 +40,11 @@ pub struct Renderer {
     queries: Queries,
     /// Buffers of the compute path.
     cells: CellBuffers,
-    /// The buffer by which the last frame was read.
+    /// Buffer through which the last frame was read back.
     readback: Option<wgpu::Buffer>,
-    /// The shadow maps of the frame before.
+    /// Shadow maps of the last frame.
     maps: Option<ShadowMapCache<wgpu::Buffer>>,
-    /// The lesser of the device's limits and the options'.
+    /// The lesser of the device's limits and the limits in the options.
     pub(crate) limits: Limits,
     storage: Storage,
     path: GpuPath,
@@ -53,18 +53,20 @@ pub struct Renderer {
 impl Renderer {
     surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer on the adapter that the options name, or the fastest kind that there is.
+    /// Opens a renderer on the adapter that the options name, or on the fastest kind available.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if there is no adapter, none of that name, or it doesn't start.
+    /// [`RenderError::Backend`] if no adapter exists or matches the name, or if its device can't be opened.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let OpenDevice { device, queue, info } = adapter::open(&options)?;
         Self::start(device, queue, &info, &options)
     }
 
-    /// A renderer on a device that a program has anyway. `Features::FLOAT32_BLENDABLE` gives f32 sums,
-    /// `Features::TIMESTAMP_QUERY` times of passes, `Features::PIPELINE_STATISTICS_QUERY` counts of what shaders ran;
-    /// all are optional. The renderer takes over the device's handlers of uncaptured errors and of its loss.
+    /// Creates a renderer on a program's existing device.
+    ///
+    /// Optional features of the device enable f32 sums (`Features::FLOAT32_BLENDABLE`), times of passes
+    /// (`Features::TIMESTAMP_QUERY`) and counts of shader invocations (`Features::PIPELINE_STATISTICS_QUERY`). The
+    /// renderer replaces the device's handlers of uncaptured errors and of device loss.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if the device refuses the shaders.
@@ -107,12 +109,12 @@ impl Renderer {
         })
     }
 
-    /// True if the adapter computes on the CPU: the `cpu` backend is faster.
+    /// True if the adapter computes on the CPU; the `cpu` backend is then faster.
     pub fn is_software(&self) -> bool {
         self.is_software
     }
 
-    /// The targets of a tile.
+    /// Returns the parameters of a tile's targets.
     pub(crate) fn key(&self, plan: &FramePlan, data: &TileData) -> TargetKey {
         TargetKey {
             size: data.target_size(plan),
@@ -122,7 +124,7 @@ impl Renderer {
         }
     }
 
-    /// Makes pipelines and targets, where they aren't there from the frame before.
+    /// Creates the pipelines and targets that don't exist from an earlier frame.
     pub(crate) fn prepare(&mut self, key: TargetKey, variants: &[Variant], pixels: &[PixelPass]) {
         for &pixels in pixels {
             self.pipelines.prepare_pixels(&self.device, pixels);
@@ -136,16 +138,16 @@ impl Renderer {
         self.prepare_targets(key);
     }
 
-    /// Makes targets, where they aren't there from the frame before.
+    /// Creates the targets, unless the last frame's targets fit.
     fn prepare_targets(&mut self, key: TargetKey) {
         if self.targets.as_ref().is_none_or(|targets| targets.key != key) {
-            // The old targets are freed first: both may not fit.
+            // The old targets are freed first: memory may not suffice for both.
             self.targets = None;
             self.targets = Some(Targets::new(&self.device, &self.pipelines, key));
         }
     }
 
-    /// A plan's shadow maps: drawn, or those of the frame before where they are the same. Their costs can be
+    /// Returns a plan's shadow maps, drawn now or cached from the last frame if nothing changed. Their costs can be
     /// read once the device has drawn them.
     pub(crate) fn shadow_maps(
         &mut self,
@@ -156,7 +158,7 @@ impl Renderer {
         if let Some(cache) = self.maps.as_ref().filter(|cache| cache.fits(&scene.cpu, &jobs)) {
             return Ok((cache.texels.clone(), Vec::new()));
         }
-        // The maps before are freed first: both may not fit.
+        // The old maps are freed first: memory may not suffice for both.
         self.maps = None;
         let texels = shadow_texels(plan, self.limits).map_err(failed)?;
         let device = self.device.clone();
@@ -230,7 +232,7 @@ impl Renderer {
         Ok(())
     }
 
-    /// Draws one tile by the compute path. Returns false, and draws nothing, if it doesn't fit the device.
+    /// Draws one tile by the compute path. Returns false and draws nothing if the tile doesn't fit the device.
     fn cell_tile(
         &mut self,
         job: &FrameJob<'_>,
@@ -255,7 +257,7 @@ impl Renderer {
             };
             let made = scoped(&device, || self.cells.prepare(&device, cells, tried));
             if matches!(made, Err(ScopedError::OutOfMemory)) {
-                // Raster hardware may still have enough.
+                // Memory may still suffice for raster hardware.
                 self.cells = CellBuffers::default();
                 return Ok(false);
             }
@@ -344,7 +346,7 @@ impl Renderer {
                 stats.fragments += fragments;
                 break;
             }
-            // Its splats were counted, and are drawn once more.
+            // The tile's splats were counted, and are drawn again.
             stats.drawn = before;
             let least = || least_surfaces(&job.scene.cpu, job.frame_scene, view, job.plan, region);
             plan = with_more_layers(&plan, least).map_err(failed)?;
@@ -354,7 +356,8 @@ impl Renderer {
         Ok(())
     }
 
-    /// Executes steps, waits for them, and hands the words of the planes to `read`. Also says whether no layers remain.
+    /// Executes steps, waits for them, and passes the words of the planes to `read`. The returned flag is true if no
+    /// layers remain.
     fn execute<T>(
         &mut self,
         frame: &FrameJob<'_>,
@@ -404,7 +407,7 @@ impl Renderer {
                     let more = readback.read(&device, |parts| lists.more_dispatches(dispatches, &parts.concat()));
                     let descriptor = wgpu::CommandEncoderDescriptor { label: Some("more of the tile") };
                     encoder = device.create_command_encoder(&descriptor);
-                    // A device that gives no answer is found by those who wait for the planes.
+                    // A device that doesn't respond is detected where the planes are read.
                     let Ok(Some(more)) = more else { break };
                     tile.dispatch_again(&mut encoder, steps, more);
                     dispatches += more;
@@ -440,11 +443,11 @@ impl Renderer {
         result.ok_or_else(missing)
     }
 
-    /// The device's fill rates in targets of `side_px` pixels a side: what it does at best, for times of passes to be
-    /// judged by. Empty where it has no timestamps.
+    /// Measures the device's fill rates in targets of `side_px` pixels a side: upper bounds that times of passes can be
+    /// compared with. Returns an empty list if the device has no timestamps.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render`].
+    /// The errors of [`surfel_render::Renderer::render`].
     pub fn fill_rates(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
         let frame = FillRateFrame::new(side_px.min(self.limits.texture_side))?;
         let scene = surfel_render::Renderer::upload(self, &Scene::default())?;
@@ -459,7 +462,7 @@ impl Renderer {
             plan: &frame.plan,
         };
         let mut runs = Vec::new();
-        // The first run warms up. It needs no special case, because the best run is taken.
+        // The first run warms up. It needs no special case, because the best run is used.
         for _ in 0..FILL_RATE_RUNS {
             let key = TargetKey { draws: frame.draws.clone(), floats: 1, ..self.key(&frame.plan, &data) };
             let mut stats = Stats::default();
@@ -471,13 +474,13 @@ impl Renderer {
     }
 }
 
-/// The costs of drawing a shadow map, which the device has yet to give.
+/// Costs of drawing a shadow map, before they are read back.
 pub(crate) struct MapCost {
     readback: Readback,
     pass_record: PassRecord,
 }
 
-/// What all tiles of a frame share.
+/// Data that all tiles of a frame share.
 struct FrameJob<'a> {
     scene: &'a ResidentScene,
     /// Texels of the frame's shadow maps.
@@ -487,13 +490,13 @@ struct FrameJob<'a> {
     plan: &'a FramePlan,
 }
 
-/// What is executed for a tile.
+/// Work to be executed for a tile.
 struct TileJob<'a> {
     data: &'a TileData,
     key: TargetKey,
     pixel_passes: &'a [PixelPass],
     steps: &'a [Step],
-    /// Samples of its edges.
+    /// Samples of the tile's edges.
     samples: &'a [SamplePart],
 }
 
@@ -529,7 +532,7 @@ impl surfel_render::Renderer for Renderer {
         let start = Instant::now();
         let plan = plan(&scene.cpu.summary, view, settings, planes, &self.info.capabilities)?;
         let mut stats = Stats::default().with_splats(plan.splats);
-        // Tiles write every pixel; colours that are asked for in 8 bits alone are encoded from the device's.
+        // Tiles write every pixel. Colours requested only in 8 bits are encoded from the device's f32 colours.
         frame.resize(view.region.width, view.region.height, plan.planes.with_color(planes.color));
         let frame_scene = FrameScene::new(&scene.cpu, view, &plan);
         let (texels, costs) = self.shadow_maps(scene, &plan)?;

@@ -1,4 +1,4 @@
-//! A scene in the device's memory.
+//! Scene in the device's memory.
 
 use crate::error::{ScopedError, scoped};
 use crate::pipelines::SplatPipeline;
@@ -7,13 +7,13 @@ use surfel_model::Scene;
 use surfel_model::Storage;
 use surfel_render::{RenderError, UploadProgress};
 
-/// A scene as this backend keeps it: splats in the device's memory, chunks and clouds in the host's.
+/// Scene as this backend stores it: splats in the device's memory, chunks and clouds in the host's.
 pub struct ResidentScene {
     pub(crate) cpu: UploadedScene,
     pub(crate) segments: Vec<ResidentSegment>,
     /// Textures of polygons.
     pub(crate) texels: wgpu::Buffer,
-    /// All segments have the same buffer of records.
+    /// True if all segments share one buffer of records.
     pub(crate) shared_records: bool,
     pub(crate) bytes: u64,
 }
@@ -29,12 +29,12 @@ pub(crate) struct ResidentSegment {
 #[derive(Clone)]
 pub(crate) struct Records {
     pub records: wgpu::Buffer,
-    /// Their clips; `None` for splats that aren't clipped.
+    /// Clips of the records; `None` unless the splats are clipped.
     pub clips: Option<wgpu::Buffer>,
 }
 
 impl Records {
-    /// The bind group that draws read them by.
+    /// Returns the bind group through which draws read the records.
     pub(crate) fn group(&self, device: &wgpu::Device, pipeline: &SplatPipeline, variant: Variant) -> wgpu::BindGroup {
         let clips = self.clips.iter().filter(|_| variant == Variant::Clipped);
         bind(device, "records", &pipeline.records_group, &[&self.records].into_iter().chain(clips).collect::<Vec<_>>())
@@ -42,13 +42,13 @@ impl Records {
 }
 
 impl ResidentScene {
-    /// Bytes of device memory that the splats use; records are beside that.
+    /// Returns the device memory of the splats in bytes, without their records.
     pub fn bytes(&self) -> u64 {
         self.bytes
     }
 }
 
-/// A buffer that holds these words.
+/// Creates a buffer with these words.
 pub(crate) fn filled(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -59,7 +59,7 @@ pub(crate) fn filled(
     filled_before(device, queue, label, words, 0, usage)
 }
 
-/// A buffer that holds these words, and so many bytes of zeros after them.
+/// Creates a buffer with these words, followed by zero bytes.
 pub(crate) fn filled_before(
     device: &wgpu::Device,
     queue: &wgpu::Queue,
@@ -74,7 +74,7 @@ pub(crate) fn filled_before(
     buffer
 }
 
-/// A buffer of zeros.
+/// Creates a buffer of zeros.
 pub(crate) fn empty(device: &wgpu::Device, label: &str, bytes: u64, usage: wgpu::BufferUsages) -> wgpu::Buffer {
     // An empty binding is an error.
     let size = bytes.max(4);
@@ -96,7 +96,7 @@ pub(crate) fn upload(
     while let Some(words) = upload.next_segment() {
         let made = scoped(device, || {
             let buffer = filled(device, queue, "splats", &words, wgpu::BufferUsages::STORAGE);
-            // Copies what was staged, so that no more than a segment ever is.
+            // Submitting copies the staged data, so that at most one segment is staged at a time.
             queue.submit([]);
             buffer
         });
@@ -127,7 +127,7 @@ pub(crate) fn upload(
     Ok(ResidentScene { cpu, segments, texels, shared_records, bytes })
 }
 
-/// A bind group of buffers, numbered from 0.
+/// Creates a bind group of buffers, numbered from 0.
 pub(crate) fn bind(
     device: &wgpu::Device,
     label: &str,
@@ -137,7 +137,7 @@ pub(crate) fn bind(
     bind_with(device, label, layout, buffers, &[])
 }
 
-/// A bind group of buffers, numbered from 0, and others.
+/// Creates a bind group of buffers, numbered from 0, and other entries.
 pub(crate) fn bind_with(
     device: &wgpu::Device,
     label: &str,
@@ -153,7 +153,8 @@ pub(crate) fn bind_with(
     device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries })
 }
 
-/// wgpu doesn't say how much memory a device has: that there is too little shows when it ends.
+/// Converts an error of the upload. wgpu doesn't report how much memory a device has, so a shortage shows only when an
+/// allocation fails.
 fn too_large(caught: ScopedError, needed: u64, available: u64) -> RenderError {
     match caught {
         ScopedError::OutOfMemory => RenderError::SceneTooLarge { backend: crate::NAME, needed, available },

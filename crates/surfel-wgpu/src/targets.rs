@@ -15,7 +15,7 @@ pub(crate) struct Targets {
 }
 
 impl Targets {
-    /// The pipelines of the key's draws have been prepared.
+    /// Creates the targets. The pipelines of the key's draws have to exist.
     pub(crate) fn new(device: &wgpu::Device, pipelines: &Pipelines, key: TargetKey) -> Self {
         let view = |target: Target| {
             let [width, height] = target.size(&key.draws, key.size);
@@ -61,7 +61,7 @@ impl Targets {
         Self { key, views, reads, planes, layer_composites }
     }
 
-    /// What binds the textures of these bindings.
+    /// Returns the bind group entries of these textures.
     pub(crate) fn entries(&self, reads: &[(u32, Target)]) -> Vec<wgpu::BindGroupEntry<'_>> {
         entries(&self.views, reads)
     }
@@ -70,7 +70,7 @@ impl Targets {
         self.views.get(&target)
     }
 
-    /// The textures that a draw reads.
+    /// Returns the bind group of the textures that a draw reads.
     pub(crate) fn reads(&self, draw: Draw) -> Option<&wgpu::BindGroup> {
         self.reads.get(&draw)
     }

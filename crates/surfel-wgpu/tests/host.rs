@@ -1,4 +1,4 @@
-//! Drawing into a host's render target: the same colours as a frame's, and its depth test decides where.
+//! Tests drawing into a host's render target: colours equal those of a frame, and the host's depth test decides where.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{Camera, CloudData, Column3, EdgeAa, OnInvalid, Projection, Scene, Settings, Shape, SplatCloud};
@@ -25,7 +25,7 @@ fn device() -> Option<(wgpu::Device, wgpu::Queue)> {
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
 }
 
-/// Two disks beside each other, 2 and 4 units before the eye.
+/// Returns two disks beside each other, 2 and 4 units before the eye.
 fn scene() -> Scene {
     let centers = vec![Vec3::new(-0.6, 0.0, 1.0), Vec3::new(1.2, 0.0, -1.0)];
     let shape = Shape::Disks { normals: Column3::from_f32(vec![Vec3::Z; 2]), radii: vec![0.5, 1.0] };
@@ -39,8 +39,8 @@ fn view(projection: Projection) -> View {
     View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.5, far: Some(10.0), size: SIZE }).unwrap()
 }
 
-/// A host's colours after splats were drawn into a target cleared to `HOST` and this depth, which has these usages
-/// besides.
+/// Returns a host's colours after splats were drawn into a target cleared to `HOST` and a given depth. The depth buffer
+/// has the given additional usages.
 fn drawn(
     renderer: &mut Renderer,
     (device, queue): &(wgpu::Device, wgpu::Queue),
@@ -107,7 +107,7 @@ fn host_target_gets_the_frame_s_colours_where_its_depth_test_lets_them() {
     let perspective = view(Projection::Perspective { fov_y_deg: 60.0 });
     let orthographic = view(Projection::Orthographic { height: 3.0 });
     let linear = HostDepth { offset: -0.5 / 9.5, scale: 1.0 / 9.5, compare: wgpu::CompareFunction::Less };
-    // Depth of a wall 3 units away, between the disks, in each host's terms; and the clear value behind everything.
+    // Depth of a wall 3 units away, between the disks, in each host's mapping; and the clear value behind everything.
     let hosts = [
         (&perspective, HostDepth::reversed(0.5), 0.5 / 3.0, 0.0),
         (&perspective, HostDepth::usual(0.5, 10.0), 10.0 / 9.5 * (1.0 - 0.5 / 3.0), 1.0),
@@ -162,7 +162,7 @@ fn edges_by_samples_are_refused() {
     assert!(refused.is_err_and(|error| error.to_string().contains("edges by samples")));
 }
 
-/// Facing disks before the eye, one a distance and an alpha.
+/// Returns disks that face the eye, one for each pair of distance and alpha.
 fn panes(panes: &[(f32, f32)]) -> Scene {
     let centers = panes.iter().map(|pane| Vec3::new(0.0, 0.0, 3.0 - pane.0)).collect();
     let radii = panes.iter().map(|pane| 0.4 * pane.0).collect();
@@ -188,7 +188,7 @@ fn host_geometry_is_seen_between_transparent_layers() {
         (&perspective, HostDepth::usual(0.5, 10.0), far * (1.0 - 0.5 / 3.0)),
         (&orthographic, linear, 2.5 / 9.5),
     ];
-    // Splats before the wall occlude or show it; splats behind it are not seen, whether it is opaque or not.
+    // Splats before the wall occlude it or blend over it; splats behind it are hidden, whether or not it is opaque.
     let before = [(2.0, 0.5), (2.5, 0.25)];
     let scenes =
         [panes(&before), panes(&[before[0], before[1], (4.0, 0.75)]), panes(&[before[0], before[1], (4.0, 1.0)])];
@@ -208,7 +208,7 @@ fn host_geometry_is_seen_between_transparent_layers() {
         }
         let tinted = want.iter().filter(|color| (f64::from(color[0]) - HOST[0]).abs() > 0.1).count();
         assert!(tinted > 50, "{tinted}");
-        // An opaque disk before the wall occludes it; where the depth can't be read, that is all that is asked.
+        // An opaque disk before the wall occludes it; if the depth can't be read, only this is required.
         for usage in [wgpu::TextureUsages::empty(), wgpu::TextureUsages::TEXTURE_BINDING] {
             let pixels = drawn(
                 &mut renderer,

@@ -3,13 +3,13 @@
 use super::ply::{Cloud, Disk};
 use super::scan::SplitMix;
 
-/// Squares along a side of the checkerboard, and disks along a side of a square.
+/// Number of squares along a side of the checkerboard, and of disks along a side of a square.
 const SQUARES: usize = 40;
 const DISKS_A_SQUARE: usize = 10;
 const SPHERE_DISKS: usize = 20_000;
 const GLASS_DISKS: usize = 2_000;
 
-/// The scene that filters are measured on (rendering model §5), as a scene file.
+/// Scene file on which filters are measured (rendering model §5).
 pub(super) const CHECKERBOARD_SCENE: &str = r#"{
   "up": "+y",
   "camera": { "eye": [0, 0, 0], "target": [0, 0, -1], "up": [0, 1, 0],
@@ -19,7 +19,7 @@ pub(super) const CHECKERBOARD_SCENE: &str = r#"{
 }
 "#;
 
-/// A square of side 2 about (0, 0, −1.2), turned by 80° out of the image's plane, seen from the origin.
+/// Returns a square of side 2 about (0, 0, −1.2), rotated by 80° out of the image's plane, seen from the origin.
 pub(super) fn checkerboard() -> Cloud {
     let n = SQUARES * DISKS_A_SQUARE;
     let spacing = 2.0 / n as f64;
@@ -40,7 +40,7 @@ pub(super) fn checkerboard() -> Cloud {
     Cloud { title: "checkerboard of disks, 80 degrees off the view", disks: (0..n * n).map(disk).collect() }
 }
 
-/// The unit sphere, its disks along a Fibonacci spiral, with bands of colour.
+/// Returns the unit sphere with bands of colour; its disks are along a Fibonacci spiral.
 pub(super) fn sphere() -> Cloud {
     let color = |direction: [f64; 3]| {
         let band = ((direction[1] + 1.0) * 4.0) as usize;
@@ -50,13 +50,13 @@ pub(super) fn sphere() -> Cloud {
     Cloud { title: "unit sphere of disks on a Fibonacci spiral", disks: disks.collect() }
 }
 
-/// 27 spheres of different size, colour and alpha, none of which touches another.
+/// Returns 27 spheres of different size, colour and alpha that don't touch each other.
 pub(super) fn glass_spheres() -> Cloud {
     let mut random = SplitMix(2001);
     let mut disks = Vec::new();
     for i in 0..27 {
         let cell = [i % 3, i / 3 % 3, i / 9].map(|k: usize| k as f64 - 1.0);
-        // A radius and a shift of the centre that together stay within the cell of side 1.
+        // The radius and the shift of the centre together stay within the cell of side 1.
         let radius = 0.3 + 0.1 * random.unit();
         let center = cell.map(|c| c + (0.98 - 2.0 * radius) * (random.unit() - 0.5));
         let level = |x: f64| (70.0 + 185.0 * x) as u8;
@@ -68,7 +68,7 @@ pub(super) fn glass_spheres() -> Cloud {
     Cloud { title: "27 transparent spheres", disks }
 }
 
-/// Disks of a sphere at equal areas, each as wide as it is far from its neighbours.
+/// Returns disks of a sphere with equal areas, each as wide as the distance to its neighbours.
 fn fibonacci(n: usize, center: [f64; 3], radius: f64) -> impl Iterator<Item = Disk> {
     let golden_angle = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     let spacing = (4.0 * std::f64::consts::PI / n as f64).sqrt();
@@ -100,7 +100,7 @@ mod tests {
         for (cloud, count) in clouds {
             assert_eq!(cloud.disks.len(), count, "{}", cloud.title);
             for disk in &cloud.disks {
-                // A few roundings of numbers near 1.
+                // The tolerance allows a few roundings of numbers near 1.
                 assert!((length(disk.normal) - 1.0).abs() < 1e-14 && disk.radius > 0.0, "{}: {disk:?}", cloud.title);
             }
         }
@@ -117,7 +117,7 @@ mod tests {
     #[test]
     fn sphere_has_no_hole() {
         let disks = sphere().disks;
-        // Directions that have nothing to do with the spiral; each must be within a radius of a disk's centre.
+        // These directions are independent of the spiral; each must be within a radius of a disk's centre.
         for i in 0..500 {
             let (y, angle) = (f64::from(i) / 250.0 - 0.998, f64::from(i) * 0.7);
             let level = (1.0 - y * y).sqrt();

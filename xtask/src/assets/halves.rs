@@ -1,13 +1,14 @@
-//! Spot cut into two meshes, for images that are half splats and half polygons.
+//! Spot cut into two meshes, for images with half splats and half polygons.
 
 use std::io;
 use std::path::Path;
 
-/// The model, relative to the workspace, and what it names: files are read only from beside their OBJ.
+/// Model, relative to the workspace, and the files that it references: an OBJ file may only reference files beside it.
 pub(super) const MODEL: &str = "assets/spot/spot.obj";
 pub(super) const MATERIALS: [&str; 2] = ["spot.mtl", "spot_texture.png"];
 
-/// The OBJ files of the faces whose centroids lie at negative x, and of the others. Vertices are those of the model.
+/// Returns the OBJ files of the faces whose centroids have negative x, and of all others. Both have all vertices of the
+/// model.
 pub(super) fn halves(root: &Path) -> io::Result<[Vec<u8>; 2]> {
     let text = std::fs::read_to_string(root.join(MODEL))?;
     Ok(cut(&text))
@@ -41,12 +42,12 @@ fn put(half: &mut Vec<u8>, line: &str) {
 
 pub(super) struct Model {
     pub(super) positions: Vec<[f64; 3]>,
-    /// Corners: index of the vertex, number of its texture coordinates.
+    /// Corners of each face: index of the vertex, and number of its texture coordinates.
     pub(super) faces: Vec<Vec<[usize; 2]>>,
 }
 
 impl Model {
-    /// Of a file in which every corner is `1/2`, and vertices come before faces.
+    /// Reads an OBJ file in which every corner has the form `1/2` and vertices precede faces.
     pub(super) fn read(text: &str) -> Self {
         let (mut positions, mut faces) = (Vec::new(), Vec::new());
         for line in text.lines() {
@@ -70,7 +71,8 @@ impl Model {
         Self { positions, faces }
     }
 
-    /// Unit normals of the vertices, of the faces about each by their areas: the same on both sides of the cut.
+    /// Returns the unit normals of the vertices: means of the adjacent faces' normals, weighted by area. They are the
+    /// same on both sides of the cut.
     fn normals(&self) -> Vec<[f64; 3]> {
         let mut normals = vec![[0.0; 3]; self.positions.len()];
         for face in self.faces.iter().filter(|face| face.len() >= 3) {

@@ -1,10 +1,10 @@
-//! A machine part with sharp, curved creases: a block with a round hole through it and a round boss on it.
+//! Machine part with sharp, curved creases: a block with a round hole through it and a round boss on it.
 
 use std::collections::BTreeMap;
 use std::f64::consts::{FRAC_PI_2, PI};
 use std::fmt::Write as _;
 
-/// Segments of a quarter of a circle, and of a side of a square cell of the block.
+/// Number of segments of a quarter of a circle, and of a side of a square cell of the block.
 const QUARTER: usize = 16;
 const HOLE_RADIUS: f64 = 0.5;
 const BOSS_RADIUS: f64 = 0.6;
@@ -13,19 +13,19 @@ const BLOCK_HEIGHT: f64 = 1.0;
 
 type Point = [f64; 3];
 
-/// Triangles that share their vertices, counter-clockwise seen from outside.
+/// Triangles with shared vertices, counter-clockwise as seen from outside.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct TriangleMesh {
     pub(super) vertices: Vec<Point>,
     pub(super) triangles: Vec<[usize; 3]>,
-    /// Vertex by rounded coordinates.
+    /// Index of the vertex by its rounded coordinates.
     known: BTreeMap<[i64; 3], usize>,
 }
 
-/// The part: y is up, the block stands on y = 0 and reaches from (−2, 0, −1) to (2, 1, 1).
+/// Returns the part. The up axis is y; the block is on the plane y = 0 and extends from (−2, 0, −1) to (2, 1, 1).
 pub(super) fn part() -> TriangleMesh {
     let mut mesh = TriangleMesh::default();
-    // The block is two cubes' width: one with the hole, one with the boss.
+    // The block is two cubes wide: one with the hole, one with the boss.
     let (left, right) = (-1.0, 1.0);
     let (low, high) = (0.0, BLOCK_HEIGHT);
     let hole = |y: f64| circle(left, y, HOLE_RADIUS);
@@ -34,11 +34,11 @@ pub(super) fn part() -> TriangleMesh {
     mesh.strip(&square(right, high), &boss(high));
     mesh.strip(&hole(low), &square(left, low));
     mesh.fan([right, low, 0.0], &square(right, low), false);
-    // Walls: of the hole inward, of the boss outward.
+    // Walls: the hole's face inward, the boss's outward.
     mesh.strip(&hole(high), &hole(low));
     mesh.strip(&boss(high), &boss(high + BOSS_HEIGHT));
     mesh.fan([right, high + BOSS_HEIGHT, 0.0], &boss(high + BOSS_HEIGHT), true);
-    // The sides; where the cells meet there is none.
+    // The sides of the block, except where the two cells touch.
     for center in [left, right] {
         let (bottom, top) = (square(center, low), square(center, high));
         for i in 0..bottom.len() {
@@ -51,7 +51,7 @@ pub(super) fn part() -> TriangleMesh {
     mesh
 }
 
-/// A loop counter-clockwise seen from above (from +y), which starts at x = z.
+/// Returns a circle counter-clockwise as seen from above (+y). It starts at x = z.
 fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     let point = |i: usize| {
         let angle = -0.25 * PI + FRAC_PI_2 * i as f64 / QUARTER as f64;
@@ -60,7 +60,8 @@ fn circle(center_x: f64, y: f64, radius: f64) -> Vec<Point> {
     (0..4 * QUARTER).map(point).collect()
 }
 
-/// The outline of a square of side 2 at the same angles' quarters, from the corner x = z = 1 on.
+/// Returns the outline of a square of side 2, from the corner x = z = 1 on. Its quarters are at the same angles as
+/// those of the circle.
 fn square(center_x: f64, y: f64) -> Vec<Point> {
     let point = |i: usize| {
         let along = (i % QUARTER) as f64 / QUARTER as f64 * 2.0 - 1.0;
@@ -76,7 +77,7 @@ fn square(center_x: f64, y: f64) -> Vec<Point> {
 }
 
 impl TriangleMesh {
-    /// The vertex at `p`, the same one for every face that meets there.
+    /// Returns the index of the vertex at `p`, which all faces that meet there share.
     fn vertex(&mut self, p: Point) -> usize {
         let key = p.map(|x| (x * 1e6).round() as i64);
         *self.known.entry(key).or_insert_with(|| {
@@ -95,7 +96,8 @@ impl TriangleMesh {
         self.triangle(a, c, d);
     }
 
-    /// Between two loops of equal length; its outside is where `outer` runs counter-clockwise around `inner`.
+    /// Adds a strip between two loops of equal length. Its outside is the side from which `outer` runs
+    /// counter-clockwise around `inner`.
     fn strip(&mut self, outer: &[Point], inner: &[Point]) {
         for i in 0..outer.len() {
             let j = (i + 1) % outer.len();
@@ -103,7 +105,7 @@ impl TriangleMesh {
         }
     }
 
-    /// From a point to a loop, seen from above or from below.
+    /// Adds a fan from a point to a loop, which faces up or down.
     fn fan(&mut self, center: Point, rim: &[Point], from_above: bool) {
         for i in 0..rim.len() {
             let j = (i + 1) % rim.len();

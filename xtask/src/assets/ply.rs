@@ -1,19 +1,19 @@
-//! Disks as a PLY file of Surfel's splat profile (docs/format.md).
+//! Disks as a PLY file in Surfel's splat profile (docs/format.md).
 
 use std::fmt::Write as _;
 
-/// A disk.
+/// Disk with its colour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Disk {
     pub(super) position: [f64; 3],
-    /// Unit length.
+    /// Unit normal.
     pub(super) normal: [f64; 3],
     pub(super) radius: f64,
     /// sRGB-encoded red, green, blue, and alpha.
     pub(super) color: [u8; 4],
 }
 
-/// Disks that become one file.
+/// Disks of one file.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Cloud {
     pub(super) title: &'static str,
@@ -21,7 +21,7 @@ pub(super) struct Cloud {
 }
 
 impl Cloud {
-    /// Binary PLY; with alpha only where a disk isn't opaque.
+    /// Returns a binary PLY file. It has the property alpha only if a disk isn't opaque.
     pub(super) fn to_ply(&self) -> Vec<u8> {
         let alpha = self.disks.iter().any(|disk| disk.color[3] < 255);
         let mut header = format!(

@@ -1,16 +1,15 @@
-//! Spot as a scanner might give her: points without colours or normals, a little off the surface.
+//! Simulated scan of Spot: points without colours or normals, with noise in their positions.
 
 use super::halves::{MODEL, Model};
 use std::fmt::Write as _;
 use std::io;
 use std::path::Path;
 
-/// Points in all, and how far they lie off the surface along each axis, at most, in the model's units (she is 1.7
-/// high).
+/// Number of points, and largest noise along each axis in the model's units (the model is 1.7 high).
 const POINTS: f64 = 120_000.0;
 const NOISE: f64 = 0.006;
 
-/// The points as text, one a line.
+/// Returns the points as text, one a line.
 pub(super) fn scan(root: &Path) -> io::Result<Vec<u8>> {
     let text = std::fs::read_to_string(root.join(MODEL))?;
     Ok(points(&Model::read(&text), POINTS).into_bytes())
@@ -34,7 +33,7 @@ fn points(model: &Model, count: f64) -> String {
             let [x, y, z] = std::array::from_fn(|k| {
                 a[k] * weights[0] + b[k] * weights[1] + c[k] * weights[2] + NOISE * (2.0 * random.unit() - 1.0)
             });
-            // A `String` takes every line.
+            // Writing to a string can't fail.
             let _ = writeln!(text, "{x:.5} {y:.5} {z:.5}");
         }
     }
@@ -47,11 +46,11 @@ fn area([a, b, c]: &[[f64; 3]; 3]) -> f64 {
     0.5 * cross.iter().map(|c| c * c).sum::<f64>().sqrt()
 }
 
-/// Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
+/// Pseudorandom numbers. Source: Steele, Lea and Flood 2014, "Fast splittable pseudorandom number generators".
 pub(super) struct SplitMix(pub(super) u64);
 
 impl SplitMix {
-    /// Uniform in [0, 1).
+    /// Returns a number uniform in [0, 1).
     pub(super) fn unit(&mut self) -> f64 {
         self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
         let mut z = self.0;
@@ -73,7 +72,7 @@ mod tests {
         let text = points(&model, 700.0);
         let z = |line: &str| line.split(' ').next_back().and_then(|z| z.parse::<f64>().ok()).unwrap_or(f64::NAN);
         let (low, high): (Vec<f64>, Vec<f64>) = text.lines().map(z).partition(|z| *z < 2.5);
-        // Areas 3 and ½: 600 and 100 points, up to one that is owed.
+        // The areas are 3 and ½, which give 600 and 100 points up to a rounding error of one.
         assert!(low.len().abs_diff(600) <= 1 && high.len().abs_diff(100) <= 1, "{} {}", low.len(), high.len());
         assert!(low.iter().all(|z| z.abs() < 0.0061) && high.iter().all(|z| (z - 5.0).abs() < 0.0061));
     }

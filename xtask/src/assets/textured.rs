@@ -1,11 +1,11 @@
-//! Painted squares, whose splats show how textures are taken (Z01, figure 6): vertices carry the colours.
+//! Painted squares, which show how splats sample textures (Z01, figure 6). The vertices store the colours.
 
 use std::fmt::Write as _;
 
-/// Vertices along a side of the photograph.
+/// Number of vertices along a side of the photograph.
 const PHOTOGRAPH: usize = 161;
 
-/// The square from −1 to 1 as `count`×`count` black and white ones.
+/// Returns the square from −1 to 1, divided into `count`×`count` black and white squares.
 pub(super) fn checkerboard(count: usize) -> Vec<u8> {
     let mut text = String::new();
     for i in 0..count * count {
@@ -22,7 +22,8 @@ pub(super) fn checkerboard(count: usize) -> Vec<u8> {
     text.into_bytes()
 }
 
-/// The same square with soft shapes of many sizes, whose contrast falls with their size as in photographs.
+/// Returns the square from −1 to 1 with soft shapes of many sizes, whose contrast falls with their size as in
+/// photographs.
 pub(super) fn photograph() -> Vec<u8> {
     let mut text = String::new();
     let at = |k: usize| k as f64 / (PHOTOGRAPH - 1) as f64;

@@ -1,10 +1,10 @@
 use super::*;
 
-/// A kit of programs that only pretend, in a folder that is removed with the value.
+/// Kit of mock programs, in a folder that is removed when the value is dropped.
 struct Pretended(PathBuf);
 
-/// Appends a whole line and half of one, and hangs where it draws on ash and is told to. A GPU is seen once a driver of
-/// that name is chosen.
+/// Mock program: appends one and a half lines, and hangs when it draws on ash if a variable requests it. It finds a GPU
+/// once a driver of that name is selected.
 const PROGRAM: &str = r#"#!/bin/sh
 case "$*" in *--help*) exit 0 ;; esac
 while [ $# -gt 0 ]; do
@@ -37,7 +37,7 @@ impl Pretended {
         Self(folder)
     }
 
-    /// Runs the script in an empty environment; its exit code, results and log.
+    /// Runs the script in an empty environment, and returns its exit code, results and log.
     fn run(&self, variables: &[(&str, &str)]) -> (Option<i32>, String, String) {
         let mut script = Command::new(self.0.join("run.sh"));
         script.arg(self.0.join("out")).env_clear().env("PATH", "/usr/bin:/bin").envs(variables.iter().copied());
@@ -62,7 +62,7 @@ fn script_stops_a_step_that_hangs_keeps_its_lines_and_ends_in_time() {
     assert_eq!(code, Some(1), "{log}");
     let lines: Vec<&str> = results.lines().collect();
     let at = lines.iter().position(|line| *line == "{\"kind\":\"frame\"}").unwrap();
-    // The line that the killed program was writing ends before the next begins.
+    // The killed program's incomplete line ends before the next line begins.
     assert_eq!(lines[at + 1], "{\"kind\":\"cut");
     assert!(lines[at + 2].contains("frames on ash") && lines[at + 2].contains("FAILED: stopped after"), "{results}");
     assert!(

@@ -1,11 +1,11 @@
-//! Manifests of packages, and their paragraphs in the architecture page.
+//! Checks of package manifests, and of the architecture page's paragraphs on packages.
 
 use std::path::{Path, PathBuf};
 
-/// Packages with lints of their own: the only one with unsafe code can't inherit the ban on it.
+/// Packages with their own lints: the only one with unsafe code can't inherit the ban on it.
 const OWN_LINTS: [&str; 1] = ["surfel-ash"];
 
-/// Problems of the packages' manifests and of their mention in the architecture page.
+/// Returns problems of the packages' manifests, and packages that the architecture page doesn't mention.
 pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     let mut problems = Vec::new();
     let page = "docs/architecture.md";
@@ -13,7 +13,7 @@ pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     for manifest in files.iter().filter(|file| file.ends_with("Cargo.toml")) {
         let name = manifest.display();
         let Ok(text) = std::fs::read_to_string(root.join(manifest)) else { continue };
-        // A folder with a workspace of its own (fuzzing) goes by its own rules.
+        // A folder with its own workspace (fuzzing) has its own rules.
         let own_workspace = text.lines().any(|line| line.trim() == "[workspace]");
         let Some(package) = package_name(&root.join(manifest)).filter(|_| !own_workspace) else { continue };
         if !OWN_LINTS.contains(&package.as_str()) && !inherits_lints(&text) {
@@ -27,8 +27,8 @@ pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {
     problems
 }
 
-/// Integration tests of a package are one binary, since each links all that the package needs; cargo finds no others
-/// then, so one that is no module of it would never run.
+/// Checks that a package's integration tests are a single binary, since each binary links everything that the package
+/// needs. Cargo then finds no other tests, so a file that isn't a module of the binary would never run.
 fn check_tests(root: &Path, manifest: &Path, text: &str, files: &[PathBuf]) -> Vec<String> {
     let folder = manifest.with_file_name("tests");
     let in_folder = |file: &&PathBuf| file.parent() == Some(&folder) && file.extension().is_some_and(|e| e == "rs");
@@ -51,7 +51,7 @@ fn check_tests(root: &Path, manifest: &Path, text: &str, files: &[PathBuf]) -> V
     problems
 }
 
-/// Whether `page` names `package` itself, not just a longer name that begins or ends with it.
+/// True if `page` names `package` itself, not just a longer name that begins or ends with it.
 fn names(page: &str, package: &str) -> bool {
     let part = |c: char| c.is_alphanumeric() || c == '_' || c == '-';
     page.match_indices(package).any(|(at, _)| {
@@ -65,7 +65,7 @@ fn inherits_lints(manifest: &str) -> bool {
     lines.by_ref().take_while(|line| !line.starts_with('[')).any(|line| line.replace(' ', "") == "workspace=true")
 }
 
-/// The name in the `[package]` table of a manifest, if there is one.
+/// Returns the name in the `[package]` table of a manifest, if there is one.
 pub(crate) fn package_name(manifest: &Path) -> Option<String> {
     let text = std::fs::read_to_string(manifest).ok()?;
     let mut table = text.lines().map(str::trim).skip_while(|line| *line != "[package]").skip(1);

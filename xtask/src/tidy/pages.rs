@@ -1,9 +1,9 @@
-//! Checks of pages: that they describe the present, and that the files they name exist.
+//! Checks of pages: they describe the present, and the files that they name exist.
 
 use std::path::Path;
 
-/// Words about the past, which is the CHANGELOG's. Decisions may say what was tried, and generated tables have no
-/// prose.
+/// Words about the past, which belongs in the CHANGELOG. Decision records may describe earlier attempts, and generated
+/// tables have no prose.
 const OF_THE_PAST: [&str; 18] = [
     "now",
     "measured today",
@@ -25,13 +25,13 @@ const OF_THE_PAST: [&str; 18] = [
     "before the work",
 ];
 
-/// How paths of the tree begin where a page names them.
+/// Prefixes of paths of the tree that pages name.
 const ROOTS: [&str; 7] = ["crates/", "shaders/", "tests/", "xtask/", "docs/", "assets/", "fuzz/"];
 
-/// What stands in for a part of a path, and files that are made.
+/// Placeholders for parts of a path, and generated files.
 const NO_PATHS: [&str; 6] = ["*", "NAME", "FORMAT", "NNN", "…", "assets/generated"];
 
-/// Problems of a page; `name` is relative to the root, with slashes.
+/// Returns the problems of a page. `name` is relative to the root, with slashes.
 pub(super) fn check(root: &Path, name: &str, text: &str) -> Vec<String> {
     let mut problems = Vec::new();
     if name != "README.md" && !name.starts_with("docs/") {
@@ -55,19 +55,19 @@ pub(super) fn check(root: &Path, name: &str, text: &str) -> Vec<String> {
     problems
 }
 
-/// A path that a page names.
+/// Path that a page names.
 struct Named<'a> {
     name: &'a str,
-    /// Relative to the page rather than to the root.
+    /// True if the path is relative to the page rather than to the root.
     is_link: bool,
 }
 
-/// Links to files, and paths of the tree between backticks.
+/// Returns links to files, and paths of the tree between backticks.
 fn paths(text: &str) -> Vec<Named<'_>> {
     let links = text.split("](").skip(1).filter_map(|rest| rest.split_once(')')).map(|(target, _)| target);
     let links = links.filter(|target| !target.contains("://") && !target.starts_with('#'));
     let links = links.map(|target| Named { name: target.split('#').next().unwrap_or(target), is_link: true });
-    // Odd pieces are those between backticks; fences split into empty ones and keep the count even.
+    // Odd pieces are between backticks. Fences split into empty pieces and don't change the parity.
     let quoted = text.split('`').skip(1).step_by(2).filter(|word| !word.contains(char::is_whitespace));
     let quoted = quoted.filter(|word| ROOTS.iter().any(|root| word.starts_with(root)));
     let quoted = quoted.map(|word| Named { name: word.split([':', '#']).next().unwrap_or(word), is_link: false });

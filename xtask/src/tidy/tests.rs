@@ -1,7 +1,7 @@
 use super::text::{BESIDE_THE_CHECKOUT, LEFTOVERS, MACHINE_FOLDERS, MAX_COLUMNS, check};
 use super::*;
 
-/// A folder that is removed with the value.
+/// Folder that is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {

@@ -1,15 +1,15 @@
-//! Lines of any file: their length, leftovers, paths of one machine.
+//! Checks of the lines of any file: length, leftovers, paths of one machine.
 
-/// Where lines of prose and code end at the latest.
+/// Maximum length of a line of prose or code, in columns.
 pub(super) const MAX_COLUMNS: usize = 120;
 
-/// Kinds of files whose lines are read in an editor.
+/// Extensions of files whose lines are read in an editor.
 const READ_IN_EDITORS: [&str; 5] = [".rs", ".wgsl", ".toml", ".md", ".sh"];
 
-/// Tables that commands write: their rows are as long as they have to be.
+/// Folder of generated tables, whose rows may have any length.
 const GENERATED: &str = "docs/data/";
 
-/// Written in two parts, so that this file passes its own check.
+/// Leftovers to find. Each is written in two parts, so that this file passes its own check.
 pub(super) const LEFTOVERS: [&str; 3] = [concat!("to", "do!("), concat!("un", "implemented!("), concat!("db", "g!(")];
 
 /// Folders that exist on one machine only.
@@ -22,11 +22,11 @@ pub(super) const MACHINE_FOLDERS: [&str; 6] = [
     concat!(":\\Us", "ers\\"),
 ];
 
-/// Data beside the checkout, and the one file that looks for it.
+/// Data beside the checkout, and the one file that may name it.
 pub(super) const BESIDE_THE_CHECKOUT: &str = concat!("../sha", "red");
 const TEST_DATA: &str = "tests/src/test_data.rs";
 
-/// Problems of one file's lines; `name` is relative to the root, with slashes.
+/// Returns the problems of a file's lines. `name` is relative to the root, with slashes.
 pub(super) fn check(name: &str, text: &str) -> Vec<String> {
     let mut problems = Vec::new();
     let rust = name.ends_with(".rs");
@@ -52,8 +52,8 @@ pub(super) fn check(name: &str, text: &str) -> Vec<String> {
     problems
 }
 
-/// Numbers of lines that are too long, with their lengths. On pages tables, images and code blocks are as long as they
-/// are.
+/// Returns the numbers and lengths of lines that are too long. On pages, tables, images and code blocks may have any
+/// length.
 fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)> {
     let mut in_code = false;
     text.lines().enumerate().filter_map(move |(i, line)| {
@@ -64,12 +64,12 @@ fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)>
     })
 }
 
-/// Whether `word` occurs where no longer word goes on before it.
+/// True if the line contains `word` with no letter, digit or underscore before it.
 fn contains_word(line: &str, word: &str) -> bool {
     before_each(line, word).any(|before| !before.is_some_and(|c| c.is_alphanumeric() || c == '_'))
 }
 
-/// Whether `phrase` occurs with no letter beside it.
+/// True if the line contains `phrase` with no letter or digit beside it.
 pub(super) fn contains_phrase(line: &str, phrase: &str) -> bool {
     line.match_indices(phrase).any(|(at, _)| {
         let beside = [line[..at].chars().next_back(), line[at + phrase.len()..].chars().next()];
@@ -77,14 +77,14 @@ pub(super) fn contains_phrase(line: &str, phrase: &str) -> bool {
     })
 }
 
-/// Whether `folder` occurs as the start of a path rather than inside one.
+/// True if the line contains `folder` as the start of a path rather than inside one.
 fn contains_path(line: &str, folder: &str) -> bool {
     let inside = |c: char| c.is_alphanumeric() || "_-.~)}]>*$\\".contains(c);
     let drive = folder.starts_with(':');
     before_each(line, folder).any(|before| drive || !before.is_some_and(inside))
 }
 
-/// The character before each occurrence of `needle`.
+/// Returns the character before each occurrence of `needle`.
 fn before_each<'a>(line: &'a str, needle: &'a str) -> impl Iterator<Item = Option<char>> + 'a {
     line.match_indices(needle).map(|(at, _)| line[..at].chars().next_back())
 }

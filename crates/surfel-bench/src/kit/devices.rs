@@ -1,15 +1,15 @@
-//! The devices that both backends see.
+//! Step `devices` of the kit: lists the devices that each GPU backend finds.
 
 use super::On;
 use super::record::{Device, Record, Writer};
 use crate::Failure;
 use crate::machine::Machine;
 
-/// Exit codes that the script reads: only devices that compute on the CPU, and none.
+/// Exit codes for the kit's script: only devices that compute on the CPU, and no device.
 const SOFTWARE_ALONE: i32 = 3;
 const NO_DEVICE: i32 = 4;
 
-/// Writes the machine and its devices, and ends with an exit code that says what was found.
+/// Writes the machine and its devices, and exits with a code that describes the result.
 pub(super) fn run(on: &On) -> Result<(), Failure> {
     let mut writer = Writer::open(&on.out)?;
     writer.write(&Record::Machine(Machine::this()))?;
@@ -26,7 +26,7 @@ pub(super) fn run(on: &On) -> Result<(), Failure> {
     }
 }
 
-/// The devices of every backend that is built in, the backend's choice first.
+/// Returns the devices of every backend that is compiled in, the backend's default first.
 #[cfg_attr(not(any(feature = "wgpu", feature = "ash")), allow(unused_variables, unused_mut, reason = "no GPU backend"))]
 fn all(on: &On) -> Vec<Device> {
     let mut all = Vec::new();

@@ -1,4 +1,4 @@
-//! Frames of the kit's scenes on one backend, scene by scene.
+//! Step `frames` of the kit: times frames of the kit's scenes on one backend.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,18 +15,18 @@ use crate::report::{Row, Samples, Subject};
 use crate::scenes::{Case, Loaded, kit};
 use crate::{Failure, machine};
 
-/// Sizes of the images.
+/// Sizes of the images in pixels.
 const SIZES: [[u32; 2]; 2] = [[1024, 1024], [1920, 1080]];
-/// Small images have so many times fewer pixels a side, and scenes so many times fewer splats.
+/// Divisors for small images: of the pixels a side, and of the splats of scenes.
 const SMALL_SIDE: u32 = 8;
 const SMALL_SPLATS: usize = 100;
 
-/// Frames of a scene and size: as many as fit the time, within these bounds.
+/// Number of frames per scene and size: as many as fit into [`TIME`], within these bounds.
 const FRAMES: std::ops::RangeInclusive<usize> = 5..=30;
 const SMALL_FRAMES: std::ops::RangeInclusive<usize> = 3..=5;
 const TIME: Duration = Duration::from_millis(500);
 
-/// Frames that are hashed.
+/// Number of frames that are hashed.
 const HASHED: usize = 5;
 const SMALL_HASHED: usize = 2;
 
@@ -42,7 +42,7 @@ pub(super) fn run(backend: crate::Backend, on: &On) -> Result<(), Failure> {
     let mut failures = 0;
     let mut at = 0;
     while let Some(first) = cases.get(at) {
-        // Scenes of one source follow each other, and share an upload.
+        // Scenes with the same source are consecutive, and share an upload.
         let of_source = cases[at..].iter().take_while(|case| case.source == first.source).count();
         let start = Instant::now();
         let loaded = first.source.load(Path::new("models"))?;
@@ -70,7 +70,7 @@ pub(super) fn run(backend: crate::Backend, on: &On) -> Result<(), Failure> {
     if failures > 0 { Err(format!("{failures} scenes failed on {}", info.backend).into()) } else { Ok(()) }
 }
 
-/// A scene at one size.
+/// Scene drawn at one size.
 struct Drawn<'a> {
     case: &'a Case,
     loaded: &'a Loaded,
@@ -79,20 +79,20 @@ struct Drawn<'a> {
     small: bool,
 }
 
-/// Draws a scene again and again. Times of loading and uploading are left at 0.
+/// Draws a scene repeatedly. The times of loading and uploading are left at 0.
 fn measured(backend: &mut Backend, drawn: &Drawn<'_>) -> Result<record::Frame, Failure> {
     let Drawn { case, loaded, resident, size, small } = *drawn;
     let view = View::new(&Camera { size, ..case.camera(loaded) })?;
     let settings = case.settings(loaded);
     let mut frame = Frame::default();
-    // The first frame compiles pipelines, and counts: some backends count fragments only where they are asked to.
+    // The first frame compiles pipelines and counts fragments, which some backends count only on request.
     let counted = Planes::COLOR.with_weight(true).with_fragments(true);
     let start = Instant::now();
     let stats = backend.render_into(resident, &view, &settings, counted, &mut frame)?;
     let first_ms = milliseconds(start);
     let covered_px = frame.weight().iter().filter(|&&weight| weight > 0.0).count() as u64;
     let mut samples = Samples { covered_px, fragments: stats.fragments, ..Samples::default() };
-    // Without the counts the passes are others.
+    // Without the counts the frame has other passes, so their pipelines are compiled here, too.
     backend.render_into(resident, &view, &settings, case.planes, &mut frame)?;
     let bounds = if small { SMALL_FRAMES } else { FRAMES };
     let begin = Instant::now();

@@ -1,7 +1,7 @@
-//! `surfel-bench kit`: what a GPU kit measures on a machine, and the page that shows it.
+//! `surfel-bench kit`: measurements of a GPU on a machine, and the page that shows them.
 //!
 //! `cargo xtask gpu-kit` packs this program with a script that runs its steps one after the other. Each step appends
-//! lines to the same file of records, so that a step that is killed leaves what it has measured.
+//! lines to the same file of records, so that the results of a killed step are preserved.
 
 mod devices;
 mod frames;
@@ -29,8 +29,8 @@ pub(crate) struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Step {
-    /// List the devices that both backends see, with limits and features. Exit code 0: a GPU is there; 3: only devices
-    /// that compute on the CPU; 4: none.
+    /// List the devices that both backends see, with limits and features. Exit code 0: a GPU is present; 3: only
+    /// devices that compute on the CPU; 4: none.
     Devices(On),
     /// Time frames of the kit's scenes on a backend.
     Frames {
@@ -40,13 +40,13 @@ enum Step {
         #[command(flatten)]
         on: On,
     },
-    /// Measure what the device does at best: memory, arithmetic, fill rates.
+    /// Measure upper bounds of the device's performance: memory, arithmetic, fill rates.
     Probes(On),
-    /// Write a page of what was measured.
+    /// Write a page of the measurements.
     Report {
         /// Folder that the script wrote.
         out: PathBuf,
-        /// Write the page here, over what is there, instead of printing it.
+        /// Write the page to this file, replacing it, instead of printing it.
         #[arg(long, value_name = "FILE.md")]
         markdown: Option<PathBuf>,
     },
@@ -58,10 +58,10 @@ pub(crate) struct On {
     /// Folder whose `results.jsonl` is appended to.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
-    /// A part of the GPU adapter's name.
+    /// Part of the GPU adapter's name.
     #[arg(long, value_name = "NAME")]
     adapter: Option<String>,
-    /// Small images of few splats, for devices that compute on the CPU.
+    /// Draw small images of few splats, for devices that compute on the CPU.
     #[arg(long)]
     small: bool,
 }
@@ -78,7 +78,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     }
 }
 
-/// True if an adapter's name contains what was asked for.
+/// True if an adapter's name contains the requested one.
 #[cfg(any(feature = "wgpu", feature = "ash"))]
 fn fits(on: &On, name: &str) -> bool {
     on.adapter.as_ref().is_none_or(|wanted| name.to_lowercase().contains(&wanted.to_lowercase()))

@@ -1,4 +1,4 @@
-//! The page of what a kit measured: `docs/data/gpu.md`.
+//! Page of a kit's measurements: `docs/data/gpu.md`.
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
@@ -10,13 +10,13 @@ use crate::Failure;
 use crate::machine::Machine;
 use crate::page::Table;
 
-/// Backends of GPUs, in the order of columns.
+/// GPU backends, in the order of columns.
 const GPU_BACKENDS: [&str; 2] = ["ash", "wgpu"];
 
-/// Says of a page that no GPU was measured. `cargo xtask tidy` looks for it.
+/// Marker of a page without a measured GPU. `cargo xtask tidy` searches for it.
 const NOT_MEASURED: &str = "**Not measured.**";
 
-/// Facts of devices that the page shows, by either API's name; the others are in the records.
+/// Device facts that the page shows, by either API's name; the records contain all facts.
 const FACTS: [&str; 12] = [
     "deviceType",
     "memoryHeaps",
@@ -32,7 +32,7 @@ const FACTS: [&str; 12] = [
     "max_buffer_size",
 ];
 
-/// Scenes whose passes the page shows, at the first size; the records have all of them.
+/// Scenes whose passes the page shows, at the first size; the records contain all scenes.
 const SHOWN: [&str; 5] = ["igea-like", "igea-like-unlit", "igea-like-edges", "5M", "far"];
 
 /// Writes the page of a folder to a file, or prints it.
@@ -55,7 +55,7 @@ pub(super) fn run(out: &Path, markdown: Option<&Path>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// The records by kind.
+/// Records sorted by kind.
 #[derive(Default)]
 struct Found<'a> {
     commit: &'a str,
@@ -86,12 +86,12 @@ impl<'a> Found<'a> {
         found
     }
 
-    /// Frames of GPU backends.
+    /// Returns the frames of GPU backends.
     fn on_gpu(&self) -> impl Iterator<Item = &'a Frame> {
         self.frames.iter().copied().filter(|frame| GPU_BACKENDS.contains(&frame.backend.as_str()))
     }
 
-    /// The GPU whose frames were timed.
+    /// Returns the GPU whose frames were timed.
     fn measured(&self) -> Option<&'a str> {
         self.on_gpu().find(|frame| !frame.is_software).map(|frame| frame.adapter.as_str())
     }
@@ -324,7 +324,8 @@ fn probes(found: &Found<'_>) -> String {
     format!("\n## Probes\n\nWhat the device does at best, of several runs.\n\n{}", table.markdown())
 }
 
-/// Passes by whether frames that they occur in are the same each time.
+/// Returns the section on repeated frames. It lists passes of scenes whose images are always identical, passes that
+/// occur only in other scenes, and the differing planes of these.
 fn determinism(found: &Found<'_>) -> String {
     let mut text = "\n## Repeated frames\n\nEvery conformance scene and every scene above is drawn five times, by \
                     software twice, and its planes are hashed.\n\n"
@@ -350,7 +351,7 @@ fn determinism(found: &Found<'_>) -> String {
     text
 }
 
-/// A scene that was drawn several times.
+/// Hashes of a scene that was drawn several times.
 struct Repeats<'a> {
     scene: String,
     passes: Vec<&'a str>,
@@ -358,7 +359,7 @@ struct Repeats<'a> {
 }
 
 impl Repeats<'_> {
-    /// Planes that are not the same each time.
+    /// Returns the planes whose hashes differ.
     fn unsteady(&self) -> Vec<&str> {
         let differs = |hashes: &[String]| hashes.iter().any(|hash| *hash != hashes[0]);
         self.hashes.iter().filter(|plane| differs(plane.1)).map(|plane| plane.0.as_str()).collect()

@@ -1,5 +1,5 @@
 //! Probes of the device's peak rates: memory, arithmetic in compute and fragment shaders, small quads, atomics, and the
-//! fill rates of the renderers.
+//! renderers' fill rates.
 
 use std::sync::mpsc;
 use std::time::Instant;
@@ -10,46 +10,47 @@ use super::record::{Probe, Record, Writer};
 use super::{On, fits};
 use crate::Failure;
 
-/// Pixels on a side of what is drawn; `probes.wgsl` has the same.
+/// Side of the target in pixels, the same as in `probes.wgsl`.
 const SIDE_PX: u32 = 1024;
-/// Invocations of a workgroup; `probes.wgsl` has the same.
+/// Invocations of a workgroup, the same as in `probes.wgsl`.
 const WORKGROUP: u64 = 256;
-/// Vectors that an invocation of `memory_read` reads; `probes.wgsl` has the same.
+/// Number of vectors that an invocation of `memory_read` reads, the same as in `probes.wgsl`.
 const READS: u64 = 64;
-/// Operations of an invocation of the arithmetic kernels: `ROUNDS` of `probes.wgsl`, four vectors of four lanes, a
-/// multiplication and an addition.
+/// Operations of an invocation of the arithmetic kernels: `ROUNDS` of `probes.wgsl`, four vectors of four lanes, one
+/// multiplication and one addition.
 const ARITHMETIC_FLOPS: f64 = 256.0 * 16.0 * 2.0;
-/// Bytes of a vector.
+/// Size of a vector in bytes.
 const VECTOR: u64 = 16;
-/// Words that atomics hit: as many as pixels.
+/// Number of words that atomics access, one per pixel.
 const COUNTERS: u64 = SIDE_PX as u64 * SIDE_PX as u64;
 
-/// Bytes of each of the two buffers, larger than any cache.
+/// Size of each of the two buffers in bytes, larger than any cache.
 const BYTES: u64 = 512 << 20;
 const SMALL_BYTES: u64 = 8 << 20;
 /// Invocations of an arithmetic kernel.
 const INVOCATIONS: u64 = 8 << 20;
 const SMALL_INVOCATIONS: u64 = 16 << 10;
-/// Full-screen triangles of the arithmetic of fragments, and quads.
+/// Full-screen triangles of the probe of fragment arithmetic, and number of quads.
 const LAYERS: u32 = 2;
 const QUADS: u32 = 4 << 20;
 const SMALL_QUADS: u32 = 64 << 10;
-/// Pixels on a side where the arithmetic of fragments is drawn small.
+/// Side in pixels of the target of fragment arithmetic with `--small`.
 const SMALL_SIDE_PX: u32 = 64;
 
-/// Runs of each probe, the best of which counts.
+/// Runs of each probe; the best one counts.
 const RUNS: usize = 5;
 
 /// Commands that a probe records.
 #[derive(Clone, Copy)]
 enum Work {
-    /// Invocations of a compute shader.
+    /// Dispatch of a compute shader.
     Compute { entry: &'static str, invocations: u64 },
-    /// A draw: vertex and fragment shader, vertices and instances, and the side of the part of the target.
+    /// Draw: vertex and fragment shader, numbers of vertices and instances, topology, and side of the drawn part of the
+    /// target.
     Draw { entries: [&'static str; 2], vertices: u32, instances: u32, strip: bool, side_px: u32 },
 }
 
-/// A probe: its name, what it counts, how much of it a run does.
+/// Probe: its name, its unit, and the amount of work of a run in that unit.
 struct Task {
     name: &'static str,
     unit: &'static str,
@@ -86,7 +87,7 @@ fn tasks(small: bool, bytes: u64) -> Vec<Task> {
     ]
 }
 
-/// Measures everything and writes each rate as it is known.
+/// Measures everything, and writes each rate as soon as it is known.
 pub(super) fn run(on: &On) -> Result<(), Failure> {
     let mut writer = Writer::open(&on.out)?;
     let mut write = |probe: Probe| {
@@ -127,7 +128,7 @@ pub(super) fn run(on: &On) -> Result<(), Failure> {
     if failures.is_empty() { Ok(()) } else { Err(format!("{} probes failed", failures.len()).into()) }
 }
 
-/// The device that wgpu opens, with the probes' buffers and target.
+/// Device that wgpu opens, with the probes' buffers and target.
 struct Device {
     device: wgpu::Device,
     queue: wgpu::Queue,
@@ -138,7 +139,7 @@ struct Device {
     #[cfg_attr(not(test), expect(dead_code, reason = "tests read what kernels write"))]
     sink: wgpu::Buffer,
     target: wgpu::TextureView,
-    /// Bytes of each of the two large buffers.
+    /// Size of each of the two large buffers in bytes.
     bytes: u64,
 }
 
@@ -195,7 +196,7 @@ impl Device {
         };
         let (source, sink) = (buffer("source", bytes), buffer("sink", bytes));
         let counters = buffer("counters", 4 * COUNTERS);
-        // A factor and a term that keep the chains near 1.
+        // Factors and terms of the arithmetic chains, chosen so that values stay near 1.
         let start: [f32; 8] = [0.999, 0.998, 0.997, 0.996, 0.001, 0.002, 0.003, 0.004];
         queue.write_buffer(&source, 0, &start.map(f32::to_le_bytes).concat());
         let group = device.create_bind_group(&wgpu::BindGroupDescriptor {
@@ -235,7 +236,7 @@ impl Device {
         }
     }
 
-    /// The best rate of several runs, by the device's clock where it has one.
+    /// Returns the best rate of several runs, by the device's clock if it has one.
     fn rate(&self, task: &Task) -> Result<f64, Failure> {
         let scope = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let pipeline = self.pipeline(task.work);
@@ -296,7 +297,7 @@ impl Device {
         }
     }
 
-    /// Time of one run.
+    /// Returns the time of one run in seconds.
     fn seconds(&self, work: Work, pipeline: &Pipeline) -> Result<f64, Failure> {
         let has_clock = self.device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
         let set = has_clock.then(|| {
@@ -317,7 +318,7 @@ impl Device {
                 pass.set_pipeline(pipeline);
                 pass.set_bind_group(0, &self.group, &[]);
                 let groups = invocations.div_ceil(WORKGROUP);
-                // No device takes more than 65535 in a row.
+                // Devices support at most 65535 workgroups in a row.
                 let rows = groups.div_ceil(32768);
                 pass.dispatch_workgroups(groups.div_ceil(rows) as u32, rows as u32, 1);
             }
@@ -363,14 +364,14 @@ impl Device {
         let bytes = self.read(&buffer, 16)?;
         let tick = |at: usize| bytes.get(at..at + 8).and_then(|b| b.try_into().ok()).map_or(0, u64::from_le_bytes);
         let ticks = tick(8).saturating_sub(tick(0));
-        // Some drivers count nothing.
+        // Some drivers report zero ticks.
         if ticks == 0 {
             return Ok(wall_s);
         }
         Ok(ticks as f64 * f64::from(self.queue.get_timestamp_period()) * 1e-9)
     }
 
-    /// The first bytes of a buffer.
+    /// Reads the first bytes of a buffer.
     fn read(&self, buffer: &wgpu::Buffer, size: u64) -> Result<Vec<u8>, Failure> {
         let usage = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let (label, mapped_at_creation) = (Some("readback"), false);
@@ -380,7 +381,7 @@ impl Device {
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = mpsc::channel();
         copy.map_async(wgpu::MapMode::Read, .., move |result| {
-            // The receiver is gone if waiting failed.
+            // The receiver no longer exists if waiting failed.
             let _ = sender.send(result);
         });
         self.device.poll(wgpu::PollType::wait_indefinitely())?;
@@ -389,7 +390,7 @@ impl Device {
     }
 }
 
-/// The pipeline of a probe.
+/// Pipeline of a probe.
 enum Pipeline {
     Compute(wgpu::ComputePipeline),
     Draw(wgpu::RenderPipeline),
@@ -426,14 +427,14 @@ mod tests {
             floats(&device.read(&device.sink, 64).unwrap())
         };
         assert_eq!(result("memory write")[4..8], [1.0, 1.0, 2.0, 3.0]);
-        // As many fused multiply-adds as are counted, in four chains that start at seeds 1 apart; the fifth float is of
-        // the second invocation.
+        // Expected result: as many fused multiply-adds as are counted, in four chains with seeds 1 apart. The fifth
+        // float belongs to the second invocation.
         let rounds = (ARITHMETIC_FLOPS / 32.0) as usize;
         let chain = |seed: f64| (0..rounds).fold(seed, |value, _| value * f64::from(0.999f32) + f64::from(0.001f32));
         let wanted: f64 = (0..4).map(|k| chain(1.0 / 1024.0 + f64::from(k))).sum();
         let got = f64::from(result("f32 arithmetic, compute")[4]);
         assert!((got / wanted - 1.0).abs() < 1e-5, "{got}, expected {wanted}");
-        // Of a source of zeros but for its first two vectors.
+        // The source is zero except for its first two vectors.
         assert_eq!(result("memory read")[..8], [0.999, 0.998, 0.997, 0.996, 0.001, 0.002, 0.003, 0.004]);
         assert_eq!(result("memory copy")[..4], [0.999, 0.998, 0.997, 0.996]);
     }

@@ -1,8 +1,8 @@
-// Kernels that do one thing as fast as the device can. They are no part of any image, so they aren't among the
+// Kernels that each do one kind of work as fast as the device can. No image needs them, so they aren't among the
 // renderer's shaders.
 
 const WORKGROUP: u32 = 256u;
-// Fused multiply-adds of a lane in the arithmetic kernels: ROUNDS times four vectors of four.
+// Fused multiply-adds of a lane in the arithmetic kernels: ROUNDS times four vectors of four lanes.
 const ROUNDS: u32 = 256u;
 
 @group(0) @binding(0) var<storage, read> source: array<vec4f>;
@@ -29,7 +29,7 @@ fn memory_write(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroup
     }
 }
 
-// Every invocation reads as many vectors, far apart from each other, as there are; their sum is what it writes.
+// Number of vectors that every invocation reads, far apart from each other; it writes their sum.
 const READS: u32 = 64u;
 
 @compute @workgroup_size(WORKGROUP)
@@ -45,7 +45,8 @@ fn memory_read(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups
     }
 }
 
-// Four independent chains of fused multiply-adds. Factors come from memory, so that no compiler folds them.
+// Computes four independent chains of fused multiply-adds. The factors come from memory, so that no compiler folds
+// them.
 fn arithmetic(seed: f32) -> vec4f {
     let factor = source[0];
     let term = source[1];
@@ -70,7 +71,7 @@ fn arithmetic_compute(@builtin(global_invocation_id) id: vec3u, @builtin(num_wor
     }
 }
 
-// Maxima at places that look random, as pixels of scattered splats are.
+// Computes maxima at pseudorandom positions, like the pixels of scattered splats.
 @compute @workgroup_size(WORKGROUP)
 fn atomic_maxima(@builtin(global_invocation_id) id: vec3u, @builtin(num_workgroups) groups: vec3u) {
     let i = invocation(id, groups);
@@ -83,7 +84,7 @@ struct Fragment {
     @location(0) @interpolate(flat, either) seed: f32,
 }
 
-// Triangles that cover the target.
+// Draws triangles that cover the target.
 @vertex
 fn full_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Fragment {
     let corner = vec2f(f32((vertex << 1u) & 2u), f32(vertex & 2u));
@@ -95,10 +96,10 @@ fn arithmetic_fragment(in: Fragment) -> @location(0) vec4f {
     return arithmetic(in.seed + in.position.x / 4096.0);
 }
 
-// Pixels of a side of the target.
+// Side of the target in pixels.
 const SIDE: u32 = 1024u;
 
-// A corner of a quad that covers the pixel of its number.
+// Returns a corner of a quad that covers the pixel of its number.
 fn quad_corner(quad: u32, corner: u32) -> Fragment {
     let place = (quad * 2654435761u) % (SIDE * SIDE);
     let pixel = vec2f(f32(place % SIDE), f32(place / SIDE));
@@ -106,13 +107,13 @@ fn quad_corner(quad: u32, corner: u32) -> Fragment {
     return Fragment(vec4f((pixel + offset) * (2.0 / f32(SIDE)) - 1.0, 0.0, 1.0), f32(quad & 255u) / 255.0);
 }
 
-// One quad an instance, as strips of four vertices.
+// Draws one quad per instance, as strips of four vertices.
 @vertex
 fn strip_vertex(@builtin(vertex_index) vertex: u32, @builtin(instance_index) instance: u32) -> Fragment {
     return quad_corner(instance, vertex);
 }
 
-// All quads in one draw of six vertices each.
+// Draws all quads in one draw, with six vertices each.
 @vertex
 fn list_vertex(@builtin(vertex_index) vertex: u32) -> Fragment {
     let corner = vertex % 6u;

@@ -1,4 +1,4 @@
-//! The lines of a kit's `results.jsonl`: one JSON object each, written as soon as its figure is known.
+//! Lines of a kit's `results.jsonl`: one JSON object each, written as soon as its value is known.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
@@ -11,55 +11,55 @@ use super::work::Work;
 use crate::machine::Machine;
 use crate::report::Row;
 
-/// A line.
+/// Line of the file of records.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case")]
 pub(crate) enum Record {
-    /// The kit itself: the first line, written by the script.
+    /// Kit itself; the first line, written by the script.
     Kit(Kit),
-    /// The machine's CPU and system.
+    /// CPU and system of the machine.
     Machine(Machine),
-    /// A device that a backend sees.
+    /// Device that a backend sees.
     Device(Device),
-    /// A step of the script that ended.
+    /// Step of the script that has ended.
     Step(Step),
-    /// Something that the script found or did, in words.
+    /// Message of the script.
     Note { text: String },
     /// One scene at one size on one backend.
     Frame(Box<Frame>),
-    /// One scene held against the reference, as the conformance runner writes it.
+    /// Comparison of one scene with the reference, as the conformance runner writes it.
     Conformance(Conformance),
-    /// A rate that the device reaches at best.
+    /// Peak rate of the device.
     Probe(Probe),
 }
 
 /// Commit and build of the kit.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Kit {
-    /// The commit, with `+` where files differ from it.
+    /// Commit, with a trailing `+` if files differ from it.
     pub commit: String,
-    /// Least version of glibc that the programs run on.
+    /// Oldest version of glibc on which the programs run.
     pub glibc: String,
 }
 
-/// A device that a backend sees, the backend's choice first.
+/// Device that a backend sees; the backend's default comes first.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Device {
     pub backend: String,
     pub adapter: String,
     pub driver: String,
-    /// True if it computes on the CPU.
+    /// True if the device computes on the CPU.
     pub is_software: bool,
-    /// Limits and features, by the names that the API gives them.
+    /// Limits and features by the API's names.
     pub facts: BTreeMap<String, String>,
 }
 
-/// A step of the script.
+/// Step of the script.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Step {
     pub name: String,
     pub seconds: f64,
-    /// `ok`, or what went wrong.
+    /// `ok`, or a description of the failure.
     pub outcome: String,
 }
 
@@ -69,20 +69,20 @@ pub(crate) struct Frame {
     pub backend: String,
     pub adapter: String,
     pub is_software: bool,
-    /// Time of making the scene, milliseconds.
+    /// Time to generate the scene, milliseconds.
     pub load_ms: f64,
-    /// Time of uploading the scene, milliseconds.
+    /// Time to upload the scene, milliseconds.
     pub upload_ms: f64,
     /// Time of the first frame, which compiles pipelines, milliseconds.
     pub first_ms: f64,
-    /// Hashes of repeated frames by plane; empty where they weren't repeated.
+    /// Hashes of repeated frames by plane; empty if frames weren't repeated.
     pub hashes: BTreeMap<String, Vec<String>>,
     /// Estimated work of each pass.
     pub work: Vec<Work>,
     pub row: Row,
 }
 
-/// One scene held against the reference.
+/// Comparison of one scene with the reference.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct Conformance {
     /// Name of the backend.
@@ -97,25 +97,25 @@ pub struct Conformance {
     pub size: [u32; 2],
     /// `passed`, `as expected`, `skipped` or `FAILED`.
     pub verdict: String,
-    /// Why, where it isn't `passed`.
+    /// Reason, unless the verdict is `passed`.
     pub why: String,
-    /// Plane that is farthest off; none where nothing was compared.
+    /// Plane with the largest error; `None` if nothing was compared.
     pub plane: Option<String>,
     /// Largest error as a multiple of the tolerance; `None` if nothing was compared or the error is infinite.
     pub worst: Option<f64>,
-    /// Pixels outside of the decision margin that are off by more than the tolerance.
+    /// Number of pixels outside of the decision margin whose error exceeds the tolerance.
     pub outliers: u64,
-    /// Such pixels within the margin.
+    /// Number of pixels within the decision margin whose error exceeds the tolerance.
     pub forgiven: u64,
     /// Names of the frame's passes.
     pub passes: Vec<String>,
     /// Hashes of repeated frames by plane.
     pub hashes: BTreeMap<String, Vec<String>>,
-    /// Time of drawing, repeated frames included, milliseconds.
+    /// Drawing time, including repeated frames, milliseconds.
     pub ms: f64,
 }
 
-/// A rate that the device reaches at best.
+/// Peak rate of the device.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Probe {
     pub backend: String,
@@ -127,14 +127,14 @@ pub(crate) struct Probe {
     pub per_s: f64,
 }
 
-/// A kit's file of results, for programs that hold scenes against the reference.
+/// File of a kit's results, for programs that compare scenes with the reference.
 pub struct Lines(Writer);
 
 impl Lines {
-    /// Opens `results.jsonl` of a folder, which is made.
+    /// Opens `results.jsonl` in a folder, creating both if they don't exist.
     ///
     /// # Errors
-    /// [`std::io::Error`] if the folder or the file can't be made.
+    /// [`std::io::Error`] if the folder or the file can't be created.
     pub fn open(folder: &Path) -> std::io::Result<Self> {
         Writer::open(folder).map(Self)
     }
@@ -148,11 +148,12 @@ impl Lines {
     }
 }
 
-/// A file of records that is appended to. Every line is written at once, so that a killed program loses one at most.
+/// File of records, opened for appending. Every line is written with one call, so that a killed program loses at most
+/// one.
 pub(crate) struct Writer(File);
 
 impl Writer {
-    /// Opens `results.jsonl` of a folder, which is made.
+    /// Opens `results.jsonl` in a folder, creating both if they don't exist.
     pub(crate) fn open(folder: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(folder)?;
         let path = folder.join(RESULTS);
@@ -169,7 +170,8 @@ impl Writer {
 /// Name of the file of records.
 pub(crate) const RESULTS: &str = "results.jsonl";
 
-/// The records of a text, and the numbers of lines that hold none: a killed program's last line, for example.
+/// Returns the records of a text, and the numbers of lines that aren't records, such as the last line of a killed
+/// program.
 pub(crate) fn parse(text: &str) -> (Vec<Record>, Vec<usize>) {
     let (mut records, mut bad) = (Vec::new(), Vec::new());
     for (i, line) in text.lines().enumerate().filter(|(_, line)| !line.trim().is_empty()) {
@@ -181,7 +183,7 @@ pub(crate) fn parse(text: &str) -> (Vec<Record>, Vec<usize>) {
     (records, bad)
 }
 
-/// A hash of values' bytes (FNV-1a on words), to tell images apart.
+/// Returns a hash of values (FNV-1a on words), by which images are compared.
 fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
     let mixed = bytes.into_iter().fold(0xcbf2_9ce4_8422_2325u64, |hash, word| {
         (hash ^ u64::from(word)).wrapping_mul(0x0000_0100_0000_01b3).rotate_left(23)
@@ -189,7 +191,7 @@ fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
     format!("{mixed:016x}")
 }
 
-/// Hashes of a frame's planes of colour, depth, normals and weights, by the planes' names.
+/// Returns hashes of a frame's planes of colour, depth, normals and weights, by the planes' names.
 pub fn plane_hashes(frame: &surfel::Frame) -> Vec<(&'static str, String)> {
     let words = |values: &[f32]| hash(values.iter().map(|value| value.to_bits()));
     let planes = [

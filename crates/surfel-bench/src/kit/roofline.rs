@@ -1,26 +1,26 @@
-//! Times of passes beside the least that they could take: their work over what probes reach.
+//! Compares times of passes with lower bounds: the passes' work at the peak rates of probes.
 
 use std::collections::BTreeMap;
 
 use super::record::{Frame, Probe};
 use super::work::Work;
 
-/// Passes that take less of their frame's passes are dominated by what every pass costs.
+/// Fraction of a frame's pass time below which a pass is ignored: the fixed cost of a pass then dominates.
 const LEAST_SHARE: f64 = 0.02;
-/// Passes that are named.
+/// Number of passes that the page names.
 const NAMED: usize = 3;
 
-/// Rates that the device reaches, by probe; of fill rates and others the best of both backends.
+/// Peak rates of the device, by probe; the best of both backends.
 pub(super) struct Roofline<'a>(BTreeMap<&'a str, f64>);
 
-/// The least time of a pass, and what limits it.
+/// Lower bound of a pass's time, and the resource that limits it.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Bound {
     pub by: String,
     pub ms: f64,
 }
 
-/// A pass of a frame.
+/// Pass of a frame, compared with its bound.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct Judged<'a> {
     pub frame: &'a Frame,
@@ -37,7 +37,7 @@ impl Judged<'_> {
         self.bound.as_ref().map_or(0.0, |bound| self.ms / bound.ms)
     }
 
-    /// Its share of the frame's passes.
+    /// Returns the pass's fraction of the time of all passes of its frame.
     fn share(&self) -> f64 {
         self.ms / self.frame.row.stages_ms.values().sum::<f64>()
     }
@@ -53,7 +53,7 @@ impl<'a> Roofline<'a> {
         Self(rates)
     }
 
-    /// All passes of a frame.
+    /// Returns all passes of a frame, each compared with its bound.
     pub(super) fn judge(&self, frame: &'a Frame) -> Vec<Judged<'a>> {
         let passes = frame.row.stages_ms.iter().map(|(name, &ms)| {
             let work = frame.work.iter().find(|work| work.pass == *name);
@@ -62,7 +62,7 @@ impl<'a> Roofline<'a> {
         passes.collect()
     }
 
-    /// The longest of the times that each kind of work takes alone.
+    /// Returns the longest of the times that each kind of work takes alone.
     fn bound(&self, work: &Work) -> Option<Bound> {
         let ms = |probe: &str, amount: f64| Some(amount / self.0.get(probe)? * 1e3);
         let mut kinds = vec![
@@ -71,7 +71,7 @@ impl<'a> Roofline<'a> {
             ("arithmetic in fragment shaders", ms("f32 arithmetic, fragments", work.fragment_flops)),
             ("quads", ms("quads of a pixel, strips", work.quads)),
         ];
-        // Fragments into several sets of targets follow each other.
+        // Draws into different sets of targets run one after the other, so their times add up.
         let fills = work.fill.iter().map(|(probe, fragments)| ms(&format!("fill: {probe}"), *fragments));
         kinds.push(("fill rate", fills.sum()));
         let known = kinds.into_iter().filter_map(|(by, ms)| Some((by, ms?)));
@@ -80,7 +80,8 @@ impl<'a> Roofline<'a> {
     }
 }
 
-/// The passes that are farthest from their bound, each name once, of those that matter in their frame.
+/// Returns the passes that are farthest from their bound, each name once, among those with a relevant fraction of their
+/// frame.
 pub(super) fn farthest<'a, 'b>(judged: &'b [Judged<'a>]) -> Vec<&'b Judged<'a>> {
     let mut sorted: Vec<&Judged<'a>> =
         judged.iter().filter(|pass| pass.bound.is_some() && pass.share() >= LEAST_SHARE).collect();

@@ -1,8 +1,8 @@
-//! Estimates of the work of a frame's passes, for their times to be set beside what the device does at best.
+//! Estimates of the work of a frame's passes, for a comparison of their times with the device's peak rates.
 //!
-//! Bytes are those that have to be read from and written to memory once. Operations are counted by hand in the WGSL of
-//! the pass, a fused multiply-add as two, and are good to a factor of two. Passes of which too little is known (layers,
-//! polygons, Gaussians, samples of edges) have no estimate.
+//! Bytes have to be read from or written to memory at least once. Operations are counted by hand in the WGSL of the
+//! pass, a fused multiply-add as two, and are accurate to a factor of two. Passes whose work is hard to estimate
+//! (layers, polygons, Gaussians, samples of edges) have no estimate.
 
 use serde::{Deserialize, Serialize};
 use surfel::model::Shader;
@@ -11,8 +11,8 @@ use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
 
 /// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
-/// Bytes of a pair of splat and cell that sorting moves: emitted, then read twice and written for each of two digits,
-/// and read once more (`cells.wgsl`).
+/// Bytes that sorting moves for a pair of a splat and a cell: emitted once, read twice and written once for each of two
+/// digits, and read once more (`cells.wgsl`).
 const SORT_PAIR_BYTES: f64 = 8.0 * 8.0;
 /// Bytes of a record that the two loops over a cell's records read (`cell_raster.wgsl`).
 const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
@@ -20,26 +20,26 @@ const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
 const VISIBILITY_FLOPS: f64 = 35.0;
 /// Operations of a fragment of the attribute pass (`attributes.wgsl`).
 const ATTRIBUTE_FLOPS: f64 = 55.0;
-/// Operations of finding whether a pixel is at an edge, over its eight neighbours (`edges.wgsl`).
+/// Operations of edge detection at a pixel, over its eight neighbours (`edges.wgsl`).
 const EDGE_FLOPS: f64 = 60.0;
-/// Operations of a pixel's division and encoding, without light (`shade.wgsl`).
+/// Operations of dividing and encoding a pixel, without light (`shade.wgsl`).
 const RESOLVE_FLOPS: f64 = 30.0;
 /// Operations of lighting a pixel by the usual lights (`lighting.wgsl`).
 const LIGHT_FLOPS: f64 = 150.0;
 
-/// Counts of one frame.
+/// Counts of a frame.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Counts {
     /// Splats of the scene.
     pub splats: f64,
     /// Splats that were drawn.
     pub drawn: f64,
-    /// Fragments that contributed.
+    /// Fragments that contribute to a pixel.
     pub fragments: f64,
     pub pixels: f64,
-    /// Resident bytes a splat.
+    /// Resident bytes per splat.
     pub bytes_per_splat: f64,
-    /// Pairs of splat and cell, where compute shaders drew.
+    /// Pairs of a splat and a cell; 0 unless compute shaders drew the frame.
     pub pairs: f64,
 }
 
@@ -61,7 +61,7 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// The work of every pass of a plan that there is an estimate of.
+    /// Returns the work of every pass of a plan for which there is an estimate.
     pub(crate) fn of(plan: &FramePlan, counts: Counts) -> Vec<Self> {
         if counts.pairs > 0.0 {
             return Self::of_cells(plan, counts);
@@ -80,7 +80,7 @@ impl Work {
         all.extend(PixelPass::of(plan).into_iter().filter(|pass| pass.is_shade()).map(|pass| {
             let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
             let read: f64 = sums(plan).iter().map(|&target| bytes(target, plan)).sum();
-            // A pixel of the planes: colour, and what else is asked for.
+            // Each pixel's planes are written: colour, and the other requested ones.
             let written = 4.0 * plane_floats(plan);
             Self {
                 pass: pass.name().to_owned(),
@@ -92,10 +92,10 @@ impl Work {
         all
     }
 
-    /// The work of the compute path's passes.
+    /// Returns the work of the compute path's passes.
     fn of_cells(plan: &FramePlan, counts: Counts) -> Vec<Self> {
         let light = if plan.shader == Shader::Unlit { 0.0 } else { LIGHT_FLOPS };
-        // The second loop finds a fragment, and sums it.
+        // The second loop evaluates a fragment again, and sums it.
         let of_fragment = VISIBILITY_FLOPS + 2.0 * ATTRIBUTE_FLOPS;
         let sort = Self { pass: "sort".to_owned(), bytes: counts.pairs * SORT_PAIR_BYTES, ..Self::default() };
         let raster = Self {
@@ -117,7 +117,7 @@ impl Work {
         }
     }
 
-    /// `None` for draws that there is no estimate of.
+    /// Returns the work of a draw; `None` if there is no estimate.
     fn of_draw(draw: Draw, plan: &FramePlan, counts: Counts) -> Option<Self> {
         let (flops, of) = match draw.name() {
             "visibility" => (VISIBILITY_FLOPS, counts.fragments),
@@ -163,13 +163,13 @@ fn bytes(target: Target, plan: &FramePlan) -> f64 {
     target.format().bytes(Precision::of(plan, true)) as f64
 }
 
-/// Targets that shading reads: those that draws add to.
+/// Returns the targets that shading reads, which are the targets of additive draws.
 fn sums(plan: &FramePlan) -> Vec<Target> {
     let additive = Draw::of(plan).into_iter().filter(|draw| draw.is_additive());
     additive.flat_map(|draw| draw.colors().iter().copied()).collect()
 }
 
-/// Floats of a pixel's planes.
+/// Returns the number of floats of a pixel's planes.
 fn plane_floats(plan: &FramePlan) -> f64 {
     let planes = plan.planes;
     let counted = [(planes.color, 4), (planes.depth, 1), (planes.normal, 3), (planes.weight, 1)];
@@ -199,13 +199,13 @@ mod tests {
         let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
         assert_eq!(names, ["setup", "visibility", "attributes", "shade"]);
         assert_eq!(all[0].bytes, 1000.0 * 40.0 + 500.0 * record_bytes());
-        // A depth of four bytes.
+        // The target is a depth of four bytes.
         assert_eq!(all[1].bytes, 500.0 * record_bytes() + 100.0 * 4.0);
         assert_eq!(all[1].fill, [("depth".to_owned(), 4000.0)]);
-        // Four sums of four bytes, and the depth threshold that is read.
+        // The target has four sums of four bytes, and the pass reads the depth threshold.
         assert_eq!(all[2].bytes, 500.0 * record_bytes() + 100.0 * (16.0 + 4.0));
         assert_eq!((all[2].quads, all[2].fill.clone()), (500.0, vec![("blend".to_owned(), 4000.0)]));
-        // Sums in, colours out.
+        // The pass reads sums and writes colours.
         assert_eq!((all[3].bytes, all[3].compute_flops), (100.0 * 32.0, 100.0 * RESOLVE_FLOPS));
     }
 
@@ -215,7 +215,7 @@ mod tests {
         let names: Vec<&str> = all.iter().map(|work| work.pass.as_str()).collect();
         assert_eq!(names, ["setup", "sort", "raster"]);
         assert_eq!(all[1].bytes, 700.0 * 64.0);
-        // Each pair's record twice, and colours out.
+        // Each pair's record is read twice, and colours are written.
         assert_eq!(all[2].bytes, 700.0 * 240.0 + 100.0 * 16.0);
         assert!(all.iter().all(|work| work.fill.is_empty() && work.quads == 0.0));
     }
@@ -228,7 +228,7 @@ mod tests {
         assert!(lit[2].bytes > plain[2].bytes && lit[3].compute_flops > plain[3].compute_flops);
         let edges = work(Settings::default().with_edge_aa(EdgeAa::Coverage), 0.0);
         assert!(edges.iter().any(|work| work.pass == "edges"), "{edges:?}");
-        // Two draws over the splats have one name.
+        // Two draws over the splats share a name.
         let attributes = edges.iter().find(|work| work.pass == "attributes").unwrap();
         assert_eq!(attributes.quads, 1000.0);
     }

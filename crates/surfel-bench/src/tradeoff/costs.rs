@@ -1,4 +1,4 @@
-//! What a scene's features cost: by the plan, and by the clock.
+//! Cost of a scene's features: counted in the plan, and measured.
 
 use crate::page::Table;
 use surfel::render::{Capabilities, FramePlan, Pass, SceneSummary, plan};
@@ -16,7 +16,7 @@ fn planned(case: &Case, view: &View) -> Result<FramePlan, Failure> {
     Ok(plan(&SceneSummary::of(&case.scene), view, &case.settings, case.planes, &everything)?)
 }
 
-/// Passes besides those that every frame of splats has, with how many there are of each.
+/// Returns the passes that not every frame of splats has, with their numbers.
 fn passes(plan: &FramePlan) -> String {
     let always = [Pass::Visibility, Pass::Attributes, Pass::Shade];
     let mut found: Vec<(Pass, usize)> = Vec::new();
@@ -53,7 +53,7 @@ fn name(pass: Pass) -> &'static str {
     }
 }
 
-/// What was measured of a case.
+/// Measurements of a case.
 #[derive(Clone, Default)]
 pub(super) struct Measured {
     pub(super) ms: Vec<f64>,
@@ -108,12 +108,12 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// True if two plans differ in nothing but the number of splats, which is no decision of the plan's.
+/// True if two plans differ at most in the number of splats, which is no decision of planning.
 fn decides_alike(plan: &FramePlan, other: &FramePlan) -> bool {
     *plan == FramePlan { splats: plan.splats, ..other.clone() }
 }
 
-/// Draws every case in turn, again and again; the first round warms up. Each is drawn twice and timed once, as in
+/// Draws every case in turn, repeatedly; the first round warms up. Each case is drawn twice and timed once, as in
 /// [`super::measure`].
 pub(super) fn measure(
     backends: &mut Backends,
@@ -174,11 +174,11 @@ mod tests {
         assert!(cases.iter().filter(|case| case.absent).count() >= 5);
         for case in &cases[1..] {
             let plan = planned(case, &view).unwrap();
-            // Shape and storage of splats are a backend's matter.
+            // Shape and storage of splats don't affect the plan, only the backend.
             let same = case.absent || case.quantised || case.name == "ellipses";
             assert_eq!(decides_alike(&plan, &plain), same, "{}", case.name);
-            // Nor does a GPU have a target, a byte or a shader more; and it has one for everything that isn't absent,
-            // but for colours in 8 bits, which the host encodes.
+            // The same holds for the resources of a GPU. Every present feature adds a target, a byte or a shader,
+            // except colours in 8 bits, which the host encodes.
             let cost_more = PlanCost::of(&plan) != plain_cost;
             assert_eq!(cost_more, !same && case.name != "colours" && !case.planes.rgba8, "{}", case.name);
         }

@@ -1,5 +1,5 @@
-//! The level of detail of octrees: splats of at most so many pixels, polygons where even the finest are larger; and of
-//! points by levels.
+//! Level of detail of octrees: splats up to a size in pixels, and polygons where even the finest splats are larger.
+//! Also level of detail of points.
 
 use std::path::Path;
 use std::sync::Arc;
@@ -16,11 +16,11 @@ use super::subjects::{Approximates, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// What `--lod-error` may be, pixels; the first is its default.
+/// Values of `--lod-error` in pixels; the first is the default.
 const ERRORS_PX: [f64; 6] = [1.0, 0.5, 1.5, 2.0, 4.0, 8.0];
 const POINT_ERRORS_PX: [f64; 4] = [1.0, 0.5, 2.0, 4.0];
 
-/// A bumpy ball of polygons and its octree.
+/// Measures a bumpy ball of polygons and its octree.
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -41,7 +41,7 @@ pub(crate) fn all(
     measure::details(&whole, &levels, backends, runs, figures)
 }
 
-/// Points of a bumpy ball by levels, beside all of them.
+/// Measures points of a bumpy ball by level of detail, and all points for comparison.
 pub(crate) fn points(
     size: u32,
     quick: bool,
@@ -82,7 +82,7 @@ fn points_in(
     measure::details(&whole, &chosen, backends, runs, figures)
 }
 
-/// A cloud's centres and colours as a LAS file of format 2, in steps of a hundred-thousandth.
+/// Returns a cloud's centres and colours as a LAS file of format 2, with coordinates in steps of a hundred-thousandth.
 fn las(cloud: &SplatCloud) -> Vec<u8> {
     const STEP: f64 = 1e-5;
     let (header, record) = (227_u16, 26_u16);
@@ -119,7 +119,7 @@ fn variant(knob: &'static str, error_px: f64) -> Variant {
     }
 }
 
-/// Name and description of subjects.
+/// Names and descriptions of the subjects.
 const OCTREE: (&str, &str) =
     ("octree", "a bumpy ball as an octree of splats and polygons, by the size of the splats that may stand for them");
 const POINTS: (&str, &str) =

@@ -1,5 +1,5 @@
-//! Scenes of one feature each, beside the plainest scene there is. Cost follows content, so what a scene lacks must
-//! plan the plain frame, whatever the settings say; and so must what it has while the settings leave it out.
+//! Scenes with one feature each, compared with the plainest scene. Cost follows content: a scene without a feature must
+//! have the plain scene's plan whatever its settings, and so must a scene whose settings disable its feature.
 
 use std::sync::Arc;
 
@@ -14,20 +14,21 @@ use surfel::{Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, V
 
 use crate::{Failure, clouds};
 
-/// Disks of the plain scene.
+/// Number of disks of the plain scene.
 pub(crate) const SPLATS: usize = 40_000;
 
-/// The plain scene with one feature.
+/// Plain scene with one feature.
 pub(crate) struct Case {
     pub name: &'static str,
     pub scene: Scene,
     pub settings: Settings,
     pub planes: Planes,
-    /// Splats in 16 bits.
+    /// True if splats are stored in 16 bits.
     pub quantised: bool,
-    /// Something is there and left out by the settings, or asked for and not there: the plan is the plain one.
+    /// True if the scene has a feature that its settings disable, or its settings request one that it lacks. The plan
+    /// is then the plain one.
     pub absent: bool,
-    /// It isn't the plain scene's splats that are drawn: its time says nothing beside theirs.
+    /// True if the scene has other splats than the plain one, so that their times can't be compared.
     pub other_scene: bool,
 }
 
@@ -42,7 +43,7 @@ impl Case {
     }
 }
 
-/// All of them, the plain one first.
+/// Returns all cases, the plain one first.
 pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     let with = |change: fn(&mut CloudData)| cloud(change).map(scene);
     let plain = || with(|_| ());
@@ -58,7 +59,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     let by_pixel = set(|s| s.sort = Sort::Pixel);
     let principal = set(|s| s.gaussian_filter = Filter::Principal);
     let whole = set(|s| s.clip = ClipPolicy::Off);
-    // 4 px of 256: the detail at which some of it is splats and some polygons.
+    // 4 px of 256: at this level of detail the octree has both splats and polygons.
     let octree_px = f64::from(view.size[0]) / 64.0;
     Ok(vec![
         Case::new("nothing: white disks, unlit", plain()?, unlit),
@@ -106,7 +107,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
     ])
 }
 
-/// The plain scene's splats with something more.
+/// Returns the plain scene's splats after a change.
 fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     let mut data = clouds::ball(SPLATS)?.into_data();
     data.colors = None;
@@ -115,7 +116,7 @@ fn cloud(change: impl FnOnce(&mut CloudData)) -> Result<SplatCloud, Failure> {
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// As many flat Gaussians where the plain scene's splats are, half as opaque.
+/// Returns as many flat Gaussians in place of the plain scene's splats, with half the opacity.
 pub(super) fn gaussians() -> Result<Scene, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let count = ball.len();
@@ -148,7 +149,7 @@ fn colors(data: &mut CloudData) {
     data.colors = Some(vec![[0.5, 0.6, 0.7]; data.centers.len()]);
 }
 
-/// Rows of a file, and a class each.
+/// Adds rows of a file, and a class for each.
 pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());
@@ -159,7 +160,7 @@ fn alphas(data: &mut CloudData) {
     data.alphas = Some(vec![0.5; data.centers.len()]);
 }
 
-/// The same splats as ellipses, so that they can be clipped.
+/// Turns the splats into ellipses, so that they can be clipped.
 fn ellipses(data: &mut CloudData) {
     if let Shape::Disks { normals, radii } = &data.shape {
         let axes = |i: usize| {
@@ -198,7 +199,7 @@ fn clay(scene: Scene) -> Scene {
     Scene { matcap: Some(Matcap::builtin()), ..scene }
 }
 
-/// Another object, of other material, out of sight.
+/// Adds another object with another material, outside of the view.
 fn materials(mut scene: Scene) -> Scene {
     let away = DAffine3::from_translation(DVec3::X * 50.0);
     let other = scene.objects.first().map(|first| Object {
@@ -210,7 +211,7 @@ fn materials(mut scene: Scene) -> Scene {
     scene
 }
 
-/// A quad through the splats.
+/// Adds a quad through the splats.
 fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     let corners = [[-2.0, -0.4, -2.0], [2.0, -0.4, -2.0], [2.0, -0.4, 2.0], [-2.0, -0.4, 2.0]].map(Vec3::from);
     let mesh = Mesh {
@@ -223,7 +224,7 @@ fn with_quad(mut scene: Scene) -> Result<Scene, ModelError> {
     Ok(scene)
 }
 
-/// The same surface as an octree.
+/// Returns the same surface as an octree.
 fn octree() -> Result<Scene, Failure> {
     let mut mesh = clouds::bumpy_mesh(64);
     mesh.colors = None;

@@ -1,83 +1,84 @@
-//! What was measured, as it is written to JSON.
+//! Measurements, as stored in JSON.
 
 use serde::{Deserialize, Serialize};
 
 use crate::machine::Machine;
 use crate::report::BackendFacts;
 
-/// Version of the JSON. Raised whenever a field changes its meaning; new fields don't raise it.
+/// Version of the JSON format. It increases whenever a field changes its meaning, but not with new fields.
 const VERSION: u32 = 1;
 
-/// A run.
+/// Figures of a run.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Figures {
     version: u32,
     pub machine: Machine,
     pub backend: BackendFacts,
-    /// Of every image, pixels.
+    /// Size of every image, pixels.
     pub size: [u32; 2],
-    /// Frames that times are medians of.
+    /// Number of frames of which times are the median.
     pub runs: usize,
     pub subjects: Vec<SubjectFacts>,
     pub rows: Vec<Row>,
-    /// Subjects that weren't drawn, and why.
+    /// Subjects that weren't drawn, with the reason.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub left_out: Vec<String>,
-    /// What the whole run took.
+    /// Duration of the whole run.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub seconds: Option<f64>,
-    /// Other backends, on fewer subjects and smaller images.
+    /// Figures of other backends, with fewer subjects and smaller images.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub others: Vec<Self>,
 }
 
-/// What is drawn.
+/// Description of a subject.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct SubjectFacts {
     pub name: String,
     pub about: String,
-    /// What model errors are against.
+    /// Truth that model errors are relative to.
     pub truth: String,
     pub splats: u64,
 }
 
-/// How far two images' colours are apart, linear and premultiplied.
+/// Difference between the colours of two images, linear and premultiplied.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Error {
     pub max_abs: f64,
-    /// 99.9 % of the pixels are off by no more.
+    /// Quantile: 99.9 % of the pixels have at most this error.
     pub p999: f64,
     pub rmse: f64,
-    /// dB; none for equal images.
+    /// PSNR in dB; `None` for equal images.
     pub psnr_db: Option<f64>,
 }
 
-/// One variant of one subject.
+/// Measurement of one variant of one subject.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Row {
     pub subject: String,
     pub knob: String,
     pub value: String,
-    /// Why the backend draws no such image; what follows is then the reference's.
+    /// Reason why the backend can't draw the image. The figures then describe the reference's image.
     pub not_drawn: Option<String>,
-    /// Median time on the CPU of a frame on one thread, milliseconds; of a GPU the time on the clock.
+    /// Median time of a frame, milliseconds: CPU time on one thread, or wall-clock time of a GPU.
     pub ms: Option<f64>,
-    /// All splats over that.
+    /// All splats of the scene divided by that time.
     pub splats_per_s: Option<f64>,
     pub bytes_per_splat: Option<f64>,
     pub fragments: Option<u64>,
-    /// The backend against the reference at the same settings, outside of decision margins.
+    /// Difference between the backend and the reference at the same settings, outside of decision margins.
     pub fidelity: Option<Error>,
-    /// Against the subject's truth; none where it has none for this knob.
+    /// Difference from the subject's truth; `None` if there is no truth for this knob.
     pub model: Option<Error>,
-    /// The same of pixels that the truth covers wholly, their neighbours too: without rims. None where there are none.
+    /// Difference from the truth without rims: in pixels that the truth covers completely, together with their
+    /// neighbours. `None` if there are none.
     pub model_inside: Option<Error>,
     pub model_flip: Option<f64>,
-    /// Relative RMS of Z where both have one.
+    /// Relative RMS difference of Z where both images have one.
     pub model_depth: Option<f64>,
-    /// RMS angle between normals where both have one, degrees.
+    /// RMS angle between normals where both images have one, degrees.
     pub model_normal_deg: Option<f64>,
-    /// Against the image of the preset `reference` by the reference, dB; none for equal images.
+    /// PSNR against the reference's image with the preset `reference`, dB; `None` for equal images.
     pub from_reference_preset_db: Option<f64>,
 }
 
@@ -97,7 +98,7 @@ impl Figures {
         }
     }
 
-    /// The row of a subject.
+    /// Returns the row of a subject, knob and value.
     pub(crate) fn row(&self, subject: &str, knob: &str, value: &str) -> Option<&Row> {
         self.rows.iter().find(|r| r.subject == subject && r.knob == knob && r.value == value)
     }

@@ -1,6 +1,5 @@
-//! What the innermost formulas cost and how far they are off: the kernel and the reciprocal. They are no settings,
-//! since the ones that are used are the fastest that err by less than anything can see; this is the measurement behind
-//! that.
+//! Cost and error of the innermost formulas, the kernel and the reciprocal. They are no settings: the ones in use are
+//! the fastest whose error is invisible, as this measurement shows.
 
 use std::time::Instant;
 
@@ -10,11 +9,11 @@ use surfel_cpu::formulas::{Formula, Reciprocal, Weight};
 use super::measure::median;
 use crate::Failure;
 
-/// Numbers a run, few enough to stay in the first cache.
+/// Numbers per run, few enough for the first-level cache.
 const COUNT: usize = 2048;
-/// Times that they are gone through between two looks at the clock.
+/// Passes over the numbers per measurement of time.
 const PASSES: usize = 40;
-/// Looks at the clock.
+/// Number of measurements of time.
 const RUNS: usize = 15;
 
 struct Case {
@@ -22,13 +21,14 @@ struct Case {
     formula: Formula,
     inputs: Vec<f32>,
     exact: fn(f64) -> f64,
-    /// Largest error of a weight per error of the formula: e^(−2ρ²) changes by at most 2/e of a relative error of 1/w.
+    /// Largest error of a weight per error of the formula: e^(−2ρ²) changes by at most 2/e times a relative error of
+    /// 1/w.
     per_error: f64,
-    /// Why it is used, or isn't.
+    /// Reason why the formula is used, or isn't.
     verdict: &'static str,
 }
 
-/// Every formula with its error and its time.
+/// Returns a table of every formula with its error and time.
 pub(crate) fn table() -> Result<Table, Failure> {
     let cases = cases().ok_or("this CPU lacks the least instructions of the backend cpu")?;
     let mut times: Vec<Vec<f64>> = vec![Vec::new(); cases.len()];
@@ -66,7 +66,7 @@ fn cases() -> Option<Vec<Case>> {
     };
     let reciprocal = |name, way, verdict| {
         let (inputs, exact): (_, fn(f64) -> f64) = (over(0.66, 2.01), |x| 1.0 / x);
-        // Of a relative error, which is the absolute one at 1, where w is at a splat's centre.
+        // The factor is for relative errors, which equal absolute ones at w = 1, a splat's centre.
         let per_error = 2.0 / std::f64::consts::E;
         Some(Case { name, formula: Formula::reciprocal(way)?, inputs, exact, per_error, verdict })
     };

@@ -1,4 +1,4 @@
-//! Trained Gaussians: the order in which they are drawn one over another, their filter, and surfaces in their place.
+//! Trained Gaussians: sort order, filter, and their replacement by surfaces.
 
 use glam::{DQuat, DVec3};
 use surfel::math::gaussian::SH_C0;
@@ -12,10 +12,10 @@ use super::subjects::{self, Approximates, Subject};
 use super::variants::{DEFAULT, Variant};
 use crate::{Failure, clouds};
 
-/// Gaussians of each of the three shells.
+/// Number of Gaussians of each of the three shells.
 const SPLATS: usize = 12_000;
 
-/// Every order and filter of Gaussians; the first is the default.
+/// Measures every sort order and filter of Gaussians; the first is the default.
 pub(crate) fn all(
     size: u32,
     quick: bool,
@@ -58,7 +58,7 @@ fn subject(scene: &Scene, settings: Settings, size: u32, samples: u32) -> Subjec
     }
 }
 
-/// Shells of Gaussians, each turned away from its surface by up to a right angle, so that they cut each other.
+/// Returns shells of Gaussians, each tilted against its surface by up to a right angle, so that they intersect.
 fn shells() -> Result<GaussianCloud, Failure> {
     let ball = clouds::ball(SPLATS)?;
     let mut numbers = clouds::Random(1);
@@ -68,7 +68,7 @@ fn shells() -> Result<GaussianCloud, Failure> {
     for (shell, scale) in [1.0, 0.85, 0.7].into_iter().enumerate() {
         for i in 0..ball.len() {
             centers.push(ball.center(i) * scale);
-            // From a fifth to six times the median, more small than large ones.
+            // Sizes are a fifth to six times the median, more small than large ones.
             let sigma = 0.5 * ball.radius_max(i) * scale * 30f64.powf(random()) / 5.0;
             sigmas.push([sigma as f32, (sigma * (0.2 + 0.8 * random())) as f32, 0.0]);
             let tilt = DVec3::new(random() - 0.5, random() - 0.5, random() - 0.5) * 2.0;
@@ -95,7 +95,7 @@ fn shells() -> Result<GaussianCloud, Failure> {
     Ok(GaussianCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// As `--composite surface` takes them: opaque ellipses of two standard deviations.
+/// Returns the surface of `--composite surface`: opaque ellipses of two standard deviations.
 fn ellipses(gaussians: &GaussianCloud) -> Result<SplatCloud, Failure> {
     let kept: Vec<usize> =
         (0..gaussians.len()).filter(|&i| gaussians.data().opacities[i] >= GaussianCloud::FAINT).collect();

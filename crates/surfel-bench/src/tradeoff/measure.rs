@@ -17,12 +17,12 @@ use super::variants::{self, Only, Variant};
 use crate::Failure;
 use crate::machine::busy_ms;
 
-/// A backend and its twin that keeps splats in 16 bits.
+/// Backend under test, a second instance that stores splats in 16 bits, and the reference.
 pub(crate) struct Backends {
     pub wide: Backend,
     pub narrow: Backend,
     pub reference: Backend,
-    /// Times are the CPU's.
+    /// True if times are CPU times.
     pub on_cpu: bool,
 }
 
@@ -40,11 +40,11 @@ impl Backends {
     }
 }
 
-/// A variant while it is measured.
+/// Variant during its measurement.
 struct Ready {
     variant: Variant,
     settings: Settings,
-    /// Its scene among the uploaded ones.
+    /// Index of its scene among the uploaded ones.
     scene: usize,
     frame: Frame,
     stats: Stats,
@@ -52,7 +52,8 @@ struct Ready {
     ms: Vec<f64>,
 }
 
-/// A geometry alone, its back faces culled, by a shader that needs no light; and the median of so many frames' times.
+/// Draws a single geometry, with back faces culled and a shader without light. Returns the image and the median time of
+/// `runs` frames.
 pub(super) fn draw_alone(
     backends: &mut Backends,
     geometry: &Geometry,
@@ -75,12 +76,12 @@ pub(super) fn draw_alone(
     Ok((image, crate::report::median(&ms)))
 }
 
-/// How much is measured.
+/// Effort of a measurement.
 #[derive(Clone, Copy)]
 pub(crate) struct Pace {
-    /// Frames that a time is the median of.
+    /// Number of frames of which a time is the median.
     pub runs: usize,
-    /// Fewer variants.
+    /// True to measure fewer variants.
     pub quick: bool,
 }
 
@@ -111,7 +112,7 @@ pub(crate) fn subject(
     let reference = &mut backends.reference;
     let truth = truth(subject, reference, &exact, &view)?;
     let best = image(reference, &exact, &view, &Preset::Reference.apply(subject.settings))?;
-    // Storage and presets of the same settings have the same image.
+    // Variants with equal settings (other storage, some presets) share one reference image.
     let mut drawn: Vec<(Settings, Option<Frame>)> = Vec::new();
     for one in ready {
         let known = drawn.iter().position(|(settings, _)| *settings == one.settings);
@@ -125,8 +126,8 @@ pub(crate) fn subject(
     Ok(())
 }
 
-/// Measures scenes that stand for the same thing in more and less detail, the first of which is the default, and adds
-/// their rows. The truth is that of the subject, which isn't drawn.
+/// Measures scenes that show the same object in different detail, and adds their rows. The first one is the default.
+/// The truth is that of `subject`, which isn't drawn.
 pub(crate) fn details(
     subject: &Subject,
     levels: &[(Variant, Subject)],
@@ -152,7 +153,7 @@ pub(crate) fn details(
     Ok(())
 }
 
-/// The variant with its image, all planes.
+/// Draws a variant's first image, with all planes.
 fn first_image(
     backends: &mut Backends,
     (scenes, scene): (&[BackendScene], usize),
@@ -190,8 +191,9 @@ fn draw(
     backend.render_into(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
 }
 
-/// Each in turn, again and again, so that what disturbs the machine disturbs all alike. Colour alone. Each is drawn
-/// twice and timed once: what another leaves in caches would count against the one that comes after the slowest.
+/// Times all variants in turn, repeatedly, so that disturbances of the machine affect all equally. Only colours are
+/// drawn. Each variant is drawn twice and timed once, so that the caches' contents from the slowest variant don't
+/// affect the next one.
 fn time(
     backends: &mut Backends,
     scenes: &[BackendScene],
@@ -262,17 +264,17 @@ fn row(
         let mask: Vec<bool> = want.margin().iter().map(|&m| m == 0.0).collect();
         error(one.frame.color(), want.color(), &mask)
     });
-    // Another shader is another image.
+    // Another shader gives another image.
     let comparable = one.settings.shader == subject.settings.shader;
     let (mut model, mut model_flip, mut depth, mut normal) = (None, None, None, None);
     let mut model_inside = None;
-    // Both by the reference: fidelity has no part in it.
+    // Both images are the reference's, so that fidelity doesn't contribute.
     let best = best.zip(at_same).filter(|_| one.variant.preset().is_some());
     let from_best = best.map(|(best, same)| error(same.color(), best.color(), &vec![true; best.color().len()]));
     if let Some(frame) = shown.filter(|_| comparable) {
         model = Some(error(frame.color(), &truth.color, &truth.mask));
         let inside = truth.inside(size);
-        // A background of its own covers everything.
+        // An opaque background covers every pixel, so there is no rim.
         let has_rim = subject.scene.background[3] == 0.0 && inside.contains(&true);
         model_inside = has_rim.then(|| error(frame.color(), &truth.color, &inside));
         model_flip = Some(flip(size, frame.color(), truth)?);
@@ -300,14 +302,14 @@ fn row(
     })
 }
 
-/// The median; none of nothing.
+/// Returns the median; `None` without values.
 pub(super) fn median(values: &[f64]) -> Option<f64> {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
     sorted.get(sorted.len() / 2).copied()
 }
 
-/// How far colours are apart where the mask says so.
+/// Returns the difference between colours of the pixels in the mask.
 fn error(got: &[[f32; 4]], want: &[[f32; 4]], mask: &[bool]) -> Error {
     let (mut squares, mut worst) = (0.0, Vec::new());
     for ((got, want), _) in got.iter().zip(want).zip(mask).filter(|(_, counts)| **counts) {

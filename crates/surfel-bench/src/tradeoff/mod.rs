@@ -1,4 +1,4 @@
-//! `cargo xtask tradeoff`: every knob's cost in time and in error.
+//! `cargo xtask tradeoff`: cost of every knob in time and in error.
 
 mod costs;
 mod detail;
@@ -30,11 +30,11 @@ use crate::{Failure, tradeoff::figures::Figures};
 /// Measures what every setting costs: time, and error against the truth that it approximates.
 #[derive(Debug, clap::Args)]
 pub(crate) struct Arguments {
-    /// What draws; several with commas. The first one has all subjects, the others the smaller ones at 128² pixels.
-    /// `all` is cpu,wgpu,ash, without those that don't start.
+    /// Rendering backends, separated by commas. The first one draws all subjects, the others the smaller ones at 128²
+    /// pixels. `all` is cpu,wgpu,ash, without those that don't start.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "cpu")]
     backend: Vec<Which>,
-    /// A part of the GPU adapter's name.
+    /// Part of the GPU adapter's name.
     #[arg(long)]
     adapter: Option<String>,
     /// 256² pixels and few runs: two minutes at most on two threads.
@@ -43,24 +43,24 @@ pub(crate) struct Arguments {
     /// Pixels on a side of all images; 512, or 256 with --quick.
     #[arg(long, value_name = "PX", value_parser = clap::value_parser!(u32).range(32..=4096))]
     size: Option<u32>,
-    /// Only subjects whose name has this in it; several times for several.
+    /// Only subjects whose name contains NAME; may be repeated.
     #[arg(long, value_name = "NAME")]
     subject: Vec<String>,
-    /// Where the models igea.ply, lion_takanawa.ply and fandisk.obj are; without them their subjects are left out.
+    /// Folder of the models igea.ply, lion_takanawa.ply and fandisk.obj; subjects of missing models are skipped.
     #[arg(long, value_name = "FOLDER", default_value = "models")]
     models: PathBuf,
-    /// Where the figures go.
+    /// Output file of the figures.
     #[arg(short, long, value_name = "FILE.json", default_value = "target/tradeoff.json")]
     output: PathBuf,
-    /// Where the page goes.
+    /// Output file of the page.
     #[arg(long, value_name = "FILE.html", default_value = "target/tradeoff.html")]
     report: PathBuf,
-    /// Write the tables as Markdown, over what is there: docs/data/tradeoff.md is made so.
+    /// Write the tables to a Markdown file, replacing it; docs/data/tradeoff.md is made so.
     #[arg(long, value_name = "FILE.md")]
     markdown: Option<PathBuf>,
 }
 
-/// Backends that can be asked for.
+/// Backends that can be requested.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Which {
     Cpu,
@@ -71,7 +71,7 @@ enum Which {
 }
 
 impl Which {
-    /// Names of backends, in order, each once.
+    /// Returns the names of the backends, in order, each once.
     fn names(asked: &[Self]) -> Vec<&'static str> {
         let mut names = Vec::new();
         for which in asked {
@@ -90,11 +90,11 @@ impl Which {
 
 const RUNS: usize = 15;
 const QUICK_RUNS: usize = 5;
-/// Of backends after the first: fidelity is what they are drawn for.
+/// Number of runs of backends after the first, which are drawn mainly for their fidelity.
 const OTHERS_RUNS: usize = 3;
 const OTHERS_SIZE: u32 = 128;
 
-/// What is printed and shown of a run.
+/// Results of a run, for printing and for the page.
 pub(crate) struct Findings {
     pub figures: Figures,
     pub values: Vec<verdict::Value>,
@@ -104,7 +104,7 @@ pub(crate) struct Findings {
     pub textures: Table,
     pub scans: Table,
     pub normals: Table,
-    /// Other backends, with what their knobs do to fidelity.
+    /// Other backends, with tables of the fidelity of their knobs.
     pub others: Vec<(BackendFacts, Table)>,
 }
 
@@ -181,7 +181,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
 }
 
 impl Arguments {
-    /// Whether a subject of this name is wanted.
+    /// True if a subject of this name is requested.
     fn wants(&self, name: &str) -> bool {
         self.subject.is_empty() || self.subject.iter().any(|word| name.contains(word.as_str()))
     }
@@ -201,7 +201,7 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Sub
     Ok(subjects)
 }
 
-/// A backend that isn't the first: the subjects that are made, without models, in small.
+/// Measures a backend other than the first: generated subjects without models, in small images.
 fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figures, Failure> {
     let facts = facts(&backends.wide);
     eprintln!("{} ({})", facts.name, facts.adapter);
@@ -214,7 +214,7 @@ fn other(arguments: &Arguments, backends: &mut measure::Backends) -> Result<Figu
     Ok(figures)
 }
 
-/// All tables with their titles.
+/// Returns all tables with their titles.
 fn tables(findings: &Findings) -> Vec<(String, Table)> {
     let figures = &findings.figures;
     let mut tables = vec![
@@ -238,7 +238,7 @@ fn tables(findings: &Findings) -> Vec<(String, Table)> {
     tables
 }
 
-/// The tables as a Markdown file.
+/// Returns the tables as a Markdown file.
 fn markdown(findings: &Findings) -> String {
     let figures = &findings.figures;
     let names: Vec<&str> = figures.subjects.iter().map(|subject| subject.name.as_str()).collect();

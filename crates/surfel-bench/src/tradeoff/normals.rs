@@ -1,4 +1,4 @@
-//! Ways to keep a normal: why there is no setting for it beside the storage of splats.
+//! Ways to store a normal: the reason why normals have no setting besides the storage of splats.
 
 use std::f64::consts::PI;
 
@@ -6,7 +6,7 @@ use crate::page::Table;
 use glam::DVec3;
 use surfel::math::{V3, quantise};
 
-/// Directions that errors are the largest of, spread evenly.
+/// Number of evenly spread directions, over which errors are maximised.
 const DIRECTIONS: u32 = 40_000;
 
 struct Way {
@@ -44,7 +44,7 @@ const WAYS: [Way; 5] = [
     },
 ];
 
-/// The nearest of so many steps to each side of zero, in both coordinates of the octahedron.
+/// Rounds a direction's two octahedral coordinates to `steps` steps on each side of zero.
 fn octahedron(n: DVec3, steps: f64) -> DVec3 {
     let folded = quantise::folded(V3::new(n.x as f32, n.y as f32, n.z as f32));
     let [x, y] = folded.map(|c| (f64::from(c) * steps).round() / steps);
@@ -52,13 +52,13 @@ fn octahedron(n: DVec3, steps: f64) -> DVec3 {
     DVec3::new(v.x, v.y, v.z)
 }
 
-/// The nearest half float: eleven bits, the least normal exponent −14.
+/// Returns the nearest half float: eleven bits, least normal exponent −14.
 fn half(value: f64) -> f64 {
     let unit = (value.abs().log2().floor().max(-14.0) - 10.0).exp2();
     (value / unit).round_ties_even() * unit
 }
 
-/// Every way with its memory and its error.
+/// Returns a table of every way with its memory and its error.
 pub(crate) fn table() -> Table {
     let mut table = Table::new(&["normals as", "bytes a splat", "largest error", "of a lit colour", "verdict"]);
     for Way { name, bytes, keep, verdict } in &WAYS {
@@ -67,7 +67,7 @@ pub(crate) fn table() -> Table {
             (*name).to_owned(),
             bytes.to_string(),
             format!("{:.1e}°", radians.to_degrees()),
-            // n·l turns by no more than the normal does.
+            // n·l changes by at most the angle of the normal.
             format!("{radians:.1e}"),
             (*verdict).to_owned(),
         ]);
@@ -75,7 +75,7 @@ pub(crate) fn table() -> Table {
     table
 }
 
-/// Largest angle between a direction and what is kept of it, radians.
+/// Returns the largest angle between a direction and its stored form, radians.
 fn largest_error(keep: fn(DVec3) -> DVec3) -> f64 {
     let golden = PI * (3.0 - 5f64.sqrt());
     let direction = |i: u32| {
@@ -97,8 +97,8 @@ mod tests {
     #[test]
     fn normals_err_by_about_half_a_step_of_what_keeps_them() {
         let errors = WAYS.map(|way| largest_error(way.keep));
-        // Half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by both: √6/2·√3
-        // steps.
+        // The bound is half a step in each coordinate. On the octahedron's faces, 1/√3 from the origin, z changes by
+        // both: √6/2·√3 steps.
         for (error, step) in
             errors.into_iter().zip([2f64.powi(-24), 1.0 / 32767.0, 2f64.powi(-11), 1.0 / 127.0, 1.0 / 127.0])
         {

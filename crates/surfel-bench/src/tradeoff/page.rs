@@ -1,4 +1,4 @@
-//! The page: what to choose, what it costs, and the images' errors.
+//! Page of the trade-offs: recommendations, costs, and errors of images.
 
 use crate::chart::{Axis, Chart, Series, Style};
 use crate::page::Page;
@@ -8,7 +8,7 @@ use super::figures::Figures;
 use super::variants::DEFAULT;
 use super::verdict;
 
-/// A self-contained page.
+/// Returns a self-contained page.
 pub(crate) fn page(findings: &Findings) -> String {
     let Findings { figures, values, features, planes, formulas, textures, scans, normals, others } = findings;
     let mut page = Page::new("Speed against accuracy");
@@ -126,7 +126,7 @@ pub(crate) fn page(findings: &Findings) -> String {
         page.heading(&subject.name);
         page.paragraph(&format!("{} ({} splats). Truth: {}.", subject.about, subject.splats, subject.truth));
         let chart = chart(figures, &subject.name);
-        // The front is there in any case.
+        // The front alone makes two series.
         if chart.series.len() > 2 {
             page.chart(&chart);
         }
@@ -145,10 +145,10 @@ pub(crate) fn page(findings: &Findings) -> String {
 /// Index of the palette's black.
 const BLACK: usize = 7;
 
-/// Errors that a chart shows are at most so many times its least: a perfect one would flatten all others.
+/// Largest error in a chart, relative to the least one of other variants; a perfect variant would compress all others.
 const MOST_RANGE: f64 = 100.0;
 
-/// Time against model error, a point a variant, and the front that nothing dominates.
+/// Returns a chart of time against model error, with a point per variant and the Pareto front.
 fn chart(figures: &Figures, subject: &str) -> Chart {
     let rows = figures.rows.iter().filter(|r| r.subject == subject && r.knob != "shader");
     let points = rows.filter_map(|r| Some((r.knob.as_str(), r.value.as_str(), [r.ms?, r.model?.rmse])));
@@ -168,12 +168,13 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         better
     });
     let mut series = vec![Series::new("front", Style::Steps, 6, front)];
-    // The default's comes last, over all others.
+    // The default comes last, on top of all others.
     groups.retain(|knob| *knob != DEFAULT);
     groups.push(DEFAULT);
     for (color, knob) in groups.iter().enumerate() {
         let of_knob = || points.iter().filter(|p| p.0 == *knob);
-        // A paper's setting by the paper's name; what says nothing alone with its knob.
+        // A paper's setting is labelled by the paper's name; values that mean nothing alone are labelled with their
+        // knob.
         let label = |p: &(&str, &str, [f64; 2])| match (p.1.split_once('('), p.1) {
             (Some((_, name)), _) => name.trim_end_matches(')').to_owned(),
             (None, "on") => "edges".to_owned(),
@@ -184,7 +185,7 @@ fn chart(figures: &Figures, subject: &str) -> Chart {
         series.push(Series {
             name: (*knob).to_owned(),
             style: Style::Points,
-            // Black is the default's alone.
+            // Only the default is black.
             color: if is_default { BLACK } else { color + usize::from(color >= BLACK) },
             points: of_knob().map(|p| p.2).collect(),
             labels: of_knob().map(label).collect(),

@@ -1,4 +1,4 @@
-//! What every plane of an image costs beside colour alone, and how far it is from the reference and from the truth.
+//! Cost of every plane of an image compared with colour alone, and its errors against the reference and the truth.
 
 use std::sync::Arc;
 
@@ -14,32 +14,32 @@ use super::subjects::{self, Approximates};
 use super::truth::Truth;
 use crate::Failure;
 
-/// A plane, the bytes of its pixels, and its errors.
+/// Plane, the bytes of its pixels, and its errors.
 struct Plane {
     name: &'static str,
     planes: Planes,
     bytes: usize,
-    /// What the errors are, in words.
+    /// Description of the error measure.
     error: &'static str,
-    /// Of two frames, where the mask says so.
+    /// Error between two frames, over the pixels of a mask.
     between: fn(&Frame, &Frame, &[bool]) -> f64,
-    /// Against the sphere in closed form, if it has one.
+    /// Error against the closed form of the sphere, if the plane has one.
     truth: Option<fn(&Frame, &Truth) -> Option<f64>>,
-    /// Of Gaussians.
+    /// True for planes of Gaussians.
     of_gaussians: bool,
 }
 
-/// The largest value of a function of pixels that count, 0 of none.
+/// Returns the largest value of a function over the pixels of a mask; 0 for an empty mask.
 fn largest(mask: &[bool], error: impl Fn(usize) -> f64) -> f64 {
     (0..mask.len()).filter(|&i| mask[i]).map(error).fold(0.0, f64::max)
 }
 
-/// |a − b| over b, 0 where both are infinite or equal.
+/// Returns |a − b| relative to b; 0 if both are equal or infinite.
 fn relative(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { f64::from((a - b) / b).abs() }
 }
 
-/// Share of the pixels that count in which two planes differ.
+/// Returns the fraction of the mask's pixels in which two planes differ.
 fn differ(a: &[u32], b: &[u32], mask: &[bool]) -> f64 {
     let count = mask.iter().filter(|m| **m).count().max(1);
     (0..mask.len()).filter(|&i| mask[i] && a[i] != b[i]).count() as f64 / count as f64
@@ -117,14 +117,14 @@ fn all() -> Vec<Plane> {
     ]
 }
 
-/// RMS distance of positions from the unit sphere, where the truth has one.
+/// Returns the RMS distance of positions from the unit sphere, where the truth has one.
 fn off_the_sphere(frame: &Frame, truth: &Truth) -> Option<f64> {
     let there = frame.position().iter().zip(&truth.depth).filter(|(p, z)| z.is_finite() && p[0].is_finite());
     let (sum, n) = there.fold((0.0, 0.0), |(s, n), (p, _)| (s + (vector(*p).length() - 1.0).powi(2), n + 1.0));
     (n > 0.0).then(|| (sum / n).sqrt())
 }
 
-/// Draws every plane beside colour alone.
+/// Draws every plane, and colour alone for comparison.
 pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
     let mut ball = subjects::ball(size)?;
     for object in &mut ball.scene.objects {
@@ -177,7 +177,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// Outside of decisions' margins, the largest error; and that from the sphere.
+/// Returns the largest error outside of decision margins, and the error against the sphere.
 fn errors(
     backends: &mut Backends,
     plane: &Plane,

@@ -1,4 +1,4 @@
-//! What it costs to make splats of points, and how near they come to the surface: `--max-points`, `--radius-scale`,
+//! Cost of making splats from points, and their accuracy, by the options `--max-points`, `--radius-scale` and
 //! `--outliers`.
 
 use std::time::Instant;
@@ -12,16 +12,16 @@ use super::measure::{Backends, draw_alone};
 use super::{subjects, textures};
 use crate::{Failure, clouds};
 
-/// Points of the ball.
+/// Number of points of the ball.
 const POINTS: usize = 200_000;
-/// One point of so many is a stray, anywhere in a box about the ball.
+/// One of this many points is a stray, anywhere in a box about the ball.
 const STRAY: usize = 500;
-/// How far points are off the surface, in their spacings.
+/// Noise of points perpendicular to the surface, relative to their spacing.
 const NOISE: f64 = 0.2;
 
 struct Row {
     option: &'static str,
-    /// Of the points.
+    /// Fraction of the points that are used.
     share: f64,
     radius_scale: f64,
     drops: bool,
@@ -42,7 +42,7 @@ const fn row(option: &'static str, share: f64, radius_scale: f64, drops: bool) -
     Row { option, share, radius_scale, drops }
 }
 
-/// Every option, from points to image.
+/// Measures every option, from points to image.
 pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<Table, Failure> {
     let head = ["option", "splats", "ms to make", "ms a frame", "RMSE", "RMSE of normals", "holes"];
     let mut table = Table::new(&head);
@@ -82,7 +82,7 @@ pub(crate) fn table(backends: &mut Backends, runs: usize, size: u32) -> Result<T
     Ok(table)
 }
 
-/// Points of the ball, off it by noise, and strays, without normals.
+/// Returns points of the ball with noise, and strays, without normals.
 fn scan() -> Result<PointCloud, Failure> {
     let cloud = clouds::ball(POINTS)?;
     let spacing = (4.0 * std::f64::consts::PI / POINTS as f64).sqrt();
@@ -92,7 +92,7 @@ fn scan() -> Result<PointCloud, Failure> {
         let place = if i.is_multiple_of(STRAY) {
             glam::DVec3::new(even(), even(), even()) * 1.5
         } else {
-            // As wide as a normal distribution of one.
+            // Uniform noise with the standard deviation of a normal distribution.
             cloud.center(i) + cloud.normal(i) * (NOISE * spacing * 3f64.sqrt() * even())
         };
         place.as_vec3()

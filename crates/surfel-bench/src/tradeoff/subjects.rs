@@ -1,4 +1,4 @@
-//! What knobs are turned on: scenes that stress them, each with its truth.
+//! Subjects on which knobs are measured: scenes that stress them, each with its truth.
 
 use std::f64::consts::{PI, TAU};
 use std::path::Path;
@@ -14,10 +14,10 @@ use surfel::{Camera, Light, Material, NoProgress, Scene, Settings, SplatCloud};
 use super::truth::{self, Truth};
 use crate::{Failure, clouds};
 
-/// A scene, its view, and what its image approximates.
+/// Scene, its view, and the truth that its image approximates.
 pub(crate) struct Subject {
     pub name: &'static str,
-    /// What it stresses.
+    /// Description of the features that the scene stresses.
     pub about: &'static str,
     pub scene: Scene,
     pub camera: Camera,
@@ -25,22 +25,22 @@ pub(crate) struct Subject {
     pub truth: Approximates,
     pub clips: bool,
     pub transparent: bool,
-    /// It needs no file.
+    /// True if the subject is generated, without a file.
     pub is_made: bool,
 }
 
-/// What an image approximates.
+/// Truth that an image approximates.
 pub(crate) enum Approximates {
     /// A surface in closed form, box-filtered.
     Surface(Truth),
-    /// Its own splats without a filter, by so many samples a pixel and side.
+    /// The subject's own splats without a filter, by this number of samples along a pixel's side.
     Samples(u32),
     /// The reference's image with these settings.
     Drawn(Settings),
 }
 
 impl Approximates {
-    /// In words.
+    /// Returns a description of the truth.
     pub(crate) fn words(&self) -> String {
         match self {
             Self::Surface(_) => "the surface in closed form, 8×8 samples a pixel".into(),
@@ -50,14 +50,14 @@ impl Approximates {
     }
 }
 
-/// Subjects that can be measured, and why others can't.
+/// Subjects to measure, and subjects that are skipped.
 pub(crate) struct Subjects {
     pub wanted: Vec<Subject>,
-    /// Name of each that is left out, and the reason.
+    /// Name of each skipped subject, and the reason.
     pub left_out: Vec<(&'static str, String)>,
 }
 
-/// All subjects whose files are there, `size` pixels wide and high.
+/// Returns all subjects whose files exist, `size` pixels wide and high.
 pub(crate) fn all(size: u32, quick: bool, models: &Path) -> Result<Subjects, Failure> {
     let samples = if quick { 4 } else { 8 };
     let mut subjects = vec![
@@ -124,7 +124,7 @@ fn scene(mut cloud: SplatCloud) -> Scene {
     Scene { objects: vec![object(cloud)], matcap: Some(Matcap::builtin()), ..Scene::default() }
 }
 
-/// Centre, normal, radius, colour.
+/// Disk: centre, normal, radius, colour.
 type Disk = (DVec3, DVec3, f64, [f64; 3]);
 
 fn disks(all: &[Disk]) -> Result<SplatCloud, ModelError> {
@@ -136,7 +136,7 @@ fn disks(all: &[Disk]) -> Result<SplatCloud, ModelError> {
     Ok(SplatCloud::new(CloudData { colors: Some(colors), ..data }, OnInvalid::Refuse)?.0)
 }
 
-/// `n`×`n` disks over a plane (see [`truth::plane`]), each with the pattern's albedo at its centre.
+/// Returns `n`×`n` disks over a plane (see [`truth::plane`]), each with the pattern's albedo at its centre.
 fn sheet(
     center: DVec3,
     [across, away]: [DVec3; 2],
@@ -153,7 +153,7 @@ fn sheet(
     disks(&(0..n * n).map(disk).collect::<Vec<_>>())
 }
 
-/// A checkerboard to the horizon: the rendering model's (§5), its disks twice as large.
+/// Returns a checkerboard to the horizon: the scene of the rendering model (§5), with disks twice as large.
 fn horizon(size: u32) -> Result<Subject, Failure> {
     let (sin, cos) = 80f64.to_radians().sin_cos();
     let (center, axes) = (DVec3::new(0.0, 0.0, -1.2), [DVec3::X, DVec3::new(0.0, cos, -sin)]);
@@ -176,10 +176,10 @@ fn horizon(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Rings that get finer outward until pixels can't show them.
+/// Returns a zone plate: rings that get finer outward, beyond the resolution of pixels.
 fn zone_plate(size: u32) -> Result<Subject, Failure> {
     let (center, axes) = (DVec3::ZERO, [DVec3::X, DVec3::new(0.0, 0.9, 0.4358)]);
-    // 0.7 cycles a pixel at the corners of an image of 256².
+    // The pattern has 0.7 cycles a pixel at the corners of an image of 256².
     let pattern = |a: f64, b: f64| [0.5 + 0.45 * (45.0 * PI * (a * a + b * b)).cos(); 3];
     let camera = camera([0.0, 0.0, 2.6], [0.0; 3], 45.0, size);
     let truth = truth::cast(&camera, &truth::plane(center, axes, pattern), true)?;
@@ -196,7 +196,7 @@ fn zone_plate(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// A sphere in bands: every tilt there is, and a rim.
+/// Returns a banded sphere, which has every tilt and a rim.
 pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
     let pattern = |n: DVec3| [0.5 + 0.4 * (9.0 * n.x).sin(), 0.5 + 0.4 * (11.0 * n.y + 4.0 * n.z).sin(), 0.6];
     let count = 12_000;
@@ -226,7 +226,7 @@ pub(super) fn ball(size: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// Ellipses of aspect 100 in a ball.
+/// Returns a ball of ellipses of aspect 100.
 fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
     let mut numbers = clouds::Random(1);
     let mut random = move || numbers.next();
@@ -267,7 +267,7 @@ fn needles(size: u32, samples: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// The bench's bumpy ball, lit.
+/// Returns the bench's bumpy ball, lit.
 fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     let mut scene = scene(clouds::ball(if quick { 60_000 } else { 154_000 })?);
     scene.objects[0].material.cull = Cull::Back;
@@ -286,7 +286,7 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     })
 }
 
-/// A cylinder with its caps as clipped splats: curved creases.
+/// Returns a cylinder with caps as clipped splats: curved creases.
 fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
     let sides = 32u32;
     let mut positions = vec![Vec3::new(0.0, 0.8, 0.0), Vec3::new(0.0, -0.8, 0.0)];
@@ -316,7 +316,7 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
     })
 }
 
-/// 27 glass spheres (G06 figure 6).
+/// Returns 27 glass spheres (G06 figure 6).
 fn glass(size: u32) -> Result<Subject, Failure> {
     let (count, golden) = (400, PI * (3.0 - 5f64.sqrt()));
     let radius = 0.4 * 1.25 * (4.0 * PI / f64::from(count)).sqrt();
@@ -356,7 +356,7 @@ fn glass(size: u32) -> Result<Subject, Failure> {
 fn model(name: &'static str, about: &'static str, path: &Path, size: u32, samples: u32) -> Result<Subject, Failure> {
     let opened = surfel::open(&[path], &NoProgress)?;
     let mut scene = opened.scene;
-    // What the automatic background would add to a comparison is nothing.
+    // The comparison excludes the automatic background.
     scene.background = [0.0; 4];
     scene.matcap = Some(Matcap::builtin());
     for object in &mut scene.objects {

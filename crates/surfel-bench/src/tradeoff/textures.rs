@@ -1,4 +1,4 @@
-//! What it costs to fit splats to a texture, and what it gains: `--texture`.
+//! Cost and benefit of fitting splats to a texture: `--texture`.
 
 use std::sync::Arc;
 use std::time::Instant;
@@ -14,12 +14,12 @@ use super::measure::{Backends, draw_alone};
 use super::subjects;
 use crate::{Failure, clouds};
 
-/// Splats of the ball.
+/// Number of splats of the ball.
 const SPLATS: usize = 40_000;
-/// Polygons are drawn so many times larger, and averaged.
+/// Factor by which the image of polygons is enlarged before it is averaged.
 const SAMPLES: u32 = 4;
 
-/// Colours of a place of the ball.
+/// Colour as a function of the position on the ball.
 type Paint = fn(Vec3) -> [f32; 3];
 
 const PAINTS: [(&str, Paint); 3] = [("smooth", smooth), ("as in a photo", fractal), ("black and white", squares)];
@@ -28,7 +28,7 @@ fn smooth(p: Vec3) -> [f32; 3] {
     (Vec3::splat(0.5) + 0.3 * (60.0 * p).map(f32::sin)).to_array()
 }
 
-/// Waves whose height falls with their frequency, as in photographs.
+/// Sums waves whose height falls with their frequency, as in photographs.
 fn fractal(p: Vec3) -> [f32; 3] {
     let wave = |octave: i32| {
         let frequency = 4.0 * 1.7f32.powi(octave);
@@ -44,7 +44,7 @@ fn squares(p: Vec3) -> [f32; 3] {
     [((index.x + index.y + index.z) as i32).rem_euclid(2) as f32; 3]
 }
 
-/// Every way to take colours, on every kind of texture.
+/// Measures every way to sample colours on every kind of texture.
 pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure> {
     let head = ["texture", "splats take it by", "ms", "of them to fit", "RMSE close", "FLIP close", "RMSE whole"];
     let mut table = Table::new(&head);
@@ -82,7 +82,7 @@ pub(crate) fn table(backends: &mut Backends, size: u32) -> Result<Table, Failure
     Ok(table)
 }
 
-/// The polygons, averaged over each pixel.
+/// Draws the polygons, averaged over each pixel.
 fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f32; 4]>, Failure> {
     let [width, height] = camera.size;
     let fine = Camera { size: [width * SAMPLES, height * SAMPLES], ..camera.clone() };
@@ -99,7 +99,7 @@ fn truth(backends: &mut Backends, mesh: &Mesh, camera: &Camera) -> Result<Vec<[f
     Ok((0..width * height).map(pixel).collect())
 }
 
-/// RMSE and FLIP.
+/// Returns RMSE and FLIP.
 pub(super) fn errors(image: &[[f32; 4]], truth: &[[f32; 4]], size: u32) -> Result<[f64; 2], Failure> {
     let of = |pixels| Image::new(size, size, pixels);
     let found = compare(&of(truth.as_flattened())?, &of(image.as_flattened())?, &CompareOptions::default())?;

@@ -1,29 +1,30 @@
-//! What images approximate: closed forms, sampled.
+//! Truths that images approximate: sampled closed forms.
 
 use glam::DVec3;
 use surfel::{Camera, View};
 
-/// Samples a pixel and side of closed forms.
+/// Samples of closed forms along a pixel's side.
 const SAMPLES: u32 = 8;
 
-/// What an image should be.
+/// Ideal image.
 pub(crate) struct Truth {
-    /// Linear, premultiplied.
+    /// Colour, linear and premultiplied.
     pub color: Vec<[f32; 4]>,
-    /// Planar depth; +∞ where nothing is.
+    /// Planar depth; +∞ in empty pixels.
     pub depth: Vec<f32>,
-    /// World normals; zero where nothing is.
+    /// World normals; zero in empty pixels.
     pub normal: Vec<[f32; 3]>,
-    /// Pixels that count.
+    /// Mask of the pixels to compare.
     pub mask: Vec<bool>,
 }
 
 impl Truth {
-    /// Pixels that count and are wholly covered, as their eight neighbours are: inside of the silhouette.
+    /// Returns the pixels of the mask that, like their eight neighbours, are completely covered: the inside of the
+    /// silhouette.
     pub(crate) fn inside(&self, [width, height]: [u32; 2]) -> Vec<bool> {
         let covered = |x: i64, y: i64| {
             let there = x >= 0 && y >= 0 && x < i64::from(width) && y < i64::from(height);
-            // Eight by eight f32 samples of 1 make 1 but for rounding.
+            // The sum of 8×8 f32 samples of 1 is 1 up to rounding.
             there && self.color[(y * i64::from(width) + x) as usize][3] > 0.9999
         };
         let inside = |i: usize| {
@@ -34,7 +35,7 @@ impl Truth {
     }
 }
 
-/// Where a ray meets a surface.
+/// Intersection of a ray and a surface.
 #[derive(Clone, Copy)]
 pub(crate) struct Met {
     pub albedo: [f64; 3],
@@ -42,11 +43,11 @@ pub(crate) struct Met {
     pub normal: DVec3,
 }
 
-/// A surface that rays can be cast at: eye and direction.
+/// Surface as a function of a ray's eye and direction.
 pub(crate) type Surface = dyn Fn(DVec3, DVec3) -> Option<Met> + Sync;
 
-/// The surface box-filtered over pixels, before transparent black. Where `whole`, pixels that it doesn't fill don't
-/// count.
+/// Samples a surface, box-filtered over pixels, over transparent black. With `whole`, partly covered pixels are
+/// excluded from the mask.
 pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Truth, crate::Failure> {
     let view = View::new(camera)?;
     let [width, height] = camera.size;
@@ -85,8 +86,8 @@ pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Tr
     Ok(truth)
 }
 
-/// The plane through `center` that `across` and `away` (orthogonal, of the plane's half size) span, where a and b are
-/// within ±1; `pattern` gives its albedo there.
+/// Returns the plane through `center` spanned by `across` and `away`, which are orthogonal and have its half size. The
+/// coordinates a and b are within ±1; `pattern` returns the albedo at them.
 pub(crate) fn plane(
     center: DVec3,
     [across, away]: [DVec3; 2],
@@ -104,7 +105,7 @@ pub(crate) fn plane(
     }
 }
 
-/// The unit sphere about the origin, its albedo by `pattern` of the normal.
+/// Returns the unit sphere about the origin; `pattern` returns its albedo from the normal.
 pub(crate) fn sphere(pattern: impl Fn(DVec3) -> [f64; 3] + Sync) -> impl Fn(DVec3, DVec3) -> Option<Met> + Sync {
     move |eye, ray| {
         let d = ray.normalize();

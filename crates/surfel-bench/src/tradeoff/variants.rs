@@ -1,31 +1,31 @@
-//! The knobs, one value at a time.
+//! Variants: each changes one knob to one value.
 
 use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
 use surfel::{Preset, Settings};
 
-/// The name of every knob's value that nothing was changed of.
+/// Name of the variant that changes nothing.
 pub(crate) const DEFAULT: &str = "default";
 
-/// A knob turned to one value, all others as the subject has them.
+/// Variant with one changed knob; all other knobs are the subject's.
 #[derive(Clone)]
 pub(crate) struct Variant {
     pub knob: &'static str,
     pub value: String,
-    /// Splats in 16 bits.
+    /// True if splats are stored in 16 bits.
     pub quantised: bool,
-    /// Which subjects it says something about.
+    /// Subjects to which the knob applies.
     pub only: Only,
     change: Change,
 }
 
-/// What of an image a knob needs to matter.
+/// Property that a subject needs for a knob to matter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Only {
     Everything,
     Clips,
     Transparent,
     Lit,
-    /// Backends on graphics CPUs.
+    /// Backends that draw by a GPU API.
     Graphics,
 }
 
@@ -43,16 +43,16 @@ enum Change {
     Transparency(Transparency),
     Shader(Shader),
     Preset(Preset),
-    /// Filter, cutoff and h of a paper.
+    /// Filter of a paper, with its cutoff and h.
     Paper(Filter),
-    /// Antialiased edges, and this cutoff and h.
+    /// Antialiased edges, with this cutoff and h.
     Edges(f64, f64),
     /// Neither filter nor exact mapping.
     Plainest,
 }
 
 impl Variant {
-    /// A variant whose scene differs, and no setting.
+    /// Creates a variant with another scene and unchanged settings.
     pub(crate) fn of_scene(knob: &'static str, value: String) -> Self {
         Self::new(knob, value, Change::Nothing)
     }
@@ -65,7 +65,7 @@ impl Variant {
         Self { only, ..self }
     }
 
-    /// The preset that this is.
+    /// Returns the preset, if the variant is one.
     pub(crate) fn preset(&self) -> Option<Preset> {
         match self.change {
             Change::Preset(preset) => Some(preset),
@@ -73,7 +73,7 @@ impl Variant {
         }
     }
 
-    /// The subject's settings with this turned.
+    /// Returns the subject's settings with the variant's change.
     pub(crate) fn settings(&self, settings: &Settings) -> Settings {
         let mut s = *settings;
         match self.change {
@@ -101,7 +101,7 @@ impl Variant {
     }
 }
 
-/// Every value of every knob; the first is the default of all. Not the combinations where it has to be `quick`.
+/// Returns every value of every knob; the first variant is the default. With `quick`, combinations are omitted.
 pub(crate) fn all(quick: bool) -> Vec<Variant> {
     let new = |knob, value: &dyn ToString, change| Variant::new(knob, value.to_string(), change);
     let mut variants = vec![new(DEFAULT, &DEFAULT, Change::Nothing)];
@@ -167,7 +167,7 @@ pub(crate) fn all(quick: bool) -> Vec<Variant> {
     variants
 }
 
-/// What a knob's default value is called, to stand among its others.
+/// Returns the name of a knob's default value, for lists of all its values.
 pub(crate) fn default_value(knob: &str) -> &'static str {
     match knob {
         "filter" => "principal",
@@ -198,7 +198,7 @@ mod tests {
         let all = all(false);
         assert!(self::all(true).len() < all.len());
         for (i, a) in all.iter().enumerate().skip(1) {
-            // Two presets may come to the same, and clips are settings of nothing else.
+            // Two presets may have equal settings, and disabled clips may equal the default.
             if a.preset().is_none() && a.value != "off" {
                 assert!(a.quantised || a.settings(&base) != base, "{} {}", a.knob, a.value);
             }

@@ -1,4 +1,4 @@
-//! What the figures say: which value of a knob costs what, which are dominated, and what the papers claimed.
+//! Evaluation of the figures: cost of each knob's values, dominated values, and claims of papers.
 
 use std::collections::BTreeMap;
 
@@ -8,29 +8,29 @@ use surfel::Preset;
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};
 
-/// Cost and error of a value over those of the default, geometric means over subjects.
+/// Cost and error of a value relative to the default, as geometric means over subjects.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Value {
     pub knob: String,
     pub value: String,
     pub cost: Option<f64>,
     pub error: Option<f64>,
-    /// The same without rims.
+    /// Relative model error without rims.
     pub inside: Option<f64>,
     pub fragments: Option<f64>,
     pub bytes: Option<f64>,
-    /// Least fidelity, dB.
+    /// Least fidelity over subjects, dB.
     pub fidelity_db: Option<f64>,
-    /// Worst error over the default's, and on which subject.
+    /// Largest error relative to the default, with its subject.
     pub worst: Option<(f64, String)>,
-    /// The value of the same knob that is at least as good in both.
+    /// Value of the same knob that dominates this one: no worse in anything, and clearly better in something.
     pub dominated_by: Option<String>,
 }
 
-/// Differences of less than this are noise: times of a shared machine, medians of alternating runs.
+/// Relative difference below which times are equal: the noise of medians of alternating runs on a shared machine.
 const NOISE: f64 = 0.03;
 
-/// All values of all knobs but presets, knob by knob, the default's first.
+/// Returns all values of all knobs except presets, knob by knob, the default first.
 pub(crate) fn values(figures: &Figures) -> Vec<Value> {
     let mut knobs: Vec<&str> = Vec::new();
     for row in figures.rows.iter().filter(|r| r.knob != DEFAULT && r.knob != "preset") {
@@ -67,7 +67,7 @@ fn dominates(a: &Value, b: &Value) -> bool {
     // Memory is a cost as well.
     let bytes = |v: &Value| v.bytes.unwrap_or(1.0);
     let (inside_a, inside_b) = (a.inside.unwrap_or(1.0), b.inside.unwrap_or(1.0));
-    // Errors have no noise, but what differs by less than this is the same.
+    // Errors have no noise, but tiny differences count as equal.
     let no_worse = cost_a <= cost_b * (1.0 + NOISE)
         && error_a <= error_b * 1.005
         && inside_a <= inside_b * 1.005
@@ -108,7 +108,7 @@ fn value(figures: &Figures, knob: &str, name: Option<&str>) -> Value {
     }
 }
 
-/// `1.23×`, or a dash.
+/// Formats a ratio as `1.23×`, or as a dash.
 fn times(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}×"))
 }
@@ -117,10 +117,10 @@ fn decibels(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.0} dB"))
 }
 
-/// The knobs of octrees and of points by levels, whose subjects no other knob has.
+/// Knobs of levels of detail, and their subjects, which no other knob uses.
 const LEVELS_OF_DETAIL: [(&str, &str); 2] = [("level of detail", "octree"), ("levels of points", "points by levels")];
 
-/// Values of these knobs, in splats' pixels.
+/// Returns a table of level-of-detail knobs, whose values are sizes of splats in pixels.
 pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
     let mut table = Table::new(&["of", "splats of at most", "time", "model error", "without rims"]);
     for (knob, of) in LEVELS_OF_DETAIL {
@@ -131,7 +131,7 @@ pub(crate) fn levels_of_detail(values: &[Value]) -> Table {
     table
 }
 
-/// Values of all other knobs.
+/// Returns a table of all other knobs.
 pub(crate) fn settings(values: &[Value]) -> Table {
     let mut table = Table::new(&[
         "knob",
@@ -166,8 +166,8 @@ pub(crate) fn settings(values: &[Value]) -> Table {
     table
 }
 
-/// How far each value of each knob is from the reference at the same settings: least PSNR and where, the worst pixel,
-/// and the model error and the time over the default's.
+/// Returns the fidelity of each knob's values to the reference at the same settings: least PSNR with its subject, worst
+/// pixel, and the model error and time relative to the default.
 pub(crate) fn fidelity(figures: &Figures) -> Table {
     let mut table =
         Table::new(&["knob", "value", "fidelity ≥", "on", "largest error", "model error", "time", "drawn on"]);
@@ -198,8 +198,8 @@ pub(crate) fn fidelity(figures: &Figures) -> Table {
     table
 }
 
-/// Presets: time over the default's, and the least of both promises over subjects. A row whose promise is broken is
-/// marked.
+/// Returns a table of presets: time relative to the default, and the worst result over subjects for each of a preset's
+/// two promises. Rows with a broken promise are highlighted.
 pub(crate) fn presets(figures: &Figures) -> Table {
     let mut table = Table::new(&[
         "preset",
@@ -246,7 +246,7 @@ pub(crate) fn presets(figures: &Figures) -> Table {
     table
 }
 
-/// Model error by subject and value: RMSE, of whole images or without rims.
+/// Returns a table of the model error by subject and value: RMSE of whole images, or without rims.
 pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -> Table {
     let subjects: Vec<&str> = figures.subjects.iter().map(|s| s.name.as_str()).collect();
     let mut head = vec!["knob", "value"];
@@ -269,7 +269,7 @@ pub(crate) fn errors(figures: &Figures, error: impl Fn(&Row) -> Option<Error>) -
     table
 }
 
-/// The papers' claims and what was measured of them.
+/// Returns a table of claims of papers and the corresponding measurements.
 pub(crate) fn claims(figures: &Figures) -> Table {
     let mut table = Table::new(&["claim", "measured"]);
     let mut add = |claim: &str, measured: Option<String>| {

@@ -7,7 +7,7 @@ use surfel_math::projection::ProjectionKind;
 use surfel_model::Filter;
 use surfel_render::{FramePlan, Region, View};
 
-/// True if no splat of the chunk, whose origin is at `center` in view space, can touch the region.
+/// True if no splat of the chunk can touch the region. `center` is the chunk's origin in view space.
 pub(crate) fn is_outside(
     chunk: &Chunk,
     center: DVec3,
@@ -21,12 +21,12 @@ pub(crate) fn is_outside(
     if center.z + bounding_radius < projection.near || center.z - bounding_radius > projection.far() {
         return true;
     }
-    // A bounding sphere about the eye crosses every side.
+    // A bounding sphere that contains the eye intersects every side of the frustum.
     if projection.is_perspective() && center.z < 4.0 * bounding_radius {
         return false;
     }
-    // An affine footprint leaves the splat's own outline, by less than half its distance from the centre (p_z/z < 3/2
-    // on its far side); three times the bounding radius is ample.
+    // An affine footprint exceeds the splat's exact outline by less than half of the outline's distance from the centre
+    // (p_z/z < 3/2 on its far side). Three times the bounding radius is a safe bound.
     let affine = !plan.splat_filter.projective || plan.splat_filter.filter == Filter::Ewa;
     let bounding_radius = if affine && projection.is_perspective() { 3.0 * bounding_radius } else { bounding_radius };
     let margin = plan.splat_filter.reach_px();
@@ -49,7 +49,8 @@ pub(crate) fn is_outside(
     side(left, 0, -1.0) || side(right, 0, 1.0) || side(top, 1, -1.0) || side(bottom, 1, 1.0)
 }
 
-/// True if some splat of the chunk may have its centre before z_near or span half of its distance (§3, last paragraph).
+/// True if some splat of the chunk may have its centre before z_near, or span more than half of its distance (§3, last
+/// paragraph).
 pub(crate) fn may_reach_near(chunk: &Chunk, center: DVec3, transform: &ObjectTransform, view: &View) -> bool {
     let nearest = center.z - chunk.bounding_radius * transform.stretch;
     let widest = 2.0 * chunk.largest_radius * transform.stretch;

@@ -1,4 +1,4 @@
-//! Trained Gaussians (docs/gaussians.md): projected and put in order once a frame, in f64, and listed for each tile by
+//! Trained Gaussians (docs/gaussians.md): projects and sorts them once a frame, in f64, and lists them for each tile by
 //! cells of 16×16 pixels.
 
 use crate::scene::limits::Limits;
@@ -13,58 +13,58 @@ use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
 use surfel_shaders::layout;
 
-/// Side of a cell, pixels.
+/// Side of a cell in pixels.
 const CELL: u32 = layout::GAUSSIAN_CELL;
-/// Words of the shaders' `GaussianRecord`.
+/// Size of the shaders' `GaussianRecord` in words.
 const RECORD_WORDS: usize = layout::gaussian_record::SIZE / 4;
 
-/// A Gaussian as a view shows it.
+/// Gaussian projected into a view.
 struct Projected {
-    /// The shaders' `GaussianRecord`.
+    /// Words of the shaders' `GaussianRecord`.
     record: [u32; RECORD_WORDS],
-    /// Pixels of the image that it may touch; neither is empty.
+    /// Columns and rows of the image's pixels that the Gaussian may touch; neither range is empty.
     columns: Range<u32>,
     rows: Range<u32>,
 }
 
-/// The Gaussians that a view shows, in order.
+/// Visible Gaussians of a view, sorted.
 pub(crate) struct ProjectedGaussians {
     all: Vec<Projected>,
-    /// Each pixel has an order of its own.
+    /// True if each pixel sorts its fragments by their own depths.
     by_pixel: bool,
 }
 
-/// The Gaussians that a tile shows.
+/// Gaussians of a tile, as buffers hold them.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct GaussianLists {
-    /// The shaders' `gaussian_records`, one at least.
+    /// Words of the shaders' `gaussian_records`; at least one record.
     pub records: Vec<u32>,
-    /// The shaders' `gaussian_lists`: lists, and states of pixels that have had no dispatch.
+    /// Words of the shaders' `gaussian_lists`: the cells' lists, then the initial states of pixels.
     pub lists: Vec<u32>,
-    /// Bytes that follow them, of any value: rooms of the pixels for fragments that wait.
+    /// Size in bytes of the uninitialised memory that follows `lists`: the waiting fragments of all pixels.
     pub room_bytes: u64,
     /// Number of records.
     pub count: u32,
-    /// Offset of the per-pixel states in `lists`, in words; `None` if one dispatch finishes every pixel.
+    /// Offset of the per-pixel states in `lists`, in words; `None` if a single dispatch finishes every pixel.
     pub(crate) states_at: Option<u32>,
-    /// Fragments that a pixel has room for.
+    /// Maximum number of waiting fragments per pixel.
     pub(crate) room: u32,
 }
 
-/// Most bytes of all rooms together, unless the pixels of one cell need more.
+/// Maximum size in bytes of all waiting fragments together, unless the pixels of one cell need more.
 const ROOM_BYTES: u64 = 64 << 20;
-/// Bytes of a fragment in a room.
+/// Size in bytes of a waiting fragment.
 const WAITING_BYTES: u64 = 4 * layout::GAUSSIAN_ROOM_WORDS as u64;
-/// Fragments that a pixel has room for, at least and at most. A list that is so many times as long as the room is read
-/// about so many times: [`MOST_TURNS`] is as often as it may have to be.
+/// Minimum and maximum number of waiting fragments per pixel. A list n times as long as this number is read in about n
+/// turns; [`MOST_TURNS`] limits n.
 const ROOMS: [u64; 2] = [64, 1 << 15];
 const MOST_TURNS: u64 = 64;
-/// Most dispatches between two looks at whether pixels are left unfinished.
+/// Maximum number of dispatches between two checks for unfinished pixels.
 const MOST_DISPATCHES: u32 = 64;
 
 impl GaussianLists {
-    /// Returns the number of dispatches to add after `dispatches` of them; `None` if the last one finished every pixel.
-    /// `planes` are the first words of the planes.
+    /// Returns the number of dispatches to add after the first `dispatches`; `None` if the last one finished every
+    /// pixel. `planes` holds the first words of the planes.
     pub fn more_dispatches(&self, dispatches: u32, planes: &[u32]) -> Option<u32> {
         let unfinished = planes.get(layout::GAUSSIANS_UNFINISHED_AT as usize).map(|&word| f32::from_bits(word));
         let is_unfinished = self.states_at.is_some() && unfinished == Some(dispatches as f32);
@@ -72,7 +72,7 @@ impl GaussianLists {
     }
 }
 
-/// Room for the fragments of a pixel, and states of all.
+/// Memory for the states and waiting fragments of a tile's pixels.
 #[derive(Clone, Copy, Default)]
 struct Rooms {
     state_words: u64,
@@ -81,8 +81,8 @@ struct Rooms {
 }
 
 impl Rooms {
-    /// What so many pixels need whose longest list has so many entries: more than [`ROOM_BYTES`] where they need more,
-    /// but never more than these bytes.
+    /// Returns the memory that `pixels` pixels need if the longest list has `longest` entries. It may exceed
+    /// [`ROOM_BYTES`] if short turns require that, but not `most_bytes`.
     fn new(by_pixel: bool, longest: u64, pixels: u64, most_bytes: u64) -> Self {
         if !by_pixel && longest <= u64::from(layout::GAUSSIAN_READS) {
             return Self::default();
@@ -100,7 +100,7 @@ impl Rooms {
     }
 }
 
-/// Gaussians of a tile that are too many for the limits.
+/// Error: the Gaussians of a tile exceed the limits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct TooMany {
     count: u64,
@@ -108,7 +108,7 @@ pub(crate) struct TooMany {
 }
 
 impl TooMany {
-    /// What is wrong and what to do, where a tile can't be smaller.
+    /// Returns a message with cause and remedy, for a tile that can't be split further.
     pub(crate) fn message(self, limits: Limits) -> String {
         let (count, bytes, most) = (self.count, self.bytes, limits.buffer_bytes.min(limits.memory_bytes));
         format!(
@@ -119,8 +119,10 @@ impl TooMany {
 }
 
 impl ProjectedGaussians {
-    /// All that are behind the near plane and within the view's region, by the depth of their centres, or for pixels to
-    /// put them in order by the depth at which they begin; equally deep ones in the scene's order.
+    /// Projects the Gaussians that are beyond the near plane and within the view's region, and sorts them.
+    ///
+    /// The key is the depth of the centre or, if pixels sort their own fragments, the depth at which the Gaussian
+    /// begins. Equally deep ones stay in the scene's order.
     pub(crate) fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
         let (near, by_pixel) = (gaussian::near(&view.projection), plan.sort == Sort::Pixel);
         let mut order: Vec<(u64, u32, u32)> = Vec::new();
@@ -129,7 +131,7 @@ impl ProjectedGaussians {
         for (cloud, UploadedGaussians { cloud: gaussians, world_from_object }) in scene.gaussians.iter().enumerate() {
             let of_view = GaussianView::new(gaussians, world_from_object, (view, plan));
             let key = |i: usize| match by_pixel {
-                // As the shader compares them: fragments are then never before the record that is being read.
+                // The depth is rounded as in the shader, so that no fragment is nearer than the record being read.
                 true => Some(depth_step_f32(of_view.project(i)?.nearest.max(0.0) as f32).into()),
                 false => Some(of_view.depth(i)).filter(|depth| *depth > near).map(f64::to_bits),
             };
@@ -150,7 +152,7 @@ impl ProjectedGaussians {
         Self { all: order.par_iter().filter_map(projected).collect(), by_pixel }
     }
 
-    /// Those of a tile, listed by its cells.
+    /// Returns the Gaussians of a tile, listed by its cells.
     pub(crate) fn lists(&self, tile: Region, limits: Limits) -> Result<GaussianLists, TooMany> {
         let columns = tile.width.div_ceil(CELL) as usize;
         let cells = columns * tile.height.div_ceil(CELL) as usize;
@@ -167,7 +169,7 @@ impl ProjectedGaussians {
             if fits && is_small { Ok(()) } else { Err(TooMany { count, bytes }) }
         };
         check(lists, 0)?;
-        // Rows of cells first, so that each is listed by one thread.
+        // Gaussians are first sorted into rows of cells, so that one thread lists each row.
         let mut rows = vec![Vec::new(); cells / columns.max(1)];
         for (i, (_, [_, of_rows])) in touched.iter().enumerate() {
             let of_rows = rows.get_mut(of_rows.start as usize..of_rows.end as usize);
@@ -193,7 +195,7 @@ impl ProjectedGaussians {
         of_cells.iter().for_each(|cell| words.extend_from_slice(cell));
         let longest = of_cells.iter().map(Vec::len).max().unwrap_or(0) as u64;
         let pixels = u64::from(tile.width) * u64::from(tile.height);
-        // What is left for one cell, which can't be parted.
+        // A tile of one cell can't be split and may use all remaining memory.
         let left = limits.buffer_bytes.saturating_sub(lists).min(limits.memory_bytes.saturating_sub(records + lists));
         let most_bytes = if cells == 1 { left } else { u64::MAX };
         let Rooms { state_words, room, bytes: room_bytes } = Rooms::new(self.by_pixel, longest, pixels, most_bytes);
@@ -208,7 +210,7 @@ impl ProjectedGaussians {
 }
 
 impl Projected {
-    /// Columns and rows of a tile's cells that it may touch; `None` for none.
+    /// Returns the columns and rows of a tile's cells that the Gaussian may touch; `None` if it touches none.
     fn cells(&self, tile: Region) -> Option<[Range<u32>; 2]> {
         let of = |pixels: &Range<u32>, start: u32, length: u32| {
             let within = pixels.start.max(start)..pixels.end.min(start + length);
@@ -218,11 +220,12 @@ impl Projected {
     }
 }
 
-/// Columns and rows of pixels within a region whose centres a Gaussian may touch, and a little more; `None` for none.
+/// Returns the columns and rows of a region's pixels whose centres a Gaussian may touch, with some slack; `None` if
+/// there are none.
 fn pixels(projected: &ProjectedGaussian, region: Region) -> Option<[Range<u32>; 2]> {
     let [lo, hi] = projected.bounds_px.unwrap_or([V2::new(-1e9, -1e9), V2::new(1e9, 1e9)]);
     let of = |center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]| {
-        // Rounding in f32 may reach past exact bounds.
+        // Rounding in f32 may exceed exact bounds.
         let slack = 1e-3 * (hi - lo) + 1e-2;
         let within = |at: f64| at.clamp(f64::from(start), f64::from(start + length)) as u32;
         let pixels = within((center + lo - slack - 0.5).ceil())..within((center + hi + slack - 0.5).floor() + 1.0);
@@ -232,7 +235,7 @@ fn pixels(projected: &ProjectedGaussian, region: Region) -> Option<[Range<u32>; 
     Some([of(x, [lo.x, hi.x], [region.x, region.width])?, of(y, [lo.y, hi.y], [region.y, region.height])?])
 }
 
-/// The shaders' `GaussianRecord`.
+/// Returns the words of the shaders' `GaussianRecord`.
 fn record(
     projected: &ProjectedGaussian,
     view: &View,
@@ -243,7 +246,7 @@ fn record(
     use layout::{gaussian_forms as form, gaussian_record as at};
     let V2 { x, y } = projected.center_px;
     let V3 { x: nx, y: ny, z: nz } = projected.normal;
-    // Centres are within bounds of their footprints, but may be far outside of the image.
+    // Centres lie within the bounds of their footprints, but may be far outside of the image.
     let base = [x, y].map(|c| c.floor().clamp(-1e9, 1e9));
     let GaussianForms { u, v, w, z, low_pass } = projected.forms;
     let mut words = StructWriter::new(at::SIZE);
@@ -256,7 +259,7 @@ fn record(
     words.into_words().try_into().ok()
 }
 
-/// A region's halves, along its longer side, cut between cells; `None` for one cell.
+/// Splits a region into halves along its longer side, at a boundary of cells; `None` if it has a single cell.
 pub(crate) fn halves(region: Region) -> Option<[Region; 2]> {
     let Region { x, y, width, height } = region;
     let half = |length: u32| length.div_ceil(CELL).div_ceil(2) * CELL;
@@ -308,7 +311,7 @@ mod tests {
         let all = ProjectedGaussians { all, by_pixel: false };
         let tile = Region { x: 16, y: 16, width: 33, height: 32 };
         let lists = all.lists(tile, Limits::default()).unwrap();
-        // Three columns of two rows; the third Gaussian is beside the tile.
+        // The tile has three columns and two rows of cells; the third Gaussian is beside the tile.
         assert_eq!(lists.count, 3);
         assert_eq!(lists.records.chunks(RECORD_WORDS).map(|r| r[0]).collect::<Vec<_>>(), [7, 8, 10]);
         let of_cell = |c: usize| &lists.lists[lists.lists[c] as usize..lists.lists[c + 1] as usize];
@@ -324,16 +327,17 @@ mod tests {
         ] {
             assert_eq!(all.lists(tile, limits).is_ok(), fits, "{limits:?}");
         }
-        // One cell may have more than is drawn at once, if the device has room.
+        // A single cell may exceed the record limit if the device has enough memory.
         let cell = Region { width: 16, height: 16, ..tile };
         assert!(all.lists(cell, Limits { record_bytes: 0, ..Limits::default() }).is_ok());
         let too_many = all.lists(cell, Limits { memory_bytes: 200, ..Limits::default() }).unwrap_err();
         assert_eq!(too_many, TooMany { count: 2, bytes: 2 * layout::gaussian_record::SIZE as u64 + 4 * 4 });
-        // Nothing there: buffers can't be empty.
+        // An empty tile still has a record, since buffers can't be empty.
         let nothing = ProjectedGaussians { all: Vec::new(), by_pixel: false }.lists(tile, Limits::default()).unwrap();
         assert_eq!((nothing.count, nothing.records.len(), nothing.lists), (0, RECORD_WORDS, vec![7; 7]));
         assert_eq!((lists.states_at, lists.room_bytes), (None, 0));
-        // Pixels with an order of their own have states, and room for as many as there are.
+        // Pixels that sort their own fragments have states, and memory for as many waiting fragments as there are
+        // Gaussians.
         let by_pixel = ProjectedGaussians { by_pixel: true, ..all };
         let ordered = by_pixel.lists(tile, Limits::default()).unwrap();
         let (at, pixels) = (lists.lists.len(), 33 * 32);
@@ -350,11 +354,11 @@ mod tests {
     fn long_lists_get_rooms_that_few_turns_suffice_for() {
         let room = |longest, pixels| Rooms::new(true, longest, pixels, u64::MAX).room;
         assert_eq!([room(0, 100), room(1, 100), room(5, 100), room(1000, 100)], [1, 1, 8, 1024]);
-        // Many pixels share the bytes: 64 MiB are 85 fragments for each of 256×256.
+        // 64 MiB, shared by many pixels, are 85 fragments for each of 256×256.
         assert_eq!([room(1000, 65_536), room(4096, 65_536), room(5000, 65_536)], [64, 64, 128]);
         // A cell has 256 pixels.
         assert_eq!([room(20_000, 256), room(1 << 20, 256), room(u64::from(u32::MAX), 256)], [16_384, 16_384, 32_768]);
-        // Of 64 KiB states take 24, and the rest is for 13 fragments of each pixel.
+        // Of 64 KiB, states take 24; the rest is enough for 13 fragments a pixel.
         assert_eq!([Rooms::new(true, 5000, 256, 64 << 10).room, Rooms::new(true, 5000, 256, 0).room], [8, 1]);
         let by_center = |longest| Rooms::new(false, longest, 10, u64::MAX);
         assert_eq!(

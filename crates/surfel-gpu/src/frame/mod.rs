@@ -1,5 +1,5 @@
-//! What a frame uploads beside the resident scene: a view's tiles, their uniforms, visible chunks, splats at the near
-//! plane, polygons and trained Gaussians.
+//! Data that a frame uploads in addition to the resident scene: a view's tiles, their uniforms, visible chunks, splats
+//! at the near plane, polygons and trained Gaussians.
 
 pub(crate) mod culling;
 pub(crate) mod gaussians;

@@ -1,5 +1,5 @@
-//! Splats that reach the near plane or span much of their distance. They are drawn exact and unfiltered (§3, last
-//! paragraph): set up here in f64, and uploaded as records.
+//! Setup in f64 of splats that reach the near plane or span much of their distance. They are drawn exact and unfiltered
+//! (§3, last paragraph), from records that the CPU uploads.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -26,15 +26,15 @@ use surfel_shaders::layout;
 pub(crate) struct NearPlaneRecords {
     /// Words of the shaders' `Record`s.
     pub records: Vec<u32>,
-    /// The same records with centres, where each splat is lit by itself.
+    /// The same records with splat centres, for layers in which each splat is lit by itself.
     pub lit: Vec<u32>,
-    /// Words of their `RecordClip`s, where splats are clipped.
+    /// Words of the records' `RecordClip`s; empty unless the splats are clipped.
     pub clips: Vec<u32>,
-    /// Their objects and their indices in the objects' clouds.
+    /// Object of each splat, and the splat's index in the object's cloud.
     pub splats: Vec<[u32; 2]>,
 }
 
-/// The view and tile that splats are set up for.
+/// View, plan and tile for which splats are set up.
 #[derive(Clone, Copy)]
 pub(crate) struct NearPlaneSetup<'a> {
     pub view: &'a View,
@@ -42,7 +42,7 @@ pub(crate) struct NearPlaneSetup<'a> {
     pub tile: Region,
 }
 
-/// A chunk some of whose splats may reach the near plane.
+/// Chunk some of whose splats may reach the near plane.
 pub(crate) struct NearPlaneChunk<'a> {
     pub object: &'a UploadedObject,
     /// Index of the object.
@@ -56,7 +56,7 @@ pub(crate) struct NearPlaneChunk<'a> {
     pub is_transparent: bool,
 }
 
-/// Forms of a splat at the near plane, about some anchor.
+/// Linear forms of a splat at the near plane, about an anchor.
 struct NearPlaneForms {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -64,20 +64,20 @@ struct NearPlaneForms {
     scale: f64,
     /// Gradient of the depth form.
     gradient: V2<f64>,
-    /// Whether the depth form is that of 1/z.
+    /// True if the depth form is that of 1/z.
     is_reciprocal: bool,
     extent_px: Extent<f64>,
 }
 
-/// Pixels of the tile that a splat may touch: the first column and row, and one past the last.
+/// Box of the tile's pixels that a splat may touch: the first column and row, and one past the last.
 struct PixelBox {
     columns: [u32; 2],
     rows: [u32; 2],
 }
 
 impl NearPlaneSetup<'_> {
-    /// Sets up those splats of a chunk that reach the near plane. Returns a bit for each splat that the GPU is to leave
-    /// out, or `None` where it draws them all.
+    /// Sets up the splats of a chunk that reach the near plane. Returns a bit for each splat that the GPU has to skip,
+    /// or `None` if it skips none.
     pub(crate) fn chunk(
         &self,
         chunk: &NearPlaneChunk<'_>,
@@ -88,7 +88,7 @@ impl NearPlaneSetup<'_> {
         let mut any = false;
         for (k, &i) in chunk.members.iter().enumerate() {
             let i = i as usize;
-            // The splat as the GPU has it, rounded.
+            // The splat is rounded as in the GPU's buffers.
             let stored = StoredSplat::of(&object.cloud, i, chunk.space, chunk.storage);
             let (s, t) = stored.axes;
             let p = transform.point(stored.center);
@@ -121,7 +121,7 @@ impl NearPlaneSetup<'_> {
                 out.records.extend(record.into_words());
                 out.splats.push([object_index, i as u32]);
                 if let Some(clip) = clip {
-                    // Both footprints are the same.
+                    // The unfiltered and the filtered footprint are the same.
                     let words = clip_words(&clip.through(&seen, &Turn::none(1.0)));
                     out.clips.extend(words.repeat(2));
                 }
@@ -130,8 +130,7 @@ impl NearPlaneSetup<'_> {
         any.then_some(bits)
     }
 
-    /// The record of a splat at the near plane, and its footprint about the record's anchor; `None` if it takes part in
-    /// no pass.
+    /// Returns a splat's record and its footprint about the record's anchor; `None` if the splat takes part in no pass.
     fn record(
         &self,
         splat: &ViewSplat<f64>,
@@ -210,7 +209,7 @@ impl NearPlaneSetup<'_> {
         })
     }
 
-    /// Moves the forms' anchor into the middle of the pixels that they are read at, where f32 does them least harm.
+    /// Moves the forms' anchor to the middle of the pixel box, where rounding to f32 has the least effect.
     fn forms_words(
         &self,
         forms: &NearPlaneForms,
@@ -226,7 +225,7 @@ impl NearPlaneSetup<'_> {
         let (u, v, w) = forms.footprint.at(d);
         let f = &forms.footprint;
         let gradients = [f.u, f.v, f.w].map(|l| DVec2::new(l.x, l.y));
-        // A power of two that brings the largest value to about 1 leaves every quotient as it is.
+        // Scaling by a power of two that brings the largest value to about 1 changes no quotient.
         let half = DVec2::new(f64::from(columns[1] - columns[0]), f64::from(rows[1] - rows[0]));
         let largest = [u, v, w].iter().zip(&gradients).map(|(c, g)| c.abs() + g.abs().dot(half)).fold(0.0, f64::max);
         let k = if forms.is_reciprocal && largest > 0.0 && largest.is_finite() {
@@ -259,7 +258,7 @@ impl NearPlaneSetup<'_> {
     }
 }
 
-/// A record with the centre in place of the unfiltered footprint, for lighting it there.
+/// Returns a record with the splat's centre, for lighting, in place of the unfiltered footprint.
 fn centered(mut record: StructWriter, center: DVec3, index: u32) -> StructWriter {
     use layout::record as at;
     let reciprocal = record.get(at::FLAGS) & layout::RECORD_RECIPROCAL;

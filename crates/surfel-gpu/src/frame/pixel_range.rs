@@ -1,12 +1,12 @@
-//! Ranges of pixels that set-up on the CPU finds, as the shaders' pixel boxes.
+//! Ranges of pixels computed on the CPU, which match the shaders' pixel boxes.
 
 use surfel_shaders::layout;
 
-/// Slack of pixel boxes, as in the shaders.
+/// Slack of pixel boxes in pixels, the same as in the shaders.
 const BOX_SLACK_PX: f64 = layout::BOX_SLACK_PX as f64;
 
-/// The pixels of the tile whose centres lie between two pixel coordinates: the first and one past the last, counted
-/// from `start`; `None` if there are none.
+/// Returns the pixels of the tile whose centres lie between two pixel coordinates: the first and one past the last,
+/// counted from `start`. `None` if there are none.
 pub(crate) fn pixel_range(min: f64, max: f64, start: u32, length: u32) -> Option<[u32; 2]> {
     let limit = f64::from(length);
     let first = (min - f64::from(start) - 0.5 - BOX_SLACK_PX).ceil().clamp(0.0, limit);

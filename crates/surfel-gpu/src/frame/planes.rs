@@ -1,11 +1,11 @@
-//! Planes of a tile as the shading pass writes them: one array of floats.
+//! Planes of a tile in the layout of the shading pass: one array of floats.
 
 use rayon::prelude::*;
 use surfel_math::srgb::encode_rgba8;
 use surfel_render::{Frame, Identity, Planes, Region};
 use surfel_shaders::layout;
 
-/// Where each wanted plane starts in the array, in floats, or `layout::ABSENT`.
+/// Offsets of the requested planes in the array, in floats, or `layout::ABSENT`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PlaneLayout {
     pub(crate) color_at: u32,
@@ -17,33 +17,34 @@ pub struct PlaneLayout {
     pub(crate) alpha_at: u32,
     pub(crate) median_depth_at: u32,
     pub(crate) distortion_at: u32,
-    /// Where surfaces that passes after cells read begin, behind the planes.
+    /// Offset of the surfaces (normal and depth of every pixel) that passes after the cells read. They follow the
+    /// planes.
     pub(crate) surfaces_at: u32,
-    /// Floats of the planes, which the host reads.
+    /// Number of floats of the planes, which the host reads back.
     pub floats: u32,
-    /// Floats of the buffer, surfaces included.
+    /// Number of floats of the buffer, surfaces included.
     pub buffer_floats: u32,
 }
 
-/// Rows of pixels that a thread copies at least.
+/// Minimum number of rows of pixels that a thread copies.
 const ROWS_OF_A_TASK: usize = 16;
 
-/// Floats of a pixel's surface: normal and depth.
+/// Number of floats of a pixel's surface: normal and depth.
 pub(crate) const SURFACE_FLOATS: u32 = 4;
 
-/// Floats of a pixel in all planes together.
+/// Returns the number of floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
     PlaneLayout::new(planes, 1).floats
 }
 
 impl PlaneLayout {
-    /// The layout for a tile of `pixels` pixels. The caller has made sure that 32 bits count its floats.
+    /// Returns the layout for a tile of `pixels` pixels. Its number of floats must fit 32 bits.
     pub(crate) fn new(planes: Planes, pixels: u32) -> Self {
         Self::after(0, planes, pixels)
     }
 
-    /// The same for trained Gaussians: before the planes is the number of the last dispatch that left a pixel
-    /// unfinished.
+    /// Returns the layout for trained Gaussians. Before the planes it has the number of the last dispatch that left a
+    /// pixel unfinished.
     pub(crate) fn of_gaussians(planes: Planes, pixels: u32) -> Self {
         Self::after(layout::GAUSSIANS_UNFINISHED_AT + 1, planes, pixels)
     }
@@ -76,14 +77,15 @@ impl PlaneLayout {
         }
     }
 
-    /// The layout with surfaces of so many pixels of targets behind the planes.
+    /// Returns the layout with the surfaces of `pixels` target pixels after the planes.
     pub(crate) fn with_surfaces(self, pixels: u32) -> Self {
         Self { surfaces_at: self.floats, buffer_floats: self.floats + SURFACE_FLOATS * pixels, ..self }
     }
 
-    /// Copies a tile's planes into their place in the frame of `region`, and encodes its colours where the frame has
-    /// them in 8 bits. Returns the number of fragments, where they
-    /// were counted. `identity` says what the numbers of a draw, less one of polygons, and of a record stand for.
+    /// Copies a tile's planes into the frame of `region`, and encodes its colours if the frame stores them in 8 bits.
+    ///
+    /// `identity` resolves the draw and record number of a pixel's nearest splat or polygon, as
+    /// [`crate::TileData::identity`] does. Returns the number of fragments, or 0 if they weren't counted.
     pub fn store(
         &self,
         values: &[f32],

@@ -1,4 +1,4 @@
-//! Polygons that may touch a tile (§6): set up in f64, as the reference does, and uploaded.
+//! Polygons that may touch a tile (§6): set up in f64, like those of the reference, and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::pixel_range::pixel_range;
@@ -13,21 +13,21 @@ use surfel_model::Cull;
 use surfel_render::{ChosenParts, Region, View};
 use surfel_shaders::layout;
 
-/// Triangles that a thread sets up at a time; results don't depend on it.
+/// Number of triangles that a thread sets up at a time; results don't depend on it.
 const TRIANGLES_A_TASK: usize = 1024;
 
-/// A mesh in a view.
+/// Mesh in a view.
 struct MeshView<'a> {
     mesh: &'a UploadedMesh,
     transform: ObjectTransform,
     view: &'a View,
     tile: Region,
-    /// Back faces are drawn whatever the material says.
+    /// True if back faces are drawn even if the material culls them.
     both_sides: bool,
 }
 
-/// Words of the shaders' `Polygon`s of each mesh that may touch the tile, in scene order: of equally near ones the
-/// first is drawn.
+/// Returns the words of the shaders' `Polygon`s that may touch the tile, per mesh, in scene order. Of equally near
+/// polygons the first is drawn.
 pub(crate) fn polygon_words(
     meshes: &[UploadedMesh],
     octrees: &[ChosenParts],
@@ -45,14 +45,14 @@ pub(crate) fn polygon_words(
             let triangles = (first..count.min(first + TRIANGLES_A_TASK)).filter(is_drawn);
             triangles.filter_map(|k| seen.polygon(k)).flatten().collect()
         };
-        // Collected in order, whatever the number of threads.
+        // The results are collected in order, whatever the number of threads.
         (0..count).into_par_iter().step_by(TRIANGLES_A_TASK).map(some).collect::<Vec<Vec<u32>>>().concat()
     };
     meshes.iter().map(of_mesh).collect()
 }
 
 impl MeshView<'_> {
-    /// The shaders' `Polygon` of triangle `k`, if it may touch the tile.
+    /// Returns the words of the shaders' `Polygon` of triangle `k`, if it may touch the tile.
     fn polygon(&self, k: usize) -> Option<Vec<u32>> {
         let (mesh, projection) = (&self.mesh.mesh, &self.view.projection);
         let corners = mesh.triangles.get(k)?.map(|i| i as usize);
@@ -70,14 +70,14 @@ impl MeshView<'_> {
         let extent = triangle::bounds(at, projection)?;
         let columns = pixel_range(extent.min.x, extent.max.x, self.tile.x, self.tile.width)?;
         let rows = pixel_range(extent.min.y, extent.max.y, self.tile.y, self.tile.height)?;
-        // The centre of the targets' first pixel: offsets are whole.
+        // The anchor is the centre of the targets' first pixel, so that offsets are integers.
         let anchor = V2::new(f64::from(self.tile.x) + 0.5, f64::from(self.tile.y) + 0.5);
         let shape = Triangle::new(at, anchor, projection);
         let largest = shape.edges.iter().map(|e| e.x.abs().max(e.y.abs())).fold(0.0, f64::max);
         if !(largest > 0.0 && largest.is_finite()) {
             return None;
         }
-        // A power of two rounds nothing, so that neighbours still judge their edge by the same number.
+        // Scaling by a power of two doesn't round, so neighbours still classify their common edge by the same number.
         let scale = (-largest.log2().floor()).exp2();
         let middle = |[first, end]: [u32; 2]| first + (end - first) / 2;
         let base = [middle(columns), middle(rows)];
@@ -116,7 +116,8 @@ impl MeshView<'_> {
         words.vec3(to::FLAT_NORMAL, flat);
         let uvs = mesh.uvs.as_deref().unwrap_or_default();
         let uv = corners.map(|i| uvs.get(i).map_or(DVec2::ZERO, |uv| DVec2::from(uv.map(f64::from))));
-        // Textures repeat: whole turns off all three change nothing, and leave f32 more to tell texels apart by.
+        // Textures repeat: subtracting the same integer from all three corners changes nothing and improves f32
+        // precision.
         let turns = uv[0].floor();
         let uv = uv.map(|uv| if uv.is_finite() && turns.is_finite() { uv - turns } else { DVec2::ZERO });
         words.f64s(to::U, uv.map(|uv| uv.x)).f64s(to::V, uv.map(|uv| uv.y));
@@ -130,7 +131,8 @@ mod tests {
     use std::sync::Arc;
     use surfel_model::{Camera, Column3, Material, Mesh, Projection};
 
-    /// Two triangles of different size beside each other in the plane z = 0, and one that faces away from the eye.
+    /// Returns two triangles of different size beside each other in the plane z = 0, and one that faces away from the
+    /// eye.
     fn polygons(cull: Cull, region: Region) -> Vec<Vec<f32>> {
         let corners = [[-1.0, -1.0], [1.0, -1.0], [1.1, 0.9], [-1.5, 1.7]].map(|[x, y]| Vec3::new(x, y, 0.0));
         let mesh = Mesh {
@@ -166,9 +168,9 @@ mod tests {
             let covers = polygon[layout::polygon::COVERS / 4 + i];
             [covers, polygon[at + layout::linear::X / 4], polygon[at + layout::linear::Y / 4]]
         };
-        // The edge from corner 0 to corner 2 is opposite to the second vertex of the one and the third of the other.
+        // The edge between corners 0 and 2 is opposite to the first triangle's second vertex and the other's third.
         let (a, b) = (edge(&found[0], 1), edge(&found[1], 2));
-        // Scaled by powers of two.
+        // Each triangle is scaled by its own power of two.
         let scale = a[1] / b[1];
         assert!(scale < 0.0 && scale.abs().log2().fract() == 0.0, "{scale}");
         assert_eq!(a, b.map(|v| v * scale));

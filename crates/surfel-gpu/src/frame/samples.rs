@@ -1,4 +1,4 @@
-//! Samples of the pixels at edges (§5): the pixels of a finer view, drawn after a tile of pixels and into its targets.
+//! Samples of edge pixels (§5): pixels of a finer view, drawn after a tile of pixels and into the tile's targets.
 
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
@@ -7,20 +7,20 @@ use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-// The shaders' and the model's.
+// The shaders and the model agree on the constant.
 const _: () = assert!(SAMPLES_SIDE == layout::SAMPLES_SIDE, "samples along a pixel's side");
 
-/// A part of a tile's samples: no more than its targets have room for.
+/// Part of a tile's samples, small enough for the tile's targets.
 #[derive(Clone, Debug)]
 pub struct SamplePart {
-    /// What it needs beside the resident scene. Its planes are the tile's.
+    /// Data needed in addition to the resident scene. The planes are the tile's.
     pub data: TileData,
-    /// What draws it, once the tile's own steps have been executed.
+    /// Steps that draw the samples. They run after the tile's own steps.
     pub steps: Vec<Step>,
 }
 
 impl SamplePart {
-    /// The parts of the samples of a tile of pixels; none where the plan has no samples.
+    /// Returns the parts of the samples of a tile of pixels; the list is empty if the plan has no samples.
     pub fn all(
         scene: &UploadedScene,
         frame: &FrameScene,
@@ -43,7 +43,7 @@ impl SamplePart {
     }
 }
 
-/// Cuts samples into regions of whole pixels that are no larger than `size`.
+/// Cuts samples into regions of whole pixels, none larger than `size`.
 fn regions(samples: Region, size: [u32; 2]) -> Vec<Region> {
     let [width, height] = size.map(|side| side / SAMPLES_SIDE * SAMPLES_SIDE);
     let rows = (0..samples.height).step_by(height as usize);

@@ -1,4 +1,4 @@
-//! Shadow maps (§5): the views of lights, drawn as frames of their own.
+//! Shadow maps (§5): views of lights, drawn as frames of their own.
 
 use crate::frame::tile::TileData;
 use crate::frame::tiling::tiles;
@@ -8,10 +8,10 @@ use crate::scene::segment::UploadedScene;
 use std::sync::Arc;
 use surfel_render::{Attributes, FramePlan, Pass, Planes, ShadowMap, View};
 
-/// Texels of a plan's maps, one at least: a binding of nothing is an error.
+/// Returns the number of texels of a plan's maps, at least one, since an empty buffer can't be bound.
 ///
 /// # Errors
-/// What is wrong and what to do, if the device's buffers don't hold them.
+/// A message with cause and remedy, if the maps exceed the device's buffers.
 pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
     let maps = plan.shadow_maps.len() as u64;
     let bytes = 4 * maps * u64::from(MAP_TEXELS);
@@ -28,50 +28,51 @@ pub fn shadow_texels(plan: &FramePlan, limits: Limits) -> Result<u64, String> {
 /// Name in the statistics of all passes that draw shadow maps.
 pub const SHADOW_MAPS: &str = "shadow maps";
 
-/// The shadow maps that were drawn last. They serve again while the scene, its lights and the settings that they depend
-/// on are the same, wherever the eye is.
+/// Shadow maps of an earlier frame. They are reused while the scene, its lights and the settings that they depend on
+/// are the same, wherever the eye is.
 pub struct ShadowMapCache<B> {
-    /// Their texels.
+    /// Buffer of the maps' texels.
     pub texels: B,
     scene: Arc<()>,
     maps: Vec<(View, FramePlan)>,
 }
 
 impl<B> ShadowMapCache<B> {
-    /// Caches maps that were drawn by these jobs.
+    /// Caches maps that these jobs drew.
     pub fn new(texels: B, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> Self {
         Self { texels, scene: scene.identity.clone(), maps: jobs.iter().map(ShadowMapJob::key).collect() }
     }
 
-    /// True if these jobs would draw the same.
+    /// True if these jobs would draw the same maps.
     pub fn fits(&self, scene: &UploadedScene, jobs: &[ShadowMapJob]) -> bool {
         Arc::ptr_eq(&self.scene, &scene.identity) && self.maps.iter().cloned().eq(jobs.iter().map(ShadowMapJob::key))
     }
 }
 
-/// The work of drawing one shadow map.
+/// Job that draws one shadow map.
 pub struct ShadowMapJob {
-    /// The map's plan: visibility of splats, and polygons.
+    /// Plan of the map: visibility of splats, and polygons.
     pub plan: FramePlan,
-    /// The data that all tiles of the map share.
+    /// Data that all tiles of the map share.
     pub frame: FrameScene,
     view: View,
 }
 
 impl ShadowMapJob {
-    /// What the map depends on besides the scene.
+    /// Returns the inputs that the map depends on besides the scene.
     fn key(&self) -> (View, FramePlan) {
         (self.view.clone(), self.plan.clone())
     }
 
-    /// The map's tiles.
+    /// Returns the map's tiles.
     pub fn tiles(&self, scene: &UploadedScene, limits: Limits) -> Vec<TileData> {
         let tiles = tiles(&self.view, &self.plan, limits, false);
         tiles.into_iter().map(|tile| TileData::new(scene, &self.frame, &self.view, &self.plan, tile)).collect()
     }
 }
 
-/// The jobs of a plan's shadow maps. Everything opaque casts shadows, whichever side of it the light or the eye sees.
+/// Returns the jobs of a plan's shadow maps. Everything opaque casts shadows, whichever side faces the light or the
+/// eye.
 pub fn shadow_map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<ShadowMapJob> {
     let job = |(i, map): (usize, &ShadowMap)| {
         let none = Planes::COLOR.with_color(false);

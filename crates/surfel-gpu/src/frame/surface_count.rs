@@ -1,5 +1,5 @@
-//! The least number of surfaces of an A-buffer (§8): counted in f64 at some pixels, so that a frame that has more than
-//! a GPU draws is refused before most of them are drawn.
+//! Lower bound of the number of surfaces of an A-buffer (§8), counted in f64 at some pixels. A frame that needs more
+//! layers than a GPU draws is thus refused before most of them are drawn.
 
 use crate::frame::uniforms::FrameScene;
 use crate::passes::pass_list::is_of_shadow_map;
@@ -15,15 +15,15 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, StoredSplat};
 use surfel_render::{FramePlan, Pass, Region, View};
 
-/// Pixels that are looked at: those where transparent splats are centred, so that a pile of them is found.
+/// Maximum number of pixels sampled. They are centres of transparent splats, so that a stack of splats is found.
 const SAMPLES: usize = 32;
-/// Relative difference of depths that single precision surely keeps apart.
+/// Relative difference above which single precision certainly separates two depths.
 const APART: f64 = 1e-6;
 
-/// An unfiltered splat over pixels.
+/// Unfiltered splat over pixels.
 struct Shape {
     center: V3<f64>,
-    /// Half the disk's range of depth, and the distance from the centre that nothing of it exceeds.
+    /// Half the disk's depth range, and the largest distance of its points from the centre.
     extent: f64,
     reach: f64,
     anchor: V2<f64>,
@@ -33,16 +33,16 @@ struct Shape {
     epsilon: f64,
 }
 
-/// Fragments found at a pixel.
+/// Fragments at a pixel.
 #[derive(Clone, Default)]
 struct Pile {
-    /// Depths of transparent fragments, and these plus their ε.
+    /// Depth z of each transparent fragment, and z + ε.
     fragments: Vec<[f64; 2]>,
-    /// Depth before which nothing opaque hides them.
+    /// Depth from which on an opaque splat hides fragments; `None` if no opaque splat covers the pixel.
     opaque: Option<f64>,
 }
 
-/// Number of surfaces that some pixel of a region has at least; 0 where that isn't known.
+/// Returns a lower bound of the largest number of surfaces of a pixel in a region; 0 if it can't be determined.
 pub fn least_surfaces(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -50,7 +50,7 @@ pub fn least_surfaces(
     plan: &FramePlan,
     region: Region,
 ) -> usize {
-    // Polygons may hide any of them.
+    // Polygons may hide any fragment.
     if plan.has(Pass::Polygons) || !plan.separates_transparent || is_of_shadow_map(plan) {
         return 0;
     }
@@ -87,7 +87,7 @@ pub fn least_surfaces(
     piles.into_iter().map(Pile::surfaces).max().unwrap_or(0)
 }
 
-/// Adds what a segment has at each of the samples.
+/// Adds the fragments of a segment at each sampled pixel.
 fn add_segment(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -98,7 +98,7 @@ fn add_segment(
 ) {
     let index = segment.object as usize;
     let (Some(object), Some(transform)) = (scene.objects.get(index), frame.transforms.get(index)) else { return };
-    // What a clip leaves of a splat isn't known here; an opaque one may hide as much as if it were whole.
+    // Clips aren't evaluated here. A clipped opaque splat is treated as whole, since it hides at most as much.
     if segment.is_transparent && segment.variant == Variant::Clipped {
         return;
     }
@@ -109,7 +109,7 @@ fn add_segment(
             if selection.is_some_and(|chosen| !chosen.has_splat(i)) {
                 continue;
             }
-            // The splat as the GPU has it, rounded.
+            // The splat is rounded as in the GPU's buffers.
             let stored = StoredSplat::of(&object.cloud, i as usize, &chunk.space, scene.storage);
             let (s, t) = (transform.linear * stored.axes.0, transform.linear * stored.axes.1);
             let n = view.view_from_world * unit(transform.normals * stored.normal);
@@ -124,7 +124,7 @@ fn add_segment(
 }
 
 impl Shape {
-    /// A splat's; `None` if it takes part in no pass.
+    /// Returns the shape of a splat; `None` if it takes part in no pass.
     fn new(splat: &ViewSplat<f64>, cull: Cull, view: &View, plan: &FramePlan) -> Option<Self> {
         let (projection, settings) = (&view.projection, &plan.splat_filter);
         let ViewSplat { p, s, t, n } = *splat;
@@ -161,14 +161,14 @@ impl Shape {
         Some(Self { center: p, extent, reach, anchor, footprint, depth, depth_form, epsilon })
     }
 
-    /// True if an opaque one may cover the pixel, however it is filtered and mapped.
+    /// True if an opaque splat may cover the pixel under any filter and mapping.
     fn may_cover(&self, pixel: V2<f64>, (view, plan): (&View, &FramePlan)) -> bool {
         let (origin, direction) = view.projection.ray(pixel);
         let [origin, direction, center] = [origin, direction, self.center].map(|v| DVec3::new(v.x, v.y, v.z));
         let distance = (center - origin).cross(unit(direction)).length();
         let [fx, fy] = view.projection.focal_px;
         let per_pixel = if view.projection.is_perspective() { self.center.z.abs() } else { 1.0 } / fx.min(fy);
-        // As far as an affine footprint may leave the splat's own.
+        // Three times the reach bounds how far an affine footprint exceeds the splat's exact one.
         distance <= 3.0 * self.reach + (plan.splat_filter.reach_px() + 2.0) * per_pixel
     }
 }
@@ -197,7 +197,7 @@ impl Pile {
         more.opaque.into_iter().for_each(|z| self.hide_from(z));
     }
 
-    /// Number of surfaces that end at a threshold, as fragments come in ascending depth.
+    /// Returns the number of surfaces. Fragments are merged in ascending depth: a surface ends at its threshold.
     fn surfaces(mut self) -> usize {
         let opaque = self.opaque.unwrap_or(f64::INFINITY);
         self.fragments.retain(|[z, _]| *z < opaque);
@@ -207,7 +207,8 @@ impl Pile {
             if z * (1.0 - APART) > threshold {
                 (count, threshold) = (count + 1, end);
             } else {
-                // A nearer end makes a surface less deep, which single precision may see otherwise: the deepest counts.
+                // A nearer end makes the surface less deep, which single precision may decide otherwise; the deepest
+                // end counts.
                 threshold = threshold.max(end);
             }
         }
@@ -224,7 +225,7 @@ mod tests {
         let pile = |ends: &[[f64; 2]], opaque| Pile { fragments: ends.to_vec(), opaque }.surfaces();
         let apart = [[3.0, 3.1], [1.0, 1.1], [2.0, 2.1]];
         assert_eq!([pile(&apart, None), pile(&apart, Some(2.5)), pile(&[], None)], [3, 2, 0]);
-        // Within each other's tolerance, and nearly so.
+        // Depths within each other's tolerance, and nearly so, form one surface.
         assert_eq!(pile(&[[1.0, 1.5], [1.2, 1.7], [1.6, 2.0], [2.1, 2.2]], None), 2);
         assert_eq!(pile(&[[1.0, 1.5], [1.500_000_1, 1.6]], None), 1);
     }

@@ -1,4 +1,4 @@
-//! What a tile of a frame needs beside the resident scene: visible chunks, splats at the near plane, polygons,
+//! Data of a frame's tile in addition to the resident scene: visible chunks, splats at the near plane, polygons,
 //! uniforms.
 
 use crate::frame::culling::{is_outside, may_reach_near};
@@ -20,93 +20,93 @@ use surfel_model::{ClipPolicy, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
-/// Polygons of a tile are fewer than this: targets hold their numbers as floats.
+/// Exclusive upper bound of a tile's polygons: targets store their indices as floats.
 const MOST_POLYGONS: u32 = 1 << 24;
 
-/// A segment's data for a tile.
+/// Data of a segment for a tile.
 #[derive(Clone, Debug)]
 pub struct SegmentData {
-    /// Whether it is drawn as clipped.
+    /// Pipelines that draw the segment: for whole or clipped splats.
     pub variant: Variant,
-    /// Whether it is drawn in layers.
+    /// True if the segment is drawn in transparent layers.
     pub is_transparent: bool,
-    /// The shaders' `chunks`, or for cells those `cell_chunks` that can touch the tile.
+    /// Words of the shaders' `chunks` or, for cells, of the `cell_chunks` that can touch the tile.
     pub chunks: Vec<u32>,
-    /// The shaders' `near_bits`, one word at least.
+    /// Words of the shaders' `near_bits`, at least one.
     pub near_bits: Vec<u32>,
-    /// True if no splat of it can touch the tile.
+    /// True if no splat of the segment can touch the tile.
     pub is_outside: bool,
-    /// The splats of chunks that can, as runs of its records.
+    /// Splats of the chunks that can touch the tile, as runs of the segment's records.
     pub runs: Vec<Range<u32>>,
-    /// Depth of the farthest chunk that can touch it.
+    /// Depth of the farthest chunk that can touch the tile.
     farthest: f64,
-    /// Splats of the chunks that can touch it.
+    /// Number of splats of the chunks that can touch the tile.
     splats: u64,
 }
 
-/// Splats that reach the near plane and are drawn by the same pipelines; one at least.
+/// Splats that reach the near plane and share pipelines; at least one.
 #[derive(Clone, Debug)]
 pub struct NearRecords {
-    /// Whether they are drawn as clipped.
+    /// Pipelines that draw the splats: for whole or clipped splats.
     pub variant: Variant,
-    /// Whether they are drawn in layers.
+    /// True if the splats are drawn in transparent layers.
     pub is_transparent: bool,
-    /// The shaders' `records`.
+    /// Words of the shaders' `records`.
     pub records: Vec<u32>,
-    /// The same records with centres, for per-splat lighting; empty where no layer is lit so.
+    /// The same records with splat centres, for per-splat lighting; empty if no layer needs them.
     pub lit: Vec<u32>,
-    /// The shaders' `record_clips`; empty where splats aren't clipped.
+    /// Words of the shaders' `record_clips`; empty unless the splats are clipped.
     pub clips: Vec<u32>,
-    /// Their objects and their indices in the objects' clouds.
+    /// Object of each splat, and the splat's index in the object's cloud.
     splats: Vec<[u32; 2]>,
 }
 
 impl NearRecords {
-    /// Number of records.
+    /// Returns the number of records.
     pub fn count(&self) -> u32 {
         (self.records.len() / (layout::record::SIZE / 4)) as u32
     }
 
-    /// All of them, as one run.
+    /// Returns all records as a single run.
     pub fn runs(&self) -> Vec<Range<u32>> {
         std::iter::once(0..self.count()).collect()
     }
 }
 
-/// A tile's data beside the resident scene.
+/// Data of a tile in addition to the resident scene.
 #[derive(Clone, Debug)]
 pub struct TileData {
-    /// The pixels of the image that its targets hold: the tile and, for screen-space passes, a border.
+    /// Pixels of the image that the targets hold: the tile and, for screen-space passes, a border.
     pub targets: Region,
-    /// The tile itself, which is shaded.
+    /// The tile itself, whose pixels are shaded.
     pub tile: Region,
-    /// The shaders' `frame`.
+    /// Words of the shaders' `frame`.
     pub frame: Vec<u32>,
-    /// One for each segment of the scene.
+    /// Data of each segment of the scene, in the scene's order.
     pub segments: Vec<SegmentData>,
     /// Splats that reach the near plane.
     pub near: Vec<NearRecords>,
-    /// The shaders' `polygons` that may touch it; one of zeros where there are none.
+    /// Words of the shaders' `polygons` that may touch the tile; a polygon of zeros if there are none.
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
     /// Trained Gaussians; `None` in frames of surfaces.
     pub gaussians: Option<GaussianLists>,
-    /// How many of the polygons are of each mesh.
+    /// Number of polygons of each mesh.
     mesh_polygons: Vec<u32>,
     /// Layout of the planes that the tile's shading writes.
     pub planes: PlaneLayout,
-    /// Counts of its cells, where the compute path draws it.
+    /// Counts of cells, if the compute path draws the tile.
     pub cells: Option<CellCounts>,
 }
 
 impl TileData {
-    /// The data of a tile of a frame that raster hardware draws.
+    /// Returns the data of a tile that raster hardware draws.
     pub fn new(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
         Self::by(scene, frame, view, plan, tile, false)
     }
 
-    /// The data of a tile of a frame that the compute path draws.
+    /// Returns the data of a tile that the compute path draws.
     pub fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
         let mut data = Self::by(scene, frame, view, plan, tile, true);
         let mut cells = CellCounts {
@@ -134,7 +134,7 @@ impl TileData {
         data
     }
 
-    /// Says for how many records and pairs there is room.
+    /// Sets the capacity of the buffers of records and pairs in the uniform.
     pub fn put_room(&mut self, room: CellRoom) {
         use layout::frame as at;
         self.put_frame_words(&[(at::CELL_RECORD_ROOM, room.records), (at::CELL_PAIR_ROOM, room.pairs)]);
@@ -200,7 +200,7 @@ impl TileData {
         }
         let mut frame = frame_words(scene, frame, view, plan, &TileRegions { tile, targets }, &planes);
         let farthest = segments.iter().map(|segment| segment.farthest).fold(view.projection.near, f64::max);
-        // A power of two that f32 holds, whatever the scene's scale.
+        // The unit is a power of two within the range of f32, whatever the scene's scale.
         let unit = farthest.log2().round().clamp(-100.0, 100.0).exp2() as f32;
         for (offset, value) in [(layout::frame::DEPTH_UNIT, unit), (layout::frame::PER_DEPTH_UNIT, 1.0 / unit)] {
             if let Some(word) = frame.get_mut(offset / 4) {
@@ -223,7 +223,7 @@ impl TileData {
         }
     }
 
-    /// Gives it trained Gaussians.
+    /// Adds trained Gaussians to the tile.
     pub(crate) fn put_gaussians(&mut self, lists: GaussianLists) {
         let states_at = lists.states_at.unwrap_or(layout::ABSENT);
         for (offset, value) in
@@ -236,13 +236,14 @@ impl TileData {
         self.gaussians = Some(lists);
     }
 
-    /// Size of the targets that it is drawn into: they have room for the samples of a pixel, where there are samples.
+    /// Returns the size of the tile's targets. With edge samples they hold at least the samples of one pixel.
     pub fn target_size(&self, plan: &FramePlan) -> [u32; 2] {
         let least = if plan.has(Pass::EdgeSamples) { SAMPLES_SIDE } else { 1 };
         [self.targets.width.max(least), self.targets.height.max(least)]
     }
 
-    /// Makes it, of this region of samples, a part of the samples of a tile of pixels, into whose planes it writes.
+    /// Turns this tile, whose pixels are the samples of `samples`, into a part of the tile `pixels`. It writes to that
+    /// tile's planes.
     pub(crate) fn put_among(&mut self, pixels: &Self, samples: Region) {
         use layout::frame as at;
         let (tile, targets) = (pixels.tile, pixels.targets);
@@ -263,10 +264,10 @@ impl TileData {
         self.planes = pixels.planes;
     }
 
-    /// Checks that its polygons fit the device.
+    /// Checks that the tile's polygons fit the device.
     ///
     /// # Errors
-    /// What is wrong and what to do, if they don't.
+    /// A message with cause and remedy, if they don't fit.
     pub fn check(&self, limits: Limits) -> Result<(), String> {
         let bytes = 4 * self.polygons.len() as u64;
         if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
@@ -279,8 +280,8 @@ impl TileData {
         ))
     }
 
-    /// Sets the mapping of a host's depth buffer that the tile is composed into. It holds `offset` + `scale`/z in a
-    /// perspective projection, and `offset` + `scale`·z in an orthographic one.
+    /// Sets the mapping of a host's depth buffer that the tile is composited into. The buffer holds `offset` +
+    /// `scale`/z in a perspective projection, and `offset` + `scale`·z in an orthographic one.
     pub fn set_host_depth(&mut self, offset: f32, scale: f32) {
         let at = layout::frame::HOST_DEPTH / 4;
         for (word, value) in self.frame.iter_mut().skip(at).zip([offset, scale]) {
@@ -288,8 +289,10 @@ impl TileData {
         }
     }
 
-    /// What the numbers of a draw and of its record stand for: of a segment, of splats at the near plane after all
-    /// segments, or −2 for a polygon.
+    /// Returns the splat or polygon of a draw and of its record.
+    ///
+    /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
+    /// polygons.
     pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
         let splat = |[object, i]: [u32; 2]| {
             let uploaded = scene.objects.get(object as usize)?;
@@ -316,7 +319,7 @@ impl TileData {
         found.unwrap_or(Identity::NOTHING)
     }
 
-    /// The segments that may touch the tile.
+    /// Returns the segments that may touch the tile.
     pub fn visible(&self) -> VisibleSegments {
         let inside = self.segments.iter().enumerate().filter(|(_, segment)| !segment.is_outside);
         let (transparent, opaque): (Vec<_>, Vec<_>) = inside.partition(|(_, segment)| segment.is_transparent);
@@ -325,13 +328,14 @@ impl TileData {
         VisibleSegments { opaque: indices(opaque), transparent: indices(transparent), near_transparent }
     }
 
-    /// Number of records that the CPU has set up: of splats at the near plane, and of Gaussians.
+    /// Returns the number of records that the CPU has set up: splats at the near plane, and Gaussians.
     pub fn host_records(&self) -> u32 {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
         self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians
     }
 
-    /// The variants of its splats. Whole ones are always among them, so that every draw has a pipeline.
+    /// Returns the clip variants of the tile's splats. [`Variant::Whole`] is always included, so that every draw has a
+    /// pipeline.
     pub fn variants(&self) -> Vec<Variant> {
         let seen = self.segments.iter().filter(|s| !s.is_outside).map(|s| s.variant);
         let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
@@ -339,10 +343,11 @@ impl TileData {
     }
 }
 
-/// Splats that are drawn along with runs on either side of them, for a draw more costs more than they do.
+/// Largest gap between two runs that is drawn along with them, in splats: one more draw would cost more than these
+/// splats.
 const LARGEST_GAP: u32 = 1024;
 
-/// Adds a run after others.
+/// Appends a run, merging it with the last one if the gap between them is small.
 fn add_run(runs: &mut Vec<Range<u32>>, run: Range<u32>) {
     match runs.last_mut().filter(|last| run.start - last.end <= LARGEST_GAP) {
         Some(last) => last.end = run.end,
@@ -376,7 +381,7 @@ fn segment_data(
         let center = transform.point(chunk.space.origin);
         let members = segment.members.get(chunk.first as usize..(chunk.first + chunk.count) as usize);
         let members = members.unwrap_or_default();
-        // An octree's chunk is drawn as a whole or not at all, so that any of its splats tells.
+        // An octree's chunk is drawn as a whole or not at all, so its first splat decides.
         let is_drawn = selection.is_none_or(|chosen| members.first().is_some_and(|&splat| chosen.has_splat(splat)));
         let state = if !is_drawn || is_outside(chunk, center, transform, setup.tile, setup.view, setup.plan) {
             layout::CHUNK_OUTSIDE

@@ -1,4 +1,4 @@
-//! Cuts a frame into tiles that fit the device.
+//! Tiling: cuts a frame into tiles that fit the device.
 
 use crate::frame::gaussians::{ProjectedGaussians, halves};
 use crate::frame::planes::{SURFACE_FLOATS, floats_per_pixel};
@@ -11,22 +11,24 @@ use crate::scene::segment::UploadedScene;
 use surfel_render::{FramePlan, Pass, Region, View};
 use surfel_shaders::layout;
 
-/// Largest side of a tile: records count its pixels in 16 bits.
+/// Largest side of a tile in pixels: records store pixel coordinates in 16 bits.
 const LARGEST_SIDE: u32 = u16::MAX as u32;
 
-/// The region of a tile's targets: the tile and a border of the pixels inside the image that screen-space passes read.
+/// Returns the region of a tile's targets: the tile and a border of the pixels inside the image that screen-space
+/// passes read.
 pub(crate) fn targets_of(tile: Region, view: &View, plan: &FramePlan) -> Region {
     tile.grown(plan.reach_px(), view.size)
 }
 
-/// Cuts the view's region into tiles whose targets and planes are within the limits, for raster hardware or for cells.
+/// Cuts the view's region into tiles whose targets and planes are within the limits. `by_cells` is true for the compute
+/// path.
 pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: bool) -> Vec<Region> {
     let largest = if by_cells { LARGEST_CELL_TILE } else { LARGEST_SIDE };
     let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
     let surface = if by_cells && plan.reach_px() > 0 { SURFACE_FLOATS } else { 0 };
     let bytes = layer_bytes.max(4 * u64::from((floats_per_pixel(plan.planes) + surface).max(1)));
-    // Less a float of those of Gaussians.
+    // The planes of Gaussians begin with one extra float.
     let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)).saturating_sub(4) / bytes).max(1);
     // The border counts, too.
     let borders = 2 * u64::from(plan.reach_px());
@@ -48,7 +50,7 @@ pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: boo
     tiles
 }
 
-/// A frame's tiles, one after another.
+/// Iterator over a frame's tiles.
 pub struct FrameTiles<'a> {
     scene: &'a UploadedScene,
     frame: &'a FrameScene,
@@ -57,12 +59,12 @@ pub struct FrameTiles<'a> {
     limits: Limits,
     by_cells: bool,
     gaussians: Option<ProjectedGaussians>,
-    /// What is still to be drawn, the last first.
+    /// Regions still to be drawn, in reverse order.
     regions: Vec<Region>,
 }
 
 impl<'a> FrameTiles<'a> {
-    /// The tiles of a frame that is drawn by a path. Its Gaussians are projected here.
+    /// Creates the iterator for a frame that is drawn by a path, and projects the frame's Gaussians.
     pub fn new(
         scene: &'a UploadedScene,
         frame: &'a FrameScene,
@@ -80,7 +82,7 @@ impl<'a> FrameTiles<'a> {
 }
 
 impl Iterator for FrameTiles<'_> {
-    /// A tile, or what is wrong and what to do where its Gaussians don't fit the device.
+    /// A tile, or a message with cause and remedy if its Gaussians don't fit the device.
     type Item = Result<TileData, String>;
 
     fn next(&mut self) -> Option<Self::Item> {
@@ -126,7 +128,7 @@ mod tests {
     fn tiles_cover_every_pixel_once_within_the_limits() {
         let view = view([100, 70]);
         let plan = planned(&view, Planes::ALL);
-        // 9 floats, 36 bytes a pixel: at most 277 pixels a tile.
+        // Nine floats are 36 bytes a pixel, so a tile has at most 277 pixels.
         let limits = |side, bytes| Limits::default().within(bytes, side);
         let tiles = tiles(&view, &plan, limits(64, 10_000), false);
         let mut hits = vec![0; 7000];

@@ -1,4 +1,4 @@
-//! The shaders' uniforms of a view: `Frame`, `Object`s, `Light`s and `ShadowMap`s.
+//! Uniforms of a view: the shaders' `Frame`, `Object`s, `Light`s and `ShadowMap`s.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::frame::planes::PlaneLayout;
@@ -15,35 +15,35 @@ use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Material, Shader};
 use surfel_render::{FramePlan, GaussianColors, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
 
-/// Texels of a shadow map.
+/// Number of texels of a shadow map.
 pub(crate) const MAP_TEXELS: u32 = SHADOW_MAP_SIDE * SHADOW_MAP_SIDE;
 
-/// Where a shadow map is stored.
+/// Location of a shadow map in the buffer of all maps.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct ShadowMapSlot {
-    /// First of its texels.
+    /// Index of the map's first texel.
     pub at: u32,
 }
 
-/// The data that all tiles of a frame share.
+/// Data that all tiles of a frame share.
 #[derive(Clone, Debug)]
 pub struct FrameScene {
-    /// Words of the shaders' `objects`, one at least.
+    /// Words of the shaders' `objects`; at least one object.
     pub objects: Vec<u32>,
-    /// Words of the shaders' `lights`, one at least.
+    /// Words of the shaders' `lights`; at least one light.
     pub lights: Vec<u32>,
-    /// Words of the shaders' `shadow_maps`, one at least.
+    /// Words of the shaders' `shadow_maps`; at least one map.
     pub shadow_maps: Vec<u32>,
-    /// Words of the shaders' `matcap`, one at least.
+    /// Words of the shaders' `matcap`, at least one.
     pub matcap: Vec<u32>,
     pub(crate) light_count: u32,
-    /// Where the shadow map that this draws is stored.
+    /// Location of the shadow map, if the frame draws one.
     shadow: ShadowMapSlot,
     pub(crate) transforms: Vec<ObjectTransform>,
 }
 
 impl FrameScene {
-    /// The data of a scene in a view.
+    /// Returns the data of a scene in a view.
     pub fn new(scene: &UploadedScene, view: &View, plan: &FramePlan) -> Self {
         let transforms: Vec<ObjectTransform> =
             scene.objects.iter().map(|o| ObjectTransform::new(&o.world_from_object, view)).collect();
@@ -65,13 +65,13 @@ impl FrameScene {
         Self { objects, lights, shadow_maps, matcap, light_count, shadow, transforms }
     }
 
-    /// The data of a scene in the view of a shadow map.
+    /// Returns the data of a scene in the view of a shadow map.
     pub(crate) fn of_shadow_map(scene: &UploadedScene, view: &View, plan: &FramePlan, shadow: ShadowMapSlot) -> Self {
         Self { shadow, ..Self::new(scene, view, plan) }
     }
 }
 
-/// The shaders' `ShadowMap`s, one at least.
+/// Returns the words of the shaders' `ShadowMap`s; at least one map.
 fn shadow_map_words(plan: &FramePlan, view: &View) -> Vec<u32> {
     use layout::shadow_map as at;
     let mut all = Vec::new();
@@ -100,14 +100,14 @@ fn object_words(object: &UploadedObject, transform: &ObjectTransform, plan: &Fra
     words.into_words()
 }
 
-/// The shaders' `Light` number `index` of so many.
+/// Returns the words of the shaders' `Light` number `index` of `lights` lights.
 fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan: &FramePlan) -> Vec<u32> {
     use layout::light as at;
     let mut words = StructWriter::new(at::SIZE);
     let direction = |words: &mut StructWriter, d: &[f64; 3]| {
         words.vec3(at::DIRECTION, unit(DVec3::from(*d)));
     };
-    // Relative to the eye, so that nothing is lost far from the origin.
+    // Positions are relative to the eye, so that they stay precise far from the origin.
     let position = |words: &mut StructWriter, p: &[f64; 3]| {
         words.vec3(at::POSITION, DVec3::from(*p) - view.eye);
     };
@@ -126,7 +126,7 @@ fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan
             words.f64(at::INNER, inner_deg.to_radians()).f64(at::OUTER, outer_deg.to_radians());
             (layout::LIGHT_SPOT, color)
         }
-        // A light of a model to come gives none.
+        // Kinds of lights that are added to the model later give no light here.
         _ => (layout::LIGHT_DIRECTIONAL, &[0.0; 3]),
     };
     let first = plan.shadow_maps.iter().position(|map| map.light == index).unwrap_or(0);
@@ -136,7 +136,7 @@ fn light_words(light: &Light, (index, lights): (usize, usize), view: &View, plan
     words.into_words()
 }
 
-/// Size and texels of the image that the shader `matcap` looks up; one word where the plan has another shader.
+/// Returns the size and texels of the image that the shader `matcap` looks up; one word if the plan has another shader.
 fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     if plan.shader != Shader::Matcap || !plan.planes.color {
         return vec![0];
@@ -146,15 +146,15 @@ fn matcap_words(scene: &UploadedScene, plan: &FramePlan) -> Vec<u32> {
     matcap.size().into_iter().chain(texels).collect()
 }
 
-/// A tile's regions of the image.
+/// Regions of a tile in the image.
 pub(crate) struct TileRegions {
-    /// The pixels that are shaded.
+    /// Pixels that are shaded.
     pub tile: Region,
-    /// The pixels that targets hold.
+    /// Pixels that the targets hold.
     pub targets: Region,
 }
 
-/// The shaders' `Frame` for a tile.
+/// Returns the words of the shaders' `Frame` for a tile.
 pub(crate) fn frame_words(
     scene: &UploadedScene,
     frame: &FrameScene,
@@ -220,7 +220,7 @@ fn filter_kind(filter: Filter) -> u32 {
         Filter::Clamp => layout::FILTER_CLAMP,
         Filter::Adjust => layout::FILTER_ADJUST,
         Filter::Ewa => layout::FILTER_EWA,
-        // The default, which one of a model to come is drawn with, too.
+        // Filters that are added to the model later are drawn as the default one.
         _ => layout::FILTER_PRINCIPAL,
     }
 }
@@ -233,7 +233,7 @@ fn shader_kind(shader: Shader) -> u32 {
         Shader::Depth => layout::SHADER_DEPTH,
         Shader::Matcap => layout::SHADER_MATCAP,
         Shader::Edl => layout::SHADER_EDL,
-        // The default, which one of a model to come is drawn with, too.
+        // Shaders that are added to the model later are drawn as the default one.
         _ => layout::SHADER_UNLIT,
     }
 }

@@ -1,5 +1,5 @@
-//! The compute path, which draws opaque splats without raster hardware: which frames it draws, its buffers, and its
-//! steps. `shaders/passes/cells.wgsl` says how it works.
+//! Compute path: draws opaque splats by compute shaders, without raster hardware. This module decides which frames it
+//! draws, sizes its buffers, and lists its dispatches. `shaders/passes/cells.wgsl` explains the algorithm.
 
 use crate::passes::pixel_pass::PixelPass;
 use crate::scene::limits::Limits;
@@ -7,25 +7,27 @@ use surfel_model::{Accumulate, ClipPolicy, Shader};
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
-/// Largest side of a tile that the compute path draws, pixels: its cells are sorted by two digits of eight bits.
+/// Largest side, in pixels, of a tile that the compute path draws: cells are sorted by two digits of eight bits.
 pub(crate) const LARGEST_CELL_TILE: u32 = 256 * layout::CELL_SIDE;
 
-/// The way in which a GPU draws frames. The images are the same up to the rounding of sums.
+/// GPU path by which frames are drawn. All paths draw the same image up to the rounding of sums.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum GpuPath {
-    /// Compute shaders where they draw a frame, else raster hardware.
+    /// Compute shaders for the frames that they can draw, raster hardware for all others.
     #[default]
     Auto,
     /// Raster hardware: quads, depth tests and additive blending.
     Raster,
-    /// Compute shaders wherever they draw a frame, else raster hardware. Today it does what [`GpuPath::Auto`] does.
+    /// Compute shaders for the frames that they can draw, raster hardware for all others. Today the same as
+    /// [`GpuPath::Auto`].
     Compute,
 }
 
 impl GpuPath {
-    /// True if a plan's frames are drawn by compute shaders: frames of opaque, whole splats, whose sums are f32.
-    /// Clipped or transparent splats, polygons, trained Gaussians, antialiased edges, the plane of indices and shadow
-    /// maps themselves need raster hardware.
+    /// True if compute shaders draw a plan's frames. They draw frames of opaque, unclipped splats whose sums are f32.
+    ///
+    /// Clipped or transparent splats, polygons, trained Gaussians, edge antialiasing, the plane of indices and the
+    /// shadow maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
             use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
@@ -39,45 +41,45 @@ impl GpuPath {
     }
 }
 
-/// Name of the counter of pairs of splat and cell that the compute path drew.
+/// Name of the counter of pairs of a splat and a cell that the compute path drew.
 pub const CELL_PAIRS: &str = "cell_pairs";
 
-/// Which of the repeated passes a step is of.
+/// Round of the compute path. Some passes run several times in a tile; the round selects their bindings and uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellRound {
-    /// Counting the pairs of groups, and emitting them.
+    /// Counts and emits the pairs of groups.
     Groups,
-    /// Sorting by the lower digit of the cell.
+    /// Sorts pairs by the lower digit of the cell's number.
     Low,
-    /// Sorting by the upper digit.
+    /// Sorts pairs by the upper digit of the cell's number.
     High,
-    /// Reading the sorted pairs.
+    /// Reads the sorted pairs.
     Sorted,
 }
 
-/// A buffer of the compute path, whose contents last for a tile.
+/// Buffer of the compute path. Its contents are valid for one tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellBuffer {
-    /// The shaders' `cell_records`.
+    /// Records of splats: the shaders' `cell_records`.
     Records,
-    /// The shaders' `cell_groups`.
+    /// Groups of records: the shaders' `cell_groups`.
     Groups,
-    /// The shaders' `cell_counters`, which the host reads: see [`CellRoom::holds`].
+    /// Counts of records and pairs: the shaders' `cell_counters`. The host reads them back for [`CellRoom::holds`].
     Counters,
-    /// Pairs, as they are emitted and at last sorted.
+    /// Pairs as they are emitted and, after the second digit, fully sorted.
     Pairs,
-    /// Pairs, sorted by the lower digit.
+    /// Pairs sorted by the lower digit.
     HalfSortedPairs,
-    /// How often each block has each digit.
+    /// Histograms of the radix sort: number of pairs per digit and block.
     Digits,
-    /// Sums of scanned blocks.
+    /// Sums of the blocks of a scan.
     Sums,
-    /// Thresholds and sums of dense cells' parts.
+    /// Depth thresholds and sums of the parts of dense cells.
     Parts,
 }
 
 impl CellBuffer {
-    /// All of them.
+    /// All buffers.
     pub const ALL: [Self; 8] = [
         Self::Records,
         Self::Groups,
@@ -89,7 +91,7 @@ impl CellBuffer {
         Self::Parts,
     ];
 
-    /// A name for messages and debuggers.
+    /// Returns the buffer's name for messages and debuggers.
     pub fn name(self) -> &'static str {
         match self {
             Self::Records => "records of cells",
@@ -103,7 +105,7 @@ impl CellBuffer {
         }
     }
 
-    /// Its size in bytes for a tile.
+    /// Returns the buffer's size for a tile, in bytes.
     pub fn bytes(self, cells: &CellCounts, room: CellRoom) -> u64 {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
         let digits = DIGITS * blocks(u64::from(room.pairs));
@@ -119,37 +121,37 @@ impl CellBuffer {
     }
 }
 
-/// Values of a digit.
+/// Number of values of a digit.
 const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
-/// Bytes of [`CellBuffer::Counters`], all of which the host reads.
+/// Size of [`CellBuffer::Counters`] in bytes. The host reads the whole buffer.
 pub const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
 
-/// What a binding of the compute path's passes is.
+/// Resource behind a binding of the compute path's passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CellBinding {
-    /// The shaders' `segment` of the step's segment.
+    /// The shaders' `segment`: the uniform of the step's segment.
     Segment,
-    /// Its `splats`.
+    /// The shaders' `splats` of the step's segment.
     Splats,
-    /// Its `cell_chunks`.
+    /// The shaders' `cell_chunks` of the step's segment.
     Chunks,
-    /// Its `near_bits`.
+    /// The shaders' `near_bits` of the step's segment.
     NearBits,
-    /// The target `Steps`, which frames of samples alone have.
+    /// The target `Steps`. Only frames that draw samples at edges have it.
     Steps,
     /// Records of splats at the near plane.
     NearRecords,
     /// The frame's `planes`.
     Planes,
-    /// The uniform of [`CellRound::words`].
+    /// The uniform with the words of [`CellRound::words`].
     Round,
-    /// A buffer of the path.
+    /// A buffer of the compute path.
     Buffer(CellBuffer),
 }
 
 impl CellBinding {
-    /// What a binding number of group 1 is in a step of a round; `None` for numbers that no step has.
+    /// Returns the resource at a binding number of group 1 in a round; `None` if no step uses the number.
     pub fn of(binding: u32, round: CellRound) -> Option<Self> {
         use CellBuffer::{Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
         Some(match binding {
@@ -175,10 +177,10 @@ impl CellBinding {
 }
 
 impl CellRound {
-    /// All of them.
+    /// All rounds.
     pub const ALL: [Self; 4] = [Self::Groups, Self::Low, Self::High, Self::Sorted];
 
-    /// Words of the shaders' `CellRound` for a tile.
+    /// Returns the words of the shaders' `CellRound` for a tile.
     pub fn words(self, cells: &CellCounts) -> Vec<u32> {
         let bits = u32::BITS - cells.cells().saturating_sub(1).leading_zeros();
         let low = bits.div_ceil(2);
@@ -193,36 +195,36 @@ impl CellRound {
     }
 }
 
-/// Counts of a tile that the host knows.
+/// Counts of a tile that the CPU computes before it is drawn.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct CellCounts {
-    /// Columns and rows of cells.
+    /// Number of columns and rows of cells.
     pub size: [u32; 2],
-    /// Chunks of each segment that may touch the tile.
+    /// Number of chunks that may touch the tile, per segment of the scene.
     pub chunks: Vec<u32>,
-    /// Splats of these.
+    /// Number of splats in these chunks.
     pub splats: u64,
-    /// Records of splats at the near plane.
+    /// Number of records of splats at the near plane.
     pub near: u32,
 }
 
 impl CellCounts {
-    /// Cells of targets of this size.
+    /// Returns the number of columns and rows of cells in targets of a size in pixels.
     pub(crate) fn size_of([width, height]: [u32; 2]) -> [u32; 2] {
         [width, height].map(|side| side.div_ceil(layout::CELL_SIDE))
     }
 
-    /// Number of cells.
+    /// Returns the number of cells.
     pub fn cells(&self) -> u32 {
         self.size.iter().product()
     }
 
-    /// Number of chunks that may touch the tile.
+    /// Returns the number of chunks that may touch the tile.
     pub(crate) fn all_chunks(&self) -> u32 {
         self.chunks.iter().sum()
     }
 
-    /// Groups of records: one of each chunk, and those of splats at the near plane.
+    /// Returns the number of groups of records: one per chunk, plus groups of splats at the near plane.
     pub fn groups(&self) -> u32 {
         self.all_chunks() + self.near_groups()
     }
@@ -232,18 +234,19 @@ impl CellCounts {
     }
 }
 
-/// How many records and pairs the buffers of the compute path have room for.
+/// Capacity of the compute path's buffers, in records and pairs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellRoom {
-    /// Records.
+    /// Maximum number of records.
     pub records: u32,
-    /// Pairs of records and cells.
+    /// Maximum number of pairs of a record and a cell.
     pub pairs: u32,
 }
 
 impl CellRoom {
-    /// Room for a tile before its first frame was drawn: most splats are drawn or half of them, and touch two cells.
-    /// `None` if the tile doesn't fit the limits.
+    /// Estimates the capacity for a tile before its first frame. The records are three fifths of the splats, or all of
+    /// them in a small tile. The pairs are two per record and four per cell. `None` if the buffers would exceed the
+    /// limits.
     pub fn estimate(cells: &CellCounts, limits: Limits) -> Option<Self> {
         let splats = cells.splats + u64::from(cells.near);
         let few = splats.min(1 << 18);
@@ -252,14 +255,15 @@ impl CellRoom {
         Self::within([records.max(1), pairs], cells, limits)
     }
 
-    /// Room to draw a tile with: what there is from tiles before, or an estimate. `None` if the tile doesn't fit the
-    /// limits.
+    /// Returns the capacity to draw a tile with: that of the tile before, or an estimate if it exceeds the limits or
+    /// there is none. `None` if the estimate exceeds the limits, too.
     pub fn start(before: Option<Self>, cells: &CellCounts, limits: Limits) -> Option<Self> {
         let kept = before.and_then(|room| Self::within([room.records, room.pairs].map(u64::from), cells, limits));
         kept.or_else(|| Self::estimate(cells, limits))
     }
 
-    /// Counts what was drawn, by the words of [`CellBuffer::Counters`].
+    /// Adds the records and pairs that were drawn to the statistics. `counters` are the words of
+    /// [`CellBuffer::Counters`].
     pub fn count(counters: &[u32], stats: &mut Stats) {
         let [records, pairs] = needed(counters);
         stats.drawn += records;
@@ -269,13 +273,15 @@ impl CellRoom {
         }
     }
 
-    /// True if the buffers held what a tile needed: words of [`CellBuffer::Counters`]. What didn't fit wasn't drawn.
+    /// True if all records and pairs of a tile fit. `counters` are the words of [`CellBuffer::Counters`]. If not,
+    /// nothing of the tile was drawn.
     pub fn holds(self, counters: &[u32]) -> bool {
         let [records, pairs] = needed(counters);
         records <= u64::from(self.records) && pairs <= u64::from(self.pairs)
     }
 
-    /// Room for what a tile turned out to need, and a quarter more. `None` if it doesn't fit the limits.
+    /// Returns the capacity that a tile needs according to `counters`, with a margin of a quarter if the limits permit.
+    /// `None` if the tile exceeds the limits. `counters` are the words of [`CellBuffer::Counters`].
     pub fn grown(self, counters: &[u32], cells: &CellCounts, limits: Limits) -> Option<Self> {
         let [records, pairs] = needed(counters);
         let exact = [records.max(self.records.into()), pairs.max(self.pairs.into())];
@@ -295,7 +301,7 @@ impl CellRoom {
         layout::record::SIZE as u64 * u64::from(self.records)
     }
 
-    /// Parts that dense cells may have; 0 where there is no room for a dense cell.
+    /// Returns the number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
     fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
@@ -310,45 +316,45 @@ impl CellRoom {
     }
 }
 
-/// Records and pairs that counters say a tile needs.
+/// Returns the numbers of records and pairs that a tile needs, from the words of [`CellBuffer::Counters`].
 fn needed(counters: &[u32]) -> [u64; 2] {
     [layout::cell_counters::RECORDS, layout::cell_counters::PAIRS]
         .map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from))
 }
 
-/// A dispatch of the compute path.
+/// Dispatch of the compute path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellStep {
-    /// Entry point.
+    /// Entry point of the shader.
     pub entry: &'static str,
-    /// What its bindings are, and what its uniform says.
+    /// Round that selects the step's bindings and the contents of its uniform.
     pub round: CellRound,
-    /// The segment whose splats it reads.
+    /// Segment whose splats the step reads; `None` for steps that read no segment.
     pub segment: Option<usize>,
-    /// Workgroups along x and y.
+    /// Number of workgroups along x and y.
     pub workgroups: [u32; 2],
 }
 
-/// Dispatches of one name in the statistics.
+/// Dispatches that share a name in the statistics.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct CellStage {
-    /// The name.
+    /// Name in the statistics.
     pub name: &'static str,
-    /// The dispatches, each of which needs all before it.
+    /// Dispatches in order; each depends on all before it.
     pub steps: Vec<CellStep>,
 }
 
-/// The pixel passes that follow a plan's cells.
+/// Returns the pixel passes that follow the cells of a plan.
 pub fn pixel_passes_after_cells(plan: &FramePlan) -> Vec<PixelPass> {
     let looks_at_neighbours = plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome));
     looks_at_neighbours.then_some(PixelPass::CellNeighbours).into_iter().collect()
 }
 
-/// The entry points that draw a plan's cells.
+/// Entry points that draw a plan's cells.
 struct RasterEntries {
     cells: &'static str,
-    /// Thresholds and sums of dense cells' parts, and dense cells of their parts; `None` where sides of oriented splats
-    /// are kept apart, whose cells are drawn whole.
+    /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
+    /// oriented splats are separated: their cells are drawn whole.
     of_parts: Option<[&'static str; 3]>,
 }
 
@@ -370,13 +376,13 @@ impl RasterEntries {
     }
 }
 
-/// Workgroups of a dispatch of so many, as rows of [`layout::CELL_ROW`].
+/// Arranges a number of workgroups in rows of [`layout::CELL_ROW`].
 fn grid(count: u64) -> [u32; 2] {
     let row = u64::from(layout::CELL_ROW);
     [count.min(row) as u32, count.div_ceil(row) as u32]
 }
 
-/// The stages of a tile.
+/// Returns the stages that draw a tile, in order.
 pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<CellStage> {
     let workgroup = u64::from(layout::CELL_WORKGROUP);
     let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
@@ -421,12 +427,12 @@ pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<
     stages
 }
 
-/// True for the entry points of cells, whose pipelines have a layout of the frame's buffers of their own.
+/// True for entry points that draw cells. Their pipelines have their own layout of the frame's buffers.
 pub fn is_cell_entry(entry: &str) -> bool {
     entry.starts_with("cell_") && entry != PixelPass::CellNeighbours.entry()
 }
 
-/// The entry points that a plan's cells may need, each once.
+/// Returns all entry points that a plan's cells may need, each once.
 pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     let RasterEntries { cells, of_parts } = RasterEntries::of(plan);
     let before = [
@@ -491,7 +497,7 @@ mod tests {
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
         }
-        // Clips that are turned off, and transparency that is, leave opaque whole splats.
+        // With clipping and transparency disabled, all splats are opaque and unclipped.
         let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
             s.clip = ClipPolicy::Off;
             s.transparency = "off".parse().unwrap();
@@ -515,9 +521,9 @@ mod tests {
             let stages = cell_stages(&plan, cells, CellRoom { records: 100, pairs });
             stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
         };
-        // A tile that nothing touches is cleared and shaded.
+        // A tile that no splat touches is only cleared and shaded.
         assert_eq!(names(&cells(&[0, 0], 0), 9999), ["cell_begin", "cell_colors"]);
-        // Few pairs make no cell dense.
+        // With few pairs no cell can be dense.
         let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
         assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
         assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
@@ -586,13 +592,13 @@ mod tests {
         assert!(!room.holds(&needed));
         let grown = room.grown(&needed, &counts, all).unwrap();
         assert!(grown.holds(&needed) && grown.records >= room.records);
-        // Room is kept from tile to tile while it is within the limits.
+        // The capacity of the tile before is used while it is within the limits.
         assert_eq!(CellRoom::start(Some(grown), &counts, all), Some(grown));
         let little = Limits { cell_bytes: 1 << 20, ..all };
         assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
         assert_eq!(room.grown(&needed, &counts, little), None);
         assert_eq!(CellRoom::estimate(&counts, Limits { cell_bytes: 1000, ..all }), None);
-        // More pairs than are counted.
+        // The count of pairs overflows.
         assert_eq!(room.grown(&[1, u32::MAX], &counts, all), None);
         for buffer in CellBuffer::ALL {
             let [less, more] = [room, grown].map(|room| buffer.bytes(&counts, room));

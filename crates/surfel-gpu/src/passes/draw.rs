@@ -6,53 +6,54 @@ use crate::passes::targets::Target;
 use crate::scene::clip::Variant;
 use surfel_render::FramePlan;
 
-/// The surface that a pass is of.
+/// Surface or layer that a pass draws.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Layer {
-    /// The front surface, of splats alone.
+    /// The nearest opaque surface, of splats alone.
     Front,
-    /// The front surface, of splats blended with polygons.
+    /// The nearest opaque surface, of splats blended with polygons.
     MeshBlend,
-    /// The front surface where sides of oriented splats are kept apart: of splats alone.
+    /// The nearest opaque surface where the sides of oriented splats are separated: of splats alone.
     Shown,
-    /// The same, of splats blended with polygons.
+    /// The nearest opaque surface where the sides of oriented splats are separated: of splats blended with polygons.
     ShownMeshBlend,
-    /// The surface behind the front one at edge pixels.
+    /// The surface behind the nearest one, at edge pixels.
     EdgeBackground,
     /// A peeled layer of transparent splats.
     Peeled,
-    /// A layer of an A-buffer: a peeled one that counts by its coverage, too.
+    /// A layer of an A-buffer. It is peeled like [`Layer::Peeled`], and weighted by its coverage, too.
     Gathered,
-    /// All transparent splats that remain behind the peeled layers, lit one by one.
+    /// All transparent splats behind the peeled layers, each lit by itself.
     Remaining,
 }
 
-/// The sums that one pass over the splats accumulates. None is wider than 32 bytes a sample, which every adapter has.
+/// Sums that one pass over the splats accumulates. They take at most 32 bytes a sample, which every adapter supports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Sums {
     /// Colour and weight.
     Color,
     /// Colour and weight, normal and depth.
     Surface,
-    /// Material factors; for the front surface also the number of fragments and coverage, for transparent layers the
-    /// number and alpha, and of an A-buffer coverage.
+    /// Material factors and counts. The nearest surface also sums the number of fragments and coverage, a transparent
+    /// layer the number of fragments and alpha. A layer of an A-buffer sums coverage, too.
     MaterialCounts,
 }
 
 impl Layer {
-    /// Whether it is the front surface.
+    /// True if the layer is the nearest opaque surface.
     fn is_front(self) -> bool {
         matches!(self, Self::Front | Self::MeshBlend | Self::Shown | Self::ShownMeshBlend)
     }
 }
 
 impl Sums {
-    /// The passes over the splats that a plan needs for a layer.
+    /// Returns the passes over the splats that a plan needs for a layer.
     pub fn of(plan: &FramePlan, layer: Layer) -> Vec<Self> {
         let surface = plan.attributes.normal || plan.attributes.depth;
         let counts = layer.is_front() && (plan.planes.fragments || plan.attributes.coverage);
         if matches!(layer, Layer::Peeled | Layer::Gathered | Layer::Remaining) {
-            // A layer needs alpha, which is summed in place of coverage, whatever the attributes.
+            // Compositing a layer needs its alpha, which is summed in place of coverage, even if the plan asks for
+            // neither.
             return vec![Self::Surface, Self::MaterialCounts];
         }
         let mut sums = vec![if surface { Self::Surface } else { Self::Color }];
@@ -63,42 +64,42 @@ impl Sums {
     }
 }
 
-/// A render pass.
+/// Render pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Draw {
-    /// Visibility: the depth threshold, the least z + ε of each pixel.
+    /// Visibility: finds the depth threshold, the least z + ε of each pixel.
     Visibility,
-    /// Visibility that also writes the threshold's tolerance, for edge detection.
+    /// Visibility that also writes the tolerance ε of the threshold, for edge detection.
     VisibilityWithTolerance,
-    /// The side of oriented splats that each pixel shows, where sides are kept apart.
+    /// Finds the side of oriented splats that each pixel shows, where sides are separated.
     Facing,
-    /// [`Draw::Visibility`] of the side that is shown.
+    /// [`Draw::Visibility`] of the shown side.
     ShownVisibility,
-    /// [`Draw::VisibilityWithTolerance`] of the side that is shown.
+    /// [`Draw::VisibilityWithTolerance`] of the shown side.
     ShownVisibilityWithTolerance,
     /// Visibility of the edge background.
     EdgeBackgroundVisibility,
-    /// Visibility of the transparent splats behind the layers before.
+    /// Visibility of the transparent splats behind the layers drawn so far.
     PeeledVisibility,
-    /// The same of the first layer, with the threshold's tolerance, for steps.
+    /// [`Draw::PeeledVisibility`] of the first layer, with the tolerance of the threshold, for the detection of steps.
     PeeledVisibilityWithTolerance,
-    /// The nearest polygon of each pixel.
+    /// Finds the nearest polygon of each pixel.
     Polygons,
-    /// Accumulates attributes.
+    /// Accumulates the attributes of a layer.
     Sums(Layer, Sums),
-    /// Finds the nearest splat of each pixel: of a front surface, or of the transparent layers together
+    /// Finds the nearest splat of each pixel, of the nearest opaque surface or of all transparent layers together
     /// ([`Layer::Remaining`]).
     Nearest(Layer),
-    /// Finds edges.
+    /// Finds edge pixels.
     Edges,
-    /// Finds the pixels at steps, which are drawn by samples.
+    /// Finds the pixels at depth steps, which are antialiased by samples.
     Steps,
-    /// Measures a fill rate; no plan needs it.
+    /// Measures a fill rate; no plan contains this pass.
     Probe(FillRateProbe),
 }
 
 impl Draw {
-    /// Vertex and fragment entry point.
+    /// Returns the names of the vertex and fragment entry points.
     pub fn entries(self, variant: Variant) -> [String; 2] {
         let (vertex, fragment) = match self {
             Self::Visibility => ("visibility", "front_visibility"),
@@ -161,7 +162,7 @@ impl Draw {
         [format!("{prefix}{vertex}_vertex"), format!("{prefix}{fragment}_fragment")]
     }
 
-    /// The depth buffer that it tests and writes: the greater wins.
+    /// Returns the depth buffer that the pass tests and writes. Depths are reversed: the greater value passes.
     pub fn depth(self) -> Option<Target> {
         match self {
             Self::Visibility
@@ -178,7 +179,7 @@ impl Draw {
         }
     }
 
-    /// The colour targets that it writes.
+    /// Returns the colour targets that the pass writes.
     pub fn colors(self) -> &'static [Target] {
         match self {
             Self::Visibility
@@ -212,23 +213,24 @@ impl Draw {
         }
     }
 
-    /// Whether it adds to its targets rather than replacing them.
+    /// True if the pass adds to its targets instead of replacing their contents.
     pub fn is_additive(self) -> bool {
         matches!(self, Self::Sums(..) | Self::Probe(FillRateProbe::Blend | FillRateProbe::BlendTwo))
     }
 
-    /// Whether it draws records, with their group as group 1.
+    /// True if the pass draws records. Their bind group is then group 1.
     pub fn draws_records(self) -> bool {
         !matches!(self, Self::Edges | Self::Steps | Self::Polygons | Self::Probe(_))
     }
 
-    /// The vertices of a quad's draw of the records with this number ([`surfel_shaders`]'s `nearest.wgsl` reads it).
+    /// Returns the range of vertices of a draw of quads. `nearest.wgsl` computes the draw's index from the vertex
+    /// number.
     pub fn quad(index: usize) -> std::ops::Range<u32> {
         let first = 4 * index as u32;
         first..first + 4
     }
 
-    /// How many full-screen triangles it draws, where it draws neither records nor polygons.
+    /// Returns the number of full-screen triangles to draw, for passes that draw neither records nor polygons.
     pub fn triangles(self) -> u32 {
         match self {
             Self::Probe(probe) => probe.triangles(),
@@ -236,7 +238,7 @@ impl Draw {
         }
     }
 
-    /// Whether it draws the transparent splats of layers, and no others; all other draws leave those out.
+    /// True if the pass draws the splats of transparent layers. All other passes skip these splats.
     pub fn is_transparent(self) -> bool {
         matches!(
             self,
@@ -247,27 +249,29 @@ impl Draw {
         )
     }
 
-    /// Whether each splat is lit by itself.
+    /// True if each splat is lit by itself.
     pub fn is_lit(self) -> bool {
         matches!(self, Self::Sums(Layer::Remaining, _))
     }
 
-    /// The binding of the layer composites, which say what fragments are still to be drawn, beside [`Draw::reads`].
+    /// Returns the binding of the layer composites, whose depths decide which fragments are still to be drawn. It is in
+    /// the group of [`Draw::reads`].
     pub fn layer_composites_binding(self) -> Option<u32> {
         self.is_transparent().then_some(3)
     }
 
-    /// Whether its group is that of a pixel pass, buffers included, in place of [`Draw::reads`].
+    /// True if the pass binds the group of a pixel pass, buffers included, in place of [`Draw::reads`].
     pub fn binds_as_pixel_pass(self) -> bool {
         self == Self::Steps
     }
 
-    /// Whether it reads anything but records.
+    /// True if the pass reads resources other than records.
     pub fn has_reads(self) -> bool {
         !self.reads().is_empty() || self.layer_composites_binding().is_some() || self.binds_as_pixel_pass()
     }
 
-    /// The textures that it reads, by binding, in the group after the records' or the frame's.
+    /// Returns the textures that the pass reads, as pairs of binding and target. Their group follows that of the
+    /// records or, without records, of the frame.
     pub fn reads(self) -> &'static [(u32, Target)] {
         match self {
             Self::Visibility | Self::VisibilityWithTolerance | Self::Facing => &[],
@@ -293,12 +297,12 @@ impl Draw {
         }
     }
 
-    /// Number of the group of [`Draw::reads`].
+    /// Returns the index of the bind group of [`Draw::reads`].
     pub fn reads_group(self) -> u32 {
         if self.draws_records() || self == Self::Polygons { 2 } else { 1 }
     }
 
-    /// Its name in the statistics.
+    /// Returns the name of the pass in the statistics.
     pub fn name(self) -> &'static str {
         match self {
             Self::Visibility

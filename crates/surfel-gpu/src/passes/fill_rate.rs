@@ -1,4 +1,4 @@
-//! The frame that measures a device's fill rates: what it does at best, for passes over splats to be judged by.
+//! Frame that measures a device's fill rates: upper bounds that passes over splats can be compared with.
 
 use crate::passes::draw::Draw;
 use crate::passes::probe::{FillRateProbe, OVERDRAW};
@@ -6,35 +6,35 @@ use crate::passes::schedule::Step;
 use surfel_model::{Camera, Projection, Settings};
 use surfel_render::{Capabilities, FramePlan, Planes, RenderError, SceneSummary, Stats, View, plan};
 
-/// How often all probes are run.
+/// Number of times that all probes run.
 pub const FILL_RATE_RUNS: usize = 4;
 
-/// A measured rate.
+/// Measured fill rate.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FillRate {
-    /// What was measured.
+    /// Probe that was run.
     pub probe: FillRateProbe,
-    /// Pixels that were cleared, or fragments that were drawn, a second.
+    /// Pixels cleared or fragments drawn per second.
     pub fragments_per_s: f64,
 }
 
-/// A frame that runs the probes.
+/// Frame that runs all probes.
 pub struct FillRateFrame {
-    /// A view of the targets' size; nothing else of it matters.
+    /// View whose size is that of the targets; its camera is arbitrary.
     pub view: View,
-    /// A plan for that view, of which nothing is drawn.
+    /// Plan for the view. Its own passes are not executed.
     pub plan: FramePlan,
-    /// The probes' draws.
+    /// Draws of the probes.
     pub draws: Vec<Draw>,
-    /// The probes' steps.
+    /// Steps of the probes.
     pub steps: Vec<Step>,
 }
 
 impl FillRateFrame {
-    /// A frame of square targets, `side_px` pixels a side.
+    /// Creates a frame with square targets of `side_px` pixels a side.
     ///
     /// # Errors
-    /// [`RenderError`] if there is no image of that size.
+    /// [`RenderError`] if an image can't have this size.
     pub fn new(side_px: u32) -> Result<Self, RenderError> {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [side_px; 2]);
@@ -48,7 +48,7 @@ impl FillRateFrame {
         Ok(Self { view, plan, draws, steps })
     }
 
-    /// The best rate of several runs for each probe that the device gave a time for.
+    /// Returns the best rate of several runs for each probe. Probes without a time in the statistics are omitted.
     pub fn rates(&self, runs: &[Stats]) -> Vec<FillRate> {
         let [width, height] = self.view.size.map(f64::from);
         let fragments = width * height * f64::from(OVERDRAW);

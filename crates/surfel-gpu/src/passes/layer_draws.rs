@@ -1,8 +1,8 @@
 //! Indirect draws of transparent layers (§8), which end before the first layer without fragments.
 //!
-//! The GPU itself decides: between two layers a shader sets the instances of all further draws to 0 if no pixel has a
-//! depth threshold in the layer. No count is read back in between. A layer that isn't drawn still costs the clears of
-//! its targets and a pixel pass.
+//! The GPU decides when to end. Between two layers a shader looks for a pixel with a depth threshold in the layer. If
+//! there is none, it sets the instance counts of all further draws to 0; no count is read back. A layer without
+//! instances still costs the clears of its targets and one pixel pass.
 
 use crate::passes::draw::Draw;
 use crate::passes::memory::raise_counter;
@@ -13,10 +13,12 @@ use surfel_shaders::layout::{draw_arguments, layer_draws as at};
 /// Name of the counter of [`count_layers`].
 const LAYERS_DRAWN: &str = "layers_drawn";
 
-/// Bytes at the start of the shaders' `LayerDraws` that [`count_layers`] takes.
+/// Size of the header of the shaders' `LayerDraws`, in bytes: the words that [`count_layers`] and [`layers_remain`]
+/// read.
 pub const LAYER_HEADER_BYTES: u64 = at::ARGUMENTS as u64;
 
-/// The shaders' `LayerDraws` before the first layer: a draw of so many records for each number of them.
+/// Returns the words of the shaders' `LayerDraws` before the first layer: one draw per element of `records`, which are
+/// numbers of records.
 pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
     let mut words = StructWriter::new(at::ARGUMENTS);
     words.u32(at::DRAWN, 1);
@@ -27,23 +29,23 @@ pub fn layer_draw_words(records: impl IntoIterator<Item = u32>) -> Vec<u32> {
         draw.u32(draw_arguments::FIRST_VERTEX, Draw::quad(index).start);
         words.extend(draw.into_words());
     }
-    // An empty array can't be bound.
+    // A binding can't be an empty array.
     words.resize(words.len().max((at::ARGUMENTS + draw_arguments::SIZE) / 4), 0);
     words
 }
 
-/// Byte offset of the arguments of a draw, by its place among the numbers of records.
+/// Returns the byte offset of the arguments of the draw with this index.
 pub fn layer_draw_offset(index: usize) -> u64 {
     (at::ARGUMENTS + index * draw_arguments::SIZE) as u64
 }
 
-/// True if more layers may lie behind those that were drawn: `header` are the words of the first
-/// [`LAYER_HEADER_BYTES`].
+/// True if more layers may lie behind the layers drawn. `header` holds the words of the first [`LAYER_HEADER_BYTES`].
 pub fn layers_remain(header: &[u32]) -> bool {
     header.get(at::ANY_REMAINING / 4).is_some_and(|&any| any != 0)
 }
 
-/// Counts the layers of the tile that has the most: `header` are the words of the first [`LAYER_HEADER_BYTES`].
+/// Raises the counter of drawn layers to this tile's number. `header` holds the words of the first
+/// [`LAYER_HEADER_BYTES`].
 pub fn count_layers(header: &[u32], stats: &mut Stats) {
     let drawn = f64::from(header.get(at::DRAWN / 4).copied().unwrap_or(0));
     raise_counter(LAYERS_DRAWN, drawn, stats);

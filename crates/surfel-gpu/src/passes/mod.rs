@@ -1,4 +1,4 @@
-//! The passes of a frame: what each draws, into which targets, in which order, and what that costs.
+//! Passes of a frame: the targets, entry points, order and cost of each.
 
 pub(crate) mod cells;
 pub(crate) mod draw;

@@ -1,26 +1,27 @@
-//! The passes of a plan, in order.
+//! Passes of a plan, in order.
 
 use crate::passes::draw::{Draw, Layer, Sums};
 use crate::passes::pixel_pass::PixelPass;
 use surfel_model::{Shader, Sort};
 use surfel_render::{FramePlan, Pass};
 
-/// An entry of a pass list. Each is complete, over all splats or pixels, before the next begins.
+/// Entry of a pass list. An entry covers all splats or pixels before the next one begins.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum PassEntry {
-    /// Render passes over the same splats, which don't depend on each other.
+    /// Render passes over the same splats, independent of each other.
     Draws(Vec<Draw>),
-    /// A compute pass over pixels.
+    /// Compute pass over pixels.
     Pixels(PixelPass),
 }
 
 impl PassEntry {
-    /// True if it is left out where no transparent splat is seen. What steps read is cleared even then.
+    /// True if the entry is skipped in tiles without visible transparent splats. The pass that finds steps is never
+    /// skipped, since its targets have to be cleared.
     pub(crate) fn needs_layers(&self) -> bool {
         self.is_of_layers() && *self != Self::Draws(vec![Draw::PeeledVisibilityWithTolerance])
     }
 
-    /// True if it is for transparent splats alone.
+    /// True if the entry exists for transparent splats alone.
     pub(crate) fn is_of_layers(&self) -> bool {
         match self {
             Self::Draws(draws) => draws.iter().any(|draw| draw.is_transparent()),
@@ -38,22 +39,22 @@ pub(crate) fn has_layers(plan: &FramePlan) -> bool {
     has_steps || peeled_layers(plan) > 0 || plan.has(Pass::RemainingLayer)
 }
 
-/// Layers of an A-buffer that are drawn before it is known whether there are more.
+/// Number of A-buffer layers that are drawn before the host reads back whether more remain.
 const FIRST_LAYERS: usize = 16;
-/// Layers that are counted in 8 bits.
+/// Maximum number of layers, which are counted in 8 bits.
 const MOST_LAYERS: usize = 255;
 
-/// How many layers are peeled, those of an A-buffer included: as many as are asked for, or the first ones.
+/// Returns the number of layers to peel: as many as the plan asks for, and in an A-buffer at least [`FIRST_LAYERS`].
 fn peeled_layers(plan: &FramePlan) -> usize {
     let peeled = plan.peeled_layers();
     if plan.has(Pass::ABuffer) { peeled.max(FIRST_LAYERS) } else { peeled }
 }
 
-/// The plan that draws more layers of an A-buffer. `least` counts the surfaces that a pixel has at least
-/// ([`crate::least_surfaces`]), once a tile.
+/// Returns the plan that draws more layers of an A-buffer. `least` returns a lower bound of the surfaces of a pixel
+/// ([`crate::least_surfaces`]) and is called at most once.
 ///
 /// # Errors
-/// A message that says what is wrong and what to do, if the frame needs more layers than GPUs draw.
+/// A message with cause and remedy, if the frame needs more layers than GPUs draw.
 pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Result<FramePlan, String> {
     let layers = peeled_layers(plan);
     if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {
@@ -68,12 +69,12 @@ pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Resu
     Ok(plan)
 }
 
-/// True if a plan is of a shadow map: nothing is shaded.
+/// True if a plan draws a shadow map, which isn't shaded.
 pub(crate) fn is_of_shadow_map(plan: &FramePlan) -> bool {
     !plan.has(Pass::Shade)
 }
 
-/// The passes of a plan.
+/// Returns the passes of a plan, in order.
 pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     if plan.has(Pass::Gaussians) {
         let by_pixel = plan.sort == Sort::Pixel;
@@ -114,7 +115,7 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list.extend(has_layers(plan).then_some(PassEntry::Pixels(PixelPass::BeginLayers)));
     list.extend((nearest && has_layers(plan)).then(|| one(Draw::Nearest(Layer::Remaining))));
     let next = |is_first: bool| (!is_first).then_some(PassEntry::Pixels(PixelPass::NextLayer));
-    // Steps are those of the nearest transparent splats, too, peeled or not.
+    // The nearest transparent splats have steps, too, whether or not they are peeled.
     let first_layer = if samples { Draw::PeeledVisibilityWithTolerance } else { Draw::PeeledVisibility };
     list.extend((samples && has_layers(plan) && peeled_layers(plan) == 0).then(|| one(first_layer)));
     let (layer, composite) = match plan.has(Pass::ABuffer) {
@@ -138,7 +139,8 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     list
 }
 
-/// The passes of samples at a plan's edges, in place of shading with their means; none where there are no samples.
+/// Returns the passes of the samples at a plan's edges, without shading, which their means replace. The list is empty
+/// for plans without samples.
 pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     if !plan.has(Pass::EdgeSamples) {
         return Vec::new();
@@ -150,7 +152,7 @@ pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
 }
 
 impl Draw {
-    /// The draws that a plan needs, each once, those of samples included.
+    /// Returns the draws that a plan needs, each once, including the draws of samples.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
         let draws = pass_list(plan).into_iter().chain(sample_pass_list(plan)).flat_map(|entry| match entry {
             PassEntry::Draws(draws) => draws,
@@ -161,7 +163,7 @@ impl Draw {
 }
 
 impl PixelPass {
-    /// The pixel passes that a plan needs, each once, those of samples included.
+    /// Returns the pixel passes that a plan needs, each once, including the passes of samples.
     pub fn of(plan: &FramePlan) -> Vec<Self> {
         let passes = pass_list(plan).into_iter().chain(sample_pass_list(plan)).filter_map(|entry| match entry {
             PassEntry::Pixels(pass) => Some(pass),
@@ -171,7 +173,7 @@ impl PixelPass {
     }
 }
 
-/// Each item once, in order of appearance.
+/// Returns each item once, in order of first appearance.
 pub(crate) fn distinct<T: PartialEq>(all: impl Iterator<Item = T>) -> Vec<T> {
     all.fold(Vec::new(), |mut found, one| {
         if !found.contains(&one) {

@@ -4,43 +4,44 @@
 use crate::passes::targets::Target;
 use surfel_render::SAMPLES_SIDE;
 
-/// A compute pass over pixels.
+/// Compute pass over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum PixelPass {
     /// Starts the layer composites: finds the opaque depth that occludes transparent splats.
     BeginLayers,
-    /// The same, with a host's depth buffer occluding them, too; no plan needs it.
+    /// Starts the layer composites like [`PixelPass::BeginLayers`], with a host's depth buffer as an additional
+    /// occluder. No plan contains this pass.
     BeginLayersInHost,
-    /// Shades a peeled layer and composites it under those before it.
+    /// Shades a peeled layer and composites it under the layers before it.
     PeeledLayer,
-    /// Shades a layer of an A-buffer and composites it so, by its coverage.
+    /// Shades a layer of an A-buffer and composites it under the layers before it, by its coverage.
     GatheredLayer,
-    /// Ends the layers if nothing remains; runs once, not for each pixel.
+    /// Ends the layers if no pixel has a fragment in the next one. It runs once, not per pixel.
     NextLayer,
     /// Composites all remaining transparent splats under the layers.
     RemainingLayer,
-    /// Writes a part of a shadow map.
+    /// Copies a tile of a shadow map into the buffer of all maps.
     StoreShadow,
-    /// Writes what is nearest in each pixel.
+    /// Writes the identity of the nearest splat or polygon of each pixel.
     Nearest,
     /// Shades the image.
     Shade,
-    /// Shades an image of opaque splats alone, without shadows and screen-space passes.
+    /// Shades an image that has opaque splats alone, without shadows and screen-space passes.
     ShadeSplats,
-    /// Draws what depends on neighbours, after cells.
+    /// Applies outlines and eye-dome lighting, which read neighbouring pixels, after the compute path's cells.
     CellNeighbours,
-    /// Shades samples and writes their means over the colours of sampled pixels.
+    /// Shades samples and replaces the colours of sampled pixels by the means of their samples.
     ResolveSamples,
-    /// Draws trained Gaussians, in the order of their centres.
+    /// Draws trained Gaussians, sorted by their centres.
     Gaussians,
-    /// Draws them in the order of each pixel.
+    /// Draws trained Gaussians, sorted for each pixel.
     GaussiansByPixel,
 }
 
-/// Name in the statistics of all passes that edges by samples add.
+/// Name in the statistics of all passes that antialias edges by samples.
 pub const EDGE_SAMPLES: &str = "edge samples";
 
-/// The textures that pixel passes read, by binding; each reads some of them.
+/// Textures that pixel passes read, as pairs of binding and target. Each pass reads a subset.
 pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
     (0, Target::Color),
     (1, Target::Surface),
@@ -66,21 +67,21 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
-/// to write, layer composites to read, texels of the shadow map that is drawn, indirect draws of layers.
+/// to write, layer composites to read, texels of the shadow map being drawn, indirect draws of layers.
 pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
 
 /// Bindings of a tile's [`GaussianLists`](crate::GaussianLists), which the passes of trained Gaussians read: records,
-/// lists.
+/// then lists.
 pub const GAUSSIAN_BUFFERS: [u32; 2] = [28, 29];
 
-/// Binding of [`Target::Steps`] in the group of splat setup, after its buffers.
+/// Binding of [`Target::Steps`] in the bind group of splat setup, after that group's buffers.
 pub const SETUP_STEPS_BINDING: u32 = 7;
 
 /// Binding of a host's depth buffer.
 pub const HOST_DEPTH_BINDING: u32 = 23;
 
 impl PixelPass {
-    /// Its entry point.
+    /// Returns the entry point of the pass.
     pub fn entry(self) -> &'static str {
         match self {
             Self::BeginLayers => "begin_layers",
@@ -100,12 +101,13 @@ impl PixelPass {
         }
     }
 
-    /// Whether it shades the image: it is the last, and runs over the tile without its border.
+    /// True if the pass shades the image. It is then the last pass, and runs over the tile without its border.
     pub fn is_shade(self) -> bool {
         matches!(self, Self::Shade | Self::ShadeSplats)
     }
 
-    /// Width and height of its invocations, in pixels, for a tile of these targets and this shaded size.
+    /// Returns the width and height in pixels that the invocations cover, from the size of the targets and of the
+    /// shaded tile.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
             Self::Shade
@@ -125,7 +127,7 @@ impl PixelPass {
         }
     }
 
-    /// Its name in the statistics.
+    /// Returns the name of the pass in the statistics.
     pub fn name(self) -> &'static str {
         match self {
             Self::BeginLayers

@@ -1,4 +1,4 @@
-//! What a plan costs a GPU, whatever the API and the size of the image: counted, not measured.
+//! Cost of a plan on a GPU, whatever the API and the size of the image: counted, not measured.
 
 use crate::passes::draw::Draw;
 use crate::passes::memory::Precision;
@@ -10,25 +10,25 @@ use surfel_model::ClipPolicy;
 use surfel_render::FramePlan;
 use surfel_shaders::layout;
 
-/// What a plan needs of a GPU.
+/// GPU resources that a plan uses.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct PlanCost {
-    /// Shaders that run, each once: the entry points of pipelines' last stages.
+    /// Shaders that run, each once: the entry points of the last stages of pipelines.
     pub shaders: Vec<String>,
-    /// Textures that are drawn into.
+    /// Textures that are written.
     pub targets: Vec<Target>,
-    /// Bytes a pixel of those and of layer composites. Planes that are read back, and shadow maps, which have pixels of
-    /// their own, don't count.
+    /// Bytes per pixel of the targets and of layer composites. Planes that are read back don't count, nor do shadow
+    /// maps, whose size is independent of the image's.
     pub bytes_per_pixel: usize,
 }
 
 impl PlanCost {
-    /// The cost of a plan.
+    /// Returns the cost of a plan.
     pub fn of(plan: &FramePlan) -> Self {
         let (mut draws, mut pixels) = (Draw::of(plan), PixelPass::of(plan));
         let frame_draws = draws.clone();
         if !plan.shadow_maps.is_empty() {
-            // A map has a visibility pass alone, whose depths go to a buffer.
+            // A shadow map has a visibility pass alone; its depths are copied to a buffer.
             draws.push(Draw::Visibility);
             pixels.push(PixelPass::StoreShadow);
         }
@@ -91,7 +91,7 @@ mod tests {
         let clips = SceneSummary { clips: true, ..SceneSummary::default() };
         assert_eq!(cost(&clips, |s| s.clip = ClipPolicy::Off), plain);
         let clipped = cost(&clips, |_| ());
-        // Setup, visibility and sums once more.
+        // Clipped splats need setup, visibility and sums of their own.
         assert_eq!((clipped.shaders.len(), &clipped.targets), (plain.shaders.len() + 3, &plain.targets));
         let glass = SceneSummary { transparent: true, ..SceneSummary::default() };
         let layers = cost(&glass, peel);
@@ -101,20 +101,20 @@ mod tests {
         assert!(
             edges.targets.contains(&Target::EdgeBackgroundColor) && edges.targets.contains(&Target::ThresholdTolerance)
         );
-        // Samples are drawn into the same targets: what they add are steps and tolerances, and three shaders.
+        // Samples are drawn into the same targets. They add steps, tolerances and three shaders.
         let samples = cost(&SceneSummary::default(), |s| s.edge_aa = EdgeAa::Samples);
         assert_eq!(samples.bytes_per_pixel, plain.bytes_per_pixel + 8 + 8);
         let of_samples = ["front_threshold_fragment", "steps_fragment", "resolve_samples"];
         assert!(of_samples.iter().all(|name| samples.shaders.iter().any(|s| s == name)), "{:?}", samples.shaders);
         assert_eq!(samples.shaders.len(), plain.shaders.len() + of_samples.len(), "{:?}", samples.shaders);
-        // Gaussians are one shader that draws into planes alone.
+        // Gaussians use one shader, which writes planes directly.
         let gaussians = SceneSummary { gaussians: Some(GaussianColors::Displayed), ..SceneSummary::default() };
         for (sort, shader) in [(Sort::Center, "gaussians"), (Sort::Pixel, "gaussians_by_pixel")] {
             let own = cost(&gaussians, |s| s.sort = sort);
             assert_eq!((own.shaders, own.targets, own.bytes_per_pixel), (vec![shader.to_owned()], Vec::new(), 0));
         }
         assert!(!plain.shaders.iter().any(|s| s.starts_with("gaussians")));
-        // An A-buffer's surfaces are layers whose sums have coverage, too.
+        // The sums of an A-buffer's layers include coverage.
         let abuffer = |s: &mut Settings| s.transparency = Transparency::ABuffer { layers: 4 };
         let gathered = cost(&glass, abuffer);
         assert!(gathered.targets.contains(&Target::LayerCoverage) && !layers.targets.contains(&Target::LayerCoverage));

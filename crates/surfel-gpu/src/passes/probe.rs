@@ -1,28 +1,28 @@
 //! Fill-rate probes: full-screen triangles whose fragments compute nothing.
 
-/// How many full-screen triangles a probe draws, and so how often each pixel is drawn.
+/// Number of full-screen triangles that a probe draws, and thus of fragments per pixel.
 pub(crate) const OVERDRAW: u32 = 16;
 
-/// What a probe measures.
+/// Quantity that a probe measures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FillRateProbe {
     /// Clears of the two targets of colour and surface.
     Clear,
-    /// Depths from the fragment shader, each nearer than the last: the visibility pass.
+    /// Depths written by the fragment shader, each nearer than the last, as in the visibility pass.
     Depth,
-    /// Colours that replace the last.
+    /// Colours that replace the previous ones.
     Fill,
-    /// Colours that are added: the attribute pass of an unlit image.
+    /// Colours that are added, as in the attribute pass of an unlit image.
     Blend,
-    /// Colours and surfaces that are added: the attribute pass of others.
+    /// Colours and surfaces that are added, as in the attribute pass of a lit image.
     BlendTwo,
 }
 
 impl FillRateProbe {
-    /// All of them.
+    /// All probes.
     pub const ALL: [Self; 5] = [Self::Clear, Self::Depth, Self::Fill, Self::Blend, Self::BlendTwo];
 
-    /// Its name in tables.
+    /// Returns the name in tables.
     pub fn name(self) -> &'static str {
         match self {
             Self::Clear => "clear",
@@ -33,7 +33,7 @@ impl FillRateProbe {
         }
     }
 
-    /// Triangles that its pass draws.
+    /// Returns the number of triangles that the probe's pass draws.
     pub(crate) fn triangles(self) -> u32 {
         if self == Self::Clear { 0 } else { OVERDRAW }
     }

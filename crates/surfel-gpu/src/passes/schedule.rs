@@ -1,4 +1,4 @@
-//! The steps of a tile, in order, whatever API executes them.
+//! Steps of a tile, in order, whatever API executes them.
 
 use crate::passes::draw::Draw;
 use crate::passes::pass_list::{PassEntry, pass_list, sample_pass_list};
@@ -8,41 +8,42 @@ use surfel_render::{Feature, FramePlan};
 /// Features that no GPU backend draws.
 pub const UNSUPPORTED: &[Feature] = &[Feature::Margin];
 
-/// The parts of a scene that may touch a tile, as indices of its segments.
+/// Parts of a scene that may touch a tile, as indices of segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct VisibleSegments {
-    /// Segments of splats that are drawn as opaque.
+    /// Segments whose splats are drawn as opaque.
     pub opaque: Vec<usize>,
-    /// Segments of splats that are drawn in layers.
+    /// Segments whose splats are drawn in transparent layers.
     pub transparent: Vec<usize>,
-    /// Some splats at the near plane are drawn in layers.
+    /// True if some splats at the near plane are drawn in transparent layers.
     pub near_transparent: bool,
 }
 
 impl VisibleSegments {
-    /// True if any splat is drawn in layers.
+    /// True if any splat is drawn in transparent layers.
     pub fn has_transparent(&self) -> bool {
         self.near_transparent || !self.transparent.is_empty()
     }
 }
 
-/// A step of a tile. Segments are given as indices of the scene's.
+/// Step of a tile. Segments are indices into the scene's segments.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
     /// Projects splats to records.
     Setup {
-        /// The splats' segments.
+        /// Segments whose splats are set up.
         segments: Vec<usize>,
-        /// Their splats have not been set up in this tile before, and count as drawn.
+        /// True if the splats have not been set up in this tile before. They then count as drawn in the statistics.
         first: bool,
     },
     /// Runs a render pass.
     Draw {
-        /// The pass.
+        /// Render pass to run.
         draw: Draw,
-        /// The segments whose records it draws.
+        /// Segments whose records are drawn.
         segments: Vec<usize>,
-        /// It is the tile's first of its kind: it clears its targets, and draws the splats at the near plane, too.
+        /// True for the first step of this pass in the tile. It clears the targets, and draws the splats at the near
+        /// plane, too.
         first: bool,
     },
     /// Runs a compute pass over pixels.
@@ -50,7 +51,7 @@ pub enum Step {
 }
 
 impl Step {
-    /// Its name in the statistics.
+    /// Returns the name of the step in the statistics.
     pub fn name(&self) -> &'static str {
         match self {
             Self::Setup { .. } => "setup",
@@ -60,20 +61,23 @@ impl Step {
     }
 }
 
-/// The steps of a tile that these segments may touch. Records that fit into memory together are set up once; where one
-/// buffer serves all segments in turn (`shared_records`) they are set up again for each pass over the splats.
+/// Returns the steps of a tile that `visible` segments may touch.
+///
+/// Records that fit into memory together are set up once. If all segments share one buffer of records
+/// (`shared_records`), they are set up again for each pass over the splats.
 pub fn schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(pass_list(plan), visible, shared_records)
 }
 
-/// The steps of a part of a tile's samples, as [`schedule()`] of a tile; they follow the tile's own.
+/// Returns the steps of some of a tile's samples, as [`schedule()`] does for a tile. They run after the tile's own
+/// steps.
 pub(crate) fn sample_schedule(plan: &FramePlan, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     steps(sample_pass_list(plan), visible, shared_records)
 }
 
 fn steps(list: Vec<PassEntry>, visible: &VisibleSegments, shared_records: bool) -> Vec<Step> {
     let again = shared_records && visible.opaque.len() + visible.transparent.len() > 1;
-    // The segments that are set up and drawn at a time.
+    // Groups of segments that are set up and drawn together.
     let batches = |segments: &[usize]| -> Vec<Vec<usize>> {
         if again && segments.len() > 1 {
             segments.iter().map(|&segment| vec![segment]).collect()
@@ -159,11 +163,11 @@ mod tests {
         assert_eq!((own.len(), setups(&own)), (4, 1));
         let shared = schedule(&plan, &opaque(&[0, 2, 5]), true);
         assert_eq!(setups(&shared), 6);
-        // Visibility of all comes before the first sum.
+        // The visibility of all segments is complete before the first sum.
         let first_sum = draws(&shared).iter().position(|d| d.is_additive()).unwrap();
         assert!(!draws(&shared)[first_sum..].contains(&Draw::Visibility));
         assert_eq!(setups(&schedule(&plan, &opaque(&[3]), true)), 1);
-        // A tile that nothing touches is cleared and shaded all the same.
+        // A tile that no splat touches is still cleared and shaded.
         let empty = schedule(&plan, &opaque(&[]), false);
         assert_eq!(empty.iter().map(Step::name).collect::<Vec<_>>(), ["visibility", "attributes", "shade"]);
     }
@@ -203,12 +207,13 @@ mod tests {
         assert_eq!(draws(&again), draws(&schedule(&plain, &opaque(&[0]), false)));
         assert_eq!(again.last(), Some(&Step::PixelPass(PixelPass::ResolveSamples)));
         assert_eq!(Draw::of(&samples), [Draw::VisibilityWithTolerance, front, Draw::Steps, Draw::Visibility]);
-        // A plan without has none of it.
+        // A plan without edge samples has none of these passes.
         assert!(sample_schedule(&plain, &opaque(&[0]), false).is_empty());
         assert!(
             !Draw::of(&plain).contains(&Draw::Steps) && !PixelPass::of(&plain).contains(&PixelPass::ResolveSamples)
         );
-        // Steps of the nearest transparent splats are read even where there are none: that target is cleared.
+        // The steps pass reads the target of the nearest transparent splats even if there are none, so the target is
+        // cleared.
         for (transparency, count) in [("peel:1", 1), ("peel:3", 3)] {
             let plan = planned(EdgeAa::Samples, transparency);
             let clear = draws(&schedule(&plan, &opaque(&[0]), false));

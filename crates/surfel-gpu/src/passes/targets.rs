@@ -1,9 +1,9 @@
-//! The textures that passes draw into, whatever the API.
+//! Textures that passes draw into, whatever the API.
 
-/// A texture of a tile.
+/// Texture of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Target {
-    /// Depth buffer of the depth threshold, the least z + ε of a pixel, as a reversed depth z_near/z.
+    /// Depth buffer of the depth threshold, the least z + ε of a pixel, as the reversed depth z_near/z.
     DepthThreshold,
     /// Σw·(colour, 1).
     Color,
@@ -13,19 +13,19 @@ pub enum Target {
     Material,
     /// Number of fragments, and coverage.
     Counts,
-    /// The depth threshold z + ε, and the ε of the splat that it is of.
+    /// The depth threshold z + ε, and the ε of the splat that defines it.
     ThresholdTolerance,
-    /// The depth threshold at edge pixels as a reversed depth, else 0.
+    /// The depth threshold at edge pixels as a reversed depth; 0 elsewhere.
     EdgeThreshold,
     /// Like `DepthThreshold`, for the edge background.
     EdgeBackgroundThreshold,
     /// Depth buffer of the nearest polygon, reversed.
     PolygonDepth,
-    /// The nearest polygon's depth, and one more than its index.
+    /// Depth of the nearest polygon, and the polygon's index plus one.
     Polygons,
     /// Depth buffer of the nearest fragment of oriented splats, reversed.
     FacingDepth,
-    /// The side that it shows.
+    /// Side of oriented splats that each pixel shows.
     Facing,
     /// Like `Color`, for the edge background.
     EdgeBackgroundColor,
@@ -43,28 +43,29 @@ pub enum Target {
     LayerMaterial,
     /// Number of fragments, and Σw·alpha.
     LayerCounts,
-    /// The same of an A-buffer's layer, and coverage.
+    /// Number of fragments, Σw·alpha, and coverage of an A-buffer's layer.
     LayerCoverage,
     /// Like `ThresholdTolerance`, for the nearest transparent splats.
     LayerTolerance,
     /// Depth buffer of the nearest splat's fragment, reversed.
     NearestDepth,
-    /// One more than the number of the nearest splat's draw, and its record's number.
+    /// Index plus one of the draw of the nearest splat, and the number of its record within that draw.
     Nearest,
-    /// The same, for transparent layers.
+    /// Like `Nearest`, for transparent layers.
     LayerNearest,
-    /// 1 where a pixel is sampled, and the depth of what it shows.
+    /// First number: 1 if the pixel is antialiased by samples. Second number: depth of the surface that the pixel
+    /// shows.
     Steps,
 }
 
-/// What a texel holds.
+/// Format of a target's texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum TargetFormat {
     /// A depth buffer in f32.
     Depth,
-    /// Four sums, in the precision of the sums.
+    /// Four sums, in the precision of a plan's sums.
     Sums4,
-    /// Two sums.
+    /// Two sums, in the precision of a plan's sums.
     Sums2,
     /// Two numbers in f32.
     Exact2,
@@ -73,7 +74,7 @@ pub enum TargetFormat {
 }
 
 impl Target {
-    /// All of them.
+    /// All targets.
     pub const ALL: [Self; 26] = [
         Self::DepthThreshold,
         Self::Color,
@@ -103,7 +104,7 @@ impl Target {
         Self::Steps,
     ];
 
-    /// A name for messages and debuggers.
+    /// Returns the target's name for messages and debuggers.
     pub fn name(self) -> &'static str {
         match self {
             Self::DepthThreshold => "depth threshold",
@@ -135,7 +136,7 @@ impl Target {
         }
     }
 
-    /// What its texels hold.
+    /// Returns the format of the target's texels.
     pub fn format(self) -> TargetFormat {
         match self {
             Self::DepthThreshold

@@ -1,4 +1,4 @@
-//! Chunks: splats that lie close together, with bounds for culling.
+//! Chunks: splats close together, with bounds for culling.
 
 use surfel_model::SplatCloud;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace};
@@ -6,23 +6,23 @@ use surfel_shaders::layout;
 
 const _: () = assert!(CHUNK_SPLATS == layout::CHUNK_SPLATS as usize, "shaders count the splats of a chunk, too");
 
-/// Up to 256 splats that lie close together.
+/// Up to 256 splats close together.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Chunk {
-    /// Object-space origin of the centres, and the scales of stored numbers.
+    /// Object-space origin of the centres, and the scales of quantised numbers.
     pub space: ChunkSpace,
-    /// Radius about the origin of a bounding sphere of the splats (not only of their centres), object units.
+    /// Radius of a bounding sphere about the origin, object units. It contains the splats, not only their centres.
     pub bounding_radius: f64,
     /// Larger half-axis of the largest splat, object units.
     pub largest_radius: f64,
-    /// First splat, counted within the segment.
+    /// Index of the first splat in the segment.
     pub first: u32,
     /// Number of splats.
     pub count: u32,
 }
 
 impl Chunk {
-    /// The chunk of these splats, the first of which is the segment's `first`.
+    /// Creates the chunk of the splats `members`. `first` is the index of the first one in the segment.
     pub(crate) fn new(cloud: &SplatCloud, members: &[u32], space: ChunkSpace, first: u32) -> Self {
         let mut chunk = Self { space, bounding_radius: 0.0, largest_radius: 0.0, first, count: members.len() as u32 };
         for &i in members {
@@ -31,7 +31,7 @@ impl Chunk {
             chunk.bounding_radius =
                 chunk.bounding_radius.max((cloud.center(i as usize) - space.origin).length() + radius);
         }
-        // Stored centres and radii are rounded, by 16 bits to 1e-4 of the bounding radius at most.
+        // Stored centres and radii are rounded: with 16 bits, by at most 1e-4 of the bounding radius.
         let rounded = 1.0 + 1e-4;
         Self {
             bounding_radius: chunk.bounding_radius * rounded,

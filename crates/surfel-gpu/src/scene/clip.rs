@@ -1,4 +1,4 @@
-//! Clip variants of splats and their entry points, and clips as buffers hold them.
+//! Clip variants of splats, their entry points, and the layout of clips in buffers.
 
 use crate::struct_writer::StructWriter;
 use surfel_math::clip::Clip;
@@ -6,20 +6,20 @@ use surfel_math::mapping::Linear;
 use surfel_model::{ClipPolicy, SplatCloud};
 use surfel_shaders::{ENTRIES, Entry, Stage, layout};
 
-/// The bind group of records and their clips.
+/// Index of the bind group of records and their clips.
 const RECORDS_GROUP: u32 = 1;
 
-/// Whether splats are clipped. Clipped splats have pipelines of their own, so that others don't pay for them.
+/// Clip variant of splats. Clipped splats have their own pipelines, so that others don't pay for clipping.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Variant {
-    /// Whole, or drawn as whole.
+    /// Whole splats, or clipped ones drawn as whole.
     Whole,
-    /// Each splat has a clip.
+    /// Splats that each have a clip.
     Clipped,
 }
 
 impl Variant {
-    /// Prefix of the names of its entry points.
+    /// Returns the prefix of the variant's entry points.
     pub(crate) fn prefix(self) -> &'static str {
         match self {
             Self::Whole => "",
@@ -27,12 +27,12 @@ impl Variant {
         }
     }
 
-    /// The entry point that sets up records.
+    /// Returns the entry point that sets up records.
     pub fn setup(self) -> String {
         format!("{}setup", self.prefix())
     }
 
-    /// The entry points that draw its records.
+    /// Returns the entry points that draw the variant's records.
     pub fn record_entry_points(self) -> Vec<&'static str> {
         let reads = |entry: &&Entry| {
             let own = entry.name.starts_with(Self::Clipped.prefix()) == (self == Self::Clipped);
@@ -43,7 +43,7 @@ impl Variant {
     }
 }
 
-/// Words of a stored clip: the exact forms, as the shaders' `Clip`, and the chord in place of a curve.
+/// Size of a stored clip in words: the exact forms, as in the shaders' `Clip`, and the chord that may replace a curve.
 pub(crate) const STORED_WORDS: u32 = (layout::clip::SIZE / 4) as u32 + 3;
 
 /// True if splat `i` has a clip.
@@ -51,7 +51,7 @@ pub(crate) fn is_clipped(cloud: &SplatCloud, i: usize) -> bool {
     cloud.data().clips.as_ref().is_some_and(|clips| clips.clip(i, ClipPolicy::Exact).is_some())
 }
 
-/// A clip of splat `i` as it is stored, in [`STORED_WORDS`] words.
+/// Returns the clip of splat `i` in [`STORED_WORDS`] words.
 pub(crate) fn stored(cloud: &SplatCloud, i: usize) -> Vec<u32> {
     let clip =
         |policy| cloud.data().clips.as_ref().and_then(|clips| clips.clip(i, policy)).unwrap_or_else(Clip::nothing);
@@ -60,7 +60,7 @@ pub(crate) fn stored(cloud: &SplatCloud, i: usize) -> Vec<u32> {
     words
 }
 
-/// The shaders' `Clip`.
+/// Returns the words of the shaders' `Clip`.
 pub(crate) fn clip_words(clip: &Clip<f64>) -> Vec<u32> {
     use layout::clip as at;
     let mut words = StructWriter::new(at::SIZE);
@@ -92,7 +92,7 @@ mod tests {
     };
     use surfel_render::{Capabilities, Planes, Settings, View, plan};
 
-    /// Three ellipses, of which the first `clipped` have a line each; and the words of each segment.
+    /// Returns a scene of three ellipses, of which the first `clipped` have a line each, and the words of each segment.
     fn uploaded(clipped: Option<usize>) -> (UploadedScene, Vec<Vec<u32>>) {
         let column = |v: [f32; 3]| Column3::from_f32(vec![Vec3::from(v); 3]);
         let shape = Shape::Ellipses { s: column([0.1, 0.0, 0.0]), t: column([0.0, 0.1, 0.0]) };
@@ -122,7 +122,7 @@ mod tests {
     fn only_splats_with_a_clip_pay_for_it() {
         let (plain, words) = uploaded(None);
         let (unclipped, same_words) = uploaded(Some(0));
-        // A chunk, a centre and two axes.
+        // Each splat has ten words: a chunk, a centre and two axes.
         assert_eq!((words[0].len(), &words), (3 * 10, &same_words));
         for scene in [&plain, &unclipped] {
             assert_eq!(scene.records(Limits::default()).0.iter().map(|b| b.clips).sum::<u64>(), 0);
@@ -164,7 +164,7 @@ mod tests {
         }
     }
 
-    /// `stored_clip` of the shaders counts its words.
+    /// Checks the offsets that the shader function `stored_clip` assumes.
     #[test]
     fn a_clip_is_stored_in_the_order_in_which_shaders_read_it() {
         use layout::clip as at;

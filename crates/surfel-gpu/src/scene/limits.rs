@@ -1,17 +1,17 @@
-//! Limits of a device, and of how much of it a renderer may use.
+//! Limits of a device and of a renderer's use of it.
 
-/// What may be used of a device. What doesn't fit at once is drawn in parts, to the same image.
+/// Limits on the use of a device. Content that exceeds them is drawn in several passes, with the same image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Limits {
-    /// Largest buffer that a shader reads, bytes.
+    /// Size of the largest buffer that a shader reads, bytes.
     pub buffer_bytes: u64,
     /// Largest side of a texture, pixels.
     pub texture_side: u32,
-    /// Records of a scene that take more than this, in bytes, share one buffer and are set up again for each pass,
-    /// which takes less memory and more time. Trained Gaussians whose records and lists do are drawn in parts.
+    /// Size above which the records of a scene share one buffer, bytes. They are then set up again for each pass, which
+    /// takes less memory and more time. Trained Gaussians whose records and lists exceed the size are drawn in parts.
     pub record_bytes: u64,
-    /// Largest buffer of records or pairs of the compute path, bytes. Frames that need more are drawn by raster
-    /// hardware.
+    /// Size of the largest buffer of records or pairs of the compute path, bytes. Tiles that need more are drawn by
+    /// raster hardware.
     pub cell_bytes: u64,
     /// Memory that a scene and its records may take, bytes. A scene that needs more is refused before anything is
     /// allocated.
@@ -19,7 +19,8 @@ pub struct Limits {
 }
 
 impl Default for Limits {
-    /// All of the device, and half a gibibyte of records; of the compute path four.
+    /// Returns limits that allow all of the device, half a gibibyte of records, and buffers of up to four gibibytes in
+    /// the compute path.
     fn default() -> Self {
         let all = u64::MAX;
         let (record_bytes, cell_bytes) = (512 << 20, 4 << 30);
@@ -28,7 +29,7 @@ impl Default for Limits {
 }
 
 impl Limits {
-    /// The lesser of these limits and a device's own.
+    /// Returns the lesser of these limits and a device's limits.
     #[must_use]
     pub fn within(self, buffer_bytes: u64, texture_side: u32) -> Self {
         Self {
@@ -38,7 +39,8 @@ impl Limits {
         }
     }
 
-    /// The lesser of these limits and a device's memory, bytes, an eighth of it for records of the compute path.
+    /// Returns the lesser of these limits and a device's memory, in bytes. A buffer of the compute path may take an
+    /// eighth of it.
     #[must_use]
     pub fn within_memory(self, bytes: u64) -> Self {
         Self { memory_bytes: self.memory_bytes.min(bytes), cell_bytes: self.cell_bytes.min(bytes / 8), ..self }

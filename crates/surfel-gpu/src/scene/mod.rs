@@ -1,4 +1,4 @@
-//! A scene in GPU buffers: chunks and segments of splats, their clips, textures of polygons.
+//! Scene in GPU buffers: chunks and segments of splats, their clips, textures of polygons.
 
 pub(crate) mod chunk;
 pub(crate) mod clip;

@@ -9,7 +9,7 @@ use surfel_model::{ChunkSpace, Storage, stored_axes};
 use surfel_model::{Shape, SplatCloud};
 use surfel_shaders::layout;
 
-/// Offsets within a stored splat, counted in words, or in halves of them where splats are in 16 bits.
+/// Offsets within a stored splat, in words, or in half-words if splats are quantised to 16 bits.
 pub(crate) struct StoredLayout {
     storage: Storage,
     is_disk: bool,
@@ -22,7 +22,7 @@ pub(crate) struct StoredLayout {
     alpha_at: u32,
 }
 
-/// Writes stored splats.
+/// Buffer of splats being packed: words, or half-words if splats are quantised.
 pub(crate) enum StoredWriter {
     StructWriter(Vec<u32>),
     Halves(Vec<u16>),
@@ -32,7 +32,7 @@ impl StoredLayout {
     pub(crate) fn of(cloud: &SplatCloud, variant: Variant, is_transparent: bool, storage: Storage) -> Self {
         let data = cloud.data();
         let is_disk = matches!(data.shape, Shape::Disks { .. });
-        // Lengths of a word, a number and a unit vector.
+        // Lengths of a word, of a number and of a unit vector.
         let (word, number, unit) = match storage {
             Storage::F32 => (1, 1, 3),
             Storage::Quantised => (2, 1, 2),
@@ -43,7 +43,7 @@ impl StoredLayout {
             stride += if there { length } else { 0 };
             at
         };
-        // The chunk comes first.
+        // A splat begins with its chunk.
         field(true, word);
         let center_at = field(true, 3 * number);
         let shape_at = field(true, if is_disk { unit + number } else { 6 * word });
@@ -54,7 +54,7 @@ impl StoredLayout {
         Self { storage, is_disk, stride, center_at, shape_at, color_at, shading_normal_at, clip_at, alpha_at }
     }
 
-    /// Words of `splats` splats and of the scales of `chunks` chunks.
+    /// Returns the number of words of `splats` splats and of the scales of `chunks` chunks.
     pub(crate) fn words(&self, splats: usize, chunks: usize) -> u64 {
         let units = splats as u64 * u64::from(self.stride);
         match self.storage {
@@ -63,7 +63,8 @@ impl StoredLayout {
         }
     }
 
-    /// The shaders' `Segment` of `count` splats, whose chunks' scales begin at word `scales_at`, if they have any.
+    /// Returns the words of the shaders' `Segment` of `count` splats. `scales_at` is the offset of the chunks' scales
+    /// in words, if they have any.
     pub(crate) fn uniform(&self, object: u32, count: u32, scales_at: Option<u32>) -> Vec<u32> {
         use layout::segment as at;
         let mut words = StructWriter::new(at::SIZE);
@@ -75,7 +76,7 @@ impl StoredLayout {
         words.into_words()
     }
 
-    /// Stores splat `i`; `code` is its chunk and its index in it.
+    /// Appends splat `i`. `code` combines its chunk and its index within the chunk.
     pub(crate) fn push(&self, cloud: &SplatCloud, i: usize, space: &ChunkSpace, code: u32, to: &mut StoredWriter) {
         to.word(code);
         to.numbers((cloud.center(i) - space.origin).as_vec3().to_array(), space.center);
@@ -119,7 +120,7 @@ impl StoredWriter {
         }
     }
 
-    /// Writes numbers between −scale and scale.
+    /// Appends numbers in the range −`scale` to `scale`.
     fn numbers<const N: usize>(&mut self, values: [f32; N], scale: f32) {
         match self {
             Self::StructWriter(words) => words.extend(values.map(f32::to_bits)),
@@ -135,7 +136,7 @@ impl StoredWriter {
         }
     }
 
-    /// The words, and where among them the chunks' scales begin, if they have any.
+    /// Returns the words and, if splats are quantised, the offset of the chunks' scales in words.
     pub(crate) fn finish(self, spaces: impl Iterator<Item = ChunkSpace>) -> (Vec<u32>, Option<u32>) {
         match self {
             Self::StructWriter(words) => (words, None),

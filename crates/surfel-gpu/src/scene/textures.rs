@@ -1,20 +1,20 @@
-//! Textures of polygons, as the shaders' `texels` hold them.
+//! Textures of polygons, in the layout of the shaders' `texels`.
 
 use std::sync::Arc;
 use surfel_model::{Mesh, Mipmaps, Texture};
 use surfel_shaders::layout;
 
-/// The buffer of all textures: each once, with its mipmaps.
+/// Buffer of all textures, each stored once with its mipmaps.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct TextureBuffer {
-    /// Decoded values of the 256 sRGB bytes, then the textures; empty without textures.
+    /// Linear values of the 256 sRGB bytes, then the textures; empty without textures.
     pub words: Vec<u32>,
-    /// Textures and the words where they start.
+    /// Textures and their offsets in words.
     found: Vec<(Arc<Texture>, u32)>,
 }
 
 impl TextureBuffer {
-    /// The word where the texture of a mesh starts, or `layout::ABSENT`; adds the texture if it is new.
+    /// Returns the offset in words of a mesh's texture, or `layout::ABSENT`. Adds the texture if it is new.
     pub(crate) fn add(&mut self, mesh: &Mesh) -> u32 {
         let Some(texture) = mesh.texture.as_ref().filter(|t| mesh.uvs.is_some() && is_whole(t)) else {
             return layout::ABSENT;
@@ -39,7 +39,7 @@ impl TextureBuffer {
     }
 }
 
-/// False for a damaged or empty texture, which counts as white.
+/// False for a damaged or empty texture, which is drawn white.
 fn is_whole(texture: &Texture) -> bool {
     let texels = texture.width as usize * texture.height as usize;
     texels > 0 && texture.srgba8.len() >= texels

@@ -1,4 +1,4 @@
-//! The upload of a scene: cuts clouds into segments and packs them one at a time.
+//! Upload of a scene: cuts clouds into segments and packs them one at a time.
 
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};
@@ -14,10 +14,10 @@ use surfel_model::{Geometry, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
 use surfel_shaders::layout;
 
-/// Most splats of a segment: 144 MiB of records.
+/// Maximum number of splats of a segment, whose records then take 144 MiB.
 const SEGMENT_SPLATS: usize = 1 << 20;
 
-/// An upload in progress. Segments are packed one at a time, so that memory holds a copy of one at most.
+/// Upload in progress. Segments are packed one at a time, so that host memory holds a copy of at most one.
 pub struct Upload {
     scene: UploadedScene,
     segments: VecDeque<PlannedSegment>,
@@ -25,21 +25,21 @@ pub struct Upload {
     needed_bytes: u64,
 }
 
-/// A segment that is still to be uploaded.
+/// Segment that is still to be uploaded.
 struct PlannedSegment {
     object: u32,
     variant: Variant,
     is_transparent: bool,
     members: Vec<u32>,
-    /// Its chunks, in order.
+    /// Chunks of the segment, in order.
     chunks: Vec<PlannedChunk>,
 }
 
-/// A chunk of a planned segment.
+/// Chunk of a planned segment.
 struct PlannedChunk {
-    /// Origin and scales of its numbers.
+    /// Origin and scales of the chunk's numbers.
     space: ChunkSpace,
-    /// One past the last of its splats among the segment's members.
+    /// One past the index of the chunk's last splat among the segment's members.
     end: usize,
 }
 
@@ -47,8 +47,8 @@ impl Upload {
     /// Starts an upload.
     ///
     /// # Errors
-    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::SceneTooLarge`] if it doesn't fit into the
-    /// memory, [`RenderError::Backend`] if the device's buffers hold no splats, or not the textures.
+    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::SceneTooLarge`] if it exceeds the memory limit,
+    /// [`RenderError::Backend`] if the device's buffers are too small for the textures or for any splats.
     pub fn new(scene: &Scene, storage: Storage, limits: Limits, backend: &'static str) -> Result<Self, RenderError> {
         scene.validate()?;
         let summary = SceneSummary::of(scene);
@@ -61,7 +61,7 @@ impl Upload {
         let [r, g, b, a] = scene.background;
         let (mut objects, mut meshes) = (Vec::new(), Vec::new());
         let mut textures = TextureBuffer::default();
-        // Of equally near polygons the first is drawn: those of octrees come after all meshes.
+        // Of equally near polygons the first is drawn, so octrees come after all meshes.
         let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
@@ -146,17 +146,17 @@ impl Upload {
         Ok(Self { scene, segments, splat_bytes, needed_bytes: needed })
     }
 
-    /// Bytes of all segments' splats together.
+    /// Returns the size of all segments' splats together, bytes.
     pub fn splat_bytes(&self) -> u64 {
         self.splat_bytes
     }
 
-    /// Bytes of splats, textures and records together.
+    /// Returns the size of splats, textures and records together, bytes.
     pub fn needed_bytes(&self) -> u64 {
         self.needed_bytes
     }
 
-    /// Words of the next segment's splats, or `None` after the last.
+    /// Returns the words of the next segment's splats, or `None` after the last.
     pub fn next_segment(&mut self) -> Option<Vec<u32>> {
         let planned = self.segments.pop_front()?;
         let cloud = &self.scene.objects.get(planned.object as usize)?.cloud;
@@ -181,7 +181,7 @@ impl Upload {
         Some(words)
     }
 
-    /// What the CPU keeps, after the last segment.
+    /// Returns the data that stays on the CPU. Call it after the last segment.
     pub fn finish(self) -> UploadedScene {
         self.scene
     }
@@ -197,7 +197,7 @@ impl PlannedSegment {
     }
 }
 
-/// Most splats of a segment.
+/// Returns the maximum number of splats of a segment.
 fn segment_splats(limits: Limits, variant: Variant) -> usize {
     let largest = match variant {
         Variant::Whole => layout::record::SIZE,
@@ -206,8 +206,8 @@ fn segment_splats(limits: Limits, variant: Variant) -> usize {
     (limits.buffer_bytes / largest as u64).min(SEGMENT_SPLATS as u64) as usize
 }
 
-/// The segments of a cloud, apart by clip variant and transparency; none is empty. Chunks are cut before splats are
-/// separated so, so that their stored numbers are those of the CPU backend.
+/// Returns the segments of a cloud, separated by clip variant and transparency; none is empty. Chunks are cut before
+/// this separation, so that their quantised numbers match those of the CPU backend.
 fn planned_segments(
     object: u32,
     uploaded: &UploadedObject,
@@ -220,7 +220,7 @@ fn planned_segments(
     let mut open = kinds.as_flattened().iter().map(|&(v, transparent)| PlannedSegment::new(object, v, transparent));
     let mut open: Vec<PlannedSegment> = open.by_ref().collect();
     let mut full = Vec::new();
-    // A chunk of an octree holds splats of one node or transition.
+    // A chunk of an octree has splats of a single node or transition.
     let orders: Vec<Vec<u32>> = match &uploaded.octree {
         Some((_, octree)) => octree.parts().map(Iterator::collect).collect(),
         None => vec![cloud.morton_order()],

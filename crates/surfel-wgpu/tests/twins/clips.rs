@@ -1,4 +1,4 @@
-//! Clips, and the turns that filters give them.
+//! Kernels of clips, and of the rotations that filters apply to them.
 
 use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, coefficients, flag, splat, sum, v2, v3};
@@ -6,7 +6,7 @@ use surfel_math::clip::{Clip, Curve, Turn};
 use surfel_math::mapping::Linear;
 use surfel_math::{Real, V2, filter};
 
-/// A clip of the first 23 numbers, in WGSL.
+/// WGSL statement that makes a clip from the first 23 numbers.
 const CLIP: &str = "let clip = Clip(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8), x9, array<Linear, 4>(
     Linear(x10, x11, x12), Linear(x13, x14, x15), Linear(x16, x17, x18), Linear(x19, x20, x21)), x22);";
 
@@ -66,7 +66,8 @@ fn adjust_axes_turned(x: &[f64]) -> Vec<f64> {
     [vec![s.x, s.y, s.z, t.x, t.y, t.z], turn_list(&turn)].concat()
 }
 
-/// The turn of an ellipse's axes is as uncertain as its axes are alike, and a disk's as it faces the eye.
+/// Scale of errors: the rotation of an ellipse's axes is ill-conditioned if the axes are nearly equal, and a disk's if
+/// it faces the eye.
 fn adjust_terms(x: &[f64], group: usize) -> f64 {
     let length = |v: &[f64]| v.iter().map(|c| c * c).sum::<f64>().sqrt();
     let (s, t) = (length(&x[3..6]), length(&x[6..9]));
@@ -76,7 +77,7 @@ fn adjust_terms(x: &[f64], group: usize) -> f64 {
     4.0 * scale / if (s - t).abs() > 1e-2 * s { (s - t).abs() / s } else { sine }
 }
 
-/// Products of a form's coefficients with the turned gradients may cancel.
+/// Scale of errors: products of a form's coefficients with the rotated gradients may cancel.
 fn through_terms(x: &[f64], group: usize) -> f64 {
     let first = [0, 3, 6, 9, 10, 13, 16, 19, 22][group];
     if matches!(group, 3 | 8) {
@@ -90,7 +91,7 @@ fn turned_terms(x: &[f64], _: usize) -> f64 {
     x.iter().fold(0.0f64, |a, b| a.max(b.abs())).powi(2)
 }
 
-/// The forms of a curve and lines over the disk.
+/// Returns the forms of a curve and lines over the disk.
 fn random_clip(random: &mut Random, weight: f64) -> Vec<f32> {
     let (theta1, theta3) = (random.range(0.0, 6.3), random.range(0.0, 6.3));
     let p2 = V2::new(random.signed() * 1.5, random.signed() * 1.5);
@@ -103,7 +104,7 @@ fn random_clip(random: &mut Random, weight: f64) -> Vec<f32> {
     ))
 }
 
-/// A clip and a point of the disk that no rounding moves across it.
+/// Returns a clip and a point of the disk far enough from the curve that rounding doesn't move it across.
 fn clear_of_the_curve(random: &mut Random, reach: f64) -> Vec<f32> {
     loop {
         let weight = 10f64.powf(random.range(-reach, reach));

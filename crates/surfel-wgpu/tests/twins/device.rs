@@ -1,4 +1,4 @@
-//! Runs kernels on whatever adapter there is.
+//! Runs kernels on the first available adapter.
 
 use crate::all;
 use crate::kernels::Kernel;
@@ -12,7 +12,7 @@ pub(crate) struct Device {
 }
 
 impl Device {
-    /// `None`, with a line that says so, where there is no adapter and none is required.
+    /// Opens a device. Returns `None` and prints a line if there is no adapter and none is required.
     pub(crate) fn open() -> Option<Self> {
         let descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
         let instance = wgpu::Instance::new(descriptor);
@@ -30,7 +30,7 @@ impl Device {
         Some(Self { device, queue, module })
     }
 
-    /// Outputs of a kernel, one sample after the other.
+    /// Returns the outputs of a kernel, one sample after the other.
     pub(crate) fn run(&self, kernel: &Kernel, inputs: &[Vec<f32>]) -> Vec<f32> {
         let bytes: Vec<u8> = inputs.iter().flatten().flat_map(|v| v.to_le_bytes()).collect();
         let size = (4 * kernel.outputs * inputs.len()) as u64;
@@ -72,7 +72,7 @@ impl Device {
     }
 }
 
-/// The formulas and an entry point for each kernel.
+/// Returns the formulas and an entry point for each kernel.
 fn text() -> String {
     let mut text = format!(
         "{WGSL}\n@group(0) @binding(0) var<storage, read> inputs: array<f32>;\n\

@@ -16,30 +16,30 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// In [low, high).
+    /// Returns a number in [low, high).
     pub(crate) fn range(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * (self.next() >> 11) as f64 / (1u64 << 53) as f64
     }
 
-    /// In [-1, 1).
+    /// Returns a number in [-1, 1).
     pub(crate) fn signed(&mut self) -> f64 {
         self.range(-1.0, 1.0)
     }
 
-    /// Of any magnitude from 10^-e to 10^e and either sign.
+    /// Returns a number with a magnitude of 10^-e to 10^e and either sign.
     pub(crate) fn wild(&mut self, e: f64) -> f64 {
         let magnitude = 10f64.powf(self.range(-e, e));
         if self.next().is_multiple_of(2) { magnitude } else { -magnitude }
     }
 
-    /// Two axes of any length and angle.
+    /// Returns two axes of any length and angle.
     pub(crate) fn axes(&mut self) -> Vec<f32> {
         let (a, b) = (self.wild(6.0), 10f64.powf(self.range(-4.0, 0.0)));
         let (s, t) = (self.direction().map(|c| c * a), self.direction().map(|c| c * a * b));
         f32s(&[s[0], s[1], s[2], t[0], t[1], t[2]])
     }
 
-    /// A unit vector.
+    /// Returns a unit vector.
     pub(crate) fn direction(&mut self) -> [f64; 3] {
         let z = self.signed();
         let (sin, cos) = self.range(0.0, std::f64::consts::TAU).sin_cos();
@@ -52,17 +52,17 @@ pub(crate) fn f32s(values: &[f64]) -> Vec<f32> {
     values.iter().map(|&v| v as f32).collect()
 }
 
-/// `N` numbers in [-1, 1).
+/// Returns `N` numbers in [-1, 1).
 pub(crate) fn numbers<const N: usize>(random: &mut Random) -> Vec<f32> {
     (0..N).map(|_| random.signed() as f32).collect()
 }
 
-/// `N` numbers of magnitudes 1e-8 to 1e8, some of them zero.
+/// Returns `N` numbers of magnitudes 1e-8 to 1e8, some of them zero.
 pub(crate) fn wild<const N: usize>(random: &mut Random) -> Vec<f32> {
     (0..N).map(|_| if random.range(0.0, 1.0) < 0.05 { 0.0 } else { random.wild(8.0) as f32 }).collect()
 }
 
-/// a, b, c, d with a·b ≈ ±c·d to anything from 1 to 2⁻²³.
+/// Returns a, b, c, d with a·b ≈ ±c·d, up to a relative difference of 1 to 2⁻²³.
 pub(crate) fn cancelling(random: &mut Random) -> Vec<f32> {
     let [a, b, c] = [random.wild(4.0), random.wild(4.0), random.wild(4.0)].map(|v| f64::from(v as f32));
     let off = 1.0 + random.wild(1.0) * 10f64.powf(random.range(-8.0, -1.0));
@@ -70,13 +70,13 @@ pub(crate) fn cancelling(random: &mut Random) -> Vec<f32> {
     f32s(&[a, b, c, if random.signed() < 0.0 { d } else { -d }])
 }
 
-/// a.x, a.y, b.x, b.y whose products with one another nearly cancel.
+/// Returns a.x, a.y, b.x, b.y whose products with one another nearly cancel.
 pub(crate) fn cancelling_pair(random: &mut Random) -> Vec<f32> {
     let x = cancelling(random);
     vec![x[0], x[2], x[1], x[3]]
 }
 
-/// Columns of a 2×2 matrix of these singular values, and its determinant.
+/// Returns the columns of a 2×2 matrix with these singular values, and its determinant.
 fn matrix(random: &mut Random, major: f64, minor: f64) -> Vec<f32> {
     let ((sa, ca), (sb, cb)) = (random.range(0.0, 6.3).sin_cos(), random.range(0.0, 6.3).sin_cos());
     let s = [ca * major * cb - sa * minor * sb, sa * major * cb + ca * minor * sb];
@@ -84,32 +84,33 @@ fn matrix(random: &mut Random, major: f64, minor: f64) -> Vec<f32> {
     f32s(&[s[0], s[1], t[0], t[1], major * minor])
 }
 
-/// Projected ellipses of 0.1 to 100 px.
+/// Returns a projected ellipse of 0.1 to 100 px.
 pub(crate) fn ellipse(random: &mut Random) -> Vec<f32> {
     let major = 10f64.powf(random.range(-1.0, 2.0));
     let minor = major * random.range(0.1, 0.9);
     matrix(random, major, minor)
 }
 
-/// Projected ellipses of any size, needles of aspect 1e6 among them. A circle's axes may point anywhere: none is.
+/// Returns a projected ellipse of any size, including needles of aspect 1e6. Circles are excluded: their axes are
+/// arbitrary.
 pub(crate) fn wild_ellipse(random: &mut Random) -> Vec<f32> {
     let major = random.wild(6.0).abs();
     let aspect = 10f64.powf(random.range(-6.0, -0.05));
     matrix(random, major, major * aspect)
 }
 
-/// Circles of any size, but for rounding.
+/// Returns a circle of any size, up to rounding.
 pub(crate) fn circle(random: &mut Random) -> Vec<f32> {
     let radius = random.wild(6.0).abs();
     matrix(random, radius, radius)
 }
 
-/// The fields of a `Projected` over such an ellipse, and h.
+/// Returns the fields of a `Projected` over an [`ellipse`], and h.
 pub(crate) fn projected(random: &mut Random) -> Vec<f32> {
     fields(random, ellipse, |r| [0.3 * r.signed(), 0.3 * r.signed(), 0.02 * r.signed(), 0.02 * r.signed()], [0.5, 2.0])
 }
 
-/// As [`projected`], of any size and slope that an ordinary splat may have.
+/// Like [`projected`], with any size and slope that an ordinary splat may have.
 pub(crate) fn wild_projected(random: &mut Random) -> Vec<f32> {
     let slopes = |r: &mut Random| {
         let steep = 10f64.powf(r.range(-6.0, 2.0));
@@ -118,7 +119,7 @@ pub(crate) fn wild_projected(random: &mut Random) -> Vec<f32> {
     fields(random, wild_ellipse, slopes, [0.1, 10.0])
 }
 
-/// Of any size, but no needles: lengthening a needle's axes one by one makes them parallel.
+/// Like [`projected`], with any size but without needles: lengthening a needle's axes one by one makes them parallel.
 pub(crate) fn sized_projected(random: &mut Random) -> Vec<f32> {
     let sized = |r: &mut Random| {
         let size = r.wild(6.0) as f32;
@@ -128,7 +129,8 @@ pub(crate) fn sized_projected(random: &mut Random) -> Vec<f32> {
     fields(random, sized, |r| [0.35 * r.signed(), 0.35 * r.signed(), 0.0, 0.0], [0.1, 10.0])
 }
 
-/// h is clear of every length that a filter compares it with: on either side of a tie both results are right.
+/// Returns the fields of a `Projected`, and h. h is clear of every length that a filter compares with it: on either
+/// side of a tie both results are right.
 fn fields(
     random: &mut Random,
     ellipse: fn(&mut Random) -> Vec<f32>,
@@ -151,12 +153,12 @@ fn fields(
     }
 }
 
-/// p, s, t, n of a splat in front of the eye, tilted less than 80°.
+/// Returns p, s, t, n of a splat in front of the eye, tilted less than 80°.
 pub(crate) fn splat(random: &mut Random) -> Vec<f32> {
     splat_at(random, 1.0, 0.17)
 }
 
-/// The same at distances of 1e-5 to 1e5, needles among them, to within 1e-4 of edge-on.
+/// Like [`splat`], at distances of 1e-5 to 1e5, including needles, to within 1e-4 of edge-on.
 pub(crate) fn wild_splat(random: &mut Random) -> Vec<f32> {
     let scale = random.wild(5.0).abs();
     let cosine = 10f64.powf(random.range(-4.0, 0.0));
@@ -168,7 +170,7 @@ fn splat_at(random: &mut Random, scale: f64, least_cosine: f64) -> Vec<f32> {
     let p = [0.5 * random.signed() * z, 0.5 * random.signed() * z, z];
     let length = p.iter().map(|v| v * v).sum::<f64>().sqrt();
     let ray = p.map(|v| v / length);
-    // A normal at a stated angle to the ray, and two axes in its plane.
+    // The normal has a given angle to the ray, and the two axes are in its plane.
     let cosine = random.range(least_cosine, (least_cosine * 4.0).min(1.0));
     let other = random.direction();
     let cross =
@@ -191,7 +193,7 @@ fn splat_at(random: &mut Random, scale: f64, least_cosine: f64) -> Vec<f32> {
     f32s(&x)
 }
 
-/// A footprint's nine coefficients and an offset.
+/// Returns a footprint's nine coefficients and an offset.
 pub(crate) fn footprint(random: &mut Random) -> Vec<f32> {
     let mut x = Vec::with_capacity(11);
     for constant in [0.0, 0.0, 1.0] {
@@ -202,7 +204,7 @@ pub(crate) fn footprint(random: &mut Random) -> Vec<f32> {
     f32s(&x)
 }
 
-/// The same with coefficients that differ by many powers of ten.
+/// Like [`footprint`], with coefficients that differ by many powers of ten.
 pub(crate) fn wild_footprint(random: &mut Random) -> Vec<f32> {
     let mut x = Vec::with_capacity(11);
     for constant in [0.0, 0.0, 1.0] {
@@ -212,12 +214,12 @@ pub(crate) fn wild_footprint(random: &mut Random) -> Vec<f32> {
     f32s(&x)
 }
 
-/// Forms of an ellipse about its centre: gradients of u, v and w.
+/// Returns the forms of an ellipse about its centre: gradients of u, v and w.
 pub(crate) fn forms(random: &mut Random) -> Vec<f32> {
     forms_of(&projected(random))
 }
 
-/// The same of any size.
+/// Like [`forms`], of any size.
 pub(crate) fn wild_forms(random: &mut Random) -> Vec<f32> {
     forms_of(&wild_projected(random))
 }
@@ -229,7 +231,7 @@ fn forms_of(x: &[f32]) -> Vec<f32> {
     f32s(&[u[0], u[1], v[0], v[1], -(u[0] * a[0] + v[0] * a[1]), -(u[1] * a[0] + v[1] * a[1])])
 }
 
-/// A footprint and an offset clearly inside or outside of it.
+/// Returns a footprint and an offset clearly inside or outside of it.
 pub(crate) fn clear_of_the_rim(random: &mut Random) -> Vec<f32> {
     loop {
         let x = footprint(random);
@@ -244,7 +246,7 @@ pub(crate) fn clear_of_the_rim(random: &mut Random) -> Vec<f32> {
     }
 }
 
-/// A disk that is seen at an angle: p, s, t, n.
+/// Returns p, s, t, n of a disk seen at an angle.
 pub(crate) fn tilted_disk(random: &mut Random) -> Vec<f32> {
     let mut x = splat_at(random, 1.0, 0.17);
     let length = |v: &[f32]| v.iter().map(|c| c * c).sum::<f32>().sqrt();
@@ -253,7 +255,7 @@ pub(crate) fn tilted_disk(random: &mut Random) -> Vec<f32> {
     x
 }
 
-/// A clear ellipse: p, s, t, n.
+/// Returns p, s, t, n of an ellipse whose axes clearly differ.
 pub(crate) fn clear_ellipse(random: &mut Random) -> Vec<f32> {
     loop {
         let x = splat_at(random, 1.0, 0.17);

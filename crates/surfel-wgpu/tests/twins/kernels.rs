@@ -1,4 +1,4 @@
-//! The formulas as functions of plain numbers, in WGSL and over `Real`.
+//! Formulas as functions of plain numbers, in WGSL and over `Real`.
 
 use crate::inputs::{self, Random, f32s};
 use surfel_math::clip::Turn;
@@ -10,25 +10,25 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_math::svd::Svd2;
 use surfel_math::{Real, V2, V3, basis, bounds, kernel, quantise};
 
-/// A formula, run by the CPU and by a GPU.
+/// Formula that both the CPU and a GPU run.
 pub(crate) struct Kernel {
-    /// Name of the WGSL function, and after a slash which of its ways is taken.
+    /// Name of the WGSL function, and after a slash the branch that the inputs select.
     pub name: &'static str,
-    /// Numbers that it takes: x0, x1 … in WGSL.
+    /// Number of inputs: x0, x1 … in WGSL.
     pub inputs: usize,
-    /// Numbers that it gives.
+    /// Number of outputs.
     pub outputs: usize,
-    /// Lengths of the vectors among them.
+    /// Lengths of the vectors among the outputs.
     pub workgroups: &'static [usize],
-    /// Statements before the results.
+    /// WGSL statements before the results.
     pub wgsl: &'static str,
-    /// The results, separated by semicolons.
+    /// WGSL expressions of the results, separated by semicolons.
     pub results: &'static str,
     pub rounded: fn(&[f32]) -> Vec<f32>,
     pub exact: fn(&[f64]) -> Vec<f64>,
     pub ordinary: fn(&mut Random) -> Vec<f32>,
     pub adversarial: fn(&mut Random) -> Vec<f32>,
-    /// What an ulp of a group of outputs is measured at where terms may cancel, or a result is as uncertain as its
+    /// Scale that defines an ulp of a group of outputs, for sums that may cancel or results as uncertain as their
     /// inputs.
     pub scale: Option<fn(&[f64], usize) -> f64>,
 }
@@ -41,7 +41,7 @@ macro_rules! kernel {
     };
 }
 
-/// A kernel whose twin is f64 alone: the CPU's error is that of rounding the result.
+/// Defines a kernel whose twin exists in f64 alone: the CPU's error is that of rounding the result.
 macro_rules! wide {
     ($name:literal, $inputs:literal => $workgroups:expr, $f:expr, $wgsl:expr, $results:literal, $ordinary:expr,
      $adversarial:expr, $scale:expr) => {
@@ -99,7 +99,7 @@ pub(crate) fn splat<R: Real>(x: &[R]) -> ViewSplat<R> {
     ViewSplat { p: v3(x), s: v3(&x[3..]), t: v3(&x[6..]), n: v3(&x[9..]) }
 }
 
-/// Of the fields in order; h is the last input.
+/// Returns a `Projected` from its fields in order; h is the last input.
 fn fields<R: Real>(x: &[R]) -> Projected<R> {
     Projected {
         j_s: v2(x),
@@ -309,12 +309,12 @@ fn depth_terms(x: &[f64], _: usize) -> f64 {
 fn depth_linear_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs() + (x[1] * x[5]).abs() + (x[2] * x[6]).abs()
 }
-/// The gradient of w is a part of the plane's, which may be nearly along the other axis.
+/// Scale of errors: the gradient of w is a component of the plane's, which may be nearly parallel to the other axis.
 fn principal_terms(x: &[f64], group: usize) -> f64 {
     if group == 2 { x[7].hypot(x[8]) } else { 0.0 }
 }
 
-/// An exponent's last bit counts as often as the exponent is large.
+/// Scale of errors: the exponent's rounding error is multiplied by the exponent's size.
 fn weight_terms(x: &[f64], _: usize) -> f64 {
     kernel::weight(x[0], x[1]) * (1.0 + x[0] * x[1])
 }

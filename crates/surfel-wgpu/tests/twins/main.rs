@@ -1,5 +1,6 @@
-//! Each WGSL formula against its twin in surfel-math, on a real driver: both are run on the same f32 inputs, and their
-//! errors are measured against the twin's f64 instantiation. The GPU's may be at most twice the CPU's plus 4 ulp.
+//! Compares each WGSL formula with its twin in surfel-math, on a real driver. Both run on the same f32 inputs, and
+//! their errors are measured against the twin's f64 instantiation. The GPU's error may be at most twice the CPU's plus
+//! 4 ulp.
 
 #[macro_use]
 mod kernels;
@@ -13,22 +14,22 @@ use kernels::Kernel;
 use std::collections::BTreeSet;
 use surfel_shaders::TWINS;
 
-/// All kernels.
+/// Returns all kernels.
 fn all() -> impl Iterator<Item = &'static Kernel> {
     kernels::KERNELS.iter().chain(clips::KERNELS).chain(surfaces::KERNELS)
 }
 
-/// Samples of each kind of input.
+/// Number of samples of each kind of input.
 const SAMPLES: usize = 2048;
 
-/// Greatest error of a kernel's outputs, in ulp of its result's scale.
+/// Largest error of a kernel's outputs, in ulp of its result's scale.
 #[derive(Clone, Copy, Debug, Default)]
 struct Error {
     ulp: f64,
     sample: usize,
 }
 
-/// Errors of `got` against f64. Infinities and NaN in the exact result are no sample.
+/// Returns the largest error of `got` against f64. Samples whose exact result is infinite or NaN are skipped.
 fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
     let mut worst = Error::default();
     for (i, (x, got)) in inputs.iter().zip(got.chunks_exact(kernel.outputs)).enumerate() {
@@ -41,10 +42,10 @@ fn error(kernel: &Kernel, inputs: &[Vec<f32>], got: &[f32]) -> Error {
         let mut at = 0;
         for (index, &length) in kernel.workgroups.iter().enumerate() {
             let group = &exact[at..at + length];
-            // The scale of a vector is its largest coordinate; a sum that may cancel says what its terms are.
+            // The scale of a vector is its largest coordinate; a kernel with sums that may cancel defines a larger one.
             let largest = group.iter().fold(0.0f64, |a, b| a.max(b.abs()));
             let scale = kernel.scale.map_or(largest, |scale| scale(&wide, index).max(largest));
-            // Below the least normal number a GPU may give zero.
+            // Below the least normal number a GPU may return zero.
             let ulp = scale.max(f64::from(f32::MIN_POSITIVE) * 16.0) * f64::from(f32::EPSILON);
             for (g, e) in got[at..at + length].iter().zip(group) {
                 let error = (f64::from(*g) - e).abs() / ulp;
@@ -70,7 +71,7 @@ fn formulas_on_the_gpu_err_at_most_twice_as_much_as_on_the_cpu() {
             let gpu = device.run(kernel, &inputs);
             let (cpu, gpu) = (error(kernel, &inputs, &cpu), error(kernel, &inputs, &gpu));
             println!("{:24} {kind:11} cpu {:10.2} gpu {:10.2} ulp", kernel.name, cpu.ulp, gpu.ulp);
-            // Neither is NaN: that counts as infinite.
+            // A NaN counts as an infinite error.
             if gpu.ulp > 2.0 * cpu.ulp + 4.0 {
                 let x = &inputs[gpu.sample];
                 failures.push(format!("{} {kind}: cpu {}, gpu {} ulp at {x:?}", kernel.name, cpu.ulp, gpu.ulp));

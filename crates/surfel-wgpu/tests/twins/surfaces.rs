@@ -1,4 +1,4 @@
-//! Triangles, the slopes of planes, the shaders `toon`, `matcap` and `edl`, and trained Gaussians.
+//! Kernels of triangles, slopes of planes, the shaders `toon`, `matcap` and `edl`, and trained Gaussians.
 
 use crate::inputs::{self, Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2, v3};
@@ -6,7 +6,7 @@ use surfel_math::mapping::Linear;
 use surfel_math::triangle::Triangle;
 use surfel_math::{Real, V2, V3, depth, eye_dome, facing, gaussian, matcap, shadow, srgb, toon, triangle};
 
-/// A triangle of the first twelve numbers, in WGSL.
+/// WGSL statement that makes a triangle from the first twelve numbers.
 const TRIANGLE: &str = "let t = Triangle(array<Linear, 3>(Linear(x0, x1, x2), Linear(x3, x4, x5), Linear(x6, x7, x8)), \
  vec3f(x9, x10, x11));";
 
@@ -46,7 +46,7 @@ fn back_normal<R: Real>(x: &[R]) -> Vec<R> {
     let V3 { x, y, z } = facing::back_normal(v3(x), x[3], v3(&x[4..]));
     vec![x, y, z]
 }
-/// A normal, its splat's cosine and a direction to the eye.
+/// Returns a normal, its splat's cosine and a direction to the eye.
 fn at_a_rim(random: &mut Random) -> Vec<f32> {
     let cosine = [random.range(0.0, 0.25), random.range(0.26, 1.0)][usize::from(random.signed() < 0.0)];
     f32s(&[random.direction().to_vec(), vec![-cosine], random.direction().to_vec()].concat())
@@ -88,7 +88,7 @@ fn gaussian_forms<R: Real>(x: &[R]) -> Vec<R> {
     let (rho, z) = forms.at(v2(&x[11..]));
     vec![rho, z]
 }
-/// Forms of a Gaussian, and an offset at which it shows. Denominators are clear of 0.
+/// Returns forms of a Gaussian, and an offset at which it is visible. Denominators are clear of 0.
 fn gaussian_inputs(random: &mut Random) -> Vec<f32> {
     let mut x: Vec<f64> = (0..4).map(|_| random.wild(2.0)).collect();
     x.extend([1e-3 * random.signed(), 1e-3 * random.signed(), random.range(0.2, 1.0)]);
@@ -96,7 +96,7 @@ fn gaussian_inputs(random: &mut Random) -> Vec<f32> {
     x.extend([if random.signed() < 0.0 { 2.0 } else { 1e30 }, 20.0 * random.signed(), 20.0 * random.signed()]);
     f32s(&x)
 }
-/// Sums of products may cancel.
+/// Scale of errors: sums of products may cancel.
 fn gaussian_terms(x: &[f64], group: usize) -> f64 {
     let [dx, dy] = [x[11].abs(), x[12].abs()];
     let sum = |f: &[f64]| f[0].abs() * dx + f[1].abs() * dy + f.get(2).map_or(0.0, |c| c.abs());
@@ -113,7 +113,7 @@ fn limited_color<R: Real>(x: &[R]) -> Vec<R> {
 fn distortion_depth<R: Real>(x: &[R]) -> Vec<R> {
     vec![gaussian::distortion_depth(x[0])]
 }
-/// Products of unit vectors may cancel, the more the nearer the sight is to straight down.
+/// Scale of errors: products of unit vectors may cancel, the more the nearer the view direction is to straight down.
 fn ball_terms(x: &[f64], _: usize) -> f64 {
     1.0 / v3(&x[3..]).cross(v3(&x[6..])).length().max(1e-9)
 }
@@ -137,16 +137,16 @@ fn slope_allowance(x: &[f64]) -> Vec<f64> {
 fn step_allowance(x: &[f64]) -> Vec<f64> {
     [PERSPECTIVE, ORTHOGRAPHIC].map(|p| depth::step_allowance(x[0], V2::new(x[1], x[2]), &p)).to_vec()
 }
-/// A position's own ulp.
+/// Scale of errors: the rounding error of a position.
 fn taps_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs()
 }
-/// Clear of whole texels from the middle of one: on either side of a tie both results are right.
+/// Returns a position clear of whole texels from a texel's middle: on either side of a tie both results are right.
 fn texel(random: &mut Random, size: f64) -> Vec<f32> {
     f32s(&[(size * random.signed()).floor() + 0.5 + random.range(0.01, 0.99)])
 }
 
-/// Edges whose values may cancel: what the largest of their terms is to their sum.
+/// Scale of errors: ratio of the largest term of the edge values, which may cancel, to their sum.
 fn edge_terms(x: &[f64]) -> f64 {
     let edge = |i: usize| [x[i], x[i + 1] * x[12], x[i + 2] * x[13]];
     let terms: f64 = [0, 3, 6].into_iter().flat_map(edge).map(f64::abs).sum();
@@ -168,11 +168,11 @@ fn interpolate_terms(x: &[f64], _: usize) -> f64 {
 fn depth_terms(x: &[f64], _: usize) -> f64 {
     (0..3).map(|i| (x[i + 9] * x[i + 12]).abs()).sum()
 }
-/// Depth and tolerance of either sign may cancel.
+/// Scale of errors: depth and tolerance of either sign may cancel.
 fn nearness_terms(x: &[f64], _: usize) -> f64 {
     x[0].abs().max(x[1].abs())
 }
-/// The denominator n·p may cancel.
+/// Scale of errors: the denominator n·p may cancel.
 fn plane_terms(x: &[f64], _: usize) -> f64 {
     let (p, n) = (v3(x), v3(&x[3..]));
     let terms: f64 = (0..3).map(|i| (x[i] * x[i + 3]).abs()).sum();
@@ -180,12 +180,12 @@ fn plane_terms(x: &[f64], _: usize) -> f64 {
     let g = depth::plane_gradient(p, n, &PERSPECTIVE);
     g.length() * (terms / steep)
 }
-/// Steps are steep: what x has in ulp, the result has times their slope.
+/// Scale of errors: steps are steep, and multiply the rounding error of x by their slope.
 fn steep(_: &[f64], _: usize) -> f64 {
     1.5 / 0.04
 }
 
-/// Edges of a triangle that hold the pixel at an offset, or not, clear of all of them.
+/// Returns edges of a triangle and an offset inside or outside of it, clear of all edges.
 fn edges(random: &mut Random, scale: f64) -> Vec<f32> {
     loop {
         let mut x: Vec<f64> = Vec::with_capacity(14);
@@ -216,7 +216,7 @@ fn wild_point_and_normal(random: &mut Random) -> Vec<f32> {
     let n = random.direction();
     f32s(&[2.0 * z * random.signed(), 2.0 * z * random.signed(), z, n[0], n[1], n[2]])
 }
-/// Between 0 and 1, where steps begin and end among them.
+/// Returns a number between 0 and 1, where the steps' transitions are.
 fn share(random: &mut Random) -> Vec<f32> {
     f32s(&[random.range(0.0, 1.0)])
 }
@@ -302,7 +302,7 @@ pub(crate) const KERNELS: &[Kernel] = &[
         |r| f32s(&[r.range(0.2, 9.0)]), |r| f32s(&[0.2 + r.wild(4.0).abs()]), Some(|_, _| 1.0)),
     kernel!("limit_color", 1 => &[1], limited_color, "", "limit_color(x0)", inputs::numbers::<1>,
         |r| f32s(&[(2e38 * r.wild(1.0)).clamp(-3.4e38, 3.4e38)]), None),
-    // A power is exp2(2.4·log2 x) in WGSL; below 1 its logarithm is off by 2⁻²¹ at most.
+    // A power is exp2(2.4·log2 x) in WGSL; below 1 its logarithm is off by at most 2⁻²¹.
     wide!("srgb_decode", 1 => &[1], |x: &[f64]| vec![srgb::decode(x[0])], "", "srgb_decode(x0)", share, share,
         Some(|_, _| 1.0)),
     kernel!("toon_step_back_limit", 3 => &[1], limit, "",

@@ -62,7 +62,7 @@ fn page_names_the_gpu_that_was_measured_and_passes_far_from_their_bound() {
     let page = page(&records, &[]);
     assert!(page.contains("Measured on **Card 9000**") && !page.contains(NOT_MEASURED), "{page}");
     assert!(page.contains("commit abc"), "{page}");
-    // 10⁹ bytes take 1 ms of 2, 4·10⁶ fragments 2 ms of 6.
+    // 10⁹ bytes take 1 of 2 ms, 4·10⁶ fragments 2 of 6 ms.
     assert!(page.contains("| setup | 2.000 | 1000.00 | 1.00 | - | - | memory | 1.0000 | 2.0 |"), "{page}");
     assert!(page.contains("1. **attributes** on ash, igea-like at 1024×1024: 6.000 ms, 3.0 times"), "{page}");
     assert!(page.contains("2. **setup** on ash"), "{page}");
@@ -73,7 +73,7 @@ fn page_of_software_or_of_nothing_says_that_no_gpu_was_measured() {
     let software = page(&[frame("wgpu", "llvmpipe", true, ["1", "1"])], &[7]);
     assert!(software.contains(NOT_MEASURED) && software.contains("llvmpipe"), "{software}");
     assert!(software.contains("cut off or unknown: 7."), "{software}");
-    // Frames on a CPU are of no GPU.
+    // Frames drawn by a CPU measure no GPU.
     let nothing = page(&[frame("cpu", "AVX-512", false, ["1", "1"])], &[]);
     assert!(nothing.contains(NOT_MEASURED) && !nothing.contains("Measured on **"), "{nothing}");
 }
