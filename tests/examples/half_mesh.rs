@@ -160,8 +160,8 @@ fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Steps over pairs of pixels: the largest of the image, and the steps beyond the truth's own, as the largest and as
-/// the one that one pair in a thousand exceeds.
+/// Steps over pairs of pixels. `value` is the largest step of the image. The others are steps beyond the truth's own:
+/// the largest, and the one that one pair in a thousand exceeds.
 struct Steps {
     value: f64,
     value_beyond: [f64; 2],

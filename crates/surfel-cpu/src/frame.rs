@@ -305,8 +305,8 @@ fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines) && !plan.has(Pass::EyeDome)
 }
 
-/// True if tiny splats can be drawn splat by splat: if no screen-space pass follows and only the sums that such tiles
-/// compute are needed.
+/// True if tiny splats can be drawn splat by splat. No screen-space pass may follow, and only the sums that such a tile
+/// computes may be needed.
 fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
     // A disk drawn by `clamp` isn't an ellipse.

@@ -33,8 +33,8 @@ pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
     (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Returns the map of normals from object to world space, up to scale: the inverse transpose of a map's linear part,
-/// with the sign of its determinant, so that normals of a mirrored object still point outwards.
+/// Returns the map of normals from object to world space, up to scale. It is the inverse transpose of a map's linear
+/// part, with the sign of its determinant, so that normals of a mirrored object still point outwards.
 pub fn normal_matrix(m: &DMat3) -> DMat3 {
     // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity.
     let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));

@@ -5,8 +5,8 @@ use crate::{Real, V2};
 
 /// A curve as C12 §3.2 classifies points against it, numerically repaired.
 ///
-/// The type serves for comparison: [`crate::clip::Clip`] gives the same image without a root, and over pixels without a
-/// division.
+/// The type serves for comparison: [`crate::clip::Clip`] yields the same image without a root, and over pixels without
+/// a division.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperCurve<R> {
     /// Start of the curve.

@@ -73,7 +73,7 @@ pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V
     across * -(scale / steep)
 }
 
-/// Returns the distance by which a polygon's own surface may lie behind its depth z within a texel, from the depth's
+/// Returns the distance by which a polygon's own surface may be behind its depth z within a texel, from the depth's
 /// gradient over texels (§5, shadow maps). It is the slope term of ε, with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
@@ -87,7 +87,7 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
 /// distance and some curvature.
 const STEP_PX: f64 = 2.0;
 
-/// Returns the distance by which a polygon's own surface may lie behind its depth z in a neighbouring pixel, from the
+/// Returns the distance by which a polygon's own surface may be behind its depth z in a neighbouring pixel, from the
 /// depth's gradient over pixels (§5, edges by samples).
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {

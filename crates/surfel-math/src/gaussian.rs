@@ -15,7 +15,7 @@ const FAR: f64 = 100.0;
 pub const MAX_ALPHA: f64 = 0.99;
 /// Minimum α of a Gaussian that counts.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// Minimum transmittance. A Gaussian that would leave less for those behind it ends its pixel, and isn't drawn itself.
+/// Minimum transmittance. A Gaussian that would reduce a pixel's transmittance below this ends the pixel undrawn.
 pub const MIN_TRANSMITTANCE: f64 = 1e-4;
 /// Maximum Σw of a pixel that counts as empty and has no depth.
 pub const MIN_WEIGHT: f64 = 1e-12;

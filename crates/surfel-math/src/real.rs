@@ -10,7 +10,7 @@ impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask fo
 /// A real number, or several in SIMD lanes.
 ///
 /// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation is
-/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula gives the same bits in f32 and in any
+/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula yields the same bits in f32 and in any
 /// lane of any SIMD level.
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>

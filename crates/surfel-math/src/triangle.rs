@@ -1,6 +1,6 @@
 //! Triangles over pixels (§6): edge functions, coverage, perspective-correct interpolation, bounds.
 //!
-//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997): edge functions are formed
+//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997). Edge functions are formed
 //! from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping. A fragment in front
 //! of z_near is rejected by its own depth.
 
@@ -66,7 +66,7 @@ impl<R: Real> Triangle<R> {
     }
 
     /// True where the triangle covers a pixel's centre. A centre exactly on an edge belongs to the triangle below or to
-    /// the right of it, so that exactly one of the triangles that meet at an edge covers it.
+    /// the right of it. Exactly one of the triangles that meet at an edge therefore covers it.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let covers = |e: &Linear<R>| {

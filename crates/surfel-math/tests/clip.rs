@@ -175,7 +175,7 @@ fn clip_curve_special_cases() {
     let origin = V2::new(0.0, 0.0);
     let quarter = |w: f64| Curve { p1: V2::new(1.0, 0.0), p2: V2::new(1.0, 1.0), p3: V2::new(0.0, 1.0), w };
     let kept = |curve: &Curve, x: f64, y: f64| Clip::nothing().with_curve(curve).keeps(V2::new(x, y));
-    // A quarter circle: w = √½ is the arc itself, so nothing lies between the two.
+    // A quarter circle: w = √½ is the arc itself, so nothing is between the two.
     assert!(kept(&quarter(0.5f64.sqrt()), 0.70, 0.70));
     // The parabola's middle is ¾ of the corner less ¼: (0.75, 0.75) with P2 = (1, 1); the chord's is ½.
     assert!(kept(&quarter(0.0), 0.49, 0.49) && !kept(&quarter(0.0), 0.51, 0.51));

@@ -8,7 +8,7 @@
 //! infinities included: an empty pixel's depth is +∞ on both sides. An infinity on one side only, or of the other sign,
 //! is an infinite error. So is NaN on either side or both, because no renderer may write it.
 //!
-//! # Reproducibility Sums run in pixel order in f64, on one thread: the same input gives the same output. FLIP calls
+//! # Reproducibility Sums run in pixel order in f64, on one thread: the same input yields the same output. FLIP calls
 //! the platform's `powf`, `cbrt` and `exp`, so its f32 map may differ in the last bits between machines.
 
 pub mod colormap;

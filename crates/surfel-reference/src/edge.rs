@@ -16,12 +16,12 @@ pub(crate) struct Edges<'a> {
 }
 
 impl Edges<'_> {
-    /// Marks edge pixels. A pixel is one if the nearest surface of an 8-neighbour inside the image is beyond the
-    /// pixel's own threshold by more than the ε of the pixel's own writer. A pixel is also one if it has filtered
-    /// fragments but no threshold.
+    /// Marks edge pixels. A pixel is marked if the nearest surface of an 8-neighbour inside the image is more than ε
+    /// beyond the pixel's own threshold, with ε that of the threshold's writer. A pixel is also marked if it has
+    /// filtered fragments but no threshold.
     ///
-    /// The nearest surface is the threshold minus its writer's ε, or a polygon. A polygon that splats occlude is beyond
-    /// their threshold, and decides nothing.
+    /// The nearest surface begins at the threshold minus its writer's ε, or at a polygon. A polygon that splats occlude
+    /// is beyond their threshold, and decides nothing.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let is_edge = |at: usize| {
             let own = self.passes.thresholds[at];
@@ -34,9 +34,9 @@ impl Edges<'_> {
         (0..self.count()).map(is_edge).collect()
     }
 
-    /// Marks the pixels whose edge decision rounding could change. No neighbour decides such a pixel for sure, and one
-    /// is within the margin, or would decide if a marginal visibility test of either pixel, or of a polygon, had the
-    /// other result.
+    /// Marks the pixels whose edge decision rounding could change. No neighbour decides such a pixel for sure, and at
+    /// least one may decide. A neighbour may decide if it is within the margin, or if a marginal visibility test of
+    /// either pixel, or of a polygon, could have the other result.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let is_marginal = |at: usize| {
             let own = self.passes.possible[at];

@@ -1,4 +1,4 @@
-//! The shader `edl` (§5), which darkens a pixel the deeper it lies among its neighbours.
+//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours.
 
 use crate::shade::Surface;
 use surfel_math::V2;

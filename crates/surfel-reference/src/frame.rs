@@ -84,8 +84,8 @@ fn place_in(rect: Region, view: &View, to: usize) -> usize {
     (y + (region.y - rect.y) as usize) * rect.width as usize + x + (region.x - rect.x) as usize
 }
 
-/// Returns, for each pixel of the region, the splats and polygons that may be the nearest: those within `relative` of
-/// the minimum depth, nearest first.
+/// Returns, for each pixel of the region, the splats and polygons that may be the nearest, nearest first. Their depths
+/// are within `relative` of the minimum depth.
 pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, relative: f64) -> Vec<Vec<Identity>> {
     let plan = &FramePlan { shader: Shader::Unlit, ..plan.clone() };
     let lighting = Lighting {

@@ -85,7 +85,7 @@ impl<'a> Front<'a> {
         if let Some(meshes) = &self.meshes {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
-        // Where there is no threshold, nothing lies behind either.
+        // Where there is no threshold, nothing is behind either.
         let limit: Vec<f64> =
             front.thresholds.iter().zip(&edges).map(|(t, &edge)| if edge { t.depth } else { f64::INFINITY }).collect();
         let limits = DepthLimits { beyond: Some(&limit), ..DepthLimits::default() };

@@ -235,7 +235,7 @@ impl Pixel {
         front.shows && changes > CHANGE_MARGIN
     }
 
-    /// Blends a fragment behind those blended before. Returns false if the pixel is finished.
+    /// Blends a fragment behind the earlier ones. Returns false if the pixel is finished.
     fn blend(&mut self, fragment: &Fragment<'_>) -> bool {
         let Fragment { gaussian, alpha, z, alphas, .. } = *fragment;
         self.marginal |= fragment.open;

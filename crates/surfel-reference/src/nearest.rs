@@ -39,8 +39,8 @@ impl Candidate {
     }
 }
 
-/// Returns the nearest fragment of each pixel of `rect`, and those farther by at most `relative` of its depth, nearest
-/// first. Pixels without a fragment have none.
+/// Returns the fragments of each pixel of `rect` whose depths exceed the nearest by at most `relative`, nearest first.
+/// Empty pixels have none.
 pub(crate) fn candidates(
     scene: &ResidentScene,
     front: &Front<'_>,

@@ -124,7 +124,7 @@ impl Lighting<'_> {
         DVec3::new(at.x, at.y, at.z)
     }
 
-    /// Returns the colour that the plan's shader gives a point, and true if rounding could change it.
+    /// Returns the colour that the plan's shader computes for a point, and true if rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
         let (color, marginal) = self.unlimited_color(point);
         (DVec3::from(color.to_array().map(limit_color)), marginal)
@@ -208,7 +208,7 @@ impl Lighting<'_> {
                 let angle = angle_between(-to_light, unit(DVec3::from(*direction))).to_degrees();
                 (to_light, DVec3::from(*color) * smooth_fade(angle, *inner_deg, *outer_deg))
             }
-            // A kind of light that may be added to the enum gives no light.
+            // A kind of light that may be added to the enum emits no light.
             _ => (DVec3::Z, DVec3::ZERO),
         }
     }

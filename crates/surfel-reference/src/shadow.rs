@@ -82,7 +82,7 @@ fn draw_map<'a>(
 /// Returns the fraction of a light that reaches a point, and true if rounding could change it. `position` is relative
 /// to the eye of `view`, `normal` a unit vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
-    // Of a light's several maps the one counts along whose axis the point lies farthest.
+    // Of a light's several maps the one counts along whose axis the point is farthest.
     let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {
         let from_light = position + (view.eye - s.map.view.eye);
         (s, s.map.view.view_from_world * from_light)

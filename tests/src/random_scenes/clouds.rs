@@ -109,7 +109,7 @@ fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
 }
 
 /// Returns splats from 10° off the view direction through their centres to 1e-6°. Angles from 1e-5 to 2e-4 rad are
-/// excluded: the weight of such a splat is a difference whose terms have f32 errors of 6e-8, so a tolerance of 1e-3
+/// excluded. The weight of such a splat is a difference of terms with f32 errors of 6e-8. A tolerance of 1e-3 then
 /// holds only if other splats contribute too.
 fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {

@@ -70,8 +70,8 @@ pub fn clip_curves() -> Case {
     )
 }
 
-/// Returns splats that point at the eye and retain their far ends, in front of a wall within their tolerance. A filter
-/// widens them and moves their clips. Catches empty pixels: one covered only by the unfiltered part must show the wall.
+/// Returns splats that point at the eye and retain their far ends, in front of one large wall. A filter widens them and
+/// moves their clips. Catches empty pixels, where the unfiltered part hides the wall but no filtered fragment remains.
 pub fn clip_grazing() -> Case {
     let mut random = Random::new(127);
     let camera = camera(3.2, 45.0, [96, 96]);

@@ -74,8 +74,8 @@ pub fn hidden_steps() -> Case {
     Case::new("hidden-steps", scene, camera(3.0, 45.0, [66, 58])).with("edl", |s| s.shader = Shader::Edl)
 }
 
-/// Returns a sheet of splats at an angle to a polygon, within the tolerance, with too little coverage to hide it:
-/// depths of pixels in which splats are blended over the polygon.
+/// Returns a sheet of splats at an angle to a polygon, within the tolerance, with too little coverage to hide it. Tests
+/// the depths of pixels in which splats are blended over the polygon.
 pub fn splats_faded_over_mesh() -> Case {
     let leaning = [DVec3::new(0.7, 0.0, 0.16), DVec3::new(0.05, 0.6, -0.1)];
     let sheet = sheet(DVec3::new(0.1, 0.0, 0.0), leaning, [12, 10], 0.2, |c, r| {

@@ -47,8 +47,8 @@ fn drawn() -> Vec<scenes::Case> {
     cases
 }
 
-/// Returns cases that no other scene has: insides of meshes, cut open by the near plane and lit on both sides; equally
-/// near polygons; shadows of culled polygons seen from behind by the eye or the light.
+/// Returns cases that no other scene has: equally near polygons; insides of meshes, cut open by the near plane and lit
+/// on both sides; shadows of culled polygons. The eye or the light sees the culled polygons from behind.
 fn rarer_polygons() -> Vec<scenes::Case> {
     let mut open = scenes::mesh_ball().with("cut open", |_| ());
     open.camera.near = 3.0;
@@ -210,9 +210,9 @@ fn cpu_quantised_storage_errs_little_in_every_scene() {
         worst.push(((squares / exact.color().as_flattened().len() as f64).sqrt(), case.name));
     }
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-    // Measured: 0.019 (34 dB) if all splats are seen edge-on, so that the least turn decides pixels; at most 0.011 in
+    // Measured: 0.019 (34 dB) if all splats are seen edge-on, so that the least turn decides pixels. At most 0.011 in
     // eighteen more, if clips or edges of few large splats move, and in four, if a pixel of a thin plate shows its
-    // other side; 8e-4 in all others.
+    // other side. 8e-4 in all others.
     assert!(worst[0].0 < 0.025, "{:?}", worst[0]);
     assert!(worst[1].0 < 0.015, "{:?}", worst[1]);
     assert!(worst[23].0 < 1e-3, "{:?}", &worst[..24]);

@@ -253,8 +253,8 @@ impl Row {
         case
     }
 
-    /// Returns pairs of cases that must have equal costs: a case that requests the feature without having it, or has it
-    /// without requesting it; and the same case without the feature.
+    /// Returns pairs of cases that must have equal costs. The first case requests the feature without having it, or has
+    /// it without requesting it. The second is the same without the feature.
     fn pairs(&self) -> Vec<[Case; 2]> {
         let mut pairs = Vec::new();
         if self.is_of_the_scene {

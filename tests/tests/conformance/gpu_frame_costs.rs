@@ -30,7 +30,7 @@ fn draws_shadow_maps_once(renderer: &mut impl Renderer) {
     // The same scene uploaded again is another scene, and gets its own maps.
     let same = renderer.upload(&case.scene).unwrap();
     assert!(ms(&frame_and_stats(renderer, &same, &case, Planes::COLOR).1, "shadow maps").is_some());
-    // Another light has its own maps, and replaces those of the first.
+    // Another light needs other maps, which replace the maps of the first.
     let mut turned = case.clone();
     for light in turned.scene.lights.iter_mut().flatten() {
         if let Light::Directional { direction, .. } | Light::Spot { direction, .. } = light {

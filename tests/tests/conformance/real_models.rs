@@ -71,7 +71,7 @@ fn triangle_strips_make_a_closed_oriented_surface() {
     let face = |t: &[u32; 3]| (corner(t[1]) - corner(t[0])).cross(corner(t[2]) - corner(t[0])).length() / 2.0;
     let volume: f64 = mesh.triangles.iter().map(signed).sum();
     let area: f64 = mesh.triangles.iter().map(face).sum();
-    // A head has at least a quarter of the volume of a sphere of the same area; inconsistent winding gives almost
+    // A head has at least a quarter of the volume of a sphere of the same area; inconsistent winding yields almost
     // nothing.
     let sphere = (area / (4.0 * std::f64::consts::PI)).powf(1.5) * 4.0 / 3.0 * std::f64::consts::PI;
     assert!(volume > 0.25 * sphere, "{volume} {sphere}");

@@ -14,7 +14,7 @@ use surfel_render::{Frame, Planes, Renderer};
 struct Errors {
     /// Mean of light missing in lit pixels that are farther from any shadow than the filter is wide.
     acne: f64,
-    /// Largest fraction of light missing in such a pixel.
+    /// Largest fraction of light missing in one of these pixels.
     worst_acne: f64,
     /// Mean of light in dark pixels that are farther from the light than the filter's width and a splat's reach.
     leak: f64,

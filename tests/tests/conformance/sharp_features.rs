@@ -19,7 +19,7 @@ const SIZE: u32 = 800;
 const VIEWS: [DVec3; 3] = [DVec3::new(0.62, 0.52, 0.9), DVec3::new(0.1, 0.9, -0.4), DVec3::new(-0.6, -0.2, 0.4)];
 
 /// Asserts that a backend draws a closed mesh's clipped splats with back faces like the mesh, at three distances (C12's
-/// shares of the image), and that it doesn't if the cloud isn't declared oriented.
+/// shares of the image). Asserts that it doesn't if the cloud isn't declared oriented.
 fn back_faces_stay_behind(mut renderer: impl Renderer, mesh: &Mesh, splats: usize, size: u32) {
     let options = SharpOptions { splats: Some(splats), ..SharpOptions::default() };
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();

@@ -9,7 +9,7 @@ use surfel_render::{Frame, Planes, Renderer, View};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, splats_from_mesh};
 
 const SIZE: u32 = 200;
-/// Half the height of the view at the middle of the scene.
+/// Half the height of the view at the middle of the scene, in units of the scene.
 const REACH: f64 = 2.3;
 /// Number of facets around and along a capsule.
 const TESSELLATIONS: [[u32; 2]; 5] = [[8, 6], [16, 8], [32, 16], [64, 32], [128, 64]];

@@ -1,7 +1,7 @@
 //! Draws frames of equal splats, to count instructions: `plane RADIUS_PX FRAMES`, AVX2, one thread.
 //!
-//! Prints the number of block pairs per frame. To get the instructions of one frame without start and upload, subtract
-//! the count of a run with one frame from that of a run with eleven, and divide by ten; see docs/performance.md.
+//! Prints the number of block pairs per frame. The instructions of one frame, without start and upload, are the
+//! difference between runs with eleven frames and with one, divided by ten. See docs/performance.md.
 
 use surfel_cpu::{Options, Renderer, SimdLevel};
 use surfel_model::{Settings, Shader};

@@ -1,7 +1,7 @@
 //! Division of a view into cells: parts that one thread sets up and draws alone, and whose records fit its cache.
 //!
 //! A record is written once and read once or twice. If all splats were set up before any is drawn, the records of a
-//! million splats would have left the caches by then, and waiting for memory would take a third of a frame.
+//! million splats would no longer be in the caches. Waiting for memory would then cost a third of a frame.
 
 use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
 use crate::cull::object::{ObjectView, inside};
@@ -14,7 +14,7 @@ pub(crate) struct Cell {
     pub region: Region,
     /// Chunks that may touch the cell, from near to far.
     pub chunks: Vec<VisibleChunk>,
-    /// Number of leading chunks that are set up before the others are tested for occlusion; all chunks if the test
+    /// Number of leading chunks that are set up before the others are tested for occlusion. All chunks, if the test
     /// would not pay.
     pub first: usize,
     /// Mesh parts that may touch the cell.
@@ -189,8 +189,8 @@ impl Limits {
     }
 }
 
-/// Returns the number of a cell's chunks, sorted from near to far, that are set up before the others are tested for
-/// occlusion: the first layers, or all chunks. `most` is the maximum number of splats of a cell.
+/// Returns the number of a cell's chunks, sorted from near to far, that are set up before occlusion is tested: the
+/// first layers, or all chunks. `most` is the maximum number of splats of a cell.
 fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     let enough = LAYERS * (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
     let (mut area, mut farthest) = (0.0, 0.0f64);

@@ -29,7 +29,7 @@ impl VisibleChunk {
 #[derive(Default)]
 pub(crate) struct VisibleChunks {
     pub chunks: Vec<VisibleChunk>,
-    /// Number of splats in chunks that lie wholly outside the view, or are wholly back-facing.
+    /// Number of splats in chunks that are wholly outside the view, or are wholly back-facing.
     pub outside: u64,
     pub back_facing: u64,
 }
@@ -66,7 +66,7 @@ pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     VisibleChunks { chunks, outside: outside.into_inner(), back_facing: back_facing.into_inner() }
 }
 
-/// A part of a mesh's triangles that lies within a view's depth range.
+/// A part of a mesh's triangles that is within a view's depth range.
 #[derive(Clone, Copy)]
 pub(crate) struct MeshPart {
     pub mesh: u32,
@@ -74,7 +74,7 @@ pub(crate) struct MeshPart {
     pub part: u32,
 }
 
-/// Returns the mesh parts that may lie within a view's depth range, with the bounds of the pixels they may touch:
+/// Returns the mesh parts that may be within a view's depth range, with the bounds of the pixels they may touch:
 /// minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
 pub(crate) fn mesh_parts<'a>(
     meshes: &'a [StoredMesh],

@@ -62,7 +62,7 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     touching
 }
 
-/// Returns a mask of the spheres that lie beyond a region's sides. Sphere centres are in view space, radii in the
+/// Returns a mask of the spheres that are beyond a region's sides. Sphere centres are in view space, radii in the
 /// object's units.
 #[inline(always)]
 fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {

@@ -7,7 +7,7 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Cull, Filter, Material};
 use surfel_render::{FramePlan, Region, View};
 
-/// Fraction of memory that a tile entry takes of a record with one entry.
+/// Memory of a tile entry, as a fraction of the memory of a record with one entry.
 const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (RECORD_BYTES + size_of::<Entry>()) as f64;
 
 /// Values shared by all splats of an object in a view.
@@ -76,8 +76,7 @@ impl<'a> ObjectView<'a> {
         }
     }
 
-    /// Returns the views of all clouds of a scene. [`Cull::None`] disables back-face culling, whatever the materials
-    /// state.
+    /// Returns the views of all clouds of a scene. [`Cull::None`] disables back-face culling, overriding the materials.
     pub(crate) fn all(clouds: &'a [StoredObject], view: &'a View, plan: &'a FramePlan, cull: Cull) -> Vec<Self> {
         clouds.iter().zip(0..).map(|(cloud, index)| Self::new(cloud, index, view, plan, cull)).collect()
     }
@@ -99,9 +98,9 @@ impl<'a> ObjectView<'a> {
 
     /// True if the material culls back faces and every splat of the chunk is back-facing.
     ///
-    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. A normal within the
-    /// cone faces away from every ray through the chunk's bounding sphere if the cone's angle plus the sphere's,
-    /// measured from the cone's axis, stays below 90°.
+    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. Two angles are
+    /// measured from the cone's axis: the cone's own, and that of the chunk's bounding sphere seen from the eye. If
+    /// their sum stays below 90°, a normal within the cone faces away from every ray through the sphere.
     pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
         if self.material.cull != Cull::Back {
             return false;
@@ -148,7 +147,7 @@ impl<'a> ObjectView<'a> {
     /// Returns the factor by which the extent drawn for a splat may exceed the splat itself, seen from its centre.
     fn leaving(&self) -> f64 {
         // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
-        // 3/2 on its far side); three times the bounding sphere is ample.
+        // 3/2 on its far side). Three times the bounding sphere is ample.
         let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
         if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
     }

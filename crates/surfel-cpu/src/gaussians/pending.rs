@@ -1,8 +1,8 @@
 //! Sorting of fragments per pixel: fragments wait until no nearer ones can follow.
 //!
-//! A tile's records are sorted by the depth at which they begin. Fragments nearer than the next record's begin are in
-//! their final place. A fragment that ends a pixel does so whatever precedes it, and fragments behind it are dropped. A
-//! pixel therefore holds few more fragments than it shows.
+//! A tile's records are sorted by the depth at which they begin. A fragment nearer than the begin of the next record is
+//! in its final place. A fragment that ends a pixel does so for any preceding ones, and fragments behind it are
+//! dropped. A pixel therefore stores few more fragments than it shows.
 
 use crate::gaussians::records::Record;
 use crate::gaussians::tile::{BLOCKS, Block};

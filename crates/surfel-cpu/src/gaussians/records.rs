@@ -128,7 +128,7 @@ fn record(
     let GaussianForms { u, v, w, z, low_pass } = projected.forms;
     let V3 { x: nx, y: ny, z: nz } = projected.normal;
     let normal = view.view_from_world.transpose() * glam::DVec3::new(nx, ny, nz);
-    // A visible Gaussian's centre may lie far outside the image, so the base pixel is clamped.
+    // A visible Gaussian's centre may be far outside the image, so the base pixel is clamped.
     let base = [x, y].map(|c| c.floor().clamp(-1e9, 1e9));
     Some(Record {
         base: base.map(|c| c as i32),
@@ -145,7 +145,7 @@ fn record(
     })
 }
 
-/// Returns the pixels whose centres lie within these offsets of `center` and a little slack, clipped to the region.
+/// Returns the pixels whose centres are within these offsets of `center` and a little slack, clipped to the region.
 fn pixels(center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]) -> Range<u32> {
     // Rounding in f32 may reach past exact bounds.
     let slack = 1e-3 * (hi - lo) + 1e-2;

@@ -68,7 +68,7 @@ pub(super) struct Tile {
     color: [Blocks; 3],
     /// 1 if the pixel may still transmit light, else 0.
     open: Blocks,
-    /// Bits of the blocks that have such a pixel.
+    /// Bits of the blocks that have an open pixel.
     open_blocks: u32,
     sums: Option<Box<Sums>>,
     /// Number of pixels that were tested against a Gaussian.
@@ -194,7 +194,7 @@ impl Tile {
         }
     }
 
-    /// Blends a block's fragments behind those blended before.
+    /// Blends a block's fragments behind the earlier ones.
     #[inline(always)]
     fn blend_block<S: Simd, const SUMS: bool>(
         &mut self,
@@ -237,7 +237,7 @@ impl Tile {
         let ready = pending.sort(block, limit, &self.transmittance[block]);
         let of_block = &mut pending.fragments[block * LANES..(block + 1) * LANES];
         for k in 0..ready.into_iter().max().unwrap_or(0) {
-            // A filter may give a fragment that shows an alpha of 0, so lanes without a fragment get −1.
+            // A filter may reduce the α of a visible fragment to 0, so lanes without a fragment get −1.
             let (mut alpha, mut z) = ([-1.0; LANES], [1.0; LANES]);
             let (mut color, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
             for (lane, fragments) in of_block.iter().enumerate() {

@@ -10,9 +10,9 @@ use surfel_math::facing::BACK_FACING_LAG;
 
 const FAR: f32 = f32::INFINITY;
 
-/// Constants per facing ([`crate::setup::record::Facing`]): addends that exclude a fragment from the front's
-/// thresholds, the back's thresholds, the front's nearest depth and the back's nearest depth; and the fraction of ε
-/// added to the depth in the comparison of the sides.
+/// Constants per facing ([`crate::setup::record::Facing`]). The first four are added to depths to exclude a fragment
+/// from the front's thresholds, the back's thresholds, the front's nearest depth and the back's nearest depth. The
+/// fifth is the fraction of ε added to the depth in the comparison of the sides.
 const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
 const LAG: f32 = BACK_FACING_LAG as f32;
 

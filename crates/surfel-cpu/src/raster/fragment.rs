@@ -132,7 +132,7 @@ pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     for j in 0..4 {
         let mut e = form((d_x[j], d_y[j]), k(records[j].depth_x()), k(records[j].depth_y()));
         if FILTERED {
-            // A fragment outside the disk lies no farther from the centre than the disk does.
+            // A fragment outside the disk is no farther from the centre than the disk does.
             e = e.max(k(records[j].range_min())).min(k(records[j].range_max()));
         }
         inverse[j] = inverse_near_one(e);

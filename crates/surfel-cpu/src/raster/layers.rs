@@ -1,9 +1,9 @@
 //! Transparent splats over a block (§8): the sums of all layers from one traversal of the block's splats.
 //!
 //! Depth peeling (G06 §6) draws a layer by two passes over all splats. Here a block's fragments are computed once and
-//! stored. Each layer is then two loops over the fragments that no earlier layer took, which gives the same image to
-//! the bit. The A-buffer is layers without a limit: a fragment begins a new surface exactly where peeling begins a new
-//! layer.
+//! stored. Each layer is then two loops over the fragments that belong to no earlier layer, which yields the same image
+//! to the bit. The A-buffer is layers without a limit: a fragment begins a new surface exactly where peeling begins a
+//! new layer.
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
@@ -177,7 +177,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         gathered.inside += inside.to_bitmask().count_ones();
     }
 
-    /// Returns the layer behind `beyond` up to its threshold, and removes its fragments from those left.
+    /// Returns the layer behind `beyond` up to its threshold, and removes its fragments from the remaining ones.
     #[inline(always)]
     pub(crate) fn layer(&self, beyond: Lanes<S>, threshold: Lanes<S>, scratch: &mut LayerScratch) -> Layer<S> {
         let simd = self.simd;

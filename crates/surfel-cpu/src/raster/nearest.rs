@@ -32,7 +32,8 @@ impl<S: Simd> Nearest<S> {
         Self { z: Lanes::splat(simd, f32::INFINITY), number: none }
     }
 
-    /// Adds a splat's fragments at the lanes of `mask`, with these depths. Among equal depths the lower row wins.
+    /// Adds a splat's fragments at the lanes of `mask`, with these depths. Among equal depths the lower object and then
+    /// the lower row wins.
     #[inline(always)]
     pub(crate) fn add(&mut self, z: Lanes<S>, mask: mask32x16<S>, number: u32, numbers: &SplatNumbers) {
         let own = Lanes::splat(z.0.simd, f32::from_bits(number));

@@ -461,11 +461,11 @@ fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usiz
 /// fragments twice.
 const REMEMBERED: usize = 1 << 22;
 
-/// Relative costs: of a pair of tiny splat and block, and of another pair, in a tile drawn block by block; of a tiny
-/// splat, and of another splat's pair, in a tile drawn splat by splat.
+/// Relative costs of a pair of splat and block. The first two are for a tile drawn block by block: a tiny splat's pair,
+/// and another splat's. The last two are for a tile drawn splat by splat: a whole tiny splat, and another splat's pair.
 const COSTS: [usize; 4] = [40, 30, 10, 45];
 
-/// True if the tile is drawn faster splat by splat, which takes enough tiny splats.
+/// True if the tile has enough tiny splats to be drawn faster splat by splat.
 pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
     let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
     let [mut splats, mut pairs] = [0; 2];

@@ -39,7 +39,7 @@ impl Curve {
 pub(crate) struct Head {
     /// Index of the first form.
     pub first: u32,
-    /// Number of lines, whose forms come first. The forms are negated if a pixel may lie inside any one line.
+    /// Number of lines, whose forms precede the curve's. Forms are negated if being inside any one line is enough.
     pub lines: u8,
     pub any_line: bool,
     pub curve: Curve,
@@ -188,7 +188,7 @@ mod tests {
         let column = |v: Vec3| Column3::from_f32(vec![v; 7]);
         let shape = Shape::Ellipses { s: column(Vec3::X), t: column(Vec3::Y) };
         let line = |i: usize| ClipLine { a: 1.0, b: 0.1 * i as f32, c: 0.5 };
-        // Every other splat has lines, one more than the previous such splat.
+        // Every other splat has lines: one, two, three and four.
         let lines = |i: usize| std::array::from_fn(|k| if i % 2 == 0 && k <= i / 2 { line(i + k) } else { NO_LINE });
         let clips = ClipColumns { lines: Some((0..7).map(lines).collect()), ..ClipColumns::default() };
         let data = CloudData { clips: Some(clips), ..CloudData::new(DVec3::ZERO, column(Vec3::ZERO), shape) };

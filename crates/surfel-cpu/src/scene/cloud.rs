@@ -43,8 +43,8 @@ pub(crate) struct Chunk {
     pub half: DVec3,
     /// Total area of the splats, in object units.
     pub area: f64,
-    /// Index in the cloud of one of the splats. An octree's splats of one chunk are drawn together or not at all, so
-    /// one stands for all.
+    /// Index in the cloud of one of the splats. It represents all of them, since an octree's splats of one chunk are
+    /// drawn together or not at all.
     pub member: u32,
     /// Index of the first splat in the columns.
     pub first: usize,

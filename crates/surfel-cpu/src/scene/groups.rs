@@ -12,7 +12,7 @@ const _: () = assert!(CHUNK == LANES * LANES, "a chunk's groups fill the lanes")
 const STEPS: f64 = 127.0;
 
 /// Maximum radius of a group's bounding sphere, in radii of the chunk's sphere. The group's centre is in the box of the
-/// chunk's centres, at most √3 chunk radii from any of them, and its splats are inside the chunk's sphere.
+/// chunk's centres, at most √3 chunk radii from any of them. Its splats are inside the chunk's sphere.
 const RADII: f64 = 3.0;
 
 /// Number of steps of a cone's sine. A sine above 1 marks an absent cone.

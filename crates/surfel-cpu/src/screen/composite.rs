@@ -50,7 +50,7 @@ pub(crate) struct CompositeJob<'a> {
 /// The opaque surfaces of a block.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
-    /// Depth range of the nearest polygons, whatever occludes them; `None` if the block has no polygons.
+    /// Depth range of the nearest polygons, even if occluded; `None` if the block has no polygons.
     polygon: Option<Reach<S>>,
     pub shaded: Shaded<S>,
     /// Numbers of the nearest splats or polygons, if needed.

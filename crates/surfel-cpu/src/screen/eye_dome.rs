@@ -1,4 +1,4 @@
-//! The shader `edl` (§5), which darkens a pixel the deeper it lies among its neighbours. It is a pass over finished
+//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours. It is a pass over finished
 //! tiles.
 
 use crate::screen::neighbourhood::Neighbourhood;

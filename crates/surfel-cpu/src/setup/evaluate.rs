@@ -40,7 +40,7 @@ impl FrameConstants {
 }
 
 /// Largest depth difference over the disk of a cheap splat, and over its filtered disk, relative to its centre's depth.
-/// The terms of 1/(1 + e) that are left out are then below 7e-8 and 5e-7 of the depth.
+/// The terms of 1/(1 + e) that are omitted are then below 7e-8 and 5e-7 of the depth.
 pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 
@@ -92,7 +92,7 @@ fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> La
 #[inline(always)]
 pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let one = r.z.one();
-    // A fragment outside the disk lies no farther from its centre than the disk does.
+    // A fragment outside the disk is no farther from its centre than the disk does.
     let inverse = inverse_near_one(form(d, r.depth_x, r.depth_y).max(r.range_min).min(r.range_max));
     let visible = visible_square_of(r, d) * (inverse * inverse);
     let filtered = inverse_near_one(form(d, r.w_x, r.w_y));

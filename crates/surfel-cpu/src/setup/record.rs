@@ -11,7 +11,7 @@ use surfel_math::mapping::{Footprint, Linear};
 /// Class of a record, which selects the evaluator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// A splat whose fragments all lie between z_near and z_far, with the exact mapping and a nearly constant depth.
+    /// A splat whose fragments all are between z_near and z_far, with the exact mapping and a nearly constant depth.
     /// The depth differs by less than a 64th over the disk and by less than a 12th over its blocks.
     Cheap,
     /// Every other splat that is set up in lanes.

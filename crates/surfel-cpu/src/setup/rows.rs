@@ -110,7 +110,7 @@ impl<S: Simd> Rows<S> {
         (one << end) - (one << begin)
     }
 
-    /// Splits bits into those of the first tile's columns and those of the next one's.
+    /// Splits bits between the first tile's columns and the next tile's.
     #[inline(always)]
     fn split(&self, bits: i32x16<S>) -> [i32x16<S>; 2] {
         [bits & i32x16::splat(bits.simd, (1 << self.bits) - 1), bits >> self.bits]

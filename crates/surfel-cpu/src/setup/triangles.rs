@@ -50,7 +50,7 @@ impl TriangleSegment {
 }
 
 /// Projects the triangles of these mesh parts that may touch the grid's region, in scene order. [`Cull::None`] disables
-/// back-face culling, whatever the materials state.
+/// back-face culling, overriding the materials.
 pub(crate) fn project(
     instructions: Instructions,
     meshes: &[StoredMesh],
@@ -215,7 +215,7 @@ fn for_tiles(
     }
 }
 
-/// Returns the first and last block, from the grid's origin, of the pixels of a range whose centres lie between two
+/// Returns the first and last block, from the grid's origin, of the pixels of a range whose centres are between two
 /// coordinates.
 fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (f64::from(start), f64::from(start + length));

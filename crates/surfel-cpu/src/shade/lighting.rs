@@ -82,7 +82,7 @@ impl Lighting {
                     let (position, direction) = (relative(position), unit(direction));
                     (Source::Spot { position, direction, inner: *inner_deg, outer: *outer_deg }, color)
                 }
-                // A kind of light that may be added to the enum gives no light.
+                // A kind of light that may be added to the enum emits no light.
                 _ => (Source::Directional { to_light: Vec3::Z }, &[0.0; 3]),
             };
             FrameLight { source, maps: Vec::new(), diffuse: by(color, factors[1]), specular: by(color, factors[2]) }

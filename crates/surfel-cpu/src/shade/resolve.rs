@@ -65,7 +65,7 @@ pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> 
     Surface { covered, albedo, normal, z, material, weight: sums.weight }
 }
 
-/// Returns the colour that the plan's shader gives a surface.
+/// Returns the colour that the plan's shader computes for a surface.
 #[inline(always)]
 pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>, place: Place<S>) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);

@@ -1,4 +1,4 @@
-//! Shadow maps (§5), which give the fraction of a light that reaches a point.
+//! Shadow maps (§5), which determine the fraction of a light that reaches a point.
 
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::transform;

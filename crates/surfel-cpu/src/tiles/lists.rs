@@ -25,8 +25,7 @@ pub(crate) type Listed<'a, R> = (&'a R, f32);
 pub(crate) struct BlockList<'a, 'b, R> {
     /// All splats of the tile, and an empty one.
     splats: &'b [Listed<'a, R>],
-    /// Indices of the block's splats, in their order, in batches of 4. Up to three at the end are those of the empty
-    /// splat.
+    /// Indices of the block's splats, in their order, in batches of 4. Up to three at the end refer to the empty splat.
     batches: &'b [[u32; BATCH]],
     count: usize,
 }
@@ -50,7 +49,7 @@ impl<'a, 'b, R> BlockList<'a, 'b, R> {
         self.count == 0
     }
 
-    /// Returns indices of the block's splats, in batches of 4. Up to three at the end are those of the empty splat.
+    /// Returns indices of the block's splats, in batches of 4. Up to three at the end refer to the empty splat.
     #[inline(always)]
     pub(crate) fn batches(&self) -> &'b [[u32; BATCH]] {
         self.batches
@@ -153,8 +152,8 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         BlockList { splats: &self.splats, batches: order.as_chunks().0, count }
     }
 
-    /// Lists the splats of a row of blocks. Several blocks are listed together, since a block's list would have to be
-    /// read before its partial writes have left the store buffer.
+    /// Lists the splats of a row of blocks. Several blocks are listed together, since reading a list right after its
+    /// partial writes would stall.
     #[inline(always)]
     fn list_row<S: Simd>(&mut self, simd: S, row: usize) {
         self.row = Some(row);

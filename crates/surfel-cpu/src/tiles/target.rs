@@ -29,7 +29,7 @@ pub(crate) struct Rows<'a, T> {
 }
 
 impl<T: Copy> Rows<'_, T> {
-    /// Writes the pixels of a block's row that lie inside.
+    /// Writes the pixels of a block's row that are inside.
     #[inline(always)]
     pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
         let row = y - self.rect.y;
@@ -54,7 +54,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes the pixels of a block that lie inside.
+    /// Writes the pixels of a block that are inside.
     #[inline(always)]
     fn put_block(&mut self, (x, y): (i32, i32), values: [T; LANES]) {
         for (y, four) in (y..).zip(values.as_chunks().0) {
@@ -70,7 +70,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Returns the pixels of a row, at most `length` from (x, y) on, that lie inside a tile, and the number of pixels
+    /// Returns the pixels of a row, at most `length` from (x, y) on, that are inside a tile, and the number of pixels
     /// skipped before the first of them.
     fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
         let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
@@ -80,7 +80,7 @@ impl<T: Copy> Rows<'_, T> {
         ((start - x) as usize, row.get_mut(first..last).unwrap_or_default())
     }
 
-    /// Returns the value of a pixel, if it lies inside.
+    /// Returns the value of a pixel, if it is inside.
     fn get(&self, x: i32, y: i32) -> Option<T> {
         let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
         self.rows.get(row)?.get(column).copied()
@@ -103,7 +103,7 @@ impl<T: Copy> Rows<'_, T> {
         values
     }
 
-    /// Writes one value to a rectangle's pixels, all of which lie inside.
+    /// Writes one value to a rectangle's pixels, all of which are inside.
     fn fill(&mut self, rect: &Rect, value: T) {
         let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
         for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
@@ -113,7 +113,7 @@ impl<T: Copy> Rows<'_, T> {
 }
 
 impl Rows<'_, f32> {
-    /// Writes the pixels of a block that lie inside, if the plane exists.
+    /// Writes the pixels of a block that are inside, if the plane exists.
     #[inline(always)]
     pub(crate) fn put_lanes<S: Simd>(&mut self, at: (i32, i32), values: Lanes<S>) {
         if !self.rows.is_empty() {
@@ -291,7 +291,7 @@ impl<'a> Target<'a> {
         Lanes::interleave4(Lanes::interleave4(rows))
     }
 
-    /// Writes the colour of a pixel, if it lies inside.
+    /// Writes the colour of a pixel, if it is inside.
     pub(crate) fn put_one(&mut self, pixel: (i32, i32), color: [f32; 4]) {
         self.set_background(false);
         if let (_, [to]) = self.color.run(&self.rect, pixel, 1) {
@@ -328,7 +328,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they lie inside.
+    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they are inside.
     #[inline(always)]
     pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
         self.set_background(false);

@@ -5,7 +5,7 @@
 //! - HDR ([`hdr`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered High
 //!   Dynamic Range Images*, Eurographics 2021.
 //!
-//! Deviation from the papers: filters run separably, in f64, which gives the same sums. A Gaussian is separable, and
+//! Deviation from the papers: filters run separably, in f64, which yields the same sums. A Gaussian is separable, and
 //! the blue-yellow filter is a sum of two.
 //!
 //! A pixel that is NaN in either image has error 1. The filters read it as black on both sides, so that it doesn't
