@@ -99,14 +99,16 @@ enum Drawing {
 impl Session {
     /// Starts a backend. If it uses an adapter, the first whose name contains `adapter` is selected.
     ///
-    /// # Errors [`RenderError`] if the backend doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
         Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto })
     }
 
     /// Starts a backend.
     ///
-    /// # Errors [`RenderError`] if the backend doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start_as(backend: Backend, start: Start<'_>) -> Result<Self, RenderError> {
         let adapter = start.adapter.map(str::to_owned);
         let drawing = match backend {
@@ -144,7 +146,8 @@ impl Session {
 
     /// Draws a case repeatedly.
     ///
-    /// # Errors The backend's [`RenderError`].
+    /// # Errors
+    /// The backend's [`RenderError`].
     pub fn repeat(&mut self, case: &Case, times: usize) -> Result<Repeated, RenderError> {
         match &mut self.drawing {
             Drawing::Cpu(renderer) => repeat(renderer.as_mut(), case, times),
@@ -178,14 +181,16 @@ impl Session {
 
 /// Compares a backend with the reference. If it uses an adapter, the first whose name contains `adapter` is selected.
 ///
-/// # Errors [`RenderError`] if the backend doesn't start.
+/// # Errors
+/// [`RenderError`] if the backend doesn't start.
 pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Extent) -> Result<Run, RenderError> {
     run_reporting(backend, Start { adapter, validation: true, path: GpuPath::Auto }, truths, extent, |_, _, _, _| ())
 }
 
 /// Compares as [`run`] does, and passes each scene's report and drawing time to `report` at once.
 ///
-/// # Errors [`RenderError`] if the backend doesn't start.
+/// # Errors
+/// [`RenderError`] if the backend doesn't start.
 pub fn run_reporting(
     backend: Backend,
     start: Start<'_>,
@@ -212,7 +217,8 @@ pub fn run_reporting(
 /// Starts the Vulkan backend with validation, whose messages become errors of the calls. If validation doesn't start
 /// but the backend does, also returns a note.
 ///
-/// # Errors [`RenderError`] if the backend doesn't start, or validation doesn't and `SURFEL_REQUIRE` names it.
+/// # Errors
+/// [`RenderError`] if the backend doesn't start, or validation doesn't and `SURFEL_REQUIRE` names it.
 pub fn start_ash(options: surfel_ash::Options) -> Result<(surfel_ash::Renderer, Option<String>), RenderError> {
     match surfel_ash::Renderer::new(options.clone().with_validation(true)) {
         Ok(renderer) => Ok((renderer, None)),

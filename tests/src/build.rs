@@ -42,7 +42,8 @@ impl Splat {
 
 /// Creates a cloud of ellipses.
 ///
-/// # Panics If a splat is invalid: scenes are written in code, not read.
+/// # Panics
+/// If a splat is invalid: scenes are written in code, not read.
 pub fn cloud(splats: &[Splat]) -> SplatCloud {
     let column = |f: fn(&Splat) -> DVec3| Column3::from_f64(&splats.iter().map(f).collect::<Vec<_>>());
     let centers: Vec<DVec3> = splats.iter().map(|s| s.p).collect();
@@ -68,7 +69,8 @@ pub struct Clipped {
 
 /// Creates a cloud of clipped ellipses.
 ///
-/// # Panics If a splat is invalid, as [`cloud`].
+/// # Panics
+/// If a splat is invalid, as [`cloud`].
 pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
     let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
     let mut data = cloud(&splats.iter().map(|c| c.splat).collect::<Vec<_>>()).into_data();
@@ -83,7 +85,8 @@ pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
 
 /// Creates a cloud of disks, given as normals and radii, the other shape that a cloud can have.
 ///
-/// # Panics If a disk is invalid, as [`cloud`].
+/// # Panics
+/// If a disk is invalid, as [`cloud`].
 pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud {
     let centers: Vec<DVec3> = disks.iter().map(|d| d.0).collect();
     let normals: Vec<DVec3> = disks.iter().map(|d| d.1).collect();
@@ -96,7 +99,8 @@ pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud 
 
 /// Returns the cloud with these alphas.
 ///
-/// # Panics If an alpha is outside [0, 1].
+/// # Panics
+/// If an alpha is outside [0, 1].
 pub fn with_alpha(cloud: SplatCloud, alpha: impl Fn(usize) -> f32) -> SplatCloud {
     let mut data = cloud.data().clone();
     data.alphas = Some((0..cloud.len()).map(alpha).collect());
@@ -192,7 +196,8 @@ pub fn axes(camera: &Camera) -> [DVec3; 3] {
 /// Returns the world direction through a pixel's centre with unit planar depth, from the fields of a perspective camera
 /// alone.
 ///
-/// # Panics If the camera's field of view isn't given.
+/// # Panics
+/// If the camera's field of view isn't given.
 pub fn ray(camera: &Camera, x: u32, y: u32) -> DVec3 {
     let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("the camera has no field of view") };
     let [right, down, forward] = axes(camera);

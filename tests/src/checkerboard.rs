@@ -129,7 +129,8 @@ pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
 
 /// Measures variants on the reference.
 ///
-/// # Errors [`RenderError`] if the reference can't render them.
+/// # Errors
+/// [`RenderError`] if the reference can't render them.
 pub fn measure(variants: &[(&'static str, Settings)]) -> Result<Vec<(&'static str, Bands)>, RenderError> {
     let case = case();
     let view = case.view();

@@ -260,7 +260,8 @@ fn compare_plane(planes: &Pair<'_>, width: u32, margin: &[f32], outliers: &mut [
 
 /// Returns the reference's image of a case, including the margin.
 ///
-/// # Errors [`RenderError`] if the reference refuses the case.
+/// # Errors
+/// [`RenderError`] if the reference refuses the case.
 pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, RenderError> {
     let resident = reference.upload(&case.scene)?;
     let mut frame = Frame::default();
@@ -271,7 +272,8 @@ pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, 
 
 /// Renders a case on a backend.
 ///
-/// # Errors The backend's [`RenderError`].
+/// # Errors
+/// The backend's [`RenderError`].
 pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Result<Frame, RenderError> {
     let resident = backend.upload(&case.scene)?;
     let mut frame = Frame::default();
@@ -296,7 +298,8 @@ impl Truth {
 
     /// Draws every wanted scene with the reference, in the order of [`scenes::all`].
     ///
-    /// # Errors [`RenderError`] if the reference doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the reference doesn't start.
     pub fn all(is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Self>, RenderError> {
         let mut reference = Reference::new(Default::default())?;
         let cases = scenes::all().into_iter().filter(|case| is_wanted(&case.name));
@@ -305,7 +308,8 @@ impl Truth {
 
     /// Returns every scene, drawn by the reference once per process.
     ///
-    /// # Errors [`RenderError`] if the reference doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the reference doesn't start.
     pub fn of_every_scene() -> Result<&'static [Self], &'static RenderError> {
         static TRUTHS: OnceLock<Result<Vec<Truth>, RenderError>> = OnceLock::new();
         TRUTHS.get_or_init(|| Self::all(|_| true)).as_deref()

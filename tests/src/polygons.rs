@@ -7,7 +7,8 @@ use surfel_model::{Column3, Geometry, Mesh, Object, PointCloud, Texture};
 
 /// Creates an object drawn as polygons, with the default material.
 ///
-/// # Panics If the mesh is invalid: scenes are written in code, not read.
+/// # Panics
+/// If the mesh is invalid: scenes are written in code, not read.
 pub fn mesh_object(mesh: Mesh) -> Object {
     mesh.validate().expect("scenes hold valid meshes");
     Object { geometry: Geometry::Mesh(Arc::new(mesh)), ..crate::build::object(crate::build::cloud(&[])) }

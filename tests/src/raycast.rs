@@ -61,7 +61,8 @@ impl Cast {
 
     /// Returns the image of a perspective camera.
     ///
-    /// # Panics For other projections.
+    /// # Panics
+    /// For other projections.
     pub fn image(&self, camera: &Camera) -> Truth {
         let Projection::Perspective { fov_y_deg } = camera.projection else { panic!("perspective") };
         let [right, down, forward] = axes(camera);

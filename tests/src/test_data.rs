@@ -14,7 +14,8 @@ const DEFAULT: &str = "../shared";
 
 /// Returns a folder of the data, `golden` or `models`. If it doesn't exist, prints a note and returns `None`.
 ///
-/// # Panics If the folder doesn't exist and `SURFEL_REQUIRE` names `test-data`.
+/// # Panics
+/// If the folder doesn't exist and `SURFEL_REQUIRE` names `test-data`.
 pub fn folder(name: &str) -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let data = std::env::var_os(VARIABLE).map_or_else(|| workspace.join(DEFAULT), PathBuf::from);

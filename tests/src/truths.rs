@@ -28,7 +28,8 @@ pub fn is_packed(case: &Case) -> bool {
 
 /// Writes the images of those truths that are packed to a file.
 ///
-/// # Errors If the file can't be written, or if the reference refused a scene.
+/// # Errors
+/// If the file can't be written, or if the reference refused a scene.
 pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Error>> {
     let mut out = GzEncoder::new(Vec::new(), Compression::best());
     writeln!(out, "{FORMAT}")?;
@@ -45,8 +46,8 @@ pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Er
 
 /// Reads a file of images and returns truths for this program's packed scenes that `is_wanted` selects.
 ///
-/// # Errors If the file is invalid, or if it lacks a scene or has it in another size, since it then belongs to another
-/// version.
+/// # Errors
+/// If the file is invalid, or if it lacks a scene or has it in another size, since it then belongs to another version.
 pub fn read(path: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Truth>, Box<dyn std::error::Error>> {
     let place = path.display();
     let mut images = images(path).map_err(|error| format!("{place}: {error}"))?;

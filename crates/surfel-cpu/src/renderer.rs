@@ -31,7 +31,8 @@ impl Renderer {
 
     /// Creates a renderer with these options.
     ///
-    /// # Errors [`RenderError::Backend`] if threads can't be started, or if the CPU lacks the instructions.
+    /// # Errors
+    /// [`RenderError::Backend`] if threads can't be started, or if the CPU lacks the instructions.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)

@@ -64,8 +64,9 @@ pub struct Comparison {
 /// Pixels outside the mask count in no metric. For FLIP they are copied from the reference to both sides, so that an
 /// excluded pixel doesn't spread to its neighbours through the filters.
 ///
-/// # Errors [`MetricsError::Size`] for images of different sizes, [`MetricsError::Length`] for a mask of another
-/// length, [`MetricsError::OutOfRange`] for options out of their range.
+/// # Errors
+/// [`MetricsError::Size`] for images of different sizes, [`MetricsError::Length`] for a mask of another length,
+/// [`MetricsError::OutOfRange`] for options out of their range.
 pub fn compare(reference: &Image, test: &Image, options: &CompareOptions) -> Result<Comparison, MetricsError> {
     let (width, height) = (reference.width(), reference.height());
     if (width, height) != (test.width(), test.height()) {

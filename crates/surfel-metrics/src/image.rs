@@ -13,8 +13,9 @@ pub struct Image<'a> {
 impl<'a> Image<'a> {
     /// Creates a view of `rgba`, 4 values per pixel, row by row from the top.
     ///
-    /// # Errors [`MetricsError::Length`] if `rgba` doesn't have `width`·`height`·4 values, [`MetricsError::TooLarge`]
-    /// if that product isn't a `usize`.
+    /// # Errors
+    /// [`MetricsError::Length`] if `rgba` doesn't have `width`·`height`·4 values, [`MetricsError::TooLarge`] if that
+    /// product isn't a `usize`.
     pub fn new(width: u32, height: u32, rgba: &'a [f32]) -> Result<Self, MetricsError> {
         let pixels = pixel_count(width, height, 4)?;
         check_length("the image", rgba.len(), pixels * 4, "width x height x 4")?;

@@ -41,7 +41,8 @@ pub struct PlaneComparison {
 impl PlaneComparison {
     /// Returns the peak signal-to-noise ratio in dB for signals that reach `peak`; see [`psnr_of_rmse`].
     ///
-    /// # Errors [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
+    /// # Errors
+    /// [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
     pub fn psnr(&self, peak: f64) -> Result<f64, MetricsError> {
         psnr_of_rmse(self.rmse, peak)
     }
@@ -49,8 +50,9 @@ impl PlaneComparison {
 
 /// Compares two planes of one quantity, value by value.
 ///
-/// # Errors [`MetricsError::Length`] if `a`, `b` and the mask aren't equally long, [`MetricsError::OutOfRange`] for a
-/// tolerance that is negative or NaN.
+/// # Errors
+/// [`MetricsError::Length`] if `a`, `b` and the mask aren't equally long, [`MetricsError::OutOfRange`] for a tolerance
+/// that is negative or NaN.
 pub fn compare_plane(a: &[f32], b: &[f32], options: &PlaneOptions) -> Result<PlaneComparison, MetricsError> {
     check_length("the second plane", b.len(), a.len(), "as many as the first")?;
     if let Some(mask) = options.mask {
@@ -79,29 +81,33 @@ pub fn compare_plane(a: &[f32], b: &[f32], options: &PlaneOptions) -> Result<Pla
 
 /// Returns the largest absolute difference; `mask` and infinite results as in [`compare_plane`].
 ///
-/// # Errors [`MetricsError::Length`] if the slices aren't equally long.
+/// # Errors
+/// [`MetricsError::Length`] if the slices aren't equally long.
 pub fn max_abs(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, MetricsError> {
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.max_abs)
 }
 
 /// Returns the root mean squared difference; `mask` and infinite results as in [`compare_plane`].
 ///
-/// # Errors [`MetricsError::Length`] if the slices aren't equally long.
+/// # Errors
+/// [`MetricsError::Length`] if the slices aren't equally long.
 pub fn rmse(a: &[f32], b: &[f32], mask: Option<&[bool]>) -> Result<f64, MetricsError> {
     Ok(compare_plane(a, b, &PlaneOptions { mask, tolerance: 0.0 })?.rmse)
 }
 
 /// Returns the peak signal-to-noise ratio in dB; `mask` as in [`compare_plane`], extremes as in [`psnr_of_rmse`].
 ///
-/// # Errors [`MetricsError::Length`] if the slices aren't equally long, [`MetricsError::OutOfRange`] if `peak` isn't
-/// finite and above 0.
+/// # Errors
+/// [`MetricsError::Length`] if the slices aren't equally long, [`MetricsError::OutOfRange`] if `peak` isn't finite and
+/// above 0.
 pub fn psnr(a: &[f32], b: &[f32], mask: Option<&[bool]>, peak: f64) -> Result<f64, MetricsError> {
     psnr_of_rmse(rmse(a, b, mask)?, peak)
 }
 
 /// Returns 20·log10(`peak`/`rmse`) in dB: +∞ for an error of 0, −∞ for an infinite one.
 ///
-/// # Errors [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
+/// # Errors
+/// [`MetricsError::OutOfRange`] if `peak` isn't finite and above 0.
 pub fn psnr_of_rmse(rmse: f64, peak: f64) -> Result<f64, MetricsError> {
     if !(peak.is_finite() && peak > 0.0) {
         return Err(MetricsError::OutOfRange { field: "peak", found: peak, expected: "a finite number above 0" });

@@ -35,7 +35,8 @@ impl Renderer {
 
     /// Creates a renderer with its own threads.
     ///
-    /// # Errors [`RenderError::Backend`] if threads can't be started.
+    /// # Errors
+    /// [`RenderError::Backend`] if threads can't be started.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
@@ -55,7 +56,8 @@ impl Renderer {
     /// Renders `samples`×`samples` samples per pixel without a pre-filter and averages them. The result is the ground
     /// truth that filters approximate.
     ///
-    /// # Errors The errors of [`surfel_render::Renderer::render_into`], also for more samples than fit into memory.
+    /// # Errors
+    /// The errors of [`surfel_render::Renderer::render_into`], also for more samples than fit into memory.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,
@@ -91,7 +93,8 @@ impl Renderer {
     /// Returns, for tests, everything that may be the nearest in each pixel of the view's region: depths within
     /// `relative` of the minimum, nearest first. Empty pixels have none.
     ///
-    /// # Errors The errors of [`surfel_render::Renderer::render_into`].
+    /// # Errors
+    /// The errors of [`surfel_render::Renderer::render_into`].
     #[doc(hidden)]
     pub fn nearest_candidates(
         &mut self,

@@ -51,7 +51,8 @@ pub(crate) struct ResidentMesh {
 impl ResidentScene {
     /// Shares a scene's clouds and meshes, and builds the mip levels of its textures.
     ///
-    /// # Errors [`RenderError`] for an invalid scene, and for more splats than 32 bits can number.
+    /// # Errors
+    /// [`RenderError`] for an invalid scene, and for more splats than 32 bits can number.
     pub(crate) fn of(scene: &Scene) -> Result<Self, RenderError> {
         scene.validate()?;
         let mut first_splat = 0u64;

@@ -64,7 +64,8 @@ impl Against {
     /// Creates a comparison without backends. If `keep` is given, failing scenes are written to that folder, whole and
     /// shrunk.
     ///
-    /// # Errors [`RenderError`] if the reference doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the reference doesn't start.
     pub fn new(keep: Option<&Path>) -> Result<Self, RenderError> {
         let reference = Reference::new(Default::default())?;
         Ok(Self { reference, sessions: Vec::new(), keep: keep.map(Path::to_path_buf) })
@@ -72,7 +73,8 @@ impl Against {
 
     /// Starts a backend.
     ///
-    /// # Errors [`RenderError`] if the backend doesn't start.
+    /// # Errors
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start(&mut self, backend: Backend, adapter: Option<&str>) -> Result<(), RenderError> {
         let session = Session::start(backend, adapter)?;
         let tally = Tally { backend, passed: 0, skipped: 0, forgiven: 0, worst: (0.0, 0), failures: Vec::new() };
@@ -82,7 +84,8 @@ impl Against {
 
     /// Draws the scene of a seed on all backends. Returns the new failures.
     ///
-    /// # Errors [`surfel_io::IoError`], or the system's error, if a failing scene can't be written.
+    /// # Errors
+    /// [`surfel_io::IoError`], or the system's error, if a failing scene can't be written.
     pub fn draw(&mut self, seed: u64) -> Result<Vec<Failure>, Box<dyn std::error::Error>> {
         let truth = Truth::of(&mut self.reference, case(seed));
         let mut new = Vec::new();

@@ -11,7 +11,8 @@ use surfel_model::{Geometry, Matcap, Mesh, ObjectFile, SceneFile, Texture};
 /// Writes `NAME.json` and the files of its objects to an existing folder, and returns the path. The region is dropped,
 /// since scene files have none.
 ///
-/// # Errors [`IoError`] if a file can't be written.
+/// # Errors
+/// [`IoError`] if a file can't be written.
 pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
     let mut objects = Vec::new();
     for (i, object) in case.scene.objects.iter().enumerate() {
@@ -135,7 +136,8 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
 
 /// Creates the folder if it doesn't exist, and returns it.
 ///
-/// # Errors The system's [`io::Error`].
+/// # Errors
+/// The system's [`io::Error`].
 pub fn folder(path: &Path) -> io::Result<&Path> {
     std::fs::create_dir_all(path)?;
     Ok(path)

@@ -10,7 +10,8 @@ use surfel_render::Frame;
 
 /// Returns a self-contained page on the results of backends in scenes: failures first, then in scene order.
 ///
-/// # Errors [`io::Error`] if an image can't be encoded.
+/// # Errors
+/// [`io::Error`] if an image can't be encoded.
 pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     let ok = entries.iter().all(Entry::is_ok);
     let mut page = Page::new(&format!("Conformance: {}", if ok { "passed" } else { "FAILED" }));

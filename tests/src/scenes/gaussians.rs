@@ -58,14 +58,16 @@ pub fn no_gaussians(kind: GaussianKind) -> GaussianData {
 
 /// Creates an object of Gaussians.
 ///
-/// # Panics If a Gaussian is invalid: scenes are written in code, not read.
+/// # Panics
+/// If a Gaussian is invalid: scenes are written in code, not read.
 pub fn gaussian_object(data: GaussianData) -> Object {
     GaussianCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid Gaussians").0.into()
 }
 
 /// Creates a scene of Gaussians alone.
 ///
-/// # Panics If a Gaussian is invalid, as [`gaussian_object`].
+/// # Panics
+/// If a Gaussian is invalid, as [`gaussian_object`].
 pub fn gaussian_scene(data: GaussianData) -> Scene {
     Scene { background: BACKGROUND, ..Scene::from(gaussian_object(data)) }
 }

@@ -67,7 +67,7 @@ pub fn tilted_splat() -> Case {
     Case::new("tilted-splat", scene(&[splat]), camera(2.5, 50.0, [64, 64]))
 }
 
-/// Returns two sheets whose gap grows through the tolerance across the image. Catches a wrong ε, or the ε of the wrong
+/// Returns two sheets whose gap grows through the tolerance across the image. Catches a wrong ε, or one of the wrong
 /// splat.
 pub fn occluded_pair() -> Case {
     let back = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y], [24, 24], 0.07, |_, _| BLUE);

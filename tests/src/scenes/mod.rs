@@ -65,7 +65,8 @@ impl Case {
 
     /// Returns the view of the drawn region.
     ///
-    /// # Panics If the camera or the region is invalid: cases are written in code, not read.
+    /// # Panics
+    /// If the camera or the region is invalid: cases are written in code, not read.
     pub fn view(&self) -> View {
         View::of_region(&self.camera, self.region).expect("cases have valid cameras")
     }

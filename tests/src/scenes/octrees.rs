@@ -29,7 +29,8 @@ pub fn octree() -> Case {
 
 /// Returns the scene with another selection of the octree's parts.
 ///
-/// # Panics If the octree can't be built: scenes are written in code, not read.
+/// # Panics
+/// If the octree can't be built: scenes are written in code, not read.
 pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     let ball = mesh_sphere(3);
     let vertices: Vec<DVec3> =
@@ -48,7 +49,8 @@ pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
 
 /// Returns the scene of some parts of an octree, arranged as by `surfel::at_detail`, lit from above the eye.
 ///
-/// # Panics If the parts are invalid, as [`octree_by`].
+/// # Panics
+/// If the parts are invalid, as [`octree_by`].
 pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     let mut splats = object(cloud(&[]));
     let chosen = octree.cloud_of(&selection.splats).expect("parts of a valid cloud are valid");

@@ -118,7 +118,8 @@ pub fn shadow_edge(parts: Parts, light: Light) -> Case {
 
 /// Returns the point of the floor that is hit by a ray from the light that touches the ball at its side.
 ///
-/// # Panics For a light of another kind: the scenes have suns and spots.
+/// # Panics
+/// For a light of another kind: the scenes have suns and spots.
 fn end_of_shadow(light: &Light) -> DVec3 {
     let (from, along) = match light {
         Light::Directional { direction, .. } => {

@@ -89,7 +89,8 @@ struct Want {
 
 /// Runs a sweep on backends and returns one outcome each. `reference` provides margins, and truths that aren't exact.
 ///
-/// # Errors [`RenderError`] if the reference can't draw a truth.
+/// # Errors
+/// [`RenderError`] if the reference can't draw a truth.
 pub fn run(
     sweep: &Sweep,
     reference: &mut Reference,

@@ -52,7 +52,8 @@ pub struct Exact {
 impl Exact {
     /// Computes the forms of a splat in perspective.
     ///
-    /// # Panics If a coordinate isn't finite.
+    /// # Panics
+    /// If a coordinate isn't finite.
     pub fn new(splat: &ViewSplat<f64>, projection: &Projection) -> Self {
         let ViewSplat { p, s, t, .. } = splat;
         let lengths = [p.x, p.y, p.z, s.x, s.y, s.z, t.x, t.y, t.z, projection.near];

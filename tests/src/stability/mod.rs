@@ -35,7 +35,8 @@ pub struct Image {
 impl Image {
     /// Returns the view of the region.
     ///
-    /// # Panics If the camera or the region is invalid: sweeps are written in code, not read.
+    /// # Panics
+    /// If the camera or the region is invalid: sweeps are written in code, not read.
     pub fn view(&self) -> View {
         View::of_region(&self.camera, self.region).expect("sweeps have valid cameras")
     }

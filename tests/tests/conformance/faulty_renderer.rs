@@ -98,7 +98,7 @@ fn swap_axes(data: &mut CloudData) {
     }
 }
 
-/// Splats that aren't finite are dropped.
+/// Makes every hundredth splat non-finite, so that it is dropped.
 fn drop_each_hundredth(data: &mut CloudData) {
     let center = |i| if i % 100 == 50 { DVec3::NAN } else { data.centers.get(i) };
     data.centers = Column3::from_f64(&(0..data.centers.len()).map(center).collect::<Vec<_>>());

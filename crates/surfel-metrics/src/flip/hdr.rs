@@ -28,7 +28,8 @@ pub struct HdrFlip {
 /// object in front of a black background. The median of the pixels that aren't black replaces it; if all are black, the
 /// exposure is 0.
 ///
-/// # Errors The errors of [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
+/// # Errors
+/// The errors of [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
 pub fn hdr(
     width: u32,
     height: u32,

@@ -75,8 +75,9 @@ impl FlipMap {
 
 /// Computes LDR-FLIP between two images of opaque RGB pixels, row by row from the top, with values in [0, 1].
 ///
-/// # Errors [`MetricsError::Length`] if an image doesn't have `width`·`height` pixels, [`MetricsError::OutOfRange`] for
-/// pixels per degree outside [1, 1000].
+/// # Errors
+/// [`MetricsError::Length`] if an image doesn't have `width`·`height` pixels, [`MetricsError::OutOfRange`] for pixels
+/// per degree outside [1, 1000].
 pub fn ldr(
     width: u32,
     height: u32,
