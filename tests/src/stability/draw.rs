@@ -22,7 +22,7 @@ impl Precision {
     /// Precision of `reference`: f64, except for the planes.
     pub const F64: Self = Self { roundoff: 1.0 / (1u64 << 53) as f64, fixed: 1.2e-7 };
     /// Precision of `cpu`: correctly rounded f32, and a kernel polynomial with an error of 1.3e-6 at c = 2
-    /// (`surfel-cpu/src/kernel.rs`).
+    /// (`surfel-cpu/src/setup/kernel.rs`).
     pub const F32: Self = Self { roundoff: 1.0 / (1u64 << 24) as f64, fixed: 2e-6 };
     /// Precision of `wgpu` and `ash`: Vulkan's division has an error of 2.5 ulp, its exponential of 3 + 2|x| ulp.
     pub const GPU: Self = Self { roundoff: 4.0 / (1u64 << 24) as f64, fixed: 2e-6 };
