@@ -1,7 +1,7 @@
-//! Times the CPU backend over synthetic trained Gaussians: N flat ones with harmonics of degree 3 on twenty spheres.
+//! Times the CPU backend on synthetic trained Gaussians: N flat ones with harmonics of degree 3 on twenty spheres.
 //!
-//! `cargo run --release -p surfel-conformance --example gaussian_timing -- [N] [THREADS]`, medians of five frames at
-//! 1024².
+//! `cargo run --release -p surfel-conformance --example gaussian_timing -- [N] [THREADS]` prints medians of five frames
+//! at 1024².
 
 use glam::{DQuat, DVec3};
 use surfel_conformance::build::camera;
@@ -18,7 +18,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut data = no_gaussians(GaussianKind::Flat);
     data.degree = 3;
     let mut centers = Vec::new();
-    // Spheres of all sizes in a box: what is covered by many, as rooms are.
+    // Spheres of all sizes in a box, so that many surfaces overlap, as in rooms.
     let spheres: Vec<(DVec3, f64)> =
         (0..20).map(|_| (DVec3::from([(); 3].map(|()| random.range(-2.0, 2.0))), random.factor(0.3, 1.2))).collect();
     let area: f64 = spheres.iter().map(|(_, r)| r * r).sum::<f64>() * 4.0 * std::f64::consts::PI;
@@ -31,7 +31,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
             data.sigmas
                 .push([random.factor(0.4, 1.6) * spacing, random.factor(0.4, 1.6) * spacing, 0.0].map(|s| s as f32));
             data.rotations.push(DQuat::from_rotation_arc(DVec3::Z, n).as_quat().to_array());
-            // As trained ones: many nearly opaque, many nearly haze.
+            // Opacities like those of trained Gaussians: many nearly opaque, many nearly invisible.
             data.opacities.push(random.range(0.02, 1.0) as f32);
             data.harmonics.extend(
                 (0..16).map(|k| [(); 3].map(|()| random.range(-1.0, 1.0) as f32 * if k == 0 { 1.0 } else { 0.1 })),

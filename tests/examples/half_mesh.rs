@@ -1,4 +1,5 @@
-//! Draws a model half as splats, half as polygons, and measures the seam (docs/accuracy.md):
+//! Draws a model half as splats, half as polygons, and measures the seam (docs/accuracy.md).
+//!
 //! `cargo run -p surfel-conformance --example half_mesh -- assets/spot/spot.obj out` writes `out-naive.png`,
 //! `out-smooth.png`, `out-attributes.png` and `out-polygons.png`, and prints the largest steps from pixel to pixel
 //! across the seam.
@@ -17,7 +18,7 @@ use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
 type Failure = Box<dyn std::error::Error>;
 
-/// Pixels to each side of the seam that are looked at.
+/// Number of pixels on each side of the seam that are measured.
 const REACH: usize = 6;
 const LIGHT: [f64; 3] = [-0.6, -0.8, -1.0];
 const LIGHT_COLOR: f64 = 0.9;
@@ -29,13 +30,13 @@ fn main() -> Result<(), Failure> {
         return Err(format!("{input} holds no mesh").into());
     };
     if mesh.texture.is_some() || mesh.colors.is_some() {
-        // A pattern that splats are too coarse for is no matter of the seam.
+        // The seam is measured without the texture too, since splats are too coarse for fine patterns.
         measure(&Mesh { texture: None, colors: None, ..mesh.clone() }, "white", None)?;
     }
     measure(&mesh, "as it is", Some(out))
 }
 
-/// Draws and prints; writes images where they have a name.
+/// Draws the images, prints the measures, and writes the images if `out` is given.
 fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
     let octree = octree_from_mesh(mesh, &OctreeOptions::default(), &NoProgress)?;
     let root = &octree.nodes()[0];
@@ -49,10 +50,10 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
         Ok(render(&mut reference, &case, Planes::ALL)?)
     };
     let truth = draw(false, None, Shader::Phong)?;
-    // So low an interior weight that a splat hides the polygon to its very rim.
+    // The interior weight is so low that a splat hides the polygon up to its rim.
     let naive = draw(true, Some(1e-6), Shader::Phong)?;
     let smooth = draw(true, None, Shader::Phong)?;
-    // Blended albedo, normals and depths, lit once: G06's deferred shading of polygons too.
+    // Albedo, normals and depths are blended and lit once, which is G06's deferred shading applied to polygons too.
     let attributes = lit(draw(true, None, Shader::Unlit)?, &camera);
     for (name, frame) in [("naive", &naive), ("smooth", &smooth), ("attributes", &attributes), ("polygons", &truth)] {
         let planes = PlanesView {
@@ -75,7 +76,8 @@ fn measure(mesh: &Mesh, what: &str, out: Option<&str>) -> Result<(), Failure> {
     Ok(())
 }
 
-/// Leaves left of the middle as splats with their transitions, the others as polygons; or all as polygons.
+/// Returns a case in which leaves left of the middle are splats with their transitions, and the others polygons.
+/// Without `half` all leaves are polygons.
 fn case(octree: &Octree, place: DAffine3, camera: &Camera, half: bool, weight: Option<f64>) -> Result<Case, Failure> {
     let is_splats = |i: u32| half && octree.nodes()[i as usize].center[0] < octree.nodes()[0].center[0];
     let leaves = || (0u32..).zip(octree.nodes()).filter(|(_, n)| n.is_leaf());
@@ -96,7 +98,7 @@ fn case(octree: &Octree, place: DAffine3, camera: &Camera, half: bool, weight: O
     Ok(Case::new("half-mesh", scene, camera.clone()))
 }
 
-/// Phong's light on an image's planes, its colour taken for albedo (rendering model §5).
+/// Applies Phong's light to an image's planes, with its colour as albedo (rendering model §5).
 fn lit(mut frame: Frame, camera: &Camera) -> Frame {
     let Material { ambient, diffuse, specular, shininess, .. } = Material::default();
     let to_light = -DVec3::from(LIGHT).normalize();
@@ -122,14 +124,14 @@ fn lit(mut frame: Frame, camera: &Camera) -> Frame {
     frame
 }
 
-/// Neighbours at most [`REACH`] pixels from where splats end and polygons begin, both on the truth's surface, which
-/// doesn't end between them.
+/// Returns pairs of neighbouring pixels, at most [`REACH`] pixels from the border between splats and polygons. Both are
+/// on the truth's surface, which is continuous between them.
 fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     let (w, h) = (frame.width() as usize, frame.height() as usize);
     let has_splats = |at: usize| frame.weight()[at] > 0.0;
     let alike = |a: f32, b: f32| (a - b).abs() < 0.003 * b;
     let on_surface = |at: usize| frame.depth()[at].is_finite() && alike(frame.depth()[at], truth.depth()[at]);
-    // Both kinds on one surface: a silhouette of splats before polygons is no seam.
+    // Both kinds have to be on one surface: a silhouette of splats in front of polygons is no seam.
     let near_seam = |x: usize, y: usize| {
         let own = truth.depth()[y * w + x];
         let rows = y.saturating_sub(REACH)..(y + REACH + 1).min(h);
@@ -158,8 +160,8 @@ fn pairs(frame: &Frame, truth: &Frame) -> Vec<[usize; 2]> {
     pairs
 }
 
-/// Steps over pairs of pixels: the largest of the image, and beyond the truth's own the largest and that of one pair in
-/// a thousand.
+/// Steps over pairs of pixels. `value` is the largest step of the image. The others are steps beyond the truth's own:
+/// the largest, and the one that one pair in a thousand exceeds.
 struct Steps {
     value: f64,
     value_beyond: [f64; 2],

@@ -1,6 +1,6 @@
-//! Prints a number for the bits of every plane of every conformance scene as `cpu` draws it, with splats in f32 and in
-//! 16 bits: `cargo run -p surfel-conformance --example plane_bits`. Every machine prints the same, CPUs that an
-//! emulator plays included (docs/testing.md).
+//! Prints a hash of every plane of every conformance scene as `cpu` draws it, with splats in f32 and in 16 bits: `cargo
+//! run -p surfel-conformance --example plane_bits`. Every machine prints the same hashes, emulated CPUs included
+//! (docs/testing.md).
 
 use surfel_conformance::{harness, scenes};
 use surfel_cpu::{Options, Renderer, Storage};
@@ -22,7 +22,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
-/// Colour, depth, normal, weight, fragments, colour in 8 bits.
+/// Returns hashes of colour, depth, normal, weight, fragments, and colour in 8 bits.
 fn numbers(frame: &Frame) -> [u64; 6] {
     let of = |values: &[f32]| fnv1a(values.iter().map(|value| value.to_bits()));
     [
@@ -35,7 +35,7 @@ fn numbers(frame: &Frame) -> [u64; 6] {
     ]
 }
 
-/// FNV-1a, a word at a time.
+/// Returns the FNV-1a hash, a word at a time.
 fn fnv1a(words: impl Iterator<Item = u32>) -> u64 {
     words.fold(0xcbf2_9ce4_8422_2325, |sum, word| (sum ^ u64::from(word)).wrapping_mul(0x100_0000_01b3))
 }

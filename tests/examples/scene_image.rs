@@ -1,6 +1,5 @@
-//! Draws a conformance scene with the reference, larger than the tests do, to be looked at:
-//! `cargo run -p surfel-conformance --example scene_image -- panes/lit/peel-3 6 panes.png`. Without arguments it lists
-//! the scenes.
+//! Draws a conformance scene with the reference for visual inspection, larger than in the tests: `cargo run -p
+//! surfel-conformance --example scene_image -- panes/lit/peel-3 6 panes.png`. Without arguments it lists the scenes.
 
 use std::path::Path;
 use surfel_conformance::{harness, scenes};

@@ -1,11 +1,13 @@
-//! Prints how clipped splats compare with an exact ray cast of the mesh that they were made of:
-//! `cargo run --release -p surfel-conformance --example sharp -- MESH [--splats N,N] [--zooms S,S] [--view X,Y,Z]
-//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--images FOLDER]`. With `--points N [--noise SHARE]`
-//! splats are made of N points on the mesh instead. `--cull none|back` says whether back faces are drawn, in place of
-//! whether the mesh is closed, and `--oriented true|false` whether they are kept apart from front faces.
+//! Prints the difference between clipped splats and an exact ray cast of the mesh that they were made from: `cargo run
+//! --release -p surfel-conformance --example sharp -- MESH [--splats N,N] [--zooms S,S] [--view X,Y,Z]
+//! [--depth-tolerance K] [--crease-angle DEG] [--size PIXELS] [--images FOLDER]`.
 //!
-//! A pixel differs where one of the two images has a surface and the other none, or where the normals are more than 20°
-//! apart; the share is of the pixels that the mesh covers.
+//! With `--points N [--noise SHARE]` splats are made from N points on the mesh instead. `--cull none|back` overrides
+//! whether back faces are drawn, which otherwise depends on whether the mesh is closed. `--oriented true|false`
+//! overrides whether they are separated from front faces.
+//!
+//! A pixel differs if only one of the two images has a surface, or if the normals are more than 20° apart. The share
+//! printed is relative to the pixels that the mesh covers.
 
 use glam::DVec3;
 use std::path::{Path, PathBuf};
@@ -105,7 +107,7 @@ fn save(path: &Path, size: u32, color: &[[f32; 4]]) -> Result<(), Error> {
     Ok(surfel_io::save_png(path, true, &planes, &surfel_io::PngOptions::default())?)
 }
 
-/// Differing pixels in colours: red is missing, blue is too much, orange has another normal.
+/// Returns the differing pixels in colours: red is missing, blue is superfluous, orange has another normal.
 fn marks(pixels: &[Pixel]) -> Vec<[f32; 4]> {
     let color = |p: &Pixel| match p {
         Pixel::Empty => [1.0; 4],

@@ -1,4 +1,4 @@
-//! Sweeps to the extremes; run as `cargo xtask stability`.
+//! Runs sweeps to the extremes; run as `cargo xtask stability`.
 
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -32,7 +32,7 @@ struct Arguments {
     markdown: Option<PathBuf>,
 }
 
-/// What the words ask for; nothing where it is help.
+/// Parses the command line; `None` if it asks for help.
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut found = Arguments {
         backends: Vec::new(),

@@ -1,4 +1,4 @@
-//! The backends by name, watched by validation layers.
+//! The backends by name, with validation layers enabled.
 
 use crate::expectations::Extent;
 use crate::harness::{Checked, Report, Truth, check, expect};
@@ -9,22 +9,22 @@ use std::time::{Duration, Instant};
 use surfel_ash::GpuPath;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
-/// What is held against the reference.
+/// A backend that is compared with the reference.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Backend {
-    /// `surfel-cpu`.
+    /// The backend `surfel-cpu`.
     Cpu,
-    /// `surfel-wgpu`.
+    /// The backend `surfel-wgpu`.
     Wgpu,
-    /// `surfel-ash`.
+    /// The backend `surfel-ash`.
     Ash,
 }
 
 impl Backend {
-    /// All of them.
+    /// All backends.
     pub const ALL: [Self; 3] = [Self::Cpu, Self::Wgpu, Self::Ash];
 
-    /// As on the command line.
+    /// Returns the name on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Cpu => "cpu",
@@ -34,13 +34,13 @@ impl Backend {
     }
 }
 
-/// A backend that was held against the reference.
+/// Result of comparing a backend with the reference.
 pub struct Run {
-    /// Who drew.
+    /// Backend and adapter that drew.
     pub info: RendererInfo,
-    /// What to know about it: that nothing was validated.
+    /// A note on the run: that calls weren't validated.
     pub note: Option<String>,
-    /// One result a truth, in their order; then those without an image.
+    /// One result per truth, in their order, followed by results without an image.
     pub checked: Vec<Checked>,
 }
 
@@ -54,9 +54,9 @@ impl Run {
 /// Options for starting a backend.
 #[derive(Clone, Copy, Debug)]
 pub struct Start<'a> {
-    /// A part of the adapter's name; `None`: any adapter.
+    /// Part of the adapter's name; `None` for any adapter.
     pub adapter: Option<&'a str>,
-    /// Has validation layers check every call, where they are installed.
+    /// True if validation layers check every call, if they are installed.
     pub validation: bool,
     /// Compute shaders or raster hardware, on a GPU.
     pub path: GpuPath,
@@ -65,7 +65,7 @@ pub struct Start<'a> {
 /// Frames of a case that was drawn several times.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Repeated {
-    /// Names of the passes that were timed; empty where the backend times none.
+    /// Names of the timed passes; empty if the backend times none.
     pub passes: Vec<String>,
     /// A hash of each frame, by plane.
     pub hashes: BTreeMap<String, Vec<String>>,
@@ -84,7 +84,7 @@ fn repeat<R: Renderer>(backend: &mut R, case: &Case, times: usize) -> Result<Rep
     Ok(repeated)
 }
 
-/// A backend that was started.
+/// A running backend.
 pub struct Session {
     drawing: Drawing,
     note: Option<String>,
@@ -97,10 +97,10 @@ enum Drawing {
 }
 
 impl Session {
-    /// Starts a backend, on the first adapter whose name contains `adapter` where it uses one.
+    /// Starts a backend. If it uses an adapter, the first whose name contains `adapter` is selected.
     ///
     /// # Errors
-    /// [`RenderError`] if it doesn't start.
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start(backend: Backend, adapter: Option<&str>) -> Result<Self, RenderError> {
         Self::start_as(backend, Start { adapter, validation: true, path: GpuPath::Auto })
     }
@@ -108,7 +108,7 @@ impl Session {
     /// Starts a backend.
     ///
     /// # Errors
-    /// [`RenderError`] if it doesn't start.
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start_as(backend: Backend, start: Start<'_>) -> Result<Self, RenderError> {
         let adapter = start.adapter.map(str::to_owned);
         let drawing = match backend {
@@ -124,7 +124,7 @@ impl Session {
             Backend::Ash => {
                 let options = surfel_ash::Options::default().with_adapter(adapter).with_path(start.path);
                 if start.validation {
-                    // What the layer says is an error of the call.
+                    // A message of the layer is an error of the call.
                     let (renderer, note) = start_ash(options)?;
                     return Ok(Self { drawing: Drawing::Ash(Box::new(renderer)), note });
                 }
@@ -144,10 +144,10 @@ impl Session {
         }
     }
 
-    /// Draws a case again and again.
+    /// Draws a case repeatedly.
     ///
     /// # Errors
-    /// [`RenderError`] as the backend gives it.
+    /// The backend's [`RenderError`].
     pub fn repeat(&mut self, case: &Case, times: usize) -> Result<Repeated, RenderError> {
         match &mut self.drawing {
             Drawing::Cpu(renderer) => repeat(renderer.as_mut(), case, times),
@@ -156,7 +156,7 @@ impl Session {
         }
     }
 
-    /// Who draws.
+    /// Returns the backend and adapter that draw.
     pub fn info(&self) -> &RendererInfo {
         match &self.drawing {
             Drawing::Cpu(renderer) => renderer.info(),
@@ -165,7 +165,7 @@ impl Session {
         }
     }
 
-    /// Has the backend draw a case and compares. What validation layers say is a failure.
+    /// Draws a case with the backend and compares the result. A message of a validation layer is a failure.
     pub fn check(&mut self, truth: &Truth) -> Checked {
         match &mut self.drawing {
             Drawing::Cpu(renderer) => check(renderer.as_mut(), truth),
@@ -179,7 +179,7 @@ impl Session {
     }
 }
 
-/// Holds a backend against the reference, on the first adapter whose name contains `adapter` where it uses one.
+/// Compares a backend with the reference. If it uses an adapter, the first whose name contains `adapter` is selected.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
@@ -187,7 +187,7 @@ pub fn run(backend: Backend, adapter: Option<&str>, truths: &[Truth], extent: Ex
     run_reporting(backend, Start { adapter, validation: true, path: GpuPath::Auto }, truths, extent, |_, _, _, _| ())
 }
 
-/// Runs as [`run`] does, and hands each scene's report and drawing time to `report` at once.
+/// Compares as [`run`] does, and passes each scene's report and drawing time to `report` at once.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start.
@@ -204,7 +204,7 @@ pub fn run_reporting(
         let begin = Instant::now();
         let one = session.check(truth);
         let time = begin.elapsed();
-        // Expectations of one scene need no other.
+        // Expectations of one scene depend on no other scene.
         let mut known = vec![Checked { report: one.report.clone(), got: None }];
         expect(session.info(), Extent::SomeScenes, &mut known);
         report(&mut session, truth, &known[0].report, time);
@@ -214,8 +214,8 @@ pub fn run_reporting(
     Ok(Run { info: session.info().clone(), note: session.note, checked })
 }
 
-/// Starts the Vulkan backend with validation, whose messages become errors of the calls. Where validation doesn't start
-/// but the backend does, returns a note beside the renderer.
+/// Starts the Vulkan backend with validation, whose messages become errors of the calls. If validation doesn't start
+/// but the backend does, also returns a note.
 ///
 /// # Errors
 /// [`RenderError`] if the backend doesn't start, or validation doesn't and `SURFEL_REQUIRE` names it.
@@ -230,7 +230,7 @@ pub fn start_ash(options: surfel_ash::Options) -> Result<(surfel_ash::Renderer, 
     }
 }
 
-/// True if `SURFEL_REQUIRE`, a list separated by commas, names `what`: then nothing of it may be skipped.
+/// True if `SURFEL_REQUIRE`, a comma-separated list, names `what`; then none of its checks may be skipped.
 pub fn is_required(what: &str) -> bool {
     std::env::var("SURFEL_REQUIRE").is_ok_and(|list| list.split(',').any(|word| word.trim() == what))
 }
@@ -246,8 +246,8 @@ impl log::Log for Listener {
     }
     fn log(&self, record: &log::Record<'_>) {
         let text = record.args().to_string();
-        // naga's debug information names WGSL as its source language, which layers of before 2023 don't know. What a
-        // message is about follows it as a record of its own.
+        // naga's debug information names WGSL as its source language, which layers from before 2023 don't know. The
+        // objects of a message follow it as a record of their own.
         let is_known = text.contains("Invalid source language operand: 10") || text.trim().starts_with("objects:");
         if self.enabled(record.metadata()) && !is_known {
             let message = format!("{} {}", record.target(), record.args());
@@ -257,15 +257,15 @@ impl log::Log for Listener {
     fn flush(&self) {}
 }
 
-/// Keeps what wgpu and the layers below it say from now on.
+/// Starts recording the messages of wgpu and of the layers below it.
 pub fn listen() {
-    // Whoever came first has installed it already.
+    // An earlier caller may have installed the listener already.
     if log::set_logger(&Listener).is_ok() {
         log::set_max_level(log::LevelFilter::Warn);
     }
 }
 
-/// What was said since [`listen`] and was not taken yet.
+/// Returns and removes the messages recorded since [`listen`].
 pub fn take_messages() -> Vec<String> {
     std::mem::take(&mut *MESSAGES.lock().unwrap_or_else(PoisonError::into_inner))
 }

@@ -1,4 +1,4 @@
-//! Building blocks of scenes: splats one by one, surfaces, cameras.
+//! Building blocks of scenes: single splats, surfaces, cameras.
 
 use crate::random::Random;
 use glam::{DAffine3, DVec3};
@@ -9,7 +9,7 @@ use surfel_model::{
     OnInvalid, Projection, Scene, Shape, SplatCloud,
 };
 
-/// One ellipse: p + u·s + v·t.
+/// An ellipse p + u·s + v·t.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Splat {
     /// Centre.
@@ -23,13 +23,13 @@ pub struct Splat {
 }
 
 impl Splat {
-    /// A disk with outward normal `n`.
+    /// Creates a disk with outward normal `n`.
     pub fn disk(p: DVec3, n: DVec3, radius: f64, color: [f32; 3]) -> Self {
         let (s, t) = orthonormal(n);
         Self { p, s: s * radius, t: t * radius, color }
     }
 
-    /// Moved and turned by an affine map.
+    /// Returns the splat transformed by an affine map.
     pub fn transformed(&self, by: &DAffine3) -> Self {
         Self {
             p: by.transform_point3(self.p),
@@ -40,10 +40,10 @@ impl Splat {
     }
 }
 
-/// A cloud of ellipses.
+/// Creates a cloud of ellipses.
 ///
 /// # Panics
-/// If a splat is invalid: scenes are written here, not read.
+/// If a splat is invalid: scenes are written in code, not read.
 pub fn cloud(splats: &[Splat]) -> SplatCloud {
     let column = |f: fn(&Splat) -> DVec3| Column3::from_f64(&splats.iter().map(f).collect::<Vec<_>>());
     let centers: Vec<DVec3> = splats.iter().map(|s| s.p).collect();
@@ -54,23 +54,23 @@ pub fn cloud(splats: &[Splat]) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// A splat and what clips it.
+/// A splat and its clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clipped {
     /// The whole splat.
     pub splat: Splat,
-    /// Its curve.
+    /// Curve of the clip.
     pub curve: Option<ClipCurve>,
     /// Up to four lines.
     pub lines: Vec<ClipLine>,
-    /// How the lines combine.
+    /// Combination of the lines.
     pub mode: ClipMode,
 }
 
-/// A cloud of clipped ellipses.
+/// Creates a cloud of clipped ellipses.
 ///
 /// # Panics
-/// As [`cloud`].
+/// If a splat is invalid, as [`cloud`].
 pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
     let none = ClipCurve { theta1: 0.0, theta3: 0.0, u: 0.0, v: 0.0, w: f32::NAN };
     let mut data = cloud(&splats.iter().map(|c| c.splat).collect::<Vec<_>>()).into_data();
@@ -83,10 +83,10 @@ pub fn clipped_cloud(splats: &[Clipped]) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// A cloud of disks, given as normals and radii: the other shape that a cloud can have.
+/// Creates a cloud of disks, given as normals and radii, the other shape that a cloud can have.
 ///
 /// # Panics
-/// As [`cloud`].
+/// If a disk is invalid, as [`cloud`].
 pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud {
     let centers: Vec<DVec3> = disks.iter().map(|d| d.0).collect();
     let normals: Vec<DVec3> = disks.iter().map(|d| d.1).collect();
@@ -97,17 +97,17 @@ pub fn disk_cloud(disks: &[(DVec3, DVec3, f64)], color: [f32; 3]) -> SplatCloud 
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// The cloud with these alphas.
+/// Returns the cloud with these alphas.
 ///
 /// # Panics
-/// If one is outside [0, 1].
+/// If an alpha is outside [0, 1].
 pub fn with_alpha(cloud: SplatCloud, alpha: impl Fn(usize) -> f32) -> SplatCloud {
     let mut data = cloud.data().clone();
     data.alphas = Some((0..cloud.len()).map(alpha).collect());
     SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0
 }
 
-/// An object in its own coordinates, with the default material.
+/// Creates an object in its own coordinates, with the default material.
 pub fn object(cloud: SplatCloud) -> Object {
     Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
@@ -116,12 +116,12 @@ pub fn object(cloud: SplatCloud) -> Object {
     }
 }
 
-/// A scene of one cloud over a background that no splat has.
+/// Creates a scene of one cloud, over a background colour that no splat has.
 pub fn scene(splats: &[Splat]) -> Scene {
     Scene { background: [0.02, 0.03, 0.05, 0.5], ..Scene::from(cloud(splats)) }
 }
 
-/// A camera at (0, 0, distance) that looks at the origin, +y up.
+/// Returns a camera at (0, 0, distance) that looks at the origin, +y up.
 pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
     Camera {
         eye: [0.0, 0.0, distance],
@@ -134,8 +134,8 @@ pub fn camera(distance: f64, fov_y_deg: f64, size: [u32; 2]) -> Camera {
     }
 }
 
-/// `count` disks spread evenly over the unit sphere (Fibonacci), radius `overlap` times their spacing, in random
-/// colours of `seed`.
+/// Returns `count` disks spread evenly over the unit sphere (Fibonacci), in random colours from `seed`. The radius is
+/// `overlap` times the spacing.
 pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
     let mut random = Random::new(seed);
     let radius = overlap * (4.0 * std::f64::consts::PI / count as f64).sqrt();
@@ -150,8 +150,8 @@ pub fn sphere(count: usize, overlap: f64, seed: u64) -> Vec<Splat> {
         .collect()
 }
 
-/// `columns`×`rows` disks of radius `radius` on the parallelogram about `center` that ±`across` and ±`along` span,
-/// outward normal across × along, with colours by `color(column, row)`.
+/// Returns `columns`×`rows` disks of radius `radius` on the parallelogram around `center` that ±`across` and ±`along`
+/// span. The outward normal is across × along; `color(column, row)` returns the colours.
 pub fn sheet(
     center: DVec3,
     [across, along]: [DVec3; 2],
@@ -171,7 +171,8 @@ pub fn sheet(
     splats
 }
 
-/// `count` splats in the unit ball: random places, axes and colours, half-axes of `radius`·(1 … `aspect`).
+/// Returns `count` splats in the unit ball with random positions, axes and colours, and half-axes of `radius`·(1 …
+/// `aspect`).
 pub fn confetti(count: usize, radius: f64, aspect: f64, seed: u64) -> Vec<Splat> {
     let mut random = Random::new(seed);
     (0..count)
@@ -185,14 +186,15 @@ pub fn confetti(count: usize, radius: f64, aspect: f64, seed: u64) -> Vec<Splat>
         .collect()
 }
 
-/// Directions of a camera's image in world space: right, down, forward.
+/// Returns the directions of a camera's image in world space: right, down, forward.
 pub fn axes(camera: &Camera) -> [DVec3; 3] {
     let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
     let right = unit(forward.cross(DVec3::from(camera.up)));
     [right, forward.cross(right), forward]
 }
 
-/// World direction through a pixel's centre with unit planar depth, from the fields of a perspective camera alone.
+/// Returns the world direction through a pixel's centre with unit planar depth, from the fields of a perspective camera
+/// alone.
 ///
 /// # Panics
 /// If the camera's field of view isn't given.

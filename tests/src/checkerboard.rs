@@ -1,8 +1,9 @@
-//! A checkerboard to the horizon: how much detail a filter keeps, and how much it lets alias (§5).
+//! A checkerboard that extends to the horizon, which measures the detail that a filter preserves and the aliasing that
+//! remains (§5).
 //!
-//! A square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, 40×40 squares, 400×400 disks with
-//! r = spacing = 0.005, fov_y 60°, 512². The truth is the exact pattern under a box filter of one pixel, by 16×16
-//! samples.
+//! The scene is a square of side 2 centred at (0, 0, 1.2) in view space, turned 80° about x, with 40×40 fields and
+//! 400×400 disks of r = spacing = 0.005; fov_y 60°, 512². The truth is the exact pattern under a box filter of one
+//! pixel, by 16×16 samples.
 
 use crate::build::{Splat, camera, scene};
 use crate::scenes::Case;
@@ -11,7 +12,7 @@ use surfel_model::{DepthTolerance, Filter, Scene, Settings};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, View};
 
-/// Pixels a side.
+/// Side of the image, in pixels.
 pub const SIZE: u32 = 512;
 const DISKS: usize = 400;
 const SPACING: f64 = 0.005;
@@ -23,7 +24,7 @@ const SAMPLES: u32 = 16;
 /// RMSE in the five bands, far to near: 1/16, 1/16, 1/8, 1/4 and 1/2 of the square's rows.
 pub type Bands = [f64; 5];
 
-/// A line of the table: what is set, and its name.
+/// Returns the lines of the table: names and settings.
 pub fn variants() -> Vec<(&'static str, Settings)> {
     let filter = |filter| Settings::default().with_filter(filter);
     let papers = filter(Filter::Ewa)
@@ -40,7 +41,7 @@ pub fn variants() -> Vec<(&'static str, Settings)> {
     ]
 }
 
-/// The square's in-plane direction away from the eye and its normal, in view space.
+/// Returns the square's in-plane direction away from the eye and its normal, in view space.
 fn directions() -> (DVec3, DVec3) {
     let (sin, cos) = TURN_DEG.to_radians().sin_cos();
     (DVec3::new(0.0, -cos, sin), DVec3::new(0.0, -sin, -cos))
@@ -51,10 +52,10 @@ fn is_white(a: f64, b: f64) -> bool {
     (index(a) + index(b)).rem_euclid(2) == 0
 }
 
-/// The scene, filters as by default.
+/// Returns the scene with default filters.
 pub fn case() -> Case {
     let (away, normal) = directions();
-    // The camera at the origin looks along −z with +y up: y and z of view space are turned round.
+    // The camera at the origin looks along −z with +y up: y and z of view space are negated.
     let world = |v: DVec3| DVec3::new(v.x, -v.y, -v.z);
     let at = |i: usize| (i as f64 + 0.5) * SPACING - 1.0;
     let mut splats = Vec::with_capacity(DISKS * DISKS);
@@ -71,7 +72,7 @@ pub fn case() -> Case {
     Case::new("checkerboard", Scene { background: [0.0; 4], ..scene(&splats) }, camera)
 }
 
-/// The exact image: `None` for pixels not wholly inside the square.
+/// Returns the exact image: `None` for pixels not wholly inside the square.
 pub fn truth(view: &View) -> Vec<Option<f64>> {
     let (away, normal) = directions();
     let center = DVec3::new(0.0, 0.0, DISTANCE);
@@ -87,7 +88,7 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
     for y in 0..SIZE {
         for x in 0..SIZE {
             let (x, y) = (f64::from(x), f64::from(y));
-            // The projected square is convex: a pixel is inside when its corners are.
+            // The projected square is convex: a pixel is inside if its corners are.
             let inside = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)];
             if !inside.iter().all(|(dx, dy)| on_square(x + dx, y + dy).is_some()) {
                 image.push(None);
@@ -104,7 +105,7 @@ pub fn truth(view: &View) -> Vec<Option<f64>> {
     image
 }
 
-/// RMSE of an image's red channel by bands.
+/// Returns the RMSE of an image's red channel by bands.
 pub fn errors(image: &[[f32; 4]], truth: &[Option<f64>]) -> Bands {
     let width = SIZE as usize;
     let rows: Vec<usize> =

@@ -1,7 +1,7 @@
-//! What backends are known to miss, and why.
+//! The table of known differences of backends, with reasons.
 //!
-//! An entry lets one plane of one scene be off by more than the tolerance on one backend and adapter, up to a factor.
-//! It fails when it isn't needed any more, so that the table says what is so.
+//! An entry lets one plane of one scene exceed the tolerance on one backend and adapter, up to a factor. An entry that
+//! is no longer needed is a failure, so that the table stays true.
 
 use crate::backends::Backend;
 use crate::harness::{Plane, Report, Verdict};
@@ -10,17 +10,17 @@ use surfel_render::RendererInfo;
 /// A known difference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Expectation {
-    /// Who is off.
+    /// The backend that differs.
     pub backend: Backend,
     /// Part of the adapter's name, any case; empty for every adapter.
     pub adapter: &'static str,
-    /// The scene's whole name.
+    /// Full name of the scene.
     pub scene: &'static str,
-    /// The plane.
+    /// The plane that differs.
     pub plane: Plane,
-    /// How far it may be off, as a multiple of the tolerance: above 1.
+    /// Maximum error as a multiple of the tolerance: above 1.
     pub factor: f64,
-    /// Why that is right, or nothing to be done about.
+    /// Reason why the difference is right or unavoidable.
     pub because: &'static str,
 }
 
@@ -34,29 +34,29 @@ impl Expectation {
     }
 }
 
-/// Every known difference. None so far.
+/// Every known difference; so far there is none.
 pub const EXPECTATIONS: &[Expectation] = &[];
 
-/// Which scenes were compared.
+/// The set of scenes that were compared.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Extent {
-    /// All of them: an entry of which nothing was seen is unused.
+    /// All scenes: an entry without a matching result is unused.
     EveryScene,
-    /// Some of them.
+    /// Some of the scenes.
     SomeScenes,
 }
 
-/// Applies a table to what was found on a backend, and gives a failure for each entry that nothing needs.
+/// Applies a table to the results of a backend, and returns a failure for each entry that isn't needed.
 ///
-/// A report that failed only in what entries allow becomes [`Verdict::Expected`]. One that needed none of its entries
-/// fails: the entry is to be removed.
+/// A report that failed only within entries' limits becomes [`Verdict::Expected`]. A report fails if it needed none of
+/// its entries; the entry has to be removed.
 pub fn apply<'a>(
     table: &[Expectation],
     info: &RendererInfo,
     extent: Extent,
     reports: impl IntoIterator<Item = &'a mut Report>,
 ) -> Vec<Report> {
-    // The first of two entries about the same is used, the second is not.
+    // Of two entries for the same place only the first is used.
     let mut open: Vec<&Expectation> = table.iter().filter(|entry| entry.is_about(info)).collect();
     for report in reports {
         let mut own: Vec<&Expectation> = Vec::new();
@@ -79,7 +79,7 @@ pub fn apply<'a>(
     if extent == Extent::EveryScene { open.iter().map(unused).collect() } else { Vec::new() }
 }
 
-/// The verdict on a report, all of whose entries are `own`, one a plane.
+/// Sets the verdict of a report whose entries are `own`, at most one per plane.
 fn judge(report: &mut Report, own: &[&Expectation]) {
     let worst = |plane| report.planes.iter().find(|p| p.plane == plane).map_or(0.0, |p| p.worst);
     let factor = |plane| own.iter().find(|entry| entry.plane == plane).map_or(1.0, |entry| entry.factor);

@@ -1,8 +1,8 @@
-//! Holds a backend against the reference, pixel by pixel.
+//! Comparison of a backend with the reference, pixel by pixel.
 //!
-//! Every plane is compared linearly. A pixel that is farther off than the tolerance is an outlier; it is forgiven only
-//! where the reference says that a decision of the model is within its margin there, and only a few in an image. What a
-//! backend is known to miss is listed in [`crate::expectations`].
+//! Every plane is compared linearly. A pixel beyond the tolerance is an outlier. An outlier is forgiven only if the
+//! reference marks a decision of the model as within its margin there, and only for few pixels of an image. Known
+//! differences of backends are listed in [`crate::expectations`].
 
 use crate::expectations::{self, EXPECTATIONS, Extent};
 use crate::scenes::{self, Case};
@@ -11,12 +11,12 @@ use std::sync::OnceLock;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo};
 
-/// Absolute tolerance of colour, normal and weight; of Z times the median |Z|. An eighth of an 8-bit level's half:
-/// nothing that shows, and 16 times what summing a hundred f32 fragments loses.
+/// Absolute tolerance of colour, normal and weight, and, times the median |Z|, of Z. It is an eighth of half an 8-bit
+/// level: invisible, and 16 times the loss of summing a hundred f32 fragments.
 pub const ABSOLUTE: f64 = 2e-4;
 /// Relative tolerance of every plane.
 pub const RELATIVE: f64 = 1e-3;
-/// Share of an image's pixels that may be outliers, all of them within their margin (rendering model, ties).
+/// Maximum fraction of an image's pixels that may be outliers within their margin (rendering model, ties).
 pub const FORGIVEN_SHARE: f64 = 0.025;
 
 /// A compared plane.
@@ -33,7 +33,7 @@ pub enum Plane {
 }
 
 impl Plane {
-    /// As in messages and EXR files: `color`, `Z`, `normal` or `weight`.
+    /// Returns the name in messages and EXR files: `color`, `Z`, `normal` or `weight`.
     pub fn name(self) -> &'static str {
         match self {
             Self::Color => "color",
@@ -44,48 +44,48 @@ impl Plane {
     }
 }
 
-/// How far one plane is off.
+/// Error of one plane.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlaneError {
-    /// Which one.
+    /// The plane.
     pub plane: Plane,
-    /// Greatest error outside of the margin as a multiple of the tolerance; above 1 is a failure.
+    /// Largest error outside the margin as a multiple of the tolerance; above 1 is a failure.
     pub worst: f64,
-    /// Where that is: column and row.
+    /// Column and row of the largest error.
     pub at: [u32; 2],
-    /// Values there: got and wanted.
+    /// Values at the largest error: actual and expected.
     pub values: [f32; 2],
-    /// Pixels outside of the margin that are off by more than the tolerance.
+    /// Number of pixels outside the margin with an error above the tolerance.
     pub outliers: usize,
 }
 
-/// What a comparison found.
+/// Result of a comparison.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Verdict {
-    /// Within tolerance.
+    /// All errors are within tolerance.
     Passed,
-    /// Off by no more than an entry of [`EXPECTATIONS`] allows; why.
+    /// Errors are within the limits of [`EXPECTATIONS`]; the reason.
     Expected(String),
-    /// The backend says that it doesn't draw this.
+    /// The backend reports that it doesn't draw this scene; the reason.
     Skipped(String),
-    /// Something is wrong, in words.
+    /// Something is wrong; a description.
     Failed(String),
 }
 
-/// A compared image.
+/// Report on a compared image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Report {
     /// Name of the case.
     pub name: String,
-    /// Plane by plane.
+    /// Errors by plane.
     pub planes: Vec<PlaneError>,
-    /// Outliers within the margin.
+    /// Number of outliers within the margin.
     pub forgiven: usize,
-    /// Share of pixels within the margin.
+    /// Fraction of pixels within the margin.
     pub margin_share: f64,
-    /// What is wrong besides planes that are off: NaN, a missing plane, too much forgiven. No expectation excuses it.
+    /// Faults besides planes' errors: NaN, a missing plane, too many forgiven pixels. No expectation excuses them.
     pub broken: Vec<String>,
-    /// Passed or not.
+    /// Verdict on the image.
     pub verdict: Verdict,
 }
 
@@ -99,13 +99,13 @@ impl Report {
         Self { name: name.into(), planes: Vec::new(), forgiven: 0, margin_share: 0.0, broken: Vec::new(), verdict }
     }
 
-    /// A failure without an image.
+    /// Returns a failure without an image.
     pub fn failed(name: &str, message: impl fmt::Display) -> Self {
         let message = message.to_string();
         Self { broken: vec![message.clone()], ..Self::of_verdict(name, Verdict::Failed(message)) }
     }
 
-    /// Adds what no comparison shows.
+    /// Adds faults that no comparison finds.
     pub(crate) fn fail(&mut self, messages: impl IntoIterator<Item = String>) {
         let before = self.broken.len();
         self.broken.extend(messages);
@@ -114,7 +114,7 @@ impl Report {
         }
     }
 
-    /// What is wrong where each plane may be off by so many times the tolerance.
+    /// Returns descriptions of all faults, if `allowed` is each plane's maximum error in multiples of the tolerance.
     pub(crate) fn faults(&self, allowed: impl Fn(Plane) -> f64) -> Vec<String> {
         let off = self.planes.iter().filter(|p| p.worst > allowed(p.plane));
         let words =
@@ -122,12 +122,12 @@ impl Report {
         self.broken.iter().cloned().chain(off.map(words)).collect()
     }
 
-    /// The plane that is farthest off.
+    /// Returns the plane with the largest error.
     pub fn worst_plane(&self) -> Option<&PlaneError> {
         self.planes.iter().max_by(|a, b| a.worst.total_cmp(&b.worst))
     }
 
-    /// Pixels outside of the margin that are off by more than the tolerance, in the plane that has most.
+    /// Returns the largest number of outliers outside the margin in one plane.
     pub fn outliers(&self) -> usize {
         self.planes.iter().map(|p| p.outliers).max().unwrap_or(0)
     }
@@ -149,7 +149,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// Compares the planes that `want` has. `margin` is the reference's plane: 1 where a decision is within its margin.
+/// Compares the planes of `want`. `margin` is the reference's plane: 1 where a decision is within its margin.
 pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> Report {
     let pixels = want.width() as usize * want.height() as usize;
     if (got.width(), got.height()) != (want.width(), want.height()) || margin.len() != pixels {
@@ -193,8 +193,8 @@ pub fn compare_frames(name: &str, got: &Frame, want: &Frame, margin: &[f32]) -> 
     report
 }
 
-/// How far each pixel is off in the plane where it is farthest, as a multiple of the tolerance. Both frames have the
-/// same size; planes of different lengths are left out.
+/// Returns each pixel's largest error over all planes, as a multiple of the tolerance. Both frames have the same size;
+/// planes of different lengths are skipped.
 pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
     let mut worst = vec![0.0f64; want.width() as usize * want.height() as usize];
     for planes in pairs(got, want).iter().filter(|p| p.got.len() == p.want.len() && !p.want.is_empty()) {
@@ -206,7 +206,7 @@ pub fn pixel_errors(got: &Frame, want: &Frame) -> Vec<f64> {
     worst
 }
 
-/// A plane of both frames, flat, with its absolute tolerance.
+/// A plane of both frames, flattened, with its absolute tolerance.
 struct Pair<'a> {
     plane: Plane,
     got: &'a [f32],
@@ -215,12 +215,12 @@ struct Pair<'a> {
 }
 
 impl Pair<'_> {
-    /// Errors of a pixel's channels as multiples of the tolerance, with the values got and wanted.
+    /// Returns errors of a pixel's channels as multiples of the tolerance, with the actual and the expected value.
     fn errors(&self, pixel: usize, channels: usize) -> impl Iterator<Item = (f64, [f32; 2])> {
         let of_pixel = pixel * channels..(pixel + 1) * channels;
         self.got[of_pixel.clone()].iter().zip(&self.want[of_pixel]).map(|(&a, &b)| {
             let tolerance = self.absolute + RELATIVE * f64::from(b).abs();
-            // Equal infinities are equal; one infinity, or a NaN, is infinitely off.
+            // Equal infinities are equal; a single infinity, or NaN, is an infinite error.
             let error = if a == b { 0.0 } else { f64::from(a - b).abs() / tolerance };
             (if error.is_finite() { error } else { f64::INFINITY }, [a, b])
         })
@@ -258,7 +258,7 @@ fn compare_plane(planes: &Pair<'_>, width: u32, margin: &[f32], outliers: &mut [
     worst
 }
 
-/// The reference's image of a case, margin included.
+/// Returns the reference's image of a case, including the margin.
 ///
 /// # Errors
 /// [`RenderError`] if the reference refuses the case.
@@ -273,7 +273,7 @@ pub fn reference_frame(reference: &mut Reference, case: &Case) -> Result<Frame, 
 /// Renders a case on a backend.
 ///
 /// # Errors
-/// [`RenderError`] as the backend gives it.
+/// The backend's [`RenderError`].
 pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Result<Frame, RenderError> {
     let resident = backend.upload(&case.scene)?;
     let mut frame = Frame::default();
@@ -281,46 +281,46 @@ pub fn render<R: Renderer>(backend: &mut R, case: &Case, planes: Planes) -> Resu
     Ok(frame)
 }
 
-/// A case and what the reference makes of it.
+/// A case and the reference's result.
 pub struct Truth {
     /// The case.
     pub case: Case,
-    /// The reference's image, margin included, or why there is none.
+    /// The reference's image, including the margin, or the reason why there is none.
     pub want: Result<Frame, RenderError>,
 }
 
 impl Truth {
-    /// Has the reference draw a case.
+    /// Draws a case with the reference.
     pub fn of(reference: &mut Reference, case: Case) -> Self {
         let want = reference_frame(reference, &case);
         Self { case, want }
     }
 
-    /// Has the reference draw every scene that is wanted, in the order of [`scenes::all`].
+    /// Draws every wanted scene with the reference, in the order of [`scenes::all`].
     ///
     /// # Errors
-    /// [`RenderError`] if there is no reference.
+    /// [`RenderError`] if the reference doesn't start.
     pub fn all(is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Self>, RenderError> {
         let mut reference = Reference::new(Default::default())?;
         let cases = scenes::all().into_iter().filter(|case| is_wanted(&case.name));
         Ok(cases.map(|case| Self::of(&mut reference, case)).collect())
     }
 
-    /// Every scene, drawn by the reference once in a process.
+    /// Returns every scene, drawn by the reference once per process.
     ///
     /// # Errors
-    /// [`RenderError`] if there is no reference.
+    /// [`RenderError`] if the reference doesn't start.
     pub fn of_every_scene() -> Result<&'static [Self], &'static RenderError> {
         static TRUTHS: OnceLock<Result<Vec<Truth>, RenderError>> = OnceLock::new();
         TRUTHS.get_or_init(|| Self::all(|_| true)).as_deref()
     }
 }
 
-/// A backend's image and how it compares.
+/// A backend's image and its report.
 pub struct Checked {
-    /// How it compares.
+    /// Report of the comparison.
     pub report: Report,
-    /// The image, where the backend drew one.
+    /// The image, if the backend drew one.
     pub got: Option<Frame>,
 }
 
@@ -341,30 +341,30 @@ pub fn check<R: Renderer>(backend: &mut R, truth: &Truth) -> Checked {
     }
 }
 
-/// As [`check`], by a reference that draws it now.
+/// Compares as [`check`] does, with a truth that the reference draws now.
 pub fn check_case<R: Renderer>(backend: &mut R, reference: &mut Reference, case: &Case) -> Report {
     check(backend, &Truth::of(reference, case.clone())).report
 }
 
-/// Holds a backend against scenes, expectations included.
+/// Compares a backend with the reference in these scenes, and applies expectations.
 ///
-/// One result a truth, in their order; then, without an image, one for each expectation that nothing needed.
+/// Returns one result per truth, in their order, followed by one result without an image for each unused expectation.
 pub fn check_all<R: Renderer>(backend: &mut R, truths: &[Truth], extent: Extent) -> Vec<Checked> {
     let mut checked: Vec<Checked> = truths.iter().map(|truth| check(backend, truth)).collect();
     expect(backend.info(), extent, &mut checked);
     checked
 }
 
-/// Applies [`EXPECTATIONS`] to what was found on a backend; entries that nothing needed follow as failures.
+/// Applies [`EXPECTATIONS`] to the results of a backend; unused entries follow as failures.
 pub(crate) fn expect(info: &RendererInfo, extent: Extent, checked: &mut Vec<Checked>) {
     let reports = checked.iter_mut().map(|c| &mut c.report);
     let unused = expectations::apply(EXPECTATIONS, info, extent, reports);
     checked.extend(unused.into_iter().map(|report| Checked { report, got: None }));
 }
 
-/// Holds a backend against the reference in every scene, as [`check_all`].
+/// Compares a backend with the reference in every scene, as [`check_all`] does.
 ///
-/// What the backend says it doesn't draw is skipped; it is for the caller to know which those may be.
+/// Scenes that the backend reports as unsupported are skipped; the caller has to check which these are.
 pub fn check_backend<R: Renderer>(backend: &mut R) -> Vec<Report> {
     match Truth::of_every_scene() {
         Ok(truths) => check_all(backend, truths, Extent::EveryScene).into_iter().map(|c| c.report).collect(),

@@ -1,26 +1,26 @@
-//! Meshes that scenes are built of.
+//! Meshes that scenes are built from.
 
 use crate::random::Random;
 use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{Column3, Geometry, Mesh, Object, PointCloud, Texture};
 
-/// An object drawn as polygons, with the default material.
+/// Creates an object drawn as polygons, with the default material.
 ///
 /// # Panics
-/// If the mesh is invalid: scenes are written here, not read.
+/// If the mesh is invalid: scenes are written in code, not read.
 pub fn mesh_object(mesh: Mesh) -> Object {
     mesh.validate().expect("scenes hold valid meshes");
     Object { geometry: Geometry::Mesh(Arc::new(mesh)), ..crate::build::object(crate::build::cloud(&[])) }
 }
 
-/// A mesh of vertices and triangles, outward where these run counter-clockwise.
+/// Creates a mesh of vertices and triangles, whose outer side is that of counter-clockwise corners.
 pub fn mesh(vertices: &[DVec3], triangles: Vec<[u32; 3]>) -> Mesh {
     Mesh { positions: Column3::from_f64(vertices), triangles, ..Mesh::default() }
 }
 
-/// The parallelogram about `center` that ±`across` and ±`along` span, as two triangles, outward along across × along,
-/// with texture coordinates from 0 to `repeats`.
+/// Creates the parallelogram around `center` that ±`across` and ±`along` span, as two triangles. The outward normal is
+/// across × along; texture coordinates run from 0 to `repeats`.
 pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
     let corner = |x: f64, y: f64| center + across * x + along * y;
     let vertices = [corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)];
@@ -28,7 +28,7 @@ pub fn quad(center: DVec3, [across, along]: [DVec3; 2], repeats: f32) -> Mesh {
     Mesh { uvs: Some(uvs.to_vec()), ..mesh(&vertices, vec![[0, 1, 2], [0, 2, 3]]) }
 }
 
-/// The unit sphere: an octahedron whose faces are divided `times` times, with vertex normals.
+/// Creates the unit sphere: an octahedron whose faces are divided `times` times, with vertex normals.
 pub fn mesh_sphere(times: usize) -> Mesh {
     let axes = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
     let mut faces: Vec<[DVec3; 3]> = Vec::new();
@@ -46,7 +46,7 @@ pub fn mesh_sphere(times: usize) -> Mesh {
             })
             .collect();
     }
-    // One vertex for each position, so that neighbours share their edges' ends to the bit.
+    // One vertex per position, so that adjacent triangles share the ends of their edges to the bit.
     let mut vertices: Vec<DVec3> = Vec::new();
     let mut index = std::collections::BTreeMap::new();
     let triangles = faces
@@ -65,8 +65,8 @@ pub fn mesh_sphere(times: usize) -> Mesh {
     Mesh { normals: Some(normals), ..mesh(&vertices, triangles) }
 }
 
-/// A texture of `side`×`side` texels, black and white in turn; right of the diagonal blue for black, so that a swap of
-/// u and v shows.
+/// Creates a texture of `side`×`side` texels, alternating black and white. Right of the diagonal blue replaces black,
+/// so that swapped u and v are visible.
 pub fn checkers(side: u32) -> Arc<Texture> {
     let texel = |i: u32| match (i % side, i / side) {
         (x, y) if (x + y).is_multiple_of(2) => [255; 4],
@@ -75,7 +75,7 @@ pub fn checkers(side: u32) -> Arc<Texture> {
     Arc::new(Texture { width: side, height: side, srgba8: (0..side * side).map(texel).collect() })
 }
 
-/// The cube from −1 to 1, outward.
+/// Creates the cube from −1 to 1, with outward faces.
 pub fn cube() -> Mesh {
     let corner = |i: u32| DVec3::from([0, 1, 2].map(|k| f64::from(i >> k & 1) * 2.0 - 1.0));
     let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
@@ -83,8 +83,8 @@ pub fn cube() -> Mesh {
     mesh(&(0..8).map(corner).collect::<Vec<_>>(), triangles)
 }
 
-/// `count` points spread over a mesh by area, each moved by up to `noise` times the largest side of its bounds in each
-/// direction.
+/// Samples `count` points on a mesh, uniformly by area. Each is displaced by up to `noise` times the largest side of
+/// the mesh's bounds in each direction.
 pub fn sampled(mesh: &Mesh, count: usize, noise: f64, seed: u64) -> PointCloud {
     let mut random = Random::new(seed);
     let corners = |t: &[u32; 3]| t.map(|i| mesh.origin + mesh.positions.get(i as usize));

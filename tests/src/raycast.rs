@@ -1,4 +1,4 @@
-//! Exact images of meshes, by casting rays: the truth that splats made of a mesh are held against.
+//! Exact images of meshes by ray casting: the truth for splats made from a mesh.
 
 use crate::build::axes;
 use glam::DVec3;
@@ -10,22 +10,22 @@ use std::time::Duration;
 use surfel_model::{Camera, Mesh, Projection};
 use surfel_render::Frame;
 
-/// Vertical field of view of [`camera`].
+/// Vertical field of view of the cameras, in degrees.
 const FOV_Y_DEG: f64 = 30.0;
-/// Normals farther apart than this differ.
+/// Angle above which two normals differ.
 const DIFFERENT_DEG: f64 = 20.0;
 
-/// A mesh as rays see it: traversal of f32 boxes, intersections in f64.
+/// A mesh prepared for ray casting: traversal of f32 boxes, intersections in f64.
 pub struct Cast {
     corners: Vec<[DVec3; 3]>,
     bvh: Bvh2,
 }
 
-/// What the rays of an image's pixels meet first: the unit normal there, turned to the eye as two-sided splats are.
+/// The first hit of each pixel's ray: its unit normal, turned to the eye like that of two-sided splats.
 pub type Truth = Vec<Option<DVec3>>;
 
 impl Cast {
-    /// Sorts a valid mesh's triangles.
+    /// Builds the acceleration structure of a valid mesh's triangles.
     pub fn new(mesh: &Mesh) -> Self {
         let at = |i: u32| mesh.positions.get(i as usize);
         let corners: Vec<[DVec3; 3]> = mesh.triangles.iter().map(|t| t.map(at)).collect();
@@ -53,13 +53,13 @@ impl Cast {
                 let normal = e.cross(f).normalize_or_zero();
                 best = (t, Some(if normal.dot(direction) > 0.0 { -normal } else { normal }));
             }
-            // Rounded up, so that nothing nearer is left out.
+            // Rounded up, so that nothing nearer is skipped.
             (t as f32).next_up()
         });
         best.1
     }
 
-    /// The image of a perspective camera.
+    /// Returns the image of a perspective camera.
     ///
     /// # Panics
     /// For other projections.
@@ -76,7 +76,8 @@ impl Cast {
         (0..w * h).map(|i| self.normal(eye, ray(i % w, i / w))).collect()
     }
 
-    /// A camera that looks at the mesh's middle along −`view` from where the mesh covers about `share` of the image.
+    /// Returns a camera that looks at the mesh's middle along −`view`, at a distance from which the mesh covers about
+    /// `share` of the image.
     pub fn camera_covering(&self, view: DVec3, share: f64, size: u32) -> Camera {
         let (mut near, mut far) = (1.2f64, 60.0f64);
         for _ in 0..14 {
@@ -87,7 +88,7 @@ impl Cast {
         self.camera(view, (near * far).sqrt(), size)
     }
 
-    /// A camera `distance` half-diagonals from the mesh's middle.
+    /// Returns a camera `distance` half-diagonals from the mesh's middle.
     fn camera(&self, view: DVec3, distance: f64, size: u32) -> Camera {
         let points = || self.corners.iter().flatten().copied();
         let (lo, hi) = (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
@@ -104,18 +105,18 @@ impl Cast {
     }
 }
 
-/// How a pixel compares.
+/// Result of comparing a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pixel {
-    /// Nothing in either image.
+    /// Neither image has a surface.
     Empty,
-    /// The same, normals within 20°.
+    /// Both have the same surface, with normals within 20°.
     Same,
-    /// Covered in the truth alone.
+    /// Only the truth has a surface.
     Missing,
-    /// Covered in the frame alone.
+    /// Only the frame has a surface.
     Extra,
-    /// Normals more than 20° apart.
+    /// Normals are more than 20° apart.
     Normal,
 }
 
@@ -135,13 +136,13 @@ pub fn compare(truth: &Truth, frame: &Frame) -> Vec<Pixel> {
 /// Counts of a comparison.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Difference {
-    /// Pixels that the mesh covers.
+    /// Number of pixels that the mesh covers.
     pub covered: usize,
-    /// Pixels whose coverage disagrees.
+    /// Number of pixels whose coverage differs.
     pub coverage: usize,
-    /// Pixels whose normals differ.
+    /// Number of pixels whose normals differ.
     pub normals: usize,
-    /// Pixels without a splat in the middle of eight that the mesh covers: holes.
+    /// Number of holes: pixels without a splat whose eight neighbours are all covered by the mesh.
     pub holes: usize,
 }
 
@@ -164,7 +165,7 @@ impl Difference {
         }
     }
 
-    /// Differing pixels over covered ones.
+    /// Returns the number of differing pixels over the number of covered ones.
     pub fn share(&self) -> f64 {
         (self.coverage + self.normals) as f64 / self.covered.max(1) as f64
     }

@@ -1,4 +1,4 @@
-//! The program that holds backends against the reference: its command line.
+//! Command line of the program that compares backends with the reference.
 
 use crate::backends::{Backend, Repeated, Session, Start, is_required, run_reporting};
 use crate::expectations::Extent;
@@ -75,7 +75,7 @@ fn whole(flag: &str, value: &str) -> Result<u64, String> {
     value.parse().map_err(|_| format!("{flag} '{value}': expected a whole number"))
 }
 
-/// What the words ask for; nothing where it is help.
+/// Parses the command line; `None` if it asks for help.
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut found = Arguments::default();
     while let Some(word) = words.next() {
@@ -133,7 +133,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
     Ok(Some(found))
 }
 
-/// Runs the program with these words, without its name.
+/// Runs the program with these arguments, without the program's name.
 pub fn main(words: impl Iterator<Item = String>) -> ExitCode {
     let arguments = match arguments(words) {
         Ok(Some(arguments)) => arguments,
@@ -206,11 +206,11 @@ fn conformance(arguments: &Arguments) -> Result<bool, Box<dyn std::error::Error>
     Ok(entries.iter().all(Entry::is_ok))
 }
 
-/// Frames of a scene that are hashed, and on devices that compute on the CPU.
+/// Number of frames of a scene that are hashed; the second is for devices that compute on the CPU.
 const HASHED: usize = 5;
 const HASHED_BY_SOFTWARE: usize = 2;
 
-/// The line of a scene that was drawn and compared, with hashes of further frames of it.
+/// Returns the record of a scene that was drawn and compared, with hashes of further frames.
 fn line(session: &mut Session, truth: &Truth, report: &Report, time: Duration) -> Conformance {
     let start = Instant::now();
     let drawn = !matches!(report.verdict, Verdict::Skipped(_));
@@ -245,7 +245,7 @@ fn line(session: &mut Session, truth: &Truth, report: &Report, time: Duration) -
     }
 }
 
-/// Holds backends against the reference in random scenes.
+/// Compares backends with the reference in random scenes.
 fn random(arguments: &Arguments, count: u64) -> Result<bool, Box<dyn std::error::Error>> {
     let seeds = (arguments.seed..).take(usize::try_from(count)?);
     if let Some(folder) = &arguments.store {

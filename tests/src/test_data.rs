@@ -1,21 +1,21 @@
-//! Data that isn't shipped with the project: golden scenes and scanned models.
+//! Location of test data that isn't shipped with the project: golden scenes and scanned models.
 //!
-//! The environment variable `SURFEL_TEST_DATA` names the folder that holds them, as `golden/` and `models/`. Without it
-//! the folder `shared` beside the workspace is taken. Tests that find nothing say that they are skipped.
+//! The environment variable `SURFEL_TEST_DATA` names the folder with the subfolders `golden/` and `models/`. The
+//! default is the folder `shared` beside the workspace. Tests without their data print that they are skipped.
 
 use crate::backends::is_required;
 use std::path::{Path, PathBuf};
 
-/// The environment variable that names the folder.
+/// Environment variable that names the folder.
 pub const VARIABLE: &str = "SURFEL_TEST_DATA";
 
-/// Where the folder is without the variable, relative to the workspace.
+/// Default folder, relative to the workspace.
 const DEFAULT: &str = "../shared";
 
-/// A folder of the data, `golden` or `models`; without it a printed line that says so, and `None`.
+/// Returns a folder of the data, `golden` or `models`. If it doesn't exist, prints a note and returns `None`.
 ///
 /// # Panics
-/// If the folder isn't there and `SURFEL_REQUIRE` asks for `test-data`.
+/// If the folder doesn't exist and `SURFEL_REQUIRE` names `test-data`.
 pub fn folder(name: &str) -> Option<PathBuf> {
     let workspace = Path::new(env!("CARGO_MANIFEST_DIR")).join("..");
     let data = std::env::var_os(VARIABLE).map_or_else(|| workspace.join(DEFAULT), PathBuf::from);

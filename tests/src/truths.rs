@@ -1,7 +1,7 @@
-//! The reference's images of scenes, packed into a file, for machines whose time is too dear to draw them.
+//! The reference's images of scenes, packed into a file, for machines on which drawing them would be too expensive.
 //!
 //! The file is one gzip stream: a line that names the format, then for each scene a line of its name and size and its
-//! planes as f32. Bytes of equal weight are stored together, which makes the stream a third smaller.
+//! planes as f32. Bytes of equal significance are stored together, which makes the stream a third smaller.
 
 use crate::harness::Truth;
 use crate::scenes::{self, Case};
@@ -15,21 +15,21 @@ use surfel_render::{Frame, Planes};
 
 const FORMAT: &str = "surfel truths 1";
 
-/// Largest side of an image that is packed, pixels.
+/// Maximum side of a packed image, in pixels.
 pub const MOST_SIDE_PX: u32 = 256;
-/// Floats of a pixel: colour, depth, normal, weight, margin.
+/// Number of floats per pixel: colour, depth, normal, weight, margin.
 const FLOATS: usize = 10;
 
-/// True for scenes whose images are packed.
+/// True if the scene's image is packed.
 pub fn is_packed(case: &Case) -> bool {
     let region = case.view().region;
     region.width.max(region.height) <= MOST_SIDE_PX
 }
 
-/// Writes the images of those truths to a file that are packed.
+/// Writes the images of those truths that are packed to a file.
 ///
 /// # Errors
-/// What can't be written, or that the reference refused a scene.
+/// If the file can't be written, or if the reference refused a scene.
 pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Error>> {
     let mut out = GzEncoder::new(Vec::new(), Compression::best());
     writeln!(out, "{FORMAT}")?;
@@ -44,10 +44,10 @@ pub fn write(path: &Path, truths: &[Truth]) -> Result<(), Box<dyn std::error::Er
     Ok(())
 }
 
-/// Reads a file of images, and gives them to those scenes of this program that are packed and that `is_wanted` names.
+/// Reads a file of images and returns truths for this program's packed scenes that `is_wanted` selects.
 ///
 /// # Errors
-/// What is wrong with the file; that it lacks a scene, or holds it in another size: then it is of another version.
+/// If the file is invalid, or if it lacks a scene or has it in another size, since it then belongs to another version.
 pub fn read(path: &Path, is_wanted: impl Fn(&str) -> bool) -> Result<Vec<Truth>, Box<dyn std::error::Error>> {
     let place = path.display();
     let mut images = images(path).map_err(|error| format!("{place}: {error}"))?;
@@ -92,14 +92,14 @@ fn images(path: &Path) -> Result<HashMap<String, Frame>, Box<dyn std::error::Err
     }
 }
 
-/// The floats of a frame, plane by plane.
+/// Returns the floats of a frame, plane by plane.
 fn floats(frame: &Frame) -> Vec<f32> {
     let planes =
         [frame.color().as_flattened(), frame.depth(), frame.normal().as_flattened(), frame.weight(), frame.margin()];
     planes.concat()
 }
 
-/// The frame of these floats.
+/// Creates the frame of these floats.
 fn frame(width: u32, height: u32, floats: &[f32]) -> Frame {
     let mut frame = Frame::default();
     frame.reset(width, height, Planes::ALL.with_margin(true));
@@ -115,12 +115,12 @@ fn frame(width: u32, height: u32, floats: &[f32]) -> Frame {
     frame
 }
 
-/// The bytes of floats, all first bytes first.
+/// Returns the bytes of floats, with all first bytes first.
 fn shuffled(floats: &[f32]) -> Vec<u8> {
     (0..4).flat_map(|k| floats.iter().map(move |value| value.to_le_bytes()[k])).collect()
 }
 
-/// The floats of [`shuffled`] bytes.
+/// Returns the floats of [`shuffled`] bytes.
 fn ordered(bytes: &[u8]) -> Vec<f32> {
     let count = bytes.len() / 4;
     (0..count).map(|i| f32::from_le_bytes([0, 1, 2, 3].map(|k| bytes[k * count + i]))).collect()

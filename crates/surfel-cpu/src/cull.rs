@@ -1,5 +1,4 @@
-//! What can't be seen: chunks outside of the view, back-facing, or occluded; and cells, the parts that a frame is drawn
-//! by.
+//! Culling of chunks outside the view, back-facing or occluded, and the division of a frame into cells.
 
 pub(crate) mod cells;
 pub(crate) mod chunks;

@@ -1,5 +1,6 @@
-//! The rasteriser's fastest formulas and others that could stand in their place, for `cargo xtask tradeoff`. No part of
-//! the interface: what is measured here is why there is no setting for it.
+//! The rasteriser's formulas and alternatives to each, measured by `cargo xtask tradeoff`.
+//!
+//! This module isn't part of the public interface. Its measurements are the reason why no setting selects a formula.
 
 use crate::setup::kernel::Kernel;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,39 +9,39 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x16};
 use surfel_math::Real;
 
-/// A way to compute the kernel e^(−cρ²).
+/// A method of computing the kernel e^(−cρ²).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Weight {
-    /// The library's exponential in f64, rounded.
+    /// The standard library's exponential in f64, rounded to f32.
     Exact,
-    /// 2^x by its exponent's bits and a polynomial of degree 6.
+    /// 2^x from its exponent's bits and a polynomial of degree 6.
     PowerOfTwo,
-    /// What the renderer does: a Chebyshev series of degree 5 for half of c, squared.
+    /// The renderer's method: a Chebyshev series of degree 5 for half of c, squared.
     Polynomial,
-    /// The same of degree 3.
+    /// The renderer's method with a series of degree 3.
     Cubic,
-    /// 33 entries, linear between them.
+    /// A table of 33 entries, interpolated linearly.
     Interpolated,
-    /// 256 entries, the nearest one.
+    /// A table of 256 entries, of which the nearest is read.
     Nearest,
 }
 
-/// A way to compute 1/x, for x in [0.66, 2.01].
+/// A method of computing 1/x for x in [0.66, 2.01].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Reciprocal {
     /// The CPU's division.
     Division,
-    /// What the renderer does: the best linear guess and two steps of Halley.
+    /// The renderer's method: the best linear guess and two Halley steps.
     Halley,
-    /// The same with one step.
+    /// The best linear guess and one Halley step.
     HalleyOnce,
-    /// The CPU's own estimate and a step of Newton.
+    /// The CPU's reciprocal estimate and one Newton step.
     NewtonOnce,
-    /// The CPU's own estimate.
+    /// The CPU's reciprocal estimate.
     Estimate,
 }
 
-/// One formula over slices of numbers, on the CPU's best instructions.
+/// A formula that is applied to slices of numbers with the CPU's best instructions.
 pub struct Formula {
     instructions: Instructions,
     of: Of,
@@ -52,7 +53,7 @@ enum Of {
 }
 
 impl Formula {
-    /// The kernel at cutoff 2 of ρ² in [0, 1]; `None` on a CPU without the instructions.
+    /// Returns the kernel at cutoff 2 for ρ² in [0, 1]; `None` if the CPU lacks the instructions.
     pub fn weight(way: Weight) -> Option<Self> {
         const CUTOFF: f64 = 2.0;
         let entries = match way {
@@ -71,12 +72,12 @@ impl Formula {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of })
     }
 
-    /// 1/x of x in [0.66, 2.01]; `None` on a CPU without the instructions.
+    /// Returns 1/x for x in [0.66, 2.01]; `None` if the CPU lacks the instructions.
     pub fn reciprocal(way: Reciprocal) -> Option<Self> {
         Some(Self { instructions: Instructions::new(SimdLevel::Best)?, of: Of::Reciprocal(way) })
     }
 
-    /// Of all whole groups of `inputs`, into the front of `outputs`.
+    /// Applies the formula to all whole groups of `inputs` and writes the results to the front of `outputs`.
     pub fn apply(&self, inputs: &[f32], outputs: &mut [f32]) {
         with_instructions!(self.instructions, simd => simd.vectorize(#[inline(always)] || match &self.of {
             Of::Weight { way, cutoff, kernel, cubic, table } => match way {
@@ -136,7 +137,7 @@ fn one_by_one<S: Simd>(simd: S, x: Lanes<S>, f: impl Fn(f32) -> f32) -> Lanes<S>
 mod tests {
     use super::*;
 
-    /// Largest error over 1000 inputs from `low` to `high`.
+    /// Returns the largest error over 1008 inputs from `low` to `high`.
     fn worst(formula: Formula, [low, high]: [f32; 2], exact: impl Fn(f64) -> f64) -> f64 {
         let inputs: Vec<f32> = (0..1008).map(|i| low + (high - low) * (i as f32 / 1007.0)).collect();
         let mut outputs = vec![0.0; inputs.len()];
@@ -147,8 +148,8 @@ mod tests {
     #[test]
     fn formulas_err_as_their_terms_and_steps_say() {
         use Weight::{Cubic, Exact, Interpolated, Nearest, Polynomial, PowerOfTwo};
-        // Half an ulp; the exponential's; the kernel's own test; 2.1e-4 of the cubic, twice by the square; h²f''/8 of
-        // 32 steps; half a step of 255 by the steepest slope, 2.
+        // Bounds, in order: half an ulp; the error of the exponential; the bound of the kernel's own test; 2.1e-4 of
+        // the cubic, doubled by squaring; h²f''/8 of 32 steps; half a step of 255 times the steepest slope, 2.
         for (way, most) in [
             (Exact, 3.1e-8),
             (PowerOfTwo, 4e-7),
@@ -161,8 +162,8 @@ mod tests {
             assert!(found <= most && found > 0.01 * most, "{way:?}: {found:e}");
         }
         use Reciprocal::{Division, Estimate, Halley, HalleyOnce, NewtonOnce};
-        // Results up to 1.52: half an ulp, two; the guess's 0.147 cubed; estimates are good to 2⁻⁸ on any make, and a
-        // step squares it.
+        // Bounds for results up to 1.52: half an ulp; two ulps; the guess's error of 0.147, cubed; the estimate's error
+        // squared; the estimate's error, which is at most 2⁻⁸ on CPUs of any make.
         for (way, most) in
             [(Division, 6e-8), (Halley, 2.4e-7), (HalleyOnce, 5e-3), (NewtonOnce, 2.4e-5), (Estimate, 6e-3)]
         {

@@ -1,5 +1,5 @@
-//! A frame: visible chunks divided into cells, each set up, drawn and lit by one thread while its records are in that
-//! thread's cache.
+//! Drawing of a frame: its visible chunks are divided into cells. One thread sets up, draws and lights a cell while the
+//! cell's records are in that thread's cache.
 
 mod samples;
 mod totals;
@@ -42,7 +42,7 @@ use std::time::Instant;
 use surfel_model::{Cull, Filter, Light};
 use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 
-/// Memory that one frame leaves to the next.
+/// Memory that is reused from frame to frame.
 #[derive(Default)]
 pub(crate) struct FramePools {
     setup: SetupPool,
@@ -50,7 +50,7 @@ pub(crate) struct FramePools {
     gbuffers: Pool<GBuffer>,
 }
 
-/// What is drawn, and how.
+/// The scene, view and plan of a frame, and the resources to draw it with.
 #[derive(Clone, Copy)]
 pub(crate) struct FrameInputs<'a> {
     pub instructions: Instructions,
@@ -61,7 +61,7 @@ pub(crate) struct FrameInputs<'a> {
     pub plan: &'a FramePlan,
 }
 
-/// Draws a frame, on the threads that the caller is on.
+/// Draws a frame on the current thread pool.
 pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stats) {
     let FrameInputs { instructions, tuning, pools, scene, view, plan } = *inputs;
     if plan.has(Pass::Gaussians) {
@@ -105,7 +105,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     totals.report(plan, stats);
 }
 
-/// What all cells of a frame share.
+/// Data shared by all cells of a frame.
 struct Drawing<'a> {
     inputs: &'a FrameInputs<'a>,
     setup: CellSetup<'a>,
@@ -113,7 +113,7 @@ struct Drawing<'a> {
     raster: RasterFrame,
     layers: Layers,
     lighting: Lighting,
-    /// What draws samples of edges, if they are wanted.
+    /// View of the samples at edges; `None` if edges aren't sampled.
     samples: Option<SampleView<'a>>,
 }
 
@@ -145,7 +145,7 @@ impl Drawing<'_> {
         totals.add_threads(&threads, start.elapsed().as_secs_f64() * 1e3);
     }
 
-    /// Sets up a cell and draws it, for screen-space passes with some pixels of its neighbours.
+    /// Sets up and draws a cell; for screen-space passes, with a margin of its neighbours' pixels.
     fn draw_cell(&self, cell: &Cell, target: &mut Target<'_>, scratch: &mut TileScratch<'static>, totals: &mut Totals) {
         let start = Instant::now();
         let FrameInputs { instructions, tuning, pools, view, plan, .. } = *self.inputs;
@@ -225,11 +225,12 @@ impl Drawing<'_> {
         pools.setup.give_back(splats.segments);
     }
 
-    /// Sets up a cell's chunks: first the nearest, if they may occlude others; of these only what they don't occlude.
+    /// Sets up a cell's chunks. If the nearest chunks may occlude others, they are set up first, and the others only
+    /// where they are visible.
     fn set_up(&self, cell: &Cell, grid: &Grid, totals: &mut Totals) -> CellSplats {
         let FrameInputs { instructions, tuning, plan, .. } = *self.inputs;
         let mut splats = CellSplats::default();
-        // Edges show what lies behind.
+        // Edge antialiasing draws splats behind the nearest surface, so nothing is occluded.
         let culls_occluded = tuning.culls_occluded && !plan.has(Pass::EdgeAntialiasing);
         let (nearest, others) = cell.chunks.split_at(if culls_occluded { cell.first } else { cell.chunks.len() });
         self.setup.add(nearest, grid, cell.region, &mut splats);
@@ -247,13 +248,13 @@ impl Drawing<'_> {
         splats
     }
 
-    /// What the blocks of a cell share.
+    /// Returns the data shared by the blocks of a cell.
     fn raster_inputs<'a>(&'a self, splats: &'a CellSplats) -> RasterInputs<'a> {
         let largest_epsilon = splats.largest_epsilon();
         RasterInputs { frame: &self.raster, near: &splats.near, clips: &splats.clips, largest_epsilon }
     }
 
-    /// Lights transparent splats for the remaining layer.
+    /// Lights transparent splats one by one, for the layer of the remaining fragments.
     fn light_splats(
         &self,
         (lighting, raster): (&Lighting, &RasterFrame),
@@ -289,25 +290,26 @@ fn lighting(scene: &ResidentScene, view: &View, plan: &FramePlan, shadows: Vec<S
         .with_matcap(scene.matcap.clone())
 }
 
-/// Coverage of a unit of weight, if it is wanted and the same for all splats.
+/// Returns the coverage per unit of weight, if coverage is needed and the factor is the same for all splats.
 fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
     let filter = &plan.splat_filter;
     let mut scales = scene.clouds.iter().map(|cloud| cloud.coverage_per_weight(filter.cutoff));
     let first = scales.next()?;
-    // Other filters' weights carry what they change.
+    // Only the weights of the other filters include the area ratio.
     let carried = !matches!(filter.filter, Filter::Clamp | Filter::Adjust);
     (plan.attributes.coverage && carried && scales.all(|scale| scale == first)).then_some(first)
 }
 
-/// True if opaque splats are all that is drawn, without outlines or eye-dome lighting.
+/// True if only opaque splats are drawn, without outlines or eye-dome lighting.
 fn is_opaque_splats_only(plan: &FramePlan) -> bool {
     !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines) && !plan.has(Pass::EyeDome)
 }
 
-/// True if tiny splats serve a plan: if there is no screen-space pass, and their tiles' sums are all that is wanted.
+/// True if tiny splats can be drawn splat by splat. No screen-space pass may follow, and only the sums that such a tile
+/// computes may be needed.
 fn tiny_splats_serve(plan: &FramePlan) -> bool {
     let Attributes { material, coverage, .. } = plan.attributes;
-    // A disk of `clamp` is no ellipse.
+    // A disk drawn by `clamp` isn't an ellipse.
     let ellipses = plan.splat_filter.filter != Filter::Clamp;
     let sums_alone = plan.reach_px() == 0 && !plan.has(Pass::Nearest);
     is_opaque_splats_only(plan) && sums_alone && !material && !coverage && !plan.keeps_facings && ellipses

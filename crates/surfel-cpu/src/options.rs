@@ -1,17 +1,17 @@
-//! How a renderer works.
+//! Options of a renderer.
 
 use crate::simd::level::SimdLevel;
 use surfel_model::Storage;
 
-/// How a [`Renderer`](crate::Renderer) works.
+/// Options of a [`Renderer`](crate::Renderer): threads, instructions and storage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Threads; 0: as many as there are cores, or as the environment's `RAYON_NUM_THREADS` says.
+    /// Number of threads. 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
     pub threads: usize,
     /// SIMD instructions.
     pub simd: SimdLevel,
-    /// How splats are kept in memory.
+    /// Storage format of splats in memory.
     pub storage: Storage,
 }
 

@@ -1,5 +1,5 @@
-//! From tiles' lists to sums of every block's pixels: fragments, visibility and attributes (§5), triangles (§6),
-//! transparent layers (§8).
+//! Rasterisation: tiles' lists become the sums of every block's pixels. Fragments, visibility and attributes (§5),
+//! triangles (§6), transparent layers (§8).
 
 pub(crate) mod batch;
 pub(crate) mod block;

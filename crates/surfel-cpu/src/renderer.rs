@@ -1,4 +1,4 @@
-//! The backend: scenes in, frames out.
+//! The renderer: uploads scenes and draws frames.
 
 use crate::frame::{self, FrameInputs, FramePools};
 use crate::options::Options;
@@ -12,11 +12,11 @@ use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, Ren
 
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
 
-/// Stack of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3 MiB,
-/// more than threads have by default. Memory that isn't used isn't taken.
+/// Stack size of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3
+/// MiB, more than the default stack. Unused stack occupies no memory.
 const STACK_BYTES: usize = 8 << 20;
 
-/// The CPU backend. It has its own threads; the global thread pool is left alone.
+/// The CPU backend's renderer. It has its own thread pool and doesn't use the global one.
 pub struct Renderer {
     info: RendererInfo,
     threads: rayon::ThreadPool,
@@ -29,7 +29,7 @@ pub struct Renderer {
 impl Renderer {
     surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer with these options.
+    /// Creates a renderer with these options.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if threads can't be started, or if the CPU lacks the instructions.
@@ -55,7 +55,7 @@ impl Renderer {
         Ok(Self { info, threads, instructions, storage: options.storage, tuning, pools })
     }
 
-    /// Frees the memory that frames leave to later frames: after an image that is much larger than the next ones.
+    /// Frees the memory that is reused between frames. Call this after an image that is much larger than the next ones.
     pub fn release_memory(&mut self) {
         self.pools = FramePools::default();
     }
@@ -83,7 +83,7 @@ impl surfel_render::Renderer for Renderer {
     ) -> Result<Stats, RenderError> {
         let start = Instant::now();
         let mut plan = plan(&scene.summary, view, settings, planes, &CAPABILITIES)?;
-        // Tiles encode colours as they write them, unless passes after theirs need these.
+        // Tiles encode colours as they write them, unless later passes need linear colours.
         plan.planes.color = planes.color || (planes.rgba8 && (plan.reach_px() > 0 || plan.has(Pass::Gaussians)));
         let slots: usize = scene.clouds.iter().map(|cloud| cloud.centers.len()).sum();
         if plan.has(Pass::Nearest) && slots > SplatNumbers::MOST {

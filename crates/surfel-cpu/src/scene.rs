@@ -1,4 +1,4 @@
-//! What stays resident from upload to the last frame: clouds in chunks with bounds, their clips, and meshes.
+//! The resident scene, from upload to the last frame: clouds in chunks with bounds, their clips, and meshes.
 
 pub(crate) mod clips;
 pub(crate) mod cloud;

@@ -1,5 +1,4 @@
-//! From blocks to tiles of the image: what is drawn tile by tile, and screen-space passes over a G-buffer of a tile and
-//! its neighbours.
+//! Tile-by-tile drawing of the image, and screen-space passes over a G-buffer of a tile and its neighbours.
 
 pub(crate) mod composite;
 pub(crate) mod eye_dome;

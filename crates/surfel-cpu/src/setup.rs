@@ -1,4 +1,5 @@
-//! From resident splats and triangles to records on the screen, sorted into tiles; and what a record is at a pixel.
+//! Setup: resident splats and triangles become records on the screen, sorted into tiles. Also the evaluation of a
+//! record at a pixel.
 
 pub(crate) mod clips;
 pub(crate) mod evaluate;

@@ -1,5 +1,5 @@
-//! From sums to colours: dividing, lighting (§5), shadow maps, what triangles look like, and transparent layers
-//! composited.
+//! Shading: sums are divided and lit (§5), by shadow maps too; surfaces of triangles are evaluated; transparent layers
+//! are composited.
 
 pub(crate) mod lighting;
 pub(crate) mod matcap;

@@ -1,4 +1,4 @@
-//! Lanes of numbers and the CPU's instructions. Nothing here knows of splats.
+//! SIMD lanes of numbers and the CPU's instructions, without reference to splats.
 
 pub(crate) mod compress;
 pub(crate) mod lanes;

@@ -1,4 +1,4 @@
-//! What no choice inside of the crate may change: images of scenes with everything in them, cut in different ways.
+//! Tests that internal choices change no bit of an image: scenes with all features, divided in different ways.
 
 mod background;
 mod clips;

@@ -1,4 +1,5 @@
-//! How an image is cut: blocks, tiles, where they write, and lists of what touches them. Every stage may use this.
+//! Division of an image into blocks and tiles, their targets, and lists of the splats and triangles that touch them.
+//! Every stage may use this module.
 
 pub(crate) mod bins;
 pub(crate) mod drawn;

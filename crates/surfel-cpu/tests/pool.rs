@@ -1,4 +1,5 @@
-//! Whose threads work. A test binary of its own: the global pool is one for all tests of a process.
+//! Test that the renderer uses only its own threads. It is a test binary of its own, since the global pool is shared by
+//! all tests of a process.
 
 use glam::{DAffine3, DVec3, Vec3};
 use std::sync::Arc;
@@ -11,7 +12,7 @@ use surfel_render::{Frame, Planes, Renderer as _, View};
 
 const UP: Vec3 = Vec3::new(0.3, 0.5, 0.8);
 
-/// Disks in several chunks, half of them transparent, and textured triangles, of which there are several balls.
+/// Returns balls of disks in several chunks, half of them transparent, and textured triangles.
 fn scene() -> Scene {
     let side = 40;
     let at = |i: usize| Vec3::new((i % side) as f32, (i / side) as f32, 0.0) * 0.05 - 1.0;
@@ -52,6 +53,6 @@ fn renderer_has_its_own_threads_and_starts_no_others() {
     let stats = renderer.render_into(&resident, &view, &settings, planes, &mut frame).unwrap();
     assert_eq!((stats.threads, renderer.info().threads), (2, 2));
     assert!(stats.fragments > 0);
-    // Whoever starts the global pool first may say how: this fails where anything above has.
+    // Only the first caller may configure the global pool, so this fails if any code above has started it.
     rayon::ThreadPoolBuilder::new().num_threads(1).build_global().expect("the global pool is the caller's");
 }

@@ -3,15 +3,16 @@
 use crate::V3;
 use glam::{DMat3, DVec3};
 
-/// Relative length below which a half-axis counts as so long, that its direction isn't lost.
+/// Minimum length of a half-axis relative to the longest; shorter ones are lengthened, so that their direction
+/// survives.
 const LEAST_AXIS: f64 = 1e-9;
-/// Cosine below which half-axes are at right angles; relative difference below which they are equally long.
+/// Cosine below which half-axes count as perpendicular, and relative difference below which they count as equally long.
 const RIGHT_ANGLE: f64 = 1e-12;
 const EQUAL_AXES: f64 = 1e-6;
-/// Most sweeps of Jacobi rotations: they converge quadratically.
+/// Maximum number of sweeps of Jacobi rotations, which converge quadratically.
 const JACOBI_SWEEPS: usize = 12;
 
-/// `v` scaled to unit length at any magnitude (1e±300); zero stays zero.
+/// Scales `v` of any magnitude (1e±300) to unit length; zero stays zero.
 pub fn unit(v: DVec3) -> DVec3 {
     let largest = v.abs().max_element();
     if largest == 0.0 || !largest.is_finite() {
@@ -20,10 +21,10 @@ pub fn unit(v: DVec3) -> DVec3 {
     (v / largest).normalize()
 }
 
-/// An orthonormal pair (s, t) with s × t along `normal` (which may have any length but zero).
+/// Returns an orthonormal pair (s, t) with s × t along `normal`, which may have any length but zero.
 ///
-/// Source: Duff et al. 2017, "Building an Orthonormal Basis, Revisited": no branch on the direction, and no
-/// loss of precision near −z.
+/// Source: Duff et al. 2017, "Building an Orthonormal Basis, Revisited": no branch on the direction, and no loss of
+/// precision near −z.
 pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
     let n = unit(normal);
     let sign = 1.0_f64.copysign(n.z);
@@ -32,8 +33,8 @@ pub fn orthonormal(normal: DVec3) -> (DVec3, DVec3) {
     (DVec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), DVec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// Object to world normals up to scale: the inverse transpose of a map's linear part, with the sign of its determinant,
-/// so that a mirrored object stays outside-out.
+/// Returns the map of normals from object to world space, up to scale. It is the inverse transpose of a map's linear
+/// part, with the sign of its determinant, so that normals of a mirrored object still point outwards.
 pub fn normal_matrix(m: &DMat3) -> DMat3 {
     // The cofactor matrix is det(A)·A⁻ᵀ: no inverse, no singularity.
     let cofactors = DMat3::from_cols(m.y_axis.cross(m.z_axis), m.z_axis.cross(m.x_axis), m.x_axis.cross(m.y_axis));
@@ -41,7 +42,7 @@ pub fn normal_matrix(m: &DMat3) -> DMat3 {
     cofactors * (1.0f64.copysign(m.determinant()) / scale)
 }
 
-/// The larger singular value of the 3×2 matrix [s t]: the larger semi-axis of the ellipse u·s + v·t.
+/// Returns the larger singular value of the 3×2 matrix [s t], which is the larger semi-axis of the ellipse u·s + v·t.
 pub fn largest_singular_value(s: DVec3, t: DVec3) -> f64 {
     let scale = s.abs().max_element().max(t.abs().max_element());
     if scale == 0.0 {
@@ -49,14 +50,14 @@ pub fn largest_singular_value(s: DVec3, t: DVec3) -> f64 {
     }
     let (s, t) = (s / scale, t / scale);
     let (a, b, c) = (s.dot(s), s.dot(t), t.dot(t));
-    // No more than 3 each: `hypot` is for numbers whose squares overflow.
+    // At most 3 each, so `hypot`, which is for numbers whose squares overflow, isn't needed.
     let half = 0.5 * (a - c);
     scale * (0.5 * (a + c) + (half * half + b * b).sqrt()).sqrt()
 }
 
-/// Half-axes at right angles of the ellipse u·s + v·t, with the same s × t: (s, t) turned within the unit disk.
+/// Returns perpendicular half-axes of the ellipse u·s + v·t with the same s × t: (s, t) turned within the unit disk.
 ///
-/// Source: one Jacobi rotation (Golub and Van Loan, Matrix Computations, §8.5.2), of the 2×2 matrix of dot products.
+/// Source: one Jacobi rotation (Golub and Van Loan, Matrix Computations, §8.5.2) of the 2×2 matrix of dot products.
 pub fn principal_axes(s: DVec3, t: DVec3) -> (DVec3, DVec3) {
     let scale = s.abs().max_element().max(t.abs().max_element());
     let (a, b) = (s / scale, t / scale);
@@ -71,15 +72,16 @@ pub fn principal_axes(s: DVec3, t: DVec3) -> (DVec3, DVec3) {
     (s * cosine - t * sine, s * sine + t * cosine)
 }
 
-/// Unit shortest principal axis of the ellipsoid with the half-axes σ_k·axis_k, which need not be at right angles: an
-/// object's matrix may shear them. Of equally long ones it is the one that the first of the given axes became.
+/// Returns the unit direction of the shortest principal axis of the ellipsoid with the half-axes σ_k·axis_k. The
+/// half-axes need not be perpendicular, since an object's matrix may shear them. If several principal axes are
+/// shortest, the result is the one that comes from the first of the given axes.
 ///
 /// Source: one-sided Jacobi rotations (Golub and Van Loan, Matrix Computations, §8.6.3), which turn pairs of half-axes
-/// within the ellipsoid until all are at right angles.
+/// within the ellipsoid until all are perpendicular.
 pub fn shortest_axis(axes: [V3<f64>; 3], sigmas: [f64; 3]) -> V3<f64> {
     let lengths = [0, 1, 2].map(|k: usize| sigmas[k] * axes[k].length());
     let largest = lengths.into_iter().fold(0.0, f64::max);
-    // Half-axes of hardly any length keep their directions.
+    // Half-axes of almost no length are lengthened, so that they have a direction.
     let scaled = |k: usize| match lengths[k] > LEAST_AXIS * largest {
         true => axes[k] * (sigmas[k] / largest),
         false => axes[k] * (LEAST_AXIS / axes[k].length().max(f64::MIN_POSITIVE)),
@@ -108,7 +110,7 @@ pub fn shortest_axis(axes: [V3<f64>; 3], sigmas: [f64; 3]) -> V3<f64> {
     let lengths = if is_turned { half_axes.map(|axis| axis.length()) } else { lengths };
     let is_shorter = |b: usize, a: usize| lengths[b] < lengths[a] * (1.0 - EQUAL_AXES);
     let least = (0..3).reduce(|a, b| if is_shorter(b, a) { b } else { a }).unwrap_or(2);
-    // The others are exact even where this one has no length.
+    // The other two axes are exact even if this one has no length.
     let others = if is_turned { half_axes } else { axes };
     let n = others[(least + 1) % 3].cross(others[(least + 2) % 3]);
     n * n.length().recip()
@@ -137,13 +139,13 @@ mod tests {
     }
     #[test]
     fn shortest_axis_is_that_of_the_transformed_ellipsoid() {
-        // Of a map with singular value decomposition U·diag(ℓ)·Vᵀ and a unit ball it is a column of U.
+        // For a map with singular value decomposition U·diag(ℓ)·Vᵀ and a unit ball, the axis is a column of U.
         let turned = |a: f64, b: f64| DMat3::from_rotation_z(a) * DMat3::from_rotation_x(b);
         for lengths in [[3.0, 1.0, 0.25], [1.0, 1e-5, 20.0], [0.0, 1.0, 2.0], [1e-30, 3e-30, 2e-30], [1e20, 1.0, 1e19]]
         {
             for (sigmas, azimuth) in [([1.0; 3], 0.3), ([0.3, 0.02, 0.1], -1.2), ([1e-4, 1.0, 0.5], 2.0)] {
                 let (u, v) = (turned(azimuth, 0.8), turned(1.9, -0.4));
-                // Half-axes U·diag(ℓ)·Vᵀ as axes times their σ.
+                // Half-axes U·diag(ℓ)·Vᵀ, as axes times their σ.
                 let half = u * DMat3::from_diagonal(DVec3::from(lengths)) * v.transpose();
                 let axis = |k: usize| V3::from(half.col(k) / sigmas[k]);
                 let found = shortest_axis([axis(0), axis(1), axis(2)], sigmas);
@@ -154,14 +156,14 @@ mod tests {
         }
         let axes = [0, 1, 2].map(|k| V3::from(DMat3::from_rotation_z(0.7).col(k)));
         let [x, y, z, slant] = [DVec3::X, DVec3::Y, DVec3::Z, DVec3::new(1.0, 2.0, 2.0)].map(V3::from);
-        // Equal ones, and ones of no length: the first.
+        // Among equal axes, and axes of no length, the first.
         assert_eq!(shortest_axis([x, y, z], [0.5; 3]), x);
         assert_eq!(shortest_axis([x, y, z], [0.5, 0.5 * (1.0 - 1e-9), 0.5]), x);
         assert_eq!(shortest_axis([x, y, z], [0.5, 0.4, 0.5]), y);
         let is_along = |a: V3<f64>, b: V3<f64>| a.dot(b).abs() > 1.0 - 1e-15;
         assert!(is_along(shortest_axis(axes, [2.0, 0.0, 0.0]), axes[1]));
         assert!(is_along(shortest_axis(axes, [0.0; 3]), axes[0]));
-        // A needle that is sheared: whatever the others are, at right angles to it.
+        // A sheared needle: the result is perpendicular to it, whatever the other axes are.
         assert!(shortest_axis([slant, y, x], [1.0, 0.0, 0.0]).dot(slant).abs() < 1e-8);
     }
 
@@ -172,7 +174,7 @@ mod tests {
             let s = DVec3::new(0.6, -0.8, 0.0) * 1e-9;
             let t = across * (1e-9 * minor) + s * shear;
             let (a, b) = principal_axes(s, t);
-            // What rounding of s and t leaves of the minor axis, which is the difference of their multiples.
+            // Error that the rounding of s and t causes in the minor axis, which is the difference of their multiples.
             let rounding = 1e-15 * s.length() / a.length().min(b.length());
             assert!(a.dot(b).abs() <= rounding * a.length() * b.length(), "{minor} {shear}");
             assert!((a.cross(b) - s.cross(t)).length() <= 1e-15 * s.length() * t.length(), "{minor} {shear}");

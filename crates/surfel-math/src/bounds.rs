@@ -1,21 +1,21 @@
-//! The pixels a footprint can touch (§3): conservative and tight.
+//! Bounding boxes of the pixels that a footprint can touch (§3): conservative and tight.
 
 use crate::mapping::Footprint;
 use crate::project::{Projected, ViewSplat};
 use crate::projection::Projection;
 use crate::{Real, V2};
 
-/// A box in pixel offsets from an anchor.
+/// A box of pixel offsets from an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent<R> {
-    /// Least offset.
+    /// Minimum offset.
     pub min: V2<R>,
-    /// Greatest offset.
+    /// Maximum offset.
     pub max: V2<R>,
 }
 
 impl<R: Real> Extent<R> {
-    /// The box that holds both.
+    /// Returns the smallest box that contains both.
     #[inline(always)]
     pub fn union(self, o: Self) -> Self {
         Self {
@@ -24,13 +24,13 @@ impl<R: Real> Extent<R> {
         }
     }
 
-    /// A box of half-width `half` about the anchor.
+    /// Returns a box of half-width `half` around the anchor.
     #[inline(always)]
     pub fn symmetric(half: V2<R>) -> Self {
         Self { min: -half, max: half }
     }
 
-    /// Grown on every side.
+    /// Returns the box, grown on every side.
     #[inline(always)]
     pub fn grow(self, by: R) -> Self {
         let g = V2::new(by, by);
@@ -38,12 +38,12 @@ impl<R: Real> Extent<R> {
     }
 }
 
-/// Box of a projective ellipse: offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| ≤ ½.
+/// Returns the box of a projective ellipse: of the offsets J·(u, v)/(1 + a·(u, v)) over the unit disk, |a| ≤ ½.
 ///
-/// The dual conic (Sigg 2006) written about the projected centre. With j a row of J, its extremes k solve
-/// k²(1 − |a|²) + 2k·(j·a) − |j|² = 0; written in pixel coordinates the same conic cancels and is up to 1.8 px wrong in
-/// f32 at 4K. Here the root is at least 0.86·|j| and |j·a| at most half of |j|: the nearer extreme loses two bits at
-/// most.
+/// Source: the dual conic (Sigg 2006), relative to the projected centre. With j a row of J, its extremes k solve k²(1 −
+/// |a|²) + 2k·(j·a) − |j|² = 0. In absolute pixel coordinates the terms of the same conic cancel, with an error of up
+/// to 1.8 px in f32 at 4K. Relative to the centre, the root is at least 0.86·|j| and |j·a| at most half of |j|, so the
+/// nearer extreme loses at most two bits.
 #[inline(always)]
 pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     let one = slope.x.one();
@@ -54,8 +54,8 @@ pub fn ellipse<R: Real>(j_s: V2<R>, j_t: V2<R>, slope: V2<R>) -> Extent<R> {
     Extent { min: V2::new(x0, y0), max: V2::new(x1, y1) }
 }
 
-/// Least and greatest of one coordinate, `d` = 1 − |a|². A function of its own: as a closure it isn't inlined into SIMD
-/// code.
+/// Returns the minimum and maximum of one coordinate; `d` = 1 − |a|². A function, since a closure isn't inlined into
+/// SIMD code.
 #[inline(always)]
 fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R, inverse: R) -> (R, R) {
     let b = j.dot(slope);
@@ -63,7 +63,8 @@ fn extremes<R: Real>(j: V2<R>, slope: V2<R>, d: R, inverse: R) -> (R, R) {
     (-((root + b) * inverse), (root - b) * inverse)
 }
 
-/// Box of the unfiltered splat; needs the disk well in front of the eye (e ≤ p_z/2, an ordinary one) if projective.
+/// Returns the box of the unfiltered splat. If projective, the disk must be ordinary, that is, well in front of the eye
+/// (e ≤ p_z/2).
 #[inline(always)]
 pub fn unfiltered<R: Real>(projected: &Projected<R>, projective: bool) -> Extent<R> {
     let zero = projected.det_j.zero();
@@ -71,7 +72,7 @@ pub fn unfiltered<R: Real>(projected: &Projected<R>, projective: bool) -> Extent
     ellipse(projected.j_s, projected.j_t, slope)
 }
 
-/// Box of a footprint about its centre (constants 0, 0, 1), from its forms alone.
+/// Returns the box of a footprint around its centre (constants 0, 0, 1), from its forms alone.
 ///
 /// The footprint's own half-axes are the columns of the inverse of its (U, V) gradients.
 #[inline(always)]
@@ -81,21 +82,22 @@ pub fn footprint<R: Real>(f: &Footprint<R>) -> Extent<R> {
     let inverse = one / u.cross(v);
     let j_s = V2::new(v.y * inverse, -(v.x * inverse));
     let j_t = V2::new(-(u.y * inverse), u.x * inverse);
-    // W = 1 − a·(U, V) gives a back.
+    // W = 1 − a·(U, V), solved for a.
     let g = V2::new(f.w.x, f.w.y);
-    // As products of the forms, not −g·j: near edge-on g is steep across j_s, whose rounding would show hundredfold.
+    // Computed from products of the forms rather than −g·j: near edge-on, g is steep across j_s, whose rounding would
+    // be magnified a hundredfold.
     ellipse(j_s, j_t, V2::new(-(g.cross(v) * inverse), g.cross(u) * inverse))
 }
 
-/// Size of a disk, as a multiple of its distance, beyond which [`through_near`] gives all pixels.
+/// Size of a disk, as a multiple of its distance, beyond which [`through_near`] returns an infinite box.
 const BOUNDLESS: f64 = 1e5;
 
-/// Box in pixel coordinates of the part of a disk at or beyond z_near, wherever its centre is (perspective), or `None`
-/// if there is none. Exact: over the disk's part in front, a projected coordinate is quasi-linear, so its extremes lie
-/// at tangent points or at the ends of the chord that z_near cuts.
+/// Returns the box, in pixel coordinates, of the part of a disk at or beyond z_near, wherever the disk's centre is
+/// (perspective). `None` if no part is. The box is exact: over the part in front a projected coordinate is
+/// quasi-linear. Its extremes are therefore at tangent points, or at the ends of the chord that z_near cuts.
 ///
-/// A disk of more than 10⁵ times its distance has all pixels: tangents are found from differences that rounding may
-/// leave without a sign where a disk's axes are along those of the image, and from 10⁸ times on it does.
+/// The box of a disk larger than 10⁵ times its distance is infinite. Tangents are found from differences, whose sign
+/// may be lost to rounding if the disk's axes are along the image's axes. This happens from 10⁸ times the distance on.
 pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<Extent<f64>> {
     let ViewSplat { p, s, t, .. } = *splat;
     let near = projection.near;
@@ -110,7 +112,7 @@ pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<E
     }
     let mut extent: Option<Extent<f64>> = None;
     let mut add = |u: f64, v: f64| {
-        // A chord end is at z_near exactly; rounding must not put it behind the eye.
+        // A chord end is at z_near exactly; rounding must not move it behind the eye.
         let z = (p.z + u * s.z + v * t.z).max(near);
         let x = projection.focal_px[0] * (p.x + u * s.x + v * t.x) / z + projection.principal_px[0];
         let y = projection.focal_px[1] * (p.y + u * s.y + v * t.y) / z + projection.principal_px[1];
@@ -123,7 +125,7 @@ pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> Option<E
         add(m.x * distance - m.y * half, m.y * distance + m.x * half);
         add(m.x * distance + m.y * half, m.y * distance - m.x * half);
     }
-    // Tangents in x and y: k²(p_z² − e²) − 2k(a0·p_z − a·m) + a0² − |a|² = 0, where the line through the eye meets the
+    // Tangents in x and y: k²(p_z² − e²) − 2k(a0·p_z − a·m) + a0² − |a|² = 0, for lines through the eye that touch the
     // rim.
     for (a, a0) in [(V2::new(s.x, t.x), p.x), (V2::new(s.y, t.y), p.y)] {
         let (qa, qb, qc) = (p.z * p.z - e * e, a0 * p.z - a.dot(slope), a0 * a0 - a.dot(a));

@@ -1,122 +1,122 @@
-//! Clip curves and lines (§7): which part of its disk a splat keeps, without a root or a division.
+//! Clip curves and lines (§7), which remove a part of a splat's disk. The test needs no root and no division.
 //!
 //! A clip is a few linear forms over the disk's (u, v). Composed with a [`Footprint`], they are forms over pixels of
-//! the homogeneous (U, V, W), whose signs are those over (u, v) wherever W > 0: a pixel costs at most seven forms, one
+//! the homogeneous (U, V, W), with the same signs as over (u, v) wherever W > 0. A pixel costs at most seven forms, one
 //! product and one square.
 //!
-//! 1. [`Curve`], lines → [`Clip`] over (u, v): once a splat, whatever the view;
-//! 2. [`Clip::through`] a footprint and the [`Turn`] that its filter made: once a splat and frame;
-//! 3. [`Clip::keeps`]: once a fragment.
+//! 1. [`Curve`], lines → [`Clip`] over (u, v): once per splat, independent of the view;
+//! 2. [`Clip::through`] a footprint and the [`Turn`] of its filter: once per splat and frame;
+//! 3. [`Clip::keeps`]: once per fragment.
 //!
 //! Sources: C12 §3 (curves), Z04 (lines).
 
 use crate::mapping::{Footprint, Linear};
 use crate::{Real, V2};
 
-/// Turns of a curve's control polygon below this are its chord (§7).
+/// Turn of a curve's control polygon below which the curve is replaced by its chord (§7).
 const STRAIGHT: f64 = 1e-9;
-/// Beyond this weight the curve is its control polygon, to far below f32.
+/// Weight beyond which the curve equals its control polygon, up to far below f32's precision.
 const MOST_WEIGHT: f64 = 1e12;
-/// The chord form's least scale beside forms of scale 1: its square stays a normal f32.
+/// Minimum scale of the chord form relative to forms of scale 1, so that its square stays a normal f32.
 const LEAST_SCALE: f64 = 1e-18;
 
-/// A rational quadratic Bézier curve over the unit disk (C12 eq. 3), end weights 1.
+/// A rational quadratic Bézier curve over the unit disk (C12 eq. 3), with end weights 1.
 ///
-/// Removed is the part of the disk between the arc from `p1` counter-clockwise to `p3` and the curve.
+/// The curve removes the part of the disk between the arc from `p1` counter-clockwise to `p3` and the curve.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Curve {
-    /// Where the curve starts, on the unit circle.
+    /// Start of the curve, on the unit circle.
     pub p1: V2<f64>,
     /// Middle control point, anywhere.
     pub p2: V2<f64>,
-    /// Where it ends, on the unit circle.
+    /// End of the curve, on the unit circle.
     pub p3: V2<f64>,
     /// Weight of `p2`, at least 0.
     pub w: f64,
 }
 
 impl Curve {
-    /// A curve between the angles `theta1` and `theta3` of the unit circle, radians.
+    /// Creates a curve between the angles `theta1` and `theta3` of the unit circle, in radians.
     pub fn from_angles(theta1: f64, theta3: f64, p2: V2<f64>, w: f64) -> Self {
         let at = |theta: f64| V2::new(theta.cos(), theta.sin());
         Self { p1: at(theta1), p2, p3: at(theta3), w }
     }
 
-    /// Twice the signed area of the control polygon: positive where it turns left at `p2`.
+    /// Returns twice the signed area of the control polygon: positive if it turns left at `p2`.
     pub fn turn(&self) -> f64 {
-        // From the chord, not P3 − P2: for a far P2 that is the opposite of P2 − P1 but for rounding.
+        // Relative to the chord, not to P3 − P2, which for a far P2 is the opposite of P2 − P1 up to rounding.
         (self.p2 - self.p1).cross(self.p3 - self.p1)
     }
 
-    /// True if the curve is taken for its chord: w = 0, or a control polygon without a turn.
+    /// True if the curve is replaced by its chord: if w = 0, or the control polygon has no turn.
     pub fn is_chord(&self) -> bool {
         self.w <= 0.0 || self.turn().abs() < STRAIGHT
     }
 
-    /// Point at parameter `t` in [0, 1] (C12 eq. 3).
+    /// Returns the point at parameter `t` in [0, 1] (C12 eq. 3).
     pub fn at(&self, t: f64) -> V2<f64> {
         let (a, b, c) = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * self.w, t * t);
         (self.p1 * a + self.p2 * b + self.p3 * c) * (1.0 / (a + b + c))
     }
 }
 
-/// Twice the signed area of (a, b, x): positive where x is left of a→b.
+/// Returns twice the signed area of (a, b, x) as a form over x: positive left of a→b.
 fn left_of(a: V2<f64>, b: V2<f64>) -> Linear<f64> {
     Linear::new(a.cross(b), V2::new(a.y - b.y, b.x - a.x))
 }
 
-/// How the given (u, v) of a point follow from a filtered footprint's (u', v'): an orthogonal map.
+/// The orthogonal map from a filtered footprint's (u', v') to the splat's own (u, v).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turn<R> {
-    /// (u, v) of (u', v') = (1, 0).
+    /// Image (u, v) of (u', v') = (1, 0).
     pub first: V2<R>,
-    /// (u, v) of (u', v') = (0, 1).
+    /// Image (u, v) of (u', v') = (0, 1).
     pub second: V2<R>,
 }
 
 impl<R: Real> Turn<R> {
-    /// No turn. `like` says how many lanes.
+    /// Returns the identity, with as many lanes as `like`.
     #[inline(always)]
     pub fn none(like: R) -> Self {
         let (zero, one) = (like.zero(), like.one());
         Self { first: V2::new(one, zero), second: V2::new(zero, one) }
     }
 
-    /// (u, v) of a point.
+    /// Returns (u, v) of a point.
     #[inline(always)]
     pub fn apply(&self, p: V2<R>) -> V2<R> {
         self.first * p.x + self.second * p.y
     }
 
-    /// First `inner`, then this.
+    /// Returns the composition: first `inner`, then this map.
     #[inline(always)]
     pub fn after(&self, inner: &Self) -> Self {
         Self { first: self.apply(inner.first), second: self.apply(inner.second) }
     }
 }
 
-/// The part of its disk that a splat keeps: linear forms over (u, v), or over pixels once composed.
+/// A clip: the part of its disk that a splat retains, as linear forms over (u, v), or over pixels once composed.
 ///
 /// The curve's forms are scaled so that its conic is chord² = side1·side3 (τ2² = 4w²·τ1·τ3 in barycentrics of its
-/// control triangle). `inside` of the curve is chord ≤ 0 or (side1 ≥ 0 and chord² ≤ side1·side3).
+/// control triangle). The inside of the curve is chord ≤ 0 or (side1 ≥ 0 and chord² ≤ side1·side3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Clip<R> {
-    /// ∝ τ2: positive on the side of P1 P3 that P2 is on.
+    /// Form proportional to τ2: positive on P2's side of P1 P3.
     pub chord: Linear<R>,
-    /// ∝ τ1.
+    /// Form proportional to τ1.
     pub side1: Linear<R>,
-    /// ∝ τ3.
+    /// Form proportional to τ3.
     pub side3: Linear<R>,
-    /// 1: keeps the inside of the curve; −1: its outside.
+    /// 1 to retain the inside of the curve, −1 to retain its outside.
     pub curve_sign: R,
-    /// Lines, times `line_sign`; absent ones are positive everywhere.
+    /// Lines, times `line_sign`; absent lines are positive everywhere.
     pub lines: [Linear<R>; 4],
-    /// 1: every line must keep; −1: one is enough.
+    /// 1 if a point must be inside every line, −1 if one line is enough.
     pub line_sign: R,
 }
 
 impl Clip<f64> {
-    /// Keeps everything.
+    /// Returns a clip that removes nothing.
     pub fn nothing() -> Self {
         let constant = |c| Linear::new(c, V2::new(0.0, 0.0));
         Self {
@@ -129,17 +129,17 @@ impl Clip<f64> {
         }
     }
 
-    /// This with a curve in its exact, implicit form. P1 = P3 removes nothing.
+    /// Returns the clip with a curve in its exact, implicit form. A curve with P1 = P3 removes nothing.
     #[must_use]
     pub fn with_curve(self, curve: &Curve) -> Self {
         if curve.p1 == curve.p3 || curve.is_chord() {
             return self.with_chord(curve);
         }
         let Curve { p1, p2, p3, .. } = *curve;
-        // Areas in place of barycentrics, with the sign of the whole triangle's: no division.
+        // Areas replace barycentrics, with the sign of the whole triangle's area: no division.
         let sign = 1f64.copysign(curve.turn());
         let [a1, a2, a3] = [left_of(p2, p3), left_of(p3, p1), left_of(p1, p2)].map(|l| scaled(&l, sign));
-        // 4w²·a1·a3 = a2² as side1·side3 = chord², the sides of scale 1 or less: products stay within f32's range.
+        // 4w²·a1·a3 = a2² as side1·side3 = chord², with sides of scale 1 or less: products stay within f32's range.
         let sides = 1.0 / size(&a1).max(size(&a3));
         let chord = (sides / (2.0 * curve.w.min(MOST_WEIGHT))).max(LEAST_SCALE);
         let shrink = 1.0 / (chord * size(&a2)).max(1.0);
@@ -152,30 +152,30 @@ impl Clip<f64> {
         }
     }
 
-    /// This with a curve's chord in place of the curve.
+    /// Returns the clip with a curve's chord in place of the curve.
     #[must_use]
     pub fn with_chord(self, curve: &Curve) -> Self {
         let nothing = Self::nothing();
-        // Right of P1→P3 is removed: the sides are zero, so that the chord form alone decides.
+        // The part right of P1→P3 is removed. The sides are zero, so that the chord form alone decides.
         let chord = if curve.p1 == curve.p3 { nothing.chord } else { left_of(curve.p3, curve.p1) };
         Self { chord, side1: nothing.side1, side3: nothing.side3, curve_sign: 1.0, ..self }
     }
 
-    /// This with up to four lines a·u + b·v + c ≥ 0 (coefficients a, b, c; further ones are ignored). `any`: one that
-    /// keeps is enough; without any line everything is kept.
+    /// Returns the clip with up to four lines a·u + b·v + c ≥ 0 (coefficients a, b, c; further lines are ignored). With
+    /// `any`, a point has to be inside only one of the lines. Without any line nothing is removed.
     #[must_use]
     pub fn with_lines(self, lines: &[[f64; 3]], any: bool) -> Self {
         let line_sign = if any && !lines.is_empty() { -1.0 } else { 1.0 };
         let mut forms = Self::nothing().lines;
         for (form, &[a, b, c]) in forms.iter_mut().zip(lines) {
             let line = Linear { c, x: a, y: b };
-            // Any positive factor keeps the sign. A form that is 0 everywhere keeps everything.
+            // A positive factor preserves the sign. A form that is 0 everywhere removes nothing.
             *form = scaled(&line, line_sign / if size(&line) > 0.0 { size(&line) } else { 1.0 });
         }
         Self { lines: forms, line_sign, ..self }
     }
 
-    /// Each number made another: f32, or a SIMD lane.
+    /// Converts every number to another type: f32, or a SIMD lane.
     pub fn map<S: Real>(&self, f: impl Fn(f64) -> S) -> Clip<S> {
         let linear = |l: &Linear<f64>| Linear { c: f(l.c), x: f(l.x), y: f(l.y) };
         Clip {
@@ -197,7 +197,7 @@ fn scaled(l: &Linear<f64>, k: f64) -> Linear<f64> {
     Linear { c: l.c * k, x: l.x * k, y: l.y * k }
 }
 
-/// A form over the given (u, v) as one over pixels: what [`Clip::through`] does with each of its own.
+/// Composes a form over the splat's (u, v) to a form over pixels, as [`Clip::through`] does with each of its forms.
 // A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
 pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>) -> Linear<R> {
@@ -212,10 +212,10 @@ pub fn composed<R: Real>(l: &Linear<R>, footprint: &Footprint<R>, turn: &Turn<R>
 }
 
 impl<R: Real> Clip<R> {
-    /// The clip over pixels, composed with a footprint whose (u', v') `turn` brings back to the given (u, v).
+    /// Returns the clip over pixels, composed with a footprint whose (u', v') `turn` maps to the splat's (u, v).
     ///
-    /// Its signs are those over (u, v) where the footprint's W > 0. `clamp` asks beyond: it takes the anchor, offset 0,
-    /// where W ≤ 0 (§7).
+    /// The forms' signs are those over (u, v) where the footprint's W > 0. The filter `clamp` has fragments beyond: for
+    /// W ≤ 0 it tests the anchor, offset 0 (§7).
     #[inline(always)]
     pub fn through(&self, footprint: &Footprint<R>, turn: &Turn<R>) -> Self {
         let mut lines = self.lines;
@@ -232,28 +232,28 @@ impl<R: Real> Clip<R> {
         }
     }
 
-    /// True where the curve keeps the point `d`: (u, v), or a pixel offset once composed.
+    /// True where the point `d` is inside the curve's part; `d` is (u, v), or a pixel offset once composed.
     #[inline(always)]
     pub fn curve_keeps(&self, d: V2<R>) -> R::Mask {
         let (chord, side1, side3) = (self.chord.at(d), self.side1.at(d), self.side3.at(d));
         let zero = chord.zero();
-        // A square at most their product leaves side3 the sign of side1.
+        // If the square is at most their product, side3 has the sign of side1.
         let lens = zero.le(side1) & (chord * chord).le(side1 * side3);
         let inside = chord.le(zero) | lens;
         let outside = self.curve_sign.lt(zero);
         (inside & !outside) | (!inside & outside)
     }
 
-    /// True where the lines keep the point `d`.
+    /// True where the point `d` is inside the lines.
     #[inline(always)]
     pub fn lines_keep(&self, d: V2<R>) -> R::Mask {
         let [a, b, c, e] = self.lines.each_ref().map(|l| l.at(d));
-        // One of the lines is at least 0 ⇔ the least of their negatives is at most 0.
+        // One of the lines is at least 0 ⇔ the minimum of their negatives is at most 0.
         let least = a.min(b).min(c.min(e));
         least.zero().le(least * self.line_sign)
     }
 
-    /// True where the splat is kept: by its curve and by its lines.
+    /// True where the splat is retained, both by its curve and by its lines.
     #[inline(always)]
     pub fn keeps(&self, d: V2<R>) -> R::Mask {
         self.curve_keeps(d) & self.lines_keep(d)

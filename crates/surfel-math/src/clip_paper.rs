@@ -1,28 +1,29 @@
-//! Clip curves by C12 eq. 6–8: where the line from a point to the chord's middle meets the curve.
+//! Clip curves by C12 eq. 6–8, from the intersection of the curve with a line from the point to the chord's middle.
 
 use crate::clip::Curve;
 use crate::{Real, V2};
 
-/// A curve as C12 §3.2 classifies against it, numerically repaired.
+/// A curve as C12 §3.2 classifies points against it, numerically repaired.
 ///
-/// Kept for comparison: [`crate::clip::Clip`] gives the same image without a root, and over pixels without a
-/// division.
+/// The type serves for comparison: [`crate::clip::Clip`] yields the same image without a root, and over pixels without
+/// a division.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PaperCurve<R> {
-    /// Where the curve starts.
+    /// Start of the curve.
     pub p1: V2<R>,
     /// Middle control point.
     pub p2: V2<R>,
-    /// Where it ends.
+    /// End of the curve.
     pub p3: V2<R>,
     /// Weight of `p2`.
     pub w: R,
-    /// 1: the control polygon turns left, the inside of the curve is kept; −1: right, the outside; 0: the chord.
+    /// 1 if the control polygon turns left, which retains the inside of the curve; −1 if it turns right, which retains
+    /// the outside; 0 for the chord.
     pub turn: R,
 }
 
 impl PaperCurve<f64> {
-    /// The curve's data, with its decisions made once.
+    /// Precomputes the curve's data and decisions.
     pub fn new(curve: &Curve) -> Self {
         let turn = if curve.is_chord() { 0.0 } else { 1f64.copysign(curve.turn()) };
         Self { p1: curve.p1, p2: curve.p2, p3: curve.p3, w: curve.w, turn }
@@ -30,12 +31,12 @@ impl PaperCurve<f64> {
 }
 
 impl<R: Real> PaperCurve<R> {
-    /// True where the curve keeps the point q = (u, v); outside the control triangle the chord decides.
+    /// True where the curve retains the point q = (u, v); outside the control triangle the chord decides.
     ///
     /// Eq. 7 solves b(1−t)² + 2w·d2·(P2−q)·t(1−t) + d2·(P3−q)·t² = 0, and its denominator c may be zero. Because the
-    /// line goes through the chord's middle, d2·(P3−q) = −b: in r = t/(1−t) the roots' product is −1, so that exactly
-    /// one lies on the curve, and its t : (1−t) needs neither c nor a difference that cancels. The curve's point lies
-    /// between q and the middle (eq. 6) where it is not behind q.
+    /// line passes through the chord's middle, d2·(P3−q) = −b. In r = t/(1−t) the roots' product is therefore −1, so
+    /// that exactly one root is on the curve. Its t : (1−t) needs neither c nor a difference that cancels. The curve's
+    /// point is between q and the middle (eq. 6) unless it is behind q.
     #[inline(always)]
     pub fn keeps(&self, q: V2<R>) -> R::Mask {
         let zero = q.x.zero();
@@ -59,7 +60,7 @@ impl<R: Real> PaperCurve<R> {
         let external = zero.lt(weight.mul_add((self.p2 - q).dot(d), along));
         let keeps_inside = zero.lt(self.turn);
         let lens_kept = (keeps_inside & !external) | (!keeps_inside & external);
-        // Right of P1→P3 is removed outside the triangle; P1 = P3 removes nothing.
+        // Outside the triangle, the part right of P1→P3 is removed; P1 = P3 removes nothing.
         (in_triangle & lens_kept) | (!in_triangle & a2.le(zero))
     }
 }

@@ -1,4 +1,4 @@
-//! Depth of a fragment and how far apart two fragments of one surface may be (§3, §5).
+//! Depth of a fragment, and the tolerance between depths of fragments of one surface (§3, §5).
 
 use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
@@ -9,7 +9,7 @@ use crate::{Real, V2, V3};
 pub struct DepthPlane<R> {
     /// Depth at the anchor (or the numerator of a plane through the near plane).
     pub scale: R,
-    /// Gradient over pixels, see [`DepthForm`].
+    /// Gradient over pixels; see [`DepthForm`].
     pub gradient: V2<R>,
     /// Value of the form at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
     pub at_anchor: R,
@@ -19,19 +19,19 @@ pub struct DepthPlane<R> {
     pub z_max: R,
 }
 
-/// How depth varies over pixels.
+/// Form in which depth varies over pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DepthForm {
-    /// z = scale/(at_anchor + gradient·d): the plane in perspective. A denominator of at most 0 gives `z_max`.
+    /// z = scale/(at_anchor + gradient·d): the plane in perspective. A denominator of at most 0 yields `z_max`.
     Reciprocal,
-    /// z = scale + gradient·d: orthographic, or perspective under the affine mapping.
+    /// z = scale + gradient·d: orthographic, or perspective with the affine mapping.
     Linear,
 }
 
 impl<R: Real> DepthPlane<R> {
-    /// Planar depth at offset `d`, within the disk's own range.
+    /// Returns the planar depth at offset `d`, within the disk's own range.
     ///
-    /// The clamp is made on 1/z, so that a plane that turns away behind the eye gives the far end.
+    /// The clamp applies to 1/z, so that a plane that passes behind the eye yields the far end.
     #[inline(always)]
     pub fn at(&self, d: V2<R>, form: DepthForm) -> R {
         let value = self.gradient.x.mul_add(d.x, self.gradient.y * d.y);
@@ -46,35 +46,35 @@ impl<R: Real> DepthPlane<R> {
     }
 }
 
-/// Depth tolerance setting.
+/// The depth tolerance setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
     /// Multiple of the larger radius.
     Relative(f64),
-    /// World units.
+    /// Distance in world units.
     Absolute(f64),
 }
 
 /// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
-/// Change of planar depth over a pixel to the right and one down, on the plane through the view position `p` with unit
-/// view normal `n`; steepness is limited as that of ε is (§5).
+/// Returns the change of planar depth per pixel to the right and down, on the plane through the view position `p` with
+/// unit view normal `n`. Steepness is limited as in ε (§5).
 #[inline(always)]
 pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
     let k = |value: f64| p.x.constant(value);
     let across = V2::new(n.x / k(projection.focal_px[0]), n.y / k(projection.focal_px[1]));
     let away_from_zero = |v: R, least: R| R::select(v.lt(v.zero()), -(-v).max(least), v.max(least));
     let (steep, scale) = match projection.kind {
-        // n·(z·ray) stays n·p on the plane.
+        // n·(z·ray) = n·p everywhere on the plane.
         ProjectionKind::Perspective => (away_from_zero(n.dot(p), k(0.02) * p.length()), p.z * p.z),
         ProjectionKind::Orthographic { .. } => (away_from_zero(n.z, k(0.02)), p.x.one()),
     };
     across * -(scale / steep)
 }
 
-/// How far behind a polygon's depth z its own surface may lie within a texel, from its depth's change over one (§5,
-/// shadow maps): the slope term of ε, with its cap.
+/// Returns the distance by which a polygon's own surface may be behind its depth z within a texel, from the depth's
+/// gradient over texels (§5, shadow maps). It is the slope term of ε, with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -83,25 +83,25 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
     (SLOPE_MARGIN_PX * gradient.length()).min(0.2 * scale)
 }
 
-/// Pixels over which a polygon's own slope accounts for a step of depth to one of its eight neighbours: their distance
-/// and some curvature.
+/// Number of pixels over which a polygon's own slope explains a depth step to one of its eight neighbours: their
+/// distance and some curvature.
 const STEP_PX: f64 = 2.0;
 
-/// How far behind a polygon's depth z its own surface may lie in a neighbouring pixel, from its depth's change over one
-/// (§5, edges by samples).
+/// Returns the distance by which a polygon's own surface may be behind its depth z in a neighbouring pixel, from the
+/// depth's gradient over pixels (§5, edges by samples).
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
         ProjectionKind::Orthographic { height, .. } => height,
     };
-    // At least what is far above rounding: of a plane that faces the eye.
+    // The minimum, for planes that face the eye, is far above rounding.
     (STEP_PX * gradient.length()).min(0.1 * scale).max(1e-3 * scale)
 }
 
-/// ε of a splat (§5): how much deeper than it a fragment may be and still blend with it, world units.
+/// Returns ε of a splat (§5), in world units: how much deeper than the splat a fragment may be and still blend with it.
 ///
-/// `h_px` is the filter radius, 0 for a splat drawn without a filter. The slope term is ours: without it a surface
-/// seen at a grazing angle rejects half of its own filter.
+/// `h_px` is the filter radius, 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen
+/// at a grazing angle rejects half of its own filter.
 #[inline(always)]
 pub fn tolerance<R: Real>(
     splat: &ViewSplat<R>,
@@ -121,7 +121,7 @@ pub fn tolerance<R: Real>(
             let (x, y, z) = (p.x * inverse, p.y * inverse, p.z * inverse);
             let facing = n.x.mul_add(x, n.y.mul_add(y, n.z * z)).abs();
             let length = x.mul_add(x, y.mul_add(y, z * z)).sqrt();
-            // A splat at the eye itself has neither; its slope term is 0.
+            // For a splat at the eye itself both are zero; its slope term is 0.
             let slope = per_pixel * (z * p.z) / facing.max(k(0.02) * length).max(k(1e-30));
             (p.z.max(k(projection.near)), slope)
         }
@@ -130,7 +130,7 @@ pub fn tolerance<R: Real>(
     limited(z, slope, radius_max, h_px, setting)
 }
 
-/// [`tolerance`] of a splat whose projection is known, in perspective at or beyond z_near.
+/// Returns [`tolerance`] of a splat whose projection is known, in perspective at or beyond z_near.
 #[inline(always)]
 pub fn projected_tolerance<R: Real>(
     p_z: R,
@@ -141,7 +141,7 @@ pub fn projected_tolerance<R: Real>(
     projection: &Projection,
 ) -> R {
     let k = |value: f64| p_z.constant(value);
-    // The gradient is over |n·p|, which counts for no less than 0.02·|p|.
+    // The gradient is a quotient by |n·p|, which is replaced by 0.02·|p| if smaller.
     let slope = projected.depth_gradient.length() * (projected.facing_cosine * k(50.0)).min(k(1.0));
     let (z, slope) = match projection.kind {
         ProjectionKind::Perspective => (p_z, slope * p_z),
@@ -150,7 +150,7 @@ pub fn projected_tolerance<R: Real>(
     limited(z, slope, radius_max, h_px, setting)
 }
 
-/// ε from the depth that limits it and how steep the plane is, world units a pixel.
+/// Returns ε from the depth that limits it and the steepness of the plane, in world units per pixel.
 #[inline(always)]
 fn limited<R: Real>(z: R, slope: R, radius_max: R, h_px: R, setting: Tolerance) -> R {
     let k = |value: f64| z.constant(value);
@@ -189,7 +189,7 @@ mod tests {
             let want = [(depth(h, 0.0) - depth(-h, 0.0)) / (2.0 * h), (depth(0.0, h) - depth(0.0, -h)) / (2.0 * h)];
             let got = plane_gradient(p, n, &projection);
             assert!((got.x - want[0]).abs() < 1e-7 && (got.y - want[1]).abs() < 1e-7, "{got:?} {want:?}");
-            // The plane's other side is the same plane; one seen edge-on is no steeper than the limit.
+            // The plane's other side is the same plane; a plane seen edge-on is no steeper than the limit.
             assert_eq!(plane_gradient(p, -n, &projection), got);
             let grazing = plane_gradient(p, V3::new(p.z, 0.0, -p.x) * (1.0 / p.length()), &projection);
             assert!(grazing.x.is_finite() && grazing.x.abs() < 2.5, "{grazing:?}");

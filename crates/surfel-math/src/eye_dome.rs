@@ -1,16 +1,17 @@
-//! The shader `edl`, eye-dome lighting (§5): shape from depth alone, for scans without colours or good normals.
+//! The shader `edl`, eye-dome lighting (§5), which shows shape from depth alone, for scans without colours or good
+//! normals.
 //!
 //! Source: Boucheny 2009, "Interactive scientific visualization of large datasets", as in CloudCompare and Potree.
-//! Deviations: a neighbour counts by its angle and not by its depth, so that neither the image's size nor its
-//! distance matters; and the response is such that a plane looks about as if it were lit from the eye.
+//! Deviations: a neighbour counts by its angle and not by its depth, so that neither the image's size nor its distance
+//! matters. The response makes a plane look about as if it were lit from the eye.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Distance in pixels, along one axis or both, of the eight neighbours.
+/// Distance in pixels of the eight neighbours, along one axis or both.
 pub const REACH_PX: i32 = 2;
 
-/// The neighbours, row by row.
+/// Offsets of the neighbours, row by row.
 pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [-REACH_PX, -REACH_PX],
     [0, -REACH_PX],
@@ -22,11 +23,13 @@ pub const NEIGHBOURS: [[i32; 2]; 8] = [
     [REACH_PX, REACH_PX],
 ];
 
-/// Makes a plane that is turned by an angle as dark as the angle's cosine: the mean rise is its tangent over π.
+/// Factor that makes a plane turned by an angle as dark as the angle's cosine: the mean rise is the angle's tangent
+/// over π.
 const STRENGTH: f64 = std::f64::consts::PI;
 
-/// The amount that a neighbour at an offset, in pixels, adds to the mean rise for each unit that it is nearer: one over
-/// the distance between the two at depth 1 (orthographic: at any), and over eight.
+/// Returns the weight of a neighbour at an offset in pixels: its contribution to the mean rise per unit of depth that
+/// it is nearer. The weight is one over the distance between the two pixels at depth 1 (orthographic: at any depth),
+/// divided by eight.
 #[inline(always)]
 pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     let [fx, fy] = projection.focal_px;
@@ -34,8 +37,8 @@ pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     offset.x.constant(0.125) / apart
 }
 
-/// How bright a pixel of depth `z` is, from Σ weight·max(0, z − z of the neighbour): 1 where none is nearer, toward 0
-/// the deeper it lies among them.
+/// Returns the brightness of a pixel of depth `z`, from Σ weight·max(0, z − z of the neighbour). It is 1 if no
+/// neighbour is nearer, and approaches 0 the deeper the pixel is among its neighbours.
 #[inline(always)]
 pub fn brightness<R: Real>(z: R, rise: R, projection: &Projection) -> R {
     let slope = match projection.kind {
@@ -54,7 +57,7 @@ mod tests {
         Projection { kind, focal_px: [400.0; 2], principal_px: [50.0; 2], near: 0.1 }
     }
 
-    /// Brightness of a plane through (0, 0, 3) whose depth grows by `slope` along `direction`.
+    /// Returns the brightness of a plane through (0, 0, 3) whose depth increases by `slope` along `direction`.
     fn plane(projection: &Projection, slope: f64, direction: f64) -> f64 {
         let (sin, cos) = direction.sin_cos();
         let (z, [fx, fy]) = (3.0, projection.focal_px);
@@ -62,7 +65,7 @@ mod tests {
             .iter()
             .map(|&[dx, dy]| {
                 let offset = V2::new(f64::from(dx), f64::from(dy));
-                // Along the plane, that is on the ray through the neighbour.
+                // Slope along the plane, on the ray through the neighbour.
                 let run = slope * (cos * offset.x / fx + sin * offset.y / fy);
                 let neighbour = if projection.is_perspective() { z / (1.0 - run) } else { z + run };
                 rise_weight(offset, projection) * (z - neighbour).max(0.0)
@@ -79,8 +82,8 @@ mod tests {
             for slope in [0.2, 1.0, 3.0] {
                 let cosine = 1.0 / f64::hypot(1.0, slope);
                 for i in 0..16 {
-                    // Eight directions stand for all: their mean of max(0, cos) is 0.3018 to 0.3266, 1/π within 5.2 %.
-                    // In perspective a step of 2.83 px is up to 2.2 % longer where the plane runs away by 3.
+                    // Eight directions approximate all: their mean of max(0, cos) is 0.3018 to 0.3266, 1/π within 5.2
+                    // %. In perspective, a step of 2.83 px is up to 2.2 % longer if the plane recedes by 3.
                     let got = plane(&projection, slope, f64::from(i) * 0.4);
                     assert!((got / cosine - 1.0).abs() < 0.075, "{kind:?} {slope} {i}: {got} {cosine}");
                 }

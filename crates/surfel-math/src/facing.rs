@@ -1,24 +1,26 @@
-//! Front- and back-facing splats of one oriented surface (§5): which of them a pixel shows, and how those are lit that
-//! reach past its contour.
+//! Front- and back-facing splats of one oriented surface (§5): the choice of side that a pixel shows, and the normals
+//! of splats that reach past the contour.
 
 use crate::{Real, V3};
 
-/// By how much of its ε a back-facing fragment has to lie before the front-facing ones to be what a pixel shows.
+/// Fraction of its ε by which a back-facing fragment has to be nearer than the front-facing ones for a pixel to show
+/// the back.
 pub const BACK_FACING_LAG: f64 = 0.125;
 
-/// Sine of the angle between a back-facing splat's plane and the ray to it, up to which it is lit as if it were
-/// front-facing: 10°.
+/// Sine of the largest angle between a back-facing splat's plane and the ray to it at which the splat is lit as if it
+/// were front-facing: 10°.
 pub const RIM_SINE: f64 = 0.173_648_177_666_930_35;
 
-/// How near a visibility fragment counts for the choice of the facing that a pixel shows.
+/// Returns the depth at which a visibility fragment competes in the choice of the facing that a pixel shows.
 #[inline(always)]
 pub fn nearness<R: Real>(z: R, epsilon: R, back_facing: bool) -> R {
     if back_facing { z.constant(BACK_FACING_LAG).mul_add(epsilon, z) } else { z }
 }
 
-/// The shading normal of a back-facing splat of an oriented two-sided surface, `cosine` that of its geometric normal
-/// to the unit direction `to_eye`: turned about, or near the contour, where it only reaches past the front, mirrored
-/// in the plane across the ray. Both have the same angle to the ray, but the mirrored one goes on from the front side.
+/// Returns the shading normal of a back-facing splat of an oriented two-sided surface. `cosine` is that of its
+/// geometric normal to the unit direction `to_eye`. The normal is reversed. Near the contour, where the splat only
+/// reaches past the front, it is mirrored in the plane perpendicular to the ray instead. Both have the same angle to
+/// the ray, but the mirrored normal continues the front side's.
 #[inline(always)]
 pub fn back_normal<R: Real>(shading: V3<R>, cosine: R, to_eye: V3<R>) -> V3<R> {
     let along = shading.dot(to_eye);
@@ -34,13 +36,13 @@ mod tests {
     fn back_normals_go_on_across_the_contour_and_are_turned_about_beyond_the_rim() {
         let to_eye = V3::new(0.0, 0.0, -1.0);
         let at = |degrees: f64| V3::new(degrees.to_radians().cos(), 0.0, degrees.to_radians().sin());
-        // n·v = −sin: the normal leans away from the eye by so many degrees.
+        // n·v = −sin: the normal is tilted away from the eye by so many degrees.
         let shown = |degrees: f64| back_normal(at(degrees), -degrees.to_radians().sin(), to_eye);
         let close = |a: V3<f64>, b: V3<f64>| (a - b).length() < 1e-12;
         assert!(close(shown(0.0), at(0.0)));
         assert!(close(shown(9.0), at(-9.0)), "{:?}", shown(9.0));
         assert!(close(shown(11.0), -at(11.0)));
-        // One that leans toward the eye, whatever the splat's plane does, stays.
+        // A normal tilted towards the eye is unchanged, whatever the splat's plane.
         assert!(close(back_normal(at(-5.0), -0.1, to_eye), at(-5.0)));
     }
 

@@ -1,4 +1,4 @@
-//! Screen-space filters (§4): what a splat's footprint and weight become so that it covers a pixel.
+//! Screen-space filters (§4), which change a splat's footprint and weight so that the splat covers a pixel.
 
 use crate::basis;
 use crate::clip::Turn;
@@ -7,21 +7,21 @@ use crate::project::{Projected, ViewSplat};
 use crate::svd::Svd2;
 use crate::{Real, V2, V3};
 
-/// A splat as a filter leaves it.
+/// Result of a filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Filtered<R> {
-    /// The filtered footprint.
+    /// Filtered footprint.
     pub footprint: Footprint<R>,
-    /// Factor of the weight: the area ratio where the filter carries it in the weight, else 1.
+    /// Factor of the weight: the area ratio if the filter includes it in the weight, else 1.
     pub weight_scale: R,
-    /// Area ratio a of §5's coverage where the weight doesn't carry it, else 1.
+    /// Area ratio a of §5's coverage if the weight doesn't include it, else 1.
     pub coverage_scale: R,
-    /// Brings the footprint's (u, v) back to the splat's own: only clips ask (§7).
+    /// Map from the footprint's (u, v) to the splat's own, which only clips need (§7).
     pub turn: Turn<R>,
 }
 
 impl<R: Real> Filtered<R> {
-    /// An unfiltered splat.
+    /// Returns the result of no filter.
     #[inline(always)]
     pub fn unfiltered(footprint: Footprint<R>) -> Self {
         let one = footprint.w.c.one();
@@ -29,16 +29,17 @@ impl<R: Real> Filtered<R> {
     }
 }
 
-/// `principal` (ours): the projected ellipse's axes are lengthened to at least h pixels; weight × ∏ min(1, ℓ/h).
+/// Applies `principal` (ours): the projected ellipse's axes are lengthened to at least h pixels; weight × ∏ min(1,
+/// ℓ/h).
 ///
-/// Source: §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays exact, also
-/// in perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
+/// Source: §4; the elliptic-splat filter that G06 §8 leaves as future work. An axis of at least h stays exact, also in
+/// perspective; a lengthened one becomes parallel to the screen (G06 eq. 9).
 #[inline(always)]
 pub fn principal<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     principal_or_unturned(projected, h_px, projective, true)
 }
 
-/// [`principal`], whose turn is none where nothing asks for it.
+/// Applies [`principal`], but computes the turn only if `turned`.
 #[inline(always)]
 pub fn principal_or_unturned<R: Real>(
     projected: &Projected<R>,
@@ -54,7 +55,7 @@ pub fn principal_or_unturned<R: Real>(
     let (u, v) = (major * per_long, minor * per_short);
     let zero = h_px.zero();
     let gradient = if projective {
-        // The depth gradient's share along each axis that keeps its length: −a'_i/ℓ_i = g·axis.
+        // Component of the depth gradient along each axis that keeps its length: −a'_i/ℓ_i = g·axis.
         let g = projected.depth_gradient;
         let along = R::select(is_short, zero, g.dot(major));
         let across = R::select(is_thin, zero, g.dot(minor));
@@ -64,17 +65,17 @@ pub fn principal_or_unturned<R: Real>(
     };
     Filtered {
         footprint: Footprint { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, gradient) },
-        // 1 exactly where both keep their length.
+        // The scale is exactly 1 if both axes keep their length.
         weight_scale: R::select(is_short, svd.major * per_long, one) * R::select(is_thin, svd.minor * per_short, one),
         coverage_scale: one,
         turn: if turned { principal_turn(projected, &svd) } else { Turn::none(one) },
     }
 }
 
-/// `ewa` (Z01 eq. 6–9): the affine projection convolved with a Gaussian of standard deviation h/√(2c).
+/// Applies `ewa` (Z01 eq. 6–9): the affine projection convolved with a Gaussian of standard deviation h/√(2c).
 ///
-/// ρ² = β/c = dᵀ(JJᵀ + h²I)⁻¹d, whatever the cutoff; evaluated along the ellipse's axes, of half-length √(ℓ² + h²), so
-/// that no covariance matrix is ever inverted. Weight √(det JJᵀ/det(JJᵀ + h²I)) = ∏ ℓ/√(ℓ² + h²).
+/// ρ² = β/c = dᵀ(JJᵀ + h²I)⁻¹d for any cutoff. It is evaluated along the ellipse's axes, of half-length √(ℓ² + h²), so
+/// that no covariance matrix is inverted. Weight √(det JJᵀ/det(JJᵀ + h²I)) = ∏ ℓ/√(ℓ² + h²).
 #[inline(always)]
 pub fn ewa<R: Real>(projected: &Projected<R>, h_px: R) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
@@ -96,8 +97,8 @@ fn widened<R: Real>(length: R, h_px: R) -> R {
     length.mul_add(length, h_px * h_px).sqrt()
 }
 
-/// True where both axes of the projected ellipse certainly reach h, so that `principal` leaves it as it is: found
-/// without them, since the smaller is |det J| over the larger, and that at most ‖J‖.
+/// True where both axes of the projected ellipse certainly reach h, so that `principal` changes nothing. The test
+/// doesn't compute the axes: the smaller is |det J| over the larger, and the larger is at most ‖J‖.
 #[inline(always)]
 pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     let (s, t) = (projected.j_s, projected.j_t);
@@ -105,13 +106,14 @@ pub fn is_surely_wide<R: Real>(projected: &Projected<R>, h_px: R) -> R::Mask {
     (h_px * norm).le(projected.det_j.abs())
 }
 
-/// V of J = U·diag(ℓ)·Vᵀ: from the coordinates along the ellipse's axes on the screen to the splat's (u, v).
+/// Returns V of J = U·diag(ℓ)·Vᵀ: the map from coordinates along the ellipse's axes on the screen to the splat's (u,
+/// v).
 #[inline(always)]
 fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
     let (zero, one) = (projected.det_j.zero(), projected.det_j.one());
     let axis = svd.major_axis;
-    // Jᵀ·u₁ = ℓ₁·v₁. The second column isn't divided by the smaller value: it is the quarter turn that has det J's
-    // sign.
+    // Jᵀ·u₁ = ℓ₁·v₁. The second column is the quarter turn with det J's sign, which avoids dividing by the smaller
+    // value.
     let along = V2::new(projected.j_s.dot(axis), projected.j_t.dot(axis));
     let length = along.length();
     let first = along * (one / R::select(zero.lt(length), length, one));
@@ -119,18 +121,19 @@ fn principal_turn<R: Real>(projected: &Projected<R>, svd: &Svd2<R>) -> Turn<R> {
     Turn { first, second: V2::new(-first.y, first.x) * handedness }
 }
 
-/// ∏ ℓ/max(ℓ, h): the area ratio that `clamp` and `adjust` leave to the coverage (§5).
+/// Returns ∏ ℓ/max(ℓ, h), the area ratio that `clamp` and `adjust` leave to the coverage (§5).
 #[inline(always)]
 pub fn area_ratio<R: Real>(projected: &Projected<R>, h_px: R) -> R {
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
     (svd.major / svd.major.max(h_px)) * (svd.minor / svd.minor.max(h_px))
 }
 
-/// `adjust` (G06 §4.1, eq. 8–9), given the half-axes that [`adjust_axes`] chose: each is lengthened by itself where
-/// the half-length of its projected diameter is below h. The result's `turn` is that of these half-axes: none.
+/// Applies `adjust` (G06 §4.1, eq. 8–9), given the half-axes chosen by [`adjust_axes`]. Each is lengthened separately
+/// if the half-length of its projected diameter is below h. The result's `turn` is the identity, relative to these
+/// half-axes.
 ///
-/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane; here both sides
-/// are multiplied by it, factored as (1 − a)(1 + a).
+/// Eq. 8 divides by p_z² − t_z², which is zero or negative for a disk that reaches the eye plane; here both sides are
+/// multiplied by it, factored as (1 − a)(1 + a).
 #[inline(always)]
 pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> Filtered<R> {
     let (zero, one) = (h_px.zero(), h_px.one());
@@ -150,7 +153,7 @@ pub fn adjust<R: Real>(projected: &Projected<R>, h_px: R, projective: bool) -> F
 /// A projected half-axis after eq. 8–9.
 struct Lengthened<R: Real> {
     j: V2<R>,
-    /// Change of depth along it: 0 where it was lengthened, which made it parallel to the screen.
+    /// Change of depth along the half-axis; 0 if it was lengthened, which makes it parallel to the screen.
     slope: R,
     was_short: R::Mask,
 }
@@ -162,7 +165,7 @@ fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     let length = j.length();
     let limit = h_px * ((one - a) * (one + a));
     let short = length.lt(limit);
-    // Along j; where that is zero along the perpendicular of the other axis.
+    // Along j, or if j is zero, perpendicular to the other axis.
     let none = length.le(zero);
     let direction = V2::select(none, V2::new(-other.y, other.x), j);
     let norm = direction.length();
@@ -170,17 +173,18 @@ fn lengthened<R: Real>(j: V2<R>, other: V2<R>, a: R, h_px: R) -> Lengthened<R> {
     Lengthened { j: V2::select(short, unit * h_px, j), slope: R::select(short, zero, a), was_short: short }
 }
 
-/// The half-axes that `adjust` works on (§4): an ellipse's principal ones; for a disk (axes equal within 1e-3) those of
-/// G06 eq. 10, s along p × n, t along n × s, with p the view direction in an orthographic projection.
+/// Returns the half-axes that `adjust` lengthens (§4): for an ellipse its principal ones. For a disk (axes equal within
+/// 1e-3) they are those of G06 eq. 10, s along p × n and t along n × s, with p the view direction in an orthographic
+/// projection.
 ///
-/// Eq. 10 prints neither the scale nor what to do for p ∥ n: the principal axes stay there. An ellipse that isn't quite
-/// round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n, and by no other.
+/// Eq. 10 specifies neither the scale nor the case p ∥ n, for which the principal axes serve. An ellipse that isn't
+/// quite round is turned by the angle of a circle, atan2(d·t, d·s) with d = p × n.
 pub fn adjust_axes(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>) {
     let (s, t, _) = adjust_axes_turned(splat, perspective);
     (s, t)
 }
 
-/// [`adjust_axes`], and how their (u, v) turn back to the given ones, which clips need.
+/// Returns [`adjust_axes`], and the map from their (u, v) to the splat's own, which clips need.
 pub fn adjust_axes_turned(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>, V3<f64>, Turn<f64>) {
     let (s, t) = (splat.s, splat.t);
     // Right singular vectors of [s t]: the angle that makes the turned pair orthogonal.
@@ -200,7 +204,7 @@ pub fn adjust_axes_turned(splat: &ViewSplat<f64>, perspective: bool) -> (V3<f64>
     }
     let p = if perspective { splat.p } else { V3::new(0.0, 0.0, 1.0) };
     let along = p.cross(splat.n);
-    // Turn the pair so that s lies along p × n: (s·along, t·along) is that direction in (u, v).
+    // Turns the pair so that s is along p × n: (s·along, t·along) is that direction in (u, v).
     let (u, v) = (along.dot(major), along.dot(minor));
     if along.length() <= 1e-12 * p.length() || (u == 0.0 && v == 0.0) {
         return (major, minor, principal);

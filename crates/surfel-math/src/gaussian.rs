@@ -1,4 +1,4 @@
-//! Trained Gaussians, drawn one over another (`docs/gaussians.md`).
+//! Projection and blending of trained Gaussians, drawn one over another (`docs/gaussians.md`).
 //!
 //! Source: Huang et al. 2024 (2DGS), Kerbl et al. 2023 (3DGS) after Zwicker et al. 2001, *EWA Volume Splatting*.
 
@@ -7,36 +7,36 @@ use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3, basis, filter, srgb};
 
-/// Planar depth before which perspective views show nothing, as in training; world units.
+/// Minimum planar depth of perspective views, as in training; world units.
 pub const NEAR: f64 = 0.2;
-/// Depth that [`distortion_depth`] takes to 1.
+/// Depth that [`distortion_depth`] maps to 1.
 const FAR: f64 = 100.0;
-/// Most that one Gaussian covers of a pixel.
+/// Maximum fraction of a pixel that one Gaussian covers.
 pub const MAX_ALPHA: f64 = 0.99;
-/// Least that counts.
+/// Minimum α of a Gaussian that counts.
 pub const MIN_ALPHA: f64 = 1.0 / 255.0;
-/// A Gaussian that would leave less light than this to those behind it ends its pixel, and isn't drawn itself.
+/// Minimum transmittance. A Gaussian that would reduce a pixel's transmittance below this ends the pixel undrawn.
 pub const MIN_TRANSMITTANCE: f64 = 1e-4;
-/// Σw of a pixel up to which nothing is there that has a depth.
+/// Maximum Σw of a pixel that counts as empty and has no depth.
 pub const MIN_WEIGHT: f64 = 1e-12;
 /// Weight of a squared distance in pixels from the projected centre: the low-pass filter of flat Gaussians.
 const LOW_PASS: f64 = 2.0;
-/// Variance in square pixels that is added to the footprints of solid ones.
+/// Variance in square pixels that is added to the footprints of solid Gaussians.
 const DILATION: f64 = 0.3;
-/// Larger than any ρ² that shows.
+/// Value larger than any visible ρ², which disables the low-pass filter.
 const NO_LOW_PASS: f64 = 1e30;
-/// Standard deviations from the centre of a surface splat to its rim.
+/// Distance from the centre of a surface splat to its rim, in standard deviations.
 const RADIUS: f64 = 2.0;
-/// Half-width of what has none.
+/// Half-width used for a filter radius of zero, in pixels.
 const LEAST_PX: f64 = 1e-6;
-/// Slopes are kept within this many half-widths of the image where solid Gaussians are linearised.
+/// Limit of slopes, in half-widths of the image, where solid Gaussians are linearised.
 const SLOPE_LIMIT: f64 = 1.3;
-/// Sine of the angle from edge-on below which a flat one isn't drawn (rendering model §2).
+/// Sine of the angle from edge-on below which a flat Gaussian isn't drawn (rendering model §2).
 const EDGE_ON: f64 = 1e-5;
-/// Largest coefficient of a form, so that products stay numbers in f32.
+/// Largest coefficient of a form, so that products stay finite in f32.
 const MOST: f64 = 1e15;
 
-/// Where perspective views begin: at the camera's near plane, but not before [`NEAR`].
+/// Returns the depth at which perspective views begin: the camera's near plane, but at least [`NEAR`].
 pub fn near(projection: &Projection) -> f64 {
     if projection.is_perspective() { projection.near.max(NEAR) } else { projection.near }
 }
@@ -44,32 +44,32 @@ pub fn near(projection: &Projection) -> f64 {
 /// A Gaussian in view space.
 #[derive(Clone, Copy, Debug)]
 pub struct ViewGaussian {
-    /// Its centre.
+    /// Centre.
     pub center: V3<f64>,
-    /// Its axes, of length 1 before the object's matrix. Of a flat one the first two span its plane.
+    /// Axes, of length 1 before the object's matrix. The first two axes of a flat Gaussian span its plane.
     pub axes: [V3<f64>; 3],
-    /// Standard deviations along them.
+    /// Standard deviations along the axes.
     pub sigmas: [f64; 3],
-    /// Flat, not solid.
+    /// True if the Gaussian is flat, false if it is solid.
     pub flat: bool,
     /// Opacity in [0, 1].
     pub opacity: f64,
 }
 
-/// A Gaussian as a view shows it.
+/// A projected Gaussian.
 #[derive(Clone, Copy, Debug)]
 pub struct ProjectedGaussian {
-    /// Where its centre is, pixels.
+    /// Position of the centre, in pixels.
     pub center_px: V2<f64>,
-    /// What pixels see of it.
+    /// Forms that pixels evaluate.
     pub forms: GaussianForms<f64>,
-    /// Unit normal in view space, toward the eye; of a solid one the shortest axis of what is drawn.
+    /// Unit normal in view space, towards the eye; for a solid Gaussian the shortest axis of what is drawn.
     pub normal: V3<f64>,
-    /// Offsets from the centre, least and largest, beyond which it covers less than [`MIN_ALPHA`]; `None`: unknown.
+    /// Minimum and maximum offset from the centre beyond which α is less than [`MIN_ALPHA`]; `None` if unknown.
     pub bounds_px: Option<[V2<f64>; 2]>,
-    /// Depth before which nothing of it shows.
+    /// Depth at which the Gaussian begins to show.
     pub nearest: f64,
-    /// What α is multiplied by: the share of a filtered footprint that it covers, 1 as it was trained.
+    /// Factor of α: the fraction of a filtered footprint that the Gaussian covers, or 1 as trained.
     pub weight: f64,
 }
 
@@ -85,13 +85,13 @@ pub struct GaussianForms<R> {
     pub w: [R; 3],
     /// Coefficients of d, and the value at the centre.
     pub z: [R; 3],
-    /// Weight of |d|², for flat ones.
+    /// Weight of |d|² for flat Gaussians.
     pub low_pass: R,
 }
 
 impl<R: Real> GaussianForms<R> {
-    /// ρ² = min(ρ₃d², 2·|d|²), for solid ones ρ₃d², and the depth, which is infinite or NaN where the ray is parallel
-    /// to the plane.
+    /// Returns ρ² = min(ρ₃d², 2·|d|²), or for solid Gaussians ρ₃d², and the depth. The depth is infinite or NaN if the
+    /// ray is parallel to the plane.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> (R, R) {
         let linear = |f: [R; 3]| f[0].mul_add(d.x, f[1].mul_add(d.y, f[2]));
@@ -105,8 +105,8 @@ impl<R: Real> GaussianForms<R> {
 }
 
 impl ViewGaussian {
-    /// The Gaussian in a view of an image of this size; `None` where it shows nothing: too near, too far, edge-on, of
-    /// no area, or too transparent.
+    /// Projects the Gaussian to an image of this size. `None` if it is invisible: too near, too far, edge-on, without
+    /// area, or too transparent.
     pub fn project(
         &self,
         projection: &Projection,
@@ -115,7 +115,7 @@ impl ViewGaussian {
     ) -> Option<ProjectedGaussian> {
         let p = self.center;
         let far = projection.far();
-        // NaN shows nothing.
+        // NaN fails the test.
         let is_within = p.z > near(projection) && p.z <= far && self.opacity >= MIN_ALPHA;
         if !is_within {
             return None;
@@ -131,7 +131,7 @@ impl ViewGaussian {
         Some(ProjectedGaussian { center_px, forms, normal, bounds_px, nearest, weight })
     }
 
-    /// The plane's intersection with rays, which is exact.
+    /// Projects a flat Gaussian by the exact intersection of rays with its plane.
     fn flat(&self, projection: &Projection, reach: f64, rules: &GaussianRules) -> Option<Footprint> {
         let (p, [a, b, _], [fx, fy]) = (self.center, self.axes, projection.focal_px);
         let cross = a.cross(b);
@@ -178,7 +178,7 @@ impl ViewGaussian {
         Some(Footprint { forms, normal: n, bounds_px: bounds, nearest: on_plane.min(on_screen), weight: 1.0 })
     }
 
-    /// A flat one as a filtered surface splat of two standard deviations.
+    /// Projects a flat Gaussian as a filtered surface splat of two standard deviations.
     fn principal(&self, projection: &Projection, reach: f64, n: V3<f64>, h_px: f64) -> Footprint {
         let (p, [a, b, _], [su, sv, _]) = (self.center, self.axes, self.sigmas);
         let splat = ViewSplat { p, s: a * (RADIUS * su), t: b * (RADIUS * sv), n };
@@ -186,7 +186,8 @@ impl ViewGaussian {
         let SplatFootprint { u, v, w } = filtered.footprint;
         let per_sigma = |form: Linear<f64>| [RADIUS * form.x, RADIUS * form.y];
         let (u, v) = (per_sigma(u), per_sigma(v));
-        // Rows of an orthogonal matrix's, by the lengths of the axes: its inverse are these.
+        // The forms are the rows of an orthogonal matrix divided by the axes' lengths, so these are the columns of the
+        // inverse.
         let axis = |[x, y]: [f64; 2]| V2::new(x, y) * (x * x + y * y).recip();
         let (s, t) = (axis(u), axis(v));
         let depth = |axis: V2<f64>| -(w.x * axis.x + w.y * axis.y);
@@ -210,7 +211,7 @@ impl ViewGaussian {
         }
     }
 
-    /// Its volume's projection, linearised at the centre.
+    /// Projects a solid Gaussian, with the projection linearised at its centre.
     fn solid(&self, projection: &Projection, size_px: [f64; 2], reach: f64, rules: &GaussianRules) -> Footprint {
         let (p, [fx, fy]) = (self.center, projection.focal_px);
         let limited = |x: f64, f: f64, size: f64| {
@@ -220,7 +221,7 @@ impl ViewGaussian {
         let (sx, sy) = (limited(p.x, fx, size_px[0]), limited(p.y, fy, size_px[1]));
         let dilation = if rules.principal_px.is_some() { 0.0 } else { DILATION };
         let (mut xx, mut xy, mut yy) = (dilation, 0.0, dilation);
-        // Covariances of the depth with a pixel's place.
+        // Covariances of the depth with a pixel's position.
         let (mut xz, mut yz) = (0.0, 0.0);
         for (axis, sigma) in self.axes.into_iter().zip(self.sigmas) {
             let c = axis * sigma;
@@ -261,7 +262,7 @@ impl ViewGaussian {
     }
 }
 
-/// What a [`ProjectedGaussian`] has besides its centre; the normal may face away.
+/// The part of a [`ProjectedGaussian`] without its centre; the normal may face away.
 struct Footprint {
     forms: GaussianForms<f64>,
     normal: V3<f64>,
@@ -270,8 +271,8 @@ struct Footprint {
     weight: f64,
 }
 
-/// Bounds of a projected ellipse about its centre: its points are (A·e)/(1 + b·e) from there, |e|² = reach, with A's
-/// columns and b given; `None` where it reaches the eye's plane, nearly so because rounding counts there.
+/// Returns bounds of a projected ellipse around its centre. Its points are at (A·e)/(1 + b·e), |e|² = reach, with A's
+/// columns and b given. `None` if the ellipse reaches the eye's plane, or nearly does, since rounding matters there.
 fn ellipse_bounds([s, t]: [V2<f64>; 2], [s_depth, t_depth]: [f64; 2], reach: f64) -> Option<[V2<f64>; 2]> {
     let d = 1.0 - reach * (s_depth * s_depth + t_depth * t_depth);
     let extent = |s: f64, t: f64| {
@@ -283,34 +284,35 @@ fn ellipse_bounds([s, t]: [V2<f64>; 2], [s_depth, t_depth]: [f64; 2], reach: f64
     (d > 1e-6).then(|| [V2::new(x0, y0), V2::new(x1, y1)])
 }
 
-/// How Gaussians are projected; the default is as they were trained.
+/// Rules of the projection of Gaussians; the default is as they were trained.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct GaussianRules {
-    /// A solid one's depth is that where it is densest along a pixel's ray (Radl et al. 2024, StopThePop), in the
-    /// linearised projection: its mean where it is seen at that pixel. Else it is the centre's.
+    /// True to evaluate a solid Gaussian's depth at its densest point along a pixel's ray (Radl et al. 2024,
+    /// StopThePop). In the linearised projection this is its mean depth at that pixel. False for the depth of its
+    /// centre.
     pub depth_along_ray: bool,
-    /// Half-axes of two standard deviations get at least so many pixels by the filter `principal` of surface splats
-    /// (rendering model §4), instead of a flat one's low-pass and a solid one's dilation.
+    /// Minimum length in pixels of half-axes of two standard deviations, by the filter `principal` of surface splats
+    /// (rendering model §4). It replaces the low-pass of flat and the dilation of solid Gaussians.
     pub principal_px: Option<f64>,
 }
 
-/// A depth as pixels compare it, rounded to 17 bits, so that rounding rarely decides on the order of Gaussians in one
-/// plane: whole numbers in the order of depths, which are positive.
+/// Rounds a positive depth to 17 bits, so that rounding rarely decides the order of Gaussians in one plane. Returns
+/// integers in the order of depths.
 pub fn depth_step(z: f64) -> u64 {
     (z.to_bits() + (1 << (DEPTH_BITS_F64 - 1))) >> DEPTH_BITS_F64
 }
 
-/// [`depth_step`] in f32, where it is another number.
+/// Returns [`depth_step`] of an f32, with different integers.
 #[inline(always)]
 pub fn depth_step_f32(z: f32) -> u32 {
     (z.to_bits() + (1 << (DEPTH_BITS_F32 - 1))) >> DEPTH_BITS_F32
 }
 
-/// Bits that steps of depths lack.
+/// Number of low bits that depth steps omit.
 const DEPTH_BITS_F64: u32 = 52 - 16;
 const DEPTH_BITS_F32: u32 = 23 - 16;
 
-/// The depth that the plane `distortion` compares, in [0, 1] from [`NEAR`] to 100 units.
+/// Returns the depth that the plane `distortion` compares: 0 at [`NEAR`], 1 at 100 units.
 #[inline(always)]
 pub fn distortion_depth<R: Real>(z: R) -> R {
     let scale = FAR / (FAR - NEAR);
@@ -320,8 +322,8 @@ pub fn distortion_depth<R: Real>(z: R) -> R {
 /// The constant spherical harmonic, ½·√(1/π).
 pub const SH_C0: f64 = 0.282_094_791_773_878_14;
 
-/// The colour that (degree + 1)² coefficients of real spherical harmonics give in a unit direction from the eye: ½ +
-/// Σ c·Y, at least 0. At most 16 coefficients count.
+/// Returns the colour of (degree + 1)² coefficients of real spherical harmonics in a unit direction from the eye: ½ + Σ
+/// c·Y, at least 0. At most 16 coefficients count.
 pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
     const C1: f64 = 0.488_602_511_902_919_9;
     const C2: [f64; 3] = [1.092_548_430_592_079_2, 0.315_391_565_252_520_05, 0.546_274_215_296_039_6];
@@ -360,14 +362,15 @@ pub fn color(coefficients: &[[f32; 3]], [x, y, z]: [f64; 3]) -> [f64; 3] {
     sum.map(|c| srgb::limit_color(c.max(0.0)))
 }
 
-/// What lies behind Gaussians: RGB in their colour space times alpha, and alpha, of a linear colour with straight
-/// alpha.
+/// Converts a linear colour with straight alpha to the background behind Gaussians: RGB in their colour space times
+/// alpha, and alpha.
 pub fn background([r, g, b, a]: [f64; 4], linear_colors: bool) -> [f64; 4] {
     let [r, g, b] = [r, g, b].map(|c| srgb::limit_color(if linear_colors { c } else { srgb::encode(c.max(0.0)) }) * a);
     [r, g, b, a]
 }
 
-/// Linear premultiplied RGBA of a pixel: blended colours over [`background`] where the transmittance is left.
+/// Returns the linear premultiplied RGBA of a pixel: blended colours over [`background`], weighted by the
+/// transmittance.
 pub fn resolve(colors: [f64; 3], transmittance: f64, background: [f64; 4], linear_colors: bool) -> [f64; 4] {
     let alpha = 1.0 - transmittance + transmittance * background[3];
     let over = |k: usize| transmittance.mul_add(background[k], colors[k]);
@@ -389,7 +392,7 @@ mod tests {
     const ORTHO: Projection =
         Projection { kind: ProjectionKind::Orthographic { height: 2.0, far: 50.0 }, focal_px: [240.0, 240.0], ..VIEW };
 
-    /// Unit axes turned by two angles.
+    /// Returns unit axes, turned by two angles.
     fn turned(azimuth: f64, tilt: f64) -> [V3<f64>; 3] {
         let ((sa, ca), (st, ct)) = (azimuth.sin_cos(), tilt.sin_cos());
         [V3::new(ca, sa, 0.0), V3::new(-sa * ct, ca * ct, st), V3::new(sa * st, -ca * st, ct)]
@@ -412,7 +415,7 @@ mod tests {
                         let q = g.center + a * (u * scale) + b * (v * 2.0 * scale);
                         let d = projection.pixel(q);
                         let d = V2::new(d.x - seen.center_px.x, d.y - seen.center_px.y);
-                        // Without the low-pass.
+                        // Without the low-pass filter.
                         let (rho, z) = GaussianForms { low_pass: 1e30, ..seen.forms }.at(d);
                         // A pixel's coordinate has an error of 1e-13, which edge-on planes and tiny splats magnify.
                         let error = 1e-9 + 1e-12 / scale / tilt.cos().abs();
@@ -491,7 +494,7 @@ mod tests {
         let size = 640.0;
         let rules = GaussianRules { depth_along_ray: true, principal_px: None };
         let g = gaussian([0.3, -0.2, 4.0], 0.9, [0.2, 0.1, 0.05], false);
-        // Pixels so small that they blur nothing, about the centre, where the projection is linear.
+        // Pixels too small to blur, around the centre, where the projection is linear.
         let fine = Projection { focal_px: [5e5, 4.8e5], principal_px: [3.2e5, 2.4e5], ..VIEW };
         let seen = g.project(&fine, [1e3 * size, 750.0 * size], &rules).unwrap();
         for d in [V2::new(0.0, 0.0), V2::new(40.0, 0.0), V2::new(-10.0, 30.0)] {
@@ -521,7 +524,7 @@ mod tests {
                         let sigmas = [scale, 2.0 * scale, if flat { 0.0 } else { 0.3 * scale }];
                         let g = gaussian([0.3, -0.2, 4.0], tilt, sigmas, flat);
                         let seen = g.project(&projection, [640.0, 480.0], &rules).unwrap();
-                        // The covariance of the projection by small differences, of two standard deviations.
+                        // The covariance of the projection, by small differences, of two standard deviations.
                         let at = |v: V3<f64>| projection.pixel(g.center + v);
                         let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
                         for (axis, sigma) in g.axes.into_iter().zip(sigmas) {
@@ -536,14 +539,14 @@ mod tests {
                         let lengths = [mean + half, (mean - half).max(0.0)].map(f64::sqrt);
                         let share: f64 = lengths.iter().map(|l| (l / h).min(1.0)).product();
                         assert!((seen.weight - share).abs() < 1e-6 * share, "{flat} {tilt} {scale}: {}", seen.weight);
-                        // Projectors onto the axes, one for each.
+                        // Projectors onto the two axes.
                         let one = (c - glam::DMat2::IDENTITY * (mean - half)) * (0.5 / half);
                         let other = glam::DMat2::IDENTITY - one;
                         let wide = one * lengths[0].max(h).powi(-2) + other * lengths[1].max(h).powi(-2);
                         for d in [glam::DVec2::new(0.2, 0.1), glam::DVec2::new(-0.3, 0.4)] {
                             let exact = 4.0 * d.dot(wide * d);
                             let (rho, z) = seen.forms.at(V2::new(d.x, d.y));
-                            // Perspective within a footprint of half a pixel, but at an edge.
+                            // Perspective within a footprint of half a pixel, except at an edge.
                             assert!((rho - exact).abs() < 1e-2 * exact, "{flat} {tilt} {scale}: {rho} {exact}");
                             assert!((z - 4.0).abs() < 0.1, "{z}");
                         }
@@ -551,7 +554,7 @@ mod tests {
                 }
             }
         }
-        // What is wide on the screen stays exact.
+        // A footprint that is wide on the screen stays exact.
         let g = gaussian([0.3, -0.2, 4.0], 1.0, [0.1, 0.2, 0.0], true);
         let [own, trained] =
             [&rules, &GaussianRules::default()].map(|rules| g.project(&VIEW, [640.0, 480.0], rules).unwrap());
@@ -583,7 +586,7 @@ mod tests {
         assert!(!shown(ViewGaussian { axes: turned(0.0, edge), ..plain }, &VIEW));
         assert!(shown(ViewGaussian { axes: turned(0.0, edge + 1e-4), ..plain }, &VIEW));
         assert!(!shown(ViewGaussian { sigmas: [0.1, 0.0, 0.1], ..plain }, &VIEW));
-        // The tiniest has the extent of the low-pass filter.
+        // The tiniest Gaussian has the extent of the low-pass filter.
         let point = ViewGaussian { sigmas: [1e-38; 3], ..plain }
             .project(&VIEW, [640.0, 480.0], &GaussianRules::default())
             .unwrap();
@@ -606,7 +609,7 @@ mod tests {
         assert!((seen.normal.x.abs() - 1.0).abs() < 1e-12);
     }
 
-    /// Exact values of the real harmonics, from their definition by Legendre functions.
+    /// Returns the exact value of a real harmonic, from its definition by Legendre functions.
     fn harmonic(l: i32, m: i32, [x, y, z]: [f64; 3]) -> f64 {
         let (theta, phi) = (z.acos(), y.atan2(x));
         let k = m.unsigned_abs() as usize;

@@ -1,16 +1,16 @@
 //! The reconstruction kernel and coverage (§2, §5).
 
-/// w = exp(−c·ρ²) for ρ² ≤ 1 (Z01 §4's Gaussian, cut off where its exponent reaches c).
+/// Returns w = exp(−c·ρ²) for ρ² ≤ 1 (Z01 §4's Gaussian, cut off where its exponent reaches c).
 #[inline(always)]
 pub fn weight(rho_squared: f64, cutoff: f64) -> f64 {
     (-cutoff * rho_squared).exp()
 }
 
-/// Coverage q from which a surface counts as whole where it is blended by its coverage: Z01 §7's τ at c = 1 (§6, §8).
+/// Coverage q from which a surface that is blended by coverage counts as opaque: Z01 §7's τ at c = 1 (§6, §8).
 pub const FULL_COVERAGE: f64 = 0.633;
 
-/// A Σw measured at cutoff 2, converted to another: the ratio of the kernels' integrals over their disk,
-/// [(1 − e^(−c))/c]/[(1 − e^(−2))/2] (§5).
+/// Converts a Σw measured at cutoff 2 to another cutoff, by the ratio of the kernels' integrals over their disk, [(1 −
+/// e^(−c))/c]/[(1 − e^(−2))/2] (§5).
 pub fn interior_weight_at_cutoff(interior_weight: f64, cutoff: f64) -> f64 {
     let integral = |c: f64| -(-c).exp_m1() / c;
     interior_weight * integral(cutoff) / integral(2.0)

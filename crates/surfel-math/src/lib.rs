@@ -1,22 +1,22 @@
-//! The formulas of surface splatting, written once over [`Real`]: f64 for the reference, f32 and SIMD
-//! lanes for the fast backends.
+//! The formulas of surface splatting, written once over [`Real`]: f64 for the reference, f32 and SIMD lanes for the
+//! fast backends.
 //!
 //! A splat passes through these modules in order:
 //!
-//! 1. [`projection`]: pixels of view-space points; [`project`]: a splat's centre, affine projection J,
-//!    depth slope and classification;
-//! 2. [`filter`]: the footprint that a screen-space filter leaves, as linear forms over pixels ([`mapping`]);
-//! 3. [`bounds`]: the pixels it can touch;
-//! 4. [`clip`]: the part of it that a clipped splat keeps ([`clip_paper`]: the same by C12's formula);
-//! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`facing`]: which side of a surface is seen;
-//!    [`kernel`]: a fragment's weight and coverage.
+//! 1. [`projection`]: pixels of view-space points; [`project`]: a splat's centre, affine projection J, depth slope and
+//!    classification;
+//! 2. [`filter`]: the footprint after a screen-space filter, as linear forms over pixels ([`mapping`]);
+//! 3. [`bounds`]: the pixels that the footprint can touch;
+//! 4. [`clip`]: the part of the footprint that a clip retains ([`clip_paper`]: the same by C12's formula);
+//! 5. [`depth`]: depth of a fragment, tolerance of visibility; [`facing`]: the visible side of a surface; [`kernel`]: a
+//!    fragment's weight and coverage.
 //!
 //! [`triangle`] does the same for polygons; [`shadow`] samples shadow maps; [`toon`], [`matcap`] and [`eye_dome`] are
 //! shaders; [`quantise`] stores numbers in 16 bits.
 //!
 //! [`gaussian`] is for trained Gaussians, which are drawn one over another.
 //!
-//! Section numbers (§) refer to `docs/rendering-model.md`. Nothing here allocates or does I/O.
+//! Section numbers (§) refer to `docs/rendering-model.md`. The crate allocates nothing and does no I/O.
 
 pub mod basis;
 pub mod bounds;

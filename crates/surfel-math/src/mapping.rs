@@ -4,61 +4,61 @@ use crate::project::{Projected, ViewSplat};
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// c + x·d_x + y·d_y over pixel offsets d from an anchor.
+/// A linear form c + x·d_x + y·d_y over pixel offsets d from an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Linear<R> {
     /// Value at the anchor.
     pub c: R,
-    /// Change a pixel to the right.
+    /// Change per pixel to the right.
     pub x: R,
-    /// Change a pixel down.
+    /// Change per pixel down.
     pub y: R,
 }
 
 impl<R: Real> Linear<R> {
-    /// A form from its gradient and its value at the anchor.
+    /// Creates a form from its value at the anchor and its gradient.
     #[inline(always)]
     pub fn new(c: R, gradient: V2<R>) -> Self {
         Self { c, x: gradient.x, y: gradient.y }
     }
 
-    /// Value at offset `d`.
+    /// Returns the value at offset `d`.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> R {
         self.x.mul_add(d.x, self.y.mul_add(d.y, self.c))
     }
 }
 
-/// The splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
+/// A splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
 ///
-/// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. Scaled so that W = 1 at the anchor
-/// of an ordinary splat.
+/// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. The forms are scaled so that W = 1 at
+/// the anchor of an ordinary splat.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Footprint<R> {
-    /// u·w.
+    /// Form of u·w.
     pub u: Linear<R>,
-    /// v·w.
+    /// Form of v·w.
     pub v: Linear<R>,
-    /// w.
+    /// Form of w.
     pub w: Linear<R>,
 }
 
 impl<R: Real> Footprint<R> {
-    /// (U, V, W) at an offset.
+    /// Returns (U, V, W) at an offset.
     #[inline(always)]
     pub fn at(&self, d: V2<R>) -> (R, R, R) {
         (self.u.at(d), self.v.at(d), self.w.at(d))
     }
 
-    /// True where the unit disk is hit.
+    /// True where the pixel is inside the unit disk.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let (u, v, w) = self.at(d);
         w.zero().lt(w) & u.mul_add(u, v * v).le(w * w)
     }
 
-    /// The footprint of half-axes whose affine projections are `j_s` and `j_t` (pixels) and whose slopes
-    /// s_z/p_z, t_z/p_z are `slope` (zero: affine), about the projected centre.
+    /// Creates the footprint of half-axes with affine projections `j_s` and `j_t` (pixels), relative to the projected
+    /// centre. `slope` is (s_z/p_z, t_z/p_z), or zero for an affine footprint.
     #[inline(always)]
     pub fn about_center(j_s: V2<R>, j_t: V2<R>, det_j: R, slope: V2<R>) -> Self {
         let (zero, one) = (det_j.zero(), det_j.one());
@@ -69,32 +69,32 @@ impl<R: Real> Footprint<R> {
         Self { u: Linear::new(zero, u), v: Linear::new(zero, v), w: Linear::new(one, w) }
     }
 
-    /// The unfiltered footprint: projective, or affine (W ≡ 1; always so in an orthographic projection).
+    /// Creates the unfiltered footprint: projective, or affine (W ≡ 1; always so in an orthographic projection).
     #[inline(always)]
     pub fn unfiltered(projected: &Projected<R>, projective: bool) -> Self {
         let zero = projected.det_j.zero();
         let mut footprint = Self::about_center(projected.j_s, projected.j_t, projected.det_j, V2::new(zero, zero));
         if projective {
-            // The plane's own gradient, from the normal: better than combining U and V near edge-on.
+            // The plane's own gradient, from the normal, is more precise near edge-on than a combination of U and V.
             footprint.w = Linear::new(zero.one(), -projected.depth_gradient);
         }
         footprint
     }
 }
 
-/// A footprint that need not have its centre in front of the eye, with the plane's depth: z = `depth_scale`/W.
+/// A footprint whose centre may be behind the eye, with the plane's depth: z = `depth_scale`/W.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ThroughNear {
-    /// Forms about `anchor_px`.
+    /// Forms relative to `anchor_px`.
     pub footprint: Footprint<f64>,
     /// Pixel position of the anchor: the optical axis.
     pub anchor_px: V2<f64>,
-    /// z = depth_scale/W where W > 0.
+    /// Numerator of the depth: z = depth_scale/W where W > 0.
     pub depth_scale: f64,
 }
 
-/// The exact mapping of a splat anywhere, the eye's own plane included (G06 §3: adj(M) without division by
-/// det(M), times its sign). Perspective only. Few splats need it, so it is f64 for every backend.
+/// Computes the exact mapping of a splat anywhere, even on the eye's own plane (G06 §3: adj(M) without division by
+/// det(M), times its sign). Perspective only. Few splats need it, so it is in f64 for every backend.
 pub fn through_near(splat: &ViewSplat<f64>, projection: &Projection) -> ThroughNear {
     debug_assert!(projection.kind == ProjectionKind::Perspective);
     let ViewSplat { p, s, t, .. } = *splat;

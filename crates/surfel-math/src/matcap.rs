@@ -1,13 +1,13 @@
-//! The shader `matcap` (§5): which point of a lit sphere has a surface's normal.
+//! The shader `matcap` (§5), which finds the point of a lit sphere that has a surface's normal.
 //!
-//! Source: Sloan, Martin, Gooch and Gooch 2001, "The Lit Sphere". Deviation: the sphere is seen along each
-//! pixel's own ray, so that a silhouette is the rim of the sphere also where perspective turns it.
+//! Source: Sloan, Martin, Gooch and Gooch 2001, "The Lit Sphere". Deviation: the sphere is seen along each pixel's own
+//! ray, so that a silhouette maps to the rim of the sphere also where perspective turns it.
 
 use crate::{Real, V2, V3};
 
-/// Where a unit normal lies on the sphere, as the eye sees it: (0, 0) faces the eye, x to the right and y down, 1 at
-/// the rim. A zero normal counts as one that faces the eye. `to_eye` is a unit vector, `down` the view's, all in the
-/// same axes.
+/// Returns the position of a unit normal on the sphere as seen by the eye: (0, 0) faces the eye, x to the right and y
+/// down, 1 at the rim. A zero normal counts as facing the eye. `to_eye` is a unit vector, `down` the view's down
+/// direction; all vectors have the same axes.
 #[inline(always)]
 pub fn coordinates<R: Real>(normal: V3<R>, to_eye: V3<R>, down: V3<R>) -> V2<R> {
     let across = to_eye.cross(down);
@@ -33,12 +33,12 @@ mod tests {
         assert_eq!(at([1.0, 0.0, 0.0], ahead), [1.0, 0.0]);
         assert_eq!(at([0.0, 0.6, -0.8], ahead), [0.0, 0.6]);
         assert_eq!(at([0.0, 0.0, 0.0], ahead), [0.0, 0.0]);
-        // Toward the side of the image a surface that faces the eye is still the middle of the sphere, and one seen
-        // edge-on its rim.
+        // Towards the side of the image, a surface that faces the eye still maps to the middle of the sphere, and an
+        // edge-on one to its rim.
         let aside = V3::new(-0.6, 0.0, -0.8);
         assert!(at([-0.6, 0.0, -0.8], aside).iter().all(|c| c.abs() < 1e-15));
         assert!((at([0.8, 0.0, -0.6], aside)[0] - 1.0).abs() < 1e-15);
-        // Straight up or down there is no right and left, and no NaN.
+        // Straight up or down, right and left are undefined, but the result isn't NaN.
         assert_eq!(at([1.0, 0.0, 0.0], down), [0.0, 0.0]);
     }
 }

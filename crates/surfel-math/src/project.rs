@@ -1,9 +1,9 @@
-//! A splat's first-order projection: what filters, bounds and depth all start from (§3, §4).
+//! First-order projection of a splat, the basis of filters, bounds and depth (§3, §4).
 
 use crate::projection::ProjectionKind;
 use crate::{Real, V2, V3, projection::Projection};
 
-/// |n·p| ≤ this times |p| is edge-on (§2): such a splat takes part in no pass.
+/// Maximum |n·p|/|p| of an edge-on splat (§2), which is drawn in no pass.
 pub const EDGE_ON: f64 = 1e-5;
 
 /// A splat in view space (x right, y down, z forward, eye at the origin).
@@ -15,45 +15,44 @@ pub struct ViewSplat<R> {
     pub s: V3<R>,
     /// Second half-axis.
     pub t: V3<R>,
-    /// Unit outward normal: along ±(s × t), the sign by the object's placement.
+    /// Unit outward normal, along ±(s × t); the object's placement decides the sign.
     pub n: V3<R>,
 }
 
 /// The first-order projection of a [`ViewSplat`], the same for every filter.
 ///
-/// With a = (s_z, t_z)/p_z (orthographic: 0), the exact mapping is linear about the projected centre:
-/// (u·w', v·w') = J⁻¹·d and w' = p_z/z = 1 − a·J⁻¹·d, where d is the pixel offset. This is G06 §3's adj(M)/det(M) times
-/// p_z: its constant terms are exactly 0, 0, 1, and no term is a difference of screen coordinates.
+/// With a = (s_z, t_z)/p_z (orthographic: 0), the exact mapping is linear relative to the projected centre: (u·w',
+/// v·w') = J⁻¹·d and w' = p_z/z = 1 − a·J⁻¹·d, where d is the pixel offset. This is G06 §3's adj(M)/det(M) times p_z:
+/// its constant terms are exactly 0, 0, 1, and no term is a difference of screen coordinates.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected<R> {
-    /// Affine projections of s and t at the centre, in pixels: the columns of J (§4).
+    /// Affine projection of s at the centre, in pixels: the first column of J (§4).
     pub j_s: V2<R>,
-    /// See `j_s`.
+    /// Affine projection of t, the second column of J.
     pub j_t: V2<R>,
-    /// det J, from the normal where that is better conditioned than J's columns.
+    /// det J, from the normal where it is better conditioned than J's columns.
     pub det_j: R,
     /// s_z/p_z and t_z/p_z; zero in an orthographic projection.
     pub slope: V2<R>,
-    /// Gradient of the plane's depth over pixels: perspective p_z/z = 1 − g·d (dimensionless a pixel),
-    /// orthographic z = p_z + g·d (world units a pixel).
+    /// Gradient of the plane's depth over pixels: perspective p_z/z = 1 − g·d (dimensionless, per pixel), orthographic
+    /// z = p_z + g·d (world units per pixel).
     pub depth_gradient: V2<R>,
-    /// Half the disk's depth range, √(s_z² + t_z²), world units.
+    /// Half the disk's depth range, √(s_z² + t_z²), in world units.
     pub depth_extent: R,
-    /// n·p (orthographic: n_z): negative for a splat that faces the eye, as for the sign only; see `facing_cosine`.
+    /// n·p (orthographic: n_z): negative if the splat faces the eye. Only the sign is meaningful; see `facing_cosine`.
     pub facing: R,
     /// |n·p|/|p| (orthographic: |n_z|): 0 is edge-on.
     pub facing_cosine: R,
 }
 
 impl<R: Real> Projected<R> {
-    /// Projects a splat. Perspective needs p_z > 0: splats nearer than z_near go through
-    /// [`crate::mapping::through_near`].
+    /// Projects a splat. Perspective needs p_z > 0; splats nearer than z_near use [`crate::mapping::through_near`].
     #[inline(always)]
     pub fn new(splat: &ViewSplat<R>, projection: &Projection) -> Self {
         Self::with_area(splat, Area::of(splat), projection)
     }
 
-    /// [`Projected::new`] of a splat whose area is known.
+    /// Projects a splat whose area is known, as [`Projected::new`] does.
     #[inline(always)]
     pub fn with_area(splat: &ViewSplat<R>, area: Area<R>, projection: &Projection) -> Self {
         let ViewSplat { p, s, t, n } = *splat;
@@ -97,20 +96,20 @@ impl<R: Real> Projected<R> {
         }
     }
 
-    /// True for a splat that takes part in no pass (§2).
+    /// True if the splat is edge-on and drawn in no pass (§2).
     #[inline(always)]
     pub fn is_edge_on(&self) -> R::Mask {
         self.facing_cosine.le(self.facing_cosine.constant(EDGE_ON))
     }
 }
 
-/// (a_xy·p_z − a_z·p_xy)/p_z² from a/p_z and p_xy/p_z: a column of J but for the focal lengths.
+/// Returns a column of J without the focal length: (a_xy·p_z − a_z·p_xy)/p_z², from a/p_z and p_xy/p_z.
 #[inline(always)]
 fn column<R: Real>(a: V3<R>, center: V2<R>) -> V2<R> {
     V2::new((-a.z).mul_add(center.x, a.x), (-a.z).mul_add(center.y, a.y))
 }
 
-/// s × t = sine·k_s·k_t·n, in factors: nothing overflows or vanishes at 1e±15.
+/// The product s × t = sine·k_s·k_t·n, in factors, so that nothing overflows or vanishes at 1e±15.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Area<R> {
     /// Signed length of the product of the half-axes, each divided by its scale.
@@ -122,7 +121,7 @@ pub struct Area<R> {
 }
 
 impl<R: Real> Area<R> {
-    /// Of any splat.
+    /// Computes the area of any splat.
     #[inline(always)]
     pub fn of(splat: &ViewSplat<R>) -> Self {
         let ViewSplat { s, t, n, .. } = *splat;
@@ -133,14 +132,14 @@ impl<R: Real> Area<R> {
         Self { sine: R::select(zero.le(cross.dot(n)), length, -length), k_s, k_t }
     }
 
-    /// Of a disk whose s × t lies along n.
+    /// Returns the area of a disk whose s × t is along n.
     #[inline(always)]
     pub fn of_disk(radius: R) -> Self {
         Self { sine: radius.one(), k_s: radius, k_t: radius }
     }
 }
 
-/// r_max (§2): the larger singular value of [s t], at any scale.
+/// Returns r_max (§2): the larger singular value of [s t], at any scale.
 #[inline(always)]
 pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     let scale = s.max_abs().max(t.max_abs());
@@ -153,12 +152,12 @@ pub fn radius_max<R: Real>(s: V3<R>, t: V3<R>) -> R {
     inverse.scale_to_one() * ((a + c).mul_add(half, root)).sqrt()
 }
 
-/// Size of a splat, as a multiple of the least distance, from which it is set up in f64 by every backend: the products
-/// of its projected half-axes may leave f32's range. Of its filter nothing is seen.
+/// Size of a splat, as a multiple of its minimum distance, from which every backend sets it up in f64: the products of
+/// its projected half-axes may exceed f32's range. The effect of a filter is invisible at this size.
 const VAST: f64 = 1e7;
 
-/// True for a splat that is so large, by the largest coordinate of its half-axes, that f32 may not hold its projection.
-/// It is drawn exactly, as [`Placement::Close`] ones are.
+/// True for a splat so large that f32 may not represent its projection; `size` is the largest coordinate of its
+/// half-axes. The splat is drawn exactly, like [`Placement::Close`] ones.
 #[inline(always)]
 pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
     let distance = match projection.kind {
@@ -168,16 +167,16 @@ pub fn is_vast<R: Real>(size: R, p_z: R, projection: &Projection) -> R::Mask {
     (distance * size.constant(VAST)).lt(size)
 }
 
-/// How a splat has to be drawn, because of where it stands (§3, last paragraph).
+/// Placement of a splat relative to the eye, which decides how the splat is drawn (§3, last paragraph).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Placement {
-    /// In front: filters and mapping as set.
+    /// In front of the eye: filters and mapping as set.
     Ordinary,
     /// Centre at or beyond z_near but e ≥ p_z/2 in perspective: exact, without a filter.
     Close,
-    /// Centre nearer than z_near: exact, without a filter; left out under the affine mapping.
+    /// Centre nearer than z_near: exact, without a filter; dropped with the affine mapping.
     CenterBeforeNear,
-    /// Nothing of it is at or beyond z_near (or all beyond an orthographic far plane).
+    /// No part of the splat is at or beyond z_near, or all of it is beyond an orthographic far plane.
     Outside,
 }
 

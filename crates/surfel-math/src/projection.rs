@@ -1,19 +1,19 @@
-//! From view space to pixels (§1).
+//! Projection from view space to pixels (§1).
 
 use crate::{Real, V2, V3};
 
-/// A camera's projection in view space (x right, y down, z forward) to pixels, row 0 at the top.
+/// A camera's projection from view space (x right, y down, z forward) to pixels, with row 0 at the top.
 ///
 /// Its numbers are the same for a whole frame, so they are plain f64 and rounded where they are used.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// Perspective or orthographic.
     pub kind: ProjectionKind,
-    /// Pixels for a slope (perspective) or a world unit (orthographic), x and y.
+    /// Pixels per unit of slope (perspective) or per world unit (orthographic), in x and y.
     pub focal_px: [f64; 2],
     /// Pixel coordinates of the optical axis.
     pub principal_px: [f64; 2],
-    /// Planar depth before which nothing is drawn.
+    /// Minimum planar depth that is drawn.
     pub near: f64,
 }
 
@@ -26,7 +26,7 @@ pub enum ProjectionKind {
     Orthographic {
         /// Height of the view in world units.
         height: f64,
-        /// Planar depth beyond which nothing is drawn.
+        /// Maximum planar depth that is drawn.
         far: f64,
     },
 }
@@ -38,7 +38,7 @@ impl Projection {
         self.kind == ProjectionKind::Perspective
     }
 
-    /// Farthest depth drawn: infinite in perspective.
+    /// Returns the maximum planar depth that is drawn: infinite in perspective.
     pub fn far(&self) -> f64 {
         match self.kind {
             ProjectionKind::Perspective => f64::INFINITY,
@@ -46,13 +46,13 @@ impl Projection {
         }
     }
 
-    /// Pixel coordinates of a view-space point (perspective: in front of the eye).
+    /// Returns the pixel coordinates of a view-space point (perspective: in front of the eye).
     pub fn pixel(&self, p: V3<f64>) -> V2<f64> {
         let w = if self.is_perspective() { p.z } else { 1.0 };
         V2::new(self.focal_px[0] * p.x / w + self.principal_px[0], self.focal_px[1] * p.y / w + self.principal_px[1])
     }
 
-    /// The ray through a pixel position: its origin and its direction with z = 1.
+    /// Returns the ray through a pixel position: its origin and its direction with z = 1.
     pub fn ray(&self, pixel: V2<f64>) -> (V3<f64>, V3<f64>) {
         let x = (pixel.x - self.principal_px[0]) / self.focal_px[0];
         let y = (pixel.y - self.principal_px[1]) / self.focal_px[1];
@@ -62,7 +62,7 @@ impl Projection {
         }
     }
 
-    /// Stored depth of planar depth `z` (§1): z_near/z, or 1 − (z − z_near)/(z_far − z_near); 0 for z = ∞.
+    /// Returns the stored depth of planar depth `z` (§1): z_near/z, or 1 − (z − z_near)/(z_far − z_near); 0 for z = ∞.
     pub fn stored_depth(&self, z: f64) -> f64 {
         if z.is_infinite() {
             return 0.0;
@@ -73,9 +73,9 @@ impl Projection {
         }
     }
 
-    /// Offset in pixels of the projection of `p` from the pixel position `base_px`, without the cancellation that
-    /// subtracting two pixel coordinates has: (f·p_x − (base − c)·p_z)/p_z by Kahan's product difference. In f32 its
-    /// error is that of p itself, not that of a pixel coordinate.
+    /// Returns the offset in pixels from the pixel position `base_px` to the projection of `p`. A difference of two
+    /// pixel coordinates would cancel; this is (f·p_x − (base − c)·p_z)/p_z by Kahan's product difference. In f32 the
+    /// offset's error is that of p itself, not that of a pixel coordinate.
     #[inline(always)]
     pub fn offset_from<R: Real>(&self, p: V3<R>, base_px: V2<R>) -> V2<R> {
         let focal = [p.x.constant(self.focal_px[0]), p.x.constant(self.focal_px[1])];
@@ -139,7 +139,7 @@ mod tests {
             let direct = 2000.0 * p.x / p.z + 1920.25;
             naive = naive.max((f64::from(direct) - exact.x).abs());
         }
-        // Ours: a few ulp of an offset below 1 px. The naive one: an ulp of a coordinate up to 4096.
+        // Ours: a few ulp of an offset below 1 px. The naive difference: an ulp of a coordinate up to 4096.
         assert!(ours < 1e-6, "{ours}");
         assert!(naive > 200.0 * ours, "{naive} {ours}");
     }

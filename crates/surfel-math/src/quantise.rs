@@ -1,32 +1,32 @@
-//! Numbers in 16 bits: steps of a scale, and unit vectors as two coordinates on the octahedron.
+//! Numbers in 16 bits: steps of a scale, and unit vectors as two coordinates on an octahedron.
 //!
-//! Source: B05 §7 keeps half floats; here the range is that of a few neighbours, which 16 bits divide evenly.
+//! Source: B05 §7 uses half floats; here the range is that of a few neighbours, which 16 bits divide evenly.
 //! Octahedron: Meyer et al. 2010, "On Floating-Point Normal Vectors".
 
 use crate::{Real, V3};
 
-/// Steps from zero to a scale.
+/// Number of steps from zero to a scale.
 pub const STEPS: f32 = 32767.0;
-/// The code of zero.
+/// Code of zero.
 pub const ZERO: u16 = 32768;
 
-/// The step nearest to a number between −1 and 1; numbers beyond are clamped, NaN is zero.
+/// Returns the code of the step nearest to a number between −1 and 1. Larger numbers are clamped, NaN becomes zero.
 pub fn to_step(unit: f32) -> u16 {
     let step = (unit * STEPS).round().clamp(-STEPS, STEPS) as i32;
     (step + i32::from(ZERO)) as u16
 }
 
-/// How many steps from zero a step is.
+/// Returns the number of steps from zero of a code.
 pub fn steps(step: u16) -> f32 {
     (i32::from(step) - i32::from(ZERO)) as f32
 }
 
-/// A number between −scale and scale, stored and read again: off by at most scale/65534, and by rounding.
+/// Returns a number between −scale and scale after storage. The error is at most scale/65534, and rounding.
 pub fn quantised(value: f32, scale: f32) -> f32 {
     steps(to_step(value / scale)) * (scale / STEPS)
 }
 
-/// A direction as two coordinates between −1 and 1.
+/// Encodes a direction as two coordinates between −1 and 1.
 pub fn folded(v: V3<f32>) -> [f32; 2] {
     let length = v.x.abs() + v.y.abs() + v.z.abs();
     let (x, y) = (v.x / length, v.y / length);
@@ -34,7 +34,7 @@ pub fn folded(v: V3<f32>) -> [f32; 2] {
     [fold(x, y), fold(y, x)]
 }
 
-/// The direction of two coordinates, not of unit length: between 1/√3 and 1.
+/// Decodes a direction from two coordinates. Its length is between 1/√3 and 1.
 #[inline(always)]
 pub fn unfolded<R: Real>(x: R, y: R) -> V3<R> {
     let zero = x.zero();

@@ -1,16 +1,16 @@
-//! The numbers that formulas are written over.
+//! The traits of numbers that formulas are written over.
 
 use std::ops::{Add, BitAnd, BitOr, Div, Mul, Neg, Not, Sub};
 
-/// The result of a comparison of [`Real`]s: one boolean a lane.
+/// The result of a comparison of [`Real`]s: one boolean per lane.
 pub trait Mask: Copy + BitAnd<Output = Self> + BitOr<Output = Self> + Not<Output = Self> {}
 
 impl<M: Copy + BitAnd<Output = M> + BitOr<Output = M> + Not<Output = M>> Mask for M {}
 
 /// A real number, or several in SIMD lanes.
 ///
-/// Formulas over `Real` are free of branches on data: they compute both sides and [`Real::select`]. Every operation is
-/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula gives the same bits in f32 and in any
+/// Formulas over `Real` have no branches on data: they compute both sides and [`Real::select`]. Every operation is
+/// correctly rounded (IEEE 754), the fused multiply-add included, so a formula yields the same bits in f32 and in any
 /// lane of any SIMD level.
 pub trait Real:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Div<Output = Self> + Neg<Output = Self>
@@ -18,50 +18,50 @@ pub trait Real:
     /// Result of a comparison.
     type Mask: Mask;
 
-    /// `value` in every lane of a number like `self`.
+    /// Returns `value` in every lane of a number like `self`.
     fn constant(self, value: f64) -> Self;
-    /// self·b + c, rounded once.
+    /// Returns self·b + c, rounded once.
     fn mul_add(self, b: Self, c: Self) -> Self;
-    /// Square root, correctly rounded.
+    /// Returns the square root, correctly rounded.
     fn sqrt(self) -> Self;
-    /// Absolute value.
+    /// Returns the absolute value.
     fn abs(self) -> Self;
-    /// The lesser; neither may be NaN.
+    /// Returns the lesser number; neither may be NaN.
     fn min(self, other: Self) -> Self;
-    /// The greater; neither may be NaN.
+    /// Returns the greater number; neither may be NaN.
     fn max(self, other: Self) -> Self;
-    /// self < other; false where either is NaN.
+    /// True where self < other; false where either is NaN.
     fn lt(self, other: Self) -> Self::Mask;
-    /// self ≤ other; false where either is NaN.
+    /// True where self ≤ other; false where either is NaN.
     fn le(self, other: Self) -> Self::Mask;
-    /// `a` where the mask is set, else `b`.
+    /// Returns `a` where the mask is set, else `b`.
     fn select(mask: Self::Mask, a: Self, b: Self) -> Self;
 
-    /// A factor that takes a positive number to 1 or, by a power of two, into (½, 1].
+    /// Returns a factor that scales a positive number to 1 or, as a power of two, to (½, 1].
     #[inline(always)]
     fn scale_to_one(self) -> Self {
         self.one() / self
     }
 
-    /// 1/√self of a positive number, to an ulp or two.
+    /// Returns 1/√self of a positive number, to an ulp or two.
     #[inline(always)]
     fn inverse_sqrt(self) -> Self {
         self.one() / self.sqrt()
     }
 
-    /// Zero in every lane of a number like `self`.
+    /// Returns zero in every lane of a number like `self`.
     #[inline(always)]
     fn zero(self) -> Self {
         self.constant(0.0)
     }
 
-    /// One in every lane of a number like `self`.
+    /// Returns one in every lane of a number like `self`.
     #[inline(always)]
     fn one(self) -> Self {
         self.constant(1.0)
     }
 
-    /// a·b − c·d with an error of at most 1.5 ulp of the result, however much cancels.
+    /// Returns a·b − c·d with an error of at most 1.5 ulp of the result, however much cancels.
     ///
     /// Source: Kahan; bound by Jeannerod, Louvet and Muller 2013.
     #[inline(always)]
@@ -71,7 +71,7 @@ pub trait Real:
         a.mul_add(b, -cd) + rounding
     }
 
-    /// a·b + c·d with an error of at most 1.5 ulp of the result.
+    /// Returns a·b + c·d with an error of at most 1.5 ulp of the result.
     #[inline(always)]
     fn sum_of_products(a: Self, b: Self, c: Self, d: Self) -> Self {
         Self::difference_of_products(a, b, -c, d)

@@ -1,18 +1,17 @@
 //! Sampling of shadow maps (§5) by percentage-closer filtering.
 //!
-//! Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987), with the taps' depths on the
-//! receiver's own plane ([`crate::depth::plane_gradient`]), and weights that move with the point, so that a penumbra
-//! has no steps.
+//! Source: Reeves, Salesin and Cook, *Rendering Antialiased Shadows with Depth Maps* (1987). Deviations: the taps'
+//! depths are on the receiver's own plane ([`crate::depth::plane_gradient`]), and weights move with the point, so that
+//! a penumbra has no steps.
 
 use crate::Real;
 use crate::projection::{Projection, ProjectionKind};
 
-/// Bias of a lookup, as a share of the depth (orthographic: of the height of the view): five times the share of a depth
-/// that rounding may be off by, so that a surface that faces the light, whose own bias is nothing, doesn't shade
-/// itself.
+/// Bias of a lookup, as a fraction of the depth (orthographic: of the view's height). It is five times the relative
+/// rounding error of a depth, so that a surface that faces the light, whose slope bias is zero, doesn't shade itself.
 const LOOKUP_BIAS: f64 = 5e-4;
 
-/// How much nearer to the light than it is a point at depth `z` of a map counts.
+/// Returns the distance by which a point at depth `z` of a map is moved towards the light.
 #[inline(always)]
 pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
     let scale = match projection.kind {
@@ -22,20 +21,21 @@ pub fn lookup_bias<R: Real>(z: R, projection: &Projection) -> R {
     z.constant(LOOKUP_BIAS) * scale
 }
 
-/// Taps along one axis of the filter.
+/// Number of taps along one axis of the filter.
 pub const TAPS: usize = 4;
 
-/// The texels that a lookup reads: first column (or row), and the weights of it and the three that follow; they sum to
+/// Returns the texels of a lookup: the first column (or row), and the weights of four consecutive texels, which sum to
 /// 1.
 ///
-/// A box three texels wide about the point.
+/// The filter is a box three texels wide around the point.
 pub fn taps(texel: f64) -> (f64, [f64; TAPS]) {
     let from_center = texel - 0.5;
     let whole = from_center.floor();
     (whole - 1.0, tap_weights(from_center - whole))
 }
 
-/// The weights of [`taps`], by how far the point lies from the second texel's centre towards the third's: 0 to 1.
+/// Returns the weights of [`taps`]. `share` is the position of the point between the second texel's centre and the
+/// third's: 0 to 1.
 #[inline(always)]
 pub fn tap_weights<R: Real>(share: R) -> [R; TAPS] {
     let third = share.constant(1.0 / 3.0);

@@ -3,8 +3,8 @@
 use crate::Real;
 use std::sync::OnceLock;
 
-/// The largest magnitude of a colour (rendering model §10): that of f32, less what a few roundings may add, so that
-/// blending colours never leaves f32's range.
+/// The largest magnitude of a colour (rendering model §10): that of f32, with room for a few roundings, so that
+/// blending colours never exceeds f32's range.
 pub const LARGEST_COLOR: f64 = 3.4028e38;
 
 /// Limits a channel of a colour to ±[`LARGEST_COLOR`].
@@ -20,20 +20,20 @@ pub fn limit_light(color: [f64; 3], lights: usize) -> [f64; 3] {
     color.map(|channel| channel.clamp(-most, most))
 }
 
-/// Linear value of an sRGB-encoded one, both in [0, 1].
+/// Converts an sRGB-encoded value to a linear one, both in [0, 1].
 pub fn decode(encoded: f64) -> f64 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// sRGB-encoded value of a linear one, both in [0, 1].
+/// Converts a linear value to an sRGB-encoded one, both in [0, 1].
 pub fn encode(linear: f64) -> f64 {
     if linear <= 0.003_130_8 { linear * 12.92 } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
-/// The nearest sRGB-encoded 8-bit level (round half up), clamped; NaN is 0.
+/// Returns the nearest sRGB-encoded 8-bit level (round half up), clamped; 0 for NaN.
 pub fn nearest_8_bit(linear: f32) -> u8 {
-    // The tables hold the least value of each level, so that no power is taken a pixel, and a first guess at the level:
-    // near black, where the curve is steepest, 1/4096 spans less than one level.
+    // Tables avoid a power per pixel: the minimum value of each level, and a first guess of the level. Near black,
+    // where the curve is steepest, 1/4096 spans less than one level.
     static TABLES: OnceLock<([f32; 256], [u8; 4097])> = OnceLock::new();
     let (least, guess) = TABLES.get_or_init(|| {
         let least: [f32; 256] = std::array::from_fn(|i| decode((i as f64 - 0.5).max(0.0) / 255.0) as f32);
@@ -55,13 +55,13 @@ pub fn nearest_8_bit(linear: f32) -> u8 {
     level
 }
 
-/// Straight RGBA of a premultiplied one, alpha at most 1; without alpha 0.
+/// Converts a premultiplied colour to straight RGBA with alpha at most 1; without alpha the result is 0.
 pub fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
-    // A NaN fails the comparison, too: nothing can be divided by it.
+    // NaN fails the comparison, too, and can't be a divisor.
     if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }
 }
 
-/// A linear premultiplied colour as a PNG of 8 bits holds it: sRGB-encoded, straight alpha. NaN becomes 0.
+/// Encodes a linear premultiplied colour for an 8-bit PNG: sRGB, straight alpha. NaN becomes 0.
 pub fn encode_rgba8(color: [f32; 4]) -> [u8; 4] {
     let [r, g, b, a] = straight(color);
     [nearest_8_bit(r), nearest_8_bit(g), nearest_8_bit(b), (a * 255.0 + 0.5) as u8]

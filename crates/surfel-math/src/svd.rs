@@ -2,7 +2,7 @@
 
 use crate::{Real, V2};
 
-/// J = U·diag(ℓ)·Vᵀ of a 2×2 matrix.
+/// The decomposition J = U·diag(ℓ)·Vᵀ of a 2×2 matrix, without V.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Svd2<R> {
     /// Larger singular value, at least 0.
@@ -14,11 +14,12 @@ pub struct Svd2<R> {
 }
 
 impl<R: Real> Svd2<R> {
-    /// Decomposes the matrix with columns `s` and `t`, whose determinant is given because the caller
-    /// may know it better than the columns tell (they cancel when the matrix is nearly singular).
+    /// Decomposes the matrix with columns `s` and `t`. The caller supplies the determinant, which it may know more
+    /// precisely: the columns cancel if the matrix is nearly singular.
     ///
-    /// Entries between 1e-15 and 1e15 neither overflow nor underflow in f32. The larger value and its axis are good to
-    /// a few ulp; the smaller inherits the relative error of `determinant`. For equal values the axis is (1, 0).
+    /// Entries between 1e-15 and 1e15 neither overflow nor underflow in f32. The larger value and its axis are precise
+    /// to a few ulp; the smaller value inherits the relative error of `determinant`. For equal values the axis is (1,
+    /// 0).
     #[inline(always)]
     pub fn of_columns(s: V2<R>, t: V2<R>, determinant: R) -> Self {
         let zero = s.x.zero();
@@ -28,7 +29,7 @@ impl<R: Real> Svd2<R> {
         let inverse = safe.scale_to_one();
         let (a, b, c, d) = (s.x * inverse, t.x * inverse, s.y * inverse, t.y * inverse);
         // JJᵀ = [[p, q], [q, r]]; (cos 2φ, sin 2φ) of its major axis is along ((p − r)/2, q). The difference is
-        // factored, since p ≈ r is just where it cancels.
+        // factored, since it cancels for p ≈ r.
         let half = s.x.constant(0.5);
         let difference = R::sum_of_products(a + c, a - c, b + d, b - d) * half;
         let q = R::sum_of_products(a, c, b, d);
@@ -46,12 +47,12 @@ impl<R: Real> Svd2<R> {
         let major_axis = V2::new(R::select(round, one, x * inverse_norm), y * inverse_norm);
         let major_px = major * inverse.scale_to_one();
         let safe_major = R::select(zero.lt(major_px), major_px, one);
-        // Rounding may put the quotient above the larger value of a circle.
+        // For a circle, rounding may raise the quotient above the larger value.
         let minor = (determinant.abs() / safe_major).min(major_px);
         Self { major: major_px, minor, major_axis }
     }
 
-    /// Second left singular vector.
+    /// Returns the second left singular vector.
     #[inline(always)]
     pub fn minor_axis(&self) -> V2<R> {
         V2::new(-self.major_axis.y, self.major_axis.x)
@@ -63,7 +64,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Checks U·diag(ℓ)·(that)ᵀ against JJᵀ, which is what the filters use of it.
+    /// Checks U·diag(ℓ²)·Uᵀ, which the filters use, against JJᵀ.
     fn check(s: V2<f64>, t: V2<f64>) {
         let svd = Svd2::of_columns(s, t, s.cross(t));
         let (u, v) = (svd.major_axis, svd.minor_axis());

@@ -1,27 +1,27 @@
 //! The shader `toon` (§5, after the drawing styles of B05 §6): light in steps, and lines where the surface turns away.
 //!
-//! Steps are short ramps, so that no pixel hangs on a rounding.
+//! Steps are short ramps, so that rounding decides no pixel.
 
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2};
 
-/// Diffuse light at which the next step begins; three steps of equal height.
+/// Diffuse light at which each of three steps begins; the steps have equal heights.
 const STEPS: [f64; 3] = [0.05, 0.35, 0.7];
 /// Half-width of a step's ramp.
 const HALF_WIDTH: f64 = 0.02;
 /// Strength of a highlight at which it is drawn.
 const HIGHLIGHT: f64 = 0.5;
-/// |n·v| below which a line is drawn whole, and from which on there is none.
+/// |n·v| below which a line has full strength, and |n·v| from which on there is none.
 const LINE: [f64; 2] = [0.12, 0.22];
 
-/// Distance from one pixel's surface to the next at which a line is drawn, as a share of the depth (orthographic: of
-/// the height of the view).
+/// Minimum depth step from one pixel's surface to the next at which a line is drawn, as a fraction of the depth
+/// (orthographic: of the view's height).
 const DEPTH_STEP: f64 = 0.02;
-/// Pixels over which the surface's own slope accounts for a step, beside that.
+/// Number of pixels over which the surface's own slope is added to the minimum step.
 const SLOPE_PX: f64 = 2.0;
 
-/// Depth beyond which a pixel's neighbour is another surface: a line is drawn on this side of it. `gradient` is that of
-/// the pixel's own plane ([`crate::depth::plane_gradient`]).
+/// Returns the depth beyond which a pixel's neighbour is another surface, so that this pixel is part of a line.
+/// `gradient` is that of the pixel's own plane ([`crate::depth::plane_gradient`]).
 #[inline(always)]
 pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) -> R {
     let scale = match projection.kind {
@@ -32,7 +32,7 @@ pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) 
     z + (z.constant(DEPTH_STEP) * scale + slope)
 }
 
-/// 0 up to `low`, 1 from `high` on, 3x² − 2x³ between.
+/// Returns 0 up to `low`, 1 from `high` on, and 3x² − 2x³ between.
 #[inline(always)]
 pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
     let share = (x - x.constant(low)) / x.constant(high - low);
@@ -40,20 +40,21 @@ pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
     t * t * (x.constant(3.0) - x.constant(2.0) * t)
 }
 
-/// Diffuse light, 0 to 1, in steps: 0, ⅓, ⅔ and 1.
+/// Returns diffuse light, 0 to 1, in steps: 0, ⅓, ⅔ and 1.
 #[inline(always)]
 pub fn ramp<R: Real>(light: R) -> R {
     let step = |at: f64| smoothstep(light, at - HALF_WIDTH, at + HALF_WIDTH);
     (step(STEPS[0]) + step(STEPS[1]) + step(STEPS[2])) * light.constant(1.0 / 3.0)
 }
 
-/// A highlight of strength max(0, r·v)^shininess times the share of light that reaches it, as a spot with an edge.
+/// Returns a highlight as a spot with an edge. `strength` is max(0, r·v)^shininess times the fraction of the light that
+/// reaches the point.
 #[inline(always)]
 pub fn highlight<R: Real>(strength: R) -> R {
     smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)
 }
 
-/// Factor of the colour at this |n·v|: 0 in the line at grazing angles, else 1.
+/// Returns the factor of the colour at this |n·v|: 0 in the line at grazing angles, else 1.
 #[inline(always)]
 pub fn line<R: Real>(cosine: R) -> R {
     smoothstep(cosine, LINE[0], LINE[1])

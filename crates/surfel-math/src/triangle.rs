@@ -1,17 +1,18 @@
 //! Triangles over pixels (§6): edge functions, coverage, perspective-correct interpolation, bounds.
 //!
-//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997): the edge functions are
-//! formed from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping; a fragment
-//! before z_near is left out by its own depth.
+//! After Olano and Greer, *Triangle Scan Conversion Using 2D Homogeneous Coordinates* (1997). Edge functions are formed
+//! from homogeneous pixel coordinates, so a triangle that reaches behind the eye needs no clipping. A fragment in front
+//! of z_near is rejected by its own depth.
 
 use crate::bounds::Extent;
 use crate::mapping::Linear;
 use crate::projection::{Projection, ProjectionKind};
 use crate::{Real, V2, V3};
 
-/// A view-space point in homogeneous pixel coordinates about an anchor: its pixel offset is (x, y)/z of the result.
+/// Converts a view-space point to homogeneous pixel coordinates relative to an anchor: its pixel offset is (x, y)/z of
+/// the result.
 ///
-/// Edges of neighbouring triangles meet exactly if all triangles have the same anchor.
+/// Edges of adjacent triangles meet exactly if all triangles have the same anchor.
 #[inline(always)]
 pub fn homogeneous<R: Real>(p: V3<R>, anchor_px: V2<R>, projection: &Projection) -> V3<R> {
     let k = |value: f64| p.x.constant(value);
@@ -25,10 +26,10 @@ pub fn homogeneous<R: Real>(p: V3<R>, anchor_px: V2<R>, projection: &Projection)
     }
 }
 
-/// The form that is 0 on the line through two homogeneous points: det[a b (d, 1)].
+/// Returns the form that is 0 on the line through two homogeneous points: det[a b (d, 1)].
 ///
-/// The other way round it is exactly the negative, whatever was rounded: both triangles at an edge judge a pixel by the
-/// same number. (Around a vertex that lies within rounding of a pixel's centre, several edges are judged by rounding.)
+/// With swapped points the form is exactly the negative, whatever was rounded. Both triangles at an edge therefore test
+/// a pixel by the same number. (Around a vertex within rounding of a pixel's centre, rounding decides several edges.)
 #[inline(always)]
 pub fn edge<R: Real>(a: V3<R>, b: V3<R>) -> Linear<R> {
     let equal = |a: R, b: R| !a.lt(b) & !b.lt(a);
@@ -40,18 +41,18 @@ pub fn edge<R: Real>(a: V3<R>, b: V3<R>) -> Linear<R> {
     Linear { x: n.x, y: n.y, c: n.z }
 }
 
-/// A triangle ready to be rasterised.
+/// A triangle prepared for rasterisation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Triangle<R> {
-    /// One a vertex, about the edge opposite to it: the vertex's barycentric coordinate times a common positive factor
-    /// that varies over the image as 1/z does. All of them are positive inside.
+    /// Forms of the edges opposite each vertex: the vertex's barycentric coordinate times a common positive factor that
+    /// varies over the image like 1/z. All are positive inside.
     pub edges: [Linear<R>; 3],
     /// Depths of the vertices.
     pub z: [R; 3],
 }
 
 impl<R: Real> Triangle<R> {
-    /// The triangle of view-space vertices `p`, about `anchor_px`.
+    /// Prepares the triangle of view-space vertices `p`, relative to `anchor_px`.
     #[inline(always)]
     pub fn new(p: [V3<R>; 3], anchor_px: V2<R>, projection: &Projection) -> Self {
         let [a, b, c] = p.map(|p| homogeneous(p, anchor_px, projection));
@@ -65,7 +66,7 @@ impl<R: Real> Triangle<R> {
     }
 
     /// True where the triangle covers a pixel's centre. A centre exactly on an edge belongs to the triangle below or to
-    /// the right of it: of the triangles that meet at an edge, exactly one covers it.
+    /// the right of it. Exactly one of the triangles that meet at an edge therefore covers it.
     #[inline(always)]
     pub fn contains(&self, d: V2<R>) -> R::Mask {
         let covers = |e: &Linear<R>| {
@@ -76,7 +77,7 @@ impl<R: Real> Triangle<R> {
         covers(&self.edges[0]) & covers(&self.edges[1]) & covers(&self.edges[2])
     }
 
-    /// Barycentric coordinates of the point at pixel offset `d`, correct in perspective; they sum to 1.
+    /// Returns the perspective-correct barycentric coordinates of the point at pixel offset `d`; they sum to 1.
     #[inline(always)]
     pub fn barycentric(&self, d: V2<R>) -> [R; 3] {
         let values = self.edges.map(|e| e.at(d));
@@ -84,14 +85,14 @@ impl<R: Real> Triangle<R> {
         values.map(|v| v * inverse)
     }
 
-    /// Depth of the point with these barycentric coordinates.
+    /// Returns the depth of the point with these barycentric coordinates.
     #[inline(always)]
     pub fn depth(&self, barycentric: [R; 3]) -> R {
         interpolate(barycentric, self.z)
     }
 
-    /// How an attribute with these values at the vertices changes a pixel to the right and a pixel down, where it is
-    /// `value`.
+    /// Returns the change per pixel to the right and down of an attribute, given its values at the vertices. `value` is
+    /// the attribute at offset `d`.
     #[inline(always)]
     pub fn gradient(&self, attribute: [R; 3], value: R, d: V2<R>) -> V2<R> {
         // attribute = A/W with A = Σ a·E and W = Σ E: its gradient is (∇A − value·∇W)/W = Σ (a − value)·∇E/W.
@@ -102,13 +103,13 @@ impl<R: Real> Triangle<R> {
     }
 }
 
-/// Σ b·a: an attribute with values `a` at the vertices.
+/// Returns Σ b·a: an attribute with values `a` at the vertices.
 #[inline(always)]
 pub fn interpolate<R: Real>(b: [R; 3], a: [R; 3]) -> R {
     b[0].mul_add(a[0], b[1].mul_add(a[1], b[2] * a[2]))
 }
 
-/// Box in pixel coordinates of the part of a triangle at or beyond z_near, or `None` if there is none.
+/// Returns the box, in pixel coordinates, of the part of a triangle at or beyond z_near, or `None` if there is none.
 pub fn bounds(p: [V3<f64>; 3], projection: &Projection) -> Option<Extent<f64>> {
     let near = projection.near;
     let mut extent: Option<Extent<f64>> = None;
@@ -124,7 +125,7 @@ pub fn bounds(p: [V3<f64>; 3], projection: &Projection) -> Option<Extent<f64>> {
         }
         if (a.z < near) != (b.z < near) {
             let cut = a + (b - a) * ((near - a.z) / (b.z - a.z));
-            // Rounding must not put the cut behind the eye.
+            // Rounding must not move the cut behind the eye.
             add(V3 { z: near, ..cut });
         }
     }
@@ -142,7 +143,7 @@ mod tests {
         near: 0.1,
     };
 
-    /// Pseudo-random numbers in [−1, 1).
+    /// Returns a pseudo-random number in [−1, 1).
     fn noise(i: u32) -> f64 {
         let x = (f64::from(i) * 12.9898).sin() * 43758.5453;
         2.0 * (x - x.floor()) - 1.0
@@ -202,8 +203,8 @@ mod tests {
         }
     }
 
-    /// A fan about a vertex covers each pixel inside exactly once, in f32 too. In even fans, whose numbers are all
-    /// exact in f32, vertices lie on pixel centres and edges run through them.
+    /// A fan around a vertex covers each pixel inside exactly once, in f32 too. In even fans, whose numbers are all
+    /// exact in f32, vertices are on pixel centres and edges run through them.
     #[test]
     fn triangle_fans_are_watertight_and_cover_no_pixel_twice() {
         let projection = Projection { focal_px: [64.0; 2], principal_px: [32.0; 2], ..PERSPECTIVE };
@@ -235,7 +236,7 @@ mod tests {
             assert!(counts.iter().all(|c| *c <= 1), "{seed}: a pixel is covered twice");
             for (at, count) in counts.iter().enumerate() {
                 let from_center = V2::new((at % 64) as f64 - 31.5, (at / 64) as f64 - 31.5).length();
-                // A rim of five spokes comes within 25·cos 36° = 20 px of the centre, less a pixel of snapping.
+                // A rim of five spokes is at least 25·cos 36° = 20 px from the centre, minus a pixel of snapping.
                 assert!(from_center > 19.0 || *count == 1, "{seed}: a hole at {at}");
             }
         }
@@ -253,7 +254,7 @@ mod tests {
             // 55·1/z + 31.5 = y + ½.
             assert!((z - 55.0 / (f64::from(y) - 31.0)).abs() < 1e-9, "{y} {z}");
         }
-        // The mirror image behind the eye is none.
+        // The mirror image behind the eye isn't drawn.
         assert!(!triangle.contains(V2::new(32.5, 20.5)));
         let extent = bounds(p, &PERSPECTIVE).unwrap();
         // The cut at z = 0.1: y = 55/0.1 + 31.5; farthest: z = 50.

@@ -21,37 +21,37 @@ pub struct V3<R> {
 }
 
 impl<R: Real> V2<R> {
-    /// A vector from its coordinates.
+    /// Creates a vector from its coordinates.
     #[inline(always)]
     pub fn new(x: R, y: R) -> Self {
         Self { x, y }
     }
 
-    /// Scalar product.
+    /// Returns the scalar product.
     #[inline(always)]
     pub fn dot(self, o: Self) -> R {
         R::sum_of_products(self.x, o.x, self.y, o.y)
     }
 
-    /// self.x·o.y − self.y·o.x.
+    /// Returns self.x·o.y − self.y·o.x.
     #[inline(always)]
     pub fn cross(self, o: Self) -> R {
         R::difference_of_products(self.x, o.y, self.y, o.x)
     }
 
-    /// Length.
+    /// Returns the length.
     #[inline(always)]
     pub fn length(self) -> R {
         self.dot(self).sqrt()
     }
 
-    /// Coordinate by coordinate product.
+    /// Returns the product by coordinates.
     #[inline(always)]
     pub fn scale_by(self, o: Self) -> Self {
         Self::new(self.x * o.x, self.y * o.y)
     }
 
-    /// `a` where the mask is set, else `b`.
+    /// Returns `a` where the mask is set, else `b`.
     #[inline(always)]
     pub fn select(mask: R::Mask, a: Self, b: Self) -> Self {
         Self::new(R::select(mask, a.x, b.x), R::select(mask, a.y, b.y))
@@ -59,19 +59,19 @@ impl<R: Real> V2<R> {
 }
 
 impl<R: Real> V3<R> {
-    /// A vector from its coordinates.
+    /// Creates a vector from its coordinates.
     #[inline(always)]
     pub fn new(x: R, y: R, z: R) -> Self {
         Self { x, y, z }
     }
 
-    /// Scalar product.
+    /// Returns the scalar product.
     #[inline(always)]
     pub fn dot(self, o: Self) -> R {
         self.x.mul_add(o.x, self.y.mul_add(o.y, self.z * o.z))
     }
 
-    /// Vector product, each coordinate within 1.5 ulp.
+    /// Returns the vector product, each coordinate within 1.5 ulp.
     #[inline(always)]
     pub fn cross(self, o: Self) -> Self {
         Self::new(
@@ -81,25 +81,25 @@ impl<R: Real> V3<R> {
         )
     }
 
-    /// Length.
+    /// Returns the length.
     #[inline(always)]
     pub fn length(self) -> R {
         self.dot(self).sqrt()
     }
 
-    /// The largest absolute value of a coordinate.
+    /// Returns the largest absolute value of a coordinate.
     #[inline(always)]
     pub fn max_abs(self) -> R {
         self.x.abs().max(self.y.abs()).max(self.z.abs())
     }
 
-    /// The first two coordinates.
+    /// Returns the first two coordinates.
     #[inline(always)]
     pub fn xy(self) -> V2<R> {
         V2::new(self.x, self.y)
     }
 
-    /// `a` where the mask is set, else `b`.
+    /// Returns `a` where the mask is set, else `b`.
     #[inline(always)]
     pub fn select(mask: R::Mask, a: Self, b: Self) -> Self {
         Self::new(R::select(mask, a.x, b.x), R::select(mask, a.y, b.y), R::select(mask, a.z, b.z))

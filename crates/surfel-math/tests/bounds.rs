@@ -1,4 +1,4 @@
-//! Boxes against exact arithmetic: nothing outside, nothing wasted; and where the published form breaks.
+//! Tests of boxes against exact arithmetic: no covered pixel outside, no waste; and a failure of the published form.
 
 use crate::common;
 
@@ -11,18 +11,18 @@ use surfel_math::mapping::Footprint;
 use surfel_math::project::{Projected, ViewSplat};
 use surfel_math::{Real, V2};
 
-/// What a backend grows an f32 box by, px: projecting s and t to 900 px rounds by a few times 900·2^-23.
+/// Margin by which a backend grows an f32 box, in px: projecting s and t to 900 px rounds by a few times 900·2^-23.
 const SLACK_F32: f64 = 2e-3;
-/// Wasted at most, px.
+/// Maximum waste, in px.
 const EXCESS: f64 = 0.01;
 
-/// Corners of a box as exact pixel coordinates: [min, max] by axis.
+/// Returns the corners of a box as exact pixel coordinates: [min, max] by axis.
 fn corners<R: Real + Into<f64>>(extent: Extent<R>, anchor: [&Q; 2]) -> [[Q; 2]; 2] {
     let at = |v: R, axis: usize| q(v.into()) + anchor[axis];
     [[at(extent.min.x, 0), at(extent.max.x, 0)], [at(extent.min.y, 1), at(extent.max.y, 1)]]
 }
 
-/// Asserts that the ellipse ends within `slack` outside and `EXCESS` inside each side of its box.
+/// Asserts that the ellipse ends at most `slack` outside and `EXCESS` inside each side of its box.
 fn assert_tight(exact: &Exact, sides: &[[Q; 2]; 2], slack: f64) -> Result<(), TestCaseError> {
     for (axis, [min, max]) in sides.iter().enumerate() {
         let meets = |pixel: Q| exact.meets(axis, &ray_coordinate(&pixel, axis, &UHD));
@@ -35,7 +35,7 @@ fn assert_tight(exact: &Exact, sides: &[[Q; 2]; 2], slack: f64) -> Result<(), Te
     Ok(())
 }
 
-/// The exact projected centre.
+/// Returns the exact projected centre.
 fn exact_center(splat: &ViewSplat<f64>) -> [Q; 2] {
     let at = |v: f64, axis: usize| q(v) / q(splat.p.z) * q(UHD.focal_px[axis]) + q(UHD.principal_px[axis]);
     [at(splat.p.x, 0), at(splat.p.y, 1)]
@@ -69,7 +69,7 @@ proptest! {
         assert_tight(&exact, &corners(in_f32, [&anchor[0], &anchor[1]]), SLACK_F32)?;
     }
 
-    /// The box of the f32 forms themselves, which is what fragments are tested against: the exact conic of those f32
+    /// Tests the box of the f32 forms themselves, against which fragments are tested: the exact conic of those f32
     /// numbers.
     #[test]
     fn bounds_of_a_filtered_footprint_hold_its_own_forms(spec in spec(), h in 0.3..2.0f64) {
@@ -81,7 +81,7 @@ proptest! {
             let sides = [[extent.min.x, extent.max.x], [extent.min.y, extent.max.y]];
             for (axis, [min, max]) in sides.into_iter().enumerate() {
                 let (min, max) = (f64::from(min), f64::from(max));
-                // A few roundings of the longer side, twice as large where perspective leans by half.
+                // A few roundings of the longer side, twice as large with a perspective slope of ½.
                 let slack = 2e-6 * (max - min) + 1e-6;
                 prop_assert!(!form_meets(&f.footprint, axis, max + slack), "covered beyond {max}");
                 prop_assert!(!form_meets(&f.footprint, axis, min - slack), "covered before {min}");
@@ -104,7 +104,7 @@ fn form_meets(f: &Footprint<f32>, axis: usize, value: f64) -> bool {
     &b * &b >= a * c
 }
 
-/// Sigg 2006's dual conic in pixel coordinates, as published and as 2DGS and gsplat compute it, in f32.
+/// Computes Sigg 2006's dual conic in pixel coordinates, as published and as 2DGS and gsplat compute it, in f32.
 fn naive(splat: &ViewSplat<f32>) -> Option<[[f32; 2]; 2]> {
     let row = |focal: f64, center: f64, axis: fn(&surfel_math::V3<f32>) -> f32| {
         let at = |v: &surfel_math::V3<f32>| focal as f32 * axis(v) + center as f32 * v.z;

@@ -1,5 +1,5 @@
-//! Clip curves and lines against exact arithmetic, against the region that they are defined to remove, and through
-//! footprints.
+//! Tests of clip curves and lines against exact arithmetic, against the region that they are defined to remove, and
+//! through footprints.
 
 use crate::common;
 
@@ -12,7 +12,7 @@ use surfel_math::filter;
 use surfel_math::mapping::Footprint;
 use surfel_math::project::Projected;
 
-/// A ring of `count` directions: what is wider than 360°/count there is seen by one of them.
+/// Returns a ring of `count` points around a centre; any sector wider than 360°/count contains one of them.
 fn around(center: V2<f64>, step: f64, count: u32) -> impl Iterator<Item = V2<f64>> {
     (0..count).map(move |i| {
         let (sin, cos) = (f64::from(i) * std::f64::consts::TAU / f64::from(count)).sin_cos();
@@ -24,7 +24,7 @@ fn cross(a: &[Q; 2], b: &[Q; 2], c: &[Q; 2]) -> Q {
     (&b[0] - &a[0]) * (&c[1] - &a[1]) - (&b[1] - &a[1]) * (&c[0] - &a[0])
 }
 
-/// §7's words in exact arithmetic, at the homogeneous point (U, V, W), W > 0.
+/// Evaluates §7's definition in exact arithmetic, at the homogeneous point (U, V, W), W > 0.
 fn exactly_kept(curve: &Curve, point: &[Q; 3]) -> bool {
     let exact = |v: V2<f64>| [q(v.x), q(v.y)];
     let (p1, p2, p3) = (exact(curve.p1), exact(curve.p2), exact(curve.p3));
@@ -47,7 +47,7 @@ fn exact_point(p: V2<f64>) -> [Q; 3] {
     [q(p.x), q(p.y), int(1)]
 }
 
-/// Curves of all kinds: ordinary ones and every extreme that §7 names.
+/// Returns a curve of one of many kinds: ordinary curves and every extreme case that §7 mentions.
 fn random_curve(random: &mut Random, kind: usize) -> Curve {
     let theta1 = random.range(-7.0, 7.0);
     let mut theta3 = random.range(-7.0, 7.0);
@@ -76,7 +76,7 @@ fn random_curve(random: &mut Random, kind: usize) -> Curve {
     curve
 }
 
-/// Points of the disk; every other one near the curve or near its control polygon.
+/// Returns a point of the disk; every other point is near the curve or near its control polygon.
 fn random_point(random: &mut Random, curve: &Curve, i: usize) -> V2<f64> {
     let near = random.log_range(1e-16, 1e-2);
     let off = V2::new(random.range(-near, near), random.range(-near, near));
@@ -90,19 +90,19 @@ fn random_point(random: &mut Random, curve: &Curve, i: usize) -> V2<f64> {
     if p.length() <= 1.0 { p } else { V2::new(random.range(-0.7, 0.7), random.range(-0.7, 0.7)) }
 }
 
-/// Counts what a classifier gets wrong farther than `band` from where the exact answer changes.
+/// Counts the errors of a classifier farther than `band` from the border of the exact answer.
 fn misclassified(band: f64, mut kept: impl FnMut(&Curve, V2<f64>) -> bool) -> usize {
     let mut random = Random(71);
     let (mut wrong, mut both) = (0, [0; 2]);
     for i in 0..20_000 {
         let curve = random_curve(&mut random, i / 6);
         let point = random_point(&mut random, &curve, i);
-        // An f32 classifier sees the point in f32.
+        // The point is rounded, since an f32 classifier receives an f32.
         let point = V2::new(f64::from(point.x as f32), f64::from(point.y as f32));
         let want = exactly_kept(&curve, &exact_point(point));
         both[usize::from(want)] += 1;
         if kept(&curve, point) != want {
-            // At an end, curve and chord may leave a wedge of a degree between them.
+            // At an end, curve and chord may enclose a wedge of one degree.
             let decided = around(point, band, 1000).all(|p| exactly_kept(&curve, &exact_point(p)) == want);
             wrong += usize::from(decided);
             assert!(!decided, "{curve:?} at {point:?}: exactly {want}");
@@ -129,19 +129,20 @@ fn clip_curve_exact_f32_misclassifies_nothing() {
 
 #[test]
 fn clip_curve_of_the_paper_repaired_misclassifies_nothing() {
-    // The crossing's place along the line is a quotient of areas, so it is as good as the control triangle is wide:
-    // turns down to 1e-9 leave 7 of 16 digits.
+    // The crossing's position along the line is a quotient of areas, so it is as precise as the control triangle is
+    // wide: turns down to 1e-9 leave 7 of 16 digits.
     assert_eq!(misclassified(1e-7, |curve, p| PaperCurve::new(curve).keeps(p)), 0);
 }
 
-/// The part between the arc P1 → P3 and the curve, as a polygon with the even–odd rule: what C12 §3.2 says in words.
+/// The part between the arc P1 → P3 and the curve, as a polygon with the even–odd rule, is what C12 §3.2 describes in
+/// words.
 #[test]
 fn clip_curve_removes_what_lies_between_arc_and_curve() {
     const STEPS: usize = 4000;
     let mut random = Random(5);
     for _ in 0..60 {
         let (theta1, arc) = (random.range(-3.0, 3.0), random.range(0.3, 5.9));
-        // Inside the disk the curve stays within it: the hull of its control points.
+        // Inside the disk the curve stays within the hull of its control points.
         let p2 = V2::new(random.range(-0.7, 0.7), random.range(-0.7, 0.7));
         let curve = Curve::from_angles(theta1, theta1 + arc, p2, random.log_range(0.1, 10.0));
         let share = |i: usize| i as f64 / STEPS as f64;
@@ -174,7 +175,7 @@ fn clip_curve_special_cases() {
     let origin = V2::new(0.0, 0.0);
     let quarter = |w: f64| Curve { p1: V2::new(1.0, 0.0), p2: V2::new(1.0, 1.0), p3: V2::new(0.0, 1.0), w };
     let kept = |curve: &Curve, x: f64, y: f64| Clip::nothing().with_curve(curve).keeps(V2::new(x, y));
-    // A quarter circle: w = √½ is the arc itself, which leaves nothing between the two.
+    // A quarter circle: w = √½ is the arc itself, so nothing is between the two.
     assert!(kept(&quarter(0.5f64.sqrt()), 0.70, 0.70));
     // The parabola's middle is ¾ of the corner less ¼: (0.75, 0.75) with P2 = (1, 1); the chord's is ½.
     assert!(kept(&quarter(0.0), 0.49, 0.49) && !kept(&quarter(0.0), 0.51, 0.51));
@@ -183,7 +184,7 @@ fn clip_curve_special_cases() {
     // Concave: the arc (1,0) → (0,1) counter-clockwise, P2 left of the chord.
     let concave = Curve { p2: origin, ..quarter(1.0) };
     assert!(kept(&concave, 0.249, 0.249) && !kept(&concave, 0.251, 0.251));
-    // The other way round the other part is removed.
+    // In the other direction, the other part is removed.
     let reversed = Curve { p1: concave.p3, p3: concave.p1, ..concave };
     assert!(!kept(&reversed, 0.249, 0.249) && kept(&reversed, 0.251, 0.251));
     // P1 = P3 removes nothing, on any side.
@@ -191,7 +192,7 @@ fn clip_curve_special_cases() {
     assert!(around(origin, 0.9, 8).all(|p| kept(&closed, p.x, p.y)) && PaperCurve::new(&closed).keeps(origin));
 }
 
-/// `line`: the chord, whatever the curve is.
+/// The policy `line` uses the chord of any curve.
 #[test]
 fn clip_chord_ignores_the_curve() {
     let mut random = Random(13);
@@ -212,7 +213,7 @@ fn clip_lines_and_or_absent() {
         assert_eq!(clip.keeps(V2::new(x, y)), single);
         single
     };
-    // u ≥ ½ and v ≥ ½·1e30 over 1e30: scale doesn't matter.
+    // u ≥ ½, and v ≥ ½ with both coefficients times 1e30: scale doesn't matter.
     let lines = [[1.0, 0.0, -0.5], [0.0, 1e30, -0.5e30]];
     for (x, y) in [(0.75, 0.75), (0.75, 0.25), (0.25, 0.75), (0.25, 0.25)] {
         assert_eq!(keeps(&lines, false, x, y), x > 0.5 && y > 0.5);
@@ -220,17 +221,18 @@ fn clip_lines_and_or_absent() {
         assert!(keeps(&[], false, x, y) && keeps(&[], true, x, y));
         assert!(keeps(&[[0.0; 3]], true, x, y) && keeps(&[[0.0; 3]], false, x, y));
     }
-    // On the line is kept.
+    // Points on the line are retained.
     assert!(keeps(&lines, false, 0.5, 0.5) && keeps(&lines, true, 0.5, 0.0));
     let four = [[1.0, 0.0, 0.5], [-1.0, 0.0, 0.5], [0.0, 1.0, 0.5], [0.0, -1.0, 0.5]];
     assert!(keeps(&four, false, 0.5, -0.5) && !keeps(&four, false, 0.5, -0.51) && keeps(&four, true, 0.5, -0.51));
-    // A curve and lines: both must keep.
+    // A curve and lines: a point must be inside both.
     let curve = Curve { p1: V2::new(1.0, 0.0), p2: V2::new(0.0, 0.0), p3: V2::new(0.0, 1.0), w: 0.0 };
     let both = Clip::nothing().with_curve(&curve).with_lines(&four[..1], false);
     assert!(both.keeps(V2::new(0.0, 0.0)) && !both.keeps(V2::new(0.6, 0.6)) && !both.keeps(V2::new(-0.6, 0.0)));
 }
 
-/// Composed in f32 with footprints of f32 splats: wrong nowhere farther than a thousandth of a pixel from a border.
+/// Composed in f32 with footprints of f32 splats, clips are wrong nowhere farther than a thousandth of a pixel from a
+/// border.
 #[test]
 fn clip_through_exact_footprints_in_f32() {
     let mut random = Random(29);
@@ -248,7 +250,7 @@ fn clip_through_exact_footprints_in_f32() {
         let projected = Projected::new(&single, &UHD);
         let footprint = Footprint::unfiltered(&projected, true);
         let clip = Clip::nothing().with_curve(&curve).map(|x| x as f32).through(&footprint, &Turn::none(0f32));
-        // The offset is given in f32; the exact side takes the same one, from the exact centre.
+        // The offset is an f32; the exact side uses the same offset, from the exact centre.
         let offset = UHD.pixel(p) - center;
         let offset = V2::new(offset.x as f32, offset.y as f32);
         let exact = Exact::new(&splat);
@@ -272,7 +274,7 @@ fn clip_through_exact_footprints_in_f32() {
     assert!(compared > 4000, "{compared}");
 }
 
-/// A splat that its filter leaves alone has the same (u, v) through the filter and back as without it.
+/// A splat that its filter doesn't change has the same (u, v) through the filter and its turn as without the filter.
 #[test]
 fn clip_turns_bring_filtered_coordinates_back() {
     let mut random = Random(31);
@@ -311,7 +313,7 @@ fn clip_turns_bring_filtered_coordinates_back() {
                 (ewa.turn.apply(at(&ewa.footprint, d)), at(&affine, d), "ewa"),
             ];
             for (got, want, name) in pairs {
-                // A few roundings at 1e2 px a disk, over a sine of 0.2 · 1/3.
+                // A few roundings for disks of 1e2 px, over a sine of 0.2 · 1/3.
                 assert!((got - want).length() < 1e-11, "{name}: {got:?} {want:?} {splat:?}");
             }
         }

@@ -1,4 +1,4 @@
-//! Depth of fragments and the visibility tolerance against the rendering model's own words.
+//! Tests of fragments' depth and the visibility tolerance against the rendering model's definitions.
 
 use crate::common;
 
@@ -35,7 +35,7 @@ fn depth_is_the_planes_own_clamped_to_the_disk() {
         let d = V2::new(random.range(-r, r), random.range(-r, r));
         let got = plane.at(d, DepthForm::Reciprocal);
         let (_, ray) = UHD.ray(UHD.pixel(splat.p) + d);
-        // The ray's hit, or beyond the horizon of the plane the far end: the clamp is made on 1/z.
+        // The ray's hit, or beyond the horizon of the plane the far end: the clamp applies to 1/z.
         let inverse = dvec(splat.n).dot(dvec(ray)) / dvec(splat.n).dot(dvec(splat.p));
         let want = if inverse > 0.0 { (1.0 / inverse).clamp(plane.z_min, plane.z_max) } else { plane.z_max };
         assert!((got - want).abs() < 1e-9 * want, "{splat:?} {d:?}: {got} {want}");
@@ -76,7 +76,7 @@ fn depth_of_planes_that_turn_away_is_the_far_end() {
     }
 }
 
-/// ε of §5, word by word; lengths in units of `unit` so that squares of 1e±15 don't leave f64's exactness.
+/// Computes ε literally as §5 defines it.
 fn literal(splat: &ViewSplat<f64>, radius: f64, h: f64, setting: Tolerance, view: &Projection) -> f64 {
     let (n, p) = (dvec(splat.n), dvec(splat.p));
     let per_pixel = (n.x / view.focal_px[0]).hypot(n.y / view.focal_px[1]);
@@ -123,7 +123,7 @@ fn tolerance_is_the_models_at_every_scale() {
                     let got = tolerance(&splat, radius, h, setting, &view);
                     assert!((got / want - 1.0).abs() < 1e-11, "{splat:?} {scale:e}: {got:e} {want:e}");
                     let single = tolerance(&single_splat(&splat), radius as f32, h as f32, setting, &view);
-                    // n·p of a splat near edge-on is good to 2e-7 over its cap of 0.02.
+                    // n·p of a splat near edge-on is precise to 2e-7 over its cap of 0.02.
                     assert!((f64::from(single) / want - 1.0).abs() < 5e-5, "{splat:?} {scale:e}: {single:e} {want:e}");
                 }
                 let full = literal(&splat, radius, h, Tolerance::Relative(1.0), &view);

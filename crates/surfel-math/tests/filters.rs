@@ -1,4 +1,4 @@
-//! The filters against their definitions: cover a pixel, continuous, about the projected ellipse and nothing else.
+//! Tests of the filters against their definitions: pixels are covered, results are continuous, footprints are centred.
 
 use crate::common;
 
@@ -20,7 +20,7 @@ fn spec(least_elevation: f64, radius: std::ops::Range<f64>) -> impl Strategy<Val
     })
 }
 
-/// A circle seen from the front half of the sphere of directions.
+/// Returns a circle, seen from the front half of the sphere of directions.
 fn disk(spec: &Spec) -> ViewSplat<f64> {
     Spec { aspect: 1.0, ..*spec }.splat(&UHD)
 }
@@ -35,7 +35,7 @@ fn rho(f: &Footprint<f64>, d: V2<f64>) -> f64 {
     if w > 0.0 { u.hypot(v) / w } else { f64::INFINITY }
 }
 
-/// Offsets all around the centre, out to `radius`.
+/// Returns offsets all around the centre, at distance `radius`.
 fn ring(radius: f64) -> impl Iterator<Item = V2<f64>> {
     (0..24).map(move |i| {
         let (sin, cos) = (f64::from(i) * 0.2618).sin_cos();
@@ -43,7 +43,7 @@ fn ring(radius: f64) -> impl Iterator<Item = V2<f64>> {
     })
 }
 
-/// Singular values of J from the trace and determinant of JJᵀ, in f64.
+/// Returns the singular values of J from the trace and determinant of JJᵀ, in f64.
 fn semi_axes(p: &Projected<f64>) -> (f64, f64) {
     let trace = p.j_s.dot(p.j_s) + p.j_t.dot(p.j_t);
     let determinant = p.j_s.cross(p.j_t).powi(2);
@@ -59,8 +59,8 @@ proptest! {
         ..ProptestConfig::default()
     })]
 
-    /// h = √½ reaches a pixel centre from anywhere: the disk of radius h about the centre is covered. Perspective takes
-    /// 1 + |a| of an axis that kept its length.
+    /// h = √½ reaches a pixel centre from anywhere: the disk of radius h around the centre is covered. Perspective
+    /// shortens an axis that kept its length by a factor 1 + |a|.
     #[test]
     fn filters_cover_a_pixel_centre(spec in spec(1e-4, 0.05..3.0)) {
         let splat = spec.splat(&UHD);
@@ -71,8 +71,8 @@ proptest! {
             prop_assert!(filter::principal(&p, H, true).footprint.contains(d));
             prop_assert!(filter::ewa(&p, H).footprint.contains(d));
         }
-        // `adjust` is made for disks (§4: slivers remain); its pair is at right angles on the screen but for
-        // perspective, up to 47° off the axis here.
+        // `adjust` is made for disks (§4: slivers remain). Its axes are perpendicular on the screen except for
+        // perspective, here up to 47° off.
         let mut round = disk(&spec);
         (round.s, round.t) = filter::adjust_axes(&round, true);
         let p = Projected::new(&round, &UHD);
@@ -88,7 +88,7 @@ proptest! {
         let splat = spec.splat(&UHD);
         let (a, b) = (Projected::new(&splat, &UHD), Projected::new(&turned(&splat, angle), &UHD));
         let (major, minor) = semi_axes(&a);
-        // Where one axis is kept and the other not, equal axes leave open which.
+        // If one axis is lengthened and the other not, equal axes don't determine which.
         prop_assume!(reach(&splat) < 0.5 && major - minor > 1e-2 * major);
         prop_assume!((major / H - 1.0).abs() > 1e-6 && (minor / H - 1.0).abs() > 1e-6);
         for projective in [true, false] {
@@ -116,8 +116,8 @@ proptest! {
         }
     }
 
-    /// An axis of h·(1 ± 1e-9): nothing jumps, but the depth slope of the footprint, which the lengthened axis gives
-    /// up.
+    /// An axis of h·(1 ± 1e-9): no result is discontinuous except the depth slope of the footprint, which a lengthened
+    /// axis loses.
     #[test]
     fn filters_are_continuous_at_their_threshold(angle in 0.0..7.0f64, turn in 0.0..7.0f64, long in 0.9..30.0f64) {
         let at = |minor: f64| {
@@ -144,7 +144,7 @@ proptest! {
         prop_assert!((filter::area_ratio(&below, H) - filter::area_ratio(&above, H)).abs() < 1e-8);
     }
 
-    /// Z01 eq. 6–9 with matrices, at any cutoff.
+    /// Compares with Z01 eq. 6–9 with matrices, at any cutoff.
     #[test]
     fn filter_ewa_is_the_matrix_formula(spec in spec(1e-3, 0.05..50.0), c in 0.5..4.5f64, h in 0.3..2.0f64) {
         let p = Projected::new(&spec.splat(&UHD), &UHD);
@@ -164,7 +164,7 @@ proptest! {
         }
     }
 
-    /// G06 eq. 8 and 9 as they are printed, with vectors, on disks in front of the eye.
+    /// Compares with G06 eq. 8 and 9 as printed, with vectors, on disks in front of the eye.
     #[test]
     fn filter_adjust_is_equations_8_and_9(spec in spec(1e-2, 0.1..10.0)) {
         let mut splat = disk(&spec);
@@ -204,7 +204,7 @@ proptest! {
     }
 }
 
-/// Eq. 10's pair: still the same disk, s across the view direction; p ∥ n and slivers don't break it.
+/// Eq. 10's pair spans the same disk, with s across the view direction; p ∥ n and slivers are valid.
 #[test]
 fn filter_adjust_axes_span_the_same_disk() {
     let mut random = Random(23);
@@ -221,18 +221,18 @@ fn filter_adjust_axes_span_the_same_disk() {
             (dvec(s.cross(t)) - dvec(splat.s.cross(splat.t))).length() < 1e-12 * dvec(splat.s.cross(splat.t)).length()
         );
         if i % 2 == 0 {
-            // An f32 disk is round to 1e-7, an edge-on one's p × n is good to that over sin of the angle.
+            // An f32 disk is round to 1e-7; for an edge-on disk p × n has that error over the sine of the angle.
             let across = dvec(s).normalize().dot(dvec(splat.p).normalize()).abs();
             assert!(across < 1e-5, "{across}: {splat:?}");
         }
     }
-    // Facing the eye exactly: any pair serves.
+    // A disk that faces the eye exactly: any pair of axes is valid.
     let facing = ViewSplat { p: V3::new(0.0, 0.0, 2.0), s: v3(DVec3::X), t: v3(DVec3::NEG_Y), n: v3(DVec3::NEG_Z) };
     let (s, t) = filter::adjust_axes(&facing, true);
     assert!((dvec(s).length() - 1.0).abs() < 1e-15 && dvec(s).dot(dvec(t)).abs() < 1e-15);
 }
 
-/// |t_z| → p_z: eq. 8's denominator vanishes and turns; ours stays finite and leaves such an axis alone.
+/// |t_z| → p_z: eq. 8's denominator vanishes and changes sign; ours stays finite and doesn't change such an axis.
 #[test]
 fn filter_adjust_where_equation_8_divides_by_zero() {
     for tz in [0.999, 1.0 - 1e-12, 1.0, 1.0 + 1e-12] {
@@ -243,7 +243,7 @@ fn filter_adjust_where_equation_8_divides_by_zero() {
         let p = Projected::new(&splat, &UHD);
         let f = filter::adjust(&p, H, true).footprint;
         assert!([f.u.x, f.u.y, f.v.x, f.v.y, f.w.x, f.w.y].iter().all(|c| c.is_finite()), "{tz}: {f:?}");
-        // s is lengthened, t kept: V falls from 0 to 1 along J's second column.
+        // s is lengthened, t isn't: V increases from 0 to 1 along J's second column.
         let (.., w) = f.at(p.j_t);
         assert!((f.v.at(p.j_t) - 1.0).abs() < 1e-9 && (w - (1.0 - tz)).abs() < 1e-9, "{tz}");
     }
@@ -253,7 +253,7 @@ fn filter_adjust_where_equation_8_divides_by_zero() {
     let splat = ViewSplat { p: V3::new(0.0, 0.0, 1.0), s: v3(s), t: v3(t), n: v3(s.cross(t).normalize()) };
     let p = Projected::new(&splat, &UHD);
     assert_eq!(filter::adjust(&p, H, true).footprint.v, Footprint::unfiltered(&p, true).v);
-    // t' = 0, t towards the eye: lengthened along the perpendicular of s'.
+    // t' = 0, t towards the eye: lengthened perpendicular to s'.
     let p = DVec3::new(0.3, 0.2, 1.0);
     let (s, t) = (DVec3::new(1e-4, 0.0, 0.0), p * 1e-4);
     let splat = ViewSplat { p: v3(p), s: v3(s), t: v3(t), n: v3(s.cross(t).normalize()) };
@@ -263,7 +263,8 @@ fn filter_adjust_where_equation_8_divides_by_zero() {
     assert!(ring(H * 0.999_999).all(|d| f.contains(d)), "{f:?}");
 }
 
-/// f32 filters against f64: pixel offsets are given, so what differs is the projection's and the filter's own rounding.
+/// f32 filters against f64: pixel offsets are given, so the differences are the projection's and the filter's own
+/// rounding.
 #[test]
 fn filters_in_f32_agree_with_f64() {
     let mut random = Random(29);
@@ -273,7 +274,7 @@ fn filters_in_f32_agree_with_f64() {
         let splat = spec.splat(&UHD);
         let wide = Projected::new(&splat, &UHD);
         let (major, minor) = semi_axes(&wide);
-        // At a threshold the two may decide differently; between equal axes of which one is kept, too.
+        // At a threshold, f32 and f64 may decide differently, and for equal axes may lengthen different ones.
         let near = |l: f64| (l / H - 1.0).abs() < 1e-3;
         if reach(&splat) > 0.4 || near(major) || near(minor) || (minor < H && major > H && major < 1.1 * minor) {
             continue;
@@ -296,6 +297,7 @@ fn filters_in_f32_agree_with_f64() {
         }
     }
     println!("Δw principal {:.1e}, ewa {:.1e}; weight scale {:.1e} relative", worst[0], worst[1], worst[2]);
-    // 24 bits less what an elevation of 1e-2 and an aspect of 10 take: a weight is good to 3e-5, far below 1/1024.
+    // 24 bits minus the loss from an elevation of 1e-2 and an aspect of 10: a weight is precise to 3e-5, far below
+    // 1/1024.
     assert!(worst[0] < 5e-5 && worst[1] < 5e-5 && worst[2] < 1e-4, "{worst:?}");
 }

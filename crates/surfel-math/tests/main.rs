@@ -1,4 +1,4 @@
-//! Formulas against f64 and exact truth.
+//! Tests of formulas in f32 and f64 against exact arithmetic.
 
 mod bounds;
 mod clip;

@@ -1,4 +1,4 @@
-//! The mapping in f32 against exact arithmetic, and against the form with absolute pixel coordinates.
+//! Tests of the mapping in f32 against exact arithmetic, and against the form with absolute pixel coordinates.
 
 use crate::common;
 
@@ -17,7 +17,7 @@ fn weight(rho_squared: f64) -> f64 {
     if rho_squared <= 1.0 { (-2.0 * rho_squared).exp() } else { (-2.0f64).exp() }
 }
 
-/// Exact kernel weight at a pixel centre, held at the rim's beyond it.
+/// Returns the exact kernel weight at a pixel centre, and beyond the rim the weight at the rim.
 fn exact_weight(exact: &Exact, pixel: [i64; 2]) -> f64 {
     let center = |axis: usize| ray_coordinate(&(int(pixel[axis]) + q(0.5)), axis, &UHD);
     let [u, v, w] = exact.at(&center(0), &center(1));
@@ -26,7 +26,7 @@ fn exact_weight(exact: &Exact, pixel: [i64; 2]) -> f64 {
     weight(if w.is_positive() { to_f64(&rho_squared) } else { f64::INFINITY })
 }
 
-/// adj[s t p] applied to absolute pixel coordinates, all in f32.
+/// Computes the weight by adj[s t p] applied to absolute pixel coordinates, all in f32.
 fn naive_weight(splat: &ViewSplat<f32>, pixel: [i64; 2]) -> f64 {
     let ViewSplat { p, s, t, .. } = *splat;
     let (fx, fy) = (UHD.focal_px[0] as f32, UHD.focal_px[1] as f32);
@@ -48,8 +48,8 @@ fn our_weight(splat: &ViewSplat<f32>, pixel: [i64; 2]) -> f64 {
     weight(if w > 0.0 { (u * u + v * v) / (w * w) } else { f64::INFINITY })
 }
 
-/// |Δw| ≤ 1.213·δ/r_minor, with δ the error of a pixel offset and r_minor the projected minor radius: what is left
-/// for δ is a property of how coordinates are formed. In f32 at 4K absolute coordinates have 2.4e-4 px.
+/// |Δw| ≤ 1.213·δ/r_minor, with δ the error of a pixel offset and r_minor the projected minor radius. δ therefore
+/// measures how coordinates are formed. In f32 at 4K, δ of absolute coordinates is 2.4e-4 px.
 #[test]
 fn mapping_error_is_that_of_an_offset_not_of_a_coordinate() {
     let mut random = Random(7);
@@ -72,7 +72,7 @@ fn mapping_error_is_that_of_an_offset_not_of_a_coordinate() {
             let axis = minor.major_axis * along;
             let pixel = [(spec.pixel[0] + axis.x).floor() as i64, (spec.pixel[1] + axis.y).floor() as i64];
             let want = exact_weight(&exact, pixel);
-            // An offset's own rounding grows with its length.
+            // An offset's own rounding is proportional to its length.
             let scale = STEEPEST / minor.minor * (1.0 + along.abs());
             ours = ours.max((our_weight(&single, pixel) - want).abs() / scale);
             naive = naive.max((naive_weight(&single, pixel) - want).abs() / STEEPEST * minor.minor);
@@ -140,7 +140,7 @@ fn mapping_survives_elevations_down_to_edge_on() {
         let splat = spec.splat(&UHD);
         let wide = Projected::new(&splat, &UHD);
         let single = Projected::new(&single_splat(&splat), &UHD);
-        // The normal's f32 rounding turns it by up to 6e-8, and so does p's.
+        // The f32 rounding of the normal turns it by up to 6e-8, and that of p does too.
         let error = (f64::from(single.facing_cosine) - wide.facing_cosine).abs();
         assert!(error < 2.5e-7, "{elevation}: {error}");
         if (wide.facing_cosine / EDGE_ON - 1.0).abs() > 0.025 {
@@ -150,7 +150,7 @@ fn mapping_survives_elevations_down_to_edge_on() {
     }
 }
 
-/// (U, V, W) of the projective footprint are the exact ones over W at the centre.
+/// (U, V, W) of the projective footprint are the exact forms divided by W at the centre.
 #[test]
 fn mapping_in_f64_is_the_exact_one() {
     let mut random = Random(17);
@@ -168,7 +168,7 @@ fn mapping_in_f64_is_the_exact_one() {
             let (u, v, w) = footprint.at(pixel - center);
             let scale = want.iter().fold(1.0f64, |a, b| a.max(b.abs())) / Projected::new(&splat, &UHD).facing_cosine;
             for (g, t) in [u, v, w].into_iter().zip(want) {
-                // Rounding of pixel coordinates near 4096 by 4.5e-13 over r_minor ≥ 0.05·1e-2/10 px.
+                // Pixel coordinates near 4096 are rounded by 4.5e-13, over r_minor ≥ 0.05·1e-2/10 px.
                 assert!((g - t).abs() < 1e-8 * scale, "{splat:?} {dx} {dy}: {g} {t}");
             }
         }

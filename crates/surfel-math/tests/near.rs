@@ -1,4 +1,4 @@
-//! Splats around the eye and through z_near: boxes and the exact mapping against sampled rays.
+//! Tests of splats around the eye and through z_near: boxes and the exact mapping against sampled rays.
 
 use crate::common;
 
@@ -39,7 +39,7 @@ fn near_plane_box_holds_every_hit_beyond_it_and_no_more() {
         let e = splat.s.z.hypot(splat.t.z);
         behind += u32::from(splat.p.z <= 0.0);
         inside += u32::from(dvec(splat.p).length() < 0.3);
-        // Hits beyond the near plane: rim points, and what z_near cuts off between two of them.
+        // Hits beyond the near plane: rim points, and the points at which z_near cuts between two of them.
         let (mut min, mut max) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut hit = |at: DVec3| {
             let pixel = VIEW.pixel(v3(at));
@@ -54,7 +54,7 @@ fn near_plane_box_holds_every_hit_beyond_it_and_no_more() {
             let (v, u) = (std::f64::consts::TAU * f64::from(i) / f64::from(steps)).sin_cos();
             let next = point(&splat, u, v);
             if (next.z >= VIEW.near) != (last.z >= VIEW.near) {
-                // The chord of the disk through the cut lies in it.
+                // The chord of the disk through the cut is in the near plane.
                 let cut = last.lerp(next, (VIEW.near - last.z) / (next.z - last.z));
                 hit(cut.with_z(VIEW.near));
             }
@@ -78,8 +78,8 @@ fn near_plane_box_holds_every_hit_beyond_it_and_no_more() {
             if !any {
                 continue;
             }
-            // Cut points lie inside of the chord's end by a step's error only where they are not exact; outward
-            // they never are by more than rounding.
+            // Sampled cut points may be inside the exact chord's ends by the error of a step, but outside only by
+            // rounding.
             let slack = 1e-9 * (1.0 + lo.abs() + hi.abs());
             assert!(min[axis] >= lo - slack && max[axis] <= hi + slack, "{splat:?}: {extent:?} {min:?} {max:?}");
             // A cap narrower than a step is sampled badly.
@@ -131,7 +131,7 @@ fn near_plane_splats_behind_or_of_no_extent_are_safe() {
     };
     assert_eq!(through_near(&disk(0.05, 1.0), &VIEW), None);
     assert_eq!(through_near(&disk(-5.0, 1.0), &VIEW), None);
-    // Parallel to the screen at z_near exactly: all of it counts.
+    // Parallel to the screen, exactly at z_near: the whole disk counts.
     let extent = through_near(&disk(0.1, 0.1), &VIEW).unwrap();
     assert!((extent.min.x - 320.0).abs() < 1e-9 && (extent.max.x - 1320.0).abs() < 1e-9, "{extent:?}");
     // The eye in the disk's plane, or at its centre: no NaN.

@@ -1,4 +1,4 @@
-//! The building blocks: product differences, singular values, directions.
+//! Tests of the building blocks: product differences, singular values, directions.
 
 use crate::common;
 
@@ -20,7 +20,7 @@ fn difference_of_products_is_within_one_and_a_half_ulp() {
     for i in 0..20_000 {
         let e = random.range(-6.0, 6.0);
         let [a, b, c] = [0; 3].map(|_: i32| (random.range(-1.0, 1.0) * 10f64.powf(e)) as f32);
-        // Every other time a·b ≈ c·d to the last bits.
+        // For every other sample a·b ≈ c·d to the last bits.
         let d = if i % 2 == 0 { a * b / c } else { random.range(-1.0, 1.0) as f32 };
         let exact = q(a.into()) * q(b.into()) - q(c.into()) * q(d.into());
         let want = to_f64(&exact);
@@ -38,7 +38,8 @@ fn difference_of_products_is_within_one_and_a_half_ulp() {
     assert!(naive_worst > 1e4, "{naive_worst}");
 }
 
-/// Aspects up to 1e8 and sizes 1e±15 in f32: the larger value to a few ulp, the smaller as good as the determinant.
+/// Aspects up to 1e8 and sizes 1e±15 in f32: the larger value is precise to a few ulp, the smaller as precise as the
+/// determinant.
 #[test]
 fn singular_values_of_needles_in_f32() {
     let mut random = Random(5);
@@ -57,7 +58,7 @@ fn singular_values_of_needles_in_f32() {
             assert!((f64::from(svd.minor) / minor - 1.0).abs() < 6e-7, "{svd:?} {minor:e}");
         }
         assert!(svd.minor <= svd.major && svd.minor >= 0.0);
-        // The axis is as good as the gap between the values lets it be.
+        // The precision of the axis depends on the gap between the values.
         let off = f64::from(svd.major_axis.x) * u.y - f64::from(svd.major_axis.y) * u.x;
         if minor < 0.9 * major {
             assert!(off.abs() < 1e-6, "{off}");

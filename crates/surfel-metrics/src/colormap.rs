@@ -1,6 +1,6 @@
-//! The magma colour map, which FLIP's error maps are shown in.
+//! The magma colour map, in which FLIP's error maps are shown.
 
-/// sRGB 0xRRGGBB from no error (black) to the largest (pale yellow).
+/// sRGB colours 0xRRGGBB from no error (black) to the largest (pale yellow).
 ///
 /// "magma" of matplotlib by Nathaniel J. Smith and Stéfan van der Walt, CC0, rounded to 8 bits.
 #[rustfmt::skip]
@@ -39,15 +39,15 @@ const MAGMA: [u32; 256] = [
     0xfc_f0b2, 0xfc_f2b4, 0xfc_f4b6, 0xfc_f6b8, 0xfc_f7b9, 0xfc_f9bb, 0xfc_fbbd, 0xfc_fdbf,
 ];
 
-/// sRGB-encoded 8-bit colour of `value` in [0, 1]; values outside are clamped, NaN is shown as 1.
+/// Returns the sRGB-encoded 8-bit colour of `value` in [0, 1]. Values outside are clamped; NaN is shown as 1.
 pub fn magma(value: f32) -> [u8; 3] {
     let level = if value.is_nan() { 255.0 } else { (value.clamp(0.0, 1.0) * 255.0).round() };
     let [_, r, g, b] = MAGMA[level as usize].to_be_bytes();
     [r, g, b]
 }
 
-/// [`magma`] of every value divided by `full_scale`, the value shown as the brightest colour. A `full_scale`
-/// that isn't above 0 shows every value above 0 as the brightest.
+/// Applies [`magma`] to every value divided by `full_scale`, the value that gets the brightest colour. If `full_scale`
+/// isn't above 0, every value above 0 gets the brightest colour.
 pub fn magma_image(values: &[f32], full_scale: f32) -> Vec<[u8; 3]> {
     let shade = |&v: &f32| if full_scale > 0.0 { magma(v / full_scale) } else { magma(if v > 0.0 { 1.0 } else { v }) };
     values.iter().map(shade).collect()
@@ -70,7 +70,7 @@ mod tests {
 
     #[test]
     fn magma_luminance_rises_with_every_step() {
-        // What the map is made for; 2.0 of 255 forgives its rounding to 8 bits.
+        // Rising luminance is the map's purpose; 2.0 of 255 allows for its rounding to 8 bits.
         let luminance = |i: u16| {
             let [r, g, b] = magma(f32::from(i) / 255.0);
             0.2126 * f64::from(r) + 0.7152 * f64::from(g) + 0.0722 * f64::from(b)

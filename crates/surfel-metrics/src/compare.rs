@@ -11,17 +11,17 @@ pub const MID_GREY: f32 = 0.214_041_14;
 /// Options of [`compare`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct CompareOptions<'a> {
-    /// One flag a pixel, row by row from the top, `true` where it counts; `None`: all count.
+    /// One flag per pixel, row by row from the top, true if the pixel counts. `None` counts all pixels.
     pub mask: Option<&'a [bool]>,
-    /// A pixel *differs* where a channel's absolute difference is larger than this (linear). Default 0.
+    /// Tolerance (linear): a pixel *differs* if the absolute difference of a channel is larger. Default 0.
     pub tolerance: f64,
-    /// The signal's peak for PSNR (linear). Default 1.
+    /// Peak of the signal for PSNR (linear). Default 1.
     pub peak: f64,
-    /// FLIP's viewing conditions, or `None` to leave it out; the images are linear whatever
-    /// [`FlipOptions::encoding`] says. Default: its own default.
+    /// Viewing conditions of FLIP, or `None` to skip FLIP. The images are linear, whatever [`FlipOptions::encoding`]
+    /// states. Default: the default of [`FlipOptions`].
     pub flip: Option<FlipOptions>,
-    /// Linear RGB behind transparent pixels for FLIP, which knows no alpha. Default [`MID_GREY`]: over black
-    /// (or white) a missing black (or white) shape would not show. Opaque images don't depend on it.
+    /// Linear RGB behind transparent pixels for FLIP, which has no alpha. Default [`MID_GREY`]: over black (or white) a
+    /// missing black (or white) shape would be invisible. Opaque images don't depend on the background.
     pub background: [f32; 3],
 }
 
@@ -31,7 +31,7 @@ impl Default for CompareOptions<'_> {
     }
 }
 
-/// How far two images are apart. All but FLIP is about the four linear premultiplied channels.
+/// Differences between two images. All fields but FLIP's refer to the four linear premultiplied channels.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Comparison {
@@ -39,33 +39,33 @@ pub struct Comparison {
     pub width: u32,
     /// Height in pixels.
     pub height: u32,
-    /// How many pixels were compared: those the mask lets through.
+    /// Number of compared pixels: those that the mask selects.
     pub compared: usize,
-    /// Largest absolute difference of a channel; infinite as [`abs_difference`] says.
+    /// Largest absolute difference of a channel; infinite as defined by [`abs_difference`].
     pub max_abs: f64,
-    /// Column and row of the first pixel that is `max_abs` away; `None` where the images are equal.
+    /// Column and row of the first pixel with the difference `max_abs`; `None` if the images are equal.
     pub max_abs_at: Option<(u32, u32)>,
     /// Root mean squared difference over all channels of the compared pixels.
     pub rmse: f64,
     /// Peak signal-to-noise ratio in dB; +∞ for equal images.
     pub psnr: f64,
-    /// How many pixels differ by more than the tolerance in some channel.
+    /// Number of pixels that differ by more than the tolerance in some channel.
     pub differing: usize,
-    /// How many pixels hold a channel that is infinitely far off (one-sided infinities and NaN).
+    /// Number of pixels with an infinite difference in some channel (one-sided infinities and NaN).
     pub non_finite: usize,
-    /// Mean FLIP error of the compared pixels, in [0, 1]; `None` where it was left out.
+    /// Mean FLIP error of the compared pixels, in [0, 1]; `None` if FLIP was skipped.
     pub flip_mean: Option<f64>,
-    /// FLIP error of every pixel; 0 or little where the mask hides one, as the filters reach there.
+    /// FLIP error of every pixel. It is small or 0 in pixels that the mask excludes, which FLIP's filters still reach.
     pub flip: Option<FlipMap>,
 }
 
 /// Compares `test` with `reference`, both linear premultiplied RGBA.
 ///
-/// Pixels outside the mask count in no metric. For FLIP they are taken from the reference on both sides, so
-/// that a forgiven pixel doesn't spread to its neighbours through the filters.
+/// Pixels outside the mask count in no metric. For FLIP they are copied from the reference to both sides, so that an
+/// excluded pixel doesn't spread to its neighbours through the filters.
 ///
 /// # Errors
-/// [`MetricsError::Size`] for images of different sizes, [`MetricsError::Length`] for a mask of another one,
+/// [`MetricsError::Size`] for images of different sizes, [`MetricsError::Length`] for a mask of another length,
 /// [`MetricsError::OutOfRange`] for options out of their range.
 pub fn compare(reference: &Image, test: &Image, options: &CompareOptions) -> Result<Comparison, MetricsError> {
     let (width, height) = (reference.width(), reference.height());

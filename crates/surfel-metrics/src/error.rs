@@ -1,33 +1,33 @@
-//! Why two images can't be compared.
+//! Errors of comparisons.
 
-/// Why two images can't be compared. Differences, however large, are results and never errors.
+/// The reason why two images can't be compared. Differences, however large, are results and never errors.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum MetricsError {
     /// A slice has the wrong number of values.
     #[error("{what} has {found} values, expected {expected}: {rule}")]
     Length {
-        /// Which slice.
+        /// Name of the slice.
         what: &'static str,
-        /// Its length.
+        /// Length of the slice.
         found: usize,
-        /// The length it should have.
+        /// Expected length.
         expected: usize,
-        /// Where the expected length comes from.
+        /// Rule that yields the expected length.
         rule: &'static str,
     },
-    /// Images of different sizes.
+    /// The images have different sizes.
     #[error(
         "the images are {}x{} and {}x{} pixels, expected equal sizes: render or crop both alike",
         a.0, a.1, b.0, b.1
     )]
     Size {
-        /// Width and height of the first, in pixels.
+        /// Width and height of the first image, in pixels.
         a: (u32, u32),
-        /// Width and height of the second, in pixels.
+        /// Width and height of the second image, in pixels.
         b: (u32, u32),
     },
-    /// An image whose values can't be addressed on this machine.
+    /// The image's values can't be addressed on this machine.
     #[error("an image of {width}x{height} pixels is too large to address here, expected fewer pixels: compare crops")]
     TooLarge {
         /// Width in pixels.
@@ -38,16 +38,16 @@ pub enum MetricsError {
     /// An option is out of its range.
     #[error("{field} is {found}, expected {expected}")]
     OutOfRange {
-        /// The option's name.
+        /// Name of the option.
         field: &'static str,
-        /// Its value.
+        /// Value of the option.
         found: f64,
-        /// The range.
+        /// Expected range.
         expected: &'static str,
     },
 }
 
-/// Number of pixels of a `width`×`height` image, with room for `channels` values each.
+/// Returns the number of pixels of a `width`×`height` image, if it is addressable with `channels` values per pixel.
 pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<usize, MetricsError> {
     let count = usize::try_from(width).ok().zip(usize::try_from(height).ok()).and_then(|(w, h)| w.checked_mul(h));
     match count {
@@ -56,7 +56,7 @@ pub(crate) fn pixel_count(width: u32, height: u32, channels: usize) -> Result<us
     }
 }
 
-/// Refuses a slice whose length isn't `expected`.
+/// Returns an error for a slice whose length isn't `expected`.
 pub(crate) fn check_length(
     what: &'static str,
     found: usize,

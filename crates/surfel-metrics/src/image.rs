@@ -11,33 +11,33 @@ pub struct Image<'a> {
 }
 
 impl<'a> Image<'a> {
-    /// A view of `rgba`, 4 values a pixel, row by row from the top.
+    /// Creates a view of `rgba`, 4 values per pixel, row by row from the top.
     ///
     /// # Errors
-    /// [`MetricsError::Length`] where `rgba` isn't `width`·`height`·4 long, [`MetricsError::TooLarge`] where
-    /// that product isn't a `usize`.
+    /// [`MetricsError::Length`] if `rgba` doesn't have `width`·`height`·4 values, [`MetricsError::TooLarge`] if that
+    /// product isn't a `usize`.
     pub fn new(width: u32, height: u32, rgba: &'a [f32]) -> Result<Self, MetricsError> {
         let pixels = pixel_count(width, height, 4)?;
         check_length("the image", rgba.len(), pixels * 4, "width x height x 4")?;
         Ok(Self { width, height, rgba })
     }
 
-    /// Width in pixels.
+    /// Returns the width in pixels.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Height in pixels.
+    /// Returns the height in pixels.
     pub fn height(&self) -> u32 {
         self.height
     }
 
-    /// The values: 4 a pixel, row by row from the top.
+    /// Returns the values: 4 per pixel, row by row from the top.
     pub fn rgba(&self) -> &'a [f32] {
         self.rgba
     }
 
-    /// Linear RGB of every pixel over an opaque linear `background`.
+    /// Returns the linear RGB of every pixel over an opaque linear `background`.
     pub fn over(&self, background: [f32; 3]) -> Vec<[f32; 3]> {
         let (pixels, _) = self.rgba.as_chunks::<4>();
         pixels

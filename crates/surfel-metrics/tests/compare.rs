@@ -1,4 +1,4 @@
-//! Metrics on images small enough to check by hand.
+//! Tests of metrics on images small enough to check by hand.
 
 use surfel_metrics::flip::{self, Encoding, FlipOptions};
 use surfel_metrics::{CompareOptions, Image, MetricsError, PlaneOptions, abs_difference, compare, compare_plane};
@@ -68,7 +68,7 @@ fn lengths_and_sizes_are_checked() {
     }
 }
 
-/// An image of 40x30 opaque pixels with some structure.
+/// Returns an image of 40x30 opaque pixels with some structure.
 fn image() -> Vec<f32> {
     (0..40 * 30).flat_map(|i| [(i % 40) as f32 / 39.0, ((i / 7) % 2) as f32, 0.25, 1.0]).collect()
 }
@@ -93,7 +93,7 @@ fn compare_one_changed_pixel() {
     assert_eq!(c.rmse, (0.25f64 / 4800.0).sqrt());
     let map = c.flip.unwrap();
     let worst = (0..1200).max_by(|&i, &j| map.error[i].total_cmp(&map.error[j])).unwrap();
-    // Not the pixel itself: its colour is spread by the filter, and the feature next to it adds to that.
+    // A neighbour of the pixel: the filter spreads the pixel's colour, and the feature next to it adds to that.
     assert!((worst % 40).abs_diff(23) <= 2 && (worst / 40).abs_diff(11) <= 2, "{worst}");
     // The filters' radius at the default density is 10 pixels.
     assert_eq!(map.error[11 * 40 + 23 - 11], 0.0);
@@ -108,7 +108,7 @@ fn compare_one_changed_pixel() {
 
 #[test]
 fn compare_sees_alpha_alone() {
-    // A black shape that is missing: premultiplied colours are equal, alpha isn't.
+    // A missing black shape: premultiplied colours are equal, alpha isn't.
     let (a, b) = ([0.0, 0.0, 0.0, 1.0].repeat(25), [0.0; 100]);
     let c = compare(&Image::new(5, 5, &a).unwrap(), &Image::new(5, 5, &b).unwrap(), &CompareOptions::default());
     let c = c.unwrap();
@@ -119,7 +119,7 @@ fn compare_sees_alpha_alone() {
 #[test]
 fn flip_of_black_against_white_is_nearly_the_largest() {
     let map = flip::ldr(9, 9, &[[0.0; 3]; 81], &[[1.0; 3]; 81], &FlipOptions::default()).unwrap();
-    // Without structure only the colour term is left, HyAB = 100 against 308 for green and blue (0.97).
+    // Without structure only the colour term remains, HyAB = 100 against 308 for green and blue (0.97).
     assert!(map.error.iter().all(|&e| e > 0.95 && e < 1.0), "{}", map.mean);
     assert_eq!(map.to_magma()[0], surfel_metrics::colormap::magma(map.error[0]));
 }
@@ -145,7 +145,7 @@ fn flip_clamps_what_a_screen_cannot_show() {
     let bright = vec![[INF, 3.0, 1.0]; 25];
     assert_eq!(flip::ldr(5, 5, &white, &bright, &options).unwrap().mean, 0.0);
     assert_eq!(flip::ldr(5, 5, &[[0.0; 3]; 25], &[[-1.0, -INF, 0.0]; 25], &options).unwrap().mean, 0.0);
-    // ... which HDR-FLIP does show, at an exposure that it chooses.
+    // HDR-FLIP, in contrast, shows the difference, at an exposure that it chooses.
     assert!(flip::hdr(5, 5, &white, &bright, &options).unwrap().map.mean > 0.1);
 }
 
@@ -159,7 +159,7 @@ fn flip_srgb_encoding_equals_decoding_first() {
     let srgb = FlipOptions { encoding: Encoding::Srgb, ..FlipOptions::default() };
     let encoded = flip::ldr(16, 8, &a, &b, &srgb).unwrap();
     let linear = flip::ldr(16, 8, &decode(&a), &decode(&b), &FlipOptions::default()).unwrap();
-    // 1e-4: decoding to f32 moves a colour by 6e-8, which the feature term's square root turns into 3e-4 of an
+    // 1e-4: decoding to f32 changes a colour by 6e-8, which the feature term's square root turns into 3e-4 of an
     // exponent at worst.
     assert!((encoded.mean - linear.mean).abs() < 1e-4 && encoded.mean > 0.01);
     assert!(flip::hdr(16, 8, &a, &b, &srgb).is_err());

@@ -18,10 +18,10 @@
 
 use surfel_metrics::flip::{self, Encoding, FlipOptions};
 
-/// flip-evaluator works in f32 and takes the square root of feature differences, which turns its rounding of
-/// about 1e-7 into 3e-4 of an exponent where nothing differs: a few 1e-5 of an error. Measured over all pixels
-/// of the images below: 6.4e-6 or less, but 1.1e-4 in one image (20 pixels per degree, at a pixel not probed
-/// here); means agree to 2e-7, that of the single pixel to 6.4e-6.
+/// Tolerance of errors. flip-evaluator computes in f32 and takes the square root of feature differences. The root turns
+/// its rounding of about 1e-7 into 3e-4 of an exponent where nothing differs: a few 1e-5 of an error. Measured over all
+/// pixels of the images below, the difference is at most 6.4e-6. In one image (20 pixels per degree) it is 1.1e-4, at a
+/// pixel that isn't probed here. Means agree to 2e-7, that of the single pixel to 6.4e-6.
 const TOLERANCE: f64 = 2e-5;
 
 type Pixels = Vec<[f32; 3]>;
@@ -186,7 +186,7 @@ fn flip_hdr_agrees_with_the_authors_program() {
     assert_eq!(hdr.exposures, 3);
 }
 
-/// The whole error map of the 16x12 images taken as sRGB.
+/// The whole error map of the 16x12 images, read as sRGB.
 #[rustfmt::skip]
 const SRGB_16X12: [[f32; 16]; 12] = [
     [

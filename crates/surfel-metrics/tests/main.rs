@@ -1,4 +1,4 @@
-//! Measures against published values.
+//! Tests of measures against published values.
 
 mod compare;
 mod flip_published;

@@ -1,7 +1,7 @@
-//! The A-buffer (§8, after Z01 §6): a pixel's transparent fragments gathered into surfaces.
+//! The A-buffer (§8, after Z01 §6): a pixel's transparent fragments, gathered into surfaces.
 //!
-//! Deviation from the paper: fragments are taken in the order of depth, not of drawing, so that a surface is whole
-//! before the next one begins. Then merging loses nothing, and the image doesn't depend on any order.
+//! Deviation from the paper: fragments are processed in the order of depth, not of drawing, so that a surface is
+//! complete before the next one begins. Merging then loses nothing, and the image doesn't depend on the drawing order.
 
 use crate::layer_compositor::LayerCompositor;
 use crate::margin;
@@ -13,14 +13,14 @@ use rayon::prelude::*;
 use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
 
-/// A shaded surface of a pixel, or several merged.
+/// A shaded surface of a pixel, or several merged surfaces.
 #[derive(Clone, Copy)]
 struct Shaded {
-    /// The nearest of them.
+    /// The nearest of the merged surfaces.
     surface: Surface,
-    /// Premultiplied colour of all of them.
+    /// Premultiplied colour of the merged surfaces.
     color: DVec3,
-    /// Opacity of all of them.
+    /// Opacity of the merged surfaces.
     alpha: f64,
 }
 
@@ -83,8 +83,8 @@ impl Pixel<'_> {
         layers
     }
 
-    /// Shades a whole surface and inserts it, if it is there; over the limit, merges the two that are nearest in z (Z01
-    /// eq. 12).
+    /// Shades a complete surface and inserts it, unless it is empty. If there are then too many surfaces, merges the
+    /// two that are nearest in z (Z01 eq. 12). Returns true if the surface wasn't empty.
     fn close(&self, surfaces: &mut Vec<Shaded>, sums: &Sums) -> bool {
         let Some(surface) = self.lighting.shade(sums, self.center) else { return false };
         let alpha = surface.alpha * (sums.coverage / FULL_COVERAGE).min(1.0);

@@ -6,22 +6,23 @@ use surfel_math::clip_paper::PaperCurve;
 use surfel_math::mapping::Footprint;
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// The part of its disk that a splat keeps, and how its footprints' (u, v) turn back to its own.
+/// The clip of a splat, and the maps from its footprints' (u, v) to its own.
 #[derive(Clone)]
 pub(crate) struct SplatClip {
     clip: Clip<f64>,
-    /// In place of the clip's curve where eq. 7 of C12 is asked for.
+    /// Curve that replaces the clip's curve under the policy that uses eq. 7 of C12.
     paper: Option<PaperCurve<f64>>,
-    /// What is visible of the splat belongs to its filtered footprint, too (§7): its cloud is oriented.
+    /// True if the visible part of the splat also belongs to its filtered footprint (§7), as in oriented clouds.
     pub holds_visible: bool,
-    /// Of the unfiltered footprint.
+    /// Turn of the unfiltered footprint.
     pub visible_turn: Turn<f64>,
-    /// Of the filtered footprint.
+    /// Turn of the filtered footprint.
     pub filtered_turn: Turn<f64>,
 }
 
 impl SplatClip {
-    /// The clip of splat `i` under a policy, if it has one; footprints in the splat's own (u, v).
+    /// Returns the clip of splat `i` under a policy, if it has one. The turns assume footprints in the splat's own (u,
+    /// v).
     pub(crate) fn new(cloud: &SplatCloud, i: usize, policy: ClipPolicy, oriented: bool) -> Option<Self> {
         let clips = cloud.data().clips.as_ref()?;
         let clip = clips.clip(i, policy)?;
@@ -37,12 +38,13 @@ impl SplatClip {
         }
     }
 
-    /// True if the clip keeps the pixel at offset `d`, through a footprint and its turn.
+    /// True if the pixel at offset `d` is inside the clip, through a footprint and its turn.
     pub(crate) fn keeps_at(&self, footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> bool {
         self.keeps(own_coordinates(footprint, turn, d))
     }
 
-    /// True if the decision at offset `d` comes out the other way within `reach_px` pixels or `reach_uv` of the disk.
+    /// True if the decision at offset `d` changes within `reach_px` pixels, or within `reach_uv` in the disk's
+    /// coordinates.
     pub(crate) fn is_marginal_at(
         &self,
         footprint: &Footprint<f64>,
@@ -61,7 +63,7 @@ impl SplatClip {
     }
 }
 
-/// (u, v) of the splat itself at offset `d`; where W ≤ 0, which only `clamp` reaches, the centre's.
+/// Returns the splat's own (u, v) at offset `d`; where W ≤ 0, which only `clamp` reaches, those of the centre.
 fn own_coordinates(footprint: &Footprint<f64>, turn: &Turn<f64>, d: V2<f64>) -> V2<f64> {
     let (u, v, w) = footprint.at(d);
     if w > 0.0 { turn.apply(V2::new(u / w, v / w)) } else { V2::new(0.0, 0.0) }

@@ -10,16 +10,18 @@ use surfel_render::Region;
 /// The surfaces among which edges are found.
 pub(crate) struct Edges<'a> {
     pub passes: &'a Passes,
-    /// The nearest polygons, occluded or not, by pixel; empty without any.
+    /// The nearest polygon of each pixel, occluded or not; empty if the frame has none.
     pub polygons: &'a [Hit],
     pub rect: Region,
 }
 
 impl Edges<'_> {
-    /// Marks edge pixels: those with an 8-neighbour inside the image whose nearest surface lies beyond the pixel's own
-    /// threshold by more than its own writer's ε, and those that have filtered fragments but no threshold. The nearest
-    /// surface is the threshold less its writer's ε, or a polygon; one that splats occlude lies beyond their threshold,
-    /// and decides nothing.
+    /// Marks edge pixels. A pixel is marked if the nearest surface of an 8-neighbour inside the image is more than ε
+    /// beyond the pixel's own threshold, with ε that of the threshold's writer. A pixel is also marked if it has
+    /// filtered fragments but no threshold.
+    ///
+    /// The nearest surface begins at the threshold minus its writer's ε, or at a polygon. A polygon that splats occlude
+    /// is beyond their threshold, and decides nothing.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let is_edge = |at: usize| {
             let own = self.passes.thresholds[at];
@@ -32,13 +34,13 @@ impl Edges<'_> {
         (0..self.count()).map(is_edge).collect()
     }
 
-    /// Marks the pixels whose edge decision rounding could flip: no neighbour decides it for sure, and one is within
-    /// the margin of doing so, or would do so if a marginal visibility test of either pixel, or a polygon's, came out
-    /// the other way.
+    /// Marks the pixels whose edge decision rounding could change. No neighbour decides such a pixel for sure, and at
+    /// least one may decide. A neighbour may decide if it is within the margin, or if a marginal visibility test of
+    /// either pixel, or of a polygon, could have the other result.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let is_marginal = |at: usize| {
             let own = self.passes.possible[at];
-            // Without a threshold for sure, whether there is one is open: the pixel itself is marked for that.
+            // If it is uncertain that the pixel has a threshold, the pixel itself is already marked.
             let pairs = |n: usize| {
                 let (other, (z, open)) = (self.passes.possible[n], self.polygon(n));
                 let steps = [other.nearest, other.farthest].map(step);
@@ -57,18 +59,18 @@ impl Edges<'_> {
         self.rect.width as usize * self.rect.height as usize
     }
 
-    /// Depth of the nearest polygon, and whether rounding could change that.
+    /// Returns the depth of the nearest polygon, and true if rounding could change it.
     fn polygon(&self, at: usize) -> (f64, bool) {
         self.polygons.get(at).map_or((f64::INFINITY, false), |hit| (hit.z, hit.marginal))
     }
 }
 
-/// How far a pixel's own surface reaches.
+/// Returns the depth up to which a pixel's own surface reaches.
 fn limit(own: Threshold) -> f64 {
     own.depth + own.epsilon
 }
 
-/// Where a neighbour's surface begins.
+/// Returns the depth at which a neighbour's surface begins.
 fn step(neighbour: Threshold) -> f64 {
     neighbour.depth - neighbour.epsilon
 }
@@ -83,7 +85,7 @@ mod tests {
         Edges { passes, polygons, rect: *rect }
     }
 
-    /// A row of pixels of these depths, for sure, with ε = 0.1.
+    /// Returns a row of pixels with these depths, all certain, with ε = 0.1.
     fn row(depths: &[f64]) -> (Passes, Region) {
         let thresholds: Vec<Threshold> =
             depths.iter().map(|&z| Threshold { depth: z + 0.1, epsilon: 0.1, ..Threshold::NONE }).collect();
@@ -96,7 +98,7 @@ mod tests {
 
     #[test]
     fn edge_margin_holds_steps_that_rounding_could_take() {
-        // Steps back where the neighbour is more than 2ε = 0.2 deeper; 1e-4 relative is 1.2e-4 here.
+        // A step exists if the neighbour is more than 2ε = 0.2 deeper; the relative margin 1e-4 is 1.2e-4 here.
         for (step, edge, marginal) in
             [(0.1, false, false), (0.2001, true, true), (0.1999, false, true), (0.2002, true, false)]
         {
@@ -128,12 +130,12 @@ mod tests {
             (hit.z, hit.marginal) = (z, marginal);
             [Hit::NONE, hit]
         };
-        // Within 2ε of the pixel's own; else it is a step, too.
+        // A polygon within 2ε of the pixel's own surface is no step; a farther one is.
         for (z, edge) in [(1.1, false), (1.19, false), (1.3, true), (4.0, true)] {
             assert_eq!(edges(&row, &polygon(z, false)).pixels()[0], edge, "{z}");
             assert!(!edges(&row, &polygon(z, false)).marginal()[0], "{z}");
         }
-        // One that rounding could take away, or move across the step.
+        // A polygon that rounding could remove, or move across the step.
         assert!(edges(&row, &polygon(1.1, true)).marginal()[0]);
         assert!(edges(&row, &polygon(1.2001, false)).marginal()[0]);
     }

@@ -1,11 +1,11 @@
-//! The shader `edl` (§5): darker the deeper a pixel lies among its neighbours.
+//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours.
 
 use crate::shade::Surface;
 use surfel_math::V2;
 use surfel_math::eye_dome::{NEIGHBOURS, brightness, rise_weight};
 use surfel_render::{Region, View};
 
-/// Depths of the front surfaces of a rectangle, and whether rounding could change them.
+/// Depths of the nearest surfaces of a rectangle, each with true if rounding could change it.
 pub(crate) struct EyeDome<'a> {
     depths: Vec<(f64, bool)>,
     rect: Region,
@@ -18,7 +18,7 @@ impl<'a> EyeDome<'a> {
         Self { depths, rect, view }
     }
 
-    /// How bright depth `z` is at pixel `at`, and whether rounding could change that.
+    /// Returns the brightness of depth `z` at pixel `at`, and true if rounding could change it.
     pub(crate) fn brightness(&self, at: usize, z: f64) -> (f64, bool) {
         let (width, height) = (self.rect.width as usize, self.rect.height as usize);
         let (mut rise, mut marginal) = (0.0, false);

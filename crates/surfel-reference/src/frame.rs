@@ -1,4 +1,4 @@
-//! A frame: runs a plan's passes in order and puts the opaque image and the transparent layers together.
+//! Drawing of a frame: runs a plan's passes in order and composites transparent layers over the opaque image.
 
 use crate::edge::Edges;
 use crate::eye_dome::EyeDome;
@@ -77,14 +77,15 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     stats
 }
 
-/// The place in the work rectangle of a pixel of the region.
+/// Converts the index of a pixel of the region to its index in the work rectangle.
 fn place_in(rect: Region, view: &View, to: usize) -> usize {
     let region = view.region;
     let (x, y) = (to % region.width as usize, to / region.width as usize);
     (y + (region.y - rect.y) as usize) * rect.width as usize + x + (region.x - rect.x) as usize
 }
 
-/// For each pixel of the region what may be the nearest there: within `relative` of the least depth, nearest first.
+/// Returns, for each pixel of the region, the splats and polygons that may be the nearest, nearest first. Their depths
+/// are within `relative` of the minimum depth.
 pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, relative: f64) -> Vec<Vec<Identity>> {
     let plan = &FramePlan { shader: Shader::Unlit, ..plan.clone() };
     let lighting = Lighting {
@@ -104,36 +105,36 @@ pub(crate) fn candidates(scene: &ResidentScene, view: &View, plan: &FramePlan, r
         .collect()
 }
 
-/// The rectangle that passes run over: the region, grown by the neighbours that they read, inside the image.
+/// Returns the rectangle of all passes: the region, grown by the neighbours that passes read, inside the image.
 fn work_rect(view: &View, plan: &FramePlan) -> Region {
     view.region.grown(plan.reach_px(), view.size)
 }
 
-/// The opaque image of a frame: what the passes left in each pixel, then its surfaces.
+/// The opaque image of a frame: the results of the passes in each pixel, then its surfaces.
 pub(crate) struct OpaqueImage<'a> {
     pub lighting: &'a Lighting<'a>,
     pub rect: Region,
     background: [f64; 4],
     front: &'a Passes,
-    /// The surfaces behind edges, and which pixels are edges.
+    /// The surfaces behind edges, and flags of the edge pixels.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
-    /// Eye-dome lighting and outlines of the front surfaces, where the plan has them.
+    /// Eye-dome lighting and outlines of the nearest surfaces, if the plan has them.
     eye_dome: Option<EyeDome<'a>>,
     outlines: Option<Outlines<'a>>,
-    /// Front surfaces of the work rectangle, and whether rounding could change them.
+    /// Nearest surfaces of the work rectangle, each with true if rounding could change it.
     pixels: Vec<(Option<Surface>, bool)>,
 }
 
 impl<'a> OpaqueImage<'a> {
-    /// Not yet shaded.
+    /// Creates the image, before shading.
     pub(crate) fn new(lighting: &'a Lighting<'a>, rect: Region, background: [f64; 4], front: &'a Front<'a>) -> Self {
         let (passes, meshes) = (&front.passes, front.meshes.as_ref());
         let (eye_dome, outlines, pixels) = (None, None, Vec::new());
         Self { lighting, rect, background, front: passes, behind: None, meshes, eye_dome, outlines, pixels }
     }
 
-    /// Shades the front surface of every pixel, then runs the passes that read its neighbours.
+    /// Shades the nearest surface of every pixel, then runs the passes that read the pixel's neighbours.
     fn shade(&mut self) {
         let (rect, view) = (self.rect, self.lighting.view);
         let count = rect.width as usize * rect.height as usize;
@@ -151,8 +152,8 @@ impl<'a> OpaqueImage<'a> {
         self.pixels = pixels;
     }
 
-    /// What outlines or eye-dome lighting make of a surface that is seen at a place of pixel `at`, among its
-    /// neighbours; also whether rounding could change that.
+    /// Applies outlines or eye-dome lighting to a surface seen at a place of pixel `at`, by the depths of the pixel's
+    /// neighbours. Also returns true if rounding could change the result.
     pub(crate) fn under_screen_space(
         &self,
         surface: Option<Surface>,
@@ -169,7 +170,7 @@ impl<'a> OpaqueImage<'a> {
         (Some(Surface { color: surface.color * brightness, ..surface }), open)
     }
 
-    /// A surface's colour, or the background's.
+    /// Returns a surface's colour, or the background's.
     pub(crate) fn over_background(&self, surface: Option<Surface>) -> [f64; 4] {
         match surface {
             Some(s) => [s.color.x, s.color.y, s.color.z, 1.0],
@@ -177,7 +178,7 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// The front surface of a pixel: splats, polygon, or the ones blended over the other (§6).
+    /// Returns the nearest surface of a pixel: splats, a polygon, or splats blended over a polygon (§6).
     pub(crate) fn front_surface(&self, at: usize, pixel: V2<f64>) -> (Option<Surface>, bool) {
         let sums = &self.front.sums[at];
         let mut surface = self.lighting.shade(sums, pixel);
@@ -193,7 +194,7 @@ impl<'a> OpaqueImage<'a> {
         (surface, marginal || surface.is_some_and(|s| s.marginal))
     }
 
-    /// Fills the frame's planes. `layers` are the transparent layers of each pixel; empty where there are none.
+    /// Fills the frame's planes. `layers` has the transparent layers of each pixel; empty without transparent splats.
     fn resolve(&self, layers: &[LayerCompositor], samples: Option<&Samples>, frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
         let (region, rect) = (view.region, self.rect);
@@ -251,13 +252,13 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
-    /// A pixel of the opaque image.
+    /// Returns a pixel of the opaque image.
     fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
         let (surface, mut marginal) = self.pixels[at];
         let mut color = self.over_background(surface);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
-            // Also where a pixel has a threshold and no filtered fragment: that covers nothing.
+            // This includes pixels with a threshold but without a filtered fragment, whose coverage is 0.
             if edges[at] {
                 let q = self.front.sums[at].coverage.min(1.0);
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
@@ -271,16 +272,16 @@ impl<'a> OpaqueImage<'a> {
         Pixel { color, surface, marginal }
     }
 
-    /// Darkens the surface behind an edge pixel by its depth among the front surfaces about it.
+    /// Darkens the surface behind an edge pixel by its depth among the nearest surfaces around the pixel.
     fn under_eye_dome(&self, surface: Option<Surface>, at: usize) -> Option<Surface> {
         let Some(dome) = &self.eye_dome else { return surface };
         surface.map(|s| Surface { color: s.color * dome.brightness(at, s.depth).0, ..s })
     }
 
-    /// The surface behind an edge pixel: the splats there or the nearest polygon, whichever is in front.
+    /// Returns the surface behind an edge pixel: the splats there or the nearest polygon, whichever is nearer.
     fn behind_edge(&self, sums: &Sums, at: usize, pixel: V2<f64>) -> Option<Surface> {
         let splats = self.lighting.shade(sums, pixel);
-        // Without a threshold: the background.
+        // Behind a pixel without a threshold there is only the background.
         let has_threshold = self.front.thresholds[at].depth.is_finite();
         match self.meshes {
             Some(meshes) if has_threshold && meshes.hits[at].z < sums.resolved_depth() => {
@@ -293,9 +294,9 @@ impl<'a> OpaqueImage<'a> {
     }
 }
 
-/// A pixel, resolved.
+/// A finished pixel of the opaque image.
 struct Pixel {
-    /// Linear premultiplied RGBA.
+    /// Colour, linear premultiplied RGBA.
     color: [f64; 4],
     surface: Option<Surface>,
     marginal: bool,

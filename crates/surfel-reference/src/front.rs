@@ -1,4 +1,4 @@
-//! What the passes leave in each pixel before it is shaded.
+//! Results of the passes in each pixel, before shading.
 
 use crate::edge::Edges;
 use crate::layer_compositor::LayerCompositor;
@@ -11,19 +11,20 @@ use crate::threshold::Threshold;
 use crate::{abuffer, margin, peeling};
 use surfel_render::{Pass, Region};
 
-/// What the passes leave in each pixel of a rectangle before it is shaded, and the transparent layers before it.
+/// Results of the passes in each pixel of a rectangle before shading, and the transparent layers in front.
 pub(crate) struct Front<'a> {
     pub(crate) opaque: Vec<ScreenSplat>,
     pub(crate) bands: Bands,
     pub(crate) passes: Passes,
     pub(crate) meshes: Option<MeshLayer<'a>>,
     pub(crate) transparent: Vec<ScreenSplat>,
-    /// By pixel; empty where nothing is transparent.
+    /// Transparent layers of each pixel; empty if nothing is transparent.
     pub(crate) layers: Vec<LayerCompositor>,
 }
 
 impl<'a> Front<'a> {
-    /// A pixel of the image is so many pixels of the view wide: decision margins count in the image's.
+    /// Runs the passes. A pixel of the image is `pixel_px` pixels of the view wide; decision margins are in pixels of
+    /// the image.
     pub(crate) fn draw(scene: &'a ResidentScene, lighting: &Lighting<'a>, rect: Region, pixel_px: f64) -> Self {
         let (view, plan) = (lighting.view, lighting.plan);
         let mut splats = project_all(&scene.objects, view, plan);
@@ -43,7 +44,7 @@ impl<'a> Front<'a> {
         front
     }
 
-    /// The transparent layers of every pixel.
+    /// Returns the transparent layers of every pixel.
     pub(crate) fn layers(&self, lighting: &Lighting, rect: Region) -> Vec<LayerCompositor> {
         let bands = Bands::new(&self.transparent, rect);
         let opaque_depth = self.opaque_depth();
@@ -55,7 +56,8 @@ impl<'a> Front<'a> {
         }
     }
 
-    /// Both passes over the transparent splats before what is opaque, as if they were opaque themselves.
+    /// Runs both passes over the transparent splats in front of opaque surfaces, as if the splats were opaque
+    /// themselves.
     pub(crate) fn nearest_transparent(&self, lighting: &Lighting, rect: Region) -> Option<Passes> {
         if self.transparent.is_empty() {
             return None;
@@ -67,7 +69,7 @@ impl<'a> Front<'a> {
         Some(run.accumulate(run.thresholds()))
     }
 
-    /// Depth of what is opaque in each pixel; +∞ where nothing is.
+    /// Returns the depth of the nearest opaque surface in each pixel; +∞ for none.
     pub(crate) fn opaque_depth(&self) -> Vec<f64> {
         let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
         if let Some(meshes) = &self.meshes {
@@ -76,14 +78,14 @@ impl<'a> Front<'a> {
         depths
     }
 
-    /// The surfaces behind edges, and which pixels are edges.
+    /// Returns the surfaces behind edges, and flags of the edge pixels.
     pub(crate) fn behind_edges(&self, lighting: &Lighting, rect: Region) -> (Passes, Vec<bool>) {
         let (front, polygons) = (&self.passes, self.meshes.as_ref().map_or(&[][..], |m| &m.hits));
         let mut edges = Edges { passes: front, polygons, rect }.pixels();
         if let Some(meshes) = &self.meshes {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
-        // Where there is no threshold, nothing lies behind either.
+        // Where there is no threshold, nothing is behind either.
         let limit: Vec<f64> =
             front.thresholds.iter().zip(&edges).map(|(t, &edge)| if edge { t.depth } else { f64::INFINITY }).collect();
         let limits = DepthLimits { beyond: Some(&limit), ..DepthLimits::default() };
@@ -95,11 +97,11 @@ impl<'a> Front<'a> {
 /// Polygons of a frame, by pixel of the work rectangle.
 pub(crate) struct MeshLayer<'a> {
     pub(crate) polygons: Polygons<'a>,
-    /// The nearest ones, occluded or not.
+    /// The nearest polygons, occluded or not.
     pub(crate) hits: Vec<Hit>,
-    /// Depth of those that no splat occludes; +∞ elsewhere.
+    /// Depths of the nearest polygons that no splat occludes; +∞ elsewhere.
     pub(crate) depth: Vec<f64>,
-    /// Rounding could flip whether a splat occludes one.
+    /// True in pixels in which rounding could change whether a splat occludes the polygon.
     pub(crate) marginal: Vec<bool>,
 }
 

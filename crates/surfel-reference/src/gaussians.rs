@@ -1,4 +1,4 @@
-//! Trained Gaussians, one over another (docs/gaussians.md): every pixel by itself.
+//! Drawing of trained Gaussians, one over another (docs/gaussians.md), with every pixel computed independently.
 
 use crate::scene::ResidentScene;
 use glam::DVec3;
@@ -11,41 +11,41 @@ use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, GaussianView, Identity, PassTime, Stats, View};
 
-/// How near to flipping a decision is, relatively, to be within its margin; and a pixel to a rim, in pixels.
+/// Decision margins: relative distance of a value from its limit, and distance of a pixel from a rim in pixels.
 const MARGIN: f64 = 1e-4;
 const RIM_PX: f64 = 1e-3;
-/// How near depths are, relatively, whose order rounding to f32 may change; and the change of a colour that counts.
+/// Relative distance of depths whose order f32 rounding may change, and minimum change of a colour that counts as one.
 const DEPTH_MARGIN: f64 = 5e-7;
 const CHANGE_MARGIN: f64 = 1e-4;
 
-/// A Gaussian that the view may show.
+/// A Gaussian that may be visible.
 struct Seen {
-    /// Depth of its centre.
+    /// Depth of the centre.
     depth: f64,
     center_px: V2<f64>,
     bounds_px: Option<[V2<f64>; 2]>,
     forms: GaussianForms<f64>,
     opacity: f64,
-    /// What α is multiplied by.
+    /// Factor of α.
     weight: f64,
     color: DVec3,
-    /// World space.
+    /// Normal in world space.
     normal: DVec3,
-    /// Its place among the scene's.
+    /// Number of the Gaussian in the scene.
     number: usize,
 }
 
-/// A Gaussian where a ray meets it.
+/// A Gaussian at the point where a ray meets it.
 struct Fragment<'a> {
     gaussian: &'a Seen,
     alpha: f64,
     z: f64,
     shows: bool,
-    /// Whether it shows is within the margin.
+    /// True if the decision that the Gaussian shows is within its margin.
     open: bool,
-    /// Least and largest over the width of a rim.
+    /// Minimum and maximum α over the width of a rim.
     alphas: [f64; 2],
-    /// About the place, as far as a rim is wide.
+    /// Depths at the distance of a rim's width, in four directions.
     depths: [f64; 4],
 }
 
@@ -58,11 +58,11 @@ struct Pixel {
     depth: f64,
     median_depth: f64,
     distortion: f64,
-    /// Σw·m and Σw·m², m the depth that `distortion` compares.
+    /// Σw·m and Σw·m², with m the depth that `distortion` compares.
     moments: [f64; 2],
     fragments: u32,
     marginal: bool,
-    /// Share by which the transmittance changes over the width of a rim.
+    /// Relative change of the transmittance over the width of a rim.
     slack: f64,
 }
 
@@ -83,7 +83,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         })
         .collect();
     let linear = scene.summary.gaussians == Some(GaussianColors::Linear);
-    // The scene keeps it premultiplied.
+    // The scene's background is premultiplied.
     let [r, g, b, a] = scene.background;
     let straight = [r, g, b].map(|c| if a > 0.0 { c / a } else { 0.0 });
     let background = gaussian::background([straight[0], straight[1], straight[2], a], linear);
@@ -116,7 +116,7 @@ fn fill<T>(plane: &mut [T], pixels: &[Pixel], value: impl Fn(&Pixel) -> T) {
     plane.iter_mut().zip(pixels).for_each(|(at, pixel)| *at = value(pixel));
 }
 
-/// What the view may show, by the depth of centres; equally deep ones in the scene's order.
+/// Returns the Gaussians that may be visible, by the depth of their centres; equal depths in scene order.
 fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen> {
     let (mut all, mut first) = (Vec::new(), 0);
     for (cloud, world_from_object) in &scene.gaussians {
@@ -143,11 +143,11 @@ fn by_centers(scene: &ResidentScene, view: &View, plan: &FramePlan) -> Vec<Seen>
 }
 
 impl<'a> Fragment<'a> {
-    /// What a ray through a place meets of a Gaussian; `None` for what surely doesn't show.
+    /// Evaluates a Gaussian on a ray through a place; `None` if it surely doesn't show.
     fn of(gaussian: &'a Seen, at: V2<f64>, near: f64) -> Option<Self> {
         let d = V2::new(at.x - gaussian.center_px.x, at.y - gaussian.center_px.y);
         if let Some([lo, hi]) = gaussian.bounds_px {
-            // A little more than the bounds: decisions at them may be within their margin.
+            // A little more than the bounds, since decisions at the bounds may be within their margin.
             let out = |d: f64, lo: f64, hi: f64| d < 1.01 * lo || d > 1.01 * hi;
             if out(d.x, lo.x, hi.x) || out(d.y, lo.y, hi.y) {
                 return None;
@@ -158,7 +158,7 @@ impl<'a> Fragment<'a> {
             ((gaussian.opacity * (-0.5 * rho).exp()).min(MAX_ALPHA), z)
         };
         let (alpha, z) = seen_at([0.0; 2]);
-        // Limits of alpha and depth are rims: what goes through one over the width of a rim is open.
+        // Limits of alpha and depth act as rims: a value that crosses one over the width of a rim is open.
         let about = [[RIM_PX, 0.0], [-RIM_PX, 0.0], [0.0, RIM_PX], [0.0, -RIM_PX]].map(seen_at);
         let range =
             |at: f64, about: [f64; 4]| about.into_iter().fold([at; 2], |[least, most], v| [least.min(v), most.max(v)]);
@@ -172,7 +172,7 @@ impl<'a> Fragment<'a> {
         (shows || open).then_some(Self { gaussian, alpha, z, shows, open, alphas, depths })
     }
 
-    /// True if nothing but the scene's order decides which of two is in front.
+    /// True if only the scene's order decides which of two fragments is in front.
     fn is_surely_in_step_with(&self, other: &Self) -> bool {
         let mut depths = self.depths.into_iter().chain(other.depths);
         let step = depth_step(self.z);
@@ -181,7 +181,7 @@ impl<'a> Fragment<'a> {
 }
 
 impl Pixel {
-    /// Blends what a ray through a place meets.
+    /// Blends the Gaussians on a ray through a place.
     fn through(seen: &[Seen], at: V2<f64>, near: f64, plan: &FramePlan) -> Self {
         let mut pixel = Self {
             transmittance: 1.0,
@@ -208,7 +208,7 @@ impl Pixel {
                     }
                 }
             }
-            // Sort::Center, the default.
+            // `Sort::Center`, the default.
             _ => {
                 for fragment in fragments {
                     if !pixel.blend(&fragment) {
@@ -220,7 +220,7 @@ impl Pixel {
         pixel
     }
 
-    /// True if rounding may change the order of a fragment and ones behind it so that it is seen.
+    /// True if rounding may swap a fragment and ones behind it with a visible effect.
     fn may_swap(&self, front: &Fragment<'_>, behind: &[Fragment<'_>]) -> bool {
         let change = |f: &Fragment<'_>| {
             let is_apart = front.depths.iter().zip(f.depths).all(|(z, other)| other > z * (1.0 + 2.0 * DEPTH_MARGIN));
@@ -235,7 +235,7 @@ impl Pixel {
         front.shows && changes > CHANGE_MARGIN
     }
 
-    /// Blends a fragment behind what is there; false if no more light is left.
+    /// Blends a fragment behind the earlier ones. Returns false if the pixel is finished.
     fn blend(&mut self, fragment: &Fragment<'_>) -> bool {
         let Fragment { gaussian, alpha, z, alphas, .. } = *fragment;
         self.marginal |= fragment.open;

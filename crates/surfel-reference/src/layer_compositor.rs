@@ -1,4 +1,4 @@
-//! Transparent layers over a pixel, composited front to back as they are found.
+//! Compositing of transparent layers over a pixel, front to back in the order in which layers are found.
 
 use crate::shade::Surface;
 use glam::DVec3;
@@ -8,7 +8,7 @@ use glam::DVec3;
 pub(crate) struct LayerCompositor {
     /// Colour of the layers, premultiplied.
     pub color: DVec3,
-    /// Share of what lies behind that they let through.
+    /// Fraction of the background that shows through the layers.
     pub transmittance: f64,
     /// The nearest layer.
     pub nearest: Option<Surface>,
@@ -16,7 +16,7 @@ pub(crate) struct LayerCompositor {
     pub count: u32,
     /// Number of fragments that were accumulated.
     pub fragments: u32,
-    /// A decision of this pixel is within its margin.
+    /// True if a decision of this pixel is within its margin.
     pub marginal: bool,
 }
 
@@ -27,13 +27,13 @@ impl Default for LayerCompositor {
 }
 
 impl LayerCompositor {
-    /// Puts a surface of opacity `alpha` behind the layers so far: the same as blending back to front (Z01 eq. 12).
+    /// Adds a surface of opacity `alpha` behind the layers so far, which equals blending back to front (Z01 eq. 12).
     pub(crate) fn add_behind(&mut self, surface: &Surface, alpha: f64) {
         self.count += 1;
         self.add_premultiplied(surface, surface.color * alpha, alpha);
     }
 
-    /// Puts a surface of premultiplied `color` and opacity `alpha` behind the layers so far.
+    /// Adds a surface of premultiplied `color` and opacity `alpha` behind the layers so far.
     pub(crate) fn add_premultiplied(&mut self, surface: &Surface, color: DVec3, alpha: f64) {
         self.color += color * self.transmittance;
         self.transmittance *= 1.0 - alpha;
@@ -41,7 +41,7 @@ impl LayerCompositor {
         self.marginal |= surface.marginal;
     }
 
-    /// Puts the layers over a premultiplied colour.
+    /// Composites the layers over a premultiplied colour.
     pub(crate) fn over(&self, [r, g, b, a]: [f64; 4]) -> [f64; 4] {
         let t = self.transmittance;
         let c = self.color + DVec3::new(r, g, b) * t;

@@ -1,20 +1,20 @@
-//! The rendering model (`docs/rendering-model.md` §1–§8) in f64, brute force: the executable definition of a correct
-//! image. Every other backend is held against it.
+//! The rendering model (`docs/rendering-model.md` §1–§8) in f64 by brute force: the executable definition of a correct
+//! image. Every other backend is compared with it.
 //!
-//! It draws one splat after another, in index order, and culls nothing but what the model culls. Rows are rendered in
+//! The backend draws one splat after another, in index order, and culls only what the model culls. Rows are rendered in
 //! parallel, which changes nothing: every pixel sums its fragments in the same order.
 //!
 //! From the bottom up:
 //!
-//! - `scene` keeps scenes between frames; `splat` projects splats to footprints, `clip` clips them, `polygon` finds the
-//!   nearest polygon of a pixel;
+//! - `scene` stores scenes between frames; `splat` projects splats to footprints, `clip` clips them, `polygon` finds
+//!   the nearest polygon of a pixel;
 //! - `raster` runs the visibility and attribute passes, with `threshold`s between them, over `pixels`;
 //! - `shade` lights a surface, `shadow` draws and samples shadow maps, `matcap` and `eye_dome` are shaders of their
 //!   own;
 //! - `edge` finds edge pixels, `steps` and `samples` are edges by samples, `outlines` draws lines; `peeling` and
-//!   `abuffer` find transparent layers, which a `layer_compositor` puts over the opaque image;
-//! - `margin` finds decisions that rounding could flip;
-//! - `gaussians` draws trained Gaussians, one over another, and has nothing of the above;
+//!   `abuffer` find transparent layers, which a `layer_compositor` composites over the opaque image;
+//! - `margin` finds decisions that rounding could change;
+//! - `gaussians` draws trained Gaussians, one over another, and uses none of the above;
 //! - `frame` runs a plan's passes in order, `supersample` averages a finer frame, `renderer` is the backend.
 
 mod abuffer;

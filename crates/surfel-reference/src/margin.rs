@@ -1,4 +1,5 @@
-//! Decision margins: the fragments whose inside, depth or facing test rounding could flip; edges and highlights.
+//! Decision margins: the fragments whose inside, depth or facing test rounding could change; likewise edges and
+//! highlights.
 //!
 //! Comparisons of backends forgive the pixels marked here, and no others.
 
@@ -10,12 +11,12 @@ use surfel_math::clip::Turn;
 use surfel_math::mapping::Footprint;
 use surfel_render::View;
 
-/// Pixels of the image to a footprint's rim within which a test may flip.
+/// Distance from a footprint's rim within which a test may change, in pixels of the image.
 pub(crate) const RIM_PX: f64 = 1e-3;
-/// Relative distance from equality within which any other test may flip.
+/// Relative distance from equality within which any other test may change.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
-/// True if offset `d` is within the margin of a footprint's rim, so many pixels of the view.
+/// True if offset `d` is within `rim_px` pixels of the view of a footprint's rim.
 pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> bool {
     let (u, v, w) = footprint.at(d);
     let value = u * u + v * v - w * w;
@@ -28,8 +29,8 @@ pub(crate) fn on_rim(footprint: &Footprint<f64>, d: V2<f64>, rim_px: f64) -> boo
     value.abs() <= rim_px * slope || value.abs() <= RELATIVE * w * w
 }
 
-/// True if rounding could flip whether offset `d` is inside a footprint and not clipped, given whether it is on the
-/// rim of the whole footprint, or inside.
+/// True if rounding could change whether offset `d` is inside a footprint and not clipped. The first argument is
+/// whether `d` is on the rim of the whole footprint, and whether it is inside.
 fn on_border(
     [rim, inside]: [bool; 2],
     clip: Option<&SplatClip>,
@@ -44,14 +45,14 @@ fn on_border(
     (rim && clip.keeps_at(footprint, turn, d)) || ((rim || inside) && clipped())
 }
 
-/// True if rounding could flip whether the unfiltered, clipped splat is hit at a pixel.
+/// True if rounding could change whether a pixel is inside the unfiltered, clipped footprint.
 pub(crate) fn is_visibility_marginal(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
     let d = pixel - splat.anchor;
     let whole = [on_rim(&splat.visible, d, splat.rim_px), splat.visible.contains(d)];
     on_border(whole, splat.clip.as_ref(), &splat.visible, |c| &c.visible_turn, d, splat.rim_px)
 }
 
-/// True if rounding could flip whether a pixel is inside the filtered, clipped footprint.
+/// True if rounding could change whether a pixel is inside the filtered, clipped footprint.
 fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
     let d = pixel - splat.anchor;
     let rim = on_rim(&splat.filtered, d, splat.rim_px)
@@ -62,15 +63,15 @@ fn on_filtered_border(splat: &ScreenSplat, pixel: V2<f64>) -> bool {
         || (holds_visible && whole.contains(&true) && is_visibility_marginal(splat, pixel))
 }
 
-/// True if rounding could flip whether a neighbour's surface, which begins at `far`, lies beyond the reach of a pixel's
-/// own (§5, edge antialiasing).
+/// True if rounding could change whether a neighbour's surface, which begins at `far`, is beyond `near`, where a
+/// pixel's own surface ends (§5, edge antialiasing).
 pub(crate) fn on_step(near: f64, far: f64) -> bool {
-    // Infinities decide clearly, and an infinity less itself is NaN.
+    // Infinities decide clearly, and an infinity minus itself is NaN.
     (far - near).abs() <= RELATIVE * near.abs().max(far.abs()) && near.is_finite() && far.is_finite()
 }
 
-/// The thresholds that a pixel could have if facings are kept apart, from what it finds if every open fragment is there
-/// and if none is, without ties; and whether rounding could change the side that it shows.
+/// Returns the thresholds, without ties, that a pixel could have if facings are separated, and true if rounding could
+/// change the side that it shows. `nearest` is the result if every open fragment exists, `farthest` if none does.
 pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleThresholds, bool) {
     let surely_before = |side: usize, other: usize| {
         let (far, near) = (farthest.nearest[side], nearest.nearest[other]);
@@ -96,17 +97,17 @@ pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleT
     }
 }
 
-/// True if rounding could flip which of two depths is the farther; infinities decide clearly.
+/// True if rounding could change which of two depths is the farther; infinities decide clearly.
 pub(crate) fn on_depth(z: f64, limit: f64) -> bool {
     (z - limit).abs() <= RELATIVE * z.abs() && z.is_finite()
 }
 
-/// True if the highlight of a light at cosine n·l could come or go by rounding (§5, `phong`).
+/// True if rounding could add or remove the highlight of a light at cosine n·l (§5, `phong`).
 pub(crate) fn on_terminator(cosine: f64) -> bool {
     cosine.abs() <= RELATIVE
 }
 
-/// True if a fragment of the attribute pass is within the margin of any of its tests, and would matter.
+/// True if a fragment of the attribute pass is within the margin of any of its tests, and the result matters.
 pub(crate) fn is_marginal(splat: &ScreenSplat, pixel: V2<f64>, z: f64, threshold: &Threshold, view: &View) -> bool {
     let near = (z - view.projection.near).abs() <= RELATIVE * view.projection.near;
     let depth = on_depth(z, threshold.depth);

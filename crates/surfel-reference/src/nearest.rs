@@ -1,4 +1,4 @@
-//! Which splat, or polygon, is nearest in each pixel (§5, planes).
+//! Search for the nearest splat or polygon in each pixel (§5, planes).
 
 use crate::front::{Front, MeshLayer};
 use crate::pixels::center_in;
@@ -20,17 +20,17 @@ pub(crate) struct Candidate {
     row: u32,
 }
 
-/// In place of a splat's index.
+/// Splat index that marks a polygon.
 const POLYGON: u32 = u32::MAX;
 
 impl Candidate {
-    /// Of equally near ones the splat of the lower object comes first, then the lower row, then polygons.
+    /// Compares by depth; among equal depths by object, then by row, with polygons last.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
         let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
         self.z.total_cmp(&other.z).then(key(self).cmp(&key(other)))
     }
 
-    /// What a pixel shows of it.
+    /// Returns the row, object and label that the pixel's planes show.
     fn identity(&self, scene: &ResidentScene) -> Identity {
         let object = scene.objects.iter().rfind(|object| self.splat != POLYGON && object.first_splat <= self.splat);
         let labels = object.and_then(|object| Some((object, object.cloud.data().labels.as_ref()?)));
@@ -39,8 +39,8 @@ impl Candidate {
     }
 }
 
-/// The nearest of each pixel of `rect`, and those no more than `relative` of its depth farther, nearest first; none
-/// where nothing is seen.
+/// Returns the fragments of each pixel of `rect` whose depths exceed the nearest by at most `relative`, nearest first.
+/// Empty pixels have none.
 pub(crate) fn candidates(
     scene: &ResidentScene,
     front: &Front<'_>,
@@ -69,19 +69,19 @@ fn polygon_of(scene: &ResidentScene, meshes: &MeshLayer<'_>, at: usize) -> Optio
     z.is_finite().then_some(Candidate { z, splat: POLYGON, object: source as u32, row: NO_LABEL })
 }
 
-/// Identities of the nearest of each pixel.
+/// Returns the identity of the nearest fragment of each pixel.
 pub(crate) fn identities(scene: &ResidentScene, front: &Front<'_>, lighting: &Lighting, rect: Region) -> Vec<Identity> {
     let first = |pixel: &Vec<Candidate>| pixel.first().map_or(Identity::NOTHING, |found| found.identity(scene));
     candidates(scene, front, lighting, rect, 0.0).iter().map(first).collect()
 }
 
-/// Identities of all candidates.
+/// Returns the identities of all candidates.
 pub(crate) fn all(scene: &ResidentScene, pixels: &[Vec<Candidate>]) -> Vec<Vec<Identity>> {
     pixels.iter().map(|pixel| pixel.iter().map(|candidate| candidate.identity(scene)).collect()).collect()
 }
 
 impl Front<'_> {
-    /// The opaque fragments that add their attributes, pixel by pixel.
+    /// Returns the opaque fragments that add their attributes, pixel by pixel.
     fn contributing(&self, scene: &ResidentScene, lighting: &Lighting) -> Vec<Vec<Candidate>> {
         let polygon = self.meshes.as_ref().map(|meshes| meshes.depth.as_slice());
         let limits = DepthLimits { polygon, ..DepthLimits::default() };
@@ -92,7 +92,7 @@ impl Front<'_> {
         })
     }
 
-    /// The transparent fragments before what is opaque.
+    /// Returns the transparent fragments in front of opaque surfaces, pixel by pixel.
     fn contributing_layers(&self, scene: &ResidentScene, lighting: &Lighting, rect: Region) -> Vec<Vec<Candidate>> {
         if self.transparent.is_empty() {
             return Vec::new();
@@ -103,7 +103,7 @@ impl Front<'_> {
     }
 }
 
-/// The fragments inside filtered footprints of which `counts(pixel, splat, z)` is true.
+/// Returns the fragments inside filtered footprints for which `counts(pixel, splat, z)` is true.
 fn gather(
     scene: &ResidentScene,
     run: &Run<'_>,

@@ -14,13 +14,13 @@ use surfel_render::{Attributes, Pass, Region};
 pub(crate) struct TransparentSplats<'a> {
     pub splats: &'a [ScreenSplat],
     pub bands: &'a Bands,
-    /// Depth of the opaque surface in each pixel of `rect`; +∞ where there is none.
+    /// Depth of the opaque surface in each pixel of `rect`; +∞ for none.
     pub opaque_depth: &'a [f64],
     pub rect: Region,
 }
 
 impl TransparentSplats<'_> {
-    /// Centre of pixel `at` of the rectangle.
+    /// Returns the centre of pixel `at` of the rectangle.
     pub(crate) fn center(&self, at: usize) -> V2<f64> {
         pixels::center_in(self.rect, at)
     }
@@ -39,7 +39,7 @@ pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<
         add_layer(&mut layers, &layer, |at| lighting.shade(&layer.sums[at], transparent.center(at)));
         let thresholds: Vec<f64> = layer.thresholds.iter().map(|threshold| threshold.depth).collect();
         if thresholds.iter().all(|&depth| depth == Threshold::NONE.depth) {
-            // Without a threshold everything that remained was drawn, so there is nothing beyond this layer anywhere.
+            // Without a threshold all remaining fragments were drawn, so this layer is the last.
             return layers;
         }
         beyond = Some(thresholds);
@@ -50,8 +50,8 @@ pub(crate) fn peel(transparent: &TransparentSplats, lighting: &Lighting) -> Vec<
     layers
 }
 
-/// The last layer: every fragment that remains, lit per splat and weighted by its alpha, so that the more opaque ones
-/// count for more.
+/// Draws the last layer: all remaining fragments, lit per splat and weighted by alpha, so that more opaque splats count
+/// more.
 fn remaining(
     transparent: &TransparentSplats,
     lighting: &Lighting,
@@ -75,7 +75,7 @@ fn remaining(
     let layer = run.accumulate(run.thresholds());
     add_layer(layers, &layer, |at| Lighting::shade_lit(&layer.sums[at]));
     if lighting.plan.planes.margin && open.contains(&true) {
-        // The splats whose highlight could come or go, drawn alone, show which pixels that changes.
+        // Drawing the splats whose highlight is uncertain alone marks the pixels that they touch.
         let undecided: Vec<ScreenSplat> = lit.iter().zip(open).filter(|s| s.1).map(|s| s.0.clone()).collect();
         let bands = Bands::new(&undecided, transparent.rect);
         let run = Run { splats: &undecided, bands: &bands, ..run };

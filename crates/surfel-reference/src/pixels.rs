@@ -1,21 +1,21 @@
-//! Pixels of a rectangle: their centres, and those that a footprint may touch.
+//! Pixels of a rectangle: their centres, and the pixels that a footprint may touch.
 
 use crate::margin;
 use surfel_math::V2;
 use surfel_math::bounds::Extent;
 use surfel_render::Region;
 
-/// Centre of the pixel in column `x` and row `y`.
+/// Returns the centre of the pixel in column `x` and row `y`.
 pub(crate) fn center(x: u32, y: u32) -> V2<f64> {
     V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
-/// Centre of pixel `index` of a rectangle, counted row by row.
+/// Returns the centre of pixel `index` of a rectangle, counted row by row.
 pub(crate) fn center_in(rect: Region, index: usize) -> V2<f64> {
     center(rect.x + index as u32 % rect.width, rect.y + index as u32 / rect.width)
 }
 
-/// The 8-neighbours inside a rectangle of pixel `index`, counted row by row.
+/// Returns the 8-neighbours of pixel `index` inside a rectangle, counted row by row.
 pub(crate) fn neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
     let (width, height) = (rect.width as usize, rect.height as usize);
     let (x, y) = (index % width, index / width);
@@ -25,7 +25,7 @@ pub(crate) fn neighbours(rect: Region, index: usize) -> impl Iterator<Item = usi
         .filter(move |&neighbour| neighbour != index)
 }
 
-/// The neighbours inside a rectangle that share a side with pixel `index`, counted row by row.
+/// Returns the neighbours inside a rectangle that share a side with pixel `index`, counted row by row.
 pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item = usize> + use<> {
     let (width, height) = (rect.width as usize, rect.height as usize);
     let (x, y) = (index % width, index / width);
@@ -36,13 +36,13 @@ pub(crate) fn side_neighbours(rect: Region, index: usize) -> impl Iterator<Item 
     [left, right, above, below].into_iter().flatten()
 }
 
-/// Columns and rows of `rect` whose pixel centres lie in `extent`, grown by a hair so that neither rounding
-/// nor the margin loses one.
+/// Returns the columns and rows of `rect` whose pixel centres are in `extent`, with a small slack so that neither
+/// rounding nor the margin loses a pixel.
 pub(crate) fn touched(extent: &Extent<f64>, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
     let range = |min: f64, max: f64, start: u32, length: u32| {
         let (lo, hi) = (f64::from(start), f64::from(start + length));
-        // Float-to-int casts saturate: an infinite box is clipped to the rectangle.
-        // Samples are a quarter of a pixel wide.
+        // Float-to-int casts saturate: an infinite box is clipped to the rectangle. Samples are a quarter of a pixel
+        // wide.
         let slack = 8.0 * margin::RIM_PX;
         let first = (min - 0.5 - slack).ceil().clamp(lo, hi) as u32;
         let end = ((max - 0.5 + slack).floor() + 1.0).clamp(lo, hi) as u32;

@@ -1,4 +1,4 @@
-//! Polygons among splats (§6): the nearest one of each pixel, and its surface there.
+//! Polygons among splats (§6): the nearest polygon of each pixel, and its surface there.
 
 use crate::margin;
 use crate::pixels;
@@ -12,27 +12,27 @@ use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_render::{FramePlan, Region, View};
 
-/// A triangle of a mesh, projected.
+/// A projected triangle of a mesh.
 pub(crate) struct ScreenTriangle {
     mesh: u32,
     /// Index of the triangle in its mesh.
     index: u32,
     triangle: Triangle<f64>,
     extent: Extent<f64>,
-    /// Faces away from the eye.
+    /// True if the triangle faces away from the eye.
     back_facing: bool,
-    /// How far facing is from flipping, where anything hangs on it.
+    /// Distance of the cosine from the facing decision; infinite if nothing depends on facing.
     facing_margin: f64,
 }
 
 /// The nearest polygon of a pixel.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Hit {
-    /// Planar depth; +∞ where there is none.
+    /// Planar depth; +∞ for none.
     pub z: f64,
-    /// Index into the screen triangles.
+    /// Index of the screen triangle.
     triangle: u32,
-    /// Rounding could make it another polygon, or none.
+    /// True if rounding could make it another polygon, or none.
     pub marginal: bool,
 }
 
@@ -40,12 +40,12 @@ impl Hit {
     pub(crate) const NONE: Self = Self { z: f64::INFINITY, triangle: u32::MAX, marginal: false };
 }
 
-/// A point of a polygon's surface, as it is lit.
+/// A point of a polygon's surface, with the inputs of lighting.
 pub(crate) struct Material {
     pub albedo: DVec3,
-    /// Unit world normal, turned to the eye where the material is two-sided; zero where it has none.
+    /// Unit world normal, turned to the eye if the material is two-sided; zero if undefined.
     pub normal: DVec3,
-    /// Ambient, diffuse, specular, shininess.
+    /// Ambient, diffuse, specular and shininess factors.
     pub factors: [f64; 4],
 }
 
@@ -56,10 +56,10 @@ pub(crate) struct Polygons<'a> {
     triangles: Vec<ScreenTriangle>,
 }
 
-/// View position of a vertex.
+/// Returns the view position of a vertex.
 fn vertex(mesh: &ResidentMesh, view: &View, i: u32) -> DVec3 {
     let m = &mesh.mesh;
-    // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+    // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
     let origin = mesh.world_from_object.transform_point3(m.origin) - view.eye;
     view.view_from_world * (origin + mesh.world_from_object.matrix3 * m.positions.get(i as usize))
 }
@@ -78,8 +78,8 @@ impl<'a> Polygons<'a> {
         Self { meshes, view, triangles }
     }
 
-    /// The nearest polygon of every pixel; of equally near ones the first. With the decision margin of rims, pixels of
-    /// the view, where margins are wanted.
+    /// Returns the nearest polygon of every pixel; among equal depths the first. `rim_px` is the decision margin of
+    /// rims in pixels of the view, if margins are needed.
     pub(crate) fn nearest(&self, rect: Region, rim_px: Option<f64>) -> Vec<Hit> {
         let mut hits = vec![Hit::NONE; rect.width as usize * rect.height as usize];
         let mut of_row = vec![Vec::new(); rect.height as usize];
@@ -123,18 +123,18 @@ impl<'a> Polygons<'a> {
         }
     }
 
-    /// Index of the mesh that a pixel hits.
+    /// Returns the index of the mesh that a pixel hits.
     pub(crate) fn mesh_of(&self, hit: &Hit) -> Option<usize> {
         self.triangles.get(hit.triangle as usize).map(|t| t.mesh as usize)
     }
 
-    /// Change of the hit polygon's depth over a pixel to the right and one down.
+    /// Returns the change of the hit polygon's depth per pixel to the right and down.
     pub(crate) fn depth_gradient(&self, hit: &Hit, pixel: V2<f64>) -> V2<f64> {
         let t = &self.triangles[hit.triangle as usize].triangle;
         t.gradient(t.z, hit.z, pixel)
     }
 
-    /// The surface that a pixel hits.
+    /// Returns the surface that a pixel hits.
     pub(crate) fn material(&self, hit: &Hit, pixel: V2<f64>) -> Material {
         let t = &self.triangles[hit.triangle as usize];
         let resident = &self.meshes[t.mesh as usize];
@@ -172,7 +172,7 @@ impl<'a> Polygons<'a> {
     }
 }
 
-/// Outward normal of a triangle in object space: the side from which its corners run counter-clockwise.
+/// Returns the outward normal of a triangle in object space: on the side from which its corners run counter-clockwise.
 fn outward(mesh: &ResidentMesh, k: usize) -> DVec3 {
     let [a, b, c] = mesh.mesh.triangles[k].map(|i| mesh.mesh.positions.get(i as usize));
     (b - a).cross(c - a)
@@ -195,7 +195,7 @@ fn project(mesh: &ResidentMesh, mesh_index: u32, k: usize, view: &View) -> Optio
     Some(ScreenTriangle {
         mesh: mesh_index,
         index: k as u32,
-        // One anchor for all, so that neighbours judge their edge by the same number.
+        // One anchor for all triangles, so that adjacent ones test a shared edge by the same number.
         triangle: Triangle::new(corners, V2::new(0.0, 0.0), &view.projection),
         extent,
         back_facing,

@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use surfel_math::{V2, kernel};
 use surfel_render::{Attributes, FramePlan, Region, View};
 
-/// Rows of a band. Only the amount of work a task; changes no pixel.
+/// Number of rows in a band. It only determines the amount of work per task, and changes no pixel.
 const BAND_ROWS: u32 = 8;
 
 /// Weighted sums of a pixel.
@@ -22,12 +22,12 @@ pub(crate) struct Sums {
     pub coverage: f64,
     pub alpha: f64,
     pub fragments: u32,
-    /// A decision of this pixel is within its margin.
+    /// True if a decision of this pixel is within its margin.
     pub marginal: bool,
 }
 
 impl Sums {
-    /// Z of the pixel: Σwz/Σw, or +∞ where Σw = 0.
+    /// Returns Z of the pixel: Σwz/Σw, or +∞ where Σw = 0.
     pub(crate) fn resolved_depth(&self) -> f64 {
         if self.weight > 0.0 { self.depth / self.weight } else { f64::INFINITY }
     }
@@ -55,11 +55,11 @@ impl Sums {
     }
 }
 
-/// The result of both passes over a rectangle of pixels.
+/// Result of both passes over a rectangle of pixels.
 pub(crate) struct Passes {
     pub thresholds: Vec<Threshold>,
     pub sums: Vec<Sums>,
-    /// Filled for the margin plane alone, else empty.
+    /// Possible thresholds of each pixel, for the margin plane only; else empty.
     pub possible: Vec<PossibleThresholds>,
     /// Number of fragments that were accumulated.
     pub fragments: u64,
@@ -91,14 +91,14 @@ impl Bands {
     }
 }
 
-/// Depths between which fragments exist for a run, pixel by pixel; without a limit, all do.
+/// Depths between which fragments exist in a run, pixel by pixel. Without a limit all fragments exist.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct DepthLimits<'a> {
-    /// Fragments at or before this depth don't exist: they belong to what lies in front.
+    /// Depth at or before which fragments don't exist: they belong to the surface in front.
     pub beyond: Option<&'a [f64]>,
-    /// Fragments beyond this depth don't exist either: something opaque occludes them.
+    /// Depth beyond which fragments don't exist: an opaque surface occludes them.
     pub up_to: Option<&'a [f64]>,
-    /// Depth of the polygon before which splats are blended (§6): their attributes count up to their own ε behind it.
+    /// Depth of the polygon over which splats are blended (§6): attributes count up to a splat's own ε behind it.
     pub polygon: Option<&'a [f64]>,
 }
 
@@ -117,27 +117,27 @@ impl<'a> DepthLimits<'a> {
         self.polygon.is_none_or(|p| z - epsilon <= p[at])
     }
 
-    /// True if rounding could flip whether they admit a fragment.
+    /// True if rounding could change whether the limits admit a fragment.
     fn are_near(&self, at: usize, z: f64) -> bool {
         [self.beyond, self.up_to].into_iter().flatten().any(|limit| margin::on_depth(z, limit[at]))
     }
 }
 
-/// A fragment as the A-buffer keeps it.
+/// A fragment as the A-buffer stores it.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fragment {
-    /// Index into the run's splats.
+    /// Index of the splat in the run.
     pub splat: u32,
     pub z: f64,
     /// w of the filtered footprint; 0 outside.
     pub weight: f64,
-    /// Inside the filtered footprint.
+    /// True if the pixel is inside the filtered footprint.
     pub inside: bool,
-    /// Inside the unfiltered footprint.
+    /// True if the pixel is inside the unfiltered footprint.
     pub visible: bool,
-    /// Rounding could flip `inside`, or that the fragment exists.
+    /// True if rounding could change `inside`, or whether the fragment exists.
     pub marginal: bool,
-    /// Rounding could flip `visible`.
+    /// True if rounding could change `visible`.
     pub on_visible_rim: bool,
 }
 
@@ -149,21 +149,22 @@ pub(crate) struct Run<'a> {
     pub plan: &'a FramePlan,
     /// The attributes that are accumulated.
     pub attributes: Attributes,
-    /// Fragments are held against a depth threshold; without, every one that exists is accumulated.
+    /// True if fragments are compared with a depth threshold; if false, every fragment that exists is accumulated.
     pub visibility: bool,
-    /// Both sides of oriented surfaces are kept apart.
+    /// True if both sides of oriented surfaces are separated.
     pub keeps_facings: bool,
     pub limits: DepthLimits<'a>,
 }
 
 impl<'a> Run<'a> {
-    /// Both passes over all fragments, as the plan says.
+    /// Creates a run of both passes over all fragments, according to the plan.
     pub(crate) fn new(splats: &'a [ScreenSplat], bands: &'a Bands, view: &'a View, plan: &'a FramePlan) -> Self {
         let (limits, keeps_facings) = (DepthLimits::default(), false);
         Self { splats, bands, view, plan, attributes: plan.attributes, visibility: true, keeps_facings, limits }
     }
 
-    /// The visibility pass: the depth threshold of each pixel of the bands' rectangle; none without visibility.
+    /// Runs the visibility pass and returns the depth threshold of each pixel of the bands' rectangle;
+    /// [`Threshold::NONE`] without visibility.
     pub(crate) fn thresholds(&self) -> Vec<Threshold> {
         let rect = self.bands.rect;
         let mut thresholds = vec![Threshold::NONE; rect.width as usize * rect.height as usize];
@@ -178,7 +179,7 @@ impl<'a> Run<'a> {
         thresholds
     }
 
-    /// The attribute pass up to the thresholds; [`Threshold::NONE`] lets all fragments of a pixel pass.
+    /// Runs the attribute pass up to the thresholds; [`Threshold::NONE`] admits all fragments of a pixel.
     pub(crate) fn accumulate(&self, thresholds: Vec<Threshold>) -> Passes {
         let mut sums = vec![Sums::default(); thresholds.len()];
         let unknown = PossibleThresholds { nearest: Threshold::NONE, farthest: Threshold::NONE, tie: Threshold::NONE };
@@ -204,8 +205,8 @@ impl<'a> Run<'a> {
         Passes { thresholds, sums, possible, fragments }
     }
 
-    /// Fragments of every pixel of the bands' rectangle, in splat order: all that have a depth and lie inside a
-    /// footprint or on its rim.
+    /// Returns the fragments of every pixel of the bands' rectangle, in splat order: all that have a depth and are
+    /// inside a footprint or on its rim.
     pub(crate) fn fragments(&self) -> Vec<Vec<Fragment>> {
         let of_band = |(band, list): (usize, &'a Vec<u32>)| {
             let pass = self.band(band, list);
@@ -253,7 +254,7 @@ impl BandPass<'_> {
         });
     }
 
-    /// As [`Self::for_fragments`], whether there is a fragment or not, and without its depth.
+    /// Calls `each` as [`Self::for_fragments`] does, but without a depth and even for pixels without a fragment.
     fn for_pixels(&self, which: Footprints, mut each: impl FnMut(u32, &ScreenSplat, usize, V2<f64>)) {
         for &i in self.list {
             let splat = &self.run.splats[i as usize];
@@ -317,7 +318,7 @@ impl BandPass<'_> {
         let cutoff = self.run.plan.splat_filter.cutoff;
         let mut fragments = 0;
         self.for_fragments(Footprints::Filtered, |_, splat, at, pixel, z| {
-            // Where rounding could change the side, the pixel is marked for that.
+            // If rounding could change the side, the pixel is already marked.
             if !thresholds[at].shows(splat.facing) {
                 return;
             }
@@ -340,7 +341,7 @@ impl BandPass<'_> {
     }
 
     /// Marks pixels whose threshold rounding could change. A fragment on the rim of its splat, or at a limit, matters
-    /// only where it would be, or is, the nearest.
+    /// only if it is, or would be, the nearest.
     fn visibility_margin(&self, thresholds: &[Threshold], sums: &mut [Sums], possible: &mut [PossibleThresholds]) {
         let keeps_facings = self.run.keeps_facings;
         let mut sides = vec![[Sides::NONE; 2]; if keeps_facings { thresholds.len() } else { 0 }];
@@ -379,7 +380,7 @@ impl BandPass<'_> {
                 possible[at].farthest.lower(own);
             }
         });
-        // A fragment that doesn't exist, but by a hair: it would be among the nearest, or the only one.
+        // A fragment that barely doesn't exist would be among the nearest, or the only one.
         self.for_pixels(Footprints::Both, |_, splat, at, pixel| {
             let z = splat.depth_nearly_at(pixel, self.run.view);
             if z.is_none_or(|z| !self.limits.admit(at, z) || z > thresholds[at].depth) {

@@ -1,4 +1,4 @@
-//! The backend `reference`: uploads scenes and renders frames on threads of its own.
+//! The backend `reference`, which uploads scenes and renders frames on its own threads.
 
 use crate::scene::ResidentScene;
 use crate::{frame, gaussians};
@@ -7,11 +7,11 @@ use surfel_render::{Capabilities, Frame, Identity, Pass, Planes, RenderError, Re
 
 const CAPABILITIES: Capabilities = Capabilities::everything("reference");
 
-/// How a [`Renderer`] works.
+/// Options of a [`Renderer`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Threads; 0: as many as there are cores, or as the environment's `RAYON_NUM_THREADS` says.
+    /// Number of threads. 0 uses the environment variable `RAYON_NUM_THREADS`, or as many threads as there are cores.
     pub threads: usize,
 }
 
@@ -21,10 +21,10 @@ impl Options {
     }
 }
 
-/// Stack of a thread, in bytes: unoptimised code needs several times the two megabytes that threads have by default.
+/// Stack size of a thread, in bytes: unoptimised code needs several times the default of two megabytes.
 const STACK_BYTES: usize = 8 << 20;
 
-/// The f64 reference backend.
+/// The renderer of the f64 reference backend.
 pub struct Renderer {
     info: RendererInfo,
     pool: rayon::ThreadPool,
@@ -33,7 +33,7 @@ pub struct Renderer {
 impl Renderer {
     surfel_render::renderer_methods!(ResidentScene);
 
-    /// A renderer with threads of its own.
+    /// Creates a renderer with its own threads.
     ///
     /// # Errors
     /// [`RenderError::Backend`] if threads can't be started.
@@ -53,11 +53,11 @@ impl Renderer {
         Ok(Self { info, pool })
     }
 
-    /// Renders `samples`×`samples` samples a pixel without a pre-filter and averages them: the ground truth
-    /// that filters approximate.
+    /// Renders `samples`×`samples` samples per pixel without a pre-filter and averages them. The result is the ground
+    /// truth that filters approximate.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render_into`]; also for more samples than fit into memory.
+    /// The errors of [`surfel_render::Renderer::render_into`], also for more samples than fit into memory.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,
@@ -68,7 +68,7 @@ impl Renderer {
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
         let fine_view = view.supersampled(samples)?;
-        // An octree is cut down to the image's pixels, not to the samples.
+        // Nodes of an octree are selected for the image's pixels, not for the samples.
         let lod_error_px = (settings.lod_error_px * f64::from(samples)).min(MOST_LOD_ERROR_PX);
         let settings = settings.with_prefilter_radius_px(0.0).with_edge_aa(EdgeAa::Off).with_lod_error_px(lod_error_px);
         if planes.index || planes.label || planes.position {
@@ -90,11 +90,11 @@ impl Renderer {
 }
 
 impl Renderer {
-    /// For tests: of each pixel of the view's region all that may be the nearest there, whose depths are within
-    /// `relative` of the least, nearest first; none where nothing is seen.
+    /// Returns, for tests, everything that may be the nearest in each pixel of the view's region: depths within
+    /// `relative` of the minimum, nearest first. Empty pixels have none.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render_into`].
+    /// The errors of [`surfel_render::Renderer::render_into`].
     #[doc(hidden)]
     pub fn nearest_candidates(
         &mut self,

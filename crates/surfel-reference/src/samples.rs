@@ -1,6 +1,6 @@
-//! Edges by samples (§5): pixels beside a step of depth as the mean of 4×4 samples.
+//! Edges by samples (§5): pixels beside a depth step are the mean of 4×4 samples.
 //!
-//! Samples are the pixels of an image that is four times as wide and high: all of it is drawn.
+//! Samples are the pixels of an image that is four times as wide and high, and which is drawn as a whole.
 
 use crate::frame::OpaqueImage;
 use crate::front::Front;
@@ -11,26 +11,26 @@ use crate::steps::Steps;
 use rayon::prelude::*;
 use surfel_render::SAMPLES_SIDE;
 
-/// A pixel's colour by samples.
+/// Colour of a pixel by samples.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sampled {
     /// Linear premultiplied RGBA.
     pub color: [f64; 4],
-    /// A decision of one of them is within its margin.
+    /// True if a decision of one of the samples is within its margin.
     pub marginal: bool,
 }
 
-/// The pixels of a rectangle that are sampled.
+/// The pixels of a rectangle, with those that are sampled.
 pub(crate) struct Samples {
-    /// Of the pixels that aren't sampled it means nothing.
+    /// Colours by samples; undefined for pixels that aren't sampled.
     pixels: Vec<Sampled>,
     wanted: Vec<bool>,
-    /// Rounding could decide otherwise.
+    /// True for pixels in which rounding could change whether they are sampled; empty if margins aren't needed.
     open: Vec<bool>,
 }
 
 impl Samples {
-    /// Finds and draws the sampled pixels of an image that is shaded.
+    /// Finds and draws the sampled pixels of a shaded image.
     pub(crate) fn draw(scene: &ResidentScene, image: &OpaqueImage, front: &Front) -> Self {
         let (rect, lighting) = (image.rect, image.lighting);
         let transparent = front.nearest_transparent(lighting, rect);
@@ -42,18 +42,18 @@ impl Samples {
         Self { pixels: sampled(scene, image, &wanted), wanted, open }
     }
 
-    /// The colour of a pixel, if it is sampled.
+    /// Returns the colour of a pixel, if it is sampled.
     pub(crate) fn of(&self, at: usize) -> Option<&Sampled> {
         self.wanted[at].then(|| &self.pixels[at])
     }
 
-    /// True if rounding could decide otherwise whether a pixel is sampled.
+    /// True if rounding could change whether a pixel is sampled.
     pub(crate) fn marginal(&self, at: usize) -> bool {
         self.open.get(at).copied().unwrap_or(false)
     }
 }
 
-/// Colours by samples of the wanted pixels of an image's rectangle.
+/// Returns the colours by samples of the wanted pixels of an image's rectangle.
 fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<Sampled> {
     let mut sampled = vec![Sampled::default(); wanted.len()];
     if !wanted.contains(&true) {
@@ -69,7 +69,7 @@ fn sampled(scene: &ResidentScene, image: &OpaqueImage, wanted: &[bool]) -> Vec<S
     sampled
 }
 
-/// The mean of a pixel's samples.
+/// Returns the mean of a pixel's samples.
 fn mean(image: &OpaqueImage, fine: &OpaqueImage, front: &Front, at: usize) -> Sampled {
     let (width, side) = (image.rect.width as usize, SAMPLES_SIDE as usize);
     let share = 1.0 / (side * side) as f64;

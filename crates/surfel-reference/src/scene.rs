@@ -1,4 +1,4 @@
-//! Scenes as the reference keeps them between frames.
+//! Scenes as the reference stores them between frames.
 
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
@@ -8,23 +8,23 @@ use surfel_model::{
 };
 use surfel_render::{RenderError, SceneSummary};
 
-/// A scene as the reference holds it: shared clouds and what belongs to their objects.
+/// A scene as the reference stores it: shared clouds, and their objects' placements and materials.
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) objects: Vec<ResidentObject>,
     pub(crate) meshes: Vec<ResidentMesh>,
-    /// Gaussians and their placement; of a scene of surfaces there are none.
+    /// Gaussians and their placement; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<(Arc<GaussianCloud>, DAffine3)>,
-    /// The material of the first object.
+    /// Material of the first object.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: DVec3,
     pub(crate) matcap: Option<Arc<Matcap>>,
-    /// Linear premultiplied RGBA.
+    /// Background, linear premultiplied RGBA.
     pub(crate) background: [f64; 4],
 }
 
-/// One object of splats.
+/// An object of splats.
 #[derive(Clone)]
 pub(crate) struct ResidentObject {
     /// Index of the scene's object.
@@ -36,7 +36,7 @@ pub(crate) struct ResidentObject {
     pub first_splat: u32,
 }
 
-/// One object of polygons.
+/// An object of polygons.
 #[derive(Clone)]
 pub(crate) struct ResidentMesh {
     /// Index of the scene's object.
@@ -44,12 +44,12 @@ pub(crate) struct ResidentMesh {
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// The mesh's texture and its smaller levels.
+    /// The mesh's texture and its mip levels.
     pub mipmaps: Option<Arc<Mipmaps>>,
 }
 
 impl ResidentScene {
-    /// Shares a scene's clouds and meshes, and builds the smaller levels of its textures.
+    /// Shares a scene's clouds and meshes, and builds the mip levels of its textures.
     ///
     /// # Errors
     /// [`RenderError`] for an invalid scene, and for more splats than 32 bits can number.
@@ -69,7 +69,7 @@ impl ResidentScene {
                 cloud,
             });
         };
-        // Of equally near polygons the first is drawn: those of octrees come after all meshes.
+        // Among equally near polygons the first is drawn; an octree's polygons follow all meshes.
         let (mut octrees, mut gaussians, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         for (source, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
@@ -111,7 +111,7 @@ impl ResidentScene {
     }
 }
 
-/// A mesh as it is drawn. Objects with the same texture share its smaller levels.
+/// Stores a mesh. Objects with the same texture share its mip levels.
 fn resident_mesh(source: usize, object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> ResidentMesh {
     let mipmaps = Mipmaps::of_mesh(mesh, known);
     let (world_from_object, material) = (object.world_from_object, object.material);

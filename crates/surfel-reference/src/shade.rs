@@ -1,4 +1,4 @@
-//! Shading (§5): attributes divided by Σw, then the plan's shader, once a pixel.
+//! Shading (§5): attributes divided by Σw, then the plan's shader, once per pixel.
 
 use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
@@ -21,9 +21,9 @@ pub(crate) struct Lighting<'a> {
     pub shadows: &'a [Shadow<'a>],
     pub lights: &'a [Light],
     pub ambient: DVec3,
-    /// The image that the shader `matcap` looks up.
+    /// The image that the shader `matcap` samples.
     pub matcap: Arc<Matcap>,
-    /// Ambient, diffuse, specular, shininess where all objects share them.
+    /// Ambient, diffuse, specular and shininess factors, if all objects share them.
     pub material: [f64; 4],
 }
 
@@ -37,11 +37,11 @@ pub(crate) struct Surface {
     pub weight: f64,
     /// Σwα/Σw.
     pub alpha: f64,
-    /// Rounding could make a highlight or a shadow come or go.
+    /// True if rounding could add or remove a highlight or a shadow.
     pub marginal: bool,
 }
 
-/// A point of a surface, as it is lit.
+/// A point of a surface, with the inputs of lighting.
 struct Point {
     /// View position.
     at: DVec3,
@@ -53,7 +53,7 @@ struct Point {
 }
 
 impl Surface {
-    /// This surface over another by a share: colour, Z and normal alike (§6).
+    /// Blends this surface over another with weight `share`: colour, depth and normal alike (§6).
     pub(crate) fn blended_over(&self, behind: &Self, share: f64) -> Self {
         Self {
             color: self.color * share + behind.color * (1.0 - share),
@@ -66,7 +66,7 @@ impl Surface {
 }
 
 impl Lighting<'_> {
-    /// Resolves and lights a pixel; `None` where Σw = 0.
+    /// Divides and lights a pixel; `None` where Σw = 0.
     pub(crate) fn shade(&self, sums: &Sums, pixel: V2<f64>) -> Option<Surface> {
         if sums.weight <= 0.0 {
             return None;
@@ -91,8 +91,7 @@ impl Lighting<'_> {
         Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
     }
 
-    /// Resolves a pixel whose fragments were lit before they were summed ([`Lighting::lit_splat`]); `None` where Σw =
-    /// 0.
+    /// Divides a pixel whose fragments were lit before summation ([`Lighting::lit_splat`]); `None` where Σw = 0.
     pub(crate) fn shade_lit(sums: &Sums) -> Option<Surface> {
         (sums.weight > 0.0).then(|| {
             let inverse = 1.0 / sums.weight;
@@ -107,24 +106,25 @@ impl Lighting<'_> {
         })
     }
 
-    /// A splat lit at its centre: with the shaded colour for its albedo. Also whether rounding could change that.
+    /// Lights a splat at its centre and returns it with the shaded colour as its albedo. Also returns true if rounding
+    /// could change the colour.
     pub(crate) fn lit_splat(&self, splat: &ScreenSplat) -> (ScreenSplat, bool) {
         let albedo = DVec3::from(splat.color);
-        // The centre may lie before z_near, where the stored depth would exceed 1.
+        // The centre may be in front of z_near, where the stored depth would exceed 1.
         let depth = splat.center.z.max(self.view.projection.near);
         let point = Point { at: splat.center, depth, normal: splat.normal, albedo, material: splat.material };
         let (color, marginal) = self.color(&point);
         (ScreenSplat { color: color.to_array(), ..splat.clone() }, marginal)
     }
 
-    /// View position of depth z at a pixel.
+    /// Returns the view position of depth z at a pixel.
     fn position(&self, pixel: V2<f64>, depth: f64) -> DVec3 {
         let (origin, direction) = self.view.projection.ray(pixel);
         let at = origin + direction * depth;
         DVec3::new(at.x, at.y, at.z)
     }
 
-    /// The colour that the plan's shader gives a point, and whether rounding could change it.
+    /// Returns the colour that the plan's shader computes for a point, and true if rounding could change it.
     fn color(&self, point: &Point) -> (DVec3, bool) {
         let (color, marginal) = self.unlimited_color(point);
         (DVec3::from(color.to_array().map(limit_color)), marginal)
@@ -144,25 +144,25 @@ impl Lighting<'_> {
                 let (color, marginal) = self.lit(point, toon::ramp, |s, reaching| toon::highlight(s * reaching));
                 (color * toon::line(self.cosine_to_eye(point).abs()), marginal)
             }
-            // Shader::Unlit, and Shader::Edl, which follows where neighbours are known.
+            // `Shader::Unlit`, and `Shader::Edl`, which is applied later, when neighbours are known.
             _ => (point.albedo, false),
         }
     }
 
-    /// n·v; 1 where there is no normal.
+    /// Returns n·v; 1 if there is no normal.
     fn cosine_to_eye(&self, point: &Point) -> f64 {
         let normal = self.view.view_from_world * point.normal;
         if normal == DVec3::ZERO { 1.0 } else { normal.dot(self.to_eye(point)) }
     }
 
-    /// View direction from a point to the eye.
+    /// Returns the view direction from a point to the eye.
     fn to_eye(&self, point: &Point) -> DVec3 {
         if self.view.projection.is_perspective() { -unit(point.at) } else { DVec3::NEG_Z }
     }
 
-    /// Ambient, diffuse and specular light. `diffused` is what a diffuse amount in [0, 1] counts for, `highlighted`
-    /// what a highlight's strength and the share of light that reaches it do. Also whether a highlight or a shadow
-    /// could come or go by rounding.
+    /// Returns ambient, diffuse and specular light, and true if rounding could add or remove a highlight or a shadow.
+    /// `diffused` maps a diffuse amount in [0, 1]. `highlighted` maps a highlight's strength and the fraction of the
+    /// light that reaches the point.
     fn lit(
         &self,
         point: &Point,
@@ -175,7 +175,7 @@ impl Lighting<'_> {
         let mut gloss = DVec3::ZERO;
         let mut marginal = false;
         if normal != DVec3::ZERO {
-            // Relative to the eye, so that scenes far from the origin lose nothing.
+            // Relative to the eye, so that scenes far from the origin stay precise.
             let position = self.view.view_from_world.transpose() * point.at;
             let to_eye = if self.view.projection.is_perspective() { -unit(position) } else { -self.view.forward() };
             for (i, light) in self.lights.iter().enumerate() {
@@ -196,7 +196,7 @@ impl Lighting<'_> {
         (albedo * matte + gloss, marginal)
     }
 
-    /// Unit vector to the light and its colour at a position relative to the eye.
+    /// Returns the unit vector to the light and its colour at a position relative to the eye.
     fn incident(&self, light: &Light, position: DVec3) -> (DVec3, DVec3) {
         match light {
             Light::Directional { direction, color, .. } => (-unit(DVec3::from(*direction)), DVec3::from(*color)),
@@ -208,18 +208,18 @@ impl Lighting<'_> {
                 let angle = angle_between(-to_light, unit(DVec3::from(*direction))).to_degrees();
                 (to_light, DVec3::from(*color) * smooth_fade(angle, *inner_deg, *outer_deg))
             }
-            // A light of a model to come gives none.
+            // A kind of light that may be added to the enum emits no light.
             _ => (DVec3::Z, DVec3::ZERO),
         }
     }
 }
 
-/// Angle between unit vectors, accurate at both ends.
+/// Returns the angle between unit vectors, accurate at both ends.
 fn angle_between(a: DVec3, b: DVec3) -> f64 {
     2.0 * (a - b).length().atan2((a + b).length())
 }
 
-/// 1 up to `inner`, 0 from `outer` on, smoothstep in the angle between.
+/// Returns 1 up to `inner`, 0 from `outer` on, and a smoothstep in the angle between.
 fn smooth_fade(angle: f64, inner: f64, outer: f64) -> f64 {
     if angle <= inner {
         return 1.0;

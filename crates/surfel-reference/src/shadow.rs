@@ -1,4 +1,4 @@
-//! Shadow maps (§5): the visibility pass from the lights, and the share of a light that reaches a point.
+//! Shadow maps (§5): the visibility pass from the lights, and the fraction of a light that reaches a point.
 
 use crate::margin;
 use crate::pixels::center_in;
@@ -19,15 +19,15 @@ pub(crate) struct Shadow<'a> {
     texels: Vec<Texel>,
 }
 
-/// Depth, bias included, up to which a texel is lit.
+/// Maximum depth at which a texel is lit, including the bias.
 #[derive(Clone, Copy)]
 struct Texel {
     threshold: f64,
-    /// The threshold if every fragment on a rim casts, and if none does.
+    /// Threshold if every fragment on a rim casts a shadow, and if none does.
     possible: [f64; 2],
 }
 
-/// Draws the plan's maps. Everything opaque casts, whichever side of it the light or the eye sees.
+/// Draws the plan's maps. Everything opaque casts a shadow, whichever side faces the light or the eye.
 pub(crate) fn draw<'a>(scene: &ResidentScene, plan: &'a FramePlan) -> Vec<Shadow<'a>> {
     if plan.shadow_maps.is_empty() {
         return Vec::new();
@@ -79,10 +79,10 @@ fn draw_map<'a>(
     Shadow { map, texels }
 }
 
-/// Share of a light that reaches a point, and whether rounding could change it. `position` is relative to the eye of
-/// `view`, `normal` a unit vector, both in world space.
+/// Returns the fraction of a light that reaches a point, and true if rounding could change it. `position` is relative
+/// to the eye of `view`, `normal` a unit vector, both in world space.
 pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position: DVec3, normal: DVec3) -> (f64, bool) {
-    // Of several maps the one counts along whose axis the point lies farthest.
+    // Of a light's several maps the one counts along whose axis the point is farthest.
     let views = shadows.iter().filter(|s| s.map.light == light).map(|s| {
         let from_light = position + (view.eye - s.map.view.eye);
         (s, s.map.view.view_from_world * from_light)
@@ -94,8 +94,8 @@ pub(crate) fn visibility(shadows: &[Shadow], light: usize, view: &View, position
 }
 
 impl Shadow<'_> {
-    /// Share of the light that reaches a point, given with its normal in the map's view, and whether rounding could
-    /// change it.
+    /// Returns the fraction of the light that reaches a point, and true if rounding could change it. Point and normal
+    /// are in the map's view.
     fn visibility(&self, p: DVec3, normal: DVec3) -> (f64, bool) {
         let projection = &self.map.view.projection;
         if p.z < projection.near {
@@ -126,7 +126,7 @@ impl Shadow<'_> {
         (share, marginal)
     }
 
-    /// The texel in this column and row; `None` outside of the map, where nothing casts.
+    /// Returns the texel in this column and row; `None` outside the map, where nothing casts a shadow.
     fn texel(&self, at: V2<f64>) -> Option<&Texel> {
         let side = self.map.view.size[0];
         let inside = |v: f64| (0.0..f64::from(side)).contains(&v);
@@ -140,8 +140,8 @@ mod tests {
     use surfel_model::Light;
     use surfel_render::ShadowScene;
 
-    /// The share of light at the middle of a map along +x whose texels are all lit but `texel`, in column 512 and row
-    /// 512.
+    /// Returns the fraction of light at the middle of a map along +x. All texels of the map are lit except `texel`, in
+    /// column 512 and row 512.
     fn at_middle(texel: Texel, depth: f64) -> (f64, bool) {
         let sun = Light::Directional { direction: [1.0, 0.0, 0.0], color: [1.0; 3], shadow: true };
         let maps = ShadowScene { lights: vec![(0, sun)], center: DVec3::ZERO, radius: 1.0 }.maps(2.0);
@@ -150,7 +150,7 @@ mod tests {
         let mut texels = vec![open; side * side];
         texels[512 * side + 512] = texel;
         let shadow = Shadow { map: &maps[0], texels };
-        // Half a texel right and below of the optical axis: the centre of that texel, and the middle of the filter.
+        // Half a texel right of and below the optical axis: the centre of that texel, and the middle of the filter.
         let half_texel = 0.5 / maps[0].view.projection.focal_px[0];
         shadow.visibility(DVec3::new(half_texel, half_texel, depth), DVec3::NEG_Z)
     }

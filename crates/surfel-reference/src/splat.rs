@@ -18,41 +18,41 @@ use surfel_math::{V2, V3};
 use surfel_model::{Cull, Filter, SplatCloud};
 use surfel_render::{FramePlan, View};
 
-/// Which side of its surface a splat shows, where that is kept apart (§5).
+/// Side of its surface that a splat shows, if facings are separated (§5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
-    /// Its cloud isn't oriented, or the plan keeps no facings apart.
+    /// The splat's cloud isn't oriented, or the plan doesn't separate facings.
     Undeclared,
     Front,
     Back,
 }
 
-/// A splat ready to be rasterised.
+/// A splat prepared for rasterisation.
 #[derive(Clone)]
 pub(crate) struct ScreenSplat {
     /// Index over the whole scene: objects in order, splats in order.
     pub index: u32,
-    /// Pixel position that the forms are about.
+    /// Anchor of the forms, as a pixel position.
     pub anchor: V2<f64>,
     /// Unfiltered footprint, for visibility.
     pub visible: Footprint<f64>,
     /// Filtered footprint, for attributes.
     pub filtered: Footprint<f64>,
-    /// Radius of the disk that `clamp` adds to the filtered footprint, pixels.
+    /// Radius of the disk that `clamp` adds to the filtered footprint, in pixels.
     pub clamp_radius: Option<f64>,
     /// Factor of the weight.
     pub weight_scale: f64,
-    /// a/W0: what a unit of weight counts for in the coverage.
+    /// Coverage per unit of weight, a/W0.
     pub coverage_per_weight: f64,
-    /// Its clip; `None` where nothing clips it.
+    /// Clip of the splat; `None` if it isn't clipped.
     pub clip: Option<SplatClip>,
-    /// Depth of fragments.
+    /// Plane of the fragments' depth.
     pub depth: DepthPlane<f64>,
-    /// How depth varies.
+    /// Form in which depth varies.
     pub depth_form: DepthForm,
     /// ε.
     pub epsilon: f64,
-    /// Which side of an oriented surface it shows.
+    /// Side of an oriented surface that the splat shows.
     pub facing: Facing,
     /// Pixels that the unfiltered footprint may touch.
     pub visible_box: Extent<f64>,
@@ -64,36 +64,36 @@ pub(crate) struct ScreenSplat {
     pub color: [f64; 3],
     /// Opacity.
     pub alpha: f64,
-    /// Unit world shading normal, turned to the eye where the material is two-sided.
+    /// Unit world shading normal, turned to the eye if the material is two-sided.
     pub normal: DVec3,
-    /// Ambient, diffuse, specular, shininess.
+    /// Ambient, diffuse, specular and shininess factors.
     pub material: [f64; 4],
-    /// Decision margin of its rims, pixels of the view.
+    /// Decision margin of the rims, in pixels of the view.
     pub rim_px: f64,
-    /// How far facing (n·p/|p|) is from the decisions that hang on it.
+    /// Distance of n·p/|p| from the decisions that depend on facing.
     pub facing_margin: f64,
 }
 
-/// An object's maps into a view, shared by all of its splats.
+/// Maps from an object to a view, shared by all of the object's splats.
 pub(crate) struct ObjectView {
-    /// Object to view directions.
+    /// Map of directions from object to view space.
     linear: DMat3,
     /// View position of the object's origin.
     origin: DVec3,
-    /// Object to world normals: inverse transpose up to scale, with the right sign.
+    /// Map of normals from object to world space: the inverse transpose up to scale, with the right sign.
     normals: DMat3,
 }
 
 impl ObjectView {
     pub(crate) fn new(object: &ResidentObject, view: &View) -> Self {
         let m = object.world_from_object.matrix3;
-        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+        // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
         let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
         Self { linear: view.view_from_world * m, origin, normals: normal_matrix(&m) }
     }
 }
 
-/// Every splat that takes part, in index order.
+/// Projects every splat that is drawn in some pass, in index order.
 pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FramePlan) -> Vec<ScreenSplat> {
     let of_object = |object: &ResidentObject| {
         let object_view = ObjectView::new(object, view);
@@ -105,7 +105,7 @@ pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FrameP
     objects.iter().flat_map(of_object).collect()
 }
 
-/// Projects splat `i` of an object; `None` if it takes part in no pass.
+/// Projects splat `i` of an object; `None` if it is drawn in no pass.
 fn project(
     object: &ResidentObject,
     object_view: &ObjectView,
@@ -196,7 +196,7 @@ fn project(
     Some(shape)
 }
 
-/// A splat that reaches or passes z_near, or spans much of its own distance: exact and unfiltered.
+/// Projects a splat that reaches or passes z_near, or spans much of its own distance: exactly, without filter.
 fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<ScreenSplat> {
     let mapped = through_near(splat, &view.projection);
     let near_box = bounds::through_near(splat, &view.projection)?;
@@ -218,7 +218,8 @@ fn near_shape(splat: &ViewSplat<f64>, range: (f64, f64), view: &View) -> Option<
     ))
 }
 
-/// The splat in front of the eye, and how its filtered footprint's (u, v) turn back to those of its axes.
+/// Projects a splat in front of the eye. Also returns the map from its filtered footprint's (u, v) to those of its
+/// axes.
 fn ordinary_shape(
     splat: &ViewSplat<f64>,
     range: (f64, f64),
@@ -243,7 +244,7 @@ fn ordinary_shape(
         }
         Filter::Adjust => filter::adjust(&projected, radius_px, projective),
         Filter::Ewa => filter::ewa(&projected, radius_px),
-        // Filter::Principal, the default, which one of a model to come is drawn with, too.
+        // `Filter::Principal`, the default, also serves filters that may be added to the enum.
         _ => filter::principal(&projected, radius_px, projective),
     };
     let clamp_radius = (!unfiltered && settings.filter == Filter::Clamp).then_some(radius_px);
@@ -299,14 +300,14 @@ fn screen_splat(
 }
 
 impl ScreenSplat {
-    /// Depth of the splat at a pixel, if it is drawn there at all: z_near ≤ z (≤ z_far).
+    /// Returns the depth of the splat at a pixel, if it is drawn there at all: z_near ≤ z (≤ z_far).
     pub(crate) fn depth_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
         let z = self.depth.at(pixel - self.anchor, self.depth_form);
         (z >= view.projection.near && z <= view.projection.far()).then_some(z)
     }
 
-    /// Depth of the splat at a pixel where it isn't drawn, but rounding could bring it in: within the margin of z_near
-    /// or z_far.
+    /// Returns the depth of the splat at a pixel where it isn't drawn, but where rounding could add it: within the
+    /// margin of z_near or z_far.
     pub(crate) fn depth_nearly_at(&self, pixel: V2<f64>, view: &View) -> Option<f64> {
         let z = self.depth.at(pixel - self.anchor, self.depth_form);
         let (near, far) = (view.projection.near, view.projection.far());
@@ -314,13 +315,13 @@ impl ScreenSplat {
         (missing && (margin::on_depth(near, z) || margin::on_depth(far, z))).then_some(z)
     }
 
-    /// True where the unfiltered, clipped splat is hit.
+    /// True if the pixel is inside the unfiltered, clipped footprint.
     pub(crate) fn is_visible_at(&self, pixel: V2<f64>) -> bool {
         let d = pixel - self.anchor;
         self.visible.contains(d) && self.clip.as_ref().is_none_or(|c| c.keeps_at(&self.visible, &c.visible_turn, d))
     }
 
-    /// ρ² of the filtered footprint, if inside and not clipped.
+    /// Returns ρ² of the filtered footprint, if the pixel is inside and not clipped.
     pub(crate) fn rho_squared_at(&self, pixel: V2<f64>) -> Option<f64> {
         let d = pixel - self.anchor;
         let keeps = |c: &SplatClip| {
@@ -329,7 +330,7 @@ impl ScreenSplat {
         self.unclipped_rho_squared_at(d).filter(|_| self.clip.as_ref().is_none_or(keeps))
     }
 
-    /// ρ² of the filtered footprint at an offset, if inside it, whatever clips it.
+    /// Returns ρ² of the filtered footprint at an offset, if inside, ignoring the clip.
     pub(crate) fn unclipped_rho_squared_at(&self, d: V2<f64>) -> Option<f64> {
         let (u, v, w) = self.filtered.at(d);
         let exact = if w > 0.0 { u.mul_add(u, v * v) / (w * w) } else { f64::INFINITY };

@@ -1,4 +1,4 @@
-//! Steps of depth between neighbouring pixels (§5, edges by samples).
+//! Depth steps between neighbouring pixels (§5, edges by samples).
 
 use crate::front::MeshLayer;
 use crate::layer_compositor::LayerCompositor;
@@ -9,8 +9,8 @@ use crate::threshold::{PossibleThresholds, Threshold};
 use surfel_math::depth::step_allowance;
 use surfel_render::{Region, View};
 
-/// From where to where the nearest surface of a pixel may lie. `end` is −∞ where only one of its footprints has it: a
-/// step to every neighbour.
+/// Depth range of the nearest surface of a pixel. `end` is −∞ if only one of the pixel's footprints has a surface,
+/// which counts as a step to every neighbour.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Reach {
     begin: f64,
@@ -24,12 +24,12 @@ impl Reach {
         Self { begin: threshold.depth - threshold.epsilon, end: threshold.depth + threshold.epsilon }
     }
 
-    /// A step from one to the other.
+    /// True if there is a step between the two ranges.
     fn steps_to(self, other: Self) -> bool {
         other.begin > self.end || self.begin > other.end
     }
 
-    /// True if rounding could make a step of it, or take it away.
+    /// True if rounding could add or remove a step between the two ranges.
     fn nearly_steps_to(self, other: Self) -> bool {
         margin::on_step(self.end, other.begin) || margin::on_step(other.end, self.begin)
     }
@@ -39,14 +39,15 @@ impl Reach {
 pub(crate) struct Steps<'a> {
     pub front: &'a Passes,
     pub meshes: Option<&'a MeshLayer<'a>>,
-    /// Visibility of the transparent splats before what is opaque, and what they come to; none without any.
+    /// Visibility of the transparent splats in front of opaque surfaces, and their composited layers; `None` without
+    /// any.
     pub transparent: Option<(&'a Passes, &'a [LayerCompositor])>,
     pub rect: Region,
     pub view: &'a View,
 }
 
 impl Steps<'_> {
-    /// The pixels beside a step, this side of it or that.
+    /// Returns flags of the pixels beside a step, on either side.
     pub(crate) fn pixels(&self) -> Vec<bool> {
         let reaches: Vec<[Reach; 2]> = (0..self.count())
             .map(|at| {
@@ -60,7 +61,7 @@ impl Steps<'_> {
         (0..self.count()).map(|at| side_neighbours(self.rect, at).any(|n| steps(at, n))).collect()
     }
 
-    /// The pixels for which rounding could decide otherwise: no neighbour decides it for sure, and one may.
+    /// Marks the pixels that rounding could change: no neighbour decides for sure, and one may decide.
     pub(crate) fn marginal(&self) -> Vec<bool> {
         let possible: Vec<[Vec<Reach>; 2]> = (0..self.count()).map(|at| self.possible(at)).collect();
         let open_layers = |at: usize| self.transparent.is_some_and(|(_, layers)| layers[at].marginal);
@@ -87,12 +88,13 @@ impl Steps<'_> {
         self.rect.width as usize * self.rect.height as usize
     }
 
-    /// Layers that aren't empty.
+    /// Returns the number of layers that aren't empty.
     fn layers(&self, at: usize) -> u32 {
         self.transparent.map_or(0, |(_, layers)| layers[at].count)
     }
 
-    /// The nearest opaque surface: of splats with this threshold, or a polygon, if it is there.
+    /// Returns the range of the nearest opaque surface: of splats with this threshold, or of a polygon, if there is
+    /// one.
     fn opaque(&self, at: usize, threshold: Threshold, with_polygon: bool) -> Reach {
         let splats = Reach::of(threshold);
         let hit = self.meshes.filter(|_| with_polygon).map(|meshes| (meshes, meshes.hits[at]));
@@ -108,7 +110,8 @@ impl Steps<'_> {
         Reach { begin: hit.z, end: hit.z + step_allowance(hit.z, gradient, &self.view.projection) }
     }
 
-    /// What the nearest opaque and the nearest transparent surface may be, however marginal tests come out.
+    /// Returns all possible ranges of the nearest opaque and the nearest transparent surface, for either result of
+    /// marginal tests.
     fn possible(&self, at: usize) -> [Vec<Reach>; 2] {
         let all = |possible: &PossibleThresholds| {
             let PossibleThresholds { nearest, farthest, tie } = *possible;
@@ -121,14 +124,14 @@ impl Steps<'_> {
             if polygon.is_some_and(|hit| hit.marginal) {
                 opaque.push(self.opaque(at, threshold, false));
             }
-            // Equally near: it may be either.
+            // Equally near: either surface may be the nearest.
             if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.depth - threshold.epsilon)) {
                 opaque.push(Reach::of(threshold));
             }
         }
         let sums = &self.front.sums[at];
         if polygon.is_none_or(|hit| hit.z.is_infinite()) && sums.marginal && sums.fragments <= 1 {
-            // The one fragment may be none, or none one.
+            // The only fragment may vanish, or a first one may appear.
             opaque.push(Reach::of(self.front.thresholds[at]));
             opaque.push(Reach { end: f64::NEG_INFINITY, ..Reach::of(self.front.thresholds[at]) });
         }

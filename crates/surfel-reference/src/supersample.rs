@@ -1,4 +1,4 @@
-//! Ground truth by supersampling: N×N samples a pixel without a pre-filter, box-averaged.
+//! Ground truth by supersampling: N×N samples per pixel without a pre-filter, box-averaged.
 
 use surfel_render::{Frame, Planes};
 

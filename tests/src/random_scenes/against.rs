@@ -1,4 +1,4 @@
-//! Random scenes on backends and on the reference.
+//! Comparison of backends with the reference in random scenes.
 
 use super::{case, shrink::shrink, store};
 use crate::backends::{Backend, Session};
@@ -12,15 +12,15 @@ use surfel_render::RenderError;
 /// A scene that failed on a backend.
 #[derive(Clone, Debug)]
 pub struct Failure {
-    /// The scene's number.
+    /// Seed of the scene.
     pub seed: u64,
-    /// Who drew it.
+    /// Backend that drew the scene.
     pub backend: Backend,
-    /// How it compares.
+    /// Report of the comparison.
     pub report: Report,
-    /// Where the scene file is.
+    /// Path of the scene file.
     pub file: Option<PathBuf>,
-    /// Where the scene file is of what was left when everything was taken out that doesn't matter.
+    /// Path of the scene file of the shrunk scene, reduced to what is needed to fail.
     pub smallest: Option<PathBuf>,
 }
 
@@ -36,25 +36,24 @@ impl fmt::Display for Failure {
     }
 }
 
-/// What came of a backend.
+/// Totals of a backend.
 #[derive(Clone, Debug)]
 pub struct Tally {
     /// The backend.
     pub backend: Backend,
-    /// Scenes that passed.
+    /// Number of scenes that passed.
     pub passed: usize,
-    /// Scenes that the backend says it doesn't draw.
+    /// Number of scenes that the backend reports as unsupported.
     pub skipped: usize,
-    /// Pixels that were off within the margin, all scenes together.
+    /// Number of outliers within the margin, over all scenes.
     pub forgiven: usize,
-    /// Greatest error outside of the margin in a scene that passed, as a share of the tolerance, and the scene's
-    /// number.
+    /// Largest error outside the margin among scenes that passed, as a fraction of the tolerance, and the scene's seed.
     pub worst: (f64, u64),
     /// Scenes that failed.
     pub failures: Vec<Failure>,
 }
 
-/// Backends that are held against the reference in one random scene after another.
+/// Backends that are compared with the reference in a series of random scenes.
 pub struct Against {
     reference: Reference,
     sessions: Vec<(Session, Tally)>,
@@ -62,11 +61,11 @@ pub struct Against {
 }
 
 impl Against {
-    /// With a reference and no backend yet. Scenes that fail are written to `keep`, where that is given, whole and
+    /// Creates a comparison without backends. If `keep` is given, failing scenes are written to that folder, whole and
     /// shrunk.
     ///
     /// # Errors
-    /// [`RenderError`] if there is no reference.
+    /// [`RenderError`] if the reference doesn't start.
     pub fn new(keep: Option<&Path>) -> Result<Self, RenderError> {
         let reference = Reference::new(Default::default())?;
         Ok(Self { reference, sessions: Vec::new(), keep: keep.map(Path::to_path_buf) })
@@ -75,7 +74,7 @@ impl Against {
     /// Starts a backend.
     ///
     /// # Errors
-    /// [`RenderError`] if it doesn't start.
+    /// [`RenderError`] if the backend doesn't start.
     pub fn start(&mut self, backend: Backend, adapter: Option<&str>) -> Result<(), RenderError> {
         let session = Session::start(backend, adapter)?;
         let tally = Tally { backend, passed: 0, skipped: 0, forgiven: 0, worst: (0.0, 0), failures: Vec::new() };
@@ -83,10 +82,10 @@ impl Against {
         Ok(())
     }
 
-    /// Has all backends draw the scene of a number. Gives the failures that it added.
+    /// Draws the scene of a seed on all backends. Returns the new failures.
     ///
     /// # Errors
-    /// [`surfel_io::IoError`], or the system's, if a scene that failed can't be written.
+    /// [`surfel_io::IoError`], or the system's error, if a failing scene can't be written.
     pub fn draw(&mut self, seed: u64) -> Result<Vec<Failure>, Box<dyn std::error::Error>> {
         let truth = Truth::of(&mut self.reference, case(seed));
         let mut new = Vec::new();
@@ -124,7 +123,7 @@ impl Against {
         Ok(new)
     }
 
-    /// What came of it, backend by backend.
+    /// Returns the totals of each backend.
     pub fn tallies(&self) -> impl Iterator<Item = &Tally> {
         self.sessions.iter().map(|(_, tally)| tally)
     }

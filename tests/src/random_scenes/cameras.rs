@@ -1,11 +1,11 @@
-//! Where random scenes are seen from.
+//! Cameras of random scenes.
 
 use super::MAX_SIDE_PX;
 use crate::random::Random;
 use glam::DVec3;
 use surfel_model::{Camera, Projection};
 
-/// A camera near, inside or far from the unit ball.
+/// Returns a camera near, inside or far from the unit ball.
 pub(super) fn camera(random: &mut Random) -> Camera {
     let size = size(random);
     let [width, height] = size.map(f64::from);
@@ -16,7 +16,7 @@ pub(super) fn camera(random: &mut Random) -> Camera {
         () => random.factor(1.2, 6.0),
     };
     let eye = random.direction() * distance;
-    // Off centre, and inside anywhere.
+    // The target is off centre; from inside the ball it is in any direction.
     let target = if inside { eye + random.direction() } else { random.direction() * random.range(0.0, 0.6) };
     let forward = (target - eye).normalize();
     let up = loop {
@@ -50,7 +50,7 @@ pub(super) fn camera(random: &mut Random) -> Camera {
     };
     let far = match projection {
         Projection::Orthographic { .. } => Some(near + random.range(0.05, 1.0) * (ahead + 2.0)),
-        // Without effect.
+        // A far plane without effect.
         _ => random.chance(0.1).then_some(ahead),
     };
     let [eye, target, up] = [eye, target, up * random.factor(0.1, 10.0)].map(|v: DVec3| v.to_array());

@@ -1,4 +1,4 @@
-//! Clouds of random splats.
+//! Random clouds of splats.
 
 use crate::build::{self, Clipped, Splat, clipped_cloud, cloud, confetti, object as placed, sheet, sphere};
 use crate::random::Random;
@@ -9,16 +9,16 @@ use surfel_model::{
     ClipCurve, ClipLine, ClipMode, CloudData, Column3, Geometry, NO_LINE, Object, OnInvalid, Shape, SplatCloud,
 };
 
-/// An object of about `count` splats, placed by some affine map, with its interior weight.
+/// Creates an object of about `count` splats with an affine placement and an interior weight.
 pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     let (mut splats, are_coplanar) = shapes(random, eye, count);
     let matrix = matrix(random);
-    // In the object's own coordinates, so that the map brings them to where they were meant to be.
+    // Splats are converted to the object's own coordinates, so that the placement restores their world positions.
     let object_from_world = matrix.inverse();
     splats.iter_mut().for_each(|s| *s = s.transformed(&object_from_world));
     let clipped = random.chance(0.3);
     if clipped {
-        // Clips keep half-axes as they are, and f32 loses what is between nearly parallel ones.
+        // Clips need the given half-axes, and f32 loses precision between nearly parallel ones.
         for splat in splats.iter_mut().filter(|s| s.s.cross(s.t).length() < 0.01 * s.s.length() * s.t.length()) {
             (splat.s, splat.t) = principal_axes(splat.s, splat.t);
         }
@@ -34,7 +34,7 @@ pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     };
     let mut data = cloud.into_data();
     attributes(random, &mut data, are_coplanar);
-    // Invalid ones (none is meant to be) are no scene.
+    // Invalid splats, of which none is intended, are dropped.
     let cloud = SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| build::cloud(&[]), |(cloud, _)| cloud);
     let mut object = placed(cloud);
     object.world_from_object = matrix;
@@ -48,7 +48,7 @@ pub(super) fn object(random: &mut Random, eye: DVec3, count: usize) -> Object {
     object
 }
 
-/// Splats in world space, and whether they lie in one plane.
+/// Returns splats in world space, and true if they are coplanar.
 fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
     let seed = random.bits();
     let kind = random.below(10);
@@ -58,7 +58,7 @@ fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
             confetti(count, random.factor(0.003, 0.4), aspect, seed)
         }
         3 => {
-            // Turned, so that small ones of two objects don't have the same splats.
+            // Turned, so that small spheres of two objects don't have the same splats.
             let turn = DQuat::from_axis_angle(random.direction(), random.range(-PI, PI));
             let place = DAffine3::from_scale_rotation_translation(
                 DVec3::splat(random.range(0.3, 1.0)),
@@ -80,14 +80,14 @@ fn shapes(random: &mut Random, eye: DVec3, count: usize) -> (Vec<Splat>, bool) {
         _ => (0..count).map(|_| at_the_eye_s_needle(random, eye)).collect(),
     };
     if random.chance(0.3) {
-        // Conjugate half-axes that are not at right angles, those of needles nearly parallel.
+        // Conjugate half-axes that aren't perpendicular; those of needles are nearly parallel.
         let shear = random.range(-1.5, 1.5);
         splats.iter_mut().for_each(|splat| splat.t += splat.s * shear);
     }
     (splats, matches!(kind, 4 | 5))
 }
 
-/// A few large ones.
+/// Returns a few large splats.
 fn few(random: &mut Random, count: usize) -> Vec<Splat> {
     let largest = if random.chance(0.2) { 1e4 } else { 3.0 };
     let one = |random: &mut Random| {
@@ -99,7 +99,7 @@ fn few(random: &mut Random, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Before, behind and through the near plane.
+/// Returns splats in front of, behind and through the near plane.
 fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {
         let p = eye + random.direction() * random.factor(0.02, 1.5);
@@ -108,9 +108,9 @@ fn around_the_eye(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// From 10° off the view direction through their centres to 1e-6°, but for those from 1e-5 to 2e-4 in radians: a weight
-/// of theirs is a difference that f32 has to 6e-8 of its terms, so they are right to a tolerance of 1e-3 only beside
-/// others.
+/// Returns splats from 10° off the view direction through their centres to 1e-6°. Angles from 1e-5 to 2e-4 rad are
+/// excluded. The weight of such a splat is a difference of terms with f32 errors of 6e-8. A tolerance of 1e-3 then
+/// holds only if other splats contribute too.
 fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     let one = |random: &mut Random| {
         let p = random.direction() * random.range(0.0, 1.0);
@@ -126,7 +126,7 @@ fn edge_on(random: &mut Random, eye: DVec3, count: usize) -> Vec<Splat> {
     (0..count).map(|_| one(random)).collect()
 }
 
-/// Long and thin, more or less along the view.
+/// Returns a long thin splat, more or less along the view.
 fn at_the_eye_s_needle(random: &mut Random, eye: DVec3) -> Splat {
     let p = random.direction() * random.range(0.0, 1.0);
     let along = ((p - eye).normalize_or(DVec3::Z) + random.direction() * random.factor(0.01, 1.0)).normalize();
@@ -137,7 +137,7 @@ fn at_the_eye_s_needle(random: &mut Random, eye: DVec3) -> Splat {
     Splat { p, s: along * long, t: across * long * random.factor(1e-3, 0.3), color: random.color() }
 }
 
-/// World from object: the kinds of maps there are.
+/// Returns a transform from object to world of one of many kinds.
 fn matrix(random: &mut Random) -> DAffine3 {
     let turn = DQuat::from_axis_angle(random.direction(), random.range(-PI, PI));
     let offset = random.direction() * random.range(0.0, 2.0);
@@ -155,12 +155,12 @@ fn matrix(random: &mut Random) -> DAffine3 {
                 break DAffine3::from_mat3_translation(matrix, offset);
             }
         },
-        // The cloud lies far from its own origin.
+        // The cloud is far from its own origin.
         _ => DAffine3::from_translation(random.direction() * random.factor(1e2, 1e6)),
     }
 }
 
-/// The same centres and normals as disks, normals of any length.
+/// Returns disks with the same centres and normals, with normals of any length.
 fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     let (origin, centers) = Column3::with_origin(&splats.iter().map(|s| s.p).collect::<Vec<_>>());
     let normal = |random: &mut Random, s: &Splat| s.s.cross(s.t).normalize_or(DVec3::Z) * random.factor(0.1, 10.0);
@@ -172,8 +172,8 @@ fn disks(splats: &[Splat], random: &mut Random) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| cloud(&[]), |(cloud, _)| cloud)
 }
 
-/// Takes away or adds colours, alpha and shading normals. Where opaque and transparent splats lie in one plane, which
-/// is in front is a matter of rounding: `are_coplanar` ones are all of one kind.
+/// Removes or adds colours, alpha and shading normals. In one plane, rounding would decide whether an opaque or a
+/// transparent splat is in front, so splats that `are_coplanar` are all of one kind.
 fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     let count = data.centers.len();
     match random.below(8) {
@@ -195,7 +195,7 @@ fn attributes(random: &mut Random, data: &mut CloudData, are_coplanar: bool) {
     }
 }
 
-/// The splat with a curve, lines or both, or, in the rest of cases, without.
+/// Returns the splat with a curve, lines or both with probability `share`, otherwise without.
 fn clip(random: &mut Random, splat: &Splat, share: f64) -> Clipped {
     let is_clipped = random.chance(share);
     let curve = (is_clipped && random.chance(0.6)).then(|| curve(random));

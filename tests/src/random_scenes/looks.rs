@@ -7,7 +7,7 @@ use surfel_model::{
     Texture, Transparency,
 };
 
-/// Settings as a scene file has them; nothing that some backend draws with less precision.
+/// Returns settings that a scene file can have, without any that some backend draws with less precision.
 pub(super) fn settings(random: &mut Random) -> Settings {
     let usual = Settings::default();
     let layers = 1 + random.below(5) as u32;
@@ -51,7 +51,7 @@ pub(super) fn settings(random: &mut Random) -> Settings {
         ]))
 }
 
-/// The same material for all, or another for each.
+/// Sets the same material for all objects, or a different one for each.
 pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     let differ = random.chance(0.4);
     let factors = |random: &mut Random| {
@@ -71,7 +71,7 @@ pub(super) fn materials(random: &mut Random, objects: &mut [Object]) {
     }
 }
 
-/// Declares some clouds oriented, by themselves or by their material. Its numbers are its own, as [`matcap`]'s are.
+/// Declares some clouds oriented, by themselves or by their material. Uses its own generator, as [`matcap`] does.
 pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     let mut random = Random::new(seed.rotate_left(16));
     if random.chance(0.5) {
@@ -89,8 +89,8 @@ pub(super) fn facings(seed: u64, objects: &mut [Object]) {
     }
 }
 
-/// A ball of few and random colours where the shader looks one up, or none. Its numbers are its own: scenes of other
-/// shaders stay what they were before there were balls.
+/// Returns a matcap of few random texels if the shader uses one, or `None`. Uses its own generator, so that scenes of
+/// other shaders are the same as before matcaps existed.
 pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     let mut random = Random::new(seed.rotate_left(32));
     if shader != Shader::Matcap || random.chance(0.2) {
@@ -105,23 +105,23 @@ pub(super) fn matcap(seed: u64, shader: Shader) -> Option<Arc<Matcap>> {
     Matcap::new(&Texture { width, height, srgba8 }).ok().map(Arc::new)
 }
 
-/// Linear RGB and straight alpha.
+/// Returns linear RGB and straight alpha.
 pub(super) fn background(random: &mut Random) -> [f64; 4] {
     let alpha = if random.chance(0.5) { random.pick([0.0, 1.0]) } else { random.range(0.0, 1.0) };
     [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0), alpha]
 }
 
-/// Linear RGB.
+/// Returns linear RGB.
 pub(super) fn light_color(random: &mut Random) -> [f64; 3] {
     [random.range(0.0, 1.0), random.range(0.0, 1.0), random.range(0.0, 1.0)]
 }
 
-/// Lights of all kinds, or none, or the headlight.
+/// Returns lights of all kinds, no lights, or `None` for the headlight.
 pub(super) fn lights(random: &mut Random, shader: Shader) -> Option<Vec<Light>> {
     if random.chance(0.2) {
         return None;
     }
-    // Maps have a million texels: where light is asked for, one scene in eight has one.
+    // Shadow maps have a million texels, so only one in eight scenes of lit shaders has them.
     let mut shadows = usize::from(matches!(shader, Shader::Phong | Shader::Toon) && random.chance(0.2));
     let count = random.below(4);
     let mut one = |random: &mut Random| {
@@ -137,7 +137,7 @@ pub(super) fn lights(random: &mut Random, shader: Shader) -> Option<Vec<Light>> 
             1 => Light::Point { position: position.to_array(), color },
             _ => {
                 shadows = 0;
-                // Toward the scene, more or less.
+                // Approximately toward the scene.
                 let direction = (random.direction() * random.range(0.0, 1.0) - position).to_array();
                 let inner_deg = random.range(0.0, 70.0);
                 let outer_deg = inner_deg + random.range(0.0, 60.0);

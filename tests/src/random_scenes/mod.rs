@@ -1,9 +1,8 @@
-//! Scenes that nobody has thought of: each number is one, drawn from all that the rendering model (§1 to §8) and the
-//! scene file know.
+//! Random scenes: each seed is a scene that combines features of the rendering model (§1 to §8) and the scene file.
 //!
-//! A scene is built about the unit ball, then placed somewhere in the world at some scale, camera and lights with it.
-//! [`against`] holds a backend against the reference in them, [`shrink`] takes out of one that fails what doesn't
-//! matter, and [`store`] writes it as a scene file.
+//! A scene is built around the unit ball, then placed somewhere in the world at some scale, together with camera and
+//! lights. [`against`] compares a backend with the reference, [`shrink`] reduces a failing scene to what is needed to
+//! fail, and [`store`] writes it as a scene file.
 
 pub mod against;
 mod cameras;
@@ -19,12 +18,12 @@ use glam::{DAffine3, DQuat, DVec3};
 use surfel_model::{DepthTolerance, Light, Projection, Scene};
 use surfel_render::Region;
 
-/// Splats of a scene at most, all objects together.
+/// Maximum number of splats in a scene, over all objects.
 pub const MAX_SPLATS: usize = 200;
-/// Pixels along an image's side at most.
+/// Maximum side of an image, in pixels.
 pub const MAX_SIDE_PX: u32 = 96;
 
-/// The scene of a number: the same on every call.
+/// Returns the scene of a seed: the same on every call.
 pub fn case(seed: u64) -> Case {
     let mut random = Random::new(seed);
     let camera = cameras::camera(&mut random);
@@ -34,7 +33,7 @@ pub fn case(seed: u64) -> Case {
         (0..count).map(|_| clouds::object(&mut random, eye, 1 + random_count(seed, count))).collect();
     if random.chance(0.25) {
         objects.push(meshes::object(&mut random));
-        // Polygons come first as well as last: the order of objects decides ties.
+        // Polygons come first as well as last, since the order of objects decides ties.
         if random.chance(0.3) {
             objects.rotate_right(1);
         }
@@ -60,16 +59,16 @@ pub fn case(seed: u64) -> Case {
     case
 }
 
-/// How many splats each of `objects` has; few as often as many.
+/// Returns the number of splats of each of `objects`, log-uniform.
 fn random_count(seed: u64, objects: usize) -> usize {
     let mut random = Random::new(!seed);
     random.factor(1.0, MAX_SPLATS as f64 / objects as f64) as usize
 }
 
-/// The case turned, scaled and moved, camera, lights and absolute lengths with it.
+/// Returns the case turned, scaled and moved, together with camera, lights and absolute lengths.
 fn somewhere(random: &mut Random, case: Case) -> Case {
     let scale = if random.chance(0.5) { random.factor(1e-3, 1e3) } else { 1.0 };
-    // As far as georeferenced data lies from its origin, in sizes of the scene.
+    // As far as georeferenced data is from its origin, in units of the scene's size.
     let offset = if random.chance(0.5) { random.direction() * scale * random.factor(1.0, 1e6) } else { DVec3::ZERO };
     let turn = DQuat::from_axis_angle(random.direction(), random.range(-3.0, 3.0));
     let world = DAffine3::from_scale_rotation_translation(DVec3::splat(scale), turn, offset);

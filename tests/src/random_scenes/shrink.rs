@@ -1,14 +1,14 @@
-//! Takes out of a scene that fails what it fails without.
+//! Reduction of a failing scene to what is needed to fail.
 
 use crate::scenes::Case;
 use glam::DVec3;
 use std::sync::Arc;
 use surfel_model::{CloudData, Column3, Geometry, Material, OnInvalid, Settings, SplatCloud};
 
-/// Scenes that are tried at most.
+/// Maximum number of scenes that are tried.
 const MAX_TRIES: usize = 400;
 
-/// The smallest case found that still fails, starting from one that does.
+/// Returns the smallest case found that still fails, starting from one that fails.
 pub fn shrink(case: &Case, mut fails: impl FnMut(&Case) -> bool) -> Case {
     let (mut smallest, mut tries) = (case.clone(), 0);
     'again: loop {
@@ -26,7 +26,7 @@ pub fn shrink(case: &Case, mut fails: impl FnMut(&Case) -> bool) -> Case {
     }
 }
 
-/// Cases with one thing less, those with much less first.
+/// Returns simpler cases, those with much less content first.
 fn simpler(case: &Case) -> Vec<Case> {
     let mut cases = Vec::new();
     let mut with = |change: &dyn Fn(&mut Case) -> bool| {
@@ -41,7 +41,7 @@ fn simpler(case: &Case) -> Vec<Case> {
             !c.scene.objects.is_empty()
         });
     }
-    // Halves, quarters, … of each cloud left out.
+    // Halves, quarters, … of each cloud are removed.
     for i in 0..case.scene.objects.len() {
         let Geometry::Splats(cloud) = &case.scene.objects[i].geometry else { continue };
         let mut length = cloud.len().div_ceil(2);
@@ -104,7 +104,7 @@ fn simpler(case: &Case) -> Vec<Case> {
     cases
 }
 
-/// The splats that `keeps` says.
+/// Returns the splats for which `keeps` is true.
 fn part(cloud: &SplatCloud, keeps: impl Fn(usize) -> bool) -> SplatCloud {
     let mut data = cloud.data().clone();
     let center = |i: usize| if keeps(i) { data.centers.get(i) } else { DVec3::NAN };
@@ -112,7 +112,7 @@ fn part(cloud: &SplatCloud, keeps: impl Fn(usize) -> bool) -> SplatCloud {
     valid(data)
 }
 
-/// What of it is valid; nothing where nothing is.
+/// Returns a cloud of the valid splats; an empty cloud if none is valid.
 fn valid(data: CloudData) -> SplatCloud {
     SplatCloud::new(data, OnInvalid::Drop).map_or_else(|_| crate::build::cloud(&[]), |(cloud, _)| cloud)
 }

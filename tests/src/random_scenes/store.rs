@@ -1,4 +1,4 @@
-//! Random scenes as files, to be drawn again by anything that reads scene files.
+//! Storage of random scenes as files, which any program that reads scene files can draw.
 
 use crate::scenes::Case;
 use std::fmt::Write as _;
@@ -8,8 +8,8 @@ use surfel_io::{IoError, PlanesView, PlyEncoding, PngOptions, atomic, save_octre
 use surfel_math::srgb;
 use surfel_model::{Geometry, Matcap, Mesh, ObjectFile, SceneFile, Texture};
 
-/// Writes `NAME.json` and the files of its objects to a folder that exists, and gives its path. The region, of which a
-/// scene file knows nothing, is left out.
+/// Writes `NAME.json` and the files of its objects to an existing folder, and returns the path. The region is dropped,
+/// since scene files have none.
 ///
 /// # Errors
 /// [`IoError`] if a file can't be written.
@@ -34,7 +34,7 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
                 save_octree(&path, true, octree)?;
                 file.splats = Some(name);
             }
-            // Random scenes have none.
+            // Random scenes have no Gaussians.
             Geometry::Gaussians(_) => {}
             Geometry::Mesh(mesh) => {
                 let texture = path.with_extension("png");
@@ -90,7 +90,7 @@ fn save_ball(image: &Matcap, path: &Path) -> Result<(), IoError> {
     save_png(path, true, &planes, &PngOptions::default())
 }
 
-/// A mesh as ASCII PLY; numbers are the shortest that read back the same.
+/// Returns a mesh as ASCII PLY, with the shortest numbers that read back exactly.
 fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
     let mut text = String::from("ply\nformat ascii 1.0\n");
     let mut line = |words: std::fmt::Arguments<'_>| {
@@ -124,7 +124,7 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
         let mut column = |values: &[f32]| row.extend(values.iter().map(ToString::to_string));
         mesh.normals.iter().for_each(|n| column(&n[i]));
         mesh.colors.iter().for_each(|c| column(&c[i]));
-        // PLY has v upwards.
+        // In PLY v points upwards.
         mesh.uvs.iter().for_each(|uv| column(&[uv[i][0], 1.0 - uv[i][1]]));
         line(format_args!("{}", row.join(" ")));
     }
@@ -134,10 +134,10 @@ fn mesh_text(mesh: &Mesh, texture: Option<&str>) -> String {
     text
 }
 
-/// The folder, made where there is none.
+/// Creates the folder if it doesn't exist, and returns it.
 ///
 /// # Errors
-/// [`io::Error`] as the system gives it.
+/// The system's [`io::Error`].
 pub fn folder(path: &Path) -> io::Result<&Path> {
     std::fs::create_dir_all(path)?;
     Ok(path)

@@ -1,4 +1,4 @@
-//! What was found, to be read: a table for the terminal, a page for the browser.
+//! Reports of results: a table for the terminal, a page for the browser.
 
 mod page;
 mod table;
@@ -9,13 +9,13 @@ pub use table::table;
 use crate::backends::{Backend, Run};
 use crate::harness::{Report, Verdict};
 
-/// A backend that was asked for.
+/// Result of a requested backend.
 pub enum Entry {
-    /// It drew.
+    /// The backend ran.
     Ran(Run),
-    /// It didn't start, and needn't.
+    /// The backend didn't start, and isn't required.
     Absent(Backend, String),
-    /// It didn't start, and `SURFEL_REQUIRE` asks for it.
+    /// The backend didn't start, though `SURFEL_REQUIRE` names it.
     Missing(Backend, String),
 }
 
@@ -37,17 +37,17 @@ impl Entry {
     }
 }
 
-/// Reports by verdict, and the worst of them.
+/// Number of reports by verdict, and the worst report.
 struct Sum<'a> {
     passed: usize,
     expected: usize,
     skipped: usize,
     failed: usize,
-    /// Pixels beyond the tolerance outside of the margin, all scenes together.
+    /// Number of outliers outside the margin, over all scenes.
     outliers: usize,
-    /// The same within the margin.
+    /// Number of outliers within the margin, over all scenes.
     forgiven: usize,
-    /// The image with the plane that is farthest off.
+    /// The report with the largest error.
     worst: Option<&'a Report>,
 }
 
@@ -75,7 +75,7 @@ impl<'a> Sum<'a> {
     }
 }
 
-/// The words of a verdict for a reader in a hurry.
+/// Returns a short word for a verdict.
 pub(crate) fn word(verdict: &Verdict) -> &'static str {
     match verdict {
         Verdict::Passed => "passed",

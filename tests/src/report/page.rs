@@ -1,4 +1,4 @@
-//! The page: one file, images inside.
+//! The report page: one file with embedded images.
 
 use super::{Entry, Sum, word};
 use crate::harness::{ABSOLUTE, Checked, FORGIVEN_SHARE, RELATIVE, Report, Truth, Verdict, pixel_errors};
@@ -8,7 +8,7 @@ use surfel_io::{PlanesView, PngOptions, write_png};
 use surfel_metrics::{CompareOptions, Image, compare};
 use surfel_render::Frame;
 
-/// A self-contained page about what backends made of scenes: failures first, then as the scenes come.
+/// Returns a self-contained page on the results of backends in scenes: failures first, then in scene order.
 ///
 /// # Errors
 /// [`io::Error`] if an image can't be encoded.
@@ -26,7 +26,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     ));
     for entry in entries {
         let Entry::Ran(run) = entry else { continue };
-        // What has no scene: expectations that nothing needed, messages of validation layers.
+        // Results without a scene: unused expectations, messages of validation layers.
         for checked in run.checked.iter().skip(truths.len()) {
             page.failed_section(run.info.backend);
             page.preformatted(&checked.report.to_string());
@@ -41,7 +41,7 @@ pub fn page(entries: &[Entry], truths: &[Truth]) -> io::Result<String> {
     Ok(page.html())
 }
 
-/// What backends made of a scene, with their names.
+/// Returns the results of backends in a scene, with their names.
 fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static str, &Checked)> {
     entries.iter().filter_map(move |entry| match entry {
         Entry::Ran(run) => Some((run.info.backend, run.checked.get(truth)?)),
@@ -49,7 +49,7 @@ fn results(entries: &[Entry], truth: usize) -> impl Iterator<Item = (&'static st
     })
 }
 
-/// A scene's place on the page by what a backend made of it: the first ones need a look.
+/// Returns the rank of a scene on the page by a backend's result: failures first.
 fn severity(report: &Report) -> u8 {
     match report.verdict {
         Verdict::Failed(_) => 0,
@@ -135,7 +135,7 @@ fn scene(page: &mut Page, truth: &Truth, results: &[(&'static str, &Checked)]) -
     Ok(())
 }
 
-/// PSNR and FLIP of the colours, for information: neither decides.
+/// Returns PSNR and FLIP of the colours, for information: neither decides.
 fn metrics(got: Option<&Frame>, want: Option<&Frame>) -> String {
     fn image(frame: &Frame) -> Option<Image<'_>> {
         Image::new(frame.width(), frame.height(), frame.color().as_flattened()).ok()
@@ -144,7 +144,7 @@ fn metrics(got: Option<&Frame>, want: Option<&Frame>) -> String {
     compared().map_or_else(String::new, |c| format!("{:.1} dB, {:.5}", c.psnr, c.flip_mean.unwrap_or(f64::NAN)))
 }
 
-/// The share of the tolerance, amplified to be seen.
+/// Returns the errors as fractions of the tolerance, as visible colours.
 fn difference(got: &Frame, want: &Frame) -> Vec<[f32; 4]> {
     let color = |(&error, &margin): (&f64, &f32)| match (error > 1.0, margin != 0.0) {
         (false, _) => [error as f32, error as f32, error as f32, 1.0],

@@ -6,9 +6,9 @@ use std::fmt::Write;
 const HEAD: [&str; 7] =
     ["backend", "scenes", "worst plane", "of tolerance", "outliers outside", "inside margin", "result"];
 
-/// Failures in full, then a line a backend, failed ones first.
+/// Returns failures in full, then one line per backend, failed ones first.
 ///
-/// Outliers are pixels that are off by more than the tolerance, all scenes together.
+/// Outliers are pixels with an error above the tolerance, over all scenes.
 pub fn table(entries: &[Entry]) -> String {
     let mut text = String::new();
     for entry in entries {

@@ -25,7 +25,7 @@ pub(super) fn clipping_cases() -> Vec<Case> {
     ];
     for filter in Filter::ALL {
         cases.push(clip_grazing().with(filter.name(), |s| s.filter = filter));
-        // Wide filters, so that most of a footprint is what the filter made of it.
+        // Wide filters, so that most of a footprint is due to the filter.
         cases.push(curves.with(filter.name(), |s| s.filter = filter));
         cases.push(clipped_confetti().with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 2.5)));
     }
@@ -44,8 +44,8 @@ fn random_line(random: &mut Random) -> ClipLine {
     ClipLine { a: cos as f32, b: sin as f32, c: random.range(-0.2, 0.7) as f32 }
 }
 
-/// A grid of large, tilted ellipses, each cut by another curve: angles, sides, turns and weights mixed up; a corner
-/// kept whole.
+/// Returns a grid of large, tilted ellipses, each cut by another curve; one corner has no curve. Catches confused
+/// angles, sides, turns and weights.
 pub fn clip_curves() -> Case {
     let mut random = Random::new(83);
     let splats: Vec<Clipped> = (0..36)
@@ -70,8 +70,8 @@ pub fn clip_curves() -> Case {
     )
 }
 
-/// Splats that point at the eye and keep their far ends, before a wall that they all hang on. A filter makes them wider
-/// and moves what they keep: a pixel that only the unfiltered part covers must show the wall.
+/// Returns splats that point at the eye and retain their far ends, in front of one large wall. A filter widens them and
+/// moves their clips. Catches empty pixels, where the unfiltered part hides the wall but no filtered fragment remains.
 pub fn clip_grazing() -> Case {
     let mut random = Random::new(127);
     let camera = camera(3.2, 45.0, [96, 96]);
@@ -93,7 +93,8 @@ pub fn clip_grazing() -> Case {
     Case::new("clip-grazing", Scene { objects: vec![object], ..scene(&[]) }, camera)
 }
 
-/// One to four lines a splat, all or any of them, some with a curve as well: and for or, an absent line that counts.
+/// Returns splats with one to four lines each, joined by `and` or `or`, some with a curve as well. Catches an absent
+/// line that counts under `or`.
 pub fn clip_lines() -> Case {
     let mut random = Random::new(89);
     let splats: Vec<Clipped> = (0..36)
@@ -114,8 +115,9 @@ pub fn clip_lines() -> Case {
     )
 }
 
-/// Lines without a gradient, which keep a whole splat or nothing of it, alone and among others: joined by `and` in the
-/// upper row and by `or` in the lower one. A constant that is taken for an absent line, or for one that always keeps.
+/// Returns splats with lines without a gradient, which retain the whole splat or nothing, alone and among others. The
+/// upper row joins them by `and`, the lower by `or`. Catches a constant line that is treated as absent, or as always
+/// inside.
 pub fn constant_lines() -> Case {
     let line = |a: f32, b: f32, c: f32| ClipLine { a, b, c };
     let (never, always, level) = (line(0.0, 0.0, -0.25), line(0.0, 0.0, 2.0), line(0.0, 0.0, 0.0));
@@ -150,7 +152,7 @@ pub fn constant_lines() -> Case {
     )
 }
 
-/// The lines on a mirrored, sheared object: a clip that is turned the wrong way with its axes.
+/// Returns the lines on a mirrored, sheared object. Catches a clip that turns the wrong way with its axes.
 pub fn clip_lines_mirrored() -> Case {
     let mut case = clip_lines().with("mirrored", |s| s.prefilter_radius_px = 4.0);
     let place = DAffine3::from_cols(DVec3::new(-0.8, 0.3, 0.0), DVec3::new(0.0, 0.6, 0.4), DVec3::Z, DVec3::ZERO);
@@ -158,12 +160,12 @@ pub fn clip_lines_mirrored() -> Case {
     case
 }
 
-/// Half the edge of [`clipped_cube`].
+/// Half the edge length of [`clipped_cube`].
 pub const CUBE_HALF: f64 = 0.5;
 
-/// A cube of six splats, each with the four lines of its face, back faces culled: a perfect cube.
+/// Returns a cube of six splats, each clipped by the four lines of its face, back faces culled: a perfect cube.
 pub fn clipped_cube() -> Case {
-    // Beyond √2, so that the corners lie well inside of the disk.
+    // Beyond √2, so that the corners are well inside the disk.
     let reach = 1.6;
     let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]);
     let splats: Vec<Clipped> = faces
@@ -185,20 +187,21 @@ pub fn clipped_cube() -> Case {
     Case::new("clipped-cube", Scene { objects: vec![cube], ..scene(&[]) }, camera)
 }
 
-/// A clip on every splat of a ball of confetti, smaller than pixels to many of them: filters that carry the clip.
+/// Returns a ball of confetti with a clip on every splat, many smaller than pixels. Catches filters that transform the
+/// clip wrongly.
 pub fn clipped_confetti() -> Case {
     let mut scene = Scene { objects: vec![object(clipped_cloud(&confetti_with_clips()))], ..scene(&[]) };
     scene.objects[0].material.interior_weight = Some(1.5);
     Case::new("clipped-confetti", scene, camera(3.0, 45.0, [64, 64]))
 }
 
-/// Such splats of glass: layers whose splats are clipped otherwise than opaque ones.
+/// Returns the same splats as glass. Catches layers that clip splats differently from opaque ones.
 pub fn clipped_glass() -> Case {
     let mut case = clipped_confetti();
     case.name = "clipped-glass".to_owned();
     case.scene.objects =
         vec![object(with_alpha(clipped_cloud(&confetti_with_clips()), |i| 0.3 + 0.1 * (i % 6) as f32))];
-    // The A-buffer asks for W0.
+    // The A-buffer needs W0.
     case.scene.objects[0].material.interior_weight = Some(1.5);
     case
 }
@@ -216,7 +219,7 @@ fn confetti_with_clips() -> Vec<Clipped> {
         .collect()
 }
 
-/// Clipped splats through z_near and behind the eye.
+/// Returns clipped splats through z_near and behind the eye.
 pub fn clipped_near() -> Case {
     let mut random = Random::new(103);
     let eye = DVec3::Z * 2.0;

@@ -1,4 +1,4 @@
-//! Scenes of oriented clouds, whose front and back faces are kept apart.
+//! Scenes of oriented clouds, whose front and back faces are separated.
 
 use super::Case;
 use crate::build::{Clipped, Splat, camera, clipped_cloud, cloud, confetti, object, scene, sheet, sphere, with_alpha};
@@ -63,7 +63,7 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// A plate a quarter of a splat thick, seen at a slant, its two sides in two colours.
+/// Returns a plate a quarter of a splat thick, seen at a slant, with two colours on its sides.
 fn plate() -> Vec<Splat> {
     let (across, along) = (DVec3::new(0.8, 0.1, 0.35), DVec3::new(-0.15, 0.75, 0.3));
     let out = across.cross(along).normalize() * 0.015;
@@ -72,7 +72,8 @@ fn plate() -> Vec<Splat> {
     [front, back].concat()
 }
 
-/// Both sides of a plate within the depth tolerance, from before and from behind: one blended with the other.
+/// Returns both sides of a plate within the depth tolerance, seen from the front and from behind. Catches blending of
+/// the two sides.
 pub fn thin_shell() -> Case {
     let turned = DAffine3::from_translation(DVec3::new(0.5, -0.35, -0.8)) * DAffine3::from_rotation_y(2.6);
     let twice: Vec<Splat> = plate().into_iter().chain(plate().iter().map(|splat| splat.transformed(&turned))).collect();
@@ -80,8 +81,9 @@ pub fn thin_shell() -> Case {
     Case::new("thin-shell", scene, camera(2.8, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Sheets that face away, some before and some behind others that face the eye, the gap between them growing through
-/// nothing and the tolerance: the nearer side, a tie, the wrong side's threshold or tolerance.
+/// Returns back-facing sheets, some in front of and some behind front-facing ones. The gap between them grows through
+/// zero and the tolerance. Catches errors in the choice of the nearer side, in ties, and the wrong side's threshold or
+/// tolerance.
 pub fn back_before_front() -> Case {
     let mut random = Random::new(151);
     let slope = DVec3::new(0.9, 0.0, 0.16);
@@ -93,7 +95,8 @@ pub fn back_before_front() -> Case {
     Case::new("back-before-front", Scene { objects, ..scene(&[]) }, camera(3.0, 45.0, [72, 72]))
 }
 
-/// Half of a sphere, seen into and from outside at once: the inside of an open surface, lit on that side, and contours.
+/// Returns half of a sphere, seen from inside and from outside at once. Catches errors in lighting the inside of an
+/// open surface, and in contours.
 pub fn open_bowl() -> Case {
     let bowl = |turn: DMat3, at: DVec3| {
         let place = DAffine3::from_mat3_translation(turn * 0.75, at);
@@ -107,7 +110,8 @@ pub fn open_bowl() -> Case {
     Case::new("open-bowl", scene, camera(3.4, 45.0, [96, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A cube of six splats, each cut to its face by four lines: whole faces that share edges, no back face among them.
+/// Returns a cube of six splats, each clipped to its face by four lines: whole faces that share edges, without a
+/// visible back face.
 pub fn oriented_cube() -> Case {
     let line = |a: f32, b: f32| ClipLine { a, b, c: 0.5f32.sqrt() };
     let faces = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]).map(|n| Clipped {
@@ -126,8 +130,8 @@ pub fn oriented_cube() -> Case {
     Case::new("oriented-cube", Scene { objects: vec![cube], ..scene(&[]) }, camera(3.0, 45.0, [64, 64]))
 }
 
-/// The plate among splats that aren't declared, another object that is and leaves out its back faces, and one whose
-/// cloud is declared and whose material says otherwise: whose fragments count for which side.
+/// Returns the plate among splats that aren't declared oriented, an oriented object whose back faces are culled, and
+/// one whose material overrides its cloud. Catches fragments that count for the wrong side.
 pub fn shell_among_undeclared() -> Case {
     let mut random = Random::new(163);
     let axes = [DVec3::new(0.8, 0.0, 0.5), DVec3::new(0.0, 0.6, 0.1)];
@@ -151,7 +155,7 @@ pub fn shell_among_undeclared() -> Case {
     Case::new("shell-among-undeclared", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// The plate through a polygon: splats of one side blended over it.
+/// Returns the plate and a polygon that intersects it: only splats of one side are blended over the polygon.
 pub fn shell_among_polygons() -> Case {
     let mut scene = scene(&[]);
     scene.objects = vec![
@@ -162,7 +166,7 @@ pub fn shell_among_polygons() -> Case {
     Case::new("shell-among-polygons", scene, camera(2.8, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// The plate over a floor that it casts a shadow on: both of its sides cast.
+/// Returns the plate over a floor on which it casts a shadow: both of its sides cast shadows.
 pub fn shell_over_floor() -> Case {
     let floor = sheet(DVec3::new(0.0, -0.8, 0.0), [DVec3::X * 1.6, DVec3::NEG_Z * 1.6], [24, 24], 0.12, |_, _| BACK);
     let objects = vec![oriented(object(cloud(&plate())), 4.0), object(cloud(&floor))];
@@ -171,12 +175,12 @@ pub fn shell_over_floor() -> Case {
     Case::new("shell-over-floor", scene, camera(3.4, 45.0, [64, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Plates about the eye and through the near plane, from inside and from outside: records that are set up in f64.
+/// Returns plates around the eye and through the near plane, from inside and from outside, which are set up in f64.
 pub fn inside_a_shell() -> Case {
     let mut random = Random::new(179);
     let sides = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y].into_iter().flat_map(|out| {
         let along = DVec3::NEG_Z * 1.5;
-        // Outward as seen from within: half of them face the eye, by turns.
+        // The outward direction as seen from inside; alternate plates face the eye.
         let across = out.cross(DVec3::Z) * 0.5;
         let color = random.color();
         let at = out * 0.32 + DVec3::Z * 1.6;
@@ -194,7 +198,7 @@ pub fn inside_a_shell() -> Case {
     case
 }
 
-/// An oriented shell of glass about an opaque one: layers keep no sides apart.
+/// Returns an oriented shell of glass around an opaque one: layers don't separate sides.
 pub fn oriented_glass() -> Case {
     let glass = oriented(object(with_alpha(cloud(&sphere(500, 1.2, 181)), |_| 0.4)), 2.4);
     let mut shell = oriented(object(cloud(&plate())), 4.0);

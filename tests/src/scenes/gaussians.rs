@@ -8,7 +8,7 @@ use surfel_model::{
     Column3, GaussianCloud, GaussianData, GaussianKind, Geometry, Object, OnInvalid, Projection, Scene,
 };
 
-/// Backgrounds that no Gaussian has.
+/// Background colour that no Gaussian has.
 const BACKGROUND: [f64; 4] = [0.02, 0.3, 0.6, 0.5];
 
 pub(super) fn gaussian_cases() -> Vec<Case> {
@@ -19,7 +19,7 @@ pub(super) fn gaussian_cases() -> Vec<Case> {
     vec![flat, gaussian_field(GaussianKind::Solid), orthographic, gaussian_extremes(), two_gaussian_objects()]
 }
 
-/// Random Gaussians in a box, with harmonics of degree 3.
+/// Returns random Gaussians in a box, with harmonics of degree 3.
 pub fn random_gaussians(count: usize, kind: GaussianKind, seed: u64) -> GaussianData {
     let mut random = Random::new(seed);
     let mut data = no_gaussians(kind);
@@ -40,7 +40,7 @@ pub fn random_gaussians(count: usize, kind: GaussianKind, seed: u64) -> Gaussian
     data
 }
 
-/// Columns without values, of degree 0.
+/// Returns columns without values, of degree 0.
 pub fn no_gaussians(kind: GaussianKind) -> GaussianData {
     GaussianData {
         origin: DVec3::ZERO,
@@ -56,32 +56,33 @@ pub fn no_gaussians(kind: GaussianKind) -> GaussianData {
     }
 }
 
-/// An object of Gaussians.
+/// Creates an object of Gaussians.
 ///
 /// # Panics
-/// If one is invalid: scenes are written here, not read.
+/// If a Gaussian is invalid: scenes are written in code, not read.
 pub fn gaussian_object(data: GaussianData) -> Object {
     GaussianCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid Gaussians").0.into()
 }
 
-/// A scene of Gaussians alone.
+/// Creates a scene of Gaussians alone.
 ///
 /// # Panics
-/// As [`gaussian_object`].
+/// If a Gaussian is invalid, as [`gaussian_object`].
 pub fn gaussian_scene(data: GaussianData) -> Scene {
     Scene { background: BACKGROUND, ..Scene::from(gaussian_object(data)) }
 }
 
-/// Two hundred of all sizes, some of them before the near plane.
+/// Returns two hundred Gaussians of all sizes, some of them in front of the near plane.
 pub fn gaussian_field(kind: GaussianKind) -> Case {
     let name = if kind == GaussianKind::Flat { "flat gaussians" } else { "solid gaussians" };
-    // The odd size leaves tiles that are cut.
+    // The odd size leaves partial tiles.
     let mut case = Case::new(name, gaussian_scene(random_gaussians(200, kind, 7)), camera(3.2, 45.0, [61, 43]));
     case.camera.eye = [0.3, 0.4, 3.2];
     case
 }
 
-/// Needles, points, sheets that reach past the eye, edge-on ones, all opacities there are, and many in one place.
+/// Returns needles, points, sheets that reach past the eye, edge-on Gaussians, all kinds of opacities, and many in one
+/// place.
 pub fn gaussian_extremes() -> Case {
     let mut data = no_gaussians(GaussianKind::Flat);
     let mut centers = Vec::new();
@@ -109,21 +110,21 @@ pub fn gaussian_extremes() -> Case {
             1.0,
         );
         add([x, -0.6, -0.1], [0.08, 0.05], tilt, [0.0, 1.0, 0.5, 0.0039, 0.00393][i as usize % 5]);
-        // All in one place and order.
+        // All at the same position, in index order.
         add([0.0, -0.8, 0.4], [0.1, 0.2], DQuat::IDENTITY, 0.3);
     }
-    // A floor under the eye, an endless one, and what is too near.
+    // A floor under the eye, an endless floor, and a Gaussian that is too near.
     add([0.0, -1.0, 0.0], [3.0, 3.0], DQuat::from_rotation_x(half), 0.6);
     add([0.0, -0.4, 0.5], [1e4, 1e4], DQuat::from_rotation_x(half + 0.1), 0.3);
     add([0.0, 0.0, 1.85], [1.0, 1.0], DQuat::IDENTITY, 1.0);
-    // Sheets through each other before the eye and through the near plane.
+    // Sheets that intersect each other in front of the eye and at the near plane.
     add([0.2, 0.1, 1.6], [0.3, 0.5], DQuat::from_rotation_y(1.2), 0.2);
     add([0.2, 0.1, 1.7], [0.4, 0.2], DQuat::from_rotation_y(-1.3) * DQuat::from_rotation_x(0.4), 0.2);
     data.centers = Column3::from_f64(&centers);
     Case::new("extreme gaussians", gaussian_scene(data), camera(2.0, 60.0, [48, 48]))
 }
 
-/// Two clouds through each other, one of them mirrored and squeezed.
+/// Returns two clouds that intersect, one of them mirrored and squeezed.
 pub fn two_gaussian_objects() -> Case {
     let mut scene = gaussian_scene(random_gaussians(60, GaussianKind::Flat, 21));
     let mut other = gaussian_object(random_gaussians(60, GaussianKind::Solid, 22));
@@ -136,7 +137,7 @@ pub fn two_gaussian_objects() -> Case {
     Case::new("two objects of gaussians", scene, camera(3.0, 50.0, [40, 50]))
 }
 
-/// The Gaussians of a case's first object.
+/// Returns the Gaussians of a case's first object.
 pub fn gaussians_of(case: &Case) -> Option<&GaussianCloud> {
     match &case.scene.objects.first()?.geometry {
         Geometry::Gaussians(cloud) => Some(cloud),

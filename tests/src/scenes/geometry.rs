@@ -1,4 +1,4 @@
-//! Scenes about where splats land, and which of them are seen.
+//! Scenes that test positions and visibility of splats.
 
 use super::Case;
 use crate::build::{Splat, camera, confetti, disk_cloud, object, scene, sheet, sphere};
@@ -42,7 +42,7 @@ pub(super) fn geometry_cases() -> Vec<Case> {
     cases
 }
 
-/// Three splats right, up and near: a flipped or swapped axis, a mirrored image, a wrong up.
+/// Returns three splats: right, up and near. Catches flipped or swapped axes, a mirrored image, a wrong up.
 pub fn orientation() -> Case {
     let splats = [
         Splat::disk(DVec3::new(0.8, 0.0, 0.0), DVec3::Z, 0.3, RED),
@@ -52,21 +52,22 @@ pub fn orientation() -> Case {
     Case::new("orientation", scene(&splats), camera(3.0, 50.0, [80, 56]))
 }
 
-/// One splat that faces the eye, a quarter pixel off centre: wrong kernel, cutoff or pixel centre.
+/// Returns one splat that faces the eye, a quarter pixel off centre. Catches a wrong kernel, cutoff or pixel centre.
 pub fn facing_splat() -> Case {
-    // 48 px high, fov 90°, distance 2: 12 px a unit. 0.25 px right, 0.125 px down.
+    // 48 px high, fov 90°, distance 2: 12 px per unit. 0.25 px right, 0.125 px down.
     let p = DVec3::new(0.25 / 12.0, -0.125 / 12.0, 0.0);
     Case::new("facing-splat", scene(&[Splat::disk(p, DVec3::Z, 1.5, RED)]), camera(2.0, 90.0, [48, 48]))
 }
 
-/// One large splat tilted 60°: perspective of the footprint, depth of its plane, its clamp.
+/// Returns one large splat tilted by 60°. Catches errors in the perspective of the footprint, the depth of its plane,
+/// and the depth clamp.
 pub fn tilted_splat() -> Case {
     let n = DVec3::new(60f64.to_radians().sin(), 0.2, 60f64.to_radians().cos());
     let splat = Splat::disk(DVec3::new(0.1, 0.05, 0.0), n, 0.9, GREEN);
     Case::new("tilted-splat", scene(&[splat]), camera(2.5, 50.0, [64, 64]))
 }
 
-/// Two sheets, the gap between them growing across the image through the tolerance: a wrong ε, or one of the wrong
+/// Returns two sheets whose gap grows through the tolerance across the image. Catches a wrong ε, or one of the wrong
 /// splat.
 pub fn occluded_pair() -> Case {
     let back = sheet(DVec3::ZERO, [DVec3::X, DVec3::Y], [24, 24], 0.07, |_, _| BLUE);
@@ -77,7 +78,8 @@ pub fn occluded_pair() -> Case {
     Case::new("occluded-pair", scene(&[back, front].concat()), camera(3.0, 45.0, [72, 72]))
 }
 
-/// `n`×`n` splats in random colours, smaller than pixels at the far side: aliasing, splats that no pixel centre hits.
+/// Returns `n`×`n` splats in random colours, smaller than pixels at the far side. Catches aliasing, and splats that no
+/// pixel centre hits.
 pub fn grid(n: usize) -> Case {
     let mut random = Random::new(7);
     let axes = [DVec3::X, DVec3::new(0.0, 0.6, -0.8)];
@@ -85,15 +87,15 @@ pub fn grid(n: usize) -> Case {
     Case::new("grid", scene(&splats), camera(2.2, 50.0, [40, 40]))
 }
 
-/// A closed sphere: silhouettes, back sides, every tilt there is.
+/// Returns a closed sphere, with silhouettes, back sides, and every tilt.
 pub fn closed_sphere() -> Case {
     let mut scene = scene(&sphere(1500, 1.1, 11));
     scene.objects[0].material.interior_weight = Some(2.0);
     Case::new("sphere", scene, camera(3.0, 45.0, [72, 72]))
 }
 
-/// A large tilted disk, wider on the screen than its affine filter, before a wall, edges antialiased: pixels that keep
-/// the disk and have none of its filtered fragments, through which the wall shows.
+/// Returns a large tilted disk in front of a wall, wider on the screen than its affine filter, with antialiased edges.
+/// Some pixels are inside the disk but have no filtered fragment: they must show the wall.
 pub fn beyond_its_filter() -> Case {
     let axes = [DVec3::X * 6.0, DVec3::Y * 6.0];
     let mut splats = sheet(DVec3::new(0.0, 0.0, -6.0), axes, [10, 10], 1.2, |_, _| BLUE);
@@ -105,7 +107,8 @@ pub fn beyond_its_filter() -> Case {
     case.with("ewa/edge-aa", |s| (s.filter, s.edge_aa) = (Filter::Ewa, EdgeAa::Coverage))
 }
 
-/// The sphere before a wall, edges antialiased: coverage, what lies behind.
+/// Returns the sphere in front of a wall, with antialiased edges. Catches errors in coverage and in the surface behind
+/// an edge.
 pub fn sphere_before_plane() -> Case {
     let wall = sheet(DVec3::new(0.0, 0.0, -2.0), [DVec3::X * 3.0, DVec3::Y * 3.0], [40, 40], 0.2, |c, r| {
         if (c / 4 + r / 4) % 2 == 0 { GREEN } else { BLUE }
@@ -116,12 +119,13 @@ pub fn sphere_before_plane() -> Case {
         .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Ellipses of aspect up to 6 at any angle: axes mixed up, a filter that holds for circles alone.
+/// Returns ellipses of aspect up to 6 at any angle. Catches confused axes, and a filter that is right only for circles.
 pub fn anisotropic() -> Case {
     Case::new("anisotropic", scene(&confetti(500, 0.02, 6.0, 13)), camera(3.0, 45.0, [56, 56]))
 }
 
-/// A floor that runs to a far horizon: the slope term of ε, depth far outside of disks.
+/// Returns a floor that extends to a far horizon. Catches errors in the slope term of ε, and in depths far outside
+/// disks.
 pub fn grazing_plane() -> Case {
     let mut random = Random::new(17);
     let axes = [DVec3::X * 2.0, DVec3::new(0.0, 0.0, -8.0)];
@@ -129,7 +133,7 @@ pub fn grazing_plane() -> Case {
     Case::new("grazing-plane", scene(&splats), camera(2.0, 60.0, [64, 40]))
 }
 
-/// An orthographic view of tilted splats, some beyond z_far: constant scale, linear depth.
+/// Returns an orthographic view of tilted splats, some beyond z_far. Catches errors in constant scale and linear depth.
 pub fn orthographic() -> Case {
     let mut camera = camera(4.0, 45.0, [60, 48]);
     camera.projection = Projection::Orthographic { height: 2.2 };
@@ -137,7 +141,8 @@ pub fn orthographic() -> Case {
     Case::new("orthographic", scene(&confetti(300, 0.06, 3.0, 19)), camera)
 }
 
-/// Unequal focal lengths and a principal point outside of the image: f or c taken from the fov.
+/// Returns a view with unequal focal lengths and a principal point outside the image. Catches f or c derived from the
+/// fov.
 pub fn intrinsics() -> Case {
     let mut camera = camera(3.0, 45.0, [64, 48]);
     camera.projection = Projection::Intrinsics { fx: 90.0, fy: 50.0, cx: -6.5, cy: 30.25 };
@@ -148,7 +153,8 @@ pub fn intrinsics() -> Case {
     Case::new("intrinsics", scene(&splats), camera)
 }
 
-/// A mirrored, sheared object seen from outside with back faces culled: normals by the wrong matrix, inside-out.
+/// Returns a mirrored, sheared object seen from outside with back faces culled. Catches normals by the wrong matrix,
+/// and inverted sides.
 pub fn mirrored_object() -> Case {
     let mut scene = scene(&sphere(900, 1.2, 29));
     let columns = [DVec3::new(-0.8, 0.2, 0.0), DVec3::new(0.0, 0.6, 0.3), DVec3::new(0.1, 0.0, 1.0)];
@@ -162,7 +168,8 @@ pub fn mirrored_object() -> Case {
     })
 }
 
-/// The far half of a sphere is all there is; culled, nothing may be left but its rim: the facing test's sign.
+/// Returns the far half of a sphere, culled, so that only its rim may be visible. Catches the wrong sign of the facing
+/// test.
 pub fn culled_sphere() -> Case {
     let far: Vec<Splat> = sphere(1200, 1.1, 31).into_iter().filter(|s| s.p.z < 0.5).collect();
     let mut scene = scene(&far);
@@ -170,7 +177,7 @@ pub fn culled_sphere() -> Case {
     Case::new("culled-sphere", scene, camera(3.0, 45.0, [56, 56]))
 }
 
-/// Disks given by normal and radius: a pair of axes that is not the radius long.
+/// Returns disks given by normal and radius. Catches axes whose length isn't the radius.
 pub fn disks() -> Case {
     let mut random = Random::new(37);
     let disks: Vec<_> = (0..250)
@@ -180,15 +187,15 @@ pub fn disks() -> Case {
     Case::new("disks", scene, camera(3.0, 45.0, [56, 56])).with("adjust", |s| s.filter = Filter::Adjust)
 }
 
-/// An image of one pixel: neighbours, tiles and regions that end at once.
+/// Returns an image of one pixel. Catches neighbours, tiles and regions that end at once.
 pub fn single_pixel() -> Case {
     let mut scene = scene(&sphere(200, 1.2, 41));
     scene.objects[0].material.interior_weight = Some(2.0);
     Case::new("single-pixel", scene, camera(3.0, 30.0, [1, 1])).with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Ellipses that are round but for up to 1.5 in a thousand, seen nearly edge-on, at any angle within their planes:
-/// which of them `adjust` takes for disks, and by which angle it turns those.
+/// Returns ellipses that are round up to 1.5 in a thousand, seen nearly edge-on, at any angle within their planes. They
+/// test which ellipses `adjust` treats as disks, and by which angle it turns these.
 pub fn nearly_round() -> Case {
     let mut random = Random::new(127);
     let eye = DVec3::Z * 3.0;
@@ -218,9 +225,9 @@ struct Disk {
     radius: f64,
 }
 
-/// Two sheets of unevenly spaced disks, 0.85 radii apart, edges antialiased by the weight that the cloud has inside
-/// itself: the pair of half-axes that a disk takes, and that r_max counts from the sampled point. No backend measures
-/// it, so the scene says what [`interior_weight`] makes of the disks.
+/// Returns two sheets of unevenly spaced disks, 0.85 radii apart, with edges antialiased by the cloud's own interior
+/// weight. The weight depends on a disk's pair of half-axes, and on r_max counting from the sampled point. Backends
+/// don't measure it, so the scene sets what [`interior_weight`] computes.
 pub fn disks_by_their_own_weight() -> Case {
     let disks = uneven_sheets();
     let mut scene = Scene { objects: vec![object(cloud_of(&disks))], ..scene(&[]) };
@@ -247,7 +254,7 @@ fn uneven_sheets() -> Vec<Disk> {
         .collect()
 }
 
-/// The interior weight of disks as §5 defines it, from the disks alone.
+/// Computes the interior weight of disks as §5 defines it, from the disks alone.
 fn interior_weight(disks: &[Disk]) -> f64 {
     // As a cloud stores them: radii in f32.
     let stored = |d: &Disk| Disk { normal: d.normal.normalize(), radius: f64::from(d.radius as f32), ..*d };

@@ -28,7 +28,7 @@ pub(super) fn mesh_cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// The same from the same eye, in parallel projection.
+    /// Returns the case from the same eye, in parallel projection.
     #[must_use]
     pub fn in_orthographic(mut self, height: f64, far: f64) -> Self {
         self.camera.projection = Projection::Orthographic { height };
@@ -44,7 +44,8 @@ fn two_lights() -> Option<Vec<Light>> {
     ])
 }
 
-/// A wall whose left half is splats and whose right half polygons, overlapping by half a splat's width: the hand-over.
+/// Returns a wall whose left half is splats and whose right half polygons, overlapping by half a splat's width: the
+/// transition.
 pub fn half_mesh_wall() -> Case {
     let axes = [DVec3::new(0.5, 0.0, 0.0), DVec3::new(0.0, 0.9, 0.1)];
     let splats = sheet(DVec3::new(-0.5, 0.0, 0.0), axes, [10, 18], 0.15, |c, r| {
@@ -60,7 +61,7 @@ pub fn half_mesh_wall() -> Case {
     Case::new("half-mesh-wall", scene, camera(2.6, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A sphere of splats before a wall of polygons, edges antialiased: the polygon behind an edge.
+/// Returns a sphere of splats in front of a wall of polygons, with antialiased edges: the polygon behind an edge.
 pub fn sphere_before_mesh() -> Case {
     let mut scene = scene(&sphere(900, 1.1, 101));
     scene.objects[0].material.interior_weight = Some(2.0);
@@ -71,7 +72,8 @@ pub fn sphere_before_mesh() -> Case {
         .with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage)
 }
 
-/// Polygons through an opaque sphere of splats and through a transparent pane: whichever is in front, in every pixel.
+/// Returns polygons that intersect an opaque sphere of splats and a transparent pane: the nearer one shows in every
+/// pixel.
 pub fn mesh_through_sphere() -> Case {
     let mut random = Random::new(103);
     let mut scene = scene(&sphere(700, 1.2, 107));
@@ -88,7 +90,7 @@ pub fn mesh_through_sphere() -> Case {
     Case::new("mesh-through-sphere", scene, camera(4.0, 40.0, [60, 60])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Polygons alone: a mirrored, sheared ball with vertex normals whose back is culled, beside a flat-shaded one.
+/// Returns polygons alone: a mirrored, sheared ball with vertex normals whose back is culled, and a flat-shaded one.
 pub fn mesh_ball() -> Case {
     let mut smooth = mesh_object(mesh_sphere(3));
     smooth.world_from_object = DAffine3::from_translation(DVec3::X * -0.6)
@@ -105,7 +107,8 @@ pub fn mesh_ball() -> Case {
     Case::new("mesh-balls", scene, camera(3.4, 45.0, [80, 56])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A chequered floor from behind the eye to far ahead: the near plane, perspective of texture coordinates, mipmaps.
+/// Returns a chequered floor from behind the eye to far ahead. Catches errors at the near plane, in the perspective of
+/// texture coordinates, and in mipmaps.
 pub fn textured_floor() -> Case {
     let mut floor = quad(DVec3::new(0.0, -0.3, -6.0), [DVec3::X * 3.0, DVec3::NEG_Z * 12.0], 24.0);
     floor.texture = Some(checkers(2));
@@ -116,8 +119,8 @@ pub fn textured_floor() -> Case {
     Case::new("textured-floor", scene, camera)
 }
 
-/// A slanted quad before a wall of splats, with vertices and a texture of every alpha: polygons blended or cut out by
-/// it, or smaller levels that weigh colours by it.
+/// Returns a slanted quad in front of a wall of splats, with vertices and a texture of every alpha. Alpha must have no
+/// effect on polygons. Catches blending or cutting by alpha, and mip levels that weight colours by it.
 pub fn texture_with_alpha() -> Case {
     let mut random = Random::new(137);
     let wall =

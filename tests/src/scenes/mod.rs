@@ -1,4 +1,4 @@
-//! Scenes of one property each. What a scene is for is the fault that it catches.
+//! Scenes that test one property each. A scene's purpose is the fault that it catches.
 
 mod clipping;
 mod facings;
@@ -28,28 +28,28 @@ pub use transparency::*;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Capabilities, Planes, Region, SceneSummary, View, unsupported};
 
-/// A scene, and how it is drawn: an image to be made.
+/// A scene with its camera, settings and region: an image to draw.
 #[derive(Clone, Debug)]
 pub struct Case {
-    /// Its name, for messages.
+    /// Name, for messages.
     pub name: String,
-    /// What is drawn.
+    /// Scene to draw.
     pub scene: Scene,
-    /// From where.
+    /// Camera of the image.
     pub camera: Camera,
-    /// How.
+    /// Settings of the image.
     pub settings: Settings,
-    /// The part of the image that is drawn; all of it without one.
+    /// Region of the image that is drawn; `None` for all of it.
     pub region: Option<Region>,
 }
 
 impl Case {
-    /// A case with default settings.
+    /// Creates a case with default settings.
     pub fn new(name: &str, scene: Scene, camera: Camera) -> Self {
         Self { name: name.into(), scene, camera, settings: Settings::default(), region: None }
     }
 
-    /// The same with other settings, under the name `name/variant`.
+    /// Returns the case with other settings, under the name `name/variant`.
     #[must_use]
     pub fn with(&self, variant: &str, change: impl FnOnce(&mut Settings)) -> Self {
         let mut case = self.clone();
@@ -58,21 +58,21 @@ impl Case {
         case
     }
 
-    /// True if a backend says that it draws this.
+    /// True if a backend reports that it draws this case.
     pub fn is_drawn_by(&self, capabilities: &Capabilities) -> bool {
         unsupported(&SceneSummary::of(&self.scene), &self.settings, Planes::ALL, capabilities).is_none()
     }
 
-    /// The view of what is drawn.
+    /// Returns the view of the drawn region.
     ///
     /// # Panics
-    /// If the camera or the region is invalid: cases are written here, not read.
+    /// If the camera or the region is invalid: cases are written in code, not read.
     pub fn view(&self) -> View {
         View::of_region(&self.camera, self.region).expect("cases have valid cameras")
     }
 }
 
-/// Every scene, with every filter where filters matter: what a backend is held to.
+/// Returns every scene that backends are tested with, with every filter where filters matter.
 pub fn all() -> Vec<Case> {
     let mut cases = geometry_cases();
     cases.extend(numeric_cases());

@@ -1,4 +1,4 @@
-//! Scenes about numbers: sizes, distances and shapes that rounding finds hard.
+//! Scenes with sizes, distances and shapes that are difficult for rounding.
 
 use super::Case;
 use crate::build::{Splat, camera, confetti, scene, sphere};
@@ -32,13 +32,13 @@ pub(super) fn numeric_cases() -> Vec<Case> {
     cases
 }
 
-/// Splats of all sizes and tilts in a ball: what [`scaled`] and [`moved`] change nothing of.
+/// Returns splats of all sizes and tilts in a ball, whose image [`scaled`] and [`moved`] don't change.
 pub fn confetti_ball() -> Case {
     Case::new("confetti", scene(&confetti(400, 0.05, 3.0, 43)), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Everything `factor` times as large, z_near included: the same image but for Z. Absolute epsilons hide in few
-/// units.
+/// Returns the case with everything `factor` times as large, z_near included: the same image except for Z. Catches
+/// absolute epsilons, which scenes of ordinary size hide.
 pub fn scaled(case: &Case, factor: f64) -> Case {
     let mut case = placed(case, &DAffine3::from_scale(DVec3::splat(factor)), &format!("scaled-{factor:e}"));
     case.camera.near *= factor;
@@ -46,12 +46,13 @@ pub fn scaled(case: &Case, factor: f64) -> Case {
     case
 }
 
-/// Scene and camera moved together: the same image. World coordinates in f32 hide near the origin.
+/// Returns the case with scene and camera moved together: the same image. Catches world coordinates in f32, which
+/// scenes near the origin hide.
 pub fn moved(case: &Case, by: DVec3) -> Case {
     placed(case, &DAffine3::from_translation(by), "moved")
 }
 
-/// Objects and camera placed by `world`; lights stay.
+/// Returns the case with objects and camera transformed by `world`; lights are unchanged.
 pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
     let mut case = case.with(variant, |_| ());
     for object in &mut case.scene.objects {
@@ -65,8 +66,8 @@ pub fn placed(case: &Case, world: &DAffine3, variant: &str) -> Case {
     case
 }
 
-/// Ellipses given by half-axes that are nearly parallel, centred outside of the image: they reach in by more than
-/// either half-axis is long, up to √2 times. A bound by the longer half-axis leaves them out.
+/// Returns ellipses given by nearly parallel half-axes, centred outside the image. They reach up to √2 times the longer
+/// half-axis. Catches a bound by the longer half-axis, which culls them.
 pub fn skewed_outside() -> Case {
     // The image's sides are at ±1; the ellipses reach 1.41 from their centres.
     let toward = [DVec3::X, DVec3::Y, DVec3::NEG_X, DVec3::NEG_Y];
@@ -81,8 +82,8 @@ pub fn skewed_outside() -> Case {
     Case::new("skewed-outside", scene(&splats), camera(10.0, 2.0 * 0.1f64.atan().to_degrees(), [48, 48]))
 }
 
-/// A narrow ellipse outside of the image, both of whose half-axes `adjust` lengthens to 10 pixels, nearly parallel:
-/// it reaches 14. A bound by the filter's radius leaves it out.
+/// Returns a narrow ellipse outside the image whose nearly parallel half-axes `adjust` lengthens to 10 pixels, so that
+/// it reaches 14 pixels. Catches a bound by the filter's radius, which culls it.
 pub fn adjusted_outside() -> Case {
     let splat = Splat {
         p: DVec3::new(-36.5, -0.1, 0.0),
@@ -93,15 +94,15 @@ pub fn adjusted_outside() -> Case {
     let mut camera = camera(2.0, 45.0, [48, 48]);
     camera.projection = Projection::Orthographic { height: 48.0 };
     camera.far = Some(10.0);
-    // One in the image, which shows how they overlap.
+    // A disk in the image, which shows the overlap.
     let inside = Splat::disk(DVec3::new(-12.0, 3.0, -1.0), DVec3::Z, 12.0, [0.2, 0.3, 0.8]);
     Case::new("adjusted-outside", scene(&[splat, inside]), camera).with("adjust", |s| {
         (s.filter, s.prefilter_radius_px) = (Filter::Adjust, 10.0);
     })
 }
 
-/// A needle above the image that `principal` lengthens to 100 pixels where it is centred, and that a slope shows
-/// longer still.
+/// Returns a needle above the image that `principal` lengthens to 100 pixels at its centre, and that its slope makes
+/// longer still on the screen.
 pub fn lengthened_outside() -> Case {
     let splat = Splat {
         p: DVec3::ZERO,
@@ -114,12 +115,12 @@ pub fn lengthened_outside() -> Case {
     Case::new("lengthened-outside", scene(&[splat]), camera).with("principal", |s| s.prefilter_radius_px = 100.0)
 }
 
-/// One splat with the greatest cutoff: weights down to 2e-22 at its rim.
+/// Returns one splat with the greatest cutoff: weights down to 2e-22 at its rim.
 pub fn greatest_cutoff() -> Case {
     super::facing_splat().with("cutoff-50", |s| s.cutoff = 50.0)
 }
 
-/// Ellipses of aspect 1e4 at any angle: covariances that lose their smaller eigenvalue.
+/// Returns ellipses of aspect 1e4 at any angle. Catches covariances that lose their smaller eigenvalue.
 pub fn needles() -> Case {
     let mut random = Random::new(47);
     let splats: Vec<Splat> = (0..120)
@@ -133,7 +134,8 @@ pub fn needles() -> Case {
     Case::new("needles", scene(&splats), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Splats from 1° to 1e-6° off the view direction through their centres: division by n·p, the edge-on rule.
+/// Returns splats from 1° to 1e-6° off the view direction through their centres. Catches errors in the division by n·p
+/// and in the edge-on rule.
 pub fn edge_on() -> Case {
     let mut random = Random::new(53);
     let eye = DVec3::Z * 3.0;
@@ -152,7 +154,8 @@ pub fn edge_on() -> Case {
     Case::new("edge-on", scene(&splats), camera(3.0, 45.0, [56, 56]))
 }
 
-/// Splats around the eye, through z_near and behind it: ghosts behind the eye, chopped boxes.
+/// Returns splats around the eye, through z_near and behind it. Catches mirror images from behind the eye, and
+/// truncated boxes.
 pub fn near_crossing() -> Case {
     let mut random = Random::new(59);
     let eye = DVec3::Z * 2.0;
@@ -167,7 +170,7 @@ pub fn near_crossing() -> Case {
     Case::new("near-crossing", scene(&splats), camera)
 }
 
-/// Splats many times the image's size behind small ones: boxes that overflow integers.
+/// Returns splats many times the image's size behind small ones. Catches boxes that overflow integers.
 pub fn huge_splats() -> Case {
     let mut splats = sphere(200, 1.0, 61);
     splats.push(Splat::disk(DVec3::new(0.0, 0.0, -3e4), DVec3::Z, 1e9, [0.4, 0.5, 0.6]));
@@ -175,8 +178,8 @@ pub fn huge_splats() -> Case {
     Case::new("huge-splats", scene(&splats), camera(3.0, 45.0, [56, 48]))
 }
 
-/// Disks that are planes for all that is seen of them: facing the eye, tilted about one of the image's axes, and about
-/// both. Squares of their axes leave f32's range, and what is left of their outlines in f64 is rounding.
+/// Returns disks so large that they look like planes: facing the eye, tilted about one of the image's axes, and about
+/// both. Squares of their axes exceed f32's range, and their outlines in f64 are dominated by rounding.
 pub fn vast_disks() -> Case {
     let disk = |z: f64, n: [f64; 3], radius: f64, color| Splat::disk(DVec3::new(0.0, 0.0, z), n.into(), radius, color);
     let mut splats = sphere(120, 1.2, 67);

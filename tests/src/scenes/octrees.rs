@@ -9,8 +9,8 @@ use surfel_model::{Cull, EdgeAa, Geometry, Light, Octree, Scene, Shader};
 use surfel_render::{Selection, View, select};
 use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
-/// `--lod-error` of [`octree`]: so large that its near end is polygons, the middle their leaves' splats, the far end
-/// those of nodes above.
+/// `--lod-error` of [`octree`], so large that its near end is polygons, the middle splats of leaves, and the far end
+/// splats of higher nodes.
 pub const OCTREE_ERROR_PX: f64 = 5.5;
 
 /// Background of [`octree`], which no other scene has.
@@ -21,16 +21,16 @@ pub(super) fn octree_cases() -> Vec<Case> {
     vec![octree.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage), octree]
 }
 
-/// A long ball that points at the eye, as an octree of polygons and splats cut down to the view: transitions left out
-/// or drawn for each of their leaves, nodes beneath or above those that are drawn.
+/// Returns a long ball that points at the eye, as an octree of polygons and splats with nodes selected for the view.
+/// Catches missing transitions or ones drawn for each of their leaves, and nodes below or above the drawn ones.
 pub fn octree() -> Case {
     octree_by(|octree, view| select(octree, &DAffine3::IDENTITY, Cull::Back, view, OCTREE_ERROR_PX))
 }
 
-/// The same with other parts of the octree.
+/// Returns the scene with another selection of the octree's parts.
 ///
 /// # Panics
-/// If the octree can't be built: scenes are written here, not read.
+/// If the octree can't be built: scenes are written in code, not read.
 pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     let ball = mesh_sphere(3);
     let vertices: Vec<DVec3> =
@@ -47,10 +47,10 @@ pub fn octree_by(choose: impl FnOnce(&Octree, &View) -> Selection) -> Case {
     Case::new("octree", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// The scene of some parts of an octree, as `surfel::at_detail` puts them, lit from above the eye.
+/// Returns the scene of some parts of an octree, arranged as by `surfel::at_detail`, lit from above the eye.
 ///
 /// # Panics
-/// As [`octree_by`].
+/// If the parts are invalid, as [`octree_by`].
 pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     let mut splats = object(cloud(&[]));
     let chosen = octree.cloud_of(&selection.splats).expect("parts of a valid cloud are valid");
@@ -66,7 +66,7 @@ pub fn scene_of(octree: &Octree, selection: &Selection) -> Scene {
     Scene { objects, lights: Some(lights), ..scene(&[]) }
 }
 
-/// A selection without the splats on the edges between leaves.
+/// Removes the splats on the edges between leaves from a selection.
 pub fn without_transitions(octree: &Octree, mut selection: Selection) -> Selection {
     let first = octree.transitions().first().map_or(u32::MAX, |t| t.splats.start);
     selection.splats.retain(|splats| splats.start < first);

@@ -1,4 +1,4 @@
-//! Scenes whose edges are antialiased by samples: every kind of step, before and behind everything that may be there.
+//! Scenes whose edges are antialiased by samples: every kind of step, in front of and behind every kind of surface.
 
 use super::{
     Case, ball_aside, ball_over_floor, beyond_its_filter, clipped_glass, clipped_near, closed_sphere, fading_pane,
@@ -13,7 +13,8 @@ pub(super) fn sample_cases() -> Vec<Case> {
     let abuffer = Transparency::ABuffer { layers: 6 };
     let crossing = mesh_through_sphere();
     vec![
-        // Splats before nothing, and before splats; by every filter, and by none, which leaves splats between centres.
+        // Splats over the background and over splats, with every filter, and without, which leaves splats between pixel
+        // centres.
         closed_sphere().sampled(),
         sphere_before_plane().sampled(),
         beyond_its_filter().sampled(),
@@ -25,7 +26,7 @@ pub(super) fn sample_cases() -> Vec<Case> {
         near_crossing().sampled(),
         single_pixel().sampled(),
         clipped_near().sampled(),
-        // Polygons before nothing, behind splats, beside them and through them.
+        // Polygons over the background, behind splats, beside them and through them.
         mesh_ball().sampled(),
         mesh_ball().with("orthographic", |_| ()).in_orthographic(2.6, 8.0).sampled(),
         sphere_before_mesh().sampled(),
@@ -33,14 +34,14 @@ pub(super) fn sample_cases() -> Vec<Case> {
         textured_floor().sampled(),
         octree().sampled(),
         crossing.sampled(),
-        // Transparent layers before, behind and through what is opaque.
+        // Transparent layers in front of, behind and through opaque surfaces.
         crossing.with("peel-3", |s| s.transparency = peel(3)).sampled(),
         panes().with("peel-4", |s| s.transparency = peel(4)).sampled(),
         panes().with("abuffer-6", |s| s.transparency = abuffer).sampled(),
         pane_through_sphere().with("peel-1", |s| s.transparency = peel(1)).sampled(),
         fading_pane().sampled(),
         clipped_glass().with("peel-2", |s| s.transparency = peel(2)).sampled(),
-        // Light, shadows, and shaders that look at neighbours.
+        // Lighting, shadows, and shaders that read neighbours.
         ball_over_floor(Parts::SplatsOverMesh, sun()).sampled(),
         ball_aside().sampled(),
         three_materials().with("toon", |s| s.shader = Shader::Toon).sampled(),
@@ -51,7 +52,7 @@ pub(super) fn sample_cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// The same with its edges antialiased by samples.
+    /// Returns the case with its edges antialiased by samples.
     #[must_use]
     pub fn sampled(&self) -> Self {
         self.with("samples", |s| s.edge_aa = EdgeAa::Samples)

@@ -1,4 +1,4 @@
-//! Scenes about light and materials.
+//! Scenes that test lights and materials.
 
 use super::Case;
 use crate::build::{Splat, camera, cloud, object, scene, sheet, sphere};
@@ -19,12 +19,12 @@ pub(super) fn shading_cases() -> Vec<Case> {
     ]
 }
 
-/// A white plane that faces the eye.
+/// Returns a plane of one colour that faces the eye.
 fn white_plane() -> Vec<Splat> {
     sheet(DVec3::ZERO, [DVec3::X * 1.6, DVec3::Y * 1.6], [32, 32], 0.12, |_, _| [0.5, 0.25, 1.0])
 }
 
-/// A plane facing the eye under one oblique light: Phong's terms, each with its own coefficient.
+/// Returns a plane that faces the eye under one oblique light: Phong's terms, each with its own coefficient.
 pub fn facing_plane() -> Case {
     let mut scene = scene(&white_plane());
     scene.ambient = [0.1, 0.2, 0.3];
@@ -35,7 +35,8 @@ pub fn facing_plane() -> Case {
     Case::new("facing-plane", scene, camera(3.0, 45.0, [48, 48])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Three touching spheres of different materials: factors taken from the first object, averages across a seam.
+/// Returns three touching spheres of different materials. Catches factors of the first object only, and wrong averages
+/// across a seam.
 pub fn three_materials() -> Case {
     let materials = [[1.0, 0.2, 0.9, 64.0], [0.2, 1.0, 0.0, 1.0], [0.5, 0.5, 0.4, 4.0]];
     let objects = materials.iter().zip([-0.8, 0.0, 0.8]).enumerate().map(|(i, (&[a, d, s, n], x))| {
@@ -62,7 +63,8 @@ pub fn three_materials() -> Case {
     Case::new("three-materials", scene, camera(3.5, 40.0, [80, 48])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A spot light on a plane: fade between its half-angles, degrees for radians, a light that shines backwards.
+/// Returns a spot light on a plane. Catches errors in the fade between the half-angles, degrees used as radians, and
+/// light in the backward direction.
 pub fn spot_light() -> Case {
     let mut scene = scene(&white_plane());
     scene.ambient = [0.0; 3];
@@ -78,7 +80,7 @@ pub fn spot_light() -> Case {
     Case::new("spot-light", scene, camera(3.0, 45.0, [48, 48])).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A point light close to a plane, moved far from the origin: positions rebuilt in world coordinates.
+/// Returns a point light close to a plane, far from the origin. Catches positions rebuilt in world coordinates.
 pub fn point_light() -> Case {
     let mut scene = scene(&white_plane());
     let far = DVec3::new(4e5, -3e5, 2e5);
@@ -90,7 +92,7 @@ pub fn point_light() -> Case {
     Case::new("point-light", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// Inside a two-sided sphere under the headlight: normals that must be turned to the eye.
+/// Returns the inside of a two-sided sphere under the headlight: normals must be turned to the eye.
 pub fn inside_sphere() -> Case {
     let mut camera = camera(0.4, 80.0, [48, 48]);
     camera.target = [0.3, 0.2, -0.5];

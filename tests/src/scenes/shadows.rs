@@ -12,7 +12,7 @@ pub const BALL_RADIUS: f64 = 0.7;
 pub const BALL_CENTER: DVec3 = DVec3::new(0.1, 0.35, 0.0);
 /// Height of the floor.
 pub const FLOOR_HEIGHT: f64 = -0.5;
-/// Where the sun of [`ball_over_floor`] shines.
+/// Direction of the sun of [`ball_over_floor`].
 pub const SUN: [f64; 3] = [-0.5, -1.0, -0.35];
 
 pub(super) fn shadow_cases() -> Vec<Case> {
@@ -34,12 +34,12 @@ pub(super) fn shadow_cases() -> Vec<Case> {
     ]
 }
 
-/// What the ball and the floor are made of.
+/// Representation of the ball and the floor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Parts {
-    /// Both of splats.
+    /// Splats for both.
     Splats,
-    /// Both of polygons.
+    /// Polygons for both.
     Meshes,
     /// A ball of polygons, a floor of splats.
     MeshOverSplats,
@@ -47,12 +47,12 @@ pub enum Parts {
     SplatsOverMesh,
 }
 
-/// A sun that casts shadows.
+/// Returns a sun that casts shadows.
 pub fn sun() -> Light {
     Light::Directional { direction: SUN, color: [1.0; 3], shadow: true }
 }
 
-/// A spot from above that casts shadows.
+/// Returns a spot light from above that casts shadows.
 pub fn spot(outer_deg: f64) -> Light {
     Light::Spot {
         position: [1.0, 2.6, 0.7],
@@ -74,8 +74,8 @@ fn ball_of_splats() -> Object {
     object(cloud(&sphere(1500, 1.1, 0).into_iter().map(scaled).collect::<Vec<_>>()))
 }
 
-/// A ball above a floor under one light: a caster left out, the wrong side of a map, bias, filtering, a light's own
-/// coordinates.
+/// Returns a ball above a floor under one light. Catches a missing caster, the wrong side of a map, and errors in bias,
+/// filtering and a light's own coordinates.
 pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
     let across = [DVec3::Z * 1.6, DVec3::X * 1.6];
     let floor_center = DVec3::Y * FLOOR_HEIGHT;
@@ -105,8 +105,8 @@ pub fn ball_over_floor(parts: Parts, light: Light) -> Case {
     Case::new("ball-over-floor", scene, camera).with("lit", |s| s.shader = Shader::Phong)
 }
 
-/// A few texels of a map on the floor, where the ball's shadow ends: how many texels a map has, how its view is rolled,
-/// where its eye stands.
+/// Returns the area of a few texels on the floor where the ball's shadow ends. Catches a wrong number of texels, roll
+/// of the map's view, or position of its eye.
 pub fn shadow_edge(parts: Parts, light: Light) -> Case {
     let edge = end_of_shadow(&light);
     let mut case = ball_over_floor(parts, light);
@@ -116,7 +116,7 @@ pub fn shadow_edge(parts: Parts, light: Light) -> Case {
     case
 }
 
-/// The point of the floor where a ray from the light that touches the ball, at its side, ends.
+/// Returns the point of the floor that is hit by a ray from the light that touches the ball at its side.
 ///
 /// # Panics
 /// For a light of another kind: the scenes have suns and spots.
@@ -137,8 +137,8 @@ fn end_of_shadow(light: &Light) -> DVec3 {
     from + along * ((FLOOR_HEIGHT - from.y) / along.y)
 }
 
-/// A glass ball casts no shadow unless all splats are drawn opaque; what is behind it stays in the shadow of what isn't
-/// glass.
+/// Returns a glass ball, part of it opaque, over a floor. Glass casts no shadow unless all splats are drawn opaque, and
+/// surfaces behind it stay in the shadow of the opaque part.
 pub fn glass_ball_over_floor() -> Case {
     let mut case = ball_over_floor(Parts::Splats, sun());
     let surfel_model::Geometry::Splats(ball) = &case.scene.objects[0].geometry else { return case };

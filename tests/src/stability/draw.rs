@@ -1,4 +1,4 @@
-//! Draws sweeps and measures how far off they are.
+//! Draws sweeps and measures their errors.
 
 use super::exact::Exact;
 use super::{Image, Measure, Probe, Sweep, Truth, naive};
@@ -6,50 +6,51 @@ use surfel_math::kernel;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer};
 
-/// Draws an image with all planes.
+/// A function that draws an image with all planes.
 pub type Draw<'a> = dyn FnMut(&Image) -> Result<Frame, RenderError> + 'a;
 
-/// How a backend rounds.
+/// Precision of a backend's arithmetic.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Precision {
     /// Largest relative error of an operation.
     pub roundoff: f64,
-    /// What a weight or a colour is off by besides: the kernel's own error, and a plane's rounding to f32.
+    /// Additional error of a weight or a colour: the kernel's own error, and the rounding of planes to f32.
     pub fixed: f64,
 }
 
 impl Precision {
-    /// Of `reference`: f64, but for the planes.
+    /// Precision of `reference`: f64, except for the planes.
     pub const F64: Self = Self { roundoff: 1.0 / (1u64 << 53) as f64, fixed: 1.2e-7 };
-    /// Of `cpu`: correctly rounded f32, and a polynomial that errs by 1.3e-6 at c = 2 (`surfel-cpu/src/kernel.rs`).
+    /// Precision of `cpu`: correctly rounded f32, and a kernel polynomial with an error of 1.3e-6 at c = 2
+    /// (`surfel-cpu/src/setup/kernel.rs`).
     pub const F32: Self = Self { roundoff: 1.0 / (1u64 << 24) as f64, fixed: 2e-6 };
-    /// Of `wgpu` and `ash`: Vulkan's division errs by 2.5 ulp, its exponential by 3 + 2|x| ulp.
+    /// Precision of `wgpu` and `ash`: Vulkan's division has an error of 2.5 ulp, its exponential of 3 + 2|x| ulp.
     pub const GPU: Self = Self { roundoff: 4.0 / (1u64 << 24) as f64, fixed: 2e-6 };
 }
 
-/// What a backend made of one value.
+/// Result of a backend at one value.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Point {
-    /// The parameter.
+    /// Value of the parameter.
     pub value: f64,
-    /// Worst error over the value's images; NaN where no pixel could be compared.
+    /// Largest error over the value's images; NaN if no pixel could be compared.
     pub error: f64,
-    /// The most that the law allows, in the image where the error is closest to it.
+    /// The law's bound, in the image whose error is closest to it.
     pub bound: f64,
-    /// Pixels that are hit and shouldn't be, or the other way round, beyond the decision margin.
+    /// Number of pixels beyond the decision margin that are hit but shouldn't be, or the reverse.
     pub stray: usize,
-    /// Pixels with NaN, or an infinity that isn't the depth of nothing.
+    /// Number of pixels with NaN, or with an infinity other than the depth of an empty pixel.
     pub non_finite: usize,
-    /// Pixels that were compared.
+    /// Number of pixels that were compared.
     pub compared: usize,
-    /// Why there is no image.
+    /// Reason why there is no image.
     pub refused: Option<String>,
-    /// The backend says that it doesn't draw such images.
+    /// True if the backend reports that it doesn't draw such images.
     pub unsupported: bool,
 }
 
 impl Point {
-    /// What is wrong, in words.
+    /// Returns a description of all faults.
     pub fn fault(&self) -> Option<String> {
         let Self { error, bound, stray, non_finite, refused, .. } = self;
         let mut faults: Vec<String> = refused.iter().cloned().collect();
@@ -66,19 +67,19 @@ impl Point {
     }
 }
 
-/// What a backend made of a sweep: one point a value.
+/// Result of a backend in a sweep: one point per value.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outcome {
     /// Points in the order of the sweep's values.
     pub points: Vec<Point>,
 }
 
-/// The first point at which something is wrong.
+/// Returns the first point with a fault.
 pub fn first_break(outcome: &Outcome) -> Option<&Point> {
     outcome.points.iter().find(|point| point.fault().is_some())
 }
 
-/// What an image should be, where that is known.
+/// Expected image, as far as it is known.
 struct Want {
     weight: Vec<f64>,
     depth: Vec<f64>,
@@ -86,7 +87,7 @@ struct Want {
     margin: Vec<f32>,
 }
 
-/// Runs a sweep on backends: one outcome each. `reference` gives margins, and truths that aren't exact.
+/// Runs a sweep on backends and returns one outcome each. `reference` provides margins, and truths that aren't exact.
 ///
 /// # Errors
 /// [`RenderError`] if the reference can't draw a truth.
@@ -115,13 +116,13 @@ pub fn run(
     Ok(outcomes)
 }
 
-/// The error of the formula that ours replaces, value by value; NaN where there is none.
+/// Returns the error of the published formula, value by value; NaN where there is none.
 pub fn naive_points(sweep: &Sweep) -> Vec<[f64; 2]> {
     let worst = |value: f64| (sweep.probes)(value).iter().map(naive::error).fold(f64::NAN, f64::max);
     sweep.values.iter().map(|&value| [value, worst(value)]).collect()
 }
 
-/// A backend's way to draw an image, for [`run`].
+/// Returns a function that draws images on a backend, for [`run`].
 pub fn drawer<R: Renderer + 'static>(mut renderer: R) -> Box<Draw<'static>> {
     Box::new(move |image| {
         let resident = renderer.upload(&image.scene)?;
@@ -131,7 +132,7 @@ pub fn drawer<R: Renderer + 'static>(mut renderer: R) -> Box<Draw<'static>> {
     })
 }
 
-/// The reference's image with all planes, margin included.
+/// Returns the reference's image with all planes, including the margin.
 fn reference_frame(image: &Image, reference: &mut Reference) -> Result<Frame, RenderError> {
     let resident = reference.upload(&image.scene)?;
     let mut frame = Frame::default();
@@ -160,7 +161,7 @@ fn want(probe: &Probe, reference: &mut Reference) -> Result<Want, RenderError> {
         weight.push(hit.map_or(0.0, |h| f64::from(*count) * of_one(h.rho_squared)));
         depth.push(hit.map_or(f64::INFINITY, |h| h.z));
     }
-    // An edge-on splat takes part in no pass, whatever its exact forms say (§2).
+    // An edge-on splat is drawn in no pass, whatever its exact forms are (§2).
     if frame.weight().iter().all(|&w| w == 0.0) && is_edge_on(splat) {
         weight.fill(0.0);
     }
@@ -186,7 +187,7 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
             missed += usize::from(want.margin[i] == 0.0);
             continue;
         }
-        // Rounding of inputs that aren't one splat may decide otherwise within the margin.
+        // If the truth isn't a single splat, rounding of inputs may decide otherwise within the margin.
         if !has || (want.margin[i] != 0.0 && want.color.is_some()) {
             continue;
         }
@@ -209,11 +210,11 @@ fn measure(measure: Measure, probe: &Probe, want: &Want, got: &Frame, precision:
     let bound = probe.floor + fixed + precision.roundoff * probe.amplification;
     point.stray += missed;
     point.compared += compared;
-    // An image can't be off itself.
+    // The reference can't differ from itself.
     if precision == Precision::F64 && matches!(probe.truth, Truth::Reference) {
         return;
     }
-    // Of several images the one that is closest to its bound, or farthest beyond.
+    // Among several images, the one with the largest error relative to its bound.
     let share = |error: f64, bound: f64| {
         if bound > 0.0 {
             error / bound
@@ -239,7 +240,7 @@ mod tests {
         assert!(Point { error: 1e-4, ..fine.clone() }.fault().is_some_and(|f| f.contains("1.0e-4")));
         assert!(Point { stray: 2, ..fine.clone() }.fault().is_some_and(|f| f.contains("2 pixels")));
         assert!(Point { non_finite: 1, ..fine.clone() }.fault().is_some());
-        // Nothing compared is no fault.
+        // A comparison without pixels is no fault.
         assert_eq!(Point { error: f64::NAN, ..fine }.fault(), None);
     }
 }

@@ -1,6 +1,5 @@
-//! One splat in exact arithmetic. A finite f64 is a whole number times a power of two, and forms over splats are
-//! homogeneous: with all inputs brought to a common power of two they are whole numbers. Nothing is rounded but
-//! results.
+//! A splat in exact arithmetic. A finite f64 is an integer times a power of two, and forms over splats are homogeneous.
+//! With all inputs scaled by a common power of two the forms are integers, and only results are rounded.
 
 use num_bigint::BigInt;
 use num_rational::BigRational;
@@ -8,7 +7,7 @@ use num_traits::{Signed, ToPrimitive, Zero};
 use surfel_math::project::ViewSplat;
 use surfel_math::projection::Projection;
 
-/// Finite numbers times the least common power of two that makes all of them whole, and that power.
+/// Returns finite numbers times the least common power of two that makes all of them integers, and that power.
 fn whole<const N: usize>(values: [f64; N]) -> ([BigInt; N], BigInt) {
     let exact = values.map(|value| BigRational::from_float(value).expect("sweeps are of finite numbers"));
     // Denominators are powers of two in lowest terms, so that the largest is a multiple of each.
@@ -16,16 +15,16 @@ fn whole<const N: usize>(values: [f64; N]) -> ([BigInt; N], BigInt) {
     (exact.map(|value| value.numer() * (&scale / value.denom())), scale)
 }
 
-/// The quotient, rounded once; 0 for a divisor of 0, which may not be negative.
+/// Returns the quotient, rounded once; 0 for a divisor of 0. The divisor may not be negative.
 fn quotient(dividend: BigInt, divisor: BigInt) -> f64 {
     if divisor.is_zero() {
         return 0.0;
     }
-    // Not in lowest terms: finding them takes longer than all the rest.
+    // Not in lowest terms: reducing takes longer than all the rest.
     BigRational::new_raw(dividend, divisor).to_f64().unwrap_or(f64::INFINITY)
 }
 
-/// Where a ray meets a splat's disk.
+/// Intersection of a ray with a splat's disk.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hit {
     /// ρ² = u² + v², at most 1.
@@ -41,17 +40,17 @@ pub struct Exact {
     rows: [[BigInt; 3]; 3],
     /// The determinant times both focal lengths.
     determinant: BigInt,
-    /// By what lengths of the scene are multiplied.
+    /// Factor of the scene's lengths.
     scene_scale: BigInt,
     near: BigInt,
     focal: [BigInt; 2],
     principal: [BigInt; 2],
-    /// Half a pixel, in the image's lengths.
+    /// Half a pixel, in the image's scaled lengths.
     half_pixel: BigInt,
 }
 
 impl Exact {
-    /// The forms of a splat in perspective.
+    /// Computes the forms of a splat in perspective.
     ///
     /// # Panics
     /// If a coordinate isn't finite.
@@ -74,7 +73,7 @@ impl Exact {
         Self { rows, determinant, scene_scale, near, focal: [fx, fy], principal: [cx, cy], half_pixel }
     }
 
-    /// Homogeneous (U, V, W) at the centre of a pixel of the whole image; W > 0 before the eye.
+    /// Returns the homogeneous (U, V, W) at the centre of a pixel of the whole image; W > 0 in front of the eye.
     fn at(&self, pixel: [u32; 2]) -> [BigInt; 3] {
         let center = |axis: usize| (2 * u64::from(pixel[axis]) + 1) * &self.half_pixel - &self.principal[axis];
         let [fx, fy] = &self.focal;
@@ -82,7 +81,7 @@ impl Exact {
         self.rows.each_ref().map(|row| &row[0] * &ray[0] + &row[1] * &ray[1] + &row[2] * &ray[2])
     }
 
-    /// What the unfiltered, unclipped splat has at the centre of a pixel of the whole image.
+    /// Evaluates the unfiltered, unclipped splat at the centre of a pixel of the whole image.
     pub fn hit(&self, pixel: [u32; 2]) -> Option<Hit> {
         let [u, v, w] = self.at(pixel);
         let (square, limit) = (&u * &u + &v * &v, &w * &w);
@@ -103,7 +102,7 @@ mod tests {
     const PROJECTION: Projection =
         Projection { kind: ProjectionKind::Perspective, focal_px: [64.0, 32.0], principal_px: [8.5, 8.5], near: 0.5 };
 
-    /// A disk that faces the eye at depth 2, its axes 8 px long in the image, all lengths times `scale`.
+    /// Returns a disk that faces the eye at depth 2, with axes 8 px long in the image, all lengths times `scale`.
     fn facing(scale: f64) -> ViewSplat<f64> {
         let v = |x: f64, y: f64, z: f64| V3::new(x * scale, y * scale, z * scale);
         ViewSplat { p: v(0.0, 0.0, 2.0), s: v(0.25, 0.0, 0.0), t: v(0.0, 0.5, 0.0), n: V3::new(0.0, 0.0, -1.0) }
@@ -127,7 +126,7 @@ mod tests {
 
     #[test]
     fn exact_hit_of_a_facing_disk() {
-        // Whole numbers of any size, and numbers far from whole.
+        // Integers of any size, and numbers far from integers.
         for scale in [1.0, 1e-12, 3e200] {
             let projection = Projection { near: 0.5 * scale, ..PROJECTION };
             let exact = Exact::new(&facing(scale), &projection);

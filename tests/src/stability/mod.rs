@@ -1,10 +1,9 @@
-//! Sweeps to the extremes: one parameter of an image runs from harmless to absurd, and every backend's image is held
-//! against exact arithmetic or a reference that has no difficulty.
+//! Sweeps to the extremes: one parameter of an image runs from harmless to absurd. Every backend's image is compared
+//! with exact arithmetic, or with a reference that has no difficulty.
 //!
-//! - [`exact`]: a splat in exact arithmetic; `naive`: the formulas that ours replace, in f32;
-//! - [`Sweep`]: a parameter, its images, the error that rounding may cause by the derived law; `splats`, `scenes`: all
-//!   of them;
-//! - [`run`]: what a backend makes of a sweep; [`page`], [`breaks`]: how it is shown.
+//! - [`exact`]: a splat in exact arithmetic; `naive`: the published formulas that ours replace, in f32;
+//! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`: all sweeps;
+//! - [`run`]: a backend's results in a sweep; [`page`], [`breaks`]: reports.
 
 mod draw;
 pub mod exact;
@@ -20,41 +19,41 @@ use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Scene, Settings};
 use surfel_render::{Region, View};
 
-/// An image to be drawn.
+/// An image to draw.
 #[derive(Clone, Debug)]
 pub struct Image {
-    /// What is drawn.
+    /// Scene to draw.
     pub scene: Scene,
-    /// From where.
+    /// Camera of the image.
     pub camera: Camera,
-    /// Which part of the image.
+    /// Region of the image that is drawn.
     pub region: Option<Region>,
-    /// How.
+    /// Settings of the image.
     pub settings: Settings,
 }
 
 impl Image {
-    /// The view of its region.
+    /// Returns the view of the region.
     ///
     /// # Panics
-    /// If the camera or the region is invalid: sweeps are written here, not read.
+    /// If the camera or the region is invalid: sweeps are written in code, not read.
     pub fn view(&self) -> View {
         View::of_region(&self.camera, self.region).expect("sweeps have valid cameras")
     }
 }
 
-/// What an image should be.
+/// Source of the expected image.
 #[derive(Clone, Debug)]
 pub enum Truth {
-    /// One unfiltered splat, so many times, in exact arithmetic.
+    /// Exact arithmetic of one unfiltered splat, which the image has this number of times.
     Exact(ViewSplat<f64>, u32),
-    /// What the f64 reference makes of the image itself.
+    /// The f64 reference's image.
     Reference,
-    /// What the f64 reference makes of another image, which has no such difficulty.
+    /// The f64 reference's image of another case, without the difficulty.
     Easier(Box<Image>),
 }
 
-/// What is compared, over pixels that both images hit.
+/// Quantity that is compared, over pixels that both images hit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Measure {
     /// Σw, absolute, in units of [`Probe::scale`].
@@ -63,7 +62,7 @@ pub enum Measure {
     Depth,
     /// Colour, absolute.
     Color,
-    /// Share of the hit pixels that one of the two images has and the other hasn't.
+    /// Fraction of the hit pixels that only one of the two images hits.
     Coverage,
 }
 
@@ -72,71 +71,71 @@ pub enum Measure {
 pub struct Probe {
     /// The image.
     pub image: Image,
-    /// What it should be.
+    /// Source of the expected image.
     pub truth: Truth,
-    /// How much the rounding of one operation may matter: the law's error is this times the unit roundoff.
+    /// Amplification of the rounding of one operation: the law's error is this times the unit roundoff.
     pub amplification: f64,
-    /// What of the error doesn't come from the rounding of the backend's arithmetic.
+    /// Part of the error that isn't due to the backend's rounding.
     pub floor: f64,
-    /// What weights are measured in: the splat's largest, or how many there are.
+    /// Unit of weights: the splat's largest weight, or the number of splats.
     pub scale: f64,
-    /// What ours replaces.
+    /// The formula that ours replaces.
     pub naive: Naive,
 }
 
-/// The formula that ours replaces, in f32.
+/// The published formula that ours replaces, in f32.
 #[derive(Clone, Debug)]
 pub enum Naive {
-    /// Nothing to compare with.
+    /// No formula to compare with.
     Nothing,
     /// The published matrix form of this splat.
     Matrix(ViewSplat<f64>),
     /// The published filter of this splat, by its covariance matrix.
     Covariance(ViewSplat<f64>),
-    /// Another splat, exactly: what the rounding of inputs makes of the one that is meant.
+    /// Exact arithmetic of this splat, which rounding of inputs yields from the intended one.
     Moved(ViewSplat<f64>),
-    /// This error.
+    /// A known error.
     Known(f64),
 }
 
-/// A parameter on its way to an extreme.
+/// A sweep: a parameter that approaches an extreme.
 pub struct Sweep {
-    /// Short, for tables and tests.
+    /// Short name, for tables and tests.
     pub name: &'static str,
-    /// What the parameter is, with its unit.
+    /// Description of the parameter, with its unit.
     pub parameter: &'static str,
-    /// What is hard about it, for a reader who hasn't read the papers.
+    /// The difficulty, for a reader who hasn't read the papers.
     pub about: &'static str,
-    /// Where the bound comes from.
+    /// Origin of the bound.
     pub law: &'static str,
-    /// What the formula is that ours replaces; empty without one.
+    /// Description of the formula that ours replaces; empty without one.
     pub naive: &'static str,
-    /// What is compared.
+    /// Quantity that is compared.
     pub measure: Measure,
-    /// Values of the parameter, the harmless end first.
+    /// Values of the parameter, from the harmless end.
     pub values: Vec<f64>,
-    /// The farthest value at which nothing may break.
+    /// The farthest value at which no fault is allowed.
     pub required: f64,
-    /// Images at a value.
+    /// Returns the images at a value.
     pub probes: fn(f64) -> Vec<Probe>,
 }
 
 impl Sweep {
-    /// True if nothing may break at this value.
+    /// True if no fault is allowed at this value.
     pub fn requires(&self, value: f64) -> bool {
         let rises = self.values.first() < self.values.last();
         if rises { value <= self.required * (1.0 + 1e-9) } else { value >= self.required * (1.0 - 1e-9) }
     }
 }
 
-/// All sweeps.
+/// Returns all sweeps.
 pub fn sweeps() -> Vec<Sweep> {
     let mut all = splats::sweeps();
     all.extend(scenes::sweeps());
     all
 }
 
-/// Powers of ten from 10^`from` to 10^`to`, every `step` of the exponent.
+/// Returns powers of ten from 10^`from` to 10^`to`, in steps of the exponent.
 fn powers(from: f64, to: f64, step: f64) -> Vec<f64> {
     let count = ((to - from).abs() / step).round() as i32;
     let sign = if to < from { -step } else { step };

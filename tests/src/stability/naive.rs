@@ -1,4 +1,4 @@
-//! The formulas that ours replace, as published and in f32, and how far off they are.
+//! The published formulas that ours replace, in f32, and their errors.
 
 use super::exact::Exact;
 use super::{Image, Naive, Probe, Truth};
@@ -14,8 +14,8 @@ fn cross(a: V3<f32>, b: V3<f32>) -> V3<f32> {
     V3::new(a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x)
 }
 
-/// The error of what ours replaces, in units of [`Probe::scale`]; NaN where that is nothing. A result that is no number
-/// is an error of 1.
+/// Returns the error of the formula that ours replaces, in units of [`Probe::scale`]; NaN without a formula. A result
+/// that isn't a number is an error of 1.
 pub(super) fn error(probe: &Probe) -> f64 {
     match (&probe.naive, &probe.truth) {
         (Naive::Matrix(splat), _) => matrix(splat, &probe.image) / probe.scale,
@@ -26,8 +26,8 @@ pub(super) fn error(probe: &Probe) -> f64 {
     }
 }
 
-/// The same error where the splat that is drawn isn't the one that is meant: what rounding of inputs costs, without any
-/// of arithmetic.
+/// Returns the weight error of a drawn splat that isn't the intended one: the cost of rounding the inputs, with exact
+/// arithmetic.
 fn moved(meant: &ViewSplat<f64>, drawn: &ViewSplat<f64>, image: &Image) -> f64 {
     let view = image.view();
     let (a, b) = (Exact::new(meant, &view.projection), Exact::new(drawn, &view.projection));
@@ -44,7 +44,8 @@ fn pixels(image: &Image) -> impl Iterator<Item = [u32; 2]> + use<> {
     (0..region.width * region.height).map(move |i| [region.x + i % region.width, region.y + i / region.width])
 }
 
-/// Largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, their constant terms at pixel 0, 0.
+/// Returns the largest weight error of G06 eq. 5–6 as printed: rows of adj[s t p]/det, with constant terms at pixel 0,
+/// 0.
 fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     let projection = image.view().projection;
     let exact = Exact::new(splat, &projection);
@@ -65,9 +66,9 @@ fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
         let rho_squared = (u * u + v * v) / (w * w);
         let got = if w > 0.0 && rho_squared <= 1.0 { (-cutoff * rho_squared).exp() } else { 0.0 };
         let want = exact.hit(pixel).map_or(0.0, |h| kernel::weight(h.rho_squared, f64::from(cutoff)));
-        // What is not a number draws nothing on a GPU; the pixel is lost.
+        // NaN draws nothing on a GPU, so the pixel is lost.
         let got = if got.is_nan() { 0.0 } else { got };
-        // Where only one of them hits, half of the rim's step is no error of arithmetic.
+        // If only one of the two hits, half of the rim's step isn't an error of arithmetic.
         if (got > 0.0 && want > 0.0) || (want - f64::from(got)).abs() > 0.5 {
             worst = (f64::from(got) - want).abs().max(worst);
         }
@@ -75,9 +76,9 @@ fn matrix(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     worst
 }
 
-/// Largest weight error of Z01 eq. 6-9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its determinant, about
-/// the projected centre in absolute pixels; against the same filter by ours in f64. G06 and B05 print no formula of
-/// their own for a splat's shrinking weight.
+/// Returns the largest weight error of Z01 eq. 6–9 as printed: V = JJᵀ/(2c) + σ²·I as a matrix, inverted by its
+/// determinant, around the projected centre in absolute pixels. The truth is our formula for the same filter in f64.
+/// G06 and B05 print no formula of their own for a splat's shrinking weight.
 fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     let (projection, settings) = (image.view().projection, &image.settings);
     let projected = Projected::new(splat, &projection);
@@ -105,14 +106,14 @@ fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
         let d = V2::new(pixel[0] as f32 + 0.5 - at.x, pixel[1] as f32 + 0.5 - at.y);
         let beta = 0.5 * (c * d.x * d.x - 2.0 * b * d.x * d.y + a * d.y * d.y) / determinant;
         let got = scale * (-beta).exp();
-        // What is not a number draws nothing on a GPU.
+        // NaN draws nothing on a GPU.
         let got = if beta < cutoff && got > 0.0 { f64::from(got) } else { 0.0 };
         let d = V2::new(f64::from(pixel[0]) + 0.5 - center.x, f64::from(pixel[1]) + 0.5 - center.y);
         let (u, v, _) = wanted.footprint.at(d);
         let rho_squared = u * u + v * v;
         let is_hit = rho_squared < 1.0;
         let want = if is_hit { wanted.weight_scale * kernel::weight(rho_squared, settings.cutoff) } else { 0.0 };
-        // As above: the step at the rim is none of arithmetic's.
+        // As above, the step at the rim isn't an error of arithmetic.
         if (got > 0.0 && want > 0.0) || (got - want).abs() > 0.5 * wanted.weight_scale {
             worst = (got - want).abs().max(worst);
         }
@@ -120,7 +121,7 @@ fn covariance(splat: &ViewSplat<f64>, image: &Image) -> f64 {
     worst
 }
 
-/// Relative error of a depth that went through a 24-bit depth buffer with a far plane ten times as far.
+/// Returns the relative error of a depth after storage in a 24-bit depth buffer, with a far plane ten times as far.
 pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
     let far = 10.0 * z;
     let stored = far / (far - near) * (1.0 - near / z);
@@ -130,10 +131,10 @@ pub(super) fn depth_buffer(near: f64, z: f64) -> f64 {
     ((back - z) / z).abs().min(1.0)
 }
 
-/// Relative error of a sum of `count` equal weights in half precision.
+/// Returns the relative error of a sum of `count` equal weights in half precision.
 pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
     let half = |value: f64| {
-        // 11 bits; the least normal exponent is −14.
+        // 11 bits; the minimum normal exponent is −14.
         let unit = value.abs().log2().floor().max(-14.0) - 10.0;
         let unit = unit.exp2();
         if value == 0.0 { 0.0 } else { (value / unit).round_ties_even() * unit }
@@ -150,7 +151,7 @@ pub(super) fn half_sum(count: u32, weight: f64) -> f64 {
     (sum / (f64::from(count) * weight) - 1.0).abs()
 }
 
-/// True where C12 eq. 7, as printed and in f32, keeps a point of the disk.
+/// True if C12 eq. 7, as printed and in f32, retains a point of the disk.
 pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let narrow = |v: V2<f64>| V2::new(v.x as f32, v.y as f32);
     let (p1, p2, p3, q) = (narrow(curve.p1), narrow(curve.p2), narrow(curve.p3), narrow(point));
@@ -167,7 +168,7 @@ pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let d = V2::new(0.5 * (p1.x + p3.x) - q.x, 0.5 * (p1.y + p3.y) - q.y);
     let side = |p: V2<f32>| d.y * (p.x - q.x) - d.x * (p.y - q.y);
     let (b, e, f) = (side(p1), w * side(p2), side(p3));
-    // As t = (a ± √(a² − b·c))/c.
+    // Solved as t = (a ± √(a² − b·c))/c.
     let (a, c) = (b - e, b - 2.0 * e + f);
     let root = (a * a - b * c).max(0.0).sqrt();
     let t = [(a + root) / c, (a - root) / c].into_iter().find(|t| (0.0..=1.0).contains(t));
@@ -175,7 +176,7 @@ pub(super) fn clip_keeps(curve: &Curve, point: V2<f64>) -> bool {
     let (k1, k2, k3) = ((1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * w, t * t);
     let sum = k1 + k2 + k3;
     let x = V2::new((k1 * p1.x + k2 * p2.x + k3 * p3.x) / sum, (k1 * p1.y + k2 * p2.y + k3 * p3.y) / sum);
-    // Outside of the curve where its point lies between q and the middle.
+    // Outside the curve if the curve's point is between q and the middle.
     let outside = (x.x - q.x) * d.x + (x.y - q.y) * d.y > 0.0;
     if sign > 0.0 { !outside } else { outside }
 }

@@ -1,21 +1,21 @@
-//! What sweeps found, as a table and as a page.
+//! Reports of sweeps as a table and as a page.
 
 use super::{Outcome, Point, Sweep, first_break};
 use surfel_bench::chart::{Axis, Chart, Series, Style};
 use surfel_bench::page::{Page, Table};
 
-/// A sweep and what backends made of it.
+/// A sweep and the results of backends.
 pub struct Measured {
     /// The sweep.
     pub sweep: Sweep,
-    /// One for each backend.
+    /// One outcome per backend.
     pub outcomes: Vec<Outcome>,
-    /// The curve of the formula that ours replaces; NaN where there is none.
+    /// Errors of the formula that ours replaces; NaN where there is none.
     pub naive: Vec<[f64; 2]>,
 }
 
 impl Measured {
-    /// What is wrong within the required range, for one backend.
+    /// Returns the faults of one backend within the required range.
     pub fn faults(&self, backend: usize) -> Vec<String> {
         let points = self.outcomes.get(backend).map_or(&[][..], |outcome| &outcome.points);
         let required = points.iter().filter(|point| self.sweep.requires(point.value));
@@ -24,7 +24,7 @@ impl Measured {
     }
 }
 
-/// The first value at which anything breaks, sweep by sweep and backend by backend.
+/// Returns the table of the first value with a fault, by sweep and backend.
 pub fn breaks(measured: &[Measured], backends: &[String]) -> Table {
     let mut head = vec!["sweep", "parameter", "required to", "swept to"];
     head.extend(backends.iter().map(String::as_str));
@@ -56,7 +56,7 @@ pub fn breaks(measured: &[Measured], backends: &[String]) -> Table {
     table
 }
 
-/// A self-contained page: what the sweeps are, where anything breaks, and a curve for each.
+/// Returns a self-contained page with the sweeps, their first faults, and a curve for each sweep.
 pub fn page(measured: &[Measured], backends: &[String]) -> String {
     let mut page = Page::new("Numerical stability");
     page.paragraph(
@@ -93,7 +93,7 @@ fn chart(one: &Measured, backends: &[String]) -> Chart {
     let values = &one.sweep.values;
     let [first, last] = [values.first(), values.last()].map(|v| v.copied().unwrap_or(1.0));
     let mut series = Vec::new();
-    // A curve of nothing has no place in the legend.
+    // An empty curve gets no entry in the legend.
     let mut add = |name: String, style, color, points: Vec<[f64; 2]>| {
         if points.iter().any(|[_, error]| !error.is_nan()) {
             series.push(Series::new(name, style, color, points));
@@ -126,7 +126,7 @@ fn measure(measure: super::Measure) -> &'static str {
     }
 }
 
-/// A parameter's value, short.
+/// Formats a parameter's value briefly.
 fn number(value: f64) -> String {
     if (0.01..1e5).contains(&value.abs()) {
         format!("{}", (value * 100.0).round() / 100.0)

@@ -8,7 +8,7 @@ use surfel_math::V3;
 use surfel_math::project::ViewSplat;
 use surfel_model::{Camera, Column3, Filter, GaussianKind, Settings, Sort};
 
-/// What the conformance harness allows: 2e-4 + 1e-3 of the value.
+/// Tolerance of the conformance harness: 2e-4 + 1e-3 of the value.
 const TOLERANCE: f64 = 1.2e-3;
 
 pub(super) fn sweeps() -> Vec<Sweep> {
@@ -60,14 +60,14 @@ fn scaled(unit: f64) -> Vec<Probe> {
     let by = |v: DVec3| (v * unit).as_vec3().as_dvec3();
     let scaled = |s: Splat| Splat { p: by(s.p), s: by(s.s), t: by(s.t), ..s };
     let all = confetti(80, 0.12, 3.0, 5);
-    // For the formula that ours replaces the one in the image's middle that faces the eye most: seen at an angle none
-    // fares better.
+    // The formula that ours replaces gets the splat in the image's middle that faces the eye most, since tilted ones
+    // have larger errors.
     let facing = |s: &Splat| s.s.cross(s.t).normalize().dot((s.p - DVec3::Z * 3.0).normalize()).abs();
     let middle = all.iter().copied().filter(|s| s.p.truncate().length() < 0.6);
     let facing_most = middle.max_by(|a, b| facing(a).total_cmp(&facing(b))).map(scaled);
     let view = camera(3.0, 45.0, [40, 40]);
     let view = Camera { eye: view.eye.map(|v| v * unit), near: 0.01 * unit, ..view };
-    // A splat that rounding of its coordinates has left without an area is no valid splat.
+    // Rounding of coordinates may leave a splat without an area, which is invalid.
     let is_valid = |s: &Splat| {
         let (a, b) = (s.s / s.s.abs().max_element(), s.t / s.t.abs().max_element());
         s.p.is_finite() && a.is_finite() && b.is_finite() && a.normalize().cross(b.normalize()).length() > 1e-6
@@ -77,7 +77,7 @@ fn scaled(unit: f64) -> Vec<Probe> {
         p: of_eye(s.p - DVec3::Z * (3.0 * unit)),
         s: of_eye(s.s),
         t: of_eye(s.t),
-        // The published form doesn't ask for it.
+        // The published form doesn't use the normal.
         n: V3::new(0.0, 0.0, -1.0),
     };
     let naive = facing_most.map_or(Naive::Nothing, |s| Naive::Matrix(seen(s)));

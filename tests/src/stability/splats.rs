@@ -1,4 +1,4 @@
-//! Sweeps of one splat, held against exact arithmetic.
+//! Sweeps of one splat, compared with exact arithmetic.
 
 use super::{Image, Measure, Naive, Probe, Sweep, Truth, powers};
 use crate::build::{Clipped, Splat, clipped_cloud, cloud, object};
@@ -17,14 +17,14 @@ use surfel_render::Region;
 
 /// Steepest slope of exp(−2ρ²).
 const STEEPEST: f64 = 1.213;
-/// Roundings on the way from a splat's coordinates to a pixel's offset in units of its axes, counted in f32 setup:
-/// three each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
+/// Number of roundings from a splat's coordinates to a pixel's offset in units of its axes, counted in f32 setup: three
+/// each for normal, view, centre and column, two for the determinant, one each for the offset and the form.
 const ROUNDINGS: f64 = 16.0;
-/// Of the 4K camera: pixels, and where its principal point is.
+/// Focal length, size and principal point of the 4K camera, in pixels.
 const FOCAL_PX: f64 = 2000.0;
 const SIZE: [u32; 2] = [3840, 2160];
 const PRINCIPAL_PX: [f64; 2] = [1920.25, 1080.5];
-/// Distance of splats.
+/// Distance of splats from the eye.
 const Z: f64 = 4.0;
 const COLOR: [f32; 3] = [0.7, 0.4, 0.2];
 
@@ -182,20 +182,20 @@ pub(super) fn sweeps() -> Vec<Sweep> {
     ]
 }
 
-/// A vector as f32 holds it.
+/// Rounds a vector to f32.
 fn single(v: DVec3) -> DVec3 {
     v.as_vec3().as_dvec3()
 }
 
-/// A view-space ellipse whose numbers f32 holds.
+/// Creates a view-space ellipse whose numbers are representable in f32.
 fn ellipse(p: DVec3, s: DVec3, t: DVec3) -> ViewSplat<f64> {
     let (p, s, t) = (single(p), single(s), single(t));
     let n = basis::unit(basis::unit(s).cross(basis::unit(t)));
     ViewSplat { p: V3::from(p), s: V3::from(s), t: V3::from(t), n: V3::from(n) }
 }
 
-/// An ellipse whose centre is seen at a pixel, its half-axes `radii` long, its plane at an elevation (radians) above
-/// edge-on; `turn` is about the line of sight.
+/// Creates an ellipse whose centre projects to a pixel. Its half-axes are `radii` long, its plane at an elevation
+/// (radians) above edge-on; `turn` is around the line of sight.
 fn tilted(pixel: [f64; 2], z: f64, radii: [f64; 2], elevation: f64, turn: f64) -> ViewSplat<f64> {
     let [x, y] = [0, 1].map(|axis| (pixel[axis] - PRINCIPAL_PX[axis]) / FOCAL_PX);
     let p = DVec3::new(x, y, 1.0) * z;
@@ -220,13 +220,13 @@ fn camera(focal: f64, principal: [f64; 2], size: [u32; 2], near: f64) -> Camera 
     }
 }
 
-/// The 4K camera, of which `side`×`side` pixels about `pixel` are rendered.
+/// Returns the 4K camera with a region of `side`×`side` pixels around `pixel`.
 fn corner(pixel: [f64; 2], side: u32, near: f64) -> (Camera, Region) {
     let start = |axis: usize| (pixel[axis] as u32).saturating_sub(side / 2).min(SIZE[axis] - side);
     (camera(FOCAL_PX, PRINCIPAL_PX, SIZE, near), Region { x: start(0), y: start(1), width: side, height: side })
 }
 
-/// World coordinates: the camera at the origin looks along −z with +y up.
+/// Converts to world coordinates: the camera at the origin looks along −z with +y up.
 fn world(v: V3<f64>) -> DVec3 {
     DVec3::new(v.x, -v.y, -v.z)
 }
@@ -243,22 +243,23 @@ fn in_scene(splat: &ViewSplat<f64>) -> Splat {
     Splat { p: world(splat.p), s: world(splat.s), t: world(splat.t), color: COLOR }
 }
 
-/// ℓ of a splat, major and minor.
+/// Returns ℓ of a splat, major and minor.
 fn lengths(splat: &ViewSplat<f64>, projection: &Projection) -> [f64; 2] {
     let projected = Projected::new(splat, projection);
     let svd = Svd2::of_columns(projected.j_s, projected.j_t, projected.det_j);
     [svd.major, svd.minor]
 }
 
-/// The law's amplification (see [`LAW`]).
+/// Returns the law's amplification (see [`LAW`]).
 fn amplification(splat: &ViewSplat<f64>, projection: &Projection, h_px: f64) -> f64 {
     let [major, minor] = lengths(splat, projection);
-    // Under a filter the weight's factor ℓ/h has the rounding of ℓ besides.
+    // Under a filter, the weight's factor ℓ/h adds the rounding of ℓ.
     let factor = if minor < h_px { 1.0 } else { 0.0 };
     (STEEPEST + factor) * ROUNDINGS * (major.max(h_px) + 1.0) / minor.max(h_px)
 }
 
-/// A splat in an image of its own, without a filter and against exact arithmetic, or with `principal` and against f64.
+/// Returns an image of one splat, unfiltered and compared with exact arithmetic, or filtered by `principal` and
+/// compared with f64.
 fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bool) -> Probe {
     let settings = if filtered { Settings::default() } else { unfiltered() };
     let h = if filtered { settings.prefilter_radius_px } else { 0.0 };
@@ -274,7 +275,7 @@ fn probe(splat: ViewSplat<f64>, (camera, region): (Camera, Region), filtered: bo
     }
 }
 
-/// A filtered splat, its weight in units of its own largest, ∏ min(1, ℓ/h), whose relative error is that of ℓ.
+/// Returns a filtered splat with weights in units of its own largest, ∏ min(1, ℓ/h), whose relative error is that of ℓ.
 fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, true);
     let [major, minor] = lengths(&splat, &probe.image.view().projection);
@@ -283,8 +284,8 @@ fn shrunk(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     Probe { scale, amplification: probe.amplification + ROUNDINGS * major / minor, ..probe }
 }
 
-/// An unfiltered splat near the eye, whose image need not be an ellipse: the law's amplification is that of its forms,
-/// each of which errs by four roundings of its terms about the middle of the image, over W.
+/// Returns an unfiltered splat near the eye, whose image need not be an ellipse. The law's amplification is that of its
+/// forms, each with an error of four roundings of its terms around the middle of the image, over W.
 fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     let probe = probe(splat, crop, false);
     let view = probe.image.view();
@@ -306,10 +307,10 @@ fn near_probe(splat: ViewSplat<f64>, crop: (Camera, Region)) -> Probe {
     Probe { amplification, ..probe }
 }
 
-/// Where the splats of the 4K image are: a pixel near a corner, and turns.
+/// Position of the splats in the 4K image, a pixel near a corner, and their turns.
 const CORNER: [f64; 2] = [3600.3, 1900.7];
 const TURNS: [f64; 3] = [0.2, 1.4, 2.9];
-/// World radius that is so many pixels at [`Z`].
+/// Returns the world radius that spans `px` pixels at [`Z`].
 fn radius(px: f64) -> f64 {
     px * Z / FOCAL_PX
 }
@@ -370,7 +371,7 @@ fn skew(sine: f64) -> Vec<Probe> {
         let t = s * (1.0 - sine * sine).max(0.0).sqrt() + t * sine;
         let p = DVec3::new(disk.p.x, disk.p.y, disk.p.z);
         let probe = probe(ellipse(p, s, t), corner(CORNER, 28, 0.01), false);
-        // Nearly parallel axes of f32 coordinates: their difference, which is the minor axis, has their rounding.
+        // The minor axis is the difference of nearly parallel axes in f32, so it has their rounding error.
         Probe { amplification: probe.amplification * 2.0, ..probe }
     };
     TURNS.map(one).into()
@@ -383,7 +384,7 @@ fn radius_small(radius: f64) -> Vec<Probe> {
 
 fn radius_large(radius: f64) -> Vec<Probe> {
     let turned = TURNS.map(|turn| tilted(CORNER, Z, [radius; 2], 0.6, turn)).map(|splat| (splat, CORNER));
-    // About the middle of the image, along its axes and not: facing, and tilted about one of them.
+    // Around the middle of the image, along its axes and not: facing, and tilted about one of them.
     let facing = |[x, y]: [f64; 2]| {
         let n = basis::unit(DVec3::new(x, y, -1.0));
         let (s, t) = basis::orthonormal(n);
@@ -401,7 +402,7 @@ fn distance(distance: f64) -> Vec<Probe> {
 
 fn eye_plane(distance: f64) -> Vec<Probe> {
     let one = |turn: f64| {
-        // The plane's normal, some way off the line of sight.
+        // The plane's normal, tilted from the line of sight.
         let (sin, cos) = turn.sin_cos();
         let n = basis::unit(DVec3::new(0.4 * sin, cos, 0.1));
         let s = basis::unit(n.cross(DVec3::new(0.2, 0.1, 1.0)));
@@ -454,7 +455,7 @@ fn image(side: f64) -> Vec<Probe> {
     let crop = pixels.min(16);
     let center = side - 1.5 * radius_px;
     let one = |turn: f64| {
-        // As many pixels as the image is wide, a unit ahead.
+        // As many pixels as the image is wide, one unit ahead.
         let place = |v: f64| (v - 0.5 * side) / side * Z;
         let p = DVec3::new(place(center), place(center - 0.2), Z);
         let (sin, cos) = turn.sin_cos();
@@ -472,7 +473,7 @@ fn outside(distance_px: f64) -> Vec<Probe> {
     let p = DVec3::new(place(-distance_px, 0), place(900.3, 1), Z);
     let r = radius(distance_px + 8.0);
     let (camera, region) = (camera(FOCAL_PX, PRINCIPAL_PX, SIZE, 0.01), Region { x: 0, y: 888, width: 16, height: 24 });
-    // Facing; its axes turned, so that no form is zero.
+    // Facing the eye, with turned axes, so that no form is zero.
     let splat = ellipse(p, DVec3::new(0.8, 0.6, 0.0) * r, DVec3::new(-0.6, 0.8, 0.0) * r);
     vec![probe(splat, (camera, region), false)]
 }
@@ -497,7 +498,7 @@ fn clip(weight: f64) -> Vec<Probe> {
     (0..10).map(one).collect()
 }
 
-/// Share of the disk that eq. 7 puts on the wrong side.
+/// Returns the fraction of the disk that eq. 7 puts on the wrong side.
 fn misjudged(curve: &Curve) -> f64 {
     let ours = Clip::nothing().with_curve(curve);
     let mut random = Random::new(5);

@@ -19,8 +19,8 @@ fn filter_errors_on_a_checkerboard_are_the_models_table() {
         println!("{name}: {got:.4?}");
         assert_eq!(*name, expected);
         for (band, (g, w)) in got.iter().zip(want).enumerate() {
-            // Half a digit of the table and little more. The far band is 18 rows high, and without a filter it is
-            // nothing but aliasing: counting from the row after, or one row more, moves it by up to 0.005.
+            // Half a digit of the table, and a little more. The far band is 18 rows high, and without a filter it is
+            // pure aliasing: starting it a row later, or adding a row, changes it by up to 0.005.
             let tolerance = if *name == "none" && band == 0 { 0.006 } else { 0.001 };
             assert!((g - w).abs() <= tolerance, "{name}: {got:?}, the model says {want:?}");
         }

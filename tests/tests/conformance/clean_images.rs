@@ -1,5 +1,5 @@
-//! Splats of models from all sides: no pixel without a splat inside of what the polygons of the same mesh cover,
-//! whatever the filter.
+//! Tests that splats of models have no holes from any side, with any filter: no pixel without a splat inside the area
+//! that the same mesh's polygons cover.
 
 use crate::splats_of_meshes::{VIEWS, directions, hole_count};
 use glam::DVec3;
@@ -14,7 +14,7 @@ use surfel_sample::{
 };
 
 const SIZE: u32 = 144;
-/// How far the eye is from the middle, over half the diagonal of the bounds.
+/// Distance of the eye from the middle, over half the diagonal of the bounds.
 const DISTANCE: f64 = 4.0;
 
 fn model(name: &str) -> Option<Mesh> {
@@ -25,7 +25,7 @@ fn model(name: &str) -> Option<Mesh> {
     }
 }
 
-/// Cameras from 48 directions that see all of the mesh.
+/// Returns cameras in 48 directions that see all of the mesh.
 fn cameras(mesh: &Mesh) -> impl Iterator<Item = Camera> {
     let points = || mesh.triangles.iter().flatten().map(|i| mesh.positions.get(*i as usize));
     let (low, high) = (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
@@ -41,7 +41,7 @@ fn cameras(mesh: &Mesh) -> impl Iterator<Item = Camera> {
     })
 }
 
-/// Holes by filter, over all views, and the pixels that they are looked for in.
+/// Returns the number of holes by filter, over all views, and the number of pixels searched.
 fn holes(mesh: &Mesh, cloud: SplatCloud) -> ([usize; Filter::ALL.len()], usize) {
     let mut cpu = surfel_cpu::Renderer::new(Default::default()).unwrap();
     let cull = if is_closed(mesh) { Cull::Back } else { Cull::None };
@@ -66,7 +66,7 @@ fn holes(mesh: &Mesh, cloud: SplatCloud) -> ([usize; Filter::ALL.len()], usize) 
     (counts, all)
 }
 
-/// As bare files are drawn, with splats two pixels apart.
+/// Drawn like bare files, with splats two pixels apart.
 #[test]
 fn splats_of_models_have_no_holes_from_any_side() {
     for name in ["fandisk.obj", "rocker-arm.obj", "igea.ply"] {
@@ -81,7 +81,7 @@ fn splats_of_models_have_no_holes_from_any_side() {
     }
 }
 
-/// Large clipped splats that are seen from the side: what they hide they must show.
+/// Large clipped splats seen from the side must show every surface that they hide.
 #[test]
 fn sharp_splats_have_no_holes_from_any_side() {
     for (name, splats) in [("fandisk.obj", Some(2500)), ("rocker-arm.obj", None)] {

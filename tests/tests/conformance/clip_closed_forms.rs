@@ -1,4 +1,4 @@
-//! Clipped splats: images against closed forms, and faults that the clip scenes catch.
+//! Images of clipped splats against closed forms, and faults that the clip scenes catch.
 
 use crate::drawing::reference_image;
 use glam::DVec3;
@@ -11,7 +11,7 @@ use surfel_model::{
 };
 use surfel_reference::Renderer as Reference;
 
-/// World direction through a pixel's centre, from the camera's fields alone.
+/// Returns the world direction through a pixel's centre, from the camera's fields alone.
 fn ray(case: &Case, x: u32, y: u32) -> DVec3 {
     let Projection::Perspective { fov_y_deg } = case.camera.projection else { panic!("perspective") };
     let [right, down, forward] = axes(&case.camera);
@@ -20,7 +20,7 @@ fn ray(case: &Case, x: u32, y: u32) -> DVec3 {
     forward + right * ((f64::from(x) + 0.5 - 0.5 * w) / f) + down * ((f64::from(y) + 0.5 - 0.5 * h) / f)
 }
 
-/// A clip that goes with a stretched splat of an oriented cloud leaves no pixel empty of what lies behind.
+/// A clip that a filter stretches with a splat of an oriented cloud leaves no pixel empty.
 #[test]
 fn grazing_clipped_splats_leave_no_pixel_empty() {
     for filter in Filter::ALL {
@@ -28,12 +28,12 @@ fn grazing_clipped_splats_leave_no_pixel_empty() {
         let empty = frame.weight().iter().filter(|weight| **weight == 0.0).count();
         let before = frame.depth().iter().filter(|depth| **depth < 4.0).count();
         assert!(empty == 0, "{filter:?}: {empty}");
-        // `none` leaves what is thinner than a pixel to chance.
+        // With `none`, splats thinner than a pixel are hit by chance.
         assert!(before > 20, "{filter:?}: {before} of splats before the wall");
     }
 }
 
-/// Six splats with four lines each: every pixel is the face, the normal and the depth that its ray meets.
+/// Six splats with four lines each: every pixel has the face, the normal and the depth that its ray meets.
 #[test]
 fn clip_lines_make_a_perfect_cube() {
     // `ewa` is affine: a face's outline is that of its affine projection.
@@ -50,7 +50,7 @@ fn clip_lines_make_a_perfect_cube() {
                     continue;
                 }
                 let direction = ray(&case, x, y);
-                // Slabs: the face that is entered last, if that is before the first one left.
+                // Slab test: the ray hits the face that it enters last, unless it has left a slab before.
                 let (a, b) = ((-scenes::CUBE_HALF - eye) / direction, (scenes::CUBE_HALF - eye) / direction);
                 let (enter, leave) = (a.min(b), a.max(b));
                 let z = enter.max_element();
@@ -71,12 +71,12 @@ fn clip_lines_make_a_perfect_cube() {
     }
 }
 
-/// A quarter of a facing disk's rim clipped by the circle through the same ends with the middle pulled in: a lens of
-/// known area.
+/// A quarter of a facing disk's rim is clipped by the circle through the same ends that bends inwards: a lens of known
+/// area.
 #[test]
 fn clip_curve_keeps_a_known_area() {
-    // P1 = (1, 0), P3 = (0, 1), P2 the origin, w = √½: the arc of the unit circle about (1, 1). Kept is the disk less
-    // the lens that both circles share, 2·(π/4 − ½).
+    // P1 = (1, 0), P3 = (0, 1), P2 the origin, w = √½: the arc of the unit circle around (1, 1). The disk remains
+    // without the lens that both circles share, 2·(π/4 − ½).
     let curve = ClipCurve {
         theta1: 0.0,
         theta3: std::f32::consts::FRAC_PI_2,
@@ -87,7 +87,7 @@ fn clip_curve_keeps_a_known_area() {
     let splat = Splat { p: DVec3::ZERO, s: DVec3::X, t: DVec3::Y, color: [1.0; 3] };
     let clipped = Clipped { splat, curve: Some(curve), lines: Vec::new(), mode: ClipMode::And };
     let scene = Scene { objects: vec![object(clipped_cloud(&[clipped]))], ..scene(&[]) };
-    // 100 px a unit.
+    // 100 px per unit.
     let case = Case::new("area", scene, camera(1.28, 90.0, [256, 256]));
     for (policy, want) in [
         (ClipPolicy::Exact, std::f64::consts::FRAC_PI_2 + 1.0),
@@ -97,10 +97,10 @@ fn clip_curve_keeps_a_known_area() {
     ] {
         let frame = reference_image(&case.with("policy", |s| s.clip = policy));
         let area = frame.weight().iter().filter(|w| **w > 0.0).count() as f64 / 1e4;
-        // Counting pixels of an outline of 600 px: its square root, give or take.
+        // Tolerance for counting pixels of an outline of 600 px: about its square root.
         assert!((area - want).abs() < 6e-3, "{policy:?}: {area} {want}");
         let kept = |x: usize, y: usize| frame.weight()[y * 256 + x] > 0.0;
-        // (0.5, 0.5) is up right of the centre, rows count down.
+        // (0.5, 0.5) is up right of the centre; rows count down.
         assert_eq!(kept(128 + 50, 127 - 50), policy == ClipPolicy::Off);
         assert!(kept(128 - 50, 128 + 50) && kept(128, 128));
     }

@@ -1,4 +1,4 @@
-//! Images against closed forms that no renderer had a hand in.
+//! Images against closed forms that are independent of any renderer.
 
 use crate::drawing::{F32, reference_image};
 use glam::{DMat3, DVec3};
@@ -22,7 +22,7 @@ fn orientation_right_is_right_up_is_up_and_near_is_large() {
     assert!(color(40, 15)[1] > 0.7, "{:?}", color(40, 15));
     assert!(color(32, 35)[2] > 0.8, "{:?}", color(32, 35));
     let blue = frame.color().iter().filter(|c| c[2] > 0.8).count() as f64;
-    // π·(0.1·60.05/2.5)² = 18.1 px; the rim adds or takes a few.
+    // π·(0.1·60.05/2.5)² = 18.1 px; the rim adds or removes a few.
     assert!((blue - 18.1).abs() < 5.0, "{blue}");
 }
 
@@ -31,7 +31,7 @@ fn kernel_of_a_facing_disk_is_a_gaussian_about_its_centre() {
     let case = scenes::facing_splat();
     let frame = reference_image(&case);
     for (x, y, at) in pixels(&frame) {
-        // 12 px a unit, radius 1.5, centre a quarter and an eighth of a pixel off.
+        // 12 px per unit, radius 1.5, centre a quarter and an eighth of a pixel off.
         let d = DVec3::new(f64::from(x) + 0.5 - 24.25, f64::from(y) + 0.5 - 24.125, 0.0) / 18.0;
         let rho_squared = d.length_squared();
         let want = if rho_squared <= 1.0 { (-2.0 * rho_squared).exp() } else { 0.0 };
@@ -71,7 +71,7 @@ fn mapping_of_a_tilted_disk_is_the_rays_own_hit() {
 #[test]
 fn filters_of_a_small_facing_disk_have_their_closed_forms() {
     let (h, l) = (FRAC_1_SQRT_2, 0.3);
-    // 12 px a unit, centre 0.2 px right and 0.1 px down of the centre of pixel (24, 24).
+    // 12 px per unit, centre 0.2 px right of and 0.1 px below the centre of pixel (24, 24).
     let splat = Splat::disk(DVec3::new(0.7 / 12.0, -0.6 / 12.0, 0.0), DVec3::Z, l / 12.0, [1.0; 3]);
     let case = Case::new("small", scene(&[splat]), camera(2.0, 90.0, [48, 48]));
     let squared = 0.2f64 * 0.2 + 0.1 * 0.1;
@@ -105,7 +105,7 @@ fn phong_of_a_facing_plane_is_ambient_diffuse_and_specular() {
         let gloss = 0.5 * reflected.dot(-d.normalize()).max(0.0).powf(6.0);
         let want = albedo * (ambient * 0.7 + light * (0.6 * cosine)) + light * gloss;
         let [r, g, b, a] = frame.color()[at].map(f64::from);
-        // Depth is 3 to a few 1e-16; colours are f32.
+        // Depth is 3 up to a few 1e-16; colours are f32.
         assert!((DVec3::new(r, g, b) - want).abs().max_element() < F32 && a == 1.0, "{x},{y}: {want}");
         (brightest, darkest) = (brightest.max(gloss), darkest.min(gloss));
     }
@@ -174,8 +174,8 @@ fn edge_pixel_without_filtered_fragments_shows_what_lies_behind() {
     let case = scenes::beyond_its_filter();
     let (frame, whole) =
         (reference_image(&case), reference_image(&case.with("no filter", |s| s.filter = Filter::None)));
-    // The disk covers these pixels by its exact ellipse, and its filter leaves them: nothing is there, but the blue
-    // wall shows.
+    // The disk covers these pixels by its exact ellipse, but its filtered footprint doesn't: they are empty, and the
+    // blue wall shows.
     let empty = |&(_, _, i): &(u32, u32, usize)| frame.weight()[i] == 0.0 && whole.depth()[i] < 5.0;
     let blue = pixels(&frame).filter(empty).filter(|&(_, _, i)| frame.color()[i] == [0.1, 0.2, 0.9, 1.0]).count();
     assert!(blue > 20, "{blue}");
@@ -192,7 +192,7 @@ fn rims_of_an_oriented_ball_are_lit_as_its_front_goes_on() {
         case.scene.objects[0].material.oriented = Some(oriented);
         case
     };
-    // Degrees from each pixel's normal to the ball's, at the nearest point of it to the ray.
+    // Degrees from each pixel's normal to the ball's, at the ball's nearest point to the ray.
     let worst = |case: Case| {
         let frame = reference_image(&case);
         let eye = DVec3::from(case.camera.eye);

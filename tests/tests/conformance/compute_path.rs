@@ -1,4 +1,4 @@
-//! The GPU backends' compute path: the raster path's image, in one order of sums whatever a device does in parallel.
+//! Tests of the GPU backends' compute path: it draws the raster path's image, and sums in a fixed order on any device.
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
@@ -20,14 +20,14 @@ fn is_by_cells(stats: &Stats) -> bool {
     counter(stats, CELL_PAIRS).is_some()
 }
 
-/// True if the rule has the compute path draw a case.
+/// True if the rule selects the compute path for a case.
 fn is_for_cells(case: &Case, renderer: &impl Renderer) -> bool {
     let summary = SceneSummary::of(&case.scene);
     let plan = plan(&summary, &case.view(), &case.settings, planes(), &renderer.info().capabilities);
     plan.is_ok_and(|plan| GpuPath::Auto.draws_cells(&plan))
 }
 
-/// Disks side by side over the whole image, and behind each other.
+/// Returns disks side by side over the whole image, and behind each other.
 fn wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
     let disk = |i: usize| {
         let angle = i as f64 * 2.399_963;
@@ -43,7 +43,7 @@ fn values(frame: &Frame) -> [&[f32]; 4] {
     [frame.color().as_flattened(), frame.normal().as_flattened(), frame.depth(), frame.weight()]
 }
 
-/// Sums in another order differ by rounding alone.
+/// Asserts that two frames are equal except for rounding by a different order of sums.
 fn are_alike(a: &Frame, b: &Frame, name: &str) {
     for (a, b) in values(a).iter().zip(values(b)).flat_map(|(a, b)| a.iter().zip(b)).filter(|(a, b)| a != b) {
         assert!((a - b).abs() <= 2e-5 * b.abs().max(1.0), "{name}: {a} {b}");
@@ -51,7 +51,7 @@ fn are_alike(a: &Frame, b: &Frame, name: &str) {
     assert_eq!(a.fragments(), b.fragments(), "{name}");
 }
 
-/// Calls a test with both backends by a path, as far as they are there.
+/// Calls a test with both backends on a path, as far as they are available.
 macro_rules! with_each {
     ($path:expr, $run:expr) => {
         if let Some(mut ash) = validated_gpu::ash_by($path) {
@@ -70,7 +70,7 @@ fn agrees_by_raster_hardware(renderer: &mut impl Renderer) {
     assert!(failed.is_empty(), "{}", failed.join("\n"));
 }
 
-/// The tests of `gpu_backends` draw by compute shaders what these draw.
+/// Here the raster hardware draws what the tests of `gpu_backends` draw by compute shaders.
 #[test]
 #[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn raster_hardware_agrees_with_the_reference_on_every_scene() {
@@ -126,11 +126,11 @@ fn every_run_and_both_backends_have_the_same_bits() {
         return;
     };
     let is_same_device = ash.info().adapter == wgpu.info().adapter;
-    // Sides of an oriented cloud are kept apart.
+    // An oriented cloud, whose sides are separated.
     let mut sides = scenes::closed_sphere().with("sides", |_| ());
     sides.scene.objects[0].material.oriented = Some(true);
     sides.scene.objects[0].material.cull = Cull::None;
-    // The last has dense cells.
+    // The last case has dense cells.
     let cases = [scenes::closed_sphere(), sides, wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])];
     for case in cases {
         let (first, stats) = drawn_once(&mut ash, &case, planes());
@@ -144,7 +144,7 @@ fn every_run_and_both_backends_have_the_same_bits() {
     validated_gpu::no_messages();
 }
 
-/// A cell of more pairs than one workgroup draws is drawn in parts.
+/// A cell with more pairs than one workgroup draws is drawn in parts.
 fn draws_dense_cells(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     for (count, radius) in [(4000, 0.02), (9000, 0.02), (5000, 0.4)] {
@@ -160,7 +160,7 @@ fn dense_cells_are_drawn_in_parts() {
     with_each!(GpuPath::Compute, draws_dense_cells);
 }
 
-/// Each of few splats touches every cell: more pairs than are estimated.
+/// Each of few splats touches every cell: more pairs than estimated.
 fn draws_again_where_pairs_do_not_fit(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     let case = wall(100, 3.0, 0.1, [200, 150]);
@@ -182,14 +182,14 @@ fn falls_back_to_raster_hardware(renderer: &mut impl Renderer, whole: &mut impl 
     let (ours, stats) = drawn_once(renderer, &case, planes());
     assert!(!is_by_cells(&stats) && stats.drawn == 100);
     are_alike(&ours, &drawn_once(whole, &case, planes()).0, &case.name);
-    // What fits is drawn by cells.
+    // An image that fits is drawn by cells.
     let small = wall(20, 0.1, 0.5, [40, 40]);
     assert!(is_by_cells(&drawn_once(renderer, &small, planes()).1));
 }
 
 #[test]
 fn tile_beyond_the_limits_is_drawn_by_raster_hardware() {
-    // Records fit, and the estimate of pairs, but not the pairs.
+    // Records and the estimate of pairs fit, but the pairs don't.
     let limits = Limits { cell_bytes: 60_000, ..Limits::default() };
     let parts = validated_gpu::ash_with(limits, Storage::F32);
     if let (Some(mut parts), Some(mut whole)) = (parts, validated_gpu::ash()) {

@@ -1,4 +1,4 @@
-//! What is made of findings: the table and the page.
+//! Tests of the reports of results: the table and the page.
 
 use surfel_conformance::backends::{Backend, Run};
 use surfel_conformance::expectations::Extent;
@@ -9,7 +9,7 @@ use surfel_render::Renderer;
 
 const SCENES: [&str; 2] = ["facing-splat", "tilted-splat"];
 
-/// A run of the reference on two scenes, the second of which it seems to have got wrong.
+/// Returns a run of the reference on two scenes; unless `is_right`, the second is marked as failed.
 fn run(truths: &[Truth], is_right: bool) -> Run {
     let mut reference = Reference::new(surfel_reference::Options::default().with_threads(1)).unwrap();
     let mut checked = check_all(&mut reference, truths, Extent::SomeScenes);
@@ -48,7 +48,7 @@ fn page_has_failures_first_and_its_images_inside() {
     let at = |text: &str| page.find(text).unwrap_or_else(|| panic!("no {text}"));
     assert!(at("<h2 class=\"bad\">tilted-splat") < at("<h2>facing-splat"));
     assert!(at("Conformance: FAILED") < at("spoilt &lt;here&gt;"));
-    // Reference, margin, image and difference of two scenes; nothing from elsewhere.
+    // Reference, margin, image and difference of two scenes; nothing external.
     assert_eq!(page.matches("src=\"data:image/png;base64,iVBORw0KGgo").count(), 8);
     assert_eq!(page.matches("src=").count(), 8);
     assert!(!page.contains("http") && !page.contains("<link") && !page.contains("<script"));

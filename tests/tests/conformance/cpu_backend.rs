@@ -1,4 +1,4 @@
-//! The CPU backend: the reference's image, and the same bits however it is made.
+//! Tests that the CPU backend draws the reference's image, with the same bits for all options.
 
 use glam::DVec3;
 use surfel_conformance::harness::{Verdict, check_backend, check_case, render};
@@ -13,7 +13,7 @@ fn renderer(threads: usize, simd: SimdLevel) -> Cpu {
     Cpu::new(Options::default().with_threads(threads).with_simd(simd)).unwrap()
 }
 
-/// Bits of a frame, so that NaN and the sign of zero count too.
+/// Returns the bits of a frame, so that NaN and the sign of zero count too.
 fn bits(frame: &Frame) -> Vec<u32> {
     let floats = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
     floats
@@ -24,7 +24,7 @@ fn bits(frame: &Frame) -> Vec<u32> {
         .collect()
 }
 
-/// Every scene, all of which the CPU backend draws, and some where features meet that no scene has at once.
+/// Returns every scene, all of which the CPU backend draws, and some that combine features as no other scene does.
 fn drawn() -> Vec<scenes::Case> {
     let mut cases = scenes::all();
     let peel = |s: &mut Settings| s.transparency = Transparency::Peel { layers: 2, drop_last: false };
@@ -34,7 +34,7 @@ fn drawn() -> Vec<scenes::Case> {
     };
     cases.push(scenes::mesh_through_sphere().with("toon, edges, layers", both));
     cases.push(scenes::panes().with("toon, edges, layers", both));
-    // Polygons and splats through the near plane, and with lines about what it leaves.
+    // Polygons and splats through the near plane, also with lines around the cuts.
     for (name, shader) in [("near", Shader::Phong), ("near, toon", Shader::Toon)] {
         let mut case = scenes::sphere_before_mesh().with(name, |s| s.shader = shader);
         case.camera.near = 2.1;
@@ -47,8 +47,8 @@ fn drawn() -> Vec<scenes::Case> {
     cases
 }
 
-/// What no other scene would show: insides of meshes, cut open by the near plane and lit on both sides; equally near
-/// polygons; shadows of what the eye, or the light, sees from behind and the material leaves out.
+/// Returns cases that no other scene has: equally near polygons; insides of meshes, cut open by the near plane and lit
+/// on both sides; shadows of culled polygons. The eye or the light sees the culled polygons from behind.
 fn rarer_polygons() -> Vec<scenes::Case> {
     let mut open = scenes::mesh_ball().with("cut open", |_| ());
     open.camera.near = 3.0;
@@ -88,7 +88,7 @@ fn cpu_gives_the_same_bits_for_any_threads_and_simd_level() {
         let renderer = |threads, simd| {
             Cpu::new(Options::default().with_threads(threads).with_simd(simd).with_storage(storage)).unwrap()
         };
-        // More threads cut a frame into more cells: 16 draw every tile of the small images by itself.
+        // More threads divide a frame into more cells: with 16, every tile of the small images is a cell.
         let mut variants: Vec<Cpu> = [1, 3, 16].map(|threads| renderer(threads, SimdLevel::Best)).into();
         variants.extend(SimdLevel::ALL.iter().map(|&level| renderer(2, level)));
         let planes = Planes::ALL.with_fragments(true);
@@ -188,13 +188,13 @@ fn cpu_quantised_storage_halves_memory_and_is_nearly_the_same_image() {
     };
     let (wide, exact) = draw(Storage::F32);
     let (narrow, quantised) = draw(Storage::Quantised);
-    // 48 and 18 bytes, and a part of a chunk's 130 each.
+    // 48 and 18 bytes, plus a share of a chunk's 130 each.
     assert!(wide < 52.0 && narrow < 20.0, "{wide} {narrow}");
     let pairs = exact.color().as_flattened().iter().zip(quantised.color().as_flattened());
     let differences: Vec<f64> = pairs.map(|(a, b)| f64::from((a - b).abs())).collect();
     let squares: f64 = differences.iter().map(|d| d * d).sum();
     let rms = (squares / differences.len() as f64).sqrt();
-    // Centres move by 1.5e-5 of a chunk, some 2e-4 of a radius here: measured 2e-5, and no pixel at the rim falls out.
+    // Centres move by 1.5e-5 of a chunk, some 2e-4 of a radius here: measured 2e-5, without losing a pixel at the rim.
     assert!(rms < 1e-4 && rms > 0.0, "{rms:e}");
 }
 
@@ -210,15 +210,15 @@ fn cpu_quantised_storage_errs_little_in_every_scene() {
         worst.push(((squares / exact.color().as_flattened().len() as f64).sqrt(), case.name));
     }
     worst.sort_by(|a, b| b.0.total_cmp(&a.0));
-    // Measured: 0.019 (34 dB) where all splats are seen edge-on, so that the least turn decides pixels; 0.011 and less
-    // where clips or edges of few large splats move, in eighteen more, and where a pixel of a thin plate shows its
-    // other side, in four; 8e-4 in all others.
+    // Measured: 0.019 (34 dB) if all splats are seen edge-on, so that the least turn decides pixels. At most 0.011 in
+    // eighteen more, if clips or edges of few large splats move, and in four, if a pixel of a thin plate shows its
+    // other side. 8e-4 in all others.
     assert!(worst[0].0 < 0.025, "{:?}", worst[0]);
     assert!(worst[1].0 < 0.015, "{:?}", worst[1]);
     assert!(worst[23].0 < 1e-3, "{:?}", &worst[..24]);
 }
 
-/// Small splats in front of and behind each other, some steep, among larger ones.
+/// Returns small splats in front of and behind each other, some steep, among larger ones.
 fn specks(radius_px: f64, size: [u32; 2]) -> scenes::Case {
     let camera = build::camera(4.0, 40.0, size);
     let pixel = 4.0 * (20f64.to_radians()).tan() * 2.0 / f64::from(size[1]);

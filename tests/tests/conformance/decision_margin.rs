@@ -1,4 +1,4 @@
-//! The reference's margin plane: what rounding could flip is marked, and little else.
+//! Tests of the reference's margin plane: it marks what rounding could change, and little else.
 
 use glam::DVec3;
 use surfel_conformance::build::{Splat, camera, cloud, object, scene, with_alpha};
@@ -13,7 +13,7 @@ fn margin(case: &Case) -> Vec<f32> {
     reference_frame(&mut Reference::new(Default::default()).unwrap(), case).unwrap().margin().to_vec()
 }
 
-/// A facing plane under a light at this n·l, shining from the right.
+/// Returns a facing plane under a light from the right at this n·l.
 fn at_terminator(cosine: f64, specular: f64) -> Case {
     let mut case = scenes::facing_plane();
     case.scene.objects[0].material.specular = specular;
@@ -44,7 +44,7 @@ fn margin_holds_highlights_at_the_terminator() {
     }
 }
 
-/// Edge antialiasing decides more, so it marks at least what an image without it marks.
+/// Edge antialiasing decides more, so it marks at least the pixels that are marked without it.
 #[test]
 fn margin_of_edges_adds_to_that_of_fragments_and_stays_small() {
     let with = scenes::sphere_before_plane();
@@ -55,7 +55,7 @@ fn margin_of_edges_adds_to_that_of_fragments_and_stays_small() {
     assert!(share < 0.02, "{share}");
 }
 
-/// Whatever a third of the margin can flip is marked: seen from that little beside, no scene's pixel jumps that isn't.
+/// Shifts of the view by a third of the margin change only marked pixels abruptly, in every scene.
 #[test]
 fn margin_holds_all_that_a_third_of_it_flips() {
     // In pixels of what is drawn: samples are a quarter as wide.
@@ -79,8 +79,8 @@ fn margin_holds_all_that_a_third_of_it_flips() {
                 let colors = got.color()[at].iter().zip(want.color()[at]);
                 colors.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
             };
-            // What doesn't jump moves by less: colours change by under 40 a pixel, depths by under 100 times
-            // themselves.
+            // Continuous changes are smaller: colours change by less than 40 per pixel, relative depths by less than
+            // 100.
             for at in 0..want.color().len() {
                 let color = moved(&got, at);
                 let depth = (got.depth()[at] - want.depth()[at]).abs() / want.depth()[at].abs().min(f32::MAX);
@@ -98,8 +98,8 @@ fn margin_holds_all_that_a_third_of_it_flips() {
     assert!(marked > 150, "{marked}");
 }
 
-/// 33×33 pixels of which one is 1/16.5 wide at depth 1 (fov 90°), objects before an eye at the origin that looks along
-/// −z.
+/// Returns an image of 33×33 pixels, each 1/16.5 wide at depth 1 (fov 90°), with objects in front of an eye at the
+/// origin that looks along −z.
 fn before_eye(objects: Vec<Object>) -> Case {
     let mut scene = scene(&[]);
     scene.objects = objects;
@@ -122,9 +122,9 @@ const MIDDLE: usize = 16 * 33 + 16;
 
 #[test]
 fn margin_holds_what_is_within_a_ten_thousandth_of_the_near_plane() {
-    // Behind it a fragment exists, before it none does.
+    // A fragment behind the near plane exists, one in front doesn't.
     for (apart, marked) in [(5e-5, true), (-5e-5, true), (3e-4, false), (-3e-4, false)] {
-        // Tilted, so that the plane runs through it.
+        // Tilted, so that the near plane intersects it.
         let disk = Splat::disk(-DVec3::Z, DVec3::new(0.6, 0.0, 0.8), 0.5, [0.5; 3]);
         let mut case = before_eye(vec![object(cloud(&[disk]))]);
         case.camera.near = 1.0 / (1.0 + apart);
@@ -152,13 +152,13 @@ fn margin_holds_depths_of_layers_and_polygons_within_a_ten_thousandth() {
         case.settings.transparency = Transparency::Peel { layers: 3, drop_last: false };
         margin(&case)[MIDDLE] != 0.0
     };
-    // Aside, so that no inner edge meets the pixel.
+    // Shifted, so that no inner edge meets the pixel.
     let wall = |z: f64| mesh_object(quad(DVec3::new(0.3, 0.1, -z), [DVec3::X, DVec3::Y], 1.0));
     for (apart, marked) in [(5e-5, true), (-5e-5, true), (3e-4, false), (-3e-4, false)] {
         // A transparent disk against an opaque one, and against a polygon.
         assert_eq!(peel(vec![disk(1.0, 1.0), disk(1.0 + apart, 0.5)]), marked, "{apart}");
         assert_eq!(peel(vec![wall(1.0), disk(1.0 + apart, 0.5)]), marked, "{apart}");
-        // A second layer against what the first keeps: its ε is 0.05 and the slope term, 0 where a disk faces the eye.
+        // A second layer against the first layer's threshold: its ε is 0.05 plus the slope term, 0 for a facing disk.
         assert_eq!(peel(vec![disk(1.0, 0.5), disk(1.05 + apart, 0.5)]), marked, "{apart}");
         let mut gathered = before_eye(vec![disk(1.0, 0.5), disk(1.05 + apart, 0.5)]);
         gathered.settings.transparency = Transparency::ABuffer { layers: 3 };
@@ -166,14 +166,14 @@ fn margin_holds_depths_of_layers_and_polygons_within_a_ten_thousandth() {
         // A polygon against the depth threshold, and against z − ε, of a disk.
         assert_eq!(margin(&before_eye(vec![disk(1.0, 1.0), wall(1.05 + apart)]))[MIDDLE] != 0.0, marked, "{apart}");
         assert_eq!(margin(&before_eye(vec![disk(1.0, 1.0), wall(0.95 + apart)]))[MIDDLE] != 0.0, marked, "{apart}");
-        // A polygon against another.
+        // A polygon against another polygon.
         assert_eq!(margin(&before_eye(vec![wall(1.0), wall(1.0 + apart)]))[MIDDLE] != 0.0, marked, "{apart}");
     }
 }
 
 #[test]
 fn margin_holds_outlines_that_a_rounding_draws() {
-    // Facing: no slope; a line where what is beside lies 2 % farther back.
+    // Facing, so without slope; a line is drawn if the neighbour is 2 % farther back.
     for (apart, marked) in [(5e-5, true), (-5e-5, true), (3e-4, false), (-3e-4, false)] {
         let wall = |x: f64, z: f64| mesh_object(quad(DVec3::new(x, 0.0, -z), [DVec3::X, DVec3::Y], 1.0));
         let mut case = before_eye(vec![wall(-1.01, 1.0), wall(0.98, 1.02 + apart)]);
@@ -184,7 +184,7 @@ fn margin_holds_outlines_that_a_rounding_draws() {
     }
 }
 
-/// What faces the light has no bias of its own; it must not be at a rounding's mercy all over.
+/// A surface that faces the light has no bias of its own, but rounding must not decide all over it.
 #[test]
 fn margin_is_small_where_polygons_face_the_light() {
     let floor = quad(DVec3::new(0.0, -0.5, -1.5), [DVec3::X, DVec3::NEG_Z], 1.0);

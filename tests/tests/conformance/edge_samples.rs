@@ -1,4 +1,4 @@
-//! Edges by samples (§5): pixels beside a step are means of samples, all others as they are without.
+//! Tests of edges by samples (§5): pixels beside a step are means of samples, all others are unchanged.
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
@@ -23,20 +23,20 @@ fn reference() -> Reference {
     Reference::new(Default::default()).unwrap()
 }
 
-/// Every scene of samples.
+/// Returns every scene with samples.
 fn sampled() -> Vec<Case> {
     scenes::all().into_iter().filter(|case| case.settings.edge_aa == EdgeAa::Samples).collect()
 }
 
-/// Panes of which no layer is drawn: their steps are sampled all the same, and what lies behind is.
+/// Returns panes of which no layer is drawn: their steps are sampled all the same, and show what is behind.
 fn panes_that_are_left_out() -> Case {
     scenes::pane_through_sphere().with("peel-1-drop", |s| s.transparency = "peel:1:drop".parse().unwrap()).sampled()
 }
 
-/// The means of sixteen pixels each of an image without antialiasing, four times as wide and high.
+/// Returns the means of sixteen pixels each of an image without antialiasing, four times as wide and high.
 fn means(renderer: &mut impl Renderer, case: &Case) -> Vec<[f32; 4]> {
     let mut settings = case.settings.with_edge_aa(EdgeAa::Off);
-    // An octree is cut down to the image's pixels.
+    // The octree's nodes are selected for the image's pixels.
     settings.lod_error_px *= 4.0;
     let (resident, view) = (renderer.upload(&case.scene).unwrap(), case.view().of_samples());
     let mut fine = Frame::default();
@@ -53,8 +53,8 @@ fn distance(a: [f32; 4], b: [f32; 4]) -> f32 {
     a.iter().zip(b).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max)
 }
 
-/// Of an image by samples: how many pixels are other than without, and whether those are means of a finer image's
-/// and all other pixels the same. A few may differ where a sample lies on a rim, by as many sixteenths.
+/// Checks an image by samples: each pixel is either unchanged, or the mean of a finer image's pixels. A few may differ
+/// by sixteenths, where a sample is on a rim. Returns the number of changed pixels.
 fn check_means(renderer: &mut impl Renderer, case: &Case) -> usize {
     let of = |renderer: &mut _, case: &Case| render(renderer, case, Planes::ALL).unwrap();
     let (image, plain) = (of(renderer, case), of(renderer, &case.with("off", |s| s.edge_aa = EdgeAa::Off)));
@@ -79,7 +79,7 @@ fn check_means(renderer: &mut impl Renderer, case: &Case) -> usize {
 #[test]
 fn sampled_pixels_are_means_of_an_image_four_times_as_fine() {
     for case in sampled() {
-        // Those look at neighbours, and samples have others.
+        // These shaders read neighbours, and samples have other ones.
         if matches!(case.settings.shader, Shader::Toon | Shader::Edl) {
             continue;
         }
@@ -108,8 +108,8 @@ fn draws_every_scene_of_samples(backend: &mut impl Renderer) {
     let cases: Vec<Case> = sampled().into_iter().filter(|case| case.is_drawn_by(&capabilities)).collect();
     assert_eq!(cases.len(), sampled().len());
     let mut failed = Vec::new();
-    // `gpu_backends` holds all of them against the reference. Means are drawn of some: their images are sixteen times
-    // as large.
+    // `gpu_backends` compares all of them with the reference. Means are drawn for some only, since their images are
+    // sixteen times as large.
     for case in cases.iter().step_by(3) {
         if !matches!(case.settings.shader, Shader::Toon | Shader::Edl) {
             let changed = check_means(backend, case);
@@ -142,7 +142,7 @@ fn gpus_draw_every_scene_of_samples_as_the_reference_does() {
     }
 }
 
-/// A quad that faces the eye, unlit and white: a pixel a sixteenth of a unit, its corners at these pixels.
+/// Returns a quad that faces the eye, unlit and white, with its corners at these pixels of 1/16 unit.
 fn quad_at([x0, y0, x1, y1]: [f64; 4]) -> Case {
     let (half, of_px) = (16.0, |px: f64| (px - 16.0) / 16.0);
     let center = DVec3::new(0.5 * (of_px(x0) + of_px(x1)), -0.5 * (of_px(y0) + of_px(y1)), 0.0);
@@ -155,13 +155,13 @@ fn quad_at([x0, y0, x1, y1]: [f64; 4]) -> Case {
 
 #[test]
 fn edges_of_a_rectangle_have_the_share_of_samples_that_it_covers() {
-    // Samples lie at eighths: of a column that begins at ⅓ three of four are covered, of one that ends at ⅗ two.
+    // Samples are at odd eighths: of a column covered from ⅓ on three of four are inside, of one covered up to ⅗ two.
     let case = quad_at([8.0 + 1.0 / 3.0, 10.0, 20.6, 23.0]);
     for image in [render(&mut reference(), &case, Planes::COLOR), render(&mut cpu(), &case, Planes::COLOR)] {
         let image = image.unwrap();
         let alpha = |x: usize, y: usize| image.color()[y * 32 + x][3];
         assert_eq!([7, 8, 9, 19, 20, 21].map(|x| alpha(x, 15)), [0.0, 0.75, 1.0, 1.0, 0.5, 0.0]);
-        // Its upper and lower side lie between pixels.
+        // The upper and lower sides are between pixels.
         assert_eq!([9, 10, 22, 23].map(|y| alpha(15, y)), [0.0, 1.0, 1.0, 0.0]);
         assert_eq!(alpha(8, 10), 0.75);
     }
@@ -190,12 +190,12 @@ fn edges_of_a_slanted_quad_are_as_smooth_as_sixteen_samples_make_them() {
             assert_eq!(color[3], area, "pixel {i} is no edge");
         }
     }
-    // A regular grid of 16: at most two columns of four off. One sample errs by .29 here.
+    // A regular grid of 16: at most two columns of four are wrong. One sample has an error of .29 here.
     let rmse = (squares / edges as f32).sqrt();
     assert!(edges > 60 && rmse < 0.06, "{rmse} of {edges} pixels");
 }
 
-/// The middle of a plane, which ends outside.
+/// Returns the middle of a plane that ends outside the image.
 fn without_a_step() -> Case {
     let mut case = scenes::facing_plane().sampled();
     case.region = Some(Region { x: 20, y: 20, width: 16, height: 16 });
@@ -229,8 +229,8 @@ fn random_scenes_by_samples_agree_with_the_reference() {
     assert!(sampled > 40, "{sampled} of 60 scenes have steps");
 }
 
-/// Root mean square errors of RGBA at the outer edges of a scene's image, pixels that the exact splats cover in part,
-/// against 8×8 samples of these: without antialiasing, and by samples.
+/// Returns RMSE of RGBA at the outer edges of a scene's image, without antialiasing and by samples. Edges are pixels
+/// that the exact splats cover in part; the truth is 8×8 samples of these splats.
 fn errors_at_edges(case: &Case) -> [f64; 2] {
     const SIDE: usize = 8;
     let mut exact = case.settings.with_filter(Filter::None);
@@ -259,7 +259,7 @@ fn errors_at_edges(case: &Case) -> [f64; 2] {
     })
 }
 
-/// A cloud in the middle of a square image, lit.
+/// Returns a cloud in the middle of a square image, lit.
 fn framed(name: &str, cloud: SplatCloud) -> Case {
     let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
     let (min, max) = centers.iter().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), c| (a.min(*c), b.max(*c)));

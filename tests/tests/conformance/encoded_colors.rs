@@ -1,11 +1,11 @@
-//! Colours in 8 bits are those that a PNG of the colours holds, to the bit, on every backend.
+//! Tests that 8-bit colours are bit-identical to those of a PNG of the colours, on every backend.
 
 use surfel_conformance::scenes::{self, Case};
 use surfel_math::srgb::encode_rgba8;
 use surfel_model::{EdgeAa, Shader};
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// All scenes, and some with the passes over a whole picture.
+/// Returns all scenes, and some with passes over the whole image.
 fn cases() -> Vec<Case> {
     let mut cases = scenes::all();
     cases.push(scenes::thin_shell().with("samples", |s| s.edge_aa = EdgeAa::Samples));
@@ -14,7 +14,7 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// Holds every `step`th scene that a backend draws against its own colours.
+/// Compares 8-bit colours with a backend's own colours, in every `step`th scene that it draws.
 fn agrees(renderer: &mut impl Renderer, step: usize) {
     let capabilities = renderer.info().capabilities;
     let mut frame = Frame::default();
@@ -32,7 +32,7 @@ fn agrees(renderer: &mut impl Renderer, step: usize) {
             draw(Planes::COLOR, &mut plain);
             assert!(plain.rgba8().is_empty(), "{}: drawn though nobody asks", case.name);
             let want: Vec<_> = plain.color().iter().copied().map(encode_rgba8).collect();
-            // Twice: over another picture, and over its own.
+            // Twice: over another image, and over the same image.
             for _ in 0..2 {
                 draw(Planes::RGBA8, &mut frame);
                 assert!(frame.color().is_empty(), "{}: colours are kept though nobody asks", case.name);

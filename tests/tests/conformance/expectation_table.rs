@@ -1,4 +1,4 @@
-//! The table of expectations: it allows what it says, and says nothing that isn't needed.
+//! Tests of the table of expectations: an entry allows its limits only, and has to be needed.
 
 use surfel_conformance::backends::Backend;
 use surfel_conformance::expectations::{EXPECTATIONS, Expectation, Extent, apply};
@@ -20,7 +20,7 @@ fn info(backend: &'static str, adapter: &str) -> RendererInfo {
     RendererInfo { backend, adapter: adapter.into(), driver: String::new(), threads: 0, capabilities }
 }
 
-/// A report on `scene` whose weight and colour are off by so many times the tolerance in one pixel.
+/// Returns a report on `scene` with these errors of weight and colour, in tolerances, in one pixel each.
 fn report(scene: &str, weight: f32, color: f32) -> Report {
     let mut want = Frame::default();
     want.reset(8, 8, Planes::COLOR.with_color(true).with_weight(true));
@@ -31,7 +31,7 @@ fn report(scene: &str, weight: f32, color: f32) -> Report {
     compare_frames(scene, &got, &want, &[0.0; 64])
 }
 
-/// The verdict on a report under a table, and the messages about unused entries.
+/// Returns the verdict on a report under a table, and the messages about unused entries.
 fn under(table: &[Expectation], info: &RendererInfo, mut report: Report) -> (Verdict, Vec<String>) {
     let unused = apply(table, info, Extent::EveryScene, [&mut report]);
     (report.verdict, unused.iter().map(ToString::to_string).collect())
@@ -80,11 +80,11 @@ fn expectation_that_nothing_uses_fails() {
     let misspelt = [Expectation { scene: "scnee", ..ENTRY }];
     let (_, unused) = under(&misspelt, &llvmpipe, report("scene", 0.0, 0.0));
     assert!(unused.len() == 1 && unused[0].contains("scnee"), "{unused:?}");
-    // A plane that wasn't drawn, and the second of two about the same.
+    // A plane that wasn't drawn, and the second of two entries for the same place.
     let absent = [Expectation { plane: Plane::Normal, ..ENTRY }];
     assert_eq!(under(&absent, &llvmpipe, report("scene", 0.0, 0.0)).1.len(), 1);
     assert_eq!(under(&[ENTRY, ENTRY], &llvmpipe, report("scene", 2.5, 0.0)).1.len(), 1);
-    // Of other adapters nothing is known here, and of scenes that weren't drawn neither.
+    // Nothing is known about other adapters, nor about scenes that weren't drawn.
     assert!(under(&misspelt, &info("wgpu", "other"), report("scene", 0.0, 0.0)).1.is_empty());
     assert!(apply(&misspelt, &llvmpipe, Extent::SomeScenes, [&mut report("scene", 0.0, 0.0)]).is_empty());
 }

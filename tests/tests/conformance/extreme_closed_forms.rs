@@ -14,8 +14,7 @@ use surfel_model::{
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Renderer};
 
-/// Calls `check` with a backend's name and what it draws of each case, for the reference, `cpu` and the GPUs that there
-/// are.
+/// Calls `check` with a backend's name and its image of each case, for the reference, `cpu` and available GPUs.
 fn on_every_backend(cases: &[Case], planes: Planes, check: impl Fn(&str, &Case, &Frame)) {
     fn draw(renderer: &mut impl Renderer, cases: &[Case], planes: Planes, check: impl Fn(&str, &Case, &Frame)) {
         let name = renderer.info().backend;
@@ -36,7 +35,7 @@ fn assert_near(got: f32, want: f64, tolerance: f64, what: &str) {
     assert!((f64::from(got) - want).abs() <= tolerance, "{what}: {got}, expected {want} within {tolerance}");
 }
 
-/// A cloud of one disk through the origin.
+/// Returns a cloud of one disk through the origin.
 fn disk(n: DVec3, radius: f32) -> SplatCloud {
     let (z, normals) = (Column3::from_f64(&[DVec3::ZERO]), Column3::from_f64(&[n]));
     let mut data = CloudData::new(DVec3::ZERO, z, Shape::Disks { normals, radii: vec![radius] });
@@ -60,7 +59,7 @@ fn disks_of_any_size_and_tilt_cover_what_their_plane_does() {
         for (i, radius) in [1e8, 3e15, 1e19, 1e30].into_iter().enumerate() {
             let n = dvec3(x, y, 1.0);
             let ellipse = cloud(&[Splat::disk(DVec3::ZERO, n, f64::from(radius), [0.8, 0.4, 0.1])]);
-            // Each of the settings with each of the tilts and radii, by turns.
+            // The settings alternate over tilts and radii.
             let (filter, mapping) = settings[(k + i) % settings.len()];
             for (shape, cloud) in [("disk", disk(n, radius)), ("ellipse", ellipse)] {
                 let mut scene = scene(&[]);
@@ -106,7 +105,7 @@ fn disks_of_any_size_and_tilt_cover_what_their_plane_does() {
     });
 }
 
-/// Facing disks that cover the image, from z = 1 on to −1.
+/// Returns facing disks that cover the image, from z = 1 to −1.
 fn stack(count: usize, alpha: f32, layers: u32) -> Case {
     let place = |i: usize| dvec3(0.0, 0.0, 1.0 - 2.0 * i as f64 / count as f64);
     let splats: Vec<Splat> = (0..count).map(|i| Splat::disk(place(i), DVec3::Z, 60.0, [0.8, 0.4, 0.1])).collect();
@@ -120,7 +119,7 @@ fn stack(count: usize, alpha: f32, layers: u32) -> Case {
     })
 }
 
-/// 1 − (1 − α)ⁿ in every pixel.
+/// Asserts an alpha of 1 − (1 − α)ⁿ in every pixel.
 fn is_whole_stack(frame: &Frame, count: usize, alpha: f32, what: &str) {
     let covered = 1.0 - (1.0 - f64::from(alpha)).powf(count as f64);
     for color in frame.color() {
@@ -132,7 +131,7 @@ fn is_whole_stack(frame: &Frame, count: usize, alpha: f32, what: &str) {
 
 #[test]
 fn abuffer_of_many_faint_surfaces_keeps_their_alpha() {
-    // Sixteen bits would be off by 2 % of the first and by all of the second.
+    // Sixteen bits would have an error of 2 % in the first, and lose the second wholly.
     let stacks = [(60, 5e-4), (60, 7e-6), (40, 1.2e-2)];
     let cases = stacks.map(|(count, alpha)| stack(count, alpha, 64));
     on_every_backend(&cases, Planes::COLOR, |backend, case, frame| {
@@ -154,7 +153,7 @@ fn abuffer_of_thousands_of_surfaces_is_whole_on_the_cpu_and_refused_by_gpus() {
         (Reference::new(Default::default()).unwrap(), surfel_cpu::Renderer::new(Default::default()).unwrap());
     is_whole_stack(&drawn_once(&mut reference, &case, Planes::COLOR).0, 3000, 1e-3, "reference");
     is_whole_stack(&drawn_once(&mut cpu, &case, Planes::COLOR).0, 3000, 1e-3, "cpu");
-    // Few more than GPUs draw.
+    // A few more surfaces than GPUs draw.
     let case = stack(300, 1e-3, 8);
     let is_refused = |drawn: Result<(), String>| {
         let message = drawn.unwrap_err();
@@ -193,7 +192,7 @@ fn abuffer_whose_pixels_have_many_surfaces_each_of_its_own_is_the_references() {
     assert!(compared > 50, "{compared}");
 }
 
-/// The relative error of the depth of so many coincident splats, on the CPU.
+/// Returns the relative errors of depth and colour of `count` coincident splats, on the CPU.
 fn depth_error_of_coincident(count: usize) -> [f64; 2] {
     let splat = Splat::disk(dvec3(0.1, -0.2, 2.3), dvec3(0.2, 0.1, 1.0), 1.5, [0.3, 0.7, 0.1]);
     let case = Case::new("coincident", scene(&vec![splat; count]), camera(5.0, 20.0, [8, 8]));
@@ -208,7 +207,7 @@ fn depth_error_of_coincident(count: usize) -> [f64; 2] {
 
 #[test]
 fn depth_of_coincident_splats_errs_as_stated() {
-    // A million: 2.4 and 1.6 %.
+    // For a million: 2.4 and 1.6 %.
     for (count, most) in [(10_000, [3e-4, 3e-4]), (100_000, [3e-3, 2e-3])] {
         let error = depth_error_of_coincident(count);
         println!("{count}: depth {:.1e}, colour {:.1e}", error[0], error[1]);
@@ -243,7 +242,7 @@ fn colors_beyond_the_range_of_f32_are_finite() {
             assert!((b - 0.5).abs() < 1e-4 && a == 1.0, "{what}: {b} {a}");
         }
     });
-    // Of Gaussians the decoding alone may leave the range.
+    // For Gaussians, decoding alone may exceed the range.
     let gaussians = |f_dc: f32| {
         let mut data = no_gaussians(GaussianKind::Flat);
         (data.centers, data.sigmas) = (Column3::from_f64(&[DVec3::ZERO]), vec![[0.3, 0.3, 0.0]]);
@@ -262,7 +261,7 @@ fn colors_beyond_the_range_of_f32_are_finite() {
     });
 }
 
-/// Gaussians at these places, alike but for their colours.
+/// Returns Gaussians at these positions, equal except for their colours.
 fn gaussians(centers: &[DVec3], sigma: f32, turn: impl Fn(usize) -> DQuat, opacity: f32) -> GaussianData {
     let mut data = no_gaussians(GaussianKind::Flat);
     let mut random = Random::new(3);
@@ -287,7 +286,7 @@ fn gaussians_by_pixel_are_all_there_however_many_wait() {
         scene.background = [0.0; 4];
         Case::new(name, scene, camera(5.0, 45.0, [8, 8])).with("by pixel", |s| s.sort = Sort::Pixel)
     };
-    // Their depths overlap all, so that each waits for all that are listed.
+    // All their depths overlap, so that each fragment waits for all listed Gaussians.
     let cases = [case("tilted", 1000, 400.0, 0.8), case("facing", 1200, 40.0, 0.0), case("steep", 700, 2e3, 1.0)];
     on_every_backend(&cases, Planes::COLOR.with_alpha(true), |backend, case, frame| {
         let count = case.scene.objects.iter().map(|o| match &o.geometry {
@@ -296,7 +295,7 @@ fn gaussians_by_pixel_are_all_there_however_many_wait() {
         });
         let want = 1.0 - (1.0 - 1.0 / 149.0_f64).powf(count.sum::<usize>() as f64);
         for (i, got) in frame.alpha().iter().enumerate() {
-            // A standard deviation is wider than the image by far.
+            // A standard deviation is far wider than the image.
             assert_near(*got, want, 1e-3, &format!("{backend}, {} at {i}", case.name));
         }
     });
@@ -304,7 +303,7 @@ fn gaussians_by_pixel_are_all_there_however_many_wait() {
 
 #[test]
 fn long_lists_of_gaussians_are_read_to_their_end() {
-    // Far away, and so small that each covers 1e-5 of a pixel: none ends it, and the last counts as the first.
+    // Far away, and so small that each covers 1e-5 of a pixel: none ends the pixel, and the last counts like the first.
     let count = 70_000;
     let centers = vec![DVec3::ZERO; count];
     let mut case = Case::new(
@@ -322,7 +321,7 @@ fn long_lists_of_gaussians_are_read_to_their_end() {
     on_every_backend(&[case], Planes::COLOR.with_alpha(true), |backend, case, frame| {
         let want = 1.0 - (1.0 - alpha).powf(count as f64);
         assert!(want > 0.05 && want < 0.9, "{want}");
-        // 1 − α errs by up to 6e-8, of which each takes its share: 0.4 % of α.
+        // 1 − α has an error of up to 6e-8, or 0.4 % of α.
         assert_near(frame.alpha()[4], want, 3e-3, &format!("{backend}, {}", case.name));
     });
 }
@@ -354,13 +353,13 @@ fn normal_of_a_solid_gaussian_is_the_shortest_axis_of_what_is_drawn() {
         let mut case = Case::new(&format!("{i}"), scene, camera(5.0, 30.0, [9, 9]));
         case.camera.eye = [3.0, 1.0, 4.0];
         cases.push(case);
-        // The inverse of the covariance, applied again and again, leaves its shortest axis.
+        // Repeated application of the inverse covariance converges to its shortest axis.
         let half = matrix * DMat3::from_quat(rotation) * DMat3::from_diagonal(DVec3::from(sigmas.map(f64::from)));
         let inverse = (half * half.transpose()).inverse();
         let axis = (0..2000).fold(dvec3(0.3, 0.5, 0.7), |v, _| (inverse * v).normalize());
         want.push(if axis.dot(dvec3(3.0, 1.0, 4.0)) < 0.0 { -axis } else { axis });
     }
-    // The oracle's: eigenvalues .4776 and .1024 of half of [[9, 3], [3, 1]]·.16 + [[9, −3], [−3, 1]]·.04.
+    // The exact eigenvalues: .4776 and .1024 of half of [[9, 3], [3, 1]]·.16 + [[9, −3], [−3, 1]]·.04.
     assert!((want[0] - dvec3(-0.210, 0.978, 0.0)).length().min((want[0] + dvec3(-0.210, 0.978, 0.0)).length()) < 1e-3);
     on_every_backend(&cases, Planes::ALL, |backend, case, frame| {
         let got = DVec3::from(frame.normal()[4 * 9 + 4].map(f64::from)).normalize();

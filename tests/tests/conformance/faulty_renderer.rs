@@ -1,4 +1,4 @@
-//! The reference with something wrong, which whatever compares images must find.
+//! The reference with a deliberate fault, which every comparison of images must find.
 
 use glam::{DAffine3, DVec3};
 use surfel_conformance::scenes;
@@ -12,10 +12,10 @@ use surfel_render::{Frame, Planes, RenderError, Renderer, RendererInfo, Selectio
 type ChangeView = fn(&mut View);
 type ChangeSettings = fn(&mut Settings);
 type ChangeFrame = fn(&mut Frame);
-/// Makes something wrong.
+/// A function that introduces a fault.
 pub(crate) type Fault = fn(&mut Faulty);
 
-/// The reference with something wrong.
+/// The reference with a deliberate fault.
 pub(crate) struct Faulty {
     inner: Reference,
     pub(crate) scene: fn(&mut Scene),
@@ -25,7 +25,7 @@ pub(crate) struct Faulty {
 }
 
 impl Faulty {
-    /// With nothing wrong yet.
+    /// Creates the renderer without a fault.
     pub(crate) fn new() -> Self {
         Self {
             inner: Reference::new(Default::default()).unwrap(),
@@ -98,7 +98,7 @@ fn swap_axes(data: &mut CloudData) {
     }
 }
 
-/// What isn't finite is dropped.
+/// Makes every hundredth splat non-finite, so that it is dropped.
 fn drop_each_hundredth(data: &mut CloudData) {
     let center = |i| if i % 100 == 50 { DVec3::NAN } else { data.centers.get(i) };
     data.centers = Column3::from_f64(&(0..data.centers.len()).map(center).collect::<Vec<_>>());
@@ -112,7 +112,7 @@ fn stretch_texture(mesh: &mut Mesh) {
     mesh.uvs.iter_mut().flatten().for_each(|uv| *uv = uv.map(|c| c * 1.001));
 }
 
-/// Encodes linear colours, which PNG's writer will do again.
+/// Encodes linear colours, which the PNG writer will encode again.
 fn encode_again(frame: &mut Frame) {
     for [r, g, b, _] in frame.color_mut() {
         for channel in [r, g, b] {
@@ -121,14 +121,14 @@ fn encode_again(frame: &mut Frame) {
     }
 }
 
-/// The octree's scene by another choice of its parts.
+/// Replaces the octree's scene by another selection of its parts.
 fn choose_again(scene: &mut Scene, choose: fn(&Octree, &View) -> Selection) {
     if scene.background == scenes::OCTREE_BACKGROUND {
         scene.objects = scenes::octree_by(choose).scene.objects;
     }
 }
 
-/// As it should be chosen, by `share` of the right threshold.
+/// Returns the right selection, for `share` of the right threshold.
 fn chosen(octree: &Octree, view: &View, share: f64) -> Selection {
     select(octree, &DAffine3::IDENTITY, Cull::Back, view, share * scenes::OCTREE_ERROR_PX)
 }
@@ -141,7 +141,7 @@ fn transitions_twice(octree: &Octree, view: &View) -> Selection {
     selection
 }
 
-/// Takes lines away: black becomes the colour of the nearest pixel to its left, or above, that isn't.
+/// Removes lines: black becomes the colour of the nearest pixel to the left, or above, that isn't black.
 fn without_lines(frame: &mut Frame) {
     let width = frame.width() as usize;
     for at in 0..frame.color().len() {
@@ -168,7 +168,7 @@ const fn fault(name: &'static str, make: Fault, scene: &'static str) -> KnownFau
     KnownFault { name, make, scene }
 }
 
-/// All faults that are tried.
+/// All faults that are tested.
 pub(crate) const FAULTS: [KnownFault; 35] = [
     fault("half a pixel off", |f| f.view = |v| v.projection.principal_px[0] += 0.5, "orientation"),
     fault("a hundredth of a pixel off", |f| f.view = |v| v.projection.principal_px[1] += 0.01, "confetti"),

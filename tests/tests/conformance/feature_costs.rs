@@ -1,5 +1,5 @@
-//! What a scene hasn't costs it nothing: for each feature no pass, no sum, no target and no byte where it is absent,
-//! and just its own where it is there.
+//! Tests that a feature costs nothing where it is absent: no pass, sum, target or byte; and only its own where it is
+//! present.
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
@@ -15,42 +15,42 @@ use surfel_render::{
     Capabilities, Feature, FramePlan, Pass, Planes, Renderer, SHADOW_MAP_SIDE, SceneSummary, Stats, plan,
 };
 
-/// One tile of the CPU's.
+/// Side of the image, one tile of the CPU backend.
 const SIDE: u32 = 32;
 
 type Change = fn(&mut Case);
 
-/// A feature, and all that it may cost.
+/// A feature, and its allowed costs.
 struct Row {
     name: &'static str,
-    /// The settings that it is added to.
+    /// Settings to which the feature is added.
     before: fn(&mut Settings),
-    /// Puts it into the scene.
+    /// Adds the feature to the scene.
     there: Change,
-    /// Asks for it.
+    /// Requests the feature in the settings.
     asked: fn(&mut Settings),
-    /// Asking for it where the scene has none of it must change nothing.
+    /// True if requesting the feature must change nothing when the scene doesn't have it.
     is_of_the_scene: bool,
-    /// Asks for something else, where it is only drawn because it is asked for.
+    /// Settings without the feature, if it is drawn only on request.
     unasked: Option<fn(&mut Settings)>,
-    /// Passes that nothing else has, in order.
+    /// Passes that no other feature has, in order.
     passes: &'static [Pass],
-    /// Sums a pixel.
+    /// Number of sums per pixel.
     sums: usize,
-    /// Targets on GPUs that nothing else has.
+    /// GPU targets that no other feature has.
     targets: &'static [Target],
-    /// Bytes a pixel of targets and layer composites on GPUs, those shared with others included; `None`: no GPU
-    /// backend draws it.
+    /// Bytes per pixel of GPU targets and layer composites, including shared ones; `None` if no GPU backend draws the
+    /// feature.
     gpu_bytes: Option<u64>,
-    /// Bytes of a tile that the CPU keeps for neighbours; `None` where records of other splats or triangles come to it.
+    /// Bytes of a tile that the CPU stores for neighbours; `None` if records of other splats or triangles are added.
     cpu_bytes: Option<u64>,
-    /// Shadow maps.
+    /// Number of shadow maps.
     maps: u64,
 }
 
-/// Numbers of a tile, one a pixel.
+/// Bytes of a tile's plane, one number per pixel.
 const PLANE: u64 = 4 * (SIDE * SIDE) as u64;
-/// And what is known of its blocks.
+/// Bytes of the flags of a tile's blocks.
 const MARKS: u64 = 16;
 
 const NOTHING: Row = Row {
@@ -105,9 +105,9 @@ const ROWS: [Row; 11] = [
         // Coverage.
         sums: 1,
         targets: &[Target::EdgeThreshold, Target::EdgeBackgroundThreshold, Target::EdgeBackgroundColor],
-        // 4, 4 and 16, 8 for tolerances, and coverage's pass: 16 and 8.
+        // 4, 4 and 16, 8 for tolerances, and for the coverage pass 16 and 8.
         gpu_bytes: Some(56),
-        // Where surfaces begin and how far they reach; the depth threshold, and coverage.
+        // Begin and reach of surfaces, the depth threshold, and coverage.
         cpu_bytes: Some(4 * PLANE + MARKS),
         ..NOTHING
     },
@@ -118,7 +118,7 @@ const ROWS: [Row; 11] = [
         targets: &[Target::Steps],
         // Steps, and tolerances of thresholds: 8 each. Samples are drawn into the image's own targets.
         gpu_bytes: Some(16),
-        // What lies about the sampled pixels is set up once more.
+        // Splats around the sampled pixels are set up once more.
         cpu_bytes: None,
         ..NOTHING
     },
@@ -131,9 +131,9 @@ const ROWS: [Row; 11] = [
         passes: &[Pass::PeelLayer, Pass::PeelLayer, Pass::RemainingLayer],
         // Alpha and depth.
         sums: 2,
-        // The layer's others are an A-buffer's, too.
+        // The layer's other targets are an A-buffer's, too.
         targets: &[Target::LayerCounts],
-        // 4, three of 16 and 8 for a layer, 16 for the depth of what is opaque, 48 of layer composites.
+        // 4, three of 16 and 8 for a layer, 16 for the depth of opaque surfaces, 48 of layer composites.
         gpu_bytes: Some(60 + 16 + 48),
         cpu_bytes: None,
         ..NOTHING
@@ -148,7 +148,7 @@ const ROWS: [Row; 11] = [
         // Alpha, depth and coverage.
         sums: 3,
         targets: &[Target::LayerCoverage],
-        // 4 and four of 16 for a layer, 16 for the depth of what is opaque, 24 for its coverage, 48 of composites.
+        // 4 and four of 16 for a layer, 16 for the depth of opaque surfaces, 24 for their coverage, 48 of composites.
         gpu_bytes: Some(68 + 16 + 24 + 48),
         cpu_bytes: None,
         ..NOTHING
@@ -157,7 +157,7 @@ const ROWS: [Row; 11] = [
         name: "clips",
         there: half,
         unasked: Some(|s| s.clip = ClipPolicy::Off),
-        // Forms of every clip, in records of their own kind.
+        // Forms of every clip, in separate records.
         cpu_bytes: None,
         ..NOTHING
     },
@@ -168,7 +168,7 @@ const ROWS: [Row; 11] = [
         // Coverage.
         sums: 1,
         targets: &[Target::PolygonDepth, Target::Polygons],
-        // 4 and 8, and coverage's pass.
+        // 4 and 8, and the coverage pass.
         gpu_bytes: Some(12 + 24),
         cpu_bytes: None,
         ..NOTHING
@@ -179,7 +179,7 @@ const ROWS: [Row; 11] = [
         there: cast,
         unasked: Some(|s| s.shader = Shader::Unlit),
         passes: &[Pass::ShadowMap],
-        // Depth: where a surface is.
+        // Depth, for the position of a surface.
         sums: 1,
         maps: 1,
         ..NOTHING
@@ -191,7 +191,7 @@ const ROWS: [Row; 11] = [
         passes: &[Pass::Outlines],
         // Depth.
         sums: 1,
-        // Depths, and how deep neighbours may be.
+        // Depths, and depth limits of neighbours.
         cpu_bytes: Some(2 * PLANE + MARKS),
         ..NOTHING
     },
@@ -229,7 +229,7 @@ fn splats() -> Vec<Splat> {
     sphere(200, 1.2, 5)
 }
 
-/// Two hundred opaque splats under a light.
+/// Returns two hundred opaque splats under a light.
 fn plain() -> Case {
     let mut scene = scene(&splats());
     scene.objects[0].material.interior_weight = Some(2.4);
@@ -238,14 +238,14 @@ fn plain() -> Case {
 }
 
 impl Row {
-    /// Without the feature.
+    /// Returns the case without the feature.
     fn absent(&self) -> Case {
         let mut case = plain();
         (self.before)(&mut case.settings);
         case
     }
 
-    /// With it.
+    /// Returns the case with the feature.
     fn present(&self) -> Case {
         let mut case = self.absent();
         (self.there)(&mut case);
@@ -253,8 +253,8 @@ impl Row {
         case
     }
 
-    /// Pairs of cases that must cost the same: it is asked for where it isn't, and is there where it isn't asked for;
-    /// each with the same without it.
+    /// Returns pairs of cases that must have equal costs. The first case requests the feature without having it, or has
+    /// it without requesting it. The second is the same without the feature.
     fn pairs(&self) -> Vec<[Case; 2]> {
         let mut pairs = Vec::new();
         if self.is_of_the_scene {
@@ -277,7 +277,7 @@ fn planned(case: &Case) -> FramePlan {
     plan(&SceneSummary::of(&case.scene), &case.view(), &case.settings, Planes::COLOR, &everything).unwrap()
 }
 
-/// Targets of a plan on GPUs.
+/// Returns the GPU targets of a plan.
 fn targets(plan: &FramePlan) -> Vec<Target> {
     let draws = Draw::of(plan);
     Target::ALL.into_iter().filter(|target| target.size(&draws, [SIDE; 2]) == [SIDE; 2]).collect()
@@ -290,11 +290,11 @@ fn bytes(plan: &FramePlan) -> u64 {
 #[test]
 fn feature_has_a_row_here_and_a_scene_that_backends_are_held_to() {
     let scenes = scenes::all();
-    // The margin is a plane that callers ask for, and no scene has.
+    // The margin is a plane that callers request, and which no scene has.
     for feature in Feature::ALL.iter().filter(|feature| **feature != Feature::Margin) {
         let without = Capabilities { backend: "test", lacks: std::slice::from_ref(feature) };
         assert!(scenes.iter().any(|case| !case.is_drawn_by(&without)), "no scene has {feature:?}");
-        // They aren't added to a surface's passes, but take their place: see `trained_gaussians`.
+        // Gaussians replace a surface's passes instead of adding to them: see `trained_gaussians`.
         if *feature == Feature::Gaussians {
             continue;
         }
@@ -313,7 +313,7 @@ fn feature_adds_its_own_passes_sums_and_targets_and_no_other() {
         assert_eq!(with.attributes.sums() - without.attributes.sums(), row.sums, "{}", row.name);
         assert_eq!(with.shadow_maps.len() as u64, row.maps, "{}", row.name);
         if let Some(a_pixel) = row.gpu_bytes {
-            // What isn't needed is of one pixel.
+            // A target that isn't needed has one pixel.
             let pixels = u64::from(SIDE * SIDE) - 1;
             assert_eq!(bytes(&with) - bytes(&without), a_pixel * pixels, "{}: {:?}", row.name, targets(&with));
             assert!(row.targets.iter().all(|target| targets(&with).contains(target)), "{}", row.name);
@@ -347,7 +347,7 @@ fn facings_are_kept_apart_only_where_both_are_drawn() {
     assert!(planned(&case).keeps_facings && !without.keeps_facings);
     case.scene.objects[0].material.cull = Cull::Back;
     assert_eq!(planned(&case), without);
-    // The material wins over what the cloud says.
+    // The material overrides the cloud.
     let Geometry::Splats(cloud) = &mut case.scene.objects[0].geometry else { panic!("splats") };
     std::sync::Arc::make_mut(cloud).set_oriented(true);
     case.scene.objects[0].material = Material { cull: Cull::None, oriented: None, ..case.scene.objects[0].material };
@@ -356,17 +356,17 @@ fn facings_are_kept_apart_only_where_both_are_drawn() {
     assert_eq!(planned(&case), without);
 }
 
-/// Bytes that a backend counts under a name; 0 where it doesn't.
+/// Returns a counter of bytes; 0 if the backend doesn't have it.
 fn counted_bytes(stats: &Stats, name: &str) -> u64 {
     counter(stats, name).unwrap_or(0.0) as u64
 }
 
-/// Bytes of a map.
+/// Bytes of a shadow map.
 const MAP: u64 = 4 * (SHADOW_MAP_SIDE * SHADOW_MAP_SIDE) as u64;
 
 #[test]
 fn feature_that_is_absent_takes_no_memory_of_the_cpu() {
-    // A renderer of its own each: memory is kept for the next frame.
+    // Each case has its own renderer, since memory is reused for the next frame.
     let drawn = |case: &Case| {
         drawn_once(
             &mut surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(1)).unwrap(),
@@ -397,7 +397,7 @@ fn takes_no_memory_of_the_gpu(renderer: &mut impl Renderer) {
     };
     for row in ROWS.iter().filter(|row| row.gpu_bytes.is_some()) {
         for (case, maps) in [(row.present(), row.maps), (row.absent(), 0)] {
-            // Sums of four bytes, or of two where the adapter blends no others; a buffer of nothing has four bytes.
+            // Sums of four bytes, or of two if the adapter can't blend four; an empty buffer has four bytes.
             let [targets, shadows] = drawn(&case);
             let draws = Draw::of(&planned(&case));
             let expected = [Precision::F32, Precision::F16].map(|sums| target_bytes(&draws, [SIDE; 2], sums));

@@ -1,6 +1,6 @@
 //! Every backend against planes that an independent f64 program computed from the rendering model.
 //!
-//! The samples live outside the project; without them the test says that it was skipped.
+//! The samples are outside the project; without them the test prints that it is skipped.
 
 use crate::{scene_files, validated_gpu};
 use std::path::PathBuf;
@@ -8,15 +8,15 @@ use surfel_conformance::test_data;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, RenderError, Renderer, View};
 
-/// |a − b| ≤ absolute + relative·|b|; for depth the absolute part counts in median depths.
+/// Tolerance |a − b| ≤ absolute + relative·|b|; for depth the absolute part is in median depths.
 #[derive(Clone, Copy)]
 struct Tolerance {
     absolute: f64,
     relative: f64,
 }
 
-/// Compares one plane outside the mask, equal infinities equal. Returns the worst error as a share of the tolerance,
-/// and its pixel.
+/// Compares one plane outside the mask; equal infinities are equal. Returns the largest error as a fraction of the
+/// tolerance, and its pixel.
 fn worst(got: &[f32], want: &[f32], mask: &[f32], channels: usize, scale: f64, tolerance: Tolerance) -> (f64, usize) {
     let mut result = (0.0, 0);
     for (i, (a, b)) in got.iter().zip(want).enumerate() {
@@ -76,11 +76,11 @@ fn check<R: Renderer>(mut renderer: R, tolerance: Tolerance, least_compared: usi
 
 #[test]
 fn golden_scenes_reference_agrees_to_f32_storage() {
-    // The samples' own figure: both sides are stored as f32.
+    // The tolerance stated by the samples: both sides are stored as f32.
     check(Reference::new(Default::default()).unwrap(), Tolerance { absolute: 1e-6, relative: 1e-6 }, 21);
 }
 
-/// The samples' figure for backends other than the reference.
+/// The tolerance stated by the samples for backends other than the reference.
 const OTHERS: Tolerance = Tolerance { absolute: 2e-4, relative: 1e-3 };
 
 #[test]

@@ -1,5 +1,5 @@
-//! The GPU backends: the reference's image on whatever adapter there is, without a word from the validation layers, and
-//! each other's image where both have the same driver.
+//! Tests that the GPU backends draw the reference's image on any adapter without a message of the validation layers,
+//! and each other's image if both have the same driver.
 
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
@@ -26,7 +26,7 @@ macro_rules! on_each_backend {
         }
         mod ash {
             $(#[test] fn $name() {
-                // What the layer says is an error of the call.
+                // A message of the layer is an error of the call.
                 if let Some(renderer) = crate::validated_gpu::ash() {
                     super::$name(renderer);
                 }
@@ -62,11 +62,11 @@ on_each_backend!(
     scene_of_any_size_agrees_with_the_reference
 );
 
-/// The scenes whose content a backend says that it draws.
+/// Returns the scenes that a backend reports it draws.
 fn drawn(renderer: &impl Renderer) -> Vec<Case> {
     let capabilities = renderer.info().capabilities;
     let cases: Vec<Case> = scenes::all().into_iter().filter(|c| c.is_drawn_by(&capabilities)).collect();
-    // As many as show opaque splats alone.
+    // At least as many as there are scenes with opaque splats alone.
     assert!(cases.len() > 50, "{}", cases.len());
     cases
 }
@@ -83,19 +83,20 @@ fn agrees_with_the_reference_on_every_scene(mut renderer: impl Renderer) {
 
 fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
     let cases = drawn(&renderer);
-    // Some of each kind, and all whose edges need neighbours beyond the region, or whose shadows are looked up.
+    // Some of each kind, and all whose edges need neighbours beyond the region, or which read shadow maps.
     let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
     let by = |edge_aa| cases.iter().filter(move |c| c.settings.edge_aa == edge_aa);
     let others = cases.iter().filter(|c| c.settings.edge_aa == EdgeAa::Off);
     let some = others.enumerate().filter(|(i, c)| i % 5 == 0 || casts(c)).map(|(_, case)| case);
-    // By samples, some: a driver in software takes memory for each of a frame's sixteen parts.
+    // Some by samples: a software driver needs memory for each of a frame's sixteen parts.
     let some = some.chain(by(EdgeAa::Coverage)).chain(by(EdgeAa::Samples).step_by(6));
     // Without shadows and with.
     let mut worst = [0.0f32; 2];
     let mut failed = Vec::new();
     for case in some {
-        // Forms of near splats and of polygons have their anchor in the middle of what is seen of them, so last bits
-        // differ there. Across a penumbra, a third of the light a texel, bits of a place are 1e-4 of a texel.
+        // The anchor of near splats' and polygons' forms is in the middle of their visible part, so their last bits
+        // differ. Across a penumbra, with a third of the light per texel, the last bits of a position are 1e-4 of a
+        // texel.
         let tolerance = if casts(case) { 1e-4 } else { 1e-5 };
         let [width, height] = case.camera.size;
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };
@@ -120,7 +121,7 @@ fn region_is_that_part_of_the_whole(mut renderer: impl Renderer) {
 }
 
 fn fragment_is_kept_by_its_own_splat_without_tolerance(mut renderer: impl Renderer) {
-    // z ≤ z decides: the passes must come to the same depth, to the bit.
+    // z ≤ z decides, so the passes must compute bit-identical depths.
     let planes = Planes::COLOR.with_weight(true);
     for tolerance in [DepthTolerance::Relative(0.0), DepthTolerance::Absolute(0.0)] {
         let case = scenes::facing_splat().with("no tolerance", |s| s.depth_tolerance = tolerance);
@@ -155,7 +156,7 @@ fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
         })
     };
     let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
-    // Fewer than the first layers, as many, and more that take another turn or two; of samples, too.
+    // Fewer surfaces than the first layers, as many, and more that need further rounds; with samples, too.
     for (count, edge_aa) in
         [(3, EdgeAa::Off), (16, EdgeAa::Off), (40, EdgeAa::Off), (40, EdgeAa::Samples), (130, EdgeAa::Off)]
     {
@@ -185,7 +186,7 @@ fn fragments_are_counted_as_the_cpu_does(mut renderer: impl Renderer) {
         render(&mut surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(1)).unwrap(), &case, planes)
             .unwrap();
     let differ = ours.fragments().iter().zip(theirs.fragments()).filter(|(a, b)| a != b).count();
-    // A fragment on a rim may come or go by rounding.
+    // Rounding may add or remove a fragment on a rim.
     assert!(differ * 100 < ours.fragments().len(), "{differ} of {}", ours.fragments().len());
     let (_, stats) = drawn_once(&mut renderer, &case, planes);
     assert_eq!(stats.fragments, ours.fragments().iter().map(|&n| u64::from(n)).sum::<u64>());
@@ -202,14 +203,14 @@ fn layers_end_where_nothing_remains(mut renderer: impl Renderer) {
         let (few, all_of_few) = drawn(&case, "peel:2");
         assert_eq!(all_of_few[0], Some(2.0), "{}", case.name);
         let (many, some_of_many) = drawn(&case, "peel:40");
-        // What lies behind each other, some layers of rims, and the one that finds nothing.
+        // The real layers, some layers of rims, and the one that finds nothing.
         let count = some_of_many[0].unwrap();
         assert!((4.0..20.0).contains(&count), "{}: {count}", case.name);
         // Layers that aren't drawn have no vertices.
         let (more, as_many) = drawn(&case, "peel:64");
         assert_eq!((&many, some_of_many), (&more, as_many), "{}", case.name);
         assert!(few != many, "{}", case.name);
-        // With one more, the last of those drawn is peeled and not blended with what remains.
+        // With one more layer, the last drawn one is peeled instead of blended with the remaining fragments.
         let (enough, _) = drawn(&case, &format!("peel:{}:drop", count + 1.0));
         assert_eq!(many, enough, "{}", case.name);
     }
@@ -224,7 +225,7 @@ fn sums_in_f16_are_close(mut renderer: impl Renderer) {
     let [full, half] = [&case, &halves].map(|case| render(&mut renderer, case, Planes::COLOR).unwrap());
     let worst = full.color().as_flattened().iter().zip(half.color().as_flattened()).map(|(a, b)| (a - b).abs());
     let worst = worst.fold(0.0, f32::max);
-    // Ten fragments of 2⁻¹¹ each; identical images would mean that nothing was done in f16.
+    // Ten fragments of 2⁻¹¹ each; identical images would mean that f16 wasn't used.
     assert!(worst > 1e-5 && worst < 5e-3, "{worst}");
     // Depths beyond f16's largest number, and below its least normal one.
     for scale in [1e-5, 1e5] {
@@ -246,7 +247,7 @@ fn empty_scene_is_background(mut renderer: impl Renderer) {
     assert!(frame.depth().iter().all(|z| *z == f32::INFINITY) && frame.weight().iter().all(|w| *w == 0.0));
 }
 
-/// Some scenes, very small and very large.
+/// Returns some scenes, scaled to be very small and very large.
 fn scenes_of_any_size() -> &'static [Truth] {
     static TRUTHS: OnceLock<Vec<Truth>> = OnceLock::new();
     TRUTHS.get_or_init(|| {
@@ -316,17 +317,17 @@ fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
     validated_gpu::no_messages();
 }
 
-/// Room for 256 clipped splats a buffer, a seventh of an image a tile, and no record beyond the next pass.
+/// Limits of 256 clipped splats per buffer, a seventh of an image per tile, and no record beyond the next pass.
 const LITTLE: Limits =
     Limits { buffer_bytes: 256 * 184, texture_side: 30, record_bytes: 0, cell_bytes: u64::MAX, memory_bytes: u64::MAX };
 
-/// Of scenes without edges' samples every `step`-th is drawn.
+/// Compares drawing in parts with drawing as a whole. Of scenes without edges by samples, every `step`-th is drawn.
 fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer, step: usize) {
     let planes = Planes::ALL.with_fragments(true);
-    // A shadow map isn't drawn in parts: its size is its meaning.
+    // A shadow map isn't drawn in parts, since its size is fixed by the model.
     let casts = |c: &Case| c.scene.lights.iter().flatten().any(Light::casts_shadow);
     let cases: Vec<Case> = drawn(whole).into_iter().filter(|c| !casts(c)).collect();
-    // Some of each kind, and all whose edges need neighbours; by samples, of which a tile has sixteen parts, some.
+    // Some of each kind, all whose edges need neighbours, and some by samples, with sixteen parts per tile.
     let by = |edge_aa| cases.iter().filter(move |c| c.settings.edge_aa == edge_aa);
     let others = cases.iter().filter(|c| c.settings.edge_aa != EdgeAa::Samples).step_by(step);
     for case in others.chain(by(EdgeAa::Coverage)).chain(by(EdgeAa::Samples).step_by(14)) {
@@ -334,7 +335,7 @@ fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer,
         let values =
             |f: &Frame| -> Vec<f32> { [f.color().as_flattened(), f.normal().as_flattened(), f.weight()].concat() };
         for (a, b) in values(&a).iter().zip(values(&b)) {
-            // Sums in another order, and forms of near splats about another anchor.
+            // A different order of sums, and forms of near splats with another anchor.
             assert!((a - b).abs() <= 1e-5 * b.abs().max(1.0), "{}: {a} {b}", case.name);
         }
         assert_eq!(a.fragments(), b.fragments(), "{}", case.name);
@@ -352,7 +353,7 @@ fn scenes_and_images_too_large_for_the_device_are_drawn_in_parts() {
             draws_the_same_in_parts(&mut whole, &mut parts, 6);
         }
     }
-    // What makes the parts is the same code, whose other storage `gpu_scene_storage` draws.
+    // The code that divides is the same; `gpu_scene_storage` draws the other storage.
     let storage = Storage::F32;
     if let (Some(mut whole), Some(mut parts)) =
         (validated_gpu::wgpu_with(all, storage), validated_gpu::wgpu_with(LITTLE, storage))

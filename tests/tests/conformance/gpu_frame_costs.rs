@@ -1,4 +1,4 @@
-//! What the GPU backends say of a frame's cost, and what they don't do twice.
+//! Tests of the costs of a frame that GPU backends report, and of work that they don't repeat.
 
 use crate::drawing::{counter, frame_and_stats};
 use crate::validated_gpu;
@@ -21,16 +21,16 @@ fn draws_shadow_maps_once(renderer: &mut impl Renderer) {
     assert_eq!(again, first);
     assert_eq!(ms(&stats, "shadow maps"), None);
     assert!(ms(&stats, "visibility").is_some(), "{stats:?}");
-    // Another eye sees the same maps.
+    // Another eye uses the same maps.
     let mut moved = case.clone();
     moved.camera.eye[0] += 0.3;
     let (from_there, stats) = frame_and_stats(renderer, &scene, &moved, Planes::COLOR);
     assert_eq!(ms(&stats, "shadow maps"), None);
     assert!(from_there != first);
-    // The same once more is another scene, which a map of the first may or may not be of.
+    // The same scene uploaded again is another scene, and gets its own maps.
     let same = renderer.upload(&case.scene).unwrap();
     assert!(ms(&frame_and_stats(renderer, &same, &case, Planes::COLOR).1, "shadow maps").is_some());
-    // Another light has maps of its own; and so has the first one after it.
+    // Another light needs other maps, which replace the maps of the first.
     let mut turned = case.clone();
     for light in turned.scene.lights.iter_mut().flatten() {
         if let Light::Directional { direction, .. } | Light::Spot { direction, .. } = light {
@@ -42,7 +42,7 @@ fn draws_shadow_maps_once(renderer: &mut impl Renderer) {
     assert!(ms(&stats, "shadow maps").is_some() && shadowed != first);
     let (back, stats) = frame_and_stats(renderer, &scene, &case, Planes::COLOR);
     assert!(ms(&stats, "shadow maps").is_some() && back == first);
-    // What they depend on beside the scene: here, whether there are any.
+    // Maps depend on settings too: here, whether there are any.
     let flat = case.with("unlit", |settings| settings.shader = Shader::Unlit);
     assert_eq!(ms(&frame_and_stats(renderer, &scene, &flat, Planes::COLOR).1, "shadow maps"), None);
     assert_eq!(frame_and_stats(renderer, &scene, &case, Planes::COLOR).0, first);
@@ -53,14 +53,14 @@ fn counts_invocations(renderer: &mut impl Renderer) {
     let scene = renderer.upload(&case.scene).unwrap();
     let (_, stats) = frame_and_stats(renderer, &scene, &case, Planes::COLOR);
     let counter = |name: &str| counter(&stats, name).unwrap_or(0.0);
-    // Two passes draw every splat, and an implementation may run the two vertices once that a quad's triangles share.
+    // Two passes draw every splat, and an implementation may run the two vertices that a quad's triangles share once.
     let splats = stats.splats as f64;
     assert!(counter("vertex_invocations") >= 8.0 * splats, "{stats:?}");
     assert!(counter("fragment_invocations") >= stats.drawn as f64, "{stats:?}");
     assert!(counter("compute_invocations") >= splats, "{stats:?}");
 }
 
-/// Samples are drawn about sampled pixels: a small part of an image four times as wide and high.
+/// Samples are drawn around sampled pixels only: a small part of an image four times as wide and high.
 fn draws_samples_about_edges_alone(renderer: &mut impl Renderer) {
     let case = scenes::closed_sphere().with("larger", |_| ());
     let case = Case { camera: Camera { size: [192, 192], ..case.camera }, ..case };
@@ -78,11 +78,11 @@ fn draws_samples_about_edges_alone(renderer: &mut impl Renderer) {
     let (fine, _) = drawn(&view.of_samples(), &plain);
     println!("vertices, fragments, bytes: {without:?} without, {with:?} with samples, {fine:?} of a fine image");
     assert!(is_timed && with[1] > without[1]);
-    // Its outline is a twentieth of the ball, and splats there reach into its neighbours.
+    // The outline is a twentieth of the ball, and splats there reach into its neighbours.
     assert!(with[1] - without[1] < 0.3 * fine[1]);
 }
 
-/// Runs a test of the backends that there are, by raster hardware.
+/// Runs a test on the available backends, by raster hardware.
 macro_rules! on_both {
     ($($test:ident: $run:ident;)+) => {
         $(#[test] fn $test() {

@@ -1,4 +1,4 @@
-//! How the GPU backends keep a scene: in 16 bits as the CPU does, in parts, within the memory there is.
+//! Tests of the GPU backends' scene storage: in 16 bits like the CPU's, in parts, and within the available memory.
 
 use crate::validated_gpu;
 use glam::DVec3;
@@ -10,8 +10,8 @@ use surfel_model::Storage;
 use surfel_model::{OnInvalid, Scene, SplatCloud};
 use surfel_render::{Frame, Planes, RenderError, Renderer, UploadProgress};
 
-/// The same numbers are stored, so images differ by no more than two backends' do in f32. Of every fifth scene, and of
-/// all with splats at the near plane.
+/// Compares images of 16-bit storage with the CPU's. The stored numbers are the same, so images differ no more than in
+/// f32. Every fifth scene is drawn, and all with splats at the near plane.
 fn draws_what_the_cpu_does(narrow: &mut impl Renderer, wide: &mut impl Renderer) {
     let options = surfel_cpu::Options::default().with_storage(Storage::Quantised);
     let mut cpu = surfel_cpu::Renderer::new(options).unwrap();
@@ -21,7 +21,7 @@ fn draws_what_the_cpu_does(narrow: &mut impl Renderer, wide: &mut impl Renderer)
     for (_, (truth, wide)) in drawn.filter(|(i, (truth, _))| i % 5 == 0 || truth.case.name.contains("near")) {
         let case = &truth.case;
         let [got, want] = [render(narrow, case, Planes::ALL), render(&mut cpu, case, Planes::ALL)].map(Result::unwrap);
-        // Decisions hang on much the same pixels.
+        // Decisions depend on much the same pixels.
         let margin = truth.want.as_ref().unwrap().margin();
         let report = compare_frames(&case.name, &got, &want, margin);
         assert!(report.is_ok(), "{report}");
@@ -29,7 +29,7 @@ fn draws_what_the_cpu_does(narrow: &mut impl Renderer, wide: &mut impl Renderer)
         compared += 1;
     }
     assert!(compared > 15, "{compared}");
-    // A single splat is at its chunk's origin, and as large as the largest: nothing of it is rounded.
+    // A single splat is at its chunk's origin, and is the largest: none of its numbers is rounded.
     assert!(as_in_f32 * 3 < compared, "{as_in_f32} of {compared}");
 }
 
@@ -48,7 +48,7 @@ fn splats_in_16_bits_are_those_of_the_cpu() {
     }
 }
 
-/// A ball of 20,000 disks, white or coloured.
+/// Returns a ball of 20,000 disks, white or coloured.
 fn ball(is_coloured: bool) -> Scene {
     let n = 20_000;
     let normal = |i: usize| {
@@ -74,13 +74,13 @@ fn bytes_per_splat(renderer: &mut impl Renderer, scene: &Scene) -> f64 {
 }
 
 fn halves_memory(wide: &mut impl Renderer, narrow: &mut impl Renderer) {
-    // Chunk, centre, normal and radius in words: 32; the chunk in a word and six numbers in 16 bits: 16. Colours take
-    // 12 and 6.
+    // Chunk, centre, normal and radius in 32-bit words: 32 bytes; the chunk in a word and six 16-bit numbers: 16.
+    // Colours add 12 and 6.
     for (is_coloured, words, halves) in [(false, 32.0, 16.0), (true, 44.0, 22.0)] {
         let scene = ball(is_coloured);
         assert_eq!(bytes_per_splat(wide, &scene), words);
         let bytes = bytes_per_splat(narrow, &scene);
-        // And three scales of each chunk of 256.
+        // Plus three scales per chunk of 256.
         assert!(bytes > halves && bytes < halves + 0.1, "{bytes}");
     }
 }
@@ -100,7 +100,7 @@ fn splats_in_16_bits_take_half_the_memory() {
     }
 }
 
-/// Room for 5000 records a buffer.
+/// Limits of 5000 records per buffer.
 const SMALL_BUFFERS: Limits = Limits {
     buffer_bytes: 5000 * 144,
     texture_side: u32::MAX,
@@ -109,7 +109,7 @@ const SMALL_BUFFERS: Limits = Limits {
     memory_bytes: u64::MAX,
 };
 
-/// Of the ball's splats, the records of half of them, and none of the rest.
+/// Limits of memory for all of the ball's splats, and half of their records.
 const LITTLE_MEMORY: Limits = Limits { memory_bytes: 20_000 * 32 + 10_000 * 144, ..SMALL_BUFFERS };
 
 fn says_how_far_it_is(renderer: &mut impl Renderer) {
@@ -126,7 +126,7 @@ fn says_by_how_much_it_is_too_small(renderer: &mut impl Renderer) {
     let Err(error @ RenderError::SceneTooLarge { needed, available, .. }) = result else {
         panic!("the scene is taken to fit");
     };
-    // Splats and records of them, and no texture.
+    // Splats and their records, without textures.
     assert_eq!((needed, available), (20_000 * (32 + 144), LITTLE_MEMORY.memory_bytes));
     let text = error.to_string();
     assert!(text.contains("3520000 bytes") && text.contains("2080000") && text.contains(": 1440000 too few"), "{text}");

@@ -1,4 +1,4 @@
-//! The harness itself: right images pass, faulty ones don't.
+//! Tests of the harness itself: right images pass, faulty ones don't.
 
 use crate::faulty_renderer::{FAULTS, Faulty, KnownFault};
 use surfel_conformance::harness::{Report, Truth, check, check_backend, compare_frames, reference_frame};
@@ -20,7 +20,7 @@ fn harness_passes_the_reference_itself_without_forgiving_anything() {
     }
 }
 
-/// Scenes that are all but empty, or all margin, hold nothing against a backend.
+/// Scenes that are almost empty, or almost all margin, would test nothing.
 #[test]
 fn harness_scenes_show_something_outside_of_the_margin() {
     let mut marginal = Vec::new();

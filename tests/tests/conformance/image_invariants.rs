@@ -1,4 +1,4 @@
-//! What must not change an image, or change it in a known way.
+//! Tests of changes that must not change an image, or must change it in a known way.
 
 use crate::drawing::reference_image;
 use glam::{DAffine3, DVec3};
@@ -10,8 +10,8 @@ use surfel_model::{Camera, EdgeAa, Geometry, Projection, Shader};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Region, Renderer, View};
 
-/// Asserts that `got` at `map(x, y)` is `want` at (x, y) wherever neither is within its margin, colour and weight
-/// within `tolerance` (relative where above 1), Z after division by `scale`; returns how many pixels were compared.
+/// Asserts that `got` at `map(x, y)` equals `want` at (x, y) where neither is within its margin. Colour and weight may
+/// differ by `tolerance` (relative above 1), Z after division by `scale`. Returns the number of compared pixels.
 fn assert_same(
     got: &Frame,
     want: &Frame,
@@ -43,9 +43,9 @@ fn here(x: u32, y: u32) -> Option<[u32; 2]> {
     Some([x, y])
 }
 
-/// Sums of at most a few hundred fragments in f64 differ by 1e-13; stored in f32, by an ulp.
+/// Tolerance of reordered sums: up to a few hundred fragments in f64 differ by 1e-13, and in f32 storage by an ulp.
 const REORDERED: f64 = 1.3e-7;
-/// Rounding of world coordinates moved by 1e6 units: 1e-10 units, 1e-8 px.
+/// Tolerance of world coordinates moved by 1e6 units: their rounding is 1e-10 units, or 1e-8 px.
 const MOVED: f64 = 1e-6;
 
 #[test]
@@ -212,7 +212,7 @@ fn no_scene_gives_nan_or_colours_from_nowhere() {
         for (n, z) in frame.normal().iter().zip(frame.depth()) {
             let length = DVec3::from(n.map(f64::from)).length();
             if scenes::gaussians_of(&case).is_some() {
-                // Σw·n.
+                // The normal is Σw·n.
                 assert!(length <= 1.0 + 1e-6 && (z.is_finite() || length == 0.0), "{}", case.name);
                 continue;
             }

@@ -1,18 +1,17 @@
-//! Every conformance test in one program: backends against the reference, the reference against closed forms, and the
+//! All conformance tests in one program: backends against the reference, the reference against closed forms, and the
 //! harness that compares them against faults.
 //!
 //! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`extreme_closed_forms`],
-//!   [`transparency_closed_forms`],
-//!   [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`], [`decision_margin`],
-//!   [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`], [`trained_gaussians`];
+//!   [`transparency_closed_forms`], [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`],
+//!   [`decision_margin`], [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`],
+//!   [`trained_gaussians`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`compute_path`], [`gpu_frame_costs`], [`gpu_scene_storage`],
 //!   [`feature_costs`], [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`],
 //!   [`own_images`];
-//! - splats made of meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`],
-//!   [`texture_acquisition`]; real data: [`real_models`];
-//! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`],
-//!   [`packed_truths`];
-//! - what they share: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
+//! - splats made from meshes: [`splats_of_meshes`], [`clean_images`], [`sharp_features`], [`texture_acquisition`]; real
+//!   data: [`real_models`];
+//! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`], [`packed_truths`];
+//! - shared helpers: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
 
 mod checkerboard_filter_errors;
 mod clean_images;

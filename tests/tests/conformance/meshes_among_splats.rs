@@ -1,4 +1,4 @@
-//! Polygons among splats: closed forms, watertightness, the hand-over.
+//! Tests of polygons among splats: closed forms, watertightness, the transition.
 
 use crate::drawing::{F32, reference_image};
 use glam::DVec3;
@@ -42,13 +42,13 @@ fn mesh_interpolation_is_the_rays_own_hit() {
     assert!(hits > 600, "{hits}");
 }
 
-/// u of u·a + v·b for a point in their plane.
+/// Returns u of u·a + v·b for a point in their plane.
 fn coordinate(point: DVec3, a: DVec3, b: DVec3) -> f64 {
     let n = a.cross(b);
     point.cross(b).dot(n) / n.length_squared()
 }
 
-/// A pixel's polygons with their back culled: one everywhere on a closed ball, none beside it.
+/// With its back culled, a closed ball covers each inner pixel with one polygon, and no pixel beside the ball.
 #[test]
 fn mesh_ball_is_watertight() {
     for (times, z) in [(2, 3.0), (5, 3.0), (4, 1.05)] {
@@ -62,7 +62,7 @@ fn mesh_ball_is_watertight() {
         for at in 0..96 * 96u32 {
             let direction = ray(&case.camera, at % 96, at / 96).normalize();
             let distance = DVec3::from(case.camera.eye).cross(direction).length();
-            // Flat faces lie within the sphere: a face of an octahedron divided k times sags by under 0.9·4⁻ᵏ.
+            // Flat faces are inside the sphere: a face of an octahedron divided k times sags by less than 0.9·4⁻ᵏ.
             let least = 1.0 - 0.9 * 0.25f64.powi(times as i32);
             if distance < least {
                 assert!(frame.depth()[at as usize].is_finite(), "a hole in the ball at {at}, {distance}");
@@ -86,10 +86,10 @@ fn mesh_normals_are_smooth_or_flat_and_turned_to_the_eye() {
         let z = f64::from(frame.depth()[at as usize]);
         let point = DVec3::from(case.camera.eye) + ray(&case.camera, at % 48, at / 48) * z;
         let normal = DVec3::from(frame.normal()[at as usize].map(f64::from));
-        // On a sphere the normal is the position; interpolation is off by the square of the faces' angle, 0.1².
+        // On a sphere the normal is the position; interpolation has an error of the square of the faces' angle, 0.1².
         assert!((normal - point.normalize()).length() < 0.01, "{normal} {point}");
     }
-    // From inside out: the same with the triangles and normals of the far side turned to the eye.
+    // Inside out: the image is the same, with the triangles and normals of the far side turned to the eye.
     let Geometry::Mesh(mesh) = &mut ball.geometry else { unreachable!() };
     let mesh = std::sync::Arc::make_mut(mesh);
     mesh.triangles.iter_mut().for_each(|t| t.swap(1, 2));
@@ -126,18 +126,18 @@ fn assert_middle(frame: &Frame, share: f64, depths: [f64; 2]) {
 
 #[test]
 fn mesh_and_splat_blend_by_coverage_within_the_tolerance() {
-    // The disk's centre has w = 1, q = 1/W0; ε = 0.1 (facing: no slope). The polygon lies before or behind by less.
+    // The disk's centre has w = 1, q = 1/W0; ε = 0.1 (facing: no slope). The polygon's distance from the disk is less.
     for (disk, quad) in [(0.0, 0.05), (0.05, 0.0), (0.0, 0.0)] {
         let depths = [2.0 - disk, 2.0 - quad];
         assert_middle(&reference_image(&disk_and_quad(disk, quad, 4.0)), 0.25 / 0.633, depths);
         assert_middle(&reference_image(&disk_and_quad(disk, quad, 1.2)), 1.0, depths);
     }
-    // By more than ε only the nearer is there, however thin the coverage.
+    // At a distance above ε only the nearer surface shows, however thin the coverage.
     assert_middle(&reference_image(&disk_and_quad(0.15, 0.0, 4.0)), 1.0, [1.85, 2.0]);
     assert_middle(&reference_image(&disk_and_quad(0.0, 0.15, 4.0)), 0.0, [2.0, 1.85]);
 }
 
-/// Largest step between neighbouring columns in the middle rows.
+/// Returns the largest step between neighbouring columns in the middle rows.
 fn largest_step(frame: &Frame) -> f64 {
     let width = frame.width();
     let pixel = |x: u32, y: u32| frame.color()[(y * width + x) as usize];
@@ -149,23 +149,23 @@ fn largest_step(frame: &Frame) -> f64 {
     rows.flat_map(|y| (width / 4..3 * width / 4).map(move |x| step(x, y))).fold(0.0, f64::max)
 }
 
-/// G06 figure 5: where splats end on a polygon that they overlap.
+/// G06 figure 5: splats end on a polygon that they overlap.
 #[test]
 fn mesh_hand_over_smooths_the_seam() {
     let smoothed = scenes::half_mesh_wall();
     let mut naive = smoothed.clone();
-    // So low that every splat covers the polygon wholly to its rim.
+    // So low that every splat covers the polygon fully up to its rim.
     naive.scene.objects[0].material.interior_weight = Some(1e-6);
     let step = |case: &Case| largest_step(&reference_image(&case.with("unlit", |s| s.shader = Shader::Unlit)));
     let (rough, smooth) = (step(&naive), step(&smoothed));
     println!("largest step across the seam: {rough} naive, {smooth} smoothed");
-    // Naive, the colours' whole difference stands on a splat's rim; smoothed, it is spread over the 3 px by which
-    // splats reach over the polygon's edge: a third a pixel, and a rim's own weight (two splats at e⁻² of 3.05, over
-    // 0.633: 0.14).
+    // In the naive image the whole difference of colours is at a splat's rim. In the smoothed image it is spread over
+    // the 3 px by which splats reach over the polygon's edge: a third per pixel, and a rim's own weight (two splats at
+    // e⁻² of 3.05, over 0.633: 0.14).
     assert!(rough > 0.4 && smooth < 0.5 * rough, "{smooth} {rough}");
 }
 
-/// Where splats end on a polygon there is no edge, and no line where the background shines through.
+/// Splats that end on a polygon make no edge there, and no line through which the background shows.
 #[test]
 fn mesh_that_goes_on_where_splats_end_makes_no_edge() {
     let case = scenes::half_mesh_wall();
@@ -183,7 +183,7 @@ fn mesh_that_goes_on_where_splats_end_makes_no_edge() {
             rim += usize::from(!same);
         }
     }
-    // 2 by 1.8 units at 30 px a unit.
+    // 2 by 1.8 units at 30 px per unit.
     assert!(inside > 2500 && rim > 50, "{inside} {rim}");
 }
 
@@ -205,7 +205,7 @@ fn mesh_hides_and_is_hidden_by_transparent_splats() {
     assert_middle(&reference_image(&case), 0.0, [1.5, 2.0]);
 }
 
-/// Far away a chequered floor is its mean; near by it is black and white.
+/// Far away a chequered floor is its mean; nearby it is black and white.
 #[test]
 fn mesh_texture_is_filtered_where_it_is_small() {
     let case = scenes::textured_floor();
@@ -216,7 +216,7 @@ fn mesh_texture_is_filtered_where_it_is_small() {
     assert!(far.len() > 40 && far.iter().all(|c| (c - 0.5).abs() < 0.02), "{far:?}");
     let near: Vec<f32> = (34..47).flat_map(row).map(|at| frame.color()[at][0]).collect();
     assert!(near.iter().any(|c| *c < 0.05) && near.iter().any(|c| *c > 0.95), "{near:?}");
-    // z_near is 0.5: the floor 0.3 below the eye is seen from there on, never nearer.
+    // z_near is 0.5: the floor 0.3 below the eye is visible from there on, never nearer.
     let nearest = frame.depth().iter().copied().fold(f32::INFINITY, f32::min);
     assert!((0.5..0.55).contains(&nearest), "{nearest}");
 }

@@ -1,7 +1,7 @@
-//! The planes of what is nearest (§5): index, object, label and position, on every backend.
+//! Tests of the planes of the nearest splat (§5): index, object, label and position, on every backend.
 //!
-//! Everywhere outside of the reference's margin a backend shows what the reference shows; where depths of several
-//! splats are within the margin of the nearest, one of these.
+//! Outside the reference's margin a backend shows the reference's values. If depths of several splats are within the
+//! margin of the nearest, it shows one of these.
 
 use glam::{DAffine3, DVec3};
 use std::collections::BTreeSet;
@@ -15,10 +15,10 @@ use surfel_render::{
     Capabilities, Frame, Identity, Pass, Planes, Region, RenderError, Renderer, SceneSummary, View, plan,
 };
 
-/// Relative distance of depths within which it is open which is the nearest: the model's own margin.
+/// Relative distance of depths within which the nearest is undecided: the model's own margin.
 const MARGIN: f64 = 1e-4;
 
-/// The row of a test's splat: not its index, and not in order.
+/// Returns the row of a test's splat, which is neither its index nor in order.
 fn row(i: usize) -> u32 {
     (i as u32 ^ 1) * 3 + 5
 }
@@ -32,7 +32,8 @@ fn numbered(cloud: &SplatCloud) -> SplatCloud {
     cloud.clone().with_rows(&column(row)).unwrap().with_labels(&column(label)).unwrap()
 }
 
-/// The scenes without octrees and Gaussians, their splats with rows and labels, and some where features meet.
+/// Returns the scenes without octrees and Gaussians, with rows and labels on their splats, and some that combine
+/// features.
 fn cases() -> Vec<Case> {
     let mut cases = scenes::all();
     cases.push(scenes::thin_shell().with("edges", |s| s.edge_aa = EdgeAa::Samples));
@@ -66,7 +67,7 @@ fn identities(frame: &Frame) -> Vec<Identity> {
     (0..frame.index().len()).map(of).collect()
 }
 
-/// What decides the passes of a case: how it is transparent and antialiased, and whether polygons are there.
+/// Returns the properties that determine a case's passes: transparency, antialiasing, and polygons.
 fn kind(case: &Case) -> String {
     let transparency = case.settings.transparency.to_string();
     let transparency = transparency.split(':').next().unwrap_or_default();
@@ -74,7 +75,7 @@ fn kind(case: &Case) -> String {
     format!("{transparency} {:?} {has_polygons}", case.settings.edge_aa)
 }
 
-/// Holds a backend against the reference in the first case of each kind, and in every `step`th that it draws.
+/// Compares a backend with the reference in the first case of each kind, and in every `step`th that it draws.
 fn agrees(renderer: &mut impl Renderer, step: usize) {
     let mut reference = Reference::new(Default::default()).unwrap();
     let capabilities = renderer.info().capabilities;
@@ -126,7 +127,7 @@ fn cpu_shows_the_nearest_splat() {
     agrees(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), 1);
 }
 
-/// On GPUs every 40th besides the first of each kind: a driver in software takes minutes for all.
+/// On GPUs every 40th besides the first of each kind: a software driver takes minutes for all.
 #[test]
 #[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn wgpu_shows_the_nearest_splat() {
@@ -175,7 +176,7 @@ fn rows_are_the_same_for_any_threads_regions_and_reuse() {
     }
 }
 
-/// A facing disk of radius 0.5 at a depth.
+/// Returns a facing disk of radius 0.5 at a depth.
 fn disk(z: f64) -> Splat {
     Splat::disk(DVec3::Z * z, DVec3::Z, 0.5, [0.5; 3])
 }
@@ -187,7 +188,7 @@ fn seen(scene: Scene, change: impl FnOnce(&mut Case), check: &dyn Fn(&Frame, &st
     check(&drawn(&mut surfel_cpu::Renderer::new(Default::default()).unwrap(), &case, nearest()).unwrap(), "cpu");
 }
 
-/// The middle pixel and the first, of an image of 33×33.
+/// Returns the middle pixel and the first, of an image of 33×33.
 fn ends(frame: &Frame) -> [Identity; 2] {
     let all = identities(frame);
     [all[16 * 33 + 16], all[0]]
@@ -202,7 +203,7 @@ fn scene(mut objects: Vec<surfel_model::Object>) -> Scene {
 #[test]
 fn equally_near_splats_show_the_lower_row_of_the_lower_object() {
     let rows = |rows: &[u32]| cloud(&vec![disk(0.0); rows.len()]).with_rows(rows).unwrap();
-    // In Morton order these come as they are: the lower row is neither the first nor the last.
+    // In Morton order these stay in place: the lower row is neither the first nor the last.
     let first = rows(&[9, 4, 7, 4_294_967_294]);
     let check = |frame: &Frame, backend: &str| {
         let [middle, corner] = ends(frame);
@@ -210,9 +211,9 @@ fn equally_near_splats_show_the_lower_row_of_the_lower_object() {
         assert_eq!(corner, Identity::NOTHING, "{backend}");
     };
     seen(scene(vec![object(first.clone()), object(rows(&[0, 1]))]), |_| (), &check);
-    // Near splats, set up one by one.
+    // Splats at the near plane, set up one by one.
     seen(scene(vec![object(first.clone())]), |case| case.camera.near = 3.999, &check);
-    // And transparent ones.
+    // Transparent splats.
     let glass = with_alpha(first, |_| 0.5);
     for mode in ["peel:1", "peel:3", "peel:2:drop", "abuffer:4"] {
         seen(scene(vec![object(glass.clone())]), |c| c.settings.transparency = mode.parse().unwrap(), &check);
@@ -226,7 +227,7 @@ fn nearer_wins_whatever_it_weighs_and_transparent_layers_come_before_what_is_opa
         move |frame: &Frame, backend: &str| assert_eq!(ends(frame)[0], Identity { row, object, label }, "{backend}")
     };
     seen(scene(vec![object(pair.clone())]), |_| (), &middle(8, 0, 80));
-    // Culled ones are not there.
+    // Culled splats don't count.
     let mut culled = object(pair.clone());
     culled.material.cull = Cull::Back;
     culled.world_from_object = DAffine3::from_rotation_x(std::f64::consts::PI);
@@ -251,7 +252,7 @@ fn nearer_wins_whatever_it_weighs_and_transparent_layers_come_before_what_is_opa
 
 #[test]
 fn positions_are_in_the_world_however_far_away_that_is() {
-    // A facing wall at z = 1 of worlds moved and turned; of an f32 depth of 3, 2e-7 remain.
+    // A facing wall at z = 1 of worlds moved and turned; an f32 depth of 3 has an error of 2e-7.
     for offset in [DVec3::ZERO, DVec3::new(4.5e6, -7.1e6, 312.0)] {
         for projection in [Projection::Perspective { fov_y_deg: 30.0 }, Projection::Orthographic { height: 2.0 }] {
             let wall: Vec<Splat> = (0..81)
@@ -314,7 +315,7 @@ fn plan_without_these_planes_has_no_pass_for_them_and_clouds_without_rows_are_re
 
 #[test]
 fn every_splat_is_nearest_somewhere_under_every_filter() {
-    // Splats side by side: each shows, and no row that isn't there.
+    // Splats side by side: each shows, and no other row.
     for filter in Filter::ALL {
         let splats: Vec<Splat> = (0..16)
             .map(|i| DVec3::new(f64::from(i % 4) - 1.5, f64::from(i / 4) - 1.5, 0.0) * 0.5)

@@ -1,4 +1,5 @@
-//! Octrees of splats and polygons (§6, G06 §5.2): whole at every size, cut down to the view, and without pops.
+//! Tests of octrees of splats and polygons (§6, G06 §5.2): watertight at every size, selected for the view, without
+//! pops.
 
 use crate::drawing::{drawn_once, frame_and_stats};
 use crate::validated_gpu;
@@ -14,7 +15,7 @@ use surfel_reference::Renderer as Reference;
 use surfel_render::{Capabilities, Frame, Pass, Planes, Region, Renderer, SceneSummary, Selection, View, plan, select};
 use surfel_sample::{NoProgress, OctreeOptions, octree_from_mesh};
 
-/// A ball of 8192 triangles with smooth colours.
+/// Returns a ball of 8192 triangles with smooth colours.
 fn ball() -> Octree {
     let mut mesh = mesh_sphere(5);
     let color = |p: DVec3| [0.5 + 0.4 * (3.0 * p.x).sin(), 0.5 + 0.4 * (4.0 * p.y).cos(), 0.5 + 0.3 * p.z];
@@ -35,7 +36,7 @@ fn image(octree: &Octree, selection: &Selection, camera: &Camera) -> Frame {
     render(&mut Reference::new(Default::default()).unwrap(), &case(octree, selection, camera), Planes::ALL).unwrap()
 }
 
-/// Pixels whose rays pass the ball's centre by less than `reach`.
+/// Returns the pixels whose rays pass the ball's centre at a distance below `reach`.
 fn inside(camera: &Camera, reach: f64) -> Vec<usize> {
     let [right, down, forward] = axes(camera);
     let surfel_model::Projection::Perspective { fov_y_deg } = camera.projection else { panic!("perspective") };
@@ -48,7 +49,7 @@ fn inside(camera: &Camera, reach: f64) -> Vec<usize> {
     (0..(w * h) as usize).filter(|at| distance(*at) < reach).collect()
 }
 
-/// Largest and root mean square difference of colours over some pixels.
+/// Returns the largest and the root mean square difference of colours over these pixels.
 fn difference(a: &Frame, b: &Frame, pixels: &[usize]) -> (f64, f64) {
     let (mut worst, mut sum) = (0.0f64, 0.0);
     for &at in pixels {
@@ -84,8 +85,8 @@ fn octree_is_whole_at_every_size() {
         assert_eq!(bare, 0, "{error_px}");
         let kind = usize::from(splats > 0) + 2 * usize::from(triangles > 0) - 1;
         kinds[kind] += 1;
-        // Splats of r px blur what varies over a radian of the ball, 47 px, by (r/47)²/8 or so; of the whole ball, by
-        // all.
+        // Splats of r px blur variations over a radian of the ball, 47 px, by about (r/47)²/8; splats of the whole ball
+        // blur everything.
         if error_px <= 5.0 {
             assert!(rmse < 0.01 && worst < 0.12, "{error_px}: {worst} {rmse}");
         }
@@ -102,16 +103,16 @@ fn octree_selection_follows_the_view() {
     assert_eq!(count(&all.triangles), octree.mesh().triangles.len());
     assert!(all.splats.is_empty(), "polygons alone need no transitions");
     let front = chosen(&octree, &far, Cull::Back, 1e-6);
-    // Of the far half, those leaves are left whose cone and sphere reach the silhouette.
+    // Of the far half, the leaves whose cone and sphere reach the silhouette remain.
     let share = count(&front.triangles) as f64 / count(&all.triangles) as f64;
     assert!((0.35..0.8).contains(&share), "{share}");
-    // Close up, little of it is in view.
+    // Close up, little of the ball is in view.
     let near = chosen(&octree, &camera(1.2, 20.0, [64, 64]), Cull::None, 1e-6);
     assert!(count(&near.triangles) < count(&all.triangles) / 4, "{}", count(&near.triangles));
-    // From far away one node is enough, and its splats alone.
+    // From far away one node's splats are enough.
     let dot = chosen(&octree, &camera(300.0, 45.0, [64, 64]), Cull::None, 1.0);
     assert_eq!((dot.splats.as_slice(), dot.triangles.len()), (&[octree.nodes()[0].splats.clone()][..], 0));
-    // Behind the eye there is nothing.
+    // Behind the eye nothing is selected.
     let mut away = far.clone();
     away.target = [0.0, 0.0, 9.0];
     assert_eq!(chosen(&octree, &away, Cull::None, 1.0), Selection::default());
@@ -144,8 +145,7 @@ fn octree_transitions_are_drawn_once_where_splats_meet_polygons() {
     }
 }
 
-/// The conformance scene shows all there is, on its own: near polygons, splats of leaves, splats of nodes above,
-/// transitions.
+/// The conformance scene has all kinds of parts: near polygons, splats of leaves, splats of higher nodes, transitions.
 #[test]
 fn octree_of_the_conformance_scene_has_every_part() {
     let mut found = [0; 4];
@@ -163,7 +163,7 @@ fn octree_of_the_conformance_scene_has_every_part() {
     assert!(found.iter().all(|count| *count >= 20), "{found:?}");
 }
 
-/// An octree seen as splats alone costs what those do: no polygon, no pass for any, no coverage.
+/// An octree drawn as splats alone costs as much as those splats: without polygons, their passes, or coverage.
 #[test]
 fn octree_of_splats_alone_plans_no_polygons() {
     let octree = ball();
@@ -181,8 +181,8 @@ fn octree_of_splats_alone_plans_no_polygons() {
     assert!(objects == 2 && polygons.has(Pass::Polygons), "{polygons:?}");
 }
 
-/// A resident octree, cut down by the plan, shows what a scene of its chosen parts alone does: to the bit by the
-/// reference.
+/// A resident octree, with nodes selected by the plan, shows the same as a scene of the selected parts: bit-identical
+/// on the reference.
 #[test]
 fn octree_that_is_resident_shows_what_its_chosen_parts_do() {
     let octree = ball();
@@ -193,7 +193,7 @@ fn octree_that_is_resident_shows_what_its_chosen_parts_do() {
     whole.scene.objects.truncate(1);
     whole.scene.objects[0].geometry = octree.clone().into();
     let mut kinds = [0; 2];
-    // Polygons alone, both, and splats alone: of one upload.
+    // Polygons alone, both, and splats alone, from one upload.
     for error_px in [1e-6, 1.5, 1e3] {
         let selection = chosen(&octree, &camera, whole.scene.objects[0].material.cull, error_px);
         kinds[0] += usize::from(!selection.splats.is_empty());
@@ -209,7 +209,7 @@ fn octree_that_is_resident_shows_what_its_chosen_parts_do() {
     assert_eq!(kinds, [2, 2]);
 }
 
-/// Splats of an octree end at the edges of its mesh as its polygons do, whatever part of it a node has.
+/// An octree's splats end at the edges of its mesh as its polygons do, in every node.
 #[test]
 fn octree_of_a_cube_ends_at_its_edges() {
     let octree = octree_from_mesh(&cube(), &OctreeOptions::default(), &NoProgress).unwrap();
@@ -228,7 +228,7 @@ fn octree_of_a_cube_ends_at_its_edges() {
         [render(&mut reference, &splats, Planes::ALL), render(&mut cpu, &splats, Planes::ALL)].map(Result::unwrap);
     for frame in &of_backends {
         let differs: Vec<usize> = (0..64 * 64).filter(|at| covered(frame)[*at] != polygons[*at]).collect();
-        // Of some 200 pixels of outline, those by whose centres a filtered footprint reaches.
+        // Among some 200 pixels of outline, those whose centres a filtered footprint reaches.
         println!("{} pixels differ", differs.len());
         assert!(differs.len() < 60 && polygons.iter().filter(|c| **c).count() > 1000, "{}", differs.len());
         // None of them is more than a pixel away from the outline.
@@ -237,7 +237,7 @@ fn octree_of_a_cube_ends_at_its_edges() {
     }
 }
 
-/// The octree as one resident object, whose lights cast shadows.
+/// Returns the octree as one resident object, under lights that cast shadows.
 fn resident(octree: &Octree) -> Case {
     let mut case = case(octree, &Selection::default(), &camera(3.2, 45.0, [64, 64]));
     case.scene.objects[0].geometry = octree.clone().into();
@@ -249,7 +249,7 @@ fn resident(octree: &Octree) -> Case {
     case
 }
 
-/// The ball from several places and at several sizes.
+/// Returns the ball from several distances and with several errors.
 fn views() -> Vec<Truth> {
     let case = resident(&ball());
     let mut reference = Reference::new(Default::default()).unwrap();
@@ -262,7 +262,7 @@ fn views() -> Vec<Truth> {
     views.map(view).into()
 }
 
-/// Frames of one upload are those of uploads of their own, and nothing is stored for any of them.
+/// Frames of one upload equal those of separate uploads, and drawing stores nothing.
 fn draws_every_view_from_one_upload(renderer: &mut impl Renderer, views: &[Truth]) {
     let scene = renderer.upload(&views[0].case.scene).unwrap();
     let (mut bytes, mut chosen) = (BTreeSet::new(), BTreeSet::new());
@@ -293,7 +293,7 @@ fn octree_is_uploaded_once_for_every_view() {
     }
 }
 
-/// What is outside of a region is chosen too: it casts shadows into it.
+/// Nodes outside a region are selected too, since they cast shadows into it.
 #[test]
 fn octree_in_a_region_is_that_part_of_the_whole() {
     let case = resident(&ball()).with("2 px", |s| s.lod_error_px = 2.0);
@@ -322,40 +322,41 @@ fn scenes_without_octrees_have_nothing_chosen() {
     assert!(plan.selection_of(0).is_some());
 }
 
-/// Frames of a flight toward the ball.
+/// Number of frames of a flight towards the ball.
 const FRAMES: i32 = 48;
 
 /// `--lod-error` of the flight, in pixels.
 const FLIGHT_PX: f64 = 1.5;
 
-/// Most that a change of level may change a pixel, and a step be larger than polygons' own. A splat shows the mean of
-/// what it covers, which differs from the middle by ½σ²·∇²c: σ² = 0.17·r² by the kernel, r = 0.14 units (1.5 px from
-/// the 11 units at the start), and ∇²c about 8 (0.4·4² of the green waves, times the light, and the light's own):
-/// 0.014. As much again for splats that aren't spread evenly. Measured: 0.022, a step 0.013 beyond polygons' 0.084.
+/// Maximum change of a pixel by a change of level, and maximum excess of a step over that of polygons. A splat shows
+/// the mean of the surface that it covers, which differs from the middle by ½σ²·∇²c. σ² is 0.17·r² by the kernel, with
+/// r = 0.14 units (1.5 px from the 11 units at the start). ∇²c is about 8 (0.4·4² of the green waves, times the light,
+/// and the light's own): 0.014. As much again for splats that aren't spread evenly. Measured: 0.022, and a step 0.013
+/// above the polygons' 0.084.
 const POP: f64 = 0.03;
 
-/// Most that it may change a frame, root mean square. Measured: 0.0044.
+/// Maximum change of a frame by a change of level, root mean square. Measured: 0.0044.
 const POP_RMSE: f64 = 0.005;
 
-/// The eye at a frame of the flight: each step as large a share of the distance as the last, from 12 to 1.5.
+/// Returns the camera at a frame of the flight, with a constant ratio of distances, from 12 to 1.5.
 fn flown(frame: i32) -> Camera {
     camera(12.0 * 0.125f64.powf(f64::from(frame) / f64::from(FRAMES)), 45.0, [96, 96])
 }
 
-/// What a flight shows: largest differences of colour in pixels within the ball's contour.
+/// Measures of a flight: largest differences of colour in pixels within the ball's contour.
 #[derive(Debug, Default)]
 struct Flight {
-    /// Frames that choose other parts of the octree than the one before.
+    /// Number of frames whose selection differs from the previous frame's.
     changes: usize,
-    /// What the choice alone changes: the same eye with the parts of the frame before.
+    /// Largest change by the selection alone: the same eye with the previous frame's parts.
     pop: f64,
-    /// The same, root mean square of a frame.
+    /// Root mean square of a frame's change by the selection alone.
     pop_rmse: f64,
-    /// From a frame to the next.
+    /// Largest change from a frame to the next.
     step: f64,
-    /// The same of polygons alone.
+    /// Largest change from a frame to the next with polygons alone.
     step_of_polygons: f64,
-    /// By how much a step is larger than that of polygons.
+    /// Largest excess of a step over that of polygons.
     excess: f64,
 }
 
@@ -374,12 +375,12 @@ fn fly(octree: &Octree, choose: impl Fn(i32) -> Selection) -> Flight {
         let next = [draw(&after, frame), draw(&polygons(frame), frame)];
         let pixels = inside(&flown(frame), 0.95);
         if before != after {
-            // What was in view from farther away still is.
+            // Parts in view from farther away are still in view.
             let (pop, rmse) = difference(&next[0], &draw(&before, frame), &pixels);
             (flight.pop, flight.pop_rmse) = (flight.pop.max(pop), flight.pop_rmse.max(rmse));
             flight.changes += 1;
         }
-        // Within the smaller contour, that of the frame before.
+        // Within the smaller contour, that of the previous frame.
         let pixels = inside(&flown(frame - 1), 0.95);
         let [step, own] = [0, 1].map(|i| difference(&shown[i], &next[i], &pixels).0);
         flight.step = flight.step.max(step);
@@ -398,7 +399,7 @@ fn octree_zoom_does_not_pop() {
     println!("{right:?}");
     assert!(right.changes > 10 && right.pop_rmse < POP_RMSE, "{right:?}");
     assert!(right.pop < POP && right.excess < POP, "{right:?}");
-    // What would pop does.
+    // Without transitions, or with a sudden change of the threshold, the flight pops.
     let bare = fly(&octree, |frame| without_transitions(&octree, at(frame, FLIGHT_PX)));
     println!("without transitions {bare:?}");
     assert!(bare.pop > POP && bare.excess > POP && bare.pop_rmse > POP_RMSE, "{bare:?}");
@@ -411,7 +412,7 @@ fn octree_zoom_does_not_pop() {
 #[test]
 fn octree_is_whole_where_coarse_leaves_meet_fine_ones() {
     let mut mesh = mesh_sphere(6);
-    // Triangles that shrink toward one side of a tilted, flattened ball.
+    // Triangles that shrink towards one side of a tilted, flattened ball.
     let squeezed = |p: DVec3| {
         let q = DVec3::new(p.x + 0.3 * p.y, p.y, 0.4 * p.z + 0.2 * p.x);
         q * (0.15 + 0.5 * (q.x + 1.2).powi(2))

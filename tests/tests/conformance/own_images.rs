@@ -1,5 +1,5 @@
-//! Every filter and every shader draws an image of its own. `Filter` and `Shader` are `#[non_exhaustive]`, so that
-//! backends have an arm for what they don't know: what reaches it would pass for the default.
+//! Tests that every filter and every shader draws its own image. `Filter` and `Shader` are `#[non_exhaustive]`, so that
+//! backends have a match arm for unknown values. A value that reaches this arm would look like the default.
 
 use crate::validated_gpu;
 use surfel_conformance::build::{camera, confetti, scene};
@@ -8,7 +8,7 @@ use surfel_conformance::scenes::{Case, three_materials};
 use surfel_model::{Filter, Shader};
 use surfel_render::{Frame, Planes, Renderer};
 
-/// By this much some number of a pixel's colour differs between two settings: 100 times what backends may be off by.
+/// Minimum difference of some channel between two settings: 100 times the tolerance of backends.
 const APART: f32 = 0.02;
 
 fn all_differ(images: &[(&str, Frame)]) {

@@ -1,4 +1,4 @@
-//! The reference's images in a file, and what is measured with them on a machine that doesn't draw them.
+//! Tests of packed images of the reference, and of comparisons with them on a machine that doesn't draw them.
 
 use std::path::PathBuf;
 use surfel_conformance::backends::{Backend, Start, run_reporting};
@@ -12,7 +12,7 @@ fn is_wanted(name: &str) -> bool {
     SCENES.iter().any(|scene| name.starts_with(scene))
 }
 
-/// A folder that is removed with the value.
+/// A folder that is removed when the value is dropped.
 struct Folder(PathBuf);
 
 impl Folder {
@@ -54,7 +54,7 @@ fn packed_images_are_the_same_bits_and_judge_a_backend_alike() {
     });
     assert!(run.unwrap().is_ok());
     assert_eq!(seen, vec![Verdict::Passed; read.len()]);
-    // A pixel that is off in the file is found.
+    // A wrong pixel in the file is found.
     let mut spoilt = read;
     spoilt[0].want.as_mut().unwrap().color_mut()[40] = [9.0; 4];
     let run = run_reporting(Backend::Cpu, start, &spoilt, Extent::SomeScenes, |_, _, _, _| ()).unwrap();

@@ -1,4 +1,4 @@
-//! What presets promise: on every scene each backend's fidelity, and the model error.
+//! Tests of presets' promises in every scene: each backend's fidelity, and the model error.
 
 use crate::validated_gpu;
 use glam::Vec3;
@@ -10,14 +10,14 @@ use surfel_model::{Accumulate, EdgeAa, Geometry, Scene};
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Preset, Renderer, SceneSummary, inside_surfaces};
 
-/// PSNR of linear premultiplied colour, dB; of the pixels that the mask lets through.
+/// Returns the PSNR of linear premultiplied colour in dB, over the pixels that the mask selects.
 fn psnr(want: &Frame, got: &Frame, mask: Option<&[bool]>) -> f64 {
     let a = Image::new(want.width(), want.height(), want.color().as_flattened()).unwrap();
     let b = Image::new(got.width(), got.height(), got.color().as_flattened()).unwrap();
     compare(&a, &b, &CompareOptions { mask, flip: None, ..CompareOptions::default() }).unwrap().psnr
 }
 
-/// The scene with an interior weight for every cloud, so that edges can be antialiased.
+/// Returns the scene with an interior weight for every cloud, so that edges can be antialiased.
 fn weighed(mut scene: Scene) -> Scene {
     for object in &mut scene.objects {
         if let Geometry::Splats(cloud) = &object.geometry
@@ -35,7 +35,7 @@ fn at(case: &Case, preset: Preset) -> Case {
     case
 }
 
-/// Least PSNR over scenes, and where.
+/// The least PSNR over scenes, and its scene.
 struct Least {
     db: f64,
     scene: String,
@@ -53,11 +53,11 @@ impl Least {
     }
 }
 
-/// Every variant of every scene that a preset draws in its own way, whatever the variant had set of what presets set.
+/// Returns every variant of every scene that a preset draws differently, after the preset's settings are applied.
 fn cases(preset: Preset) -> Vec<Case> {
     let mut cases: Vec<Case> = Vec::new();
     for case in scenes::all() {
-        // Variants of the same settings may be of another scene or view, and are cheap.
+        // Variants with the same settings may be of another scene or view, and are cheap.
         let scene = |case: &Case| case.name.split('/').next().unwrap_or_default().to_owned();
         let camera = case.camera.clone();
         let case = at(&case, preset);
@@ -73,8 +73,8 @@ fn cases(preset: Preset) -> Vec<Case> {
     cases
 }
 
-/// How far depths (relative, root mean square) and normals (degrees, the same) of two images are apart, over pixels
-/// that the mask lets through and both have.
+/// Returns the root mean square differences of depths (relative) and normals (degrees) of two images, over pixels that
+/// the mask selects and both images cover.
 fn geometry_errors(want: &Frame, got: &Frame, mask: &[bool]) -> [f64; 2] {
     let root_mean = |squares: Vec<f64>| (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt();
     let counts = |i: &usize| mask[*i] && want.depth()[*i].is_finite() && got.depth()[*i].is_finite();
@@ -87,8 +87,8 @@ fn geometry_errors(want: &Frame, got: &Frame, mask: &[bool]) -> [f64; 2] {
     [root_mean(all().map(depth).collect()), root_mean(all().map(normal).collect())]
 }
 
-/// What the reference makes of the cases of a preset, drawn once in a process. A frame by samples is that of seventeen
-/// to a driver in software, whose memory grows with each: for GPUs, seven of eight cases have none.
+/// Returns the reference's images of a preset's cases, drawn once per process. With samples, a frame costs a software
+/// driver seventeen frames, and its memory grows with each: for GPUs, seven of eight cases have none.
 fn truths(preset: Preset, of_gpus: bool) -> &'static [Truth] {
     static TRUTHS: [[OnceLock<Vec<Truth>>; 2]; Preset::ALL.len()] =
         [const { [const { OnceLock::new() }; 2] }; Preset::ALL.len()];
@@ -105,7 +105,7 @@ fn truths(preset: Preset, of_gpus: bool) -> &'static [Truth] {
     })
 }
 
-/// Holds a backend's fidelity in every `step`-th case, and prints what is found.
+/// Checks a backend's fidelity in every `step`-th case, and prints the results.
 fn hold_fidelity(backend: &mut impl Renderer, step: usize) {
     let capabilities = backend.info().capabilities;
     let mut failed = Vec::new();
@@ -118,7 +118,7 @@ fn hold_fidelity(backend: &mut impl Renderer, step: usize) {
         let (mut least, mut depth, mut normal) = (Least::none(), Least::none(), Least::none());
         let mut drawn = 0;
         for Truth { case, want } in truths(preset, backend.info().backend != "cpu").iter().step_by(step) {
-            // Sums in half the precision are asked for, and no preset's.
+            // Sums in half precision are only drawn on request, and by no preset.
             if !case.is_drawn_by(&capabilities) || case.settings.accumulate == Accumulate::F16 {
                 continue;
             }
@@ -128,7 +128,7 @@ fn hold_fidelity(backend: &mut impl Renderer, step: usize) {
             let db = psnr(want, &got, Some(&mask));
             least.add(db, &case.name);
             let errors = geometry_errors(want, &got, &mask);
-            // Logarithms, so that the least is the worst here too.
+            // Negative logarithms, so that the least is the worst here too.
             depth.add(-errors[0].log10(), &case.name);
             normal.add(-errors[1].log10(), &case.name);
             drawn += 1;
@@ -164,7 +164,7 @@ fn preset_fidelity_holds_on_cpu() {
 #[test]
 #[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn preset_fidelity_holds_on_wgpu() {
-    // `gpu_backends` holds every scene's image to that of ash.
+    // `gpu_backends` compares every scene's image with that of ash.
     if let Some(mut renderer) = validated_gpu::wgpu() {
         hold_fidelity(&mut renderer, 3);
         validated_gpu::no_messages();
@@ -188,7 +188,7 @@ fn preset_model_errors_hold_on_every_scene() {
         let (mut images, mut surfaces) = (0, 0);
         let promise = preset.promise();
         let truths = truths(preset, false);
-        // Presets set the same of the settings, so that they leave the same variants.
+        // All presets set the same settings, so that the same variants remain.
         assert_eq!(truths.len(), best.len());
         for (Truth { case, want }, Truth { want: best, .. }) in truths.iter().zip(best) {
             let (best, want) = (best.as_ref().unwrap(), want.as_ref().unwrap());
@@ -226,7 +226,7 @@ fn preset_settings_are_told_from_others() {
     }
     let own = surfel_model::Settings::default().with_cutoff(2.5);
     assert_eq!(Preset::of(&own), None);
-    // What is summed in half the precision keeps no promise.
+    // Sums in half precision break the promises.
     let half = surfel_model::Settings::default().with_accumulate(Accumulate::F16);
     assert_eq!(Preset::of(&half), None);
 }

@@ -1,4 +1,4 @@
-//! Scenes that nobody has thought of: what they hold, that backends agree in them, and that faults don't get through.
+//! Tests of random scenes: their features, agreement of backends, and detection of faults.
 
 use crate::faulty_renderer::{FAULTS, Faulty, KnownFault};
 use crate::{scene_files, validated_gpu};
@@ -15,7 +15,7 @@ fn splats(case: &Case) -> usize {
     case.scene.objects.iter().map(|o| of(&o.geometry)).sum()
 }
 
-/// Every scene of these seeds, held against the reference.
+/// Compares every scene of these seeds with the reference.
 fn agrees(mut renderer: impl Renderer, seeds: std::ops::Range<u64>, least_drawn: usize) {
     let mut reference = Reference::new(Default::default()).unwrap();
     let (mut drawn, mut failed) = (0, Vec::new());
@@ -60,7 +60,7 @@ fn random_scenes_are_small_valid_and_the_same_again() {
         case.scene.validate().unwrap();
         case.settings.validate().unwrap();
         assert!(case.view().size.iter().all(|side| *side <= MAX_SIDE_PX));
-        // A sheet is a whole number of rows.
+        // A sheet has a whole number of rows.
         assert!(splats(&case) <= MAX_SPLATS + 3 * 15, "{seed}: {}", splats(&case));
     }
     let twice = [(); 2].map(|()| format!("{:?}", case(7)));
@@ -68,7 +68,7 @@ fn random_scenes_are_small_valid_and_the_same_again() {
     assert_ne!(twice[0], format!("{:?}", case(8)));
 }
 
-/// The words that apply to a case.
+/// Returns the names of the features that a case has.
 fn features(case: &Case) -> Vec<String> {
     let s = &case.settings;
     let mut words = vec![
@@ -130,7 +130,7 @@ fn random_scenes_have_every_feature_and_pairs_of_them() {
         }
     }
     println!("{counts:?}");
-    // 5 filters, 2 mappings, 7 shaders, 4 ways to clip, edges or not, 3 transparencies, 3 projections, 17 others.
+    // 5 filters, 2 mappings, 7 shaders, 4 clip policies, edges or not, 3 transparencies, 3 projections, 17 others.
     assert_eq!(counts.len(), 5 + 2 + 7 + 4 + 2 + 3 + 3 + 17, "{:?}", counts.keys());
     assert!(counts.values().all(|&count| count >= 10) && affine_edges >= 5, "{counts:?} {affine_edges}");
 }
@@ -140,7 +140,7 @@ fn random_scenes_show_every_fault() {
     let mut reference = Reference::new(Default::default()).unwrap();
     let truths: Vec<Truth> = (0..96).map(|seed| Truth::of(&mut reference, case(seed))).collect();
     let mut unseen = Vec::new();
-    // What of an octree is drawn is chosen before there is a scene.
+    // The parts of an octree are selected before there is a scene.
     for KnownFault { name: fault, make: change, .. } in FAULTS.into_iter().filter(|f| !f.scene.starts_with("octree")) {
         let mut faulty = Faulty::new();
         change(&mut faulty);
@@ -162,7 +162,7 @@ fn random_scenes_that_fail_shrink_to_what_fails() {
     let whole = (0..).map(case).find(|case| splats(case) > 50 && fails(case)).unwrap();
     let smallest = shrink(&whole, &mut fails);
     assert!(fails(&smallest));
-    // The kernel of one splat shows it.
+    // One splat is enough to show the kernel.
     assert_eq!(splats(&smallest), 1);
     assert_eq!(smallest.scene.objects.len(), 1);
 }
@@ -183,7 +183,7 @@ fn random_scenes_are_the_same_from_their_files() {
             settings: file.settings,
             region: None,
         };
-        // Splats have another origin, and JSON's numbers may be an ulp off.
+        // Splats have another origin, and JSON's numbers may differ by an ulp.
         let want = Truth::of(&mut reference, case);
         let got = render(&mut reference, &read, Planes::ALL).unwrap();
         let margin = &want.want.as_ref().unwrap().margin();

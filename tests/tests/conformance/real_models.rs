@@ -1,4 +1,4 @@
-//! Scanned and modelled surfaces that aren't shipped: files are read whole, and splats cover what they were made of.
+//! Tests of scanned and modelled surfaces that aren't shipped: files are read completely, and splats cover the surface.
 
 use glam::DVec3;
 use std::path::PathBuf;
@@ -12,7 +12,7 @@ mod sampling;
 
 use sampling::{Lcg, coverage};
 
-/// A model's path; `None`, and a line that says so, where it isn't there.
+/// Returns a model's path; if it doesn't exist, prints a note and returns `None`.
 fn model(name: &str) -> Option<PathBuf> {
     let path = test_data::folder("models")?.join(name);
     if !path.is_file() {
@@ -65,13 +65,14 @@ fn models_have_the_documented_sizes() {
 #[test]
 fn triangle_strips_make_a_closed_oriented_surface() {
     let Some(mesh) = mesh("igea.ply") else { return };
-    // The divergence theorem: a strip whose winding does not alternate would cancel most of the volume.
+    // The divergence theorem: a strip whose winding doesn't alternate would cancel most of the volume.
     let corner = |i: u32| mesh.positions.get(i as usize);
     let signed = |t: &[u32; 3]| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))) / 6.0;
     let face = |t: &[u32; 3]| (corner(t[1]) - corner(t[0])).cross(corner(t[2]) - corner(t[0])).length() / 2.0;
     let volume: f64 = mesh.triangles.iter().map(signed).sum();
     let area: f64 = mesh.triangles.iter().map(face).sum();
-    // A head is no worse than a quarter of the sphere of its area; inconsistent winding gives almost nothing.
+    // A head has at least a quarter of the volume of a sphere of the same area; inconsistent winding yields almost
+    // nothing.
     let sphere = (area / (4.0 * std::f64::consts::PI)).powf(1.5) * 4.0 / 3.0 * std::f64::consts::PI;
     assert!(volume > 0.25 * sphere, "{volume} {sphere}");
 }
@@ -106,7 +107,8 @@ fn splats_of_a_scan_with_normals_leave_no_holes() {
     assert!(matches!(cloud.data().shape, Shape::Disks { .. }));
     assert_eq!(report.normals_given, POINTS);
     assert!((3.0..6.0).contains(&report.interior_weight.unwrap()));
-    // Above the points themselves, and halfway to the nearest of the next hundred: nothing bare but stray points.
+    // Places at the points themselves, and halfway to the farthest near one among the next hundred: only stray points
+    // may be uncovered.
     let place = |i: usize| {
         let p = cloud.center(i);
         let near = (i + 1..i + 100)
@@ -118,6 +120,6 @@ fn splats_of_a_scan_with_normals_leave_no_holes() {
     let places: Vec<(DVec3, DVec3)> = (0..POINTS - 100).step_by(50).filter_map(place).collect();
     let c = coverage(&cloud, &places);
     println!("lion: {c:?} of {}", places.len());
-    // Midpoints of chords across edges of the statue lie beside it.
+    // Midpoints of chords across edges of the statue are beside the surface.
     assert!((c.holes as f64) < 0.01 * places.len() as f64, "{c:?} of {}", places.len());
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use surfel_io::{Content, LoadOptions};
 use surfel_model::{Geometry, Object, Scene, SceneFile};
 
-/// The scene, its objects loaded from a folder: splat files and meshes, nothing that must be converted.
+/// Returns the scene with its objects loaded from a folder: splat files and meshes, without conversions.
 pub(crate) fn scene(file: &SceneFile, folder: &Path) -> Scene {
     let objects = file.objects.iter().map(|object| {
         let path = folder.join(object.splats.as_ref().or(object.mesh.as_ref()).unwrap());

@@ -1,4 +1,4 @@
-//! Shadow maps against ray-cast truth.
+//! Tests of shadow maps against ray-cast truth.
 
 use crate::validated_gpu;
 use glam::DVec3;
@@ -9,16 +9,16 @@ use surfel_model::Light;
 use surfel_reference::Renderer as Reference;
 use surfel_render::{Frame, Planes, Renderer};
 
-/// What a shadow map got wrong, over all pixels whose truth is clear.
+/// Errors of a shadow map, over all pixels whose truth is clear.
 #[derive(Debug, Default)]
 struct Errors {
-    /// Mean of light missing where the truth is lit, farther from any shadow than the filter is wide.
+    /// Mean of light missing in lit pixels that are farther from any shadow than the filter is wide.
     acne: f64,
-    /// The most light missing in such a pixel.
+    /// Largest fraction of light missing in one of these pixels.
     worst_acne: f64,
-    /// Mean of light where the truth is dark, farther from the light than the filter is wide and a splat reaches.
+    /// Mean of light in dark pixels that are farther from the light than the filter's width and a splat's reach.
     leak: f64,
-    /// Pixels that were judged: lit and dark.
+    /// Number of pixels that were compared: lit and dark.
     counts: [usize; 2],
 }
 
@@ -28,8 +28,8 @@ fn image(backend: &mut impl Renderer, case: &Case) -> Frame {
     render(backend, &case, Planes::ALL).unwrap()
 }
 
-/// Distance by which the ray from `point` to the light misses the ball; negative inside its shadow. +∞ where the ball
-/// lies behind.
+/// Returns the distance by which the ray from `point` to the light misses the ball; negative inside its shadow. +∞ if
+/// the ball is behind.
 fn miss(point: DVec3, to_light: DVec3, distance: f64) -> f64 {
     let along = (BALL_CENTER - point).dot(to_light);
     if along < 0.0 || along > distance + BALL_RADIUS {
@@ -71,7 +71,7 @@ fn errors(backend: &mut impl Renderer, case: &Case, guard: f64, floor: f64) -> E
         let share = f64::from(shadowed.color()[at][0]) / full;
         let on_floor = (point.y - floor).abs() < 0.02;
         let miss = if on_floor { miss(point, to_light, distance) } else { f64::INFINITY };
-        // On the ball every point that faces the light clearly is lit.
+        // On the ball, every point that clearly faces the light is lit.
         let normal = if on_floor { DVec3::Y } else { (point - BALL_CENTER).normalize() };
         if miss > guard && normal.dot(to_light) > 0.15 {
             lit += 1.0 - share;
@@ -89,34 +89,34 @@ fn errors(backend: &mut impl Renderer, case: &Case, guard: f64, floor: f64) -> E
 
 const PARTS: [Parts; 4] = [Parts::Splats, Parts::Meshes, Parts::MeshOverSplats, Parts::SplatsOverMesh];
 
-/// Every kind of caster and receiver under every kind of light; with `few`, each of them once.
+/// Tests every kind of caster and receiver under every kind of light; with `few`, each of them once.
 fn is_the_ray_cast_one(backend: &mut impl Renderer, few: bool) {
     let lights = [scenes::sun(), scenes::spot(40.0), scenes::spot(85.0)];
     for (i, parts) in PARTS.into_iter().enumerate() {
         for (_, light) in lights.iter().enumerate().filter(|(k, _)| !few || *k == i % 3) {
             let mut case = scenes::ball_over_floor(parts, light.clone());
             case.camera.size = [160, 160];
-            // The filter is 3 texels wide, of at most 0.007; a splat of the ball has r = 0.07, so it reaches 0.0035
-            // beyond it, and what it hides within ε = r of itself is lit: at the ball's rim that is √(2·0.7·0.0035)
-            // along the light.
+            // The filter is 3 texels wide, of at most 0.007. A splat of the ball has r = 0.07, so it reaches 0.0035
+            // beyond the ball. Points within ε = r behind it are lit: at the ball's rim that is √(2·0.7·0.0035) along
+            // the light.
             let errors = errors(backend, &case, 0.06, FLOOR_HEIGHT);
             println!("{} {parts:?} {light:?}: {errors:?}", backend.info().backend);
             assert!(errors.counts[0] > 3000 && errors.counts[1] > 700, "{errors:?}");
-            // Measured: mean 8e-5; most, near the terminator, where a facet's or a splat's plane leaves the curve:
-            // 0.36.
+            // Measured: mean 8e-5; largest 0.36, near the terminator, where a facet's or a splat's plane deviates from
+            // the curve.
             assert!(errors.acne < 2e-4 && errors.worst_acne < 0.5, "{errors:?}");
             assert!(errors.leak < 1e-4, "{errors:?}");
         }
     }
 }
 
-/// Where the ball stands on the floor, the bias of the maps must not let light in under it.
+/// Tests that the bias of the maps lets no light in under a ball that touches the floor.
 fn is_dark_at_a_contact(backend: &mut impl Renderer) {
     for parts in [Parts::Splats, Parts::Meshes] {
         let mut case = scenes::ball_over_floor(parts, scenes::sun());
         case.camera.size = [240, 240];
         case.camera.eye = [2.0, 1.2, 2.6];
-        // The floor comes up to the ball.
+        // The floor is raised to the ball.
         let up = BALL_CENTER.y - BALL_RADIUS - FLOOR_HEIGHT;
         case.scene.objects[1].world_from_object = glam::DAffine3::from_translation(DVec3::Y * up);
         let errors = errors(backend, &case, 0.05, FLOOR_HEIGHT + up);

@@ -1,4 +1,4 @@
-//! Splats made of meshes with `--sharp`, against exact ray casts of the meshes.
+//! Tests of splats made from meshes with `--sharp`, against exact ray casts of the meshes.
 
 use crate::validated_gpu;
 use glam::{DVec3, Vec3};
@@ -14,12 +14,12 @@ use surfel_sample::{
     NoProgress, PointOptions, SharpOptions, sharp_splats_from_mesh, sharpen_points, splats_from_points,
 };
 
-/// The paper's images.
+/// Size of the paper's images.
 const SIZE: u32 = 800;
 const VIEWS: [DVec3; 3] = [DVec3::new(0.62, 0.52, 0.9), DVec3::new(0.1, 0.9, -0.4), DVec3::new(-0.6, -0.2, 0.4)];
 
-/// Asserts that a backend draws a closed mesh's clipped splats with their back faces as the mesh is, at three distances
-/// (C12's shares of the image), and that it doesn't where the cloud isn't declared oriented.
+/// Asserts that a backend draws a closed mesh's clipped splats with back faces like the mesh, at three distances (C12's
+/// shares of the image). Asserts that it doesn't if the cloud isn't declared oriented.
 fn back_faces_stay_behind(mut renderer: impl Renderer, mesh: &Mesh, splats: usize, size: u32) {
     let options = SharpOptions { splats: Some(splats), ..SharpOptions::default() };
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
@@ -77,7 +77,7 @@ fn back_faces_of_the_fandisk_stay_behind_its_outlines() {
     }
 }
 
-/// How splats of a closed mesh differ from it in images of 800², under each policy, one result a view.
+/// Returns the differences between a closed mesh's splats and the mesh in images of 800², under a policy, one per view.
 fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference> {
     let options = SharpOptions { splats: Some(splats), ..SharpOptions::default() };
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
@@ -101,8 +101,8 @@ fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference
     VIEWS.iter().map(each).collect()
 }
 
-/// An L of two boxes with a round hole's half cut out of its foot and a quarter round on its back: plane and curved
-/// faces, convex and concave creases, straight and round, corners of all kinds; a profile pushed along z.
+/// Returns an L of two boxes with half a round hole in its foot and a quarter round on its back: plane and curved
+/// faces, convex and concave creases, straight and round, corners of all kinds. The profile is extruded along z.
 fn part() -> Mesh {
     let arc = |center: [f64; 2], radius: f64, from: f64, to: f64, count: u32| {
         (0..=count).map(move |i| {
@@ -168,7 +168,7 @@ fn sharp_part_of_two_thousand_splats_is_the_part() {
     let clipped = differences(&mesh, 2000, ClipPolicy::Exact);
     let whole = differences(&mesh, 2000, ClipPolicy::Off);
     for (d, off) in clipped.iter().zip(&whole) {
-        // The bound for the fandisk: fewer than 0.5 % of the covered pixels.
+        // The required bound for the fandisk: fewer than 0.5 % of the covered pixels.
         assert!(d.covered > 200_000 && d.share() < 5e-3 && d.holes <= 1, "{d:?}");
         assert!(off.share() > 10.0 * d.share(), "without clips it is another thing: {off:?}");
     }
@@ -186,7 +186,8 @@ fn sharp_fandisk_of_2500_splats_is_the_fandisk() {
     }
 }
 
-/// Shares of pixels that differ from a mesh where its points are splats: as they are, and with edges found and clipped.
+/// Returns the fractions of pixels that differ from a mesh drawn as splats of sampled points: plain, and with edges
+/// detected and clipped.
 fn shares_of_points(mesh: &Mesh, count: usize, noise: f64) -> [f64; 2] {
     let (plain, _) =
         splats_from_points(&sampled(mesh, count, noise, 5), &PointOptions::default(), &NoProgress).unwrap();
@@ -223,7 +224,7 @@ fn points_of_a_cube_keep_its_edges() {
 
 #[test]
 fn points_of_a_face_with_a_reflex_corner_cover_it_and_no_more() {
-    // At (0.55, 0.6) the part's plane faces turn by 270°; 30,000 points lie 0.012 apart.
+    // At (0.55, 0.6) the part's plane faces turn by 270°; 30,000 points are 0.012 apart.
     let points = sampled(&part(), 30_000, 0.0, 3);
     let (plain, _) = splats_from_points(&points, &PointOptions::default(), &NoProgress).unwrap();
     let (sharp, report) = sharpen_points(&plain, 40.0, &NoProgress).unwrap();
@@ -238,7 +239,7 @@ fn points_of_a_face_with_a_reflex_corner_cover_it_and_no_more() {
             u * u + v * v <= 1.0 && clips.clip(i, ClipPolicy::Exact).is_none_or(|c| c.keeps(V2::new(u, v)))
         })
     };
-    // Within three spacings of the corner, but for half a thousandth beside the edges.
+    // Within three spacings of the corner, except for half a thousandth beside the edges.
     let offsets = || (-36..=36).map(|i| f64::from(i) * 1e-3 + 5e-4);
     for (x, y) in offsets().flat_map(|x| offsets().map(move |y| (x, y))) {
         assert_eq!(is_kept(0.55 + x, 0.6 + y), x < 0.0 || y < 0.0, "{x} {y} from the corner");
@@ -273,8 +274,8 @@ fn points_of_a_ball_have_no_edges_however_few() {
 
 #[test]
 fn points_of_an_egg_have_no_edges_at_its_ends() {
-    // Axes 2 : 1 : 0.7. Its ends bend far more than what is beside them; jumps alone took 22, 11 and 28 splats for
-    // edges.
+    // Axes 2 : 1 : 0.7. The ends bend far more than the surface beside them; detection by jumps alone took 22, 11 and
+    // 28 splats for edges.
     let ball = surfel_conformance::polygons::mesh_sphere(5);
     let positions = ball.positions.high().iter().map(|p| *p * Vec3::new(2.0, 1.0, 0.7)).collect();
     let egg = Mesh { positions: Column3::from_f32(positions), ..ball };

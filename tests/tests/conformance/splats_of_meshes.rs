@@ -1,4 +1,4 @@
-//! Splats made of a mesh beside its polygons: the same silhouette, the same facing, the same shading.
+//! Tests of a mesh's splats against its polygons: the same silhouette, facing and shading.
 
 use glam::DVec3;
 use std::f64::consts::{PI, TAU};
@@ -9,20 +9,20 @@ use surfel_render::{Frame, Planes, Renderer, View};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, splats_from_mesh};
 
 const SIZE: u32 = 200;
-/// Half the field of view's height at the middle of what is seen.
+/// Half the height of the view at the middle of the scene, in units of the scene.
 const REACH: f64 = 2.3;
-/// Facets around and along a capsule.
+/// Number of facets around and along a capsule.
 const TESSELLATIONS: [[u32; 2]; 5] = [[8, 6], [16, 8], [32, 16], [64, 32], [128, 64]];
 pub(crate) const VIEWS: u32 = 48;
 
-/// A capsule of radius 1 and length 4 about the z axis, with the normals of the smooth surface; without the upper cap
-/// if it is open.
+/// Returns a capsule of radius 1 and length 4 along the z axis, with the normals of the smooth surface; without the
+/// upper cap if open.
 fn capsule([around, along]: [u32; 2], is_open: bool) -> Mesh {
     let cap = along / 2 - 1;
     let ring = |z: f64, polar: f64| {
         (0..around).map(move |i| {
             let angle = TAU * f64::from(i) / f64::from(around);
-            // Exactly one place a pole.
+            // All vertices of a pole coincide exactly.
             let radius = if polar.abs() < 1.57 { polar.cos() } else { 0.0 };
             let normal = DVec3::new(radius * angle.cos(), radius * angle.sin(), polar.sin());
             (normal + DVec3::Z * z, normal)
@@ -51,7 +51,7 @@ fn area(mesh: &Mesh) -> f64 {
     mesh.triangles.iter().map(corners).map(|[a, b, c]| 0.5 * (b - a).cross(c - a).length()).sum()
 }
 
-/// Even directions: a Fibonacci spiral.
+/// Returns evenly distributed directions: a Fibonacci spiral.
 pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     (0..count).map(move |i| {
         let (z, angle) = (1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(count), f64::from(i) * PI * (3.0 - 5f64.sqrt()));
@@ -60,7 +60,7 @@ pub(crate) fn directions(count: u32) -> impl Iterator<Item = DVec3> {
     })
 }
 
-/// How many of a pixel and its neighbours polygons cover, and how many there are.
+/// Returns the number of covered pixels among a pixel and its neighbours, and the number of these pixels.
 fn covered_around(polygons: &Frame, at: usize) -> [usize; 2] {
     let (width, height) = (polygons.width() as usize, polygons.height() as usize);
     let (x, y) = (at % width, at / width);
@@ -69,7 +69,8 @@ fn covered_around(polygons: &Frame, at: usize) -> [usize; 2] {
     [around.clone().filter(|at| polygons.depth()[*at].is_finite()).count(), around.count()]
 }
 
-/// Pixels without a splat inside the polygons' silhouette, its rim of one pixel left out, and all pixels inside.
+/// Returns the number of holes and the number of inner pixels. Holes have no splat; inner pixels are within the
+/// polygons' silhouette without its rim of one pixel.
 pub(crate) fn hole_count(splats: &Frame, polygons: &Frame) -> [usize; 2] {
     let is_inside = |at: &usize| {
         let [covered, around] = covered_around(polygons, *at);
@@ -80,18 +81,18 @@ pub(crate) fn hole_count(splats: &Frame, polygons: &Frame) -> [usize; 2] {
     [holes, inside.count()]
 }
 
-/// What differs between an image of splats and one of polygons, over all views.
+/// Differences between an image of splats and one of polygons, over all views.
 #[derive(Debug, Default)]
 struct Differences {
-    /// Pixels inside the polygons' silhouette, its rim of one pixel left out.
+    /// Number of pixels inside the polygons' silhouette, without its rim of one pixel.
     inside: usize,
-    /// Of them, without any splat.
+    /// Number of inside pixels without any splat.
     holes: usize,
-    /// Of them, covered by less than half.
+    /// Number of inside pixels covered by less than half.
     thin: usize,
-    /// Pixels more than one pixel outside of the silhouette, covered by at least half.
+    /// Number of pixels more than one pixel outside the silhouette, covered by at least half.
     beyond: usize,
-    /// Inside pixels whose normals are more than 30° apart.
+    /// Number of inside pixels whose normals are more than 30° apart.
     turned: usize,
     /// Sum of squared differences of the colour's channels inside.
     squares: f64,
@@ -123,8 +124,8 @@ impl Differences {
     }
 }
 
-/// Splats of a mesh about the origin beside its polygons, from those of 48 directions that are asked for. The splats
-/// are `spacing_px` apart where they face the eye.
+/// Compares the splats of a mesh around the origin with its polygons, from those of 48 directions that `seen_from`
+/// selects. The splats are `spacing_px` apart if they face the eye.
 fn differences(mesh: &Mesh, cull: Cull, spacing_px: f64, seen_from: impl Fn(DVec3) -> bool) -> Differences {
     let count = area(mesh) * (f64::from(SIZE) / (2.0 * REACH * spacing_px)).powi(2);
     let options = MeshOptions::new(MeshMethod::Count(count as usize));
@@ -166,14 +167,14 @@ fn capsules_of_splats_look_like_their_polygons() {
             let found = differences(&mesh, if is_open { Cull::None } else { Cull::Back }, 2.0, |_| true);
             println!("{tessellation:?}, open {is_open}: RMSE {:.4}, {found:?}", found.rmse());
             assert!(found.inside > 300_000 && found.holes == 0 && found.beyond == 0, "{tessellation:?}: {found:?}");
-            // Inside of an open one, what is within 10° of edge-on is lit as its front is (§2).
+            // Inside an open capsule, splats within 10° of edge-on are lit like its front (§2).
             let turned = if is_open { 300 } else { 2000 };
             assert!(found.rmse() < 0.02 && found.turned * turned < found.inside, "{tessellation:?}: {found:?}");
         }
     }
 }
 
-/// Splats end where the mesh does, at its open edges and at its creases, however large they are.
+/// Splats end where the mesh does, at its open edges and at its creases, at any size.
 #[test]
 fn a_cube_and_a_sheet_of_large_splats_end_at_their_edges() {
     let ends = |mesh: Mesh, cull: Cull, seen_from: fn(DVec3) -> bool| {
@@ -183,7 +184,7 @@ fn a_cube_and_a_sheet_of_large_splats_end_at_their_edges() {
         assert!(found.turned * 10_000 < found.inside && found.rmse() < 0.01, "{found:?}");
     };
     ends(cube(), Cull::Back, |_| true);
-    // From behind and within 10° of edge-on, an oriented surface is lit as its front is (§2); the eye is so near that
+    // From behind and within 10° of edge-on, an oriented surface is lit like its front (§2). The eye is so near that
     // other places of the sheet are seen at up to 15° more.
     let sheet = quad(DVec3::ZERO, [DVec3::X * 1.5, DVec3::Y], 1.0);
     ends(sheet, Cull::None, |direction| !(-0.5..0.0).contains(&direction.z));

@@ -1,10 +1,10 @@
-//! Sweeps to the extremes: nothing may break where it has to work.
+//! Tests of sweeps to the extremes: no fault within the required ranges.
 
 use crate::validated_gpu;
 use surfel_conformance::stability::{Draw, Measured, Precision, drawer, run, sweeps};
 use surfel_reference::Renderer as Reference;
 
-/// What breaks of backends within the required ranges. Every `step`-th value of each sweep, the required one always.
+/// Returns the faults of backends within the required ranges, at every `step`-th value; the last one always counts.
 fn faults(mut backends: Vec<(Precision, Box<Draw<'_>>)>, step: usize) -> Vec<String> {
     let mut reference = Reference::new(Default::default()).unwrap();
     let mut found = Vec::new();
@@ -14,7 +14,7 @@ fn faults(mut backends: Vec<(Precision, Box<Draw<'_>>)>, step: usize) -> Vec<Str
         sweep.values =
             wanted.into_iter().enumerate().filter(|(i, _)| (last - i).is_multiple_of(step)).map(|(_, v)| v).collect();
         let outcomes = run(&sweep, &mut reference, &mut backends).unwrap();
-        // A sweep whose images are all empty shows nothing.
+        // A sweep whose images are all empty would test nothing.
         for points in outcomes.iter().map(|outcome| &outcome.points) {
             let compared: usize = points.iter().map(|p| p.compared).sum();
             let drawn = points.iter().all(|p| !p.unsupported);

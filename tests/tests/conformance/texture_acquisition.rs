@@ -1,4 +1,4 @@
-//! Figure 6 of Z01: a texture that irregular splats took, minified, magnified and extremely magnified.
+//! Figure 6 of Z01: a texture sampled by irregular splats, minified, magnified and extremely magnified.
 
 use glam::{DVec3, Vec3};
 use std::sync::Arc;
@@ -9,16 +9,16 @@ use surfel_render::{Renderer, View};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, fit_to_mesh, splats_from_mesh};
 
 const SIZE: u32 = 160;
-/// Splats along a side of the square, four to a side of a black or white one.
+/// Number of splats along a side of the square; a black or white field has four per side.
 const SPLATS: usize = 60;
-/// Texels along a side.
+/// Number of texels along a side.
 const TEXELS: u32 = 360;
-/// Samples along a side of a pixel of polygons.
+/// Number of samples along a side of a pixel, for polygons.
 const SAMPLES: u32 = 4;
-/// Heights of what is seen of the square of side 2: 2/3 splat a pixel, 10 and 40 pixels a splat.
+/// Heights of the view of the square of side 2: 2/3 splat per pixel, 10 and 40 pixels per splat.
 const HEIGHTS: [f64; 3] = [3.6, 0.53, 0.13];
 
-/// The square from −1 to 1 with a texture of linear values at (0, 0) to (1, 1).
+/// Returns the square from −1 to 1 with a texture of linear values at (0, 0) to (1, 1).
 fn painted(value: impl Fn(f32, f32) -> Vec3) -> Mesh {
     let texel = |i: u32| {
         let at = |k: u32| (k as f32 + 0.5) / TEXELS as f32;
@@ -36,7 +36,7 @@ fn checkerboard(u: f32, v: f32) -> Vec3 {
     Vec3::splat((square(u) + square(v)).rem_euclid(2) as f32)
 }
 
-/// Soft shapes of many sizes, as photographs have, none finer than six splats.
+/// Returns soft shapes of many sizes, like those of photographs, none finer than six splats.
 fn photograph(u: f32, v: f32) -> Vec3 {
     let wave = |i: i32| {
         let frequency = 5.0 * 1.5f32.powi(i);
@@ -58,7 +58,7 @@ fn camera(height: f64, size: u32) -> Camera {
     }
 }
 
-/// The colours of an object alone, `samples`² to a pixel.
+/// Draws the colours of a single object, with `samples`² samples per pixel.
 fn draw(object: Object, height: f64, samples: u32) -> Vec<Vec3> {
     let mut cpu = surfel_cpu::Renderer::new(surfel_cpu::Options::default()).unwrap();
     let scene = Scene { objects: vec![object], ..Scene::default() };
@@ -81,7 +81,7 @@ fn rmse(a: &[Vec3], b: &[Vec3]) -> f64 {
     (a.iter().zip(b).map(squared).sum::<f64>() / a.len() as f64).sqrt()
 }
 
-/// RMSE to the polygons of point samples, view-independent EWA and the fit, at each height.
+/// Returns the RMSE to the polygons of point samples, view-independent EWA and the fit, at each height.
 fn errors(mesh: &Mesh) -> [[f64; 3]; 3] {
     let options = MeshOptions::new(MeshMethod::Count(SPLATS * SPLATS));
     let (cloud, _) = splats_from_mesh(mesh, &options, &NoProgress).unwrap();
@@ -98,11 +98,11 @@ fn errors(mesh: &Mesh) -> [[f64; 3]; 3] {
 #[test]
 fn figure_6_a_fit_is_sharper_close_up_and_the_same_from_afar() {
     let [minified, magnified, extreme] = errors(&painted(checkerboard));
-    // "Minification … does not reveal the difference": a few hundredths of what white and black differ by.
+    // "Minification … does not reveal the difference": a few hundredths of the difference between white and black.
     assert!((minified[2] - minified[1]).abs() < 0.04, "{minified:?}");
     for [point, ewa, fit] in [magnified, extreme] {
         assert!(fit < 0.9 * ewa, "{magnified:?} {extreme:?}");
-        // Black and white leave no room within the bounds: 2 % for the part of the square that is seen.
+        // Black and white leave no room within the bounds: 2 % for the visible part of the square.
         assert!(fit < 1.02 * point, "{magnified:?} {extreme:?}");
     }
 }

@@ -1,5 +1,5 @@
-//! Splats of meshes with several materials, against their polygons and against rays that see through what is cut or
-//! blended. The scenes are glTF files of the test's own, each of which tests what a model of the Khronos samples does.
+//! Tests of splats of meshes with several materials, against their polygons and against rays that pass through cut or
+//! blended surfaces. The scenes are glTF files written by the test; each tests the feature of a Khronos sample model.
 
 use glam::{DVec2, DVec3};
 use std::path::Path;
@@ -12,13 +12,13 @@ use surfel_render::{Frame, Planes, Preset, Renderer, View};
 use surfel_sample::{MeshOptions, NoProgress, splats_from_mesh};
 
 const SIZE: u32 = 256;
-/// FLIP of splats against what they stand for, at most: that of the issue.
+/// Maximum FLIP between splats and the surface that they represent.
 const MOST: f64 = 0.03;
-/// Rays of a pixel along either axis.
+/// Number of rays per pixel along either axis.
 const RAYS: u32 = 4;
 const SKY: [f32; 3] = [0.8, 0.85, 0.9];
 
-/// A glTF document in the making: a primitive, a mesh and a node for each quad.
+/// A glTF document under construction: a primitive, a mesh and a node for each quad.
 #[derive(Default)]
 struct Document {
     data: Vec<u8>,
@@ -41,7 +41,7 @@ impl Document {
         self.accessors.len() - 1
     }
 
-    /// A texture of 128² texels, by what is at u and v.
+    /// Adds a texture of 128² texels, with colours by u and v.
     fn texture(&mut self, texel: impl Fn(f32, f32) -> [f32; 4]) -> usize {
         let at = |i: u32| texel((i % 128) as f32 / 128.0, (i / 128) as f32 / 128.0);
         let premultiplied = |[r, g, b, a]: [f32; 4]| [r * a, g * a, b * a, a];
@@ -58,13 +58,13 @@ impl Document {
         self.materials.len() - 1
     }
 
-    /// A material of a texture, with more members.
+    /// Adds a material with a texture and more members.
     fn textured(&mut self, texture: usize, more: &str) -> usize {
         let pbr = format!(r#"{{"baseColorTexture": {{"index": {texture}}}}}"#);
         self.material(format!(r#"{{"pbrMetallicRoughness": {pbr}{more}}}"#))
     }
 
-    /// A parallelogram from a corner along two edges; more attributes are accessors by name.
+    /// Adds a parallelogram from a corner along two edges; `more` has further attributes, as accessors by name.
     fn quad(&mut self, [corner, e, f]: [DVec3; 3], material: usize, more: &[(&str, usize)], node: &str) {
         let corners = [corner, corner + e, corner + e + f, corner + f];
         let list = [0, 1, 2, 0, 2, 3];
@@ -104,7 +104,7 @@ fn hex(bytes: &[u8]) -> String {
     bytes.iter().map(|b| format!("%{b:02x}")).collect()
 }
 
-/// A disc with a zigzag on white: what is lost as soon as colours are those of the corners.
+/// Returns a disc with a zigzag on white, which is lost if colours are those of the corners.
 fn logo(u: f32, v: f32) -> [f32; 4] {
     let (x, y) = (u - 0.5, v - 0.5);
     let zigzag = y > 0.12 * (12.0 * x).sin();
@@ -120,13 +120,13 @@ fn checkers(u: f32, v: f32) -> [f32; 4] {
     if dark { [0.5, 0.08, 0.05, 1.0] } else { [0.9, 0.75, 0.3, 1.0] }
 }
 
-/// Stripes that fade to the top.
+/// Returns stripes that fade towards the top.
 fn fading(u: f32, v: f32) -> [f32; 4] {
     let [r, g, b] = if ((u + 0.5 * v) * 8.0) as i32 % 2 == 0 { [0.7, 0.75, 0.05] } else { [0.05, 0.3, 0.75] };
     [r, g, b, (1.1 * v - 0.05).clamp(0.0, 1.0)]
 }
 
-/// Three rounded leaves.
+/// Returns three rounded leaves.
 fn leaves(u: f32, v: f32) -> [f32; 4] {
     let at = DVec2::new(f64::from(u) - 0.5, f64::from(v) - 0.5);
     let angle = at.y.atan2(at.x);
@@ -134,12 +134,12 @@ fn leaves(u: f32, v: f32) -> [f32; 4] {
     [0.05, 0.2 + 0.4 * u, 0.05, f32::from(inside)]
 }
 
-/// A quad in a plane of constant z, by its lower left corner and its sides.
+/// Returns a quad in a plane of constant z, by its lower left corner and its sides.
 fn upright(x: f64, y: f64, z: f64, width: f64, height: f64) -> [DVec3; 3] {
     [DVec3::new(x, y, z), DVec3::X * width, DVec3::Y * height]
 }
 
-/// A van: two textures, and parts with a colour alone (CesiumMilkTruck).
+/// Returns a van: two textures, and parts with a colour alone (CesiumMilkTruck).
 fn van() -> Mesh {
     let mut d = Document::default();
     let (logo, checkers) = (d.texture(logo), d.texture(checkers));
@@ -153,7 +153,7 @@ fn van() -> Mesh {
     d.load()
 }
 
-/// Vertex colours beside a texture, and over one (VertexColorTest).
+/// Returns vertex colours beside a texture, and over one (VertexColorTest).
 fn vertex_colors() -> Mesh {
     let mut d = Document::default();
     let checkers = d.texture(checkers);
@@ -167,7 +167,7 @@ fn vertex_colors() -> Mesh {
     d.load()
 }
 
-/// A texture moved, turned and scaled, and one by other coordinates (TextureTransformTest, MultiUVTest).
+/// Returns a texture moved, turned and scaled, and one by other coordinates (TextureTransformTest, MultiUVTest).
 fn transforms() -> Mesh {
     let mut d = Document::default();
     let logo = d.texture(logo);
@@ -189,7 +189,7 @@ fn transforms() -> Mesh {
     d.load()
 }
 
-/// Instances, each with its own place, turn and size (SimpleInstancing).
+/// Returns instances, each with its own position, rotation and size (SimpleInstancing).
 fn instances() -> Mesh {
     let mut d = Document::default();
     let (logo, checkers) = (d.texture(logo), d.texture(checkers));
@@ -209,7 +209,7 @@ fn instances() -> Mesh {
     d.load()
 }
 
-/// A wall, and before it what is opaque, cut and blended (AlphaBlendModeTest), and leaves.
+/// Returns a wall, opaque, cut and blended surfaces in front of it (AlphaBlendModeTest), and leaves.
 fn alpha_modes() -> Mesh {
     let mut d = Document::default();
     let (wall, fading, leaves) = (d.texture(checkers), d.texture(fading), d.texture(leaves));
@@ -264,7 +264,7 @@ fn no_splat() -> surfel_model::SplatCloud {
     surfel_conformance::build::cloud(&[])
 }
 
-/// What rays see, each through every triangle that it meets: front to back, by glTF's alpha modes.
+/// Casts rays through all triangles that they meet and blends these front to back, by glTF's alpha modes.
 fn rays(mesh: &Mesh) -> Vec<[f32; 4]> {
     let camera = camera();
     let [right, down, forward] = axes(&camera);
@@ -339,7 +339,7 @@ fn splats_of_several_materials_look_like_their_polygons() {
     for (name, mesh) in scenes.into_iter().chain([("transforms", transforms())]) {
         assert!(mesh.textures().count() > 0, "{name}");
         let (polygons, rays) = (polygons(&mesh), rays(&mesh));
-        // The rays know textures and materials by themselves.
+        // The rays evaluate textures and materials independently.
         assert!(flip(&rays, &polygons, &format!("{name}-polygons")) < MOST, "{name}");
         assert!(flip(&polygons, &splats(&mesh), name) < MOST, "{name}");
     }
@@ -351,6 +351,6 @@ fn what_is_cut_or_blended_looks_like_rays_through_it() {
     assert!(mesh.is_see_through());
     let rays = rays(&mesh);
     assert!(flip(&rays, &splats(&mesh), "alpha-modes") < MOST);
-    // The measure would see it: polygons are opaque and whole.
+    // A check of the measure: polygons are opaque and whole, so they must differ.
     assert!(flip(&rays, &polygons(&mesh), "alpha-modes-polygons") > 2.0 * MOST);
 }

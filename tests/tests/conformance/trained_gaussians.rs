@@ -1,5 +1,5 @@
-//! Trained Gaussians (docs/gaussians.md): the reference against the formulas as they were published, other backends
-//! against the reference, and what a plan has of them.
+//! Tests of trained Gaussians (docs/gaussians.md): the reference against the published formulas, other backends against
+//! the reference, and their plans.
 
 use crate::validated_gpu::{ash, no_messages, wgpu};
 use glam::{DAffine3, DMat3, DQuat, DVec3, dvec2, dvec3};
@@ -15,7 +15,7 @@ use surfel_render::{
     Capabilities, Feature, Frame, Pass, Planes, Region, Renderer, SceneSummary, View, plan, unsupported,
 };
 
-/// All planes that show Gaussians.
+/// Returns all planes that Gaussians have.
 fn planes() -> Planes {
     let planes = Planes::ALL.with_alpha(true).with_median_depth(true).with_distortion(true).with_position(true);
     planes.with_fragments(true)
@@ -44,7 +44,7 @@ fn cpu(threads: usize) -> surfel_cpu::Renderer {
     surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(threads)).unwrap()
 }
 
-/// Red, green, blue, alpha; expected depth, median depth, distortion, Σw·n; of a pixel.
+/// Values of a pixel: red, green, blue, alpha; expected depth, median depth, distortion, Σw·n.
 type Values = [f64; 10];
 
 fn values(frame: &Frame) -> Vec<Values> {
@@ -57,8 +57,8 @@ fn values(frame: &Frame) -> Vec<Values> {
     (0..frame.color().len()).map(of).collect()
 }
 
-/// A flat cloud before a camera without a background, by the formulas of the 2DGS paper and its renderer, pixel by
-/// pixel: homogeneous planes of the pixel and their intersection with the splat's.
+/// Draws a flat cloud without a background by the formulas of the 2DGS paper and its renderer, pixel by pixel:
+/// homogeneous planes of the pixel and their intersection with the splat's plane.
 fn published(data: &GaussianData, view: &View, sort: Sort) -> Vec<Values> {
     let [[fx, fy], [cx, cy]] = [view.projection.focal_px, view.projection.principal_px];
     let mut splats = Vec::new();
@@ -118,7 +118,7 @@ fn published(data: &GaussianData, view: &View, sort: Sort) -> Vec<Values> {
             if z < 0.2 || alpha < 1.0 / 255.0 {
                 continue;
             }
-            // The order: of its pixel's fragments by 17 bits of z, or of the centres.
+            // The order: of each pixel's fragments by 17 bits of z, or of the centres.
             let unit = (z.log2().floor() - 16.0).exp2();
             let step = if sort == Sort::Pixel { (z / unit).round() * unit } else { 0.0 };
             fragments.push((step, *number, z, alpha, color, normal));
@@ -150,7 +150,7 @@ fn published(data: &GaussianData, view: &View, sort: Sort) -> Vec<Values> {
     (0..view.pixels()).map(pixel).collect()
 }
 
-/// The largest difference outside of the margin, relative where numbers are above 1.
+/// Returns the largest difference outside the margin, relative for numbers above 1.
 fn worst(got: &[Values], want: &[Values], margin: &[f32]) -> f64 {
     let open = margin.iter().filter(|m| **m != 0.0).count();
     assert!(open * 40 <= margin.len(), "{open} of {} pixels are within the margin", margin.len());
@@ -185,7 +185,7 @@ fn reference_draws_flat_gaussians_by_the_published_formulas() {
     }
 }
 
-/// What backends are held to, besides the cases in both orders and with both filters.
+/// Returns the cases that backends are tested with, in both orders and with both filters.
 fn cases() -> Vec<Case> {
     let mut linear = gaussian_field(GaussianKind::Flat);
     linear.scene = gaussian_scene(GaussianData { linear_colors: true, ..random_gaussians(100, GaussianKind::Flat, 5) });
@@ -195,7 +195,7 @@ fn cases() -> Vec<Case> {
     orthographic.camera.far = Some(20.0);
     let solid = gaussian_field(GaussianKind::Solid);
     let far = |mut case: Case| {
-        // Hardly one is larger than a pixel.
+        // Few Gaussians are larger than a pixel.
         case.camera.eye[2] = 60.0;
         case.camera.projection = Projection::Perspective { fov_y_deg: 8.0 };
         case
@@ -207,7 +207,7 @@ fn cases() -> Vec<Case> {
     [cases, by_pixel, principal].concat()
 }
 
-/// Holds a backend against the reference.
+/// Compares a backend with the reference.
 fn agrees(renderer: &mut impl Renderer) {
     for case in cases() {
         let want = drawn(&mut reference(), &case, planes().with_margin(true));
@@ -242,14 +242,14 @@ fn ash_draws_gaussians_as_the_reference_does() {
     }
 }
 
-/// Bits of all planes.
+/// Returns the bits of all planes.
 fn bits(frame: &Frame) -> Vec<u32> {
     let colors = frame.color().as_flattened().iter().chain(frame.normal().as_flattened());
     let others = [frame.depth(), frame.alpha(), frame.median_depth(), frame.distortion()].concat();
     colors.copied().chain(others).map(f32::to_bits).chain(frame.fragments().iter().copied()).collect()
 }
 
-/// A tall heap in which more Gaussians wait than a GPU's pixel has room for, most of them hardly to be seen.
+/// Returns a tall heap in which more Gaussians wait than fit into a GPU's pixel, most of them almost invisible.
 fn heap() -> Case {
     let mut data = random_gaussians(400, GaussianKind::Flat, 31);
     data.sigmas.iter_mut().for_each(|sigmas| *sigmas = [0.5, 0.4, 0.0]);
@@ -284,7 +284,8 @@ fn gpus_draw_every_fragment_of_a_heap_in_the_order_of_pixels() {
     }
 }
 
-/// A backend with limits draws the same bits in parts, regions and without other planes; `limited` starts it.
+/// Asserts that a backend with limits draws the same bits in parts, regions and without other planes; `limited` starts
+/// it.
 fn draws_the_same_bits<R: Renderer>(mut limited: impl FnMut(surfel_wgpu::Limits) -> Option<R>) -> Vec<Vec<u32>> {
     let mut all = Vec::new();
     let plain = surfel_wgpu::Limits::default();
@@ -309,7 +310,7 @@ fn draws_the_same_bits<R: Renderer>(mut limited: impl FnMut(surfel_wgpu::Limits)
             let mut renderer = limited(limits).unwrap();
             assert!(bits(&drawn(&mut renderer, &case, planes())) == bits(&whole), "{} {limits:?}", case.name);
         }
-        // Memory that holds no cell's Gaussians.
+        // Memory too small for any cell's Gaussians.
         let mut renderer = limited(surfel_wgpu::Limits { memory_bytes: 1 << 10, ..plain }).unwrap();
         let resident = renderer.upload(&case.scene).unwrap();
         let mut frame = Frame::default();
@@ -355,7 +356,7 @@ fn cpu_draws_the_same_bits_for_any_threads_regions_planes_and_levels() {
     }
 }
 
-/// One face-on Gaussian, σ = 0.1 in both directions, in the middle.
+/// Returns one face-on Gaussian in the middle, σ = 0.1 in both directions.
 fn one(opacity: f32) -> GaussianData {
     let mut data = no_gaussians(GaussianKind::Flat);
     data.centers = Column3::from_f64(&[DVec3::ZERO]);
@@ -427,7 +428,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
     let field = gaussian_field(GaussianKind::Flat);
     let plain = planned(&field, Planes::COLOR).unwrap();
     assert_eq!((plain.passes.as_slice(), plain.attributes.sums(), plain.reach_px()), (&[Pass::Gaussians][..], 1, 0));
-    // Settings of surfaces decide nothing.
+    // Settings of surfaces have no effect.
     let other = field.with("other", |s| *s = s.with_edge_aa(EdgeAa::Samples).with_shader(Shader::Toon));
     assert_eq!(planned(&other, Planes::COLOR).unwrap(), plain);
     assert_ne!(planned(&by_pixel(&field), Planes::COLOR).unwrap(), plain);
@@ -440,7 +441,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
     assert!(refused(&other).unwrap().contains("--composite surface"));
     let ball = Case::new("ball", surfel_model::Scene::from(cloud(&sphere(50, 1.2, 1))), camera(3.0, 45.0, [16; 2]));
     assert!(!planned(&ball, Planes::ALL).unwrap().has(Pass::Gaussians) && refused(&ball).is_none());
-    // Planes of one kind of scene, asked for of the other.
+    // Planes of one kind of scene, requested of the other.
     for planes in
         [Planes::COLOR.with_alpha(true), Planes::COLOR.with_median_depth(true), Planes::COLOR.with_distortion(true)]
     {
@@ -448,7 +449,7 @@ fn plan_of_gaussians_has_one_pass_and_surfaces_have_none_of_it() {
         assert!(planned(&ball, planes).unwrap_err().to_string().contains("--composite over"));
     }
     assert!(planned(&field, Planes::COLOR.with_index(true)).unwrap_err().to_string().contains("index"));
-    // One or the other.
+    // A scene has either Gaussians or surfaces.
     let mut mixed = field.clone();
     mixed.scene.objects.push(object(cloud(&sphere(50, 1.2, 1))));
     assert!(planned(&mixed, Planes::COLOR).unwrap_err().to_string().contains("surfaces"));
@@ -468,7 +469,7 @@ fn frame_without_planes_of_gaussians_holds_none() {
 
 #[test]
 fn what_is_in_one_order_everywhere_is_drawn_alike_in_both() {
-    // Sheets behind one another, which no ray meets in another order than that of their centres.
+    // Sheets behind one another, which every ray meets in the order of their centres.
     let mut data = no_gaussians(GaussianKind::Flat);
     let centers: Vec<DVec3> =
         (0..40).map(|i| dvec3(0.02 * f64::from(i), 0.0, -0.05 * f64::from((i * 7) % 40))).collect();
@@ -494,7 +495,7 @@ fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
         let mut random = Random::new(5);
         let mut data = random_gaussians(150, kind, 11);
         for i in 0..150 {
-            // Through each other, and so large and little tilted that pixels resolve them.
+            // The Gaussians intersect, and are so large and little tilted that pixels resolve them.
             data.sigmas[i] = [(); 3].map(|()| random.range(0.2, 0.4) as f32);
             let [x, y] = [(); 2].map(|()| random.range(-0.8, 0.8));
             data.rotations[i] = (DQuat::from_rotation_x(x) * DQuat::from_rotation_y(y)).as_quat().to_array();
@@ -503,17 +504,17 @@ fn turning_camera_makes_gaussians_pop_in_the_order_of_centers_alone() {
         let [center, pixel] = [case.clone(), by_pixel(&case)].map(|case| Turning::of(&case, 40));
         println!("{kind:?}: {center:.4?} {pixel:.4?}");
         assert!(center.largest_over_median > 1.8 && center.beyond_motion > 0.03, "{kind:?}: {center:?}");
-        // Between two edges that are less than a quarter of a pixel apart, no sample may fall.
+        // Between two edges less than a quarter of a pixel apart, there may be no sample.
         assert!(pixel.largest_over_median < 1.2 && pixel.beyond_motion < 0.012, "{kind:?}: {pixel:?}");
     }
 }
 
-/// How images change where the camera turns by 0.1° at a time, which is less than half a pixel.
+/// Changes of images while the camera turns by 0.1° per step, which is less than half a pixel.
 #[derive(Debug)]
 struct Turning {
-    /// The mean change of an image: the largest over the median of all steps.
+    /// Largest mean change of an image over all steps, divided by their median.
     largest_over_median: f64,
-    /// The largest change of a pixel to what none of 4×4 samples of it showed before.
+    /// Largest change of a pixel to a colour that none of its 4×4 samples showed before.
     beyond_motion: f64,
 }
 
@@ -551,7 +552,7 @@ impl Turning {
     }
 }
 
-/// RMSE of linear light in an image of 48×48 against the mean of 8×8 unfiltered samples a pixel.
+/// Returns the RMSE of linear light in an image of 48×48 against the mean of 8×8 unfiltered samples per pixel.
 fn error(case: &Case) -> f64 {
     let mut samples = by_principal(case);
     samples.settings.prefilter_radius_px = 0.0;
@@ -572,7 +573,7 @@ fn error(case: &Case) -> f64 {
 #[test]
 fn principal_is_nearer_to_supersampled_gaussians_than_what_they_were_trained_with() {
     for kind in [GaussianKind::Flat, GaussianKind::Solid] {
-        // A ball in squares of two colours; Gaussians are as far apart as they are wide.
+        // A ball with squares of two colours; Gaussians are as far apart as they are wide.
         let mut random = Random::new(3);
         let mut data = no_gaussians(kind);
         let spacing = (4.0 * std::f64::consts::PI / 20_000.0_f64).sqrt();

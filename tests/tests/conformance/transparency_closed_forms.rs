@@ -1,4 +1,4 @@
-//! Transparent splats: closed forms, and what must not change the image.
+//! Tests of transparent splats: closed forms, and changes that must not change the image.
 
 use crate::drawing::reference_image;
 use glam::DVec3;
@@ -8,7 +8,7 @@ use surfel_conformance::scenes::{self, Case};
 use surfel_model::{Filter, Geometry, OnInvalid, SplatCloud, Transparency};
 use surfel_render::Frame;
 
-/// Storing an f64 result in f32 costs 6e-8; sums in another order 1e-13.
+/// Tolerance: storing an f64 result in f32 costs 6e-8, a different order of sums 1e-13.
 const F32: f64 = 1.3e-7;
 
 fn under(case: &Case, transparency: &str) -> Frame {
@@ -17,7 +17,7 @@ fn under(case: &Case, transparency: &str) -> Frame {
     reference_image(&case)
 }
 
-/// Largest difference of colour, Z, normal or weight outside of both margins.
+/// Returns the largest difference of colour, Z, normal or weight outside both margins.
 fn difference(a: &Frame, b: &Frame) -> f64 {
     let mut worst = 0.0f64;
     for i in (0..a.margin().len()).filter(|&i| a.margin()[i] == 0.0 && b.margin()[i] == 0.0) {
@@ -32,7 +32,7 @@ fn difference(a: &Frame, b: &Frame) -> f64 {
     worst
 }
 
-/// Facing disks at z = −1, −2, … before the eye, one an object: a colour and an alpha each.
+/// Returns facing disks at z = −1, −2, … in front of the eye, one per object, each with a colour and an alpha.
 fn disks(layers: &[([f32; 3], f32)]) -> Case {
     let mut scene = scene(&[]);
     scene.objects.clear();
@@ -96,7 +96,7 @@ fn transparency_last_layer_weights_by_alpha_and_drop_leaves_it_out() {
     assert_color(frame.color()[MIDDLE], over(&[(RED.0, 0.25), (blended, alpha)], BACKGROUND));
     let dropped = under(&disks(&layers), "peel:2:drop");
     assert_color(dropped.color()[MIDDLE], over(&[(RED.0, 0.25)], BACKGROUND));
-    // peel:1 is the last layer alone: weight and Z are its own.
+    // peel:1 is the last layer alone, with its own weight and Z.
     let one = under(&disks(&layers[1..]), "peel:1");
     assert_eq!(one.weight()[MIDDLE], 1.25);
     assert!((f64::from(one.depth()[MIDDLE]) - (wa + wb * 2.0) / (wa + wb)).abs() < F32);
@@ -123,8 +123,7 @@ fn transparency_abuffer_blends_by_coverage() {
     assert_color(frame.color()[MIDDLE], want);
 }
 
-/// Where coverage is full, peeling with enough layers and the A-buffer gather the same fragments into the same
-/// surfaces.
+/// With full coverage, peeling with enough layers and the A-buffer gather the same fragments into the same surfaces.
 #[test]
 fn transparency_peeling_and_abuffer_agree_where_both_are_exact() {
     for mut case in [scenes::panes(), scenes::glass_spheres(), scenes::pane_through_sphere()] {
@@ -139,7 +138,7 @@ fn transparency_peeling_and_abuffer_agree_where_both_are_exact() {
     }
 }
 
-/// Surfaces are whole before they are merged, and "over" is associative.
+/// Surfaces are complete before they are merged, and "over" is associative.
 #[test]
 fn transparency_abuffer_limit_costs_nothing() {
     let case = scenes::glass_spheres();
@@ -195,7 +194,7 @@ fn transparency_off_draws_every_splat_opaque() {
     assert_color(reference_image(&off).color()[MIDDLE], over(&[(RED.0, 1.0)], BACKGROUND));
 }
 
-/// G06's figure 6: few layers with the rest blended are close to all layers, closer than with the rest left out.
+/// G06's figure 6: few layers with the rest blended are close to all layers, closer than with the rest dropped.
 #[test]
 fn transparency_blending_the_rest_beats_leaving_it_out() {
     let case = scenes::glass_spheres();
@@ -210,10 +209,10 @@ fn transparency_blending_the_rest_beats_leaving_it_out() {
     for layers in 1..=6 {
         let (blended, dropped) = (rmse(&format!("peel:{layers}")), rmse(&format!("peel:{layers}:drop")));
         println!("{layers} layers: rest blended {blended:.5}, left out {dropped:.5}");
-        // Measured: half the error and less; about that of one layer more without the rest, which costs as much.
+        // Measured: at most half the error; about that of one more layer without the rest, which costs as much.
         assert!(blended < 0.6 * dropped && blended < last, "{layers}: {blended} {dropped}");
         last = blended;
     }
-    // Six layers are all there are, but for splats' rims.
+    // Six layers are all there are, except for splats' rims.
     assert!(last < 1e-3, "{last}");
 }

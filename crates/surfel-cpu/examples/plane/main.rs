@@ -1,7 +1,7 @@
-//! Draws frames of one size of splat, for instruction counts: `plane RADIUS_PX FRAMES`, AVX2, one thread.
+//! Draws frames of equal splats, to count instructions: `plane RADIUS_PX FRAMES`, AVX2, one thread.
 //!
-//! Prints the block pairs of a frame. Counts for one frame and for eleven, subtracted and divided by ten, are those of
-//! a frame without start and upload; see docs/performance.md.
+//! Prints the number of block pairs per frame. The instructions of one frame, without start and upload, are the
+//! difference between runs with eleven frames and with one, divided by ten. See docs/performance.md.
 
 use surfel_cpu::{Options, Renderer, SimdLevel};
 use surfel_model::{Settings, Shader};

@@ -6,11 +6,11 @@ use surfel_render::View;
 
 const SIZE: u32 = 512;
 
-/// Distance of the plane, in pixels: most splats are as shallow as in an ordinary image.
+/// Distance of the plane from the camera, in pixels: most splats have as little depth as in an ordinary image.
 const DISTANCE: f64 = 1000.0;
 
-/// Disks of this radius in pixels, 1.1 of the distance to their neighbours, tilted by up to 60°, before a camera whose
-/// pixels are the plane's units.
+/// Builds a plane of disks of this radius in pixels, spaced by radius / 1.1 and tilted by up to 60°, and a view whose
+/// pixels match the plane's units.
 pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
     let spacing_px = radius_px / 1.1;
     let side = (f64::from(SIZE) / spacing_px).ceil();
@@ -20,7 +20,7 @@ pub(crate) fn plane(radius_px: f64) -> Result<(Scene, View), ModelError> {
         let (row, column) = ((i as f64 / side).floor(), i as f64 % side);
         let half = 0.5 * f64::from(SIZE);
         centers.push(DVec3::new(column * spacing_px - half, row * spacing_px - half, 0.0).as_vec3());
-        // Golden angle and ratio: every tilt and direction, whatever the count.
+        // The golden angle and ratio cover all tilts and directions evenly for any count.
         let (sine, cosine) = (2.399_963 * i as f64).sin_cos();
         let tilt = (i as f64 * 0.618_034).fract().acos().min(std::f64::consts::FRAC_PI_3);
         normals.push(Vec3::new((tilt.sin() * cosine) as f32, (tilt.sin() * sine) as f32, tilt.cos() as f32));

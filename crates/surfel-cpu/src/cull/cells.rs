@@ -1,7 +1,7 @@
-//! A view cut into cells: parts that a thread sets up and draws by itself, whose records fit its cache.
+//! Division of a view into cells: parts that one thread sets up and draws alone, and whose records fit its cache.
 //!
-//! A record is written once and read once or twice. Set up all together, those of a million splats are gone from the
-//! caches before they are drawn, and waiting for memory takes a third of a frame.
+//! A record is written once and read once or twice. If all splats were set up before any is drawn, the records of a
+//! million splats would no longer be in the caches. Waiting for memory would then cost a third of a frame.
 
 use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
 use crate::cull::object::{ObjectView, inside};
@@ -9,55 +9,56 @@ use crate::scene::mesh::StoredMesh;
 use crate::tiles::grid::Grid;
 use surfel_render::{ChosenParts, Region, View};
 
-/// A part of a view: whole tiles, as far as its region goes.
+/// A cell of a view: whole tiles, clipped to the frame's region.
 pub(crate) struct Cell {
     pub region: Region,
-    /// Chunks that may touch it, from near to far.
+    /// Chunks that may touch the cell, from near to far.
     pub chunks: Vec<VisibleChunk>,
-    /// How many of them come first, if the others may be occluded; else all.
+    /// Number of leading chunks that are set up before the others are tested for occlusion. All chunks, if the test
+    /// would not pay.
     pub first: usize,
-    /// Parts of meshes that may touch it.
+    /// Mesh parts that may touch the cell.
     pub mesh_parts: Vec<MeshPart>,
-    /// What it costs, about, in splats.
+    /// Estimated cost of the cell, in splats.
     cost: f64,
 }
 
-/// What a covered pixel costs, in splats.
+/// Cost of a covered pixel, in splats.
 const SPLATS_PER_PIXEL: f64 = 0.3;
 
-/// Cells a thread, at least, where a frame is cut at all, so that none waits long for the last.
+/// Minimum number of cells per thread if a frame is divided at all, so that no thread waits long for the last cell.
 const CELLS_PER_THREAD: usize = 8;
 
-/// Tiles of a cell, about, where screen-space passes keep a G-buffer of it: at 16 KiB each they should about fit its
-/// cache.
+/// Approximate number of tiles per cell if screen-space passes need the cell's G-buffer: at 16 KiB each, the tiles
+/// should about fit a thread's cache.
 const TILES_OF_GBUFFER: usize = 128;
 
-/// Splats over each point of a cell that come first: some surfaces, of three or four each.
+/// Mean number of splats over each point of a cell that are set up first: some surfaces, of three or four splats each.
 const LAYERS: f64 = 10.0;
 
-/// Least share of a cell's splats behind the first layers for which occlusion culling pays.
+/// Minimum fraction of a cell's splats behind the first layers for which occlusion culling pays.
 const WORTHWHILE: f64 = 0.3;
 
-/// Share of the most splats of a cell of which so much is asked: fewer are drawn as soon as it is known what occludes
-/// them.
+/// Fraction of a cell's maximum splat count from which on occlusion is tested. Drawing fewer splats takes no longer
+/// than finding what they occlude.
 const ENOUGH: f64 = 0.5;
 
-/// What a cell is made of.
+/// One element of a cell's content.
 #[derive(Clone, Copy)]
 enum Part {
     Chunk(VisibleChunk),
     Mesh(MeshPart),
 }
 
-/// A part and the pixels that it may touch, as far as there are any: least x and y, greatest x and y.
+/// A part and the bounds of the pixels it may touch, clipped to the region: minimum x and y, maximum x and y.
 #[derive(Clone, Copy)]
 struct PartInView {
     part: Part,
-    /// Splats, or triangles: one costs about as much as the other.
+    /// Number of splats or triangles; both cost about the same.
     splats: f64,
-    /// Memory that they take, in records.
+    /// Memory of the part's records, in records.
     load: f64,
-    /// Areas of its splats together, pixels.
+    /// Total area of the part's splats, in pixels.
     area_px: f64,
     /// Nearest and farthest depth.
     depths: [f64; 2],
@@ -65,7 +66,7 @@ struct PartInView {
 }
 
 impl PartInView {
-    /// The share of its splats in some pixels.
+    /// Returns the fraction of the part's splats that fall on these pixels.
     fn share(&self, pixels: &[f64; 4]) -> f64 {
         let side = |axis: usize| {
             let length = self.pixels[axis + 2] - self.pixels[axis];
@@ -75,24 +76,25 @@ impl PartInView {
         side(0) * side(1)
     }
 
-    /// True if it may touch some pixels, or what lies so far around them.
+    /// True if the part may touch these pixels or a margin of `reach` pixels around them.
     fn touches(&self, pixels: &[f64; 4], reach: f64) -> bool {
         (0..2)
             .all(|axis| self.pixels[axis] <= pixels[axis + 2] + reach && self.pixels[axis + 2] >= pixels[axis] - reach)
     }
 }
 
-/// What limits the size of cells.
+/// Limits on the size of cells.
 #[derive(Clone, Copy)]
 pub(crate) struct CellLimits {
-    /// Most splats and triangles; those of many tiles count for more. At 140 bytes each they should about fit a cache.
+    /// Maximum number of splats and triangles; those that cover many tiles count for more. At 140 bytes each they
+    /// should about fit a cache.
     pub splats: usize,
-    /// Pixels beside a cell that its own depend on.
+    /// Number of pixels around a cell that the cell's own pixels depend on.
     pub reach_px: u32,
     pub threads: usize,
 }
 
-/// Cuts the grid's region into cells within the limits, as far as tiles allow, the costliest first.
+/// Divides the grid's region into cells within the limits, as far as whole tiles allow, the costliest first.
 pub(crate) fn divide(
     objects: &[ObjectView<'_>],
     chunks: &[VisibleChunk],
@@ -107,7 +109,7 @@ pub(crate) fn divide(
         let center = object.center(chunk);
         let around = object.pixels(center, chunk);
         let pixels = inside(around, grid.region);
-        // What lies about the eye may occlude anything or nothing, and what is transparent occludes nothing.
+        // Splats around the eye may occlude anything or nothing, and transparent splats occlude nothing.
         let area_px =
             if around[0].is_finite() && !object.is_transparent() { object.area_px(center, chunk) } else { 0.0 };
         let load = object.load(center, chunk, pixels, grid.tile_px());
@@ -124,7 +126,7 @@ pub(crate) fn divide(
     let parts: Vec<PartInView> = chunks.iter().map(of_chunk).chain(mesh_parts).collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
     let total = parts.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
-    // One thread need not share, and cuts only what exceeds its cache.
+    // A single thread has nobody to share with, and divides only a view that exceeds its cache.
     let is_shared = limits.threads > 1 || parts.iter().map(|p| p.splats).sum::<f64>() > limits.splats as f64;
     let mut cells_wanted = if is_shared { limits.threads * CELLS_PER_THREAD } else { 1 };
     if limits.reach_px > 0 {
@@ -138,12 +140,12 @@ pub(crate) fn divide(
     cells
 }
 
-/// Where cells are cut no further.
+/// Limits below which a cell is not divided further.
 struct Limits {
-    /// In records.
+    /// Maximum memory, in records.
     load: f64,
     cost: f64,
-    /// Pixels around a cell that its own depend on.
+    /// Number of pixels around a cell that the cell's own pixels depend on.
     reach: f64,
 }
 
@@ -167,7 +169,7 @@ impl Limits {
                     Part::Mesh(part) => mesh_parts.push(part),
                 }
             }
-            // Chunks come before meshes.
+            // Chunks precede meshes in `parts`.
             let first = first(&parts[..chunks.len()], &pixels, self.load);
             cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, cost });
             return;
@@ -187,8 +189,8 @@ impl Limits {
     }
 }
 
-/// How many of a cell's chunks, from near to far, are set up before others are asked whether something occludes them:
-/// all, or the first layers. `most` is how many splats a cell may have.
+/// Returns the number of a cell's chunks, sorted from near to far, that are set up before occlusion is tested: the
+/// first layers, or all chunks. `most` is the maximum number of splats of a cell.
 fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     let enough = LAYERS * (pixels[2] - pixels[0]) * (pixels[3] - pixels[1]);
     let (mut area, mut farthest) = (0.0, 0.0f64);
@@ -207,7 +209,7 @@ fn first(chunks: &[PartInView], pixels: &[f64; 4], most: f64) -> usize {
     if total > ENOUGH * most && behind > WORTHWHILE * total { first } else { chunks.len() }
 }
 
-/// Pixels of some tiles inside the grid's region: least x and y, greatest x and y.
+/// Returns the bounds of these tiles' pixels within the grid's region: minimum x and y, maximum x and y.
 fn bounds(grid: &Grid, [x0, x1, y0, y1]: [u32; 4]) -> [f64; 4] {
     let (r, size) = (grid.region, grid.tile_px());
     let x = |column: u32| (grid.origin[0] + column * size).clamp(r.x, r.x + r.width);

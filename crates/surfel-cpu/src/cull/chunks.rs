@@ -1,4 +1,4 @@
-//! Visible chunks of clouds and visible parts of meshes.
+//! Selection of the visible chunks of clouds and the visible parts of meshes.
 
 use crate::cull::object::{ObjectView, pixels_of_box};
 use crate::scene::cloud::Chunk;
@@ -8,33 +8,33 @@ use rayon::prelude::*;
 use std::sync::atomic::{AtomicU64, Ordering};
 use surfel_render::{ChosenParts, View};
 
-/// A chunk that may be seen.
+/// A chunk that may be visible.
 #[derive(Clone, Copy)]
 pub(crate) struct VisibleChunk {
     pub object: u32,
     pub chunk: u32,
-    /// Depth of its centre: what is near comes first, so that what it occludes is found early.
+    /// Depth of the chunk's centre. Near chunks are drawn first, so that their occlusion of others is found early.
     z: f64,
 }
 
 impl VisibleChunk {
-    /// The object and the chunk itself.
+    /// Returns the object that the chunk belongs to, and the chunk.
     pub(crate) fn of<'a, 's>(&self, objects: &'a [ObjectView<'s>]) -> (&'a ObjectView<'s>, &'s Chunk) {
         let object = &objects[self.object as usize];
         (object, &object.object.chunks[self.chunk as usize])
     }
 }
 
-/// Chunks that may be seen, from near to far.
+/// Chunks that may be visible, from near to far, and the number of splats culled.
 #[derive(Default)]
 pub(crate) struct VisibleChunks {
     pub chunks: Vec<VisibleChunk>,
-    /// Splats of chunks that lie outside of the view, or are back-facing, as a whole.
+    /// Number of splats in chunks that are wholly outside the view, or are wholly back-facing.
     pub outside: u64,
     pub back_facing: u64,
 }
 
-/// Finds chunks that are neither outside of the view nor back-facing.
+/// Returns the chunks that are neither outside the view nor back-facing, from near to far.
 pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     let [outside, back_facing] = [const { AtomicU64::new(0) }; 2];
     let (out, back) = (&outside, &back_facing);
@@ -66,16 +66,16 @@ pub(crate) fn visible_chunks(objects: &[ObjectView<'_>]) -> VisibleChunks {
     VisibleChunks { chunks, outside: outside.into_inner(), back_facing: back_facing.into_inner() }
 }
 
-/// Some triangles of a mesh that lie in a view's depth.
+/// A part of a mesh's triangles that is within a view's depth range.
 #[derive(Clone, Copy)]
 pub(crate) struct MeshPart {
     pub mesh: u32,
-    /// Which of the mesh's parts.
+    /// Index among the mesh's parts.
     pub part: u32,
 }
 
-/// Parts of meshes that may lie in a view's depth, with the pixels that they may touch: least x and y, greatest x and
-/// y. Of octrees those that are chosen.
+/// Returns the mesh parts that may be within a view's depth range, with the bounds of the pixels they may touch:
+/// minimum x and y, maximum x and y. Octrees contribute their chosen parts only.
 pub(crate) fn mesh_parts<'a>(
     meshes: &'a [StoredMesh],
     octrees: &'a [ChosenParts],

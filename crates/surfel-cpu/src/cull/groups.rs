@@ -1,4 +1,4 @@
-//! Which groups of a chunk's splats a region may see: all sixteen are tested at once.
+//! Visibility test of a chunk's groups of splats for a region, sixteen groups at a time.
 
 use crate::cull::object::{ObjectView, RegionSides, pixels_of_box};
 use crate::scene::cloud::Chunk;
@@ -12,7 +12,7 @@ use glam::DVec3;
 use surfel_math::{Real, V3};
 use surfel_model::Cull;
 
-/// Groups that may be seen, as bits, given the chunk's centre in view space.
+/// Returns the groups that may be visible, one bit per group, given the chunk's centre in view space.
 #[inline(always)]
 pub(crate) fn visible<S: Simd>(
     simd: S,
@@ -28,7 +28,7 @@ pub(crate) fn visible<S: Simd>(
     let p = transform(&view.linear.as_mat3(), group.center) + V3::new(k(center.x), k(center.y), k(center.z));
     let mut culled = beyond(sides, &p, group.radius);
     if view.material.cull == Cull::Back {
-        // As `ObjectView::is_back_facing`, with cosines taken for 1.
+        // The same test as `ObjectView::is_back_facing`, with cosines rounded up to 1.
         let eye = view.eye_in_object;
         let back_facing = if view.view.projection.is_perspective() {
             let ray = chunk.space.origin - eye;
@@ -46,7 +46,7 @@ pub(crate) fn visible<S: Simd>(
     }
 }
 
-/// Those of some groups, given by spheres in view space, that may touch some blocks.
+/// Returns the groups, given by spheres in view space, that may touch a block of the set.
 #[inline(never)]
 fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, radius: Lanes<S>, groups: u64) -> u64 {
     let [x, y, z, radius] = [p.x, p.y, p.z, radius].map(Lanes::to_array);
@@ -54,7 +54,7 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     let mut touching = 0;
     for i in ones(groups) {
         let center = DVec3::new(x[i].into(), y[i].into(), z[i].into());
-        // Far above the rounding of lanes.
+        // The slack is far above the rounding of the f32 lanes.
         let half = DVec3::splat(f64::from(radius[i]) * (1.0 + 1e-5) + 1e-6 * center.length());
         let pixels = pixels_of_box(&view.view.projection, center, half, margin);
         touching |= u64::from(set.touches(pixels)) << i;
@@ -62,7 +62,8 @@ fn touching<S: Simd>(set: &BlockSet, view: &ObjectView<'_>, p: &V3<Lanes<S>>, ra
     touching
 }
 
-/// Which of sixteen spheres lie beyond a region's sides, given in view space and in the object's lengths.
+/// Returns a mask of the spheres that are beyond a region's sides. Sphere centres are in view space, radii in the
+/// object's units.
 #[inline(always)]
 fn beyond<S: Simd>(sides: &RegionSides, p: &V3<Lanes<S>>, radius: Lanes<S>) -> mask32x16<S> {
     let k = |v: f64| radius.constant(v);

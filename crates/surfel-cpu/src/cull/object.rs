@@ -1,4 +1,4 @@
-//! A cloud in a view: its object transform, what its chunks may cover, and which of them can't be seen.
+//! A cloud as seen in a view: its object transform, the pixels its chunks may cover, and culling of its chunks.
 
 use crate::scene::cloud::{Chunk, StoredObject};
 use crate::tiles::bins::{Entry, RECORD_BYTES};
@@ -7,31 +7,32 @@ use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Cull, Filter, Material};
 use surfel_render::{FramePlan, Region, View};
 
-/// Memory of a tile's entry over that of a record with one.
+/// Memory of a tile entry, as a fraction of the memory of a record with one entry.
 const ENTRY_SHARE: f64 = size_of::<Entry>() as f64 / (RECORD_BYTES + size_of::<Entry>()) as f64;
 
-/// What is the same for all splats of an object in a view.
+/// Values shared by all splats of an object in a view.
 pub(crate) struct ObjectView<'a> {
     pub object: &'a StoredObject,
     pub index: u32,
-    /// The first of its slots' numbers, which records hold where the nearest splat is wanted.
+    /// Number of the object's first slot, among the slots of all objects. Records store slot numbers if the frame
+    /// outputs the nearest splat.
     pub first_number: Option<u32>,
-    /// The object's, unless nothing is to be culled.
+    /// The object's material; its `cull` is [`Cull::None`] if the caller disables back-face culling.
     pub material: Material,
-    /// Object to view directions, and view position of the object's origin.
+    /// Transform from object to view space: the linear map of directions, and the view position of the object's origin.
     pub linear: DMat3,
     pub origin: DVec3,
-    /// Object to world normals up to scale: cofactors with the sign of the determinant.
+    /// Map of normals from object to world space, up to scale: cofactors with the sign of the determinant.
     pub normals: DMat3,
-    /// Object to view normals; a rotation if `scale` is given, and `normals` then another.
+    /// Map of normals from object to view space. If `scale` is given, this is a rotation and `normals` another.
     pub view_normals: DMat3,
-    /// Factor of all lengths, of an object placed without distortion.
+    /// Scale factor of all lengths, if the object's transform is a similarity.
     pub scale: Option<f64>,
-    /// −1 of an object placed as its mirror image, else 1.
+    /// −1 if the object's transform mirrors it, else 1.
     pub handedness: f64,
-    /// Factor by which the object's largest length grows.
+    /// Upper bound of the factor by which the transform stretches lengths.
     stretch: f64,
-    /// The eye, or of an orthographic view the unit direction away from it, in object space.
+    /// Eye position in object space; in an orthographic view, the unit view direction.
     pub eye_in_object: DVec3,
     pub view: &'a View,
     pub plan: &'a FramePlan,
@@ -75,30 +76,31 @@ impl<'a> ObjectView<'a> {
         }
     }
 
-    /// Of all clouds of a scene. [`Cull::None`]: back-facing splats are drawn, whatever the material says.
+    /// Returns the views of all clouds of a scene. [`Cull::None`] disables back-face culling, overriding the materials.
     pub(crate) fn all(clouds: &'a [StoredObject], view: &'a View, plan: &'a FramePlan, cull: Cull) -> Vec<Self> {
         clouds.iter().zip(0..).map(|(cloud, index)| Self::new(cloud, index, view, plan, cull)).collect()
     }
 
-    /// True if some of its splats are drawn as transparent.
+    /// True if some of the object's splats are drawn as transparent.
     pub(crate) fn is_transparent(&self) -> bool {
         self.plan.separates_transparent && self.object.alphas.is_some()
     }
 
-    /// True if front- and back-facing splats of it are kept apart.
+    /// True if front- and back-facing splats of the object are accumulated separately.
     pub(crate) fn keeps_facings(&self) -> bool {
         self.plan.keeps_facings && self.object.oriented
     }
 
-    /// View position of a chunk's origin.
+    /// Returns the view position of a chunk's origin.
     pub(crate) fn center(&self, chunk: &Chunk) -> DVec3 {
         self.origin + self.linear * chunk.space.origin
     }
 
-    /// True if the material leaves back faces out and every splat of the chunk is one.
+    /// True if the material culls back faces and every splat of the chunk is back-facing.
     ///
-    /// Facing is affine invariant, so the eye is brought into the object's space: a normal within the cone faces away
-    /// from every ray through the chunk's bounding sphere if its angle to the axis of both stays below 90°.
+    /// Facing is affine invariant, so the test runs in object space with the eye transformed there. Two angles are
+    /// measured from the cone's axis: the cone's own, and that of the chunk's bounding sphere seen from the eye. If
+    /// their sum stays below 90°, a normal within the cone faces away from every ray through the sphere.
     pub(crate) fn is_back_facing(&self, chunk: &Chunk) -> bool {
         if self.material.cull != Cull::Back {
             return false;
@@ -122,35 +124,35 @@ impl<'a> ObjectView<'a> {
         cosine > 0.0 && toward.dot(cone.axis) > sine + 1e-4
     }
 
-    /// Pixels that a chunk may touch: least x and y, greatest x and y. All there are where a bounding sphere about the
-    /// eye tells nothing.
+    /// Returns the bounds of the pixels that a chunk may touch: minimum x and y, maximum x and y. The bounds are
+    /// infinite if the chunk surrounds the eye.
     pub(crate) fn pixels(&self, center: DVec3, chunk: &Chunk) -> [f64; 4] {
         let half = self.half(chunk) * self.leaving();
         pixels_of_box(&self.view.projection, center, half, self.plan.splat_filter.reach_px())
     }
 
-    /// Nearest and farthest depth of a chunk's splats.
+    /// Returns the nearest and farthest depth of a chunk's splats.
     pub(crate) fn depths(&self, center: DVec3, chunk: &Chunk) -> [f64; 2] {
         let half = self.half(chunk);
         [center.z - half.z, center.z + half.z]
     }
 
-    /// Half the sides of a box about a chunk's origin that holds its splats, along the view's axes.
+    /// Returns the half extents, along the view's axes, of a box around a chunk's origin that contains its splats.
     fn half(&self, chunk: &Chunk) -> DVec3 {
         let (m, half) = (&self.linear, chunk.half);
         let side = m.x_axis.abs() * half.x + m.y_axis.abs() * half.y + m.z_axis.abs() * half.z;
         side.min(DVec3::splat(chunk.radius * self.stretch))
     }
 
-    /// By how much larger what a splat covers may be than the splat, seen from its centre.
+    /// Returns the factor by which the extent drawn for a splat may exceed the splat itself, seen from its centre.
     fn leaving(&self) -> f64 {
-        // An affine footprint leaves the splat's own outline, by less than half its distance from the centre
-        // (p_z/z < 3/2 on its far side); three times the bounding sphere is ample.
+        // An affine footprint exceeds the splat's own outline by less than half its distance from the centre (p_z/z <
+        // 3/2 on its far side). Three times the bounding sphere is ample.
         let affine = !self.plan.splat_filter.projective || self.plan.splat_filter.filter == Filter::Ewa;
         if affine && self.view.projection.is_perspective() { 3.0 } else { 1.0 }
     }
 
-    /// The region's sides, seen from the eye.
+    /// Returns the region's four side planes through the eye.
     pub(crate) fn sides(&self, region: Region) -> RegionSides {
         let projection = &self.view.projection;
         let margin = self.plan.splat_filter.reach_px();
@@ -183,17 +185,17 @@ impl<'a> ObjectView<'a> {
             || y0 > end_y
     }
 
-    /// Memory that a chunk's splats take where they lie in these pixels, in records of splats of one tile each: large
-    /// ones have an entry in every tile of so many pixels a side.
+    /// Returns the memory of a chunk's splats within these pixels, in records of splats that touch one tile each. A
+    /// large splat has one entry for every tile of `tile_px`² pixels that it touches.
     pub(crate) fn load(&self, center: DVec3, chunk: &Chunk, [x0, y0, x1, y1]: [f64; 4], tile_px: u32) -> f64 {
         let count = chunk.count as f64;
         let side = (self.area_px(center, chunk) / count).sqrt() + 2.0 * self.plan.splat_filter.reach_px();
-        // Of a chunk about the eye all that there is: its area is no number, or any.
+        // For a chunk around the eye, `side` may be infinite or NaN, and the whole length counts.
         let tiles = |length: f64| 1.0 + side.min(length).max(0.0) / f64::from(tile_px);
         count * (1.0 + ENTRY_SHARE * (tiles(x1 - x0) * tiles(y1 - y0) - 1.0))
     }
 
-    /// Area of a chunk's splats in pixels, did they face the eye.
+    /// Returns the total area in pixels of a chunk's splats as if all of them faced the eye.
     pub(crate) fn area_px(&self, center: DVec3, chunk: &Chunk) -> f64 {
         let [fx, fy] = self.view.projection.focal_px;
         let depth = if self.view.projection.is_perspective() { center.z } else { 1.0 };
@@ -201,14 +203,14 @@ impl<'a> ObjectView<'a> {
     }
 }
 
-/// A box of pixels as far as it lies in a region: least x and y, greatest x and y.
+/// Clips a box of pixels to a region: minimum x and y, maximum x and y.
 pub(crate) fn inside([x0, y0, x1, y1]: [f64; 4], r: Region) -> [f64; 4] {
     let [x, y, end_x, end_y] = [r.x, r.y, r.x + r.width, r.y + r.height].map(f64::from);
     [x0.max(x), y0.max(y), x1.min(end_x), y1.min(end_y)]
 }
 
-/// Pixels that a box about a point of view space may touch, and a margin around them: least x and y, greatest x and y.
-/// All there are where it is about the eye. `half` is half of its sides.
+/// Returns the bounds of the pixels that a box around a point of view space may touch, with a margin: minimum x and y,
+/// maximum x and y. The bounds are infinite if the box is around the eye. `half` is the box's half extents.
 pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3, margin_px: f64) -> [f64; 4] {
     if projection.is_perspective() && center.z < 4.0 * half.z {
         return [f64::NEG_INFINITY, f64::NEG_INFINITY, f64::INFINITY, f64::INFINITY];
@@ -216,7 +218,7 @@ pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3,
     let range = |axis: usize| {
         let (at, half_side) = ([center.x, center.y][axis], [half.x, half.y][axis]);
         let slopes = match projection.kind {
-            // The least slope is that of the near side where it is negative.
+            // If the minimum slope is negative, it belongs to the near side.
             ProjectionKind::Perspective => [-1.0, 1.0].map(|sign: f64| {
                 let edge = at + sign * half_side;
                 edge / (center.z - sign * half.z.copysign(edge))
@@ -230,18 +232,18 @@ pub(crate) fn pixels_of_box(projection: &Projection, center: DVec3, half: DVec3,
     [x0, y0, x1, y1]
 }
 
-/// Planes through the eye and a region's sides, moved out by what a filter adds.
+/// Planes through the eye and a region's sides, moved outwards by the filter's reach.
 pub(crate) struct RegionSides {
-    /// Left and right, top and bottom: slopes, or of an orthographic view coordinates.
+    /// Slopes of the left and right, and the top and bottom planes; in an orthographic view, coordinates.
     pub slopes: [[f64; 2]; 2],
     /// Lengths of the planes' normals.
     pub lengths: [[f64; 2]; 2],
     pub perspective: bool,
-    /// Of a unit of length in the object.
+    /// Factor from lengths in the object to the largest length drawn in view space.
     pub reach: f64,
 }
 
-/// The factor of all lengths, if the matrix is a rotation (or reflection) and that; within rounding of f32.
+/// Returns the scale factor if the matrix is a rotation or reflection times a scale, within f32 rounding; else `None`.
 fn uniform_scale(m: &DMat3) -> Option<f64> {
     let columns = [m.x_axis, m.y_axis, m.z_axis];
     let scale = m.x_axis.length();

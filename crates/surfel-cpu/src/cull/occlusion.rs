@@ -1,28 +1,29 @@
-//! Occlusion culling: chunks behind all that a cell shows aren't set up.
+//! Occlusion culling: chunks behind everything visible in a cell aren't set up.
 //!
-//! Chunks come from near to far. Where several layers of them would fill a cell, the first layers are set up and their
-//! depth thresholds found, block by block; of the others only those remain that reach before them somewhere.
+//! Chunks are sorted from near to far. If several layers of chunks fill a cell, the first layers are set up and each
+//! block's farthest depth threshold is found. A later chunk is set up only if it reaches in front of that threshold in
+//! some block.
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::{ObjectView, inside};
 use crate::tiles::grid::{BLOCK, Grid};
 use surfel_render::Region;
 
-/// Slack of a chunk's nearest depth, relative to its farthest: far above rounding in setup.
+/// Slack of a chunk's nearest depth, relative to its farthest depth: far above the rounding of setup.
 const DEPTH_SLACK: f64 = 1e-5;
 
-/// The farthest depth threshold of each block of a cell: nothing behind it is seen there.
+/// The farthest depth threshold of each block of a cell: no splat behind the threshold is visible in the block.
 pub(crate) struct OcclusionMap {
     region: Region,
-    /// Column and row of the first block, and blocks a row.
+    /// Column and row of the first block, and number of blocks per row.
     first: [u32; 2],
     columns: usize,
-    /// Row by row; +∞ where some pixel shows nothing.
+    /// Farthest depths in row order; +∞ if some pixel of the block is empty.
     farthest: Vec<f32>,
 }
 
 impl OcclusionMap {
-    /// Nothing occludes anything yet.
+    /// Returns a map in which nothing is occluded.
     pub(crate) fn new(grid: &Grid) -> Self {
         let side = grid.tile_blocks;
         let columns = (grid.columns * side) as usize;
@@ -40,8 +41,8 @@ impl OcclusionMap {
         self.farthest[row as usize * self.columns + column as usize] = farthest;
     }
 
-    /// True if no pixel can show a splat of a chunk. Never so of a transparent object's: where filtered splats are the
-    /// nearest in a pixel without any weight there, nothing occludes what is transparent.
+    /// True if no pixel can show a splat of the chunk. Always false for a transparent object: a pixel whose nearest
+    /// fragments are filtered ones without weight occludes no transparent splat.
     pub(crate) fn occludes(&self, objects: &[ObjectView<'_>], chunk: &VisibleChunk) -> bool {
         let (object, chunk) = chunk.of(objects);
         if object.is_transparent() {

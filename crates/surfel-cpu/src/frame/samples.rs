@@ -1,4 +1,5 @@
-//! Samples of a cell's edges: what lies about sampled pixels is set up once more, in the view of samples, and drawn.
+//! Drawing of the samples at a cell's edges: splats around sampled pixels are set up again, in a view whose pixels are
+//! samples.
 
 use crate::cull::cells::Cell;
 use crate::cull::chunks::VisibleChunk;
@@ -19,7 +20,7 @@ use crate::tiles::target::Target;
 use surfel_model::Cull;
 use surfel_render::{Pass, View};
 
-/// The view whose pixels are samples, and what is drawn in it.
+/// The view whose pixels are samples, and the objects, raster and lighting data for it.
 pub(super) struct SampleView<'a> {
     pub view: &'a View,
     pub objects: Vec<ObjectView<'a>>,
@@ -28,7 +29,7 @@ pub(super) struct SampleView<'a> {
 }
 
 impl SampleView<'_> {
-    /// The chunks of a cell, in their order, that may touch a sampled pixel.
+    /// Returns the chunks of a cell, in their order, that may touch a sampled pixel.
     fn chunks(&self, cell: &Cell, sampled: &BlockSet) -> Vec<VisibleChunk> {
         let touches = |visible: &&VisibleChunk| {
             let (object, chunk) = visible.of(&self.objects);
@@ -39,7 +40,7 @@ impl SampleView<'_> {
 }
 
 impl Drawing<'_> {
-    /// Draws the sampled pixels of a cell: how many bytes that took.
+    /// Draws the sampled pixels of a cell and returns the number of bytes used.
     pub(super) fn draw_samples(
         &self,
         samples: &SampleView<'_>,

@@ -10,40 +10,40 @@ use surfel_render::{FramePlan, Pass, PassTime, Stats};
 pub(crate) struct Totals {
     pub shadows_ms: f64,
     pub cull_ms: f64,
-    /// Sorting included.
+    /// Time of setup, including sorting into tiles.
     setup_ms: f64,
     binning_ms: f64,
     pub tiles_ms: f64,
     pub screen_ms: f64,
-    /// Cells with anything in them.
+    /// Number of cells that aren't empty.
     cells: usize,
-    /// Splats of chunks that lie outside of the view, that are back-facing, and that are occluded in their cell.
+    /// Numbers of splats in chunks that are outside the view, back-facing, or occluded in their cell.
     pub outside: u64,
     pub back_facing: u64,
     pub occluded: u64,
     set_up: u64,
     drawn: u64,
-    /// Clips of splats that were set up, in each cell that they touch.
+    /// Number of clips of splats that were set up, counted in each cell that they touch.
     clips: u64,
     tile_pairs: u64,
-    /// Most bytes that a cell used; of a frame, of all threads together.
+    /// Largest memory of a cell, in bytes; in a frame's totals, summed over threads.
     cell_bytes: usize,
-    /// Bytes of shadow maps.
+    /// Memory of shadow maps, in bytes.
     pub shadow_bytes: usize,
-    /// Bytes of records and lists, of all cells.
+    /// Memory of records and lists of all cells, in bytes.
     bytes: u64,
     pub counters: Counters,
 }
 
 impl Totals {
-    /// Adds what setting up took.
+    /// Adds the time of a cell's setup.
     pub(crate) fn set_up_in(&mut self, time: Duration, splats: &CellSplats) {
         let ms = time.as_secs_f64() * 1e3;
         self.setup_ms += ms;
         self.binning_ms += ms * splats.sort_share();
     }
 
-    /// Counts a cell, with the bytes that it used besides its splats.
+    /// Counts a cell and the memory that it used besides its splats.
     pub(crate) fn add_cell(&mut self, splats: &CellSplats, bytes: usize) {
         self.cells += 1;
         self.set_up += splats.set_up();
@@ -54,8 +54,8 @@ impl Totals {
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
     }
 
-    /// Adds what all threads did in so many milliseconds. They set up and draw cells at the same time: stages are
-    /// shares of that time.
+    /// Adds the totals of all threads over this wall time. Threads set up and draw cells concurrently, so each stage
+    /// gets its fraction of the wall time.
     pub(crate) fn add_threads(&mut self, threads: &[Self], wall_ms: f64) {
         let busy: f64 = threads.iter().map(|t| t.setup_ms + t.tiles_ms + t.screen_ms).sum();
         let wall = wall_ms / busy.max(f64::MIN_POSITIVE);
@@ -91,7 +91,7 @@ impl Totals {
             stats.passes.push(pass("edges", self.screen_ms));
         }
         stats.drawn = self.drawn;
-        // Counting costs time.
+        // Fragments are counted only on request, since counting costs time.
         if plan.planes.fragments {
             stats.fragments = self.counters.contributing;
             stats.counters.push(("fragments_inside", self.counters.inside as f64));
@@ -111,7 +111,7 @@ impl Totals {
             ("edge_pixels", self.counters.edge_pixels as f64),
             ("batch_bytes", self.cell_bytes as f64),
             ("shadow_bytes", self.shadow_bytes as f64),
-            // Splats are read once, records and lists written once and read once.
+            // Splats are read once; records and lists are written once and read once.
             ("bytes_moved", self.set_up as f64 * stats.bytes_per_splat + 2.0 * self.bytes as f64),
             ("tile_ns_per_block_pair", (self.tiles_ms + self.screen_ms) * 1e6 * stats.threads as f64 / pairs),
         ]);

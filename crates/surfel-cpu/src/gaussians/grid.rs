@@ -2,10 +2,10 @@
 
 use surfel_render::Region;
 
-/// Side of a tile.
+/// Side of a tile, in pixels.
 pub(super) const TILE_PX: u32 = 16;
 
-/// Tiles over a region, from its corner on.
+/// Grid of tiles over a region, from the region's first pixel.
 pub(super) struct TileGrid {
     pub region: Region,
     pub columns: usize,
@@ -22,7 +22,7 @@ impl TileGrid {
         self.columns * self.rows
     }
 
-    /// The pixels of a tile.
+    /// Returns the pixels of a tile.
     pub(super) fn pixels(&self, tile: usize) -> Region {
         let [x, y] = [tile % self.columns, tile / self.columns].map(|at| at as u32 * TILE_PX);
         let Region { width, height, .. } = self.region;

@@ -1,9 +1,10 @@
-//! Trained Gaussians, one over another (docs/gaussians.md), front to back in tiles of 16×16 pixels.
+//! Drawing of trained Gaussians (docs/gaussians.md): front to back, in tiles of 16×16 pixels.
 //!
-//! `records` projects all, sorts them once by the depth of their centres, or of where they begin, cuts that order into
-//! parts and lists these by tile; `tile` blends a tile's lists, part after part, so that the
-//! order of each pixel is the same for any number of threads; `pending` sorts the fragments of each pixel where that is
-//! asked for.
+//! - `records` projects all Gaussians and sorts them once, by the depth of their centres or by their nearest depth. It
+//!   divides the sorted records into parts and lists each part by tile.
+//! - `tile` blends a tile's lists part by part, so that the order within each pixel doesn't depend on the number of
+//!   threads.
+//! - `pending` sorts the fragments of each pixel if the settings ask for that.
 
 mod grid;
 mod pending;
@@ -23,10 +24,10 @@ use surfel_model::Sort;
 use surfel_render::{Frame, FramePlan, GaussianColors, Identity, PassTime, Stats, View};
 use tile::{Tile, TileInputs};
 
-/// Entries of tiles' lists that are in memory at once, unless one tile alone has more.
+/// Maximum number of entries in tiles' lists that are in memory at once, unless a single tile has more.
 const MOST_ENTRIES: u64 = 1 << 24;
 
-/// Draws a frame of Gaussians, on the threads that the caller is on.
+/// Draws a frame of Gaussians on the current thread pool.
 pub(crate) fn draw(
     instructions: Instructions,
     scene: &ResidentScene,

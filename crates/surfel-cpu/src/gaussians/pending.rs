@@ -1,15 +1,15 @@
-//! The order of each pixel: fragments wait until no nearer ones can follow.
+//! Sorting of fragments per pixel: fragments wait until no nearer ones can follow.
 //!
-//! A tile's records come by the depth at which they begin. What is nearer than the record that comes next is in its
-//! final place, and what would end a pixel does so whatever else comes before it: fragments behind that are dropped, so
-//! that a pixel holds few more than it shows.
+//! A tile's records are sorted by the depth at which they begin. A fragment nearer than the begin of the next record is
+//! in its final place. A fragment that ends a pixel does so for any preceding ones, and fragments behind it are
+//! dropped. A pixel therefore stores few more fragments than it shows.
 
 use crate::gaussians::records::Record;
 use crate::gaussians::tile::{BLOCKS, Block};
 use crate::simd::lanes::LANES;
 use surfel_math::gaussian::{MIN_TRANSMITTANCE, depth_step_f32};
 
-/// Gaussians that a block takes between sorts, at least.
+/// Number of Gaussians that a block collects between sorts.
 const SORT_EVERY: usize = 32;
 
 /// A Gaussian at a pixel.
@@ -20,25 +20,25 @@ pub(super) struct Fragment<'a> {
     pub record: &'a Record,
 }
 
-/// Fragments are in the order of these: by steps of depth, then as in the scene.
+/// Returns the sort key of a fragment: first the depth step, then the Gaussian's number in the scene.
 #[inline(always)]
 pub(super) fn key(z: f32, number: u32) -> u64 {
     u64::from(depth_step_f32(z)) << 32 | u64::from(number)
 }
 
-/// The fragments of a tile that wait.
+/// The waiting fragments of a tile.
 #[derive(Default)]
 pub(super) struct Pending<'a> {
-    /// By pixel, in blocks of [`LANES`].
+    /// Fragments per pixel; pixels are in blocks of [`LANES`].
     pub fragments: Vec<Vec<Fragment<'a>>>,
-    /// By pixel, the key from which on nothing is seen.
+    /// Key per pixel from which on fragments are invisible.
     ends: Vec<u64>,
-    /// Gaussians that a block takes until it is sorted.
+    /// Number of Gaussians per block to collect before the next sort.
     until_sort: [usize; BLOCKS],
 }
 
 impl<'a> Pending<'a> {
-    /// Begins a tile.
+    /// Resets for the next tile.
     pub(super) fn clear(&mut self) {
         self.fragments.resize_with(BLOCKS * LANES, Vec::new);
         self.fragments.iter_mut().for_each(Vec::clear);
@@ -47,14 +47,14 @@ impl<'a> Pending<'a> {
         self.until_sort = [SORT_EVERY; BLOCKS];
     }
 
-    /// Adds a record at the pixels of a block that have a bit; true if it is time to sort the block.
+    /// Adds a record at the block's pixels whose bits are set. Returns true if the block has to be sorted.
     #[inline(always)]
     pub(super) fn add(&mut self, block: usize, bits: u64, alpha: &Block, z: &Block, record: &'a Record) -> bool {
         let mut bits = bits;
         while bits != 0 {
             let lane = bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            // Rounding never takes it before where its record begins.
+            // The maximum prevents that rounding moves a fragment before the begin of its record.
             let key = key(z[lane].max(record.nearest), record.number);
             let pixel = block * LANES + lane;
             if key < self.ends[pixel] {
@@ -65,7 +65,7 @@ impl<'a> Pending<'a> {
         self.until_sort[block] == 0
     }
 
-    /// Sorts a block's fragments, drops those that aren't seen, and counts those at each pixel with keys below a limit.
+    /// Sorts a block's fragments, drops invisible ones, and counts each pixel's fragments whose keys are below a limit.
     #[inline(always)]
     pub(super) fn sort(&mut self, block: usize, limit: u64, transmittance: &Block) -> [usize; LANES] {
         let (mut ready, mut most_left) = ([0; LANES], 0);

@@ -1,4 +1,4 @@
-//! From clouds of Gaussians to lists of records by tile, front to back.
+//! Projection of Gaussians to records, and the records' lists by tile, front to back.
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::scene::resident::StoredGaussians;
@@ -9,64 +9,65 @@ use surfel_math::{V2, V3};
 use surfel_model::Sort;
 use surfel_render::{FramePlan, GaussianView, Region, View};
 
-/// Gaussians of a part: enough to amortise its lists, few enough to share work among threads.
+/// Number of Gaussians in a part: enough to amortise its lists, few enough to distribute work among threads.
 const PART: usize = 1 << 15;
 
-/// A Gaussian as tiles blend it.
+/// A projected Gaussian, as tiles blend it.
 #[derive(Clone)]
 pub(super) struct Record {
-    /// The pixel that its centre is in, and where in it: an offset from a pixel is then exact in f32.
+    /// Pixel that contains the centre, and position of the centre in it. Offsets from a pixel are then exact in f32.
     pub base: [i32; 2],
     pub fraction: [f32; 2],
     pub forms: GaussianForms<f32>,
     pub opacity: f32,
-    /// What α is multiplied by.
+    /// Factor of α.
     pub weight: f32,
     pub color: [f32; 3],
-    /// World space.
+    /// Normal in world space.
     pub normal: [f32; 3],
-    /// Depth before which it doesn't show: at least 0, and no less than that of records before it in pixel order.
+    /// Depth at which the Gaussian begins to show, at least 0. If pixels sort their fragments, records are sorted by
+    /// this depth.
     pub nearest: f32,
-    /// Its place among the scene's.
+    /// Number of the Gaussian in the scene.
     pub number: u32,
-    /// Pixels that it may touch, within the region.
+    /// Pixels that the Gaussian may touch, within the region.
     pub rows: Range<u32>,
     pub columns: Range<u32>,
 }
 
-/// Some of the Gaussians that follow each other in order.
+/// A part: consecutive Gaussians in sorted order.
 #[derive(Default)]
 pub(super) struct Part {
     pub records: Vec<Record>,
-    /// Where each listed tile's entries begin.
+    /// Index of the first entry of each listed tile.
     starts: Vec<u32>,
     /// Indices of records, ascending within a tile.
     entries: Vec<u32>,
 }
 
-/// A record's place in the order.
+/// Sort key and location of a record.
 #[derive(Clone, Copy)]
 struct Place {
-    /// Bits of the depth, not negative, by which it is in order.
+    /// Bits of the depth by which records are sorted; the depth isn't negative.
     depth: u64,
-    /// Where the record is: runs and their records are in the scene's order.
+    /// Run that contains the record, and the record's index there. Runs and their records are in scene order.
     run: u32,
     index: u32,
 }
 
-/// What follows each other in a cloud's memory.
+/// A range of consecutive Gaussians in a cloud's memory.
 struct Run {
     cloud: usize,
-    /// Number of the cloud's first Gaussian among the scene's.
+    /// Number of the cloud's first Gaussian in the scene.
     first: usize,
     range: Range<usize>,
 }
 
-/// Records of all Gaussians that the view shows, in parts: by the depth of their centres, or for pixels to put them in
-/// order by the depth at which they begin; equally deep ones in the scene's order.
+/// Projects all visible Gaussians to sorted records, in parts. Records are sorted by the depth of their centres, or, if
+/// pixels sort their fragments, by the depth at which they begin; equal depths in scene order.
 ///
-/// They are projected in the order of their memory, where one is hundreds of bytes: in the order of depths each would
-/// wait for the memory several times.
+/// Projection runs in memory order, since a Gaussian has hundreds of bytes: in depth order each would wait for memory
+/// several times.
 pub(super) fn project(clouds: &[StoredGaussians], (view, plan): (&View, &FramePlan), grid: &TileGrid) -> Vec<Part> {
     let seen: Vec<GaussianView<'_>> =
         clouds.iter().map(|c| GaussianView::new(&c.gaussians, &c.world_from_object, (view, plan))).collect();
@@ -84,7 +85,7 @@ pub(super) fn project(clouds: &[StoredGaussians], (view, plan): (&View, &FramePl
             let projected = seen.project(i)?;
             let depth = match plan.sort {
                 Sort::Pixel => projected.nearest.max(0.0),
-                // Sort::Center, the default.
+                // `Sort::Center`, the default.
                 _ => Some(seen.depth(i)).filter(|depth| *depth > near)?,
             };
             let record = record(seen, i, projected, opacities[i], view, grid.region)?;
@@ -127,7 +128,7 @@ fn record(
     let GaussianForms { u, v, w, z, low_pass } = projected.forms;
     let V3 { x: nx, y: ny, z: nz } = projected.normal;
     let normal = view.view_from_world.transpose() * glam::DVec3::new(nx, ny, nz);
-    // Centres are within bounds of their footprints, but may be far outside of the image.
+    // A visible Gaussian's centre may be far outside the image, so the base pixel is clamped.
     let base = [x, y].map(|c| c.floor().clamp(-1e9, 1e9));
     Some(Record {
         base: base.map(|c| c as i32),
@@ -144,7 +145,7 @@ fn record(
     })
 }
 
-/// Pixels of a region's side whose centres are at these offsets from a place, and a little more.
+/// Returns the pixels whose centres are within these offsets of `center` and a little slack, clipped to the region.
 fn pixels(center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]) -> Range<u32> {
     // Rounding in f32 may reach past exact bounds.
     let slack = 1e-3 * (hi - lo) + 1e-2;
@@ -152,7 +153,7 @@ fn pixels(center: f64, [lo, hi]: [f64; 2], [start, length]: [u32; 2]) -> Range<u
     within((center + lo - slack - 0.5).ceil())..within((center + hi + slack - 0.5).floor() + 1.0)
 }
 
-/// Tiles that a record may touch: rows and columns of tiles.
+/// Returns the rows and columns of the tiles that a record may touch.
 fn tiles(record: &Record, grid: &TileGrid) -> [Range<usize>; 2] {
     let of = |pixels: &Range<u32>, start: u32| {
         let tile = |px: u32| ((px - start) / TILE_PX) as usize;
@@ -161,7 +162,7 @@ fn tiles(record: &Record, grid: &TileGrid) -> [Range<usize>; 2] {
     [of(&record.rows, grid.region.y), of(&record.columns, grid.region.x)]
 }
 
-/// Cuts the tiles into ranges whose lists have at most so many entries, or one tile.
+/// Divides the tiles into ranges whose lists have at most `most` entries; a range has at least one tile.
 pub(super) fn batches(parts: &[Part], grid: &TileGrid, most: u64) -> Vec<Range<usize>> {
     let add = |mut a: Vec<u64>, b: Vec<u64>| {
         a.iter_mut().zip(b).for_each(|(a, b)| *a += b);
@@ -181,7 +182,7 @@ pub(super) fn batches(parts: &[Part], grid: &TileGrid, most: u64) -> Vec<Range<u
 }
 
 impl Part {
-    /// Number of records of each tile.
+    /// Counts the records of each tile.
     fn counts(&self, grid: &TileGrid) -> Vec<u64> {
         let mut counts = vec![0; grid.tiles()];
         for record in &self.records {
@@ -194,7 +195,7 @@ impl Part {
         counts
     }
 
-    /// Lists the records of some tiles.
+    /// Lists the records of a range of tiles.
     pub(super) fn list(&mut self, listed: &Range<usize>, grid: &TileGrid) {
         let touched = |record: &Record, each: &mut dyn FnMut(usize)| {
             let [rows, columns] = tiles(record, grid);
@@ -223,7 +224,7 @@ impl Part {
         }
     }
 
-    /// The records of a listed tile.
+    /// Returns the records of a listed tile.
     pub(super) fn of_tile(&self, tile: usize) -> impl Iterator<Item = &Record> {
         let range = self.starts[tile] as usize..self.starts[tile + 1] as usize;
         self.entries[range].iter().map(|i| &self.records[*i as usize])

@@ -1,5 +1,5 @@
-//! A tile of 16×16 pixels: its Gaussians front to back, a block of 4×4 pixels at a time. Small ones touch fewer blocks
-//! than rows.
+//! A tile of 16×16 pixels, which blends its Gaussians front to back in blocks of 4×4 pixels. Small Gaussians touch
+//! fewer blocks than rows.
 
 use crate::gaussians::grid::{TILE_PX, TileGrid};
 use crate::gaussians::pending::{Pending, key};
@@ -14,40 +14,41 @@ use surfel_math::gaussian::{
 use surfel_math::{Real, V2};
 use surfel_render::{Frame, Planes, Region};
 
-/// Pixels of a block's side, and blocks of a tile's.
+/// Side of a block in pixels, and side of a tile in blocks.
 const SIDE: usize = 4;
-/// Blocks of a tile.
+/// Number of blocks in a tile.
 pub(super) const BLOCKS: usize = SIDE * SIDE;
 const _: () = assert!(TILE_PX as usize == SIDE * SIDE);
 
-/// What all tiles share.
+/// Data shared by all tiles.
 pub(super) struct TileInputs<'a> {
     pub grid: &'a TileGrid,
     pub near: f32,
-    /// As [`gaussian::background`].
+    /// The background, as returned by [`gaussian::background`].
     pub background: [f64; 4],
     pub linear: bool,
     pub planes: Planes,
 }
 
-/// Records that are fetched together: those of a tile lie anywhere in memory, which one after another would wait for.
+/// Number of records that are fetched together. A tile's records are scattered in memory, and fetching them one by one
+/// would wait for memory each time.
 const TOGETHER: usize = 32;
 
-/// A number for each pixel of a block.
+/// One number for each pixel of a block.
 pub(super) type Block = [f32; LANES];
-/// One for each pixel of a tile.
+/// One number for each pixel of a tile.
 type Blocks = [Block; BLOCKS];
 
-/// Sums of planes besides the colour.
+/// Sums of the planes besides the colour.
 #[derive(Default)]
 struct Sums {
-    /// Σw: more precise than 1 − T where little is there.
+    /// Σw: more precise than 1 − T for low coverage.
     weight: Blocks,
     normal: [Blocks; 3],
     depth: Blocks,
     median_depth: Blocks,
     distortion: Blocks,
-    /// Σw·m and Σw·m², m the depth that the distortion compares.
+    /// Σw·m and Σw·m², with m the depth that the distortion compares.
     moments: [Blocks; 2],
     fragments: Blocks,
 }
@@ -60,23 +61,23 @@ struct Fragments<S: Simd> {
     normal: [Lanes<S>; 3],
 }
 
-/// A tile's pixels.
+/// The pixels of a tile.
 pub(super) struct Tile {
     transmittance: Blocks,
-    /// In the Gaussians' colour space.
+    /// Colour sums, in the Gaussians' colour space.
     color: [Blocks; 3],
-    /// 1 where light may be left, else 0.
+    /// 1 if the pixel may still transmit light, else 0.
     open: Blocks,
-    /// Blocks with such pixels.
+    /// Bits of the blocks that have an open pixel.
     open_blocks: u32,
     sums: Option<Box<Sums>>,
-    /// Pixels that were compared with a Gaussian.
+    /// Number of pixels that were tested against a Gaussian.
     pub tested: u64,
     resolved: Vec<[f32; 4]>,
 }
 
 impl Tile {
-    /// Blends a tile's records; with room for pending fragments in the order of each pixel.
+    /// Blends a tile's records, in the order of each pixel if `pending` is given.
     #[inline(always)]
     pub(super) fn draw<'a, S: Simd>(
         simd: S,
@@ -149,14 +150,14 @@ impl Tile {
                 for (by, bx) in rows.flat_map(|by| blocks.clone().map(move |bx| (by, bx))) {
                     let block = by * SIDE + bx;
                     let open = Lanes::load(simd, &self.open[block]);
-                    // Whole numbers, exact: only the fraction rounds.
+                    // Exact in whole numbers: only the fraction rounds.
                     let offset = |pixels: Lanes<S>, start: u32, at: usize, axis: usize| {
                         let first = (start as i32 + (at * SIDE) as i32 - record.base[axis]) as f32;
                         (pixels + Lanes::splat(simd, first)) - Lanes::splat(simd, record.fraction[axis] - 0.5)
                     };
                     let d = V2::new(offset(columns, pixels.x, bx, 0), offset(lines, pixels.y, by, 1));
                     let (rho, z) = forms.at(d);
-                    // 2^x is for x ≥ −126, where nothing shows any more.
+                    // `exp2` is defined for x ≥ −126; below, a Gaussian is invisible anyway.
                     let power = (rho * rho.constant(-0.5 * std::f64::consts::LOG2_E)).max(rho.constant(-126.0));
                     let alpha = (Lanes::splat(simd, record.opacity) * power.exp2()).min(rho.constant(MAX_ALPHA));
                     let shows = alpha.constant(MIN_ALPHA).le(alpha)
@@ -193,7 +194,7 @@ impl Tile {
         }
     }
 
-    /// Blends a block's fragments behind what is there.
+    /// Blends a block's fragments behind the earlier ones.
     #[inline(always)]
     fn blend_block<S: Simd, const SUMS: bool>(
         &mut self,
@@ -236,7 +237,7 @@ impl Tile {
         let ready = pending.sort(block, limit, &self.transmittance[block]);
         let of_block = &mut pending.fragments[block * LANES..(block + 1) * LANES];
         for k in 0..ready.into_iter().max().unwrap_or(0) {
-            // A filter may leave an alpha of 0 to what is there.
+            // A filter may reduce the α of a visible fragment to 0, so lanes without a fragment get −1.
             let (mut alpha, mut z) = ([-1.0; LANES], [1.0; LANES]);
             let (mut color, mut normal) = ([[0.0; LANES]; 3], [[0.0; LANES]; 3]);
             for (lane, fragments) in of_block.iter().enumerate() {
@@ -260,7 +261,7 @@ impl Tile {
         of_block.iter_mut().zip(ready).for_each(|(fragments, ready)| drop(fragments.drain(..ready)));
     }
 
-    /// Colours as an image has them.
+    /// Converts the sums to the image's colours.
     fn resolve(&mut self, inputs: &TileInputs<'_>) {
         self.resolved = (0..BLOCKS * LANES)
             .map(|at| {
@@ -272,13 +273,13 @@ impl Tile {
             .collect();
     }
 
-    /// Gaussians that were blended, all pixels together; 0 where they aren't counted.
+    /// Returns the number of Gaussians blended, summed over all pixels; 0 if fragments aren't counted.
     pub(super) fn fragments(&self) -> u64 {
         let counted = self.sums.iter().flat_map(|sums| sums.fragments.as_flattened());
         counted.map(|n| *n as u64).sum()
     }
 
-    /// Writes the planes that a frame has.
+    /// Writes the tile to the frame's planes.
     pub(super) fn write(&self, grid: &TileGrid, tile: usize, frame: &mut Frame) {
         let pixels = grid.pixels(tile);
         let planes = frame.planes_mut();
@@ -309,12 +310,12 @@ impl Tile {
     }
 }
 
-/// The block and the lane of a tile's pixel.
+/// Returns the block and the lane of a tile's pixel.
 fn place(x: usize, y: usize) -> (usize, usize) {
     (y / SIDE * SIDE + x / SIDE, y % SIDE * SIDE + x % SIDE)
 }
 
-/// Columns or rows of a tile's blocks that have some of these pixels; the tile begins at `start`.
+/// Returns the columns or rows of blocks that contain some of these pixels, in a tile that begins at `start`.
 fn blocks(pixels: &Range<u32>, [start, length]: [u32; 2]) -> Range<usize> {
     let [first, end] = [pixels.start, pixels.end].map(|at| at.clamp(start, start + length) - start);
     first as usize / SIDE..if first < end { (end as usize).div_ceil(SIDE) } else { first as usize / SIDE }
@@ -340,7 +341,7 @@ impl Sums {
         for (sum, n) in self.normal.iter_mut().zip(fragments.normal) {
             add(simd, &mut sum[block], weight, n);
         }
-        // Depths of what isn't drawn may be anything.
+        // The depth may be NaN or infinite where nothing is drawn.
         let z = Lanes::select(drawn, z, z.one());
         add(simd, &mut self.weight[block], weight, weight.one());
         add(simd, &mut self.depth[block], weight, z);
@@ -364,7 +365,7 @@ fn add<S: Simd>(simd: S, sums: &mut Block, weight: Lanes<S>, value: Lanes<S>) {
     weight.mul_add(value, Lanes::load(simd, sums)).store(sums);
 }
 
-/// The record's forms in every lane.
+/// Returns the record's forms in every lane.
 #[inline(always)]
 fn forms<S: Simd>(simd: S, record: &Record) -> GaussianForms<Lanes<S>> {
     let GaussianForms { u, v, w, z, low_pass } = record.forms;

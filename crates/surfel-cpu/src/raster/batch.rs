@@ -1,4 +1,4 @@
-//! The splats of a block's list, batch by batch.
+//! Traversal of a block's list of splats, in batches.
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
@@ -8,11 +8,11 @@ use crate::simd::lanes::Lanes;
 use crate::tiles::lists::{BATCH, BlockList};
 use fearless_simd::Simd;
 
-/// The pixels of the block whose first one is (x, y).
+/// The pixels of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Pixels<S: Simd> {
     first: (i32, i32),
-    /// Columns and rows.
+    /// Columns and rows of the pixels.
     at: (Lanes<S>, Lanes<S>),
 }
 
@@ -23,24 +23,25 @@ impl<S: Simd> Pixels<S> {
     }
 }
 
-/// What is done with fragments. Not a closure: one that is called in several places isn't inlined into SIMD code.
+/// A visitor of fragments. A trait rather than a closure: a closure that is called in several places isn't inlined into
+/// SIMD code.
 pub(crate) trait Visit<S: Simd> {
-    /// Takes the number of the batch that comes next.
+    /// Begins the batch with this number.
     #[inline(always)]
     fn begin(&mut self, _number: usize) {}
 
-    /// Takes in fragments of splat `j` of the batch.
+    /// Adds the fragments of splat `j` of the batch.
     fn add(&mut self, simd: S, fragment: Fragment<S>, j: usize, record: &Record);
 
-    /// Depth behind which nothing matters any more, if it has changed.
+    /// Returns the depth behind which fragments no longer matter, if it may have changed.
     fn farthest(&self) -> Option<f32>;
 }
 
-/// How many batches are drawn before depth thresholds are read again, to skip what lies behind them.
+/// Number of batches drawn between reads of the depth thresholds, which let splats behind them be skipped.
 const ASKED: usize = 4;
 
-/// Computes the fragments of a list's splats, a batch together where it can be, except those behind `farthest` or the
-/// depth thresholds so far: how many splats were computed.
+/// Computes the fragments of a list's splats, in batches, except splats behind `farthest` or the depth thresholds so
+/// far. Returns the number of splats computed.
 #[inline(always)]
 pub(crate) fn for_each_batch<S: Simd>(
     simd: S,
@@ -54,7 +55,7 @@ pub(crate) fn for_each_batch<S: Simd>(
     let all = list.batches();
     for (number, &[i, j, k, l]) in all.iter().enumerate() {
         let [(a, a_z), (b, b_z), (c, c_z), (d, d_z)] = [list.get(i), list.get(j), list.get(k), list.get(l)];
-        // The first alone decides, nearly always.
+        // The first comparison nearly always decides.
         if farthest < a_z && farthest < b_z && farthest < c_z && farthest < d_z {
             continue;
         }
@@ -82,7 +83,7 @@ pub(crate) fn for_each_batch<S: Simd>(
             farthest = depth;
         }
     }
-    // The last batch may be filled up with empty splats.
+    // The last batch may be padded with empty splats.
     let filled = if last + 1 == all.len() { (BATCH * all.len() - list.len()) as u32 } else { 0 };
     tested.saturating_sub(filled)
 }

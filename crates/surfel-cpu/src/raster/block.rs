@@ -1,4 +1,4 @@
-//! Visibility and attributes of one block of 4×4 pixels (§5), a lane for each: two loops over the same list of splats,
+//! Visibility and attributes of a block of 4×4 pixels (§5), one lane per pixel: two loops over the same list of splats,
 //! with the block's sums in registers.
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
@@ -15,15 +15,17 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// Most splats of a block whose fragments are remembered between the loops; past that they are computed twice.
+/// Maximum number of splats in a block whose fragments are stored between the loops. In a block with more, fragments
+/// are computed twice.
 const REMEMBERED: usize = 256;
 
-/// Fragments of a block between the loops. Aligned as the cache lines are: what crosses two costs twice.
+/// Fragments of a block, stored between the loops. The alignment is that of cache lines: an access that crosses two
+/// lines costs twice.
 #[repr(align(64))]
 pub(crate) struct BlockScratch {
-    /// Depths (+∞ outside the footprint) and weights of batch after batch.
+    /// Depths (+∞ outside the footprint) and weights, by batch.
     fragments: [[[[f32; LANES]; 2]; BATCH]; REMEMBERED / BATCH],
-    /// Which batches they are.
+    /// Numbers of the stored batches.
     batches: [u32; REMEMBERED / BATCH],
 }
 
@@ -33,16 +35,16 @@ impl Default for BlockScratch {
     }
 }
 
-/// What the first loop carries along.
+/// State of the first loop.
 struct FirstLoop<'a, 'b, S: Simd, L, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool> {
     threshold: Lanes<S>,
     threshold_epsilon: Lanes<S>,
-    /// In place of the threshold where facings are kept apart.
+    /// Thresholds of both sides, used in place of `threshold` if facings are separated.
     sides: Sides<S>,
     largest_epsilon: f32,
     inside: u32,
     filter: &'a L,
-    /// How many batches are remembered.
+    /// Number of stored batches.
     count: usize,
     scratch: &'b mut BlockScratch,
 }
@@ -66,7 +68,7 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
             fragment.inside &= exists;
         }
         if COUNT {
-            // Not an ordinary sum, of which the compiler would make one of lanes: they have enough to do.
+            // A saturating sum, so that the compiler doesn't vectorise it: the vector units are busy enough.
             self.inside = self.inside.saturating_add(fragment.inside.to_bitmask().count_ones());
         }
         let infinity = k(f32::INFINITY);
@@ -82,7 +84,7 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
             self.threshold = self.threshold.min(value);
         }
         if REMEMBER {
-            // Always within: a branch here would keep masks from staying in their registers.
+            // The index is always in range; a branch here would evict masks from their registers.
             let batch = &mut self.scratch.fragments[self.count.wrapping_sub(1) % (REMEMBERED / BATCH)];
             let [z, weight] = &mut batch[j % BATCH];
             Lanes::select(fragment.inside, fragment.z, infinity).store(z);
@@ -100,8 +102,8 @@ impl<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, cons
     }
 }
 
-/// Runs both loops over the block whose first pixel is given. Only fragments that `filter` leaves exist. Sums that the
-/// plan doesn't want aren't touched.
+/// Runs both loops over the block whose first pixel is given. Only fragments that `filter` admits exist. Sums that the
+/// plan doesn't need aren't touched.
 #[inline(always)]
 pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
     simd: S,
@@ -114,7 +116,7 @@ pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
 ) {
     let Wanted { epsilon, counts, .. } = inputs.frame.wanted;
     let few = BATCH * list.batches().len() <= REMEMBERED;
-    // Copies of what is measured to pay; what is rare shares one.
+    // Separate copies of the loops exist where they measurably pay; rare cases share one.
     match (epsilon || L::IS_RARE, counts, few) {
         (false, false, true) => {
             both_loops::<S, L, false, false, true>(simd, list, first_px, inputs, filter, scratch, sums);
@@ -127,10 +129,9 @@ pub(crate) fn draw<S: Simd, L: FragmentFilter<S>>(
     }
 }
 
-/// [`draw`], with the threshold's ε and counts of fragments if they are wanted, and with fragments remembered if there
-/// are few enough.
+/// Runs both loops, with or without the threshold's ε, counts of fragments, and storage of fragments between the loops.
 ///
-/// Out of line, for all who draw blocks.
+/// Not inlined: all callers of [`draw`] share the code.
 #[inline(never)]
 fn both_loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, const REMEMBER: bool>(
     simd: S,
@@ -169,7 +170,7 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
         count: 0,
         scratch,
     };
-    // A splat behind all depth thresholds matters in neither loop.
+    // No bound: a splat behind all depth thresholds matters in neither loop.
     sums.tested = for_each_batch(simd, list, f32::INFINITY, &pixels, inputs, &mut first);
     let FirstLoop { mut threshold, mut threshold_epsilon, sides, inside, count, scratch, .. } = first;
     if L::KEEPS_FACINGS {
@@ -188,7 +189,7 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
     if REMEMBER {
         let remembered = Remembered { list, scratch, count };
         let a = &inputs.frame.wanted.attributes;
-        // Which are summed is known to each loop: sums then stay in registers.
+        // Each copy of the loop has its sums fixed at compile time, so that they stay in registers.
         let generic = COUNT | a.material | (a.coverage & inputs.frame.coverage_of_weight.is_none());
         match (a.color, a.normal, a.depth) {
             (false, true, false) if !generic => remembered.add::<S, false, true, false>(simd, sums, &filter),
@@ -203,13 +204,14 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
     sums.cover(inputs.frame);
 }
 
-/// The depths up to which fragments are added: any where there is no threshold, but not +∞, which is no fragment.
+/// Returns the depths up to which fragments are added. A pixel without a threshold gets a finite depth, since +∞ marks
+/// no fragment.
 #[inline(always)]
 fn reach<S: Simd>(threshold: Lanes<S>) -> Lanes<S> {
     threshold.min(threshold.constant(f64::from(f32::MAX)))
 }
 
-/// What the first loop remembered.
+/// Fragments that the first loop stored.
 struct Remembered<'a, 'b, 'c> {
     list: BlockList<'a, 'b, Record>,
     scratch: &'c BlockScratch,
@@ -217,7 +219,7 @@ struct Remembered<'a, 'b, 'c> {
 }
 
 impl<'a> Remembered<'a, '_, '_> {
-    /// Batch after batch of splats, with their fragments.
+    /// Returns the batches of splats with their fragments.
     #[inline(always)]
     fn batches(&self) -> impl Iterator<Item = ([&'a Record; BATCH], &[[[f32; LANES]; 2]; BATCH])> {
         let batches = self.scratch.batches[..self.count].iter().zip(&self.scratch.fragments);
@@ -228,8 +230,7 @@ impl<'a> Remembered<'a, '_, '_> {
         })
     }
 
-    /// The second loop over what was remembered, for sums of weights, and of colours, normals and depths if they are
-    /// wanted.
+    /// Runs the second loop over stored fragments, for sums of weights, and of colours, normals and depths if needed.
     #[inline(always)]
     fn add<S: Simd, const COLOR: bool, const NORMAL: bool, const DEPTH: bool>(
         &self,
@@ -274,7 +275,7 @@ impl<'a> Remembered<'a, '_, '_> {
         }
     }
 
-    /// The same for any attributes.
+    /// Runs the second loop over stored fragments, for any attributes.
     #[inline(always)]
     fn add_all<S: Simd>(
         &self,
@@ -295,9 +296,9 @@ impl<'a> Remembered<'a, '_, '_> {
     }
 }
 
-/// The second loop where fragments weren't remembered: thresholds are known, and splats behind them are skipped.
+/// Runs the second loop without stored fragments: computes them again, except for splats behind the thresholds.
 ///
-/// Out of line: it is long, and most blocks don't come here.
+/// Not inlined: the loop is long, and most blocks don't need it.
 #[cold]
 #[inline(never)]
 fn second_loop<S: Simd>(
@@ -318,7 +319,7 @@ fn second_loop<S: Simd>(
     );
 }
 
-/// What the second loop carries along where fragments weren't remembered.
+/// State of the second loop without stored fragments.
 struct SecondLoop<'a, 'b, S: Simd, L> {
     sums: &'a mut Sums<S>,
     filter: L,

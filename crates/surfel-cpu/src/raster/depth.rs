@@ -1,4 +1,4 @@
-//! Depth thresholds alone: for shadow maps, and of what occludes other splats.
+//! Depth thresholds without attributes: for shadow maps and for occlusion culling.
 
 use crate::cull::occlusion::OcclusionMap;
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
@@ -14,7 +14,7 @@ use crate::tiles::lists::{BlockList, BlockLists};
 use fearless_simd::Simd;
 use surfel_math::Real;
 
-/// The first loop alone: a block's depth thresholds.
+/// Runs the first loop alone and returns a block's depth thresholds.
 #[inline(always)]
 pub(crate) fn thresholds<S: Simd>(
     simd: S,
@@ -27,7 +27,8 @@ pub(crate) fn thresholds<S: Simd>(
     nearest.threshold
 }
 
-/// The depths behind which a block's splats occlude others: the farther threshold where facings are kept apart.
+/// Returns the depths behind which a block's splats occlude others: the farther of both thresholds if facings are
+/// separated.
 #[inline(always)]
 fn occluding<S: Simd>(
     simd: S,
@@ -43,7 +44,7 @@ fn occluding<S: Simd>(
     nearest.0.farthest()
 }
 
-/// What [`occluding`] carries along where facings are kept apart.
+/// State of [`occluding`] if facings are separated.
 struct NearestSides<S: Simd>(Sides<S>);
 
 impl<S: Simd> Visit<S> for NearestSides<S> {
@@ -59,7 +60,7 @@ impl<S: Simd> Visit<S> for NearestSides<S> {
     }
 }
 
-/// What [`thresholds`] carries along.
+/// State of [`thresholds`].
 struct Nearest<S: Simd> {
     threshold: Lanes<S>,
 }
@@ -78,7 +79,7 @@ impl<S: Simd> Visit<S> for Nearest<S> {
     }
 }
 
-/// What the opaque splats that are set up so far occlude.
+/// Returns the occlusion map of the opaque splats that are set up so far.
 pub(crate) fn occlusion<'a>(
     instructions: Instructions,
     listing: &Listing<'a>,

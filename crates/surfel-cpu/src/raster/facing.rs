@@ -1,5 +1,5 @@
-//! Front- and back-facing splats of oriented clouds, kept apart in a block (§5): thresholds of both, and which of them
-//! a pixel shows.
+//! Separation of front- and back-facing splats of oriented clouds in a block (§5): thresholds of both sides, and the
+//! side that each pixel shows.
 
 use crate::raster::filter::FragmentFilter;
 use crate::setup::record::Record;
@@ -10,12 +10,13 @@ use surfel_math::facing::BACK_FACING_LAG;
 
 const FAR: f32 = f32::INFINITY;
 
-/// By facing ([`crate::setup::record::Facing`]): what takes a fragment out of the front's thresholds, the back's, and
-/// what is nearest of either; and the share of ε by which it counts as farther there.
+/// Constants per facing ([`crate::setup::record::Facing`]). The first four are added to depths to exclude a fragment
+/// from the front's thresholds, the back's thresholds, the front's nearest depth and the back's nearest depth. The
+/// fifth is the fraction of ε added to the depth in the comparison of the sides.
 const OUT_OF: [[f32; 5]; 3] = [[0.0, 0.0, FAR, FAR, 0.0], [0.0, FAR, 0.0, FAR, 0.0], [FAR, 0.0, FAR, 0.0, LAG]];
 const LAG: f32 = BACK_FACING_LAG as f32;
 
-/// What visibility finds of both sides.
+/// Results of visibility for both sides.
 #[derive(Clone, Copy)]
 pub(crate) struct Sides<S: Simd> {
     front: Side<S>,
@@ -24,10 +25,10 @@ pub(crate) struct Sides<S: Simd> {
 
 #[derive(Clone, Copy)]
 struct Side<S: Simd> {
-    /// min(z + ε), and its ε.
+    /// min(z + ε), and the ε of the splat that set it.
     threshold: Lanes<S>,
     epsilon: Lanes<S>,
-    /// How near its fragments come.
+    /// Nearest depth of the side's fragments.
     nearest: Lanes<S>,
 }
 
@@ -47,7 +48,7 @@ impl<S: Simd> Side<S> {
 pub(crate) struct Shown<S: Simd> {
     pub threshold: Lanes<S>,
     pub epsilon: Lanes<S>,
-    /// By facing: +∞ where the pixel shows it, else −∞.
+    /// Limit per facing: +∞ if the pixel shows the facing, else −∞.
     limits: [Lanes<S>; 3],
 }
 
@@ -59,7 +60,7 @@ impl<S: Simd> Sides<S> {
         Self { front: side, back: side }
     }
 
-    /// Takes in a splat's visibility fragments: their depths, +∞ where there is none.
+    /// Adds a splat's visibility fragments, given by their depths, +∞ for none.
     #[inline(always)]
     pub(crate) fn add<const EPSILON: bool>(&mut self, simd: S, record: &Record, z: Lanes<S>) {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -70,14 +71,14 @@ impl<S: Simd> Sides<S> {
         self.back.lower::<EPSILON>(value + k(back), epsilon, nearest + k(nearest_back));
     }
 
-    /// Depths behind which nothing matters, whichever splats come: whichever side is shown in the end.
+    /// Returns depths behind which no fragment matters, whichever side is shown in the end.
     #[inline(always)]
     pub(crate) fn farthest(&self) -> Lanes<S> {
         self.front.threshold.max(self.back.threshold)
     }
 
-    /// The same where no splat that comes has a larger ε: the side that is shown in the end has a fragment that is no
-    /// farther than the nearest so far, and its threshold lies no more than that fragment's ε behind it.
+    /// Returns a nearer bound than [`Self::farthest`] if no further splat has a larger ε. The side shown in the end has
+    /// a fragment no farther than the nearest so far, and its threshold is at most that fragment's ε behind it.
     #[inline(always)]
     pub(crate) fn farthest_within(&self, largest_epsilon: f32) -> Lanes<S> {
         let nearest = self.front.nearest.min(self.back.nearest);
@@ -90,7 +91,7 @@ impl<S: Simd> Sides<S> {
         let Self { front, back } = *self;
         let shows_back = back.nearest.lt(front.nearest);
         let far = front.nearest.constant(f64::INFINITY);
-        // Where nothing oriented is hit, whatever is filtered there is shown.
+        // A pixel without an oriented visibility fragment shows the filtered fragments of both sides.
         let shows_any = far.le(front.nearest.min(back.nearest));
         Shown {
             threshold: Lanes::select(shows_back, back.threshold, front.threshold),
@@ -100,7 +101,7 @@ impl<S: Simd> Sides<S> {
     }
 }
 
-/// Another filter, where facings are kept apart.
+/// A fragment filter that separates facings and applies another filter.
 pub(crate) struct ByFacing<S: Simd, L> {
     other: L,
     shown: Shown<S>,

@@ -1,4 +1,4 @@
-//! Fragment filters: which fragments of a block exist, and which add their attributes.
+//! Fragment filters, which decide which fragments of a block exist and which of them add their attributes.
 
 use crate::raster::batch::Pixels;
 use crate::raster::facing::Shown;
@@ -9,18 +9,18 @@ use crate::tiles::lists::BlockList;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
-/// What keeps fragments of a block from being drawn.
+/// A filter of a block's fragments.
 pub(crate) trait FragmentFilter<S: Simd> {
-    /// Few blocks are drawn by it: no copy of the block loops is made for what it doesn't need.
+    /// True if few blocks use the filter. No specialised copies of the block loops are compiled then.
     const IS_RARE: bool = true;
 
-    /// Front- and back-facing splats of oriented clouds are kept apart.
+    /// True if front- and back-facing splats of oriented clouds are separated.
     const KEEPS_FACINGS: bool = false;
 
-    /// [`Self::track`] does something.
+    /// True if [`Self::track`] is implemented.
     const TRACKS: bool = false;
 
-    /// Visits a block's splats again, between its two loops: its depth thresholds are known.
+    /// Visits a block's splats between its two loops, when the depth thresholds are final.
     #[inline(always)]
     fn track(
         &mut self,
@@ -32,41 +32,41 @@ pub(crate) trait FragmentFilter<S: Simd> {
     ) {
     }
 
-    /// Which fragments at these depths exist; `None`: all.
+    /// Returns which fragments at these depths exist; `None` for all.
     #[inline(always)]
     fn exists(&self, _z: Lanes<S>) -> Option<mask32x16<S>> {
         None
     }
 
-    /// A block's depth thresholds, −∞ where they don't matter since no fragment exists.
+    /// Returns a block's depth thresholds, with −∞ for pixels in which no fragment exists.
     #[inline(always)]
     fn relevant(&self, threshold: Lanes<S>) -> Lanes<S> {
         threshold
     }
 
-    /// Takes the block's depth thresholds, before attributes are added.
+    /// Receives the block's depth thresholds before attributes are added.
     #[inline(always)]
     fn settle(&mut self, _threshold: Lanes<S>) {}
 
-    /// Takes which side of oriented surfaces the block's pixels show.
+    /// Receives the side of oriented surfaces that the block's pixels show.
     #[inline(always)]
     fn show(&mut self, _shown: &Shown<S>) {}
 
-    /// Which of the fragments of `mask` add their attributes.
+    /// Returns which of the fragments of `mask` add their attributes.
     #[inline(always)]
     fn adds(&self, _z: Lanes<S>, _record: &Record, mask: mask32x16<S>) -> mask32x16<S> {
         mask
     }
 }
 
-/// Everything is drawn.
+/// The filter that admits every fragment.
 pub(crate) struct EveryFragment;
 
 impl<S: Simd> FragmentFilter<S> for EveryFragment {
     const IS_RARE: bool = false;
 }
 
-/// Only fragments behind a depth exist, and only in some pixels.
+/// A filter that admits fragments behind a depth, in selected pixels only.
 pub(crate) struct BehindDepth<S: Simd> {
     pub depth: Lanes<S>,
     pub pixels: mask32x16<S>,
@@ -84,9 +84,10 @@ impl<S: Simd> FragmentFilter<S> for BehindDepth<S> {
     }
 }
 
-/// Splats of a block with polygons (§6): attributes are added up to the nearest polygon that no splat occludes.
+/// The filter of a block with polygons (§6): attributes are added up to the nearest polygon that no splat occludes.
 pub(crate) struct MeshBlend<'a, S: Simd> {
-    /// Depth of the nearest polygon; after the splats' visibility of the one that no splat occludes, +∞ elsewhere.
+    /// Depth of the nearest polygon. After visibility, depth of the nearest polygon that no splat occludes, +∞ for
+    /// none.
     pub polygon: &'a mut Lanes<S>,
 }
 

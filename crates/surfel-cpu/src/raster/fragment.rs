@@ -1,4 +1,4 @@
-//! A splat at the pixels of a block of 4×4, a lane for each.
+//! Evaluation of a splat at the pixels of a 4×4 block, one lane per pixel.
 
 use crate::raster::inputs::RasterInputs;
 use crate::setup::evaluate::{Fragment, cheap, form, general, inverse_near_one};
@@ -24,8 +24,9 @@ pub(crate) fn fragment<S: Simd>(
 }
 
 impl<S: Simd> Fragment<S> {
-    /// Takes away what the splat's clip removes, if it has one. What is visible of an oriented clipped splat stays
-    /// inside: under a filter the clip goes with the stretched footprint, and could take away all that a pixel has.
+    /// Removes the fragments that the splat's clip cuts off, if it has one. Visible fragments of an oriented clipped
+    /// splat stay inside the filtered footprint. Otherwise the clip, which a filter stretches with the footprint, could
+    /// remove all fragments of a pixel.
     #[inline(always)]
     pub(crate) fn clip(&mut self, simd: S, record: &Record, at: (Lanes<S>, Lanes<S>), inputs: &RasterInputs<'_>) {
         if let Some(([visible, inside], holds_visible)) = clipped(simd, record, at, inputs) {
@@ -35,8 +36,8 @@ impl<S: Simd> Fragment<S> {
     }
 }
 
-/// Pixels that a splat's clip keeps of its unfiltered and its filtered footprint, and whether the other holds
-/// the one.
+/// Returns masks of the pixels inside the clip, for the unfiltered and the filtered footprint, and true if the filtered
+/// footprint is to include the unfiltered one. `None` if the splat has no clip.
 #[inline(always)]
 fn clipped<S: Simd>(
     simd: S,
@@ -48,7 +49,7 @@ fn clipped<S: Simd>(
     let (d_x, d_y) = offsets(simd, record, at);
     let (mut x, mut y) = (d_x, d_y);
     if inputs.frame.constants.clamp.is_some() {
-        // The disk of `clamp` may reach beyond the horizon, where the centre decides.
+        // A disk drawn by `clamp` may reach beyond the horizon; its centre decides there.
         let k = |v: f32| Lanes::splat(simd, v);
         let before = k(0.0).lt(k(record.w_x()).mul_add(d_x, k(record.w_y()).mul_add(d_y, k(1.0))));
         (x, y) = (Lanes::select(before, d_x, k(0.0)), Lanes::select(before, d_y, k(0.0)));
@@ -56,8 +57,8 @@ fn clipped<S: Simd>(
     Some((clip.keeps(V2::new(d_x, d_y), V2::new(x, y)), clip.holds_visible()))
 }
 
-/// Offsets of a block's pixels from the anchor. Whole pixels are exact; one rounding of an offset, not of a pixel
-/// coordinate.
+/// Returns the offsets of a block's pixels from the splat's anchor. Whole pixels are exact, so each offset is rounded
+/// once.
 #[inline(always)]
 fn offsets<S: Simd>(simd: S, record: &Record, (columns, rows): (Lanes<S>, Lanes<S>)) -> (Lanes<S>, Lanes<S>) {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -92,9 +93,10 @@ fn unclipped<S: Simd>(
     if class == Class::Cheap { cheap(&r, d, frame) } else { general(&r, d, frame) }
 }
 
-/// Near splats are evaluated pixel by pixel in f64: depths, NaN where there is nothing, and weights.
+/// Evaluates a splat at the near plane in f64, pixel by pixel. Returns depths, NaN outside the footprint, and weights.
 ///
-/// Not lanes: what is returned through memory stays in memory, of ordinary splats too.
+/// Arrays rather than lanes: a function that returns lanes through memory would force those of ordinary splats into
+/// memory.
 #[cold]
 #[inline(never)]
 fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32; LANES]; 2] {
@@ -107,8 +109,8 @@ fn near_fragment(near: &NearSplat, (x, y): (i32, i32), kernel: &Kernel) -> [[f32
     [depths, weights]
 }
 
-/// [`fragment`] of a batch of cheap splats, filtered ones if `FILTERED`, each at its own pixels, step by step together:
-/// a CPU looks ahead over two or so, too few for the long chain of each.
+/// Evaluates [`fragment`] for a batch of cheap splats, each at its own pixels; filtered ones if `FILTERED`. The steps
+/// of all four are interleaved: a CPU looks ahead over about two splats, too few for the long dependency chain of each.
 #[inline(always)]
 pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     simd: S,
@@ -130,7 +132,7 @@ pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     for j in 0..4 {
         let mut e = form((d_x[j], d_y[j]), k(records[j].depth_x()), k(records[j].depth_y()));
         if FILTERED {
-            // A fragment outside the disk lies no farther from its centre than the disk does.
+            // A fragment outside the disk is no farther from the centre than the disk does.
             e = e.max(k(records[j].range_min())).min(k(records[j].range_max()));
         }
         inverse[j] = inverse_near_one(e);
@@ -166,9 +168,11 @@ pub(crate) fn cheap_batch<S: Simd, const FILTERED: bool>(
     [fragment(0), fragment(1), fragment(2), fragment(3)]
 }
 
-/// A tiny splat at the pixels of a block: depths, and weights with their signs; NaN where it has none.
+/// Evaluates a tiny splat at the pixels of a block. Returns depths and signed weights, NaN in pixels without a
+/// fragment.
 ///
-/// Not lanes: what is returned through memory stays in memory, of other splats too.
+/// Arrays rather than lanes: a function that returns lanes through memory would force those of other splats into
+/// memory.
 #[cold]
 #[inline(never)]
 fn tiny_at_block(record: &Record, (x, y): (i32, i32)) -> [[f32; LANES]; 2] {

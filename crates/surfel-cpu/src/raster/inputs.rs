@@ -1,4 +1,4 @@
-//! What all blocks of a cell share.
+//! Inputs shared by all blocks of a cell.
 
 use crate::scene::numbers::SplatNumbers;
 use crate::setup::clips::CellClips;
@@ -6,38 +6,38 @@ use crate::setup::evaluate::FrameConstants;
 use crate::setup::near::NearSplat;
 use surfel_render::{Attributes, FramePlan, Pass, View};
 
-/// What is wanted of a block's pixels, from the plan.
+/// Quantities that the plan needs per pixel.
 #[derive(Clone, Copy)]
 pub(crate) struct Wanted {
     pub attributes: Attributes,
-    /// The ε of the splat that set the depth threshold.
+    /// True if the ε of the splat that set the depth threshold is needed.
     pub epsilon: bool,
-    /// Where polygons end.
+    /// True if the depths at which polygons end are needed.
     pub polygon_ends: bool,
-    /// How many fragments are inside footprints, and how many are added.
+    /// True if fragments are counted, both inside footprints and added.
     pub counts: bool,
-    /// The nearest splat of each pixel.
+    /// True if the nearest splat of each pixel is needed.
     pub nearest: bool,
-    /// Front- and back-facing splats of oriented clouds are kept apart.
+    /// True if front- and back-facing splats of oriented clouds are separated.
     pub facings: bool,
 }
 
-/// What all blocks of a frame share.
+/// Inputs shared by all blocks of a frame.
 pub(crate) struct RasterFrame {
     pub constants: FrameConstants,
     pub wanted: Wanted,
-    /// Ambient, diffuse, specular, shininess of every object.
+    /// Ambient, diffuse, specular and shininess factors per object.
     pub factors: Vec<[f32; 4]>,
-    /// 1/W0 of every object.
+    /// 1/W0 per object.
     pub coverage: Vec<f32>,
-    /// Coverage of a unit of weight, where it is the same for all splats: it isn't summed then.
+    /// Coverage per unit of weight, if it is the same for all splats; coverage isn't summed then.
     pub coverage_of_weight: Option<f32>,
-    /// What records hold in place of their objects, where the nearest splat is wanted; else empty.
+    /// Numbers that records store in place of object indices if the nearest splat is needed; else empty.
     pub numbers: SplatNumbers,
 }
 
 impl RasterFrame {
-    /// For depths alone.
+    /// Returns the inputs for depths without attributes.
     pub(crate) fn depth_only(plan: &FramePlan, view: &View) -> Self {
         let (factors, coverage) = (Vec::new(), Vec::new());
         let wanted = Wanted {
@@ -53,12 +53,12 @@ impl RasterFrame {
     }
 }
 
-/// What all blocks of a cell share.
+/// Inputs shared by all blocks of a cell.
 #[derive(Clone, Copy)]
 pub(crate) struct RasterInputs<'a> {
     pub frame: &'a RasterFrame,
     pub near: &'a [NearSplat],
     pub clips: &'a CellClips,
-    /// The largest ε of splats whose sides are kept apart.
+    /// The largest ε of the splats whose facings are separated.
     pub largest_epsilon: f32,
 }

@@ -1,8 +1,9 @@
-//! Transparent splats over a block (§8): the sums of all layers from one traversal of its splats.
+//! Transparent splats over a block (§8): the sums of all layers from one traversal of the block's splats.
 //!
 //! Depth peeling (G06 §6) draws a layer by two passes over all splats. Here a block's fragments are computed once and
-//! remembered; then each layer is two loops over those that no layer before it took, which is the same image to the
-//! bit. The A-buffer is layers without end: a fragment begins a new surface exactly where peeling begins a new layer.
+//! stored. Each layer is then two loops over the fragments that belong to no earlier layer, which yields the same image
+//! to the bit. The A-buffer is layers without a limit: a fragment begins a new surface exactly where peeling begins a
+//! new layer.
 
 use crate::raster::fragment::{cheap_batch, fragment};
 use crate::raster::inputs::RasterInputs;
@@ -25,39 +26,39 @@ pub(crate) struct TransparentItem<'a> {
     pub splat: &'a TransparentSplat,
 }
 
-/// A splat's fragments of a block.
+/// A splat's stored fragments in a block.
 #[derive(Clone, Copy, Default)]
 #[repr(align(64))]
 pub(super) struct Remembered {
-    /// Depth inside the filtered footprint, and inside the unfiltered one; NaN elsewhere.
+    /// Depths inside the filtered footprint and inside the unfiltered one; NaN elsewhere.
     pub inside_z: [f32; LANES],
     pub visible_z: [f32; LANES],
     pub weight: [f32; LANES],
     pub epsilon: f32,
     pub alpha: f32,
-    /// Index in the block's list.
+    /// Index of the splat in the block's list.
     pub splat: u32,
 }
 
-/// What a thread reuses from block to block.
+/// Per-thread scratch buffers, reused between blocks.
 #[derive(Default)]
 pub(crate) struct LayerScratch {
     fragments: Vec<Remembered>,
-    /// How many of them are the block's.
+    /// Number of entries of `fragments` in use by the current block.
     count: usize,
-    /// Those with fragments that no layer has taken.
+    /// Indices of the entries that have fragments in no layer yet.
     left: Vec<u32>,
     surfaces: SurfaceNumbers,
 }
 
 impl LayerScratch {
-    /// True if no fragment is left.
+    /// True if every fragment is in a layer.
     pub(crate) fn is_empty(&self) -> bool {
         self.left.is_empty()
     }
 
-    /// Numbers the surfaces of an A-buffer where a block has many fragments, for [`TransparentBlock::surface`]; false
-    /// where it has few, whose layers are found sooner one after the other.
+    /// Numbers the surfaces of an A-buffer for [`TransparentBlock::surface`] and returns true, if the block has many
+    /// fragments. Returns false if it has few: finding their layers one by one is faster.
     pub(crate) fn number_surfaces(&mut self) -> bool {
         let is_numbered = self.count >= NUMBERED_FROM;
         if is_numbered {
@@ -67,15 +68,15 @@ impl LayerScratch {
     }
 }
 
-/// Splats with fragments in a block from which on its surfaces are numbered.
+/// Minimum number of splats with fragments in a block for which its surfaces are numbered.
 const NUMBERED_FROM: usize = 128;
 
-/// What was found while fragments were gathered.
+/// Results of gathering a block's fragments.
 pub(crate) struct Gathered<S: Simd> {
-    /// The nearest layer's depth thresholds, and ε of the splats that set them.
+    /// Depth thresholds of the nearest layer, and ε of the splats that set them.
     pub threshold: Lanes<S>,
     pub threshold_epsilon: Lanes<S>,
-    /// Pairs of block and splat that were computed, and fragments of theirs that nothing opaque occludes.
+    /// Number of block-splat pairs computed, and number of their fragments that nothing opaque occludes.
     pub tested: u32,
     pub inside: u32,
 }
@@ -85,22 +86,22 @@ pub(crate) struct Layer<S: Simd> {
     pub sums: Sums<S>,
     /// Σwα.
     pub alpha: Lanes<S>,
-    /// The next layer's depth thresholds.
+    /// Depth thresholds of the next layer.
     pub next: Lanes<S>,
 }
 
-/// A block of transparent splats before what is opaque.
+/// The transparent splats of a block in front of its opaque surface.
 pub(crate) struct TransparentBlock<'a, S: Simd> {
     pub simd: S,
     pub list: &'a [TransparentItem<'a>],
-    /// First pixel.
+    /// First pixel of the block.
     pub at: (i32, i32),
     pub inputs: &'a RasterInputs<'a>,
     pub opaque_depth: Lanes<S>,
 }
 
 impl<S: Simd> TransparentBlock<'_, S> {
-    /// Remembers the fragments that nothing opaque occludes.
+    /// Stores the fragments that nothing opaque occludes.
     #[inline(always)]
     pub(crate) fn gather(&self, scratch: &mut LayerScratch) -> Gathered<S> {
         let simd = self.simd;
@@ -147,7 +148,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         gathered
     }
 
-    /// Remembers the fragments of splat `i` at a place of their own, if there are any, and counts the splat then.
+    /// Stores the fragments of splat `i` in the next free entry, and counts the entry if it has any fragments.
     #[inline(always)]
     fn remember(
         &self,
@@ -165,7 +166,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         let nearer = visible & value.lt(gathered.threshold);
         gathered.threshold = Lanes::select(nearer, value, gathered.threshold);
         gathered.threshold_epsilon = Lanes::select(nearer, epsilon, gathered.threshold_epsilon);
-        // Written in any case and counted where there is something: a branch would often be guessed wrong.
+        // The entry is written in any case and counted if it isn't empty: a branch would often be mispredicted.
         let to = &mut remembered[*count];
         let nan = f.z.constant(f64::NAN);
         Lanes::select(inside, f.z, nan).store(&mut to.inside_z);
@@ -176,7 +177,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         gathered.inside += inside.to_bitmask().count_ones();
     }
 
-    /// The layer behind `beyond` up to its threshold. Fragments that are taken are left no longer.
+    /// Returns the layer behind `beyond` up to its threshold, and removes its fragments from the remaining ones.
     #[inline(always)]
     pub(crate) fn layer(&self, beyond: Lanes<S>, threshold: Lanes<S>, scratch: &mut LayerScratch) -> Layer<S> {
         let simd = self.simd;
@@ -208,8 +209,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         Layer { sums, alpha, next }
     }
 
-    /// The next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The bits are those of
-    /// [`Self::layer`].
+    /// Returns the next surface of an A-buffer whose surfaces are numbered; `None` after the last one. The result is
+    /// bit-identical to [`Self::layer`]'s.
     #[inline(always)]
     pub(crate) fn surface(&self, scratch: &mut LayerScratch) -> Option<Layer<S>> {
         let simd = self.simd;
@@ -230,7 +231,7 @@ impl<S: Simd> TransparentBlock<'_, S> {
         Some(Layer { sums, alpha, next: Lanes::splat(simd, f32::INFINITY) })
     }
 
-    /// The nearest of all fragments that were gathered.
+    /// Returns the nearest of all stored fragments.
     #[inline(never)]
     pub(crate) fn nearest(&self, scratch: &LayerScratch) -> Nearest<S> {
         let mut nearest = Nearest::new(self.simd);
@@ -242,8 +243,8 @@ impl<S: Simd> TransparentBlock<'_, S> {
         nearest
     }
 
-    /// The last layer: every fragment that remains, in colours lit per splat, weighted by its alpha, so that the more
-    /// opaque ones count for more.
+    /// Returns the last layer: all remaining fragments, in colours lit per splat and weighted by alpha, so that more
+    /// opaque splats count more.
     #[inline(always)]
     pub(crate) fn remaining(&self, beyond: Lanes<S>, scratch: &LayerScratch) -> Layer<S> {
         let simd = self.simd;

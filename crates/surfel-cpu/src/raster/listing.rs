@@ -1,4 +1,4 @@
-//! Lists of a tile's opaque splats, and of its triangles.
+//! Lists of the opaque splats and the triangles of a tile's blocks.
 
 use crate::setup::record::Record;
 use crate::setup::segment::Segment;
@@ -6,7 +6,7 @@ use crate::setup::triangles::{ScreenTriangle, TriangleSegment};
 use crate::tiles::grid::Grid;
 use crate::tiles::lists::{BlockLists, ItemLists};
 
-/// Opaque splats in tiles.
+/// Opaque splats, sorted into tiles.
 #[derive(Clone, Copy)]
 pub(crate) struct Listing<'a> {
     pub segments: &'a [Segment],
@@ -14,12 +14,12 @@ pub(crate) struct Listing<'a> {
 }
 
 impl<'a> Listing<'a> {
-    /// True if no opaque splat touches a tile.
+    /// True if no opaque splat touches the tile.
     pub(crate) fn is_empty(&self, tile: usize) -> bool {
         self.segments.iter().all(|s| s.lists.of(tile).is_empty())
     }
 
-    /// Fills the lists of a tile's blocks, those that are `wanted`.
+    /// Fills the lists of a tile's `wanted` blocks.
     #[inline(always)]
     pub(crate) fn list(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -29,7 +29,7 @@ impl<'a> Listing<'a> {
         lists.finish();
     }
 
-    /// [`Self::list`] of few blocks.
+    /// Fills the lists of a tile's `wanted` blocks, faster than [`Self::list`] if they are few.
     #[inline(always)]
     pub(crate) fn list_some(&self, tile: usize, wanted: u64, lists: &mut BlockLists<'a, Record>) {
         lists.clear();
@@ -40,7 +40,8 @@ impl<'a> Listing<'a> {
     }
 }
 
-/// Fills the lists of the `wanted` blocks of a tile with triangles, in scene order; which blocks have any.
+/// Fills the lists of a tile's `wanted` blocks with triangles, in scene order. Returns bits of the blocks that have
+/// any.
 pub(crate) fn list_triangles<'a>(
     segments: &'a [TriangleSegment],
     tile: usize,
@@ -56,7 +57,7 @@ pub(crate) fn list_triangles<'a>(
     lists.finish()
 }
 
-/// What a thread reuses from tile to tile.
+/// Per-thread lists, reused between tiles.
 #[derive(Default)]
 pub(crate) struct ListScratch<'a> {
     pub splats: BlockLists<'a, Record>,
@@ -64,7 +65,7 @@ pub(crate) struct ListScratch<'a> {
 }
 
 impl ListScratch<'_> {
-    /// The same memory, for tiles of other things.
+    /// Empties the lists and returns their memory for items of another lifetime.
     pub(crate) fn for_others<'b>(self) -> ListScratch<'b> {
         ListScratch { splats: self.splats.for_others(), triangles: self.triangles.for_others() }
     }

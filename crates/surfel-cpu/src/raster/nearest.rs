@@ -1,4 +1,4 @@
-//! Which splat is nearest in each pixel of a block, where that is asked for: a loop of its own over the block's list.
+//! Search for the nearest splat in each pixel of a block, by a third loop over the block's list if a frame needs it.
 
 use crate::raster::batch::{Pixels, Visit, for_each_batch};
 use crate::raster::block::{self, BlockScratch};
@@ -19,9 +19,9 @@ use surfel_math::Real;
 /// The nearest fragments of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// +∞ where there is none.
+    /// Depths; +∞ for no fragment.
     pub z: Lanes<S>,
-    /// Numbers of their splats ([`SplatNumbers`]), as bits.
+    /// Numbers of the fragments' splats ([`SplatNumbers`]), as the bits of floats.
     number: Lanes<S>,
 }
 
@@ -32,7 +32,8 @@ impl<S: Simd> Nearest<S> {
         Self { z: Lanes::splat(simd, f32::INFINITY), number: none }
     }
 
-    /// Takes in a splat's fragments: those of `mask`, at these depths. Of equally near ones the lower row stays.
+    /// Adds a splat's fragments at the lanes of `mask`, with these depths. Among equal depths the lower object and then
+    /// the lower row wins.
     #[inline(always)]
     pub(crate) fn add(&mut self, z: Lanes<S>, mask: mask32x16<S>, number: u32, numbers: &SplatNumbers) {
         let own = Lanes::splat(z.0.simd, f32::from_bits(number));
@@ -48,18 +49,18 @@ impl<S: Simd> Nearest<S> {
         self.number = Lanes::select(closer, own, self.number);
     }
 
-    /// Numbers of the splats; [`SplatNumbers::NOTHING`] where there is none.
+    /// Returns the numbers of the splats; [`SplatNumbers::NOTHING`] for none.
     #[inline(always)]
     pub(crate) fn numbers(&self) -> [u32; LANES] {
         self.number.to_array().map(f32::to_bits)
     }
 }
 
-/// Draws a block as [`block::draw`] does, before the polygons at these depths (+∞: none), and finds the nearest of the
-/// fragments that add their attributes.
+/// Draws a block as [`block::draw`] does, in front of polygons at these depths (+∞ for none), and returns the nearest
+/// of the fragments that add their attributes.
 ///
-/// Without facings all splats count for both sides, and polygons at +∞ hide nothing: the block's sums are the same bits
-/// as without.
+/// Facings and polygons are always handled. In a frame without facings all splats count for both sides, and polygons at
+/// +∞ hide nothing, so the block's sums have the same bits.
 #[inline(never)]
 pub(crate) fn draw<S: Simd>(
     simd: S,
@@ -81,7 +82,7 @@ pub(crate) fn draw<S: Simd>(
     }
 }
 
-/// What is drawn where the nearest splat is asked for.
+/// The fragment filter that also finds the nearest splat.
 struct Tracked<'a, S: Simd> {
     other: ByFacing<S, MeshBlend<'a, S>>,
     nearest: &'a mut Nearest<S>,
@@ -115,7 +116,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
         inputs: &RasterInputs<'_>,
         threshold: Lanes<S>,
     ) {
-        // +∞ is no fragment.
+        // +∞ marks no fragment.
         let reach = threshold.min(threshold.constant(f64::from(f32::MAX)));
         let mut third = ThirdLoop { filter: &self.other, threshold: reach, nearest: Nearest::new(simd), inputs };
         for_each_batch(simd, list, largest(threshold), pixels, inputs, &mut third);
@@ -123,7 +124,7 @@ impl<S: Simd> FragmentFilter<S> for Tracked<'_, S> {
     }
 }
 
-/// What the loop carries along.
+/// State of the third loop.
 struct ThirdLoop<'a, 'b, S: Simd, L> {
     filter: &'a L,
     threshold: Lanes<S>,

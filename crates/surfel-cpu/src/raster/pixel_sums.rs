@@ -5,7 +5,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
 use surfel_render::Attributes;
 
-/// Numbers that begin with a cache line.
+/// A buffer of numbers that is aligned to cache lines.
 #[derive(Default)]
 pub(crate) struct Aligned(pub Vec<f32>);
 
@@ -15,7 +15,7 @@ impl Aligned {
         &mut self.0[before..]
     }
 
-    /// Makes room for so many, which may move them: what was there is lost.
+    /// Makes room for `count` numbers. The numbers may move, and their values are lost.
     pub(crate) fn reserve(&mut self, count: usize) {
         if self.0.len() < count + LANES {
             self.0.resize(count + LANES, 0.0);
@@ -23,7 +23,7 @@ impl Aligned {
     }
 }
 
-/// What weights multiply: colour, normal, one, and where depths go; or three of them and one.
+/// Factors of the weight in a pixel's sums: colour, normal, 1 and depth; or three attributes and 1.
 pub(crate) struct Numbers<S: Simd, const N: usize> {
     eight: f32x8<S>,
     four: f32x4<S>,
@@ -41,7 +41,7 @@ impl<S: Simd, const N: usize> Numbers<S, N> {
         Self { eight: f32x8::load_array(simd, eight), four, is_depth }
     }
 
-    /// Adds these by a weight, and the depth by it.
+    /// Adds the factors times `weight`, with `depth` in the depth's place, to a pixel's sums.
     #[inline(always)]
     pub(crate) fn add(&self, simd: S, weight: f32, depth: f32, sums: &mut [f32; N]) {
         if let Some(sums) = sums.first_chunk_mut::<8>() {
@@ -57,7 +57,7 @@ impl<S: Simd, const N: usize> Numbers<S, N> {
 
 macro_rules! fused {
     ($name:ident, $lanes:ident) => {
-        /// a·b + c, rounded once.
+        /// Returns a·b + c, rounded once.
         #[inline(always)]
         fn $name<S: Simd>(a: $lanes<S>, b: $lanes<S>, c: $lanes<S>) -> $lanes<S> {
             if has_fused_multiply_add(a.simd) {

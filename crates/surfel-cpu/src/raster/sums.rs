@@ -7,16 +7,16 @@ use crate::simd::lanes::Lanes;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
 
-/// Σw below this has lost its attributes to underflow: the pixel is empty. Only splats smaller than 1e-14 pixels
-/// (by c = 2; 1e-7 by the greatest cutoff) weigh less.
+/// Minimum Σw of a pixel that isn't empty. Below, attributes are lost to underflow. Only splats smaller than 1e-14
+/// pixels (at c = 2; 1e-7 at the greatest cutoff) weigh less.
 const LEAST_WEIGHT: f32 = 1e-36;
 
-/// Sums of a block. What the plan doesn't want stays zero.
+/// Sums of a block. Quantities that the plan doesn't need stay zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Sums<S: Simd> {
-    /// Depth threshold: min(z + ε), +∞ where nothing is. Fragments up to it add their attributes.
+    /// Depth thresholds min(z + ε), +∞ in empty pixels. Fragments up to the threshold add their attributes.
     pub threshold: Lanes<S>,
-    /// The ε of the splat that set it.
+    /// The ε of the splats that set the thresholds.
     pub threshold_epsilon: Lanes<S>,
     pub weight: Lanes<S>,
     pub fragments: Lanes<S>,
@@ -25,7 +25,7 @@ pub(crate) struct Sums<S: Simd> {
     pub depth: Lanes<S>,
     pub material: [Lanes<S>; 4],
     pub coverage: Lanes<S>,
-    /// Pairs of block and splat that were computed, and lanes of them inside a filtered footprint.
+    /// Number of block-splat pairs computed, and number of their lanes inside a filtered footprint.
     pub tested: u32,
     pub inside: u32,
 }
@@ -49,7 +49,7 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Nothing is added yet.
+    /// Resets everything but thresholds and counts to zero.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         let none = Self::new(self.threshold.0.simd);
@@ -57,13 +57,13 @@ impl<S: Simd> Sums<S> {
         *self = Self { threshold, threshold_epsilon, tested, inside, ..none };
     }
 
-    /// Where anything was added.
+    /// Returns a mask of the pixels that aren't empty.
     #[inline(always)]
     pub(crate) fn has_weight(&self) -> mask32x16<S> {
         self.weight.constant(f64::from(LEAST_WEIGHT)).le(self.weight)
     }
 
-    /// To be called when all is added: coverage, where it follows from the weight.
+    /// Computes coverage from the summed weight, if it is proportional. Call this after all fragments are added.
     #[inline(always)]
     pub(crate) fn cover(&mut self, frame: &RasterFrame) {
         if let Some(scale) = frame.coverage_of_weight {
@@ -80,7 +80,7 @@ pub(crate) fn add_weighted<S: Simd, const N: usize>(sums: &mut [Lanes<S>; N], we
     }
 }
 
-/// Adds weighted attributes where `mask` says so.
+/// Adds weighted attributes in the lanes of `mask`.
 #[inline(always)]
 pub(crate) fn accumulate<S: Simd>(
     simd: S,
@@ -117,7 +117,7 @@ pub(crate) fn accumulate<S: Simd>(
     }
 }
 
-/// Index of a record's object, or its number where slots have numbers.
+/// Returns the index of a record's object, or the number of its slot if slots are numbered.
 #[inline(always)]
 pub(crate) fn number_of(record: &Record, near: &[NearSplat]) -> usize {
     match record.class() {

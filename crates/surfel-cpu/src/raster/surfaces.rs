@@ -1,19 +1,19 @@
-//! The surfaces of an A-buffer (§8), where a block has so many fragments that looking through them for each surface
-//! would take their square.
+//! The surfaces of an A-buffer (§8), for blocks with many fragments, in which searching all fragments for each surface
+//! would take quadratic time.
 //!
-//! A pixel's surfaces end at its depth thresholds, which are found from the fragments in the order of depth; then
-//! each fragment's surface is the first whose threshold isn't nearer than it. A block's fragments are so brought to
-//! the order of their surfaces, and within a surface they stay in the order of splats.
+//! A pixel's surfaces end at its depth thresholds, which are found from the fragments in order of depth. Each fragment
+//! belongs to the first surface whose threshold isn't nearer than the fragment. The block's fragments are sorted by
+//! surface, and stay in splat order within a surface.
 
 use crate::raster::layers::Remembered;
 use crate::simd::lanes::LANES;
 
-/// Numbers of the surfaces that a splat's fragments belong to, from 0 at the nearest one; NaN where there is none.
+/// Numbers of the surfaces that a splat's fragments belong to, from 0 for the nearest; NaN for no fragment.
 #[derive(Clone, Copy)]
 #[repr(align(64))]
 pub(super) struct Numbers(pub [f32; LANES]);
 
-/// Fragments of a splat in a surface of some pixel; ordered by surfaces, then by splats.
+/// A splat's fragments that belong to a surface in some pixel. Members are ordered by surface, then by splat.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) struct Member {
     surface: u32,
@@ -21,24 +21,25 @@ pub(super) struct Member {
     pub fragment: u32,
 }
 
-/// A surface: the pixels' surfaces of one number.
+/// The surfaces of all pixels of a block that have the same number.
 pub(super) struct Surface<'a> {
     pub number: u32,
-    /// Numbers of all fragments.
+    /// Surface numbers of all fragments.
     pub numbers: &'a [Numbers],
-    /// Its fragments, in the order of splats.
+    /// Fragments of the surface, in splat order.
     pub members: &'a [Member],
 }
 
 /// The surfaces of a block's pixels.
 #[derive(Default)]
 pub(super) struct SurfaceNumbers {
-    /// Index, object and label of each fragment's splat.
+    /// Surface numbers of each splat's fragments.
     numbers: Vec<Numbers>,
     members: Vec<Member>,
     /// Index of the next surface's first member.
     next: usize,
-    /// Visible fragments of a pixel by depth: their depths and places; then the least z + ε from each on.
+    /// Visible fragments of a pixel by depth, as depths and indices; the least z + ε from each fragment on; and the
+    /// pixel's depth thresholds.
     order: Vec<(f32, u32)>,
     ends: Vec<f32>,
     thresholds: Vec<f32>,
@@ -74,13 +75,13 @@ impl SurfaceNumbers {
         self.next = 0;
     }
 
-    /// The depth thresholds of a pixel, from the nearest one on.
+    /// Finds the depth thresholds of a pixel, from the nearest.
     fn find_thresholds(&mut self, fragments: &[Remembered], lane: usize) {
         self.thresholds.clear();
-        // The order of the pixel before is nearly this one's, which the sort makes use of.
+        // The order of the previous pixel is nearly the order of this one, from which the sort benefits.
         self.order.iter_mut().for_each(|(z, i)| *z = fragments[*i as usize].visible_z[lane]);
         self.order.sort_by(|(a, _), (b, _)| a.total_cmp(b));
-        // NaN, where a fragment isn't visible, comes last.
+        // The depth of a fragment that isn't visible is NaN, which sorts last.
         let visible = &self.order[..self.order.partition_point(|(z, _)| !z.is_nan())];
         self.ends.clear();
         self.ends.resize(visible.len(), f32::INFINITY);
@@ -96,7 +97,7 @@ impl SurfaceNumbers {
         }
     }
 
-    /// The next surface; `None` after the last one.
+    /// Returns the next surface; `None` after the last one.
     pub(super) fn next(&mut self) -> Option<Surface<'_>> {
         let first = self.next;
         let number = self.members.get(first)?.surface;
@@ -133,7 +134,7 @@ mod tests {
         for i in 0..300 {
             let mut f = Remembered { epsilon: [0.0, 0.02, 0.3][i % 3], ..Remembered::default() };
             for lane in 0..LANES {
-                // Some have one footprint alone, some none, and many are equally deep.
+                // Some splats have only one of the two footprints, some none, and many have equal depths.
                 let z = 1.0 + (below(400) as f32) * 0.01;
                 let [inside, visible] = [below(5) > 0, below(4) > 0];
                 f.inside_z[lane] = if inside { z } else { f32::NAN };
@@ -142,7 +143,7 @@ mod tests {
             fragments.push(f);
         }
         let mut surfaces = SurfaceNumbers::default();
-        // Twice: what is left of a block doesn't matter to the next.
+        // A second, smaller block checks that no state of the first remains.
         for fragments in [&fragments[..], &fragments[50..250]] {
             surfaces.number(fragments);
             let want: Vec<Vec<Vec<u32>>> = (0..LANES).map(|lane| one_by_one(fragments, lane)).collect();

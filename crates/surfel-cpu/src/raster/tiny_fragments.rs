@@ -1,18 +1,18 @@
-//! Fragments of a tiny splat, four at a time: a record holds their depths and weights, whose signs say which are
-//! visible.
+//! Fragments of a tiny splat, four at a time. A record stores their depths and weights; a weight's sign states whether
+//! the fragment is visible.
 
 use crate::setup::record::Record;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, mask32x4};
 
-/// Four depths and four weights of a tiny splat, from these fields on.
+/// Loads four depths and four weights of a tiny splat, from these indices on.
 #[inline(always)]
 pub(crate) fn fragments_of<S: Simd>(simd: S, record: &Record, depths: usize, weights: usize) -> (f32x4<S>, f32x4<S>) {
     let four = |first: usize| f32x4::from_slice(simd, &record.0[first..first + 4]);
     (four(depths), four(weights))
 }
 
-/// The first three of four lanes.
+/// Returns a mask of the first three of four lanes.
 #[inline(always)]
 pub(crate) fn first_three<S: Simd>(simd: S) -> mask32x4<S> {
     f32x4::load_array(simd, [0.0, 0.0, 0.0, 1.0]).simd_lt(f32x4::splat(simd, 0.5))
@@ -20,15 +20,15 @@ pub(crate) fn first_three<S: Simd>(simd: S) -> mask32x4<S> {
 
 /// Fragments that contribute to four pixels.
 pub(crate) struct Contributing {
-    /// Zero where a fragment doesn't contribute, as are weights.
+    /// Depths and weights, zero for fragments that don't contribute.
     pub depths: [f32; 4],
     pub weights: [f32; 4],
-    /// Which fragments contribute.
+    /// Bits of the fragments that contribute.
     pub bits: u32,
 }
 
-/// The fragments of `has` that lie no deeper than the thresholds of their pixels. Depths only where all `N` = 8 numbers
-/// are summed.
+/// Returns the fragments of `has` that are no deeper than the thresholds of their pixels. Depths are computed only if
+/// all `N` = 8 numbers are summed.
 #[inline(always)]
 pub(crate) fn contributing<S: Simd, const N: usize>(
     simd: S,
@@ -43,14 +43,14 @@ pub(crate) fn contributing<S: Simd, const N: usize>(
     Contributing { depths, weights: mask.select(weights.abs(), zero).to_array(), bits: mask.to_bitmask() as u32 }
 }
 
-/// Lanes whose weight has a sign.
+/// Returns a mask of the lanes whose weight has a negative sign.
 #[inline(always)]
 pub(crate) fn is_visible<S: Simd>(weights: f32x4<S>) -> mask32x4<S> {
     let simd = weights.simd;
     f32x4::splat(simd, 1.0).copysign(weights).simd_lt(f32x4::splat(simd, 0.0))
 }
 
-/// How many pixels of a mask are drawn: those that have a depth threshold.
+/// Returns the number of a mask's pixels that are drawn, that is, have a depth threshold.
 #[inline(always)]
 pub(crate) fn drawn<S: Simd>(simd: S, mask: mask32x4<S>, thresholds: f32x4<S>) -> u64 {
     u64::from((mask & f32x4::splat(simd, f32::NEG_INFINITY).simd_lt(thresholds)).to_bitmask().count_ones())

@@ -1,8 +1,7 @@
-//! Tiles of tiny splats: drawn splat by splat, sums in memory, pixel by pixel, where other tiles are drawn block by
-//! block.
+//! Tiles of tiny splats, drawn splat by splat with each pixel's sums in memory. Other tiles are drawn block by block.
 //!
-//! Splats that aren't tiny are drawn here a block at a time: it costs more than in a tile drawn by blocks, so a tile
-//! needs enough tiny splats ([`is_faster_by_splats`]).
+//! Splats that aren't tiny are drawn here block by block too, at a higher cost than in a tile drawn by blocks. A tile
+//! therefore needs enough tiny splats ([`is_faster_by_splats`]).
 
 use crate::raster::fragment::{self, cheap_batch};
 use crate::raster::inputs::RasterInputs;
@@ -25,40 +24,40 @@ use fearless_simd::{Simd, f32x4};
 use surfel_math::Real;
 use surfel_render::Attributes;
 
-/// How far a tiny splat may reach beyond its tile, in pixels.
+/// Maximum distance, in pixels, that a tiny splat reaches beyond its tile.
 const BEYOND: usize = 2;
 
-/// Pixels of a row: a tile's and those beyond.
+/// Number of pixels in a row: the tile's, and the margins beyond.
 const STRIDE: usize = (TILE_BLOCKS * BLOCK) as usize + 2 * BEYOND;
 
-/// All pixels, and as many as the last tiny splat's last four reach beyond them.
+/// Number of all pixels, plus the pixels that the last four fragments of the last tiny splat reach beyond them.
 const ALL: usize = STRIDE * STRIDE + 4;
 
-/// A splat that is not tiny at a block of the tile.
+/// A pair of a block and a splat that isn't tiny.
 #[derive(Clone, Copy)]
 struct Pair<'a> {
     record: &'a Record,
     first_px: (i32, i32),
-    /// Index of its first pixel.
+    /// Index of the block's first pixel.
     pixel: u32,
 }
 
-/// What a thread reuses from tile to tile.
+/// Per-thread scratch buffers, reused between tiles.
 #[derive(Default)]
 pub(crate) struct TinyScratch<'a> {
-    /// Every pixel's depth threshold so far, min(z + ε); −∞ where none is drawn.
+    /// Depth threshold so far, min(z + ε), per pixel; −∞ in pixels that aren't drawn.
     thresholds: Vec<f32>,
-    /// Of every pixel, one after another: sums of three attributes and of weights; or of six, of weights and of depths.
+    /// Sums per pixel, interleaved: of three attributes and weights; or of six attributes, weights and depths.
     sums: Aligned,
-    /// Fragments that were added to every pixel.
+    /// Number of fragments added per pixel.
     counts: Vec<f32>,
     pairs: Vec<Pair<'a>>,
-    /// Of every pair, sixteen depths (NaN outside the footprint) and sixteen weights.
+    /// Sixteen depths (NaN outside the footprint) and sixteen weights per pair.
     remembered: Aligned,
 }
 
 impl TinyScratch<'_> {
-    /// The same memory, for other splats.
+    /// Empties the buffers and returns their memory for splats of another lifetime.
     pub(crate) fn for_others<'b>(self) -> TinyScratch<'b> {
         let Self { thresholds, sums, counts, pairs, remembered } = self;
         TinyScratch { thresholds, sums, counts, pairs: emptied(pairs), remembered }
@@ -70,20 +69,20 @@ pub(crate) struct TinyTile<'a, 'b> {
     pub listing: &'b Listing<'a>,
     pub inputs: &'b RasterInputs<'a>,
     pub number: usize,
-    /// Its pixels in the target.
+    /// The tile's pixels within the target.
     pub rect: Rect,
-    /// Whether fragments are counted pixel by pixel.
+    /// True if fragments are counted per pixel.
     pub counts: bool,
 }
 
 impl<'a> TinyTile<'a, '_> {
-    /// Numbers of a pixel that are summed: 8, or 4 where no more are wanted.
+    /// True if 8 numbers are summed per pixel, false if 4 suffice.
     pub(crate) fn sums_all(&self) -> bool {
         let attributes = &self.inputs.frame.wanted.attributes;
         attributes.depth | (attributes.color & attributes.normal)
     }
 
-    /// Sums all splats into the scratch, `N` numbers a pixel: which blocks are touched.
+    /// Sums all splats into the scratch, `N` numbers per pixel. Returns bits of the blocks touched.
     #[inline(always)]
     pub(crate) fn draw<S: Simd, const N: usize>(
         &self,
@@ -99,7 +98,7 @@ impl<'a> TinyTile<'a, '_> {
         touched
     }
 
-    /// The sums of the block whose first pixel is given.
+    /// Returns the sums of the block whose first pixel is given.
     #[inline(always)]
     pub(crate) fn sums_of<S: Simd, const N: usize>(
         &self,
@@ -112,7 +111,7 @@ impl<'a> TinyTile<'a, '_> {
     }
 }
 
-/// Where a tile's first pixel is, and which of them are drawn.
+/// Position of a tile's first pixel, and the rectangle of pixels that are drawn.
 #[derive(Clone, Copy)]
 struct Tile {
     origin: (i32, i32),
@@ -120,26 +119,26 @@ struct Tile {
 }
 
 impl Tile {
-    /// Index of a pixel.
+    /// Returns the index of a pixel.
     #[inline(always)]
     fn index(&self, (x, y): (i32, i32)) -> usize {
         let (x, y) = (x - self.origin.0 + BEYOND as i32, y - self.origin.1 + BEYOND as i32);
         (y.max(0) as usize) * STRIDE + x.max(0) as usize
     }
 
-    /// Index of a tiny splat's first pixel.
+    /// Returns the index of a tiny splat's first pixel.
     #[inline(always)]
     fn index_of(&self, record: &Record) -> usize {
         self.index(first_px(record))
     }
 }
 
-/// Pixels from a block's first to its last, and from a tiny splat's.
+/// Lengths in memory from the first to the last pixel of a block and of a tiny splat.
 const OF_BLOCK: usize = 3 * STRIDE + 4;
 const OF_TINY: usize = 2 * STRIDE + 4;
 
 impl<'a> TinyScratch<'a> {
-    /// Nothing is drawn yet.
+    /// Resets the buffers for a tile.
     fn clear<const N: usize>(&mut self, tile: Tile, counts: bool) {
         self.pairs.clear();
         self.thresholds.clear();
@@ -158,8 +157,8 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// The first loop over tiny splats lowers depth thresholds. It also lists pairs of other splats and blocks, and
-    /// returns the blocks that are touched, a bit each.
+    /// Runs the first loop over tiny splats, which lowers depth thresholds. Lists the pairs of blocks and other splats,
+    /// and returns bits of the blocks touched.
     #[inline(always)]
     fn look_at_tiny<S: Simd>(
         &mut self,
@@ -206,7 +205,7 @@ impl<'a> TinyScratch<'a> {
         touched
     }
 
-    /// The first loop over pairs lowers depth thresholds, and remembers the pairs' fragments.
+    /// Runs the first loop over pairs, which lowers depth thresholds and stores the pairs' fragments.
     #[inline(always)]
     fn look_at_pairs<S: Simd>(&mut self, simd: S, tile: Tile, inputs: &RasterInputs<'_>, counters: &mut Counters) {
         self.remembered.reserve(2 * LANES * self.pairs.len());
@@ -253,7 +252,7 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// The second loop adds the fragments up to the depth thresholds, in splat order.
+    /// Runs the second loop, which adds the fragments up to the depth thresholds in splat order.
     #[inline(always)]
     fn add<S: Simd, const N: usize>(
         &mut self,
@@ -315,7 +314,7 @@ impl<'a> TinyScratch<'a> {
         }
     }
 
-    /// The sums of the block whose first pixel has an index.
+    /// Returns the sums of the block whose first pixel has this index.
     #[inline(always)]
     fn sums_of<S: Simd, const N: usize>(
         &mut self,
@@ -331,7 +330,7 @@ impl<'a> TinyScratch<'a> {
                 *plane = Lanes::load(simd, numbers);
             }
         }
-        // From pixel by pixel to number by number.
+        // Transposes the numbers of each pixel to a plane for each number.
         let planes = Lanes::transpose(planes);
         let mut sums = Sums::new(simd);
         let three = |at: usize| [planes[at], planes[at + 1], planes[at + 2]];
@@ -352,7 +351,7 @@ impl<'a> TinyScratch<'a> {
     }
 }
 
-/// Numbers of the pixels of a block, given from its first one on.
+/// Loads the numbers of a block's pixels, given from its first one on.
 #[inline(always)]
 fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     let Some(numbers) = numbers.first_chunk::<OF_BLOCK>() else { return Lanes::splat(simd, f32::NEG_INFINITY) };
@@ -360,7 +359,7 @@ fn rows<S: Simd>(simd: S, numbers: &[f32]) -> Lanes<S> {
     Lanes(row(0).combine(row(1)).combine(row(2).combine(row(3))))
 }
 
-/// Numbers of the pixels of a tiny splat, given from its first one on.
+/// Loads the numbers of a tiny splat's 2×2 pixels, given from its first one on.
 #[inline(always)]
 fn four_of<S: Simd>(simd: S, numbers: &[f32; OF_TINY]) -> f32x4<S> {
     f32x4::load_array(simd, [numbers[0], numbers[1], numbers[STRIDE], numbers[STRIDE + 1]])
@@ -382,8 +381,8 @@ fn lower_thresholds<S: Simd>(
     }
 }
 
-/// Adds a tiny splat of 2×2 pixels at its first pixel: how many of its fragments are drawn, and which contribute, as
-/// bits.
+/// Adds a tiny splat of 2×2 pixels at its first pixel. Returns the number of its fragments that are drawn, and bits of
+/// the fragments that contribute.
 #[inline(always)]
 fn add_four<S: Simd, const N: usize>(
     simd: S,
@@ -404,13 +403,13 @@ fn add_four<S: Simd, const N: usize>(
     (drawn(simd, has, here), bits)
 }
 
-/// How many fragments of a block's pixels are drawn.
+/// Returns the number of fragments in the block's pixels that are drawn.
 #[inline(always)]
 fn inside<S: Simd>(tile: Tile, at: (Lanes<S>, Lanes<S>), fragment: &Fragment<S>) -> u64 {
     u64::from((fragment.inside & tile.rect.holds(at)).to_bitmask().count_ones())
 }
 
-/// Remembers a splat's fragments, and gives what they may lower its pixels' thresholds to.
+/// Stores a splat's fragments, and writes the depths to which they may lower the thresholds to `values`.
 #[inline(always)]
 fn take_in<S: Simd>(
     simd: S,
@@ -428,7 +427,7 @@ fn take_in<S: Simd>(
     Lanes::select(fragment.visible, value, Lanes::splat(simd, f32::INFINITY)).store(values);
 }
 
-/// Adds a splat at a block: which of its fragments contribute, as bits.
+/// Adds a splat at a block. Returns bits of the fragments that contribute.
 #[inline(always)]
 fn add_pair<S: Simd, const N: usize>(
     simd: S,
@@ -449,7 +448,7 @@ fn add_pair<S: Simd, const N: usize>(
     mask.to_bitmask() as u32
 }
 
-/// Counts fragments that contribute (1, else 0) at columns and rows from a pixel on.
+/// Counts contributing fragments (1, else 0) at columns and rows relative to a pixel.
 fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usize, usize, u32)>) {
     for (column, row, contributes) in fragments {
         if let Some(count) = counts.get_mut(pixel + STRIDE * row + column) {
@@ -458,15 +457,15 @@ fn count(counts: &mut [f32], pixel: usize, fragments: impl Iterator<Item = (usiz
     }
 }
 
-/// Numbers that a tile may remember between its loops. One with more is drawn block by block, which computes them
-/// twice.
+/// Maximum size of a tile's stored fragments, in numbers. A tile with more is drawn block by block, which computes
+/// fragments twice.
 const REMEMBERED: usize = 1 << 22;
 
-/// What a pair of tiny splat and block costs where a tile is drawn block by block, another pair there, a tiny splat
-/// where it is drawn splat by splat, and another splat's pair there.
+/// Relative costs of a pair of splat and block. The first two are for a tile drawn block by block: a tiny splat's pair,
+/// and another splat's. The last two are for a tile drawn splat by splat: a whole tiny splat, and another splat's pair.
 const COSTS: [usize; 4] = [40, 30, 10, 45];
 
-/// True if a tile is drawn splat by splat: if so many of its splats are tiny that it is faster.
+/// True if the tile has enough tiny splats to be drawn faster splat by splat.
 pub(crate) fn is_faster_by_splats(segments: &[Segment], tile: usize) -> bool {
     let [tiny_by_blocks, by_blocks, tiny, pair] = COSTS;
     let [mut splats, mut pairs] = [0; 2];

@@ -1,4 +1,4 @@
-//! The nearest triangle of each pixel of a block (§6).
+//! Search for the nearest triangle in each pixel of a block (§6).
 
 use crate::setup::triangles::ScreenTriangle;
 use crate::simd::compress::ones;
@@ -12,32 +12,32 @@ use surfel_math::{Real, V2};
 /// The nearest polygons of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct Nearest<S: Simd> {
-    /// +∞ where there is none.
+    /// Depths; +∞ for no polygon.
     pub z: Lanes<S>,
-    /// Index in the block's list, as bits.
+    /// Indices in the block's list, as the bits of floats.
     which: Lanes<S>,
 }
 
-/// A form about the first pixel of a block. Rounded once, so that neighbours, whose edges are each other's negatives,
-/// still judge by the same number.
+/// Moves a form's origin to the first pixel of a block. The form is rounded once: adjacent triangles, whose edges are
+/// each other's negatives, still decide by the same number.
 #[inline(always)]
 fn about<S: Simd>(simd: S, form: &Linear<f64>, first: V2<f64>) -> Linear<Lanes<S>> {
     let k = |v: f64| Lanes::splat(simd, v as f32);
     Linear { c: k(form.at(first)), x: k(form.x), y: k(form.y) }
 }
 
-/// Centre of a pixel.
+/// Returns the centre of a pixel.
 pub(crate) fn center((x, y): (i32, i32)) -> V2<f64> {
     V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5)
 }
 
-/// Pixel of a block's lane.
+/// Returns the pixel of a block's lane.
 pub(crate) fn pixel_of((x, y): (i32, i32), lane: usize) -> (i32, i32) {
     (x + (lane % 4) as i32, y + (lane / 4) as i32)
 }
 
-/// The nearest polygon of every pixel of a block; of equally near ones the first. Depths outside of `exists` are left
-/// out.
+/// Returns the nearest polygon in every pixel of a block; among equal depths the first. Depths outside the range
+/// `exists` are ignored.
 #[inline(always)]
 pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32), exists: [f32; 2]) -> Nearest<S> {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -55,7 +55,7 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
         if inside.to_bitmask() == 0 {
             continue;
         }
-        // In this order no depth of a large triangle's far corner is cancelled by another's in f32.
+        // In this order of operations, the depths of a large triangle's far corners don't cancel in f32.
         let z = about(simd, &t.depth, first).at(d) / about(simd, &t.weight, first).at(d);
         let closer = inside & k(exists[0]).le(z) & z.le(k(exists[1])) & z.lt(nearest.z);
         nearest.z = Lanes::select(closer, z, nearest.z);
@@ -65,7 +65,8 @@ pub(crate) fn nearest<S: Simd>(simd: S, list: &[&ScreenTriangle], at: (i32, i32)
 }
 
 impl<S: Simd> Nearest<S> {
-    /// Depths of the polygons, of the lanes whose bits are set moved back by what their depth and its gradient allow.
+    /// Returns the depths of the polygons. Depths of the lanes whose bits are set are increased by an allowance, a
+    /// function of depth and gradient.
     #[inline(never)]
     pub(crate) fn moved_back(
         &self,
@@ -85,7 +86,7 @@ impl<S: Simd> Nearest<S> {
         Lanes::load(simd, &z)
     }
 
-    /// Index in the block's list of a lane's polygon.
+    /// Returns the list index of each lane's polygon.
     #[inline(always)]
     pub(crate) fn indices(&self) -> [usize; LANES] {
         self.which.to_array().map(|bits| bits.to_bits() as usize)
@@ -113,14 +114,14 @@ mod tests {
         View::new(&Camera { eye, target, up, projection, near: 0.1, far: None, size: [SIZE; 2] }).unwrap()
     }
 
-    /// Pseudo-random numbers in [−1, 1).
+    /// Returns a pseudo-random number in [−1, 1).
     fn noise(i: usize) -> f64 {
         let x = (i as f64 * 12.9898).sin() * 43758.5453;
         2.0 * (x - x.floor()) - 1.0
     }
 
-    /// A sheet that fills the image and more, bent at random in all directions but nowhere folded, of n×n quads whose
-    /// diagonals turn either way.
+    /// Returns a sheet larger than the image, of n×n quads whose diagonals run either way. The vertices are displaced
+    /// at random in all directions, without folds.
     fn crumpled(n: usize, seed: usize) -> Mesh {
         let vertex = |i: usize| {
             let (x, y) = ((i % (n + 1)) as f64 / n as f64 - 0.5, (i / (n + 1)) as f64 / n as f64 - 0.5);
@@ -152,7 +153,7 @@ mod tests {
         project(instructions, meshes, &parts, view, grid, Cull::None)
     }
 
-    /// How many triangles cover each pixel, whatever their depth, as the tiles' lists have them.
+    /// Counts the triangles that cover each pixel at any depth, according to the tiles' lists.
     fn coverage(mesh: Mesh, tile_blocks: u32) -> Vec<u32> {
         let (view, meshes) = (view(), [stored(mesh)]);
         let grid = Grid::new(view.region, tile_blocks);
@@ -192,8 +193,8 @@ mod tests {
 
     #[test]
     fn polygon_edges_through_pixel_centres_belong_to_one_side() {
-        // A quad whose sides and diagonal run through centres: x = ±1 and y = ±1 at depth 2 are pixels 16 and 48 at
-        // this focal length.
+        // The sides and the diagonal of the quad run through pixel centres: x = ±1 and y = ±1 at depth 2 are pixels 16
+        // and 48 at this focal length.
         let quad = |shift: f64| {
             let at = |x: f64, y: f64| DVec3::new(x + shift, y + shift, 1.0);
             let positions = Column3::from_f64(&[at(-0.25, -0.25), at(0.25, -0.25), at(0.25, 0.25), at(-0.25, 0.25)]);
@@ -224,7 +225,7 @@ mod tests {
                     });
                 }
             }
-            // 8×8 pixels, each once, wherever the edges run.
+            // 8×8 pixels, each covered once, wherever the edges run.
             assert_eq!(counts, [64, 64], "shifted by {shift}");
         }
     }

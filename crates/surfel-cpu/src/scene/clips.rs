@@ -1,25 +1,25 @@
 //! Clips of splats (§7), over their (u, v).
 //!
-//! Most clips are a line or two: only the forms that a clip has are stored, in one list for many splats.
+//! Most clips are one line or two. Only the forms that a clip has are stored, in one list for many splats.
 
 use crate::simd::lanes::LANES;
 use surfel_math::clip::Clip;
 use surfel_math::mapping::Linear;
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// Index of a splat without a clip.
+/// Index that marks a slot without a clip.
 const NONE: u32 = u32::MAX;
 
-/// Which forms follow those of a clip's lines.
+/// The forms of a clip's curve, stored after those of its lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Curve {
-    /// None.
+    /// No form.
     Absent,
-    /// One, at least 0 where pixels are kept: the chord in the curve's place.
+    /// One form, the chord in place of the curve: the form is at least 0 in the pixels inside the clip.
     Chord,
-    /// [`Clip::chord`], `side1` and `side3`; the inside is kept.
+    /// Three forms, [`Clip::chord`], `side1` and `side3`; the inside of the curve is the inside of the clip.
     Inside,
-    /// The same; the outside is kept.
+    /// The same three forms; the outside of the curve is the inside of the clip.
     Outside,
 }
 
@@ -34,18 +34,18 @@ impl Curve {
     }
 }
 
-/// Which forms a clip has, in a list of many clips' forms.
+/// Location and kinds of a clip's forms, in a list of many clips' forms.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Head {
-    /// Index of the first.
+    /// Index of the first form.
     pub first: u32,
-    /// Number of lines, whose forms come first: negated where one line that keeps is enough.
+    /// Number of lines, whose forms precede the curve's. Forms are negated if being inside any one line is enough.
     pub lines: u8,
     pub any_line: bool,
     pub curve: Curve,
-    /// The forms over the unfiltered footprint are followed by as many over the filtered one.
+    /// True if the forms over the unfiltered footprint are followed by as many over the filtered one.
     pub has_filtered: bool,
-    /// What is visible of the splat belongs to its filtered footprint, too (§7): its cloud is oriented.
+    /// True if the visible part of the splat also belongs to its filtered footprint (§7), as in oriented clouds.
     pub holds_visible: bool,
 }
 
@@ -59,24 +59,24 @@ impl Head {
 /// The clips of an object's splats, over their (u, v).
 #[derive(Default)]
 pub(crate) struct StoredClips {
-    /// Of every slot of the object's columns.
+    /// Index of the clip of every slot of the object's columns, or [`NONE`].
     of_slot: Vec<u32>,
     heads: Vec<Head>,
     forms: Vec<Linear<f32>>,
 }
 
-/// A stored clip under a policy.
+/// A stored clip under a clip policy.
 #[derive(Clone, Copy)]
 pub(crate) struct StoredClip<'a> {
     pub head: Head,
     pub lines: &'a [Linear<f32>],
     pub curve: &'a [Linear<f32>],
-    /// The curve's first form, times this, takes the place of all of them.
+    /// Sign of the chord, if the chord replaces the curve under the policy: the curve's first form times this sign.
     pub straightened: Option<f32>,
 }
 
 impl StoredClips {
-    /// Adds the next slot: splat `i` of a cloud.
+    /// Adds the next slot, with the clip of splat `i` of a cloud.
     pub(crate) fn push(&mut self, cloud: &SplatCloud, i: usize) {
         let Some(clip) = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact)) else {
             self.of_slot.push(NONE);
@@ -85,7 +85,7 @@ impl StoredClips {
         self.of_slot.push(self.heads.len() as u32);
         let nothing = Clip::nothing();
         let lines = clip.lines.iter().rposition(|line| *line != nothing.lines[0]).map_or(0, |last| last + 1);
-        // Where one line that keeps is enough, one that keeps nothing looks like an absent one, and must be there.
+        // If any one line is enough, a line that excludes everything looks absent, but must be stored.
         let lines = lines.max(usize::from(clip.line_sign < 0.0));
         let curve = if clip.chord == nothing.chord {
             Curve::Absent
@@ -107,7 +107,7 @@ impl StoredClips {
         }
     }
 
-    /// Adds the slots of another part of the same columns, to which no filtered forms were added yet.
+    /// Appends the slots of another range of the same columns. Neither may have filtered forms yet.
     pub(crate) fn append(&mut self, part: Self) {
         let (heads, forms) = (self.heads.len() as u32, self.forms.len() as u32);
         let slots = part.of_slot.into_iter().map(|clip| if clip == NONE { NONE } else { clip + heads });
@@ -121,21 +121,21 @@ impl StoredClips {
         self.heads.is_empty()
     }
 
-    /// Which of sixteen slots from `at` on have a clip, as bits.
+    /// Returns bits of the slots, of sixteen from `at` on, that have a clip.
     #[inline(always)]
     pub(crate) fn clipped(&self, at: usize) -> u64 {
         let slots = self.of_slot.get(at..).unwrap_or_default();
         (0..LANES).zip(slots).fold(0, |bits, (i, clip)| bits | u64::from(*clip != NONE) << i)
     }
 
-    /// The clip of a slot under a policy.
+    /// Returns the clip of a slot under a policy.
     pub(crate) fn get(&self, slot: usize, policy: ClipPolicy) -> Option<StoredClip<'_>> {
         let mut head = *self.heads.get(*self.of_slot.get(slot)? as usize)?;
         let (first, lines) = (head.first as usize, usize::from(head.lines));
         let (lines, curve) = self.forms.get(first..first + head.forms())?.split_at_checked(lines)?;
         let straightened = match (policy, head.curve) {
             (ClipPolicy::Off, _) => return None,
-            // Pixels where `chord` is at most 0 are kept.
+            // The inside of the clip is where `chord` is at most 0.
             (ClipPolicy::Line, Curve::Inside) => Some(-1.0),
             (ClipPolicy::Line, Curve::Outside) => Some(1.0),
             _ => None,
@@ -157,7 +157,7 @@ pub(crate) fn times(l: &Linear<f32>, k: f32) -> Linear<f32> {
 }
 
 impl StoredClip<'_> {
-    /// All of it, over (u, v).
+    /// Returns the clip with all its forms, over (u, v).
     pub(crate) fn whole(&self) -> Clip<f64> {
         let wide = |l: &Linear<f32>| Linear { c: l.c.into(), x: l.x.into(), y: l.y.into() };
         let mut clip = Clip::nothing();
@@ -188,7 +188,7 @@ mod tests {
         let column = |v: Vec3| Column3::from_f32(vec![v; 7]);
         let shape = Shape::Ellipses { s: column(Vec3::X), t: column(Vec3::Y) };
         let line = |i: usize| ClipLine { a: 1.0, b: 0.1 * i as f32, c: 0.5 };
-        // Every other splat has lines, one more than the one before.
+        // Every other splat has lines: one, two, three and four.
         let lines = |i: usize| std::array::from_fn(|k| if i % 2 == 0 && k <= i / 2 { line(i + k) } else { NO_LINE });
         let clips = ClipColumns { lines: Some((0..7).map(lines).collect()), ..ClipColumns::default() };
         let data = CloudData { clips: Some(clips), ..CloudData::new(DVec3::ZERO, column(Vec3::ZERO), shape) };

@@ -1,4 +1,4 @@
-//! Splats as they stay resident: Morton order, chunks of 256, f32 about an f64 origin.
+//! Resident splats: in Morton order, in chunks of up to 256, in f32 relative to an f64 origin.
 
 use crate::scene::clips::StoredClips;
 use crate::scene::column::{Column, Column3, Units};
@@ -12,15 +12,15 @@ use surfel_math::kernel::interior_weight_at_cutoff;
 use surfel_model::{CHUNK_SPLATS, ChunkSpace, Storage, chunks, stored_axes};
 use surfel_model::{Material, Object, Octree, Shape, SplatCloud};
 
-/// Most splats of a chunk.
+/// Maximum number of splats in a chunk.
 pub(crate) const CHUNK: usize = CHUNK_SPLATS;
 
-/// Chunks that one task stores, and tasks a thread between which what they stored is put together: as many more splats
-/// are in memory twice, and what was read to cut them into chunks is still in the thread's cache.
+/// Number of chunks stored by one task, and number of tasks per thread between merges of their results. Splats stored
+/// since the last merge are in memory twice. The data read to form the chunks is still in the thread's cache.
 const TASK: usize = 8;
 const WAVE: usize = 2;
 
-/// Splats of a part of an order that is given back alone, at least.
+/// Minimum number of indices of a splat order that are freed at once.
 const LEAST_PART: usize = 1 << 20;
 
 const _: () = assert!(CHUNK.is_multiple_of(LANES), "a chunk fills whole lanes");
@@ -33,27 +33,28 @@ pub(crate) enum StoredShape {
     Ellipses { s: Column3, t: Column3 },
 }
 
-/// Up to 256 splats that lie close together.
+/// A chunk of up to 256 neighbouring splats.
 pub(crate) struct Chunk {
-    /// Object-space origin of the centres, and what 16 bits are relative to.
+    /// Object-space origin of the centres, and the scales of 16-bit storage.
     pub space: ChunkSpace,
-    /// Radius about the origin of a bounding sphere that holds the splats (not only their centres), object units.
+    /// Radius of a sphere around the origin that contains the splats, not only their centres, in object units.
     pub radius: f64,
-    /// Half the sides of a box about the origin that holds them too, along the object's axes.
+    /// Half extents of a box around the origin that contains the splats, along the object's axes.
     pub half: DVec3,
-    /// Areas of its splats together, object units.
+    /// Total area of the splats, in object units.
     pub area: f64,
-    /// One of its splats, as an index into the cloud: those of an octree's chunk are drawn together or not at all.
+    /// Index in the cloud of one of the splats. It represents all of them, since an octree's splats of one chunk are
+    /// drawn together or not at all.
     pub member: u32,
-    /// First splat in the columns.
+    /// Index of the first splat in the columns.
     pub first: usize,
     /// Number of splats.
     pub count: usize,
-    /// A cone about all normals, if it is narrower than a half space.
+    /// A cone that contains all normals, if it is narrower than a half space.
     pub cone: Option<Cone>,
 }
 
-/// Directions within an angle of an axis.
+/// A cone of directions around an axis.
 pub(crate) struct Cone {
     pub axis: DVec3,
     pub sine: f64,
@@ -61,25 +62,25 @@ pub(crate) struct Cone {
 }
 
 impl Cone {
-    /// The cone about the mean of some unit vectors.
+    /// Returns the cone of these unit vectors around their mean.
     fn about(normals: impl Iterator<Item = DVec3> + Clone) -> Option<Self> {
         let axis = normals.clone().sum::<DVec3>().try_normalize()?;
-        // Rounding of the stored f32 normals, and some more.
+        // The margin exceeds the rounding of the stored f32 normals.
         let cosine = normals.map(|n| axis.dot(n)).fold(1.0, f64::min) - 1e-6;
         (cosine > 0.0).then(|| Self { axis, sine: (1.0 - cosine * cosine).sqrt(), cosine })
     }
 }
 
-/// One object's splats.
+/// The splats of one object.
 pub(crate) struct StoredObject {
     pub world_from_object: DAffine3,
     pub material: Material,
     /// Index of the scene's object, if it is an octree.
     pub octree: Option<usize>,
     pub chunks: Vec<Chunk>,
-    /// Of each chunk.
+    /// Bounds of the groups of each chunk.
     pub groups: Vec<Groups>,
-    /// Centres about their chunks' origins.
+    /// Centres, relative to the origins of their chunks.
     pub centers: Column3,
     pub shape: StoredShape,
     pub colors: Option<Column3>,
@@ -87,31 +88,31 @@ pub(crate) struct StoredObject {
     pub clips: Option<StoredClips>,
     /// Index of the scene's object.
     pub source: usize,
-    /// Of every slot, where the cloud has rows and labels.
+    /// Row and label of every slot, if the cloud has rows and labels.
     pub rows: Option<Arc<[u32]>>,
     pub labels: Option<Vec<u32>>,
-    /// Of every slot, where some splat is transparent. Not rounded: 1 must stay 1.
+    /// Opacity per slot; `None` if every splat is opaque. Never quantised, since 1 must stay 1.
     pub alphas: Option<Vec<f32>>,
-    /// W0 of the material, or of the cloud; 0 if neither says.
+    /// W0 as stated by the material or by the cloud; 0 if neither states it.
     interior_weight: f64,
-    /// Its normals all point out of the same surface.
+    /// True if all normals point out of the same surface.
     pub oriented: bool,
 }
 
 impl StoredObject {
-    /// Orders and stores a cloud.
+    /// Stores a cloud in Morton order.
     pub(crate) fn new(cloud: &SplatCloud, world_from_object: DAffine3, material: Material, storage: Storage) -> Self {
         Self::ordered(cloud, (world_from_object, material), storage, std::iter::once(cloud.morton_order()))
     }
 
-    /// Stores an octree's cloud, in chunks of one node or transition.
+    /// Stores an octree's cloud, in chunks that each belong to one node or transition.
     pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, storage: Storage) -> Self {
         let place = (object.world_from_object, object.material);
         let stored = Self::ordered(octree.cloud(), place, storage, octree.parts().map(Iterator::collect));
         Self { octree: Some(index), ..stored }
     }
 
-    /// An object with a cloud's columns and nothing in them.
+    /// Returns an object with the columns of a cloud, all empty.
     fn empty(
         cloud: &SplatCloud,
         (world_from_object, material): (DAffine3, Material),
@@ -147,7 +148,7 @@ impl StoredObject {
         }
     }
 
-    /// Stores a cloud's splats in this order, in chunks of one of its parts.
+    /// Stores a cloud's splats in this order. No chunk crosses the boundary of two parts.
     fn ordered(
         cloud: &SplatCloud,
         place: (DAffine3, Material),
@@ -160,7 +161,7 @@ impl StoredObject {
         let mut rows = cloud.data().rows.as_ref().map(|rows| (rows, Vec::with_capacity(padded)));
         for mut order in parts {
             while !order.is_empty() {
-                // What is used up of an order is given back while the columns grow.
+                // The processed part of an order is freed while the columns grow.
                 let (mut used, part) = (0, (order.len() / 4).max(LEAST_PART));
                 let mut chunks = chunks(cloud, &order, storage);
                 while used < part {
@@ -189,13 +190,13 @@ impl StoredObject {
             }
         }
         stored.rows = rows.map(|(_, of_slots)| of_slots.into());
-        // A file may have columns of clips and none in them.
+        // A file may have columns of clips without any clip.
         stored.clips.take_if(|clips| clips.is_empty());
         stored.trim();
         stored
     }
 
-    /// Adds the chunks of another part of the same cloud.
+    /// Appends chunks of the same cloud.
     fn append(&mut self, part: Self) {
         let base = self.centers.len();
         self.chunks.extend(part.chunks.into_iter().map(|chunk| Chunk { first: base + chunk.first, ..chunk }));
@@ -219,7 +220,7 @@ impl StoredObject {
         self.alphas.iter_mut().zip(part.alphas).for_each(|(column, more)| column.extend(more));
     }
 
-    /// Gives back the memory of slots that a chunk's end might have needed.
+    /// Frees the memory reserved for padding of chunks that wasn't needed.
     fn trim(&mut self) {
         self.chunks.shrink_to_fit();
         self.groups.shrink_to_fit();
@@ -249,7 +250,7 @@ impl StoredObject {
         let first = self.centers.len();
         let member = members.first().copied().unwrap_or_default();
         self.chunks.push(Chunk { space, radius: 0.0, half, area, member, first, count: members.len(), cone });
-        // The last splat fills the lanes up; setup ignores what lies past `count`.
+        // The last splat is repeated to fill the lanes; setup ignores splats past `count`.
         for slot in 0..members.len().next_multiple_of(LANES) {
             let k = slot.min(members.len() - 1);
             let (i, splat) = (members[k] as usize, &splats[k]);
@@ -288,7 +289,7 @@ impl StoredObject {
             }
         }
         if let Some(chunk) = self.chunks.last_mut() {
-            // Stored centres and radii are rounded, by 16 bits to 1e-4 of the bounding sphere at most.
+            // Storage rounds centres and radii, 16 bits by up to 1e-4 of the bounding sphere.
             chunk.radius = radius * (1.0 + 1e-4);
             chunk.half = half + DVec3::splat(radius * 1e-4);
             chunk.area = area;
@@ -297,8 +298,8 @@ impl StoredObject {
         }
     }
 
-    /// 1/W0: coverage of a unit of weight inside the cloud's surface (§5). 1 where W0 is not known, and then not
-    /// needed.
+    /// Returns 1/W0: coverage per unit of weight inside the cloud's surface (§5). Returns 1 if W0 isn't known; coverage
+    /// isn't needed then.
     pub(crate) fn coverage_per_weight(&self, cutoff: f64) -> f32 {
         if self.interior_weight > 0.0 {
             (1.0 / interior_weight_at_cutoff(self.interior_weight, cutoff)) as f32
@@ -307,7 +308,7 @@ impl StoredObject {
         }
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let shape = match &self.shape {
             StoredShape::Disks { normals, radii } => normals.bytes() + radii.bytes(),

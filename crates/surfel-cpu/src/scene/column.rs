@@ -1,5 +1,5 @@
-//! Columns of numbers of stored splats: f32, or 16 bits relative to a scale of their chunk (B05 §7's halved memory,
-//! with the range of a chunk in place of a half float's).
+//! Columns of numbers of stored splats: f32, or 16 bits relative to a scale per chunk. As in B05 §7 this halves memory,
+//! with the range of a chunk in place of a half float's.
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
@@ -22,14 +22,14 @@ impl Column {
         }
     }
 
-    /// Adds a number between −scale and scale.
+    /// Appends a number between −scale and scale.
     pub(crate) fn push(&mut self, value: f32, scale: f32) {
         let at = self.len();
         self.grow(1);
         self.set(at, value, scale);
     }
 
-    /// Adds zeros.
+    /// Appends zeros.
     fn grow(&mut self, count: usize) {
         match self {
             Self::F32(values) => values.resize(values.len() + count, 0.0),
@@ -51,7 +51,7 @@ impl Column {
         }
     }
 
-    /// Adds what another column of the same storage holds.
+    /// Appends another column of the same storage.
     pub(crate) fn append(&mut self, more: Self) {
         match (self, more) {
             (Self::F32(values), Self::F32(more)) => values.extend_from_slice(&more),
@@ -60,7 +60,7 @@ impl Column {
         }
     }
 
-    /// Sixteen numbers.
+    /// Loads sixteen numbers.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> Lanes<S> {
         match self {
@@ -69,7 +69,7 @@ impl Column {
         }
     }
 
-    /// Gives back memory that was asked for and isn't needed.
+    /// Frees unused capacity.
     pub(crate) fn trim(&mut self) {
         match self {
             Self::F32(values) => values.shrink_to_fit(),
@@ -96,7 +96,7 @@ fn from_steps<S: Simd>(simd: S, steps: &[u16]) -> Lanes<S> {
     Lanes::load(simd, &values)
 }
 
-/// A column of vectors, by groups: sixteen x, sixteen y, sixteen z, so that they lie in one place of memory. Every
+/// A column of vectors in groups of sixteen x, sixteen y and sixteen z, so that a group is contiguous in memory. Every
 /// chunk is padded to whole lanes.
 pub(crate) struct Column3 {
     coordinates: Column,
@@ -108,7 +108,7 @@ impl Column3 {
         Self { coordinates: Column::new(storage, 3 * capacity), vectors: 0 }
     }
 
-    /// Adds a vector whose coordinates lie between −scale and scale.
+    /// Appends a vector whose coordinates are between −scale and scale.
     pub(crate) fn push(&mut self, v: Vec3, scale: f32) {
         let lane = self.vectors % LANES;
         if lane == 0 {
@@ -121,14 +121,14 @@ impl Column3 {
         self.vectors += 1;
     }
 
-    /// Adds what another column of the same storage holds, after a whole number of groups.
+    /// Appends another column of the same storage. This column must have a whole number of groups.
     pub(crate) fn append(&mut self, more: Self) {
         debug_assert!(self.vectors.is_multiple_of(LANES));
         self.coordinates.append(more.coordinates);
         self.vectors += more.vectors;
     }
 
-    /// Sixteen vectors from slot `at` on, a multiple of sixteen.
+    /// Loads sixteen vectors from slot `at` on, a multiple of sixteen.
     #[inline(always)]
     pub(crate) fn load<S: Simd>(&self, simd: S, at: usize, scale: f32) -> V3<Lanes<S>> {
         debug_assert!(at.is_multiple_of(LANES));
@@ -136,7 +136,7 @@ impl Column3 {
         V3::new(all.load(simd, x, scale), all.load(simd, x + LANES, scale), all.load(simd, x + 2 * LANES, scale))
     }
 
-    /// Number of vectors.
+    /// Returns the number of vectors.
     pub(crate) fn len(&self) -> usize {
         self.vectors
     }
@@ -150,7 +150,7 @@ impl Column3 {
     }
 }
 
-/// A column of unit vectors: three f32, or two 16-bit coordinates of the octahedron (Meyer et al. 2010).
+/// A column of unit vectors: three f32, or two 16-bit coordinates on an octahedron (Meyer et al. 2010).
 pub(crate) enum Units {
     F32(Column3),
     Octahedral([Column; 2]),
@@ -175,7 +175,7 @@ impl Units {
         }
     }
 
-    /// Adds what another column of the same storage holds, after a whole number of groups.
+    /// Appends another column of the same storage. This column must have a whole number of groups.
     pub(crate) fn append(&mut self, more: Self) {
         match (self, more) {
             (Self::F32(column), Self::F32(more)) => column.append(more),

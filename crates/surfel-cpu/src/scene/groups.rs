@@ -1,4 +1,4 @@
-//! Bounds of a chunk's groups of 16 splats, in bytes: a bounding sphere for each, and a cone about its normals.
+//! Bounds of a chunk's groups of 16 splats, stored in bytes: a bounding sphere and a cone of normals for each group.
 
 use crate::scene::cloud::{CHUNK, Chunk};
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,34 +8,34 @@ use surfel_math::V3;
 
 const _: () = assert!(CHUNK == LANES * LANES, "a chunk's groups fill the lanes");
 
-/// Steps of a coordinate on either side of zero.
+/// Number of steps of a coordinate on either side of zero.
 const STEPS: f64 = 127.0;
 
-/// Largest radius of a group's bounding sphere, in radii of the chunk's: its centre lies in the box of the chunk's
-/// centres, at most √3 of them away, and it holds no splat that the chunk's doesn't.
+/// Maximum radius of a group's bounding sphere, in radii of the chunk's sphere. The group's centre is in the box of the
+/// chunk's centres, at most √3 chunk radii from any of them. Its splats are inside the chunk's sphere.
 const RADII: f64 = 3.0;
 
-/// Steps of a cone's sine. A sine of more than 1 stands for no cone.
+/// Number of steps of a cone's sine. A sine above 1 marks an absent cone.
 const SINES: f64 = 250.0;
 
-/// Rounding of stored normals, and far more.
+/// Slack for the rounding of stored normals, far above it.
 const SLACK: f64 = 2e-3;
 
-/// What a splat adds to the bounds of its group.
+/// A splat's contribution to the bounds of its group.
 pub(crate) struct BoundedSplat {
-    /// Centre, from the chunk's origin.
+    /// Centre, relative to the chunk's origin.
     pub center: DVec3,
     pub radius: f64,
     pub normal: DVec3,
 }
 
-/// A chunk's groups.
+/// Bounds of a chunk's groups.
 pub(crate) struct Groups {
     /// Centres of bounding spheres, in steps of the chunk's largest coordinate.
     center: [[i8; LANES]; 3],
-    /// Their radii, rounded up.
+    /// Radii of bounding spheres, rounded up.
     radius: [u8; LANES],
-    /// Axes of cones about normals, rounded towards zero: none is longer than 1.
+    /// Axes of the cones of normals, rounded towards zero: none is longer than 1.
     axis: [[i8; LANES]; 3],
     /// Sines of the cones' angles, rounded up.
     sine: [u8; LANES],
@@ -67,11 +67,11 @@ impl Groups {
     }
 }
 
-/// A chunk's groups in lanes, in the object's lengths, about the chunk's origin.
+/// Bounds of a chunk's groups in lanes, in object units relative to the chunk's origin.
 pub(crate) struct GroupLanes<S: Simd> {
     pub center: V3<Lanes<S>>,
     pub radius: Lanes<S>,
-    /// Axes of the cones; their sines are more than 1 where there is no cone.
+    /// Axes and sines of the cones; the sine of an absent cone is above 1.
     pub axis: V3<Lanes<S>>,
     pub sine: Lanes<S>,
 }
@@ -113,7 +113,7 @@ mod tests {
         {
             let splats: Vec<BoundedSplat> = (0..count)
                 .map(|i| {
-                    // Around a sphere, group after group.
+                    // The groups are spread around a sphere.
                     let angle = (i / LANES) as f64;
                     let axis = DVec3::new(angle.cos(), angle.sin(), 0.3).normalize();
                     let normal = (axis + spread * DVec3::new(random(), random(), random())).normalize();

@@ -1,4 +1,4 @@
-//! Meshes, with bounding spheres about their triangles.
+//! Resident meshes, with bounding spheres of parts of their triangles.
 
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -8,47 +8,47 @@ use surfel_math::basis::{normal_matrix, unit};
 use surfel_model::{KnownMipmaps, Material, Mesh, Mipmaps, Object, Octree};
 use surfel_render::View;
 
-/// One object of polygons.
+/// A mesh of one object.
 pub(crate) struct StoredMesh {
     pub mesh: Arc<Mesh>,
     pub world_from_object: DAffine3,
     pub material: Material,
-    /// The mesh's texture and its smaller levels.
+    /// The mesh's texture and its mip levels.
     pub mipmaps: Option<Arc<Mipmaps>>,
-    /// Object to world normals, up to scale.
+    /// Map of normals from object to world space, up to scale.
     pub normals: DMat3,
     /// Index of the scene's object.
     pub source: usize,
-    /// The same, if it is an octree.
+    /// Index of the scene's object, if it is an octree.
     pub octree: Option<usize>,
-    /// Its triangles' indices, such that neighbours follow each other.
+    /// Indices of the mesh's triangles, sorted so that neighbours follow each other.
     order: Vec<u32>,
     pub parts: Vec<Part>,
 }
 
-/// Triangles that lie together: of an octree, of one leaf.
+/// A part of a mesh: neighbouring triangles, in an octree those of a single leaf.
 pub(crate) struct Part {
     pub bounds: BoundingSphere,
-    /// Which of the mesh's order.
+    /// Range in the mesh's `order`.
     triangles: Range<usize>,
 }
 
 impl Part {
-    /// The part of these of a mesh's triangles.
+    /// Creates the part of a range of a mesh's sorted triangles.
     fn new(mesh: &Mesh, order: &[u32], triangles: Range<usize>) -> Self {
         Self { bounds: BoundingSphere::about(mesh, &order[triangles.clone()]), triangles }
     }
 }
 
-/// Ranges of at most [`PART`].
+/// Divides a range into ranges of at most [`PART`].
 fn cut(range: Range<usize>) -> impl Iterator<Item = Range<usize>> + Clone {
     range.clone().step_by(PART).map(move |first| first..(first + PART).min(range.end))
 }
 
-/// Triangles of a part: enough that looking at its bounds costs nothing, and few enough to lie close together.
+/// Number of triangles in a part: enough that testing its bounds costs nothing, few enough to be close together.
 const PART: usize = 256;
 
-/// A sphere about some triangles, in the object, about the mesh's origin.
+/// A bounding sphere of triangles, in object space relative to the mesh's origin.
 pub(crate) struct BoundingSphere {
     pub center: DVec3,
     pub radius: f64,
@@ -68,7 +68,7 @@ fn extent(points: impl Iterator<Item = DVec3>) -> (DVec3, DVec3) {
     points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(min, max), p| (min.min(p), max.max(p)))
 }
 
-/// A mesh's triangles in Morton order of their first corners.
+/// Returns a mesh's triangles in Morton order of their first corners.
 fn morton_order(mesh: &Mesh) -> Vec<u32> {
     let first = |t: &[u32; 3]| mesh.positions.get(t[0] as usize);
     let (min, max) = extent(mesh.triangles.iter().map(first));
@@ -87,14 +87,14 @@ fn morton_order(mesh: &Mesh) -> Vec<u32> {
 }
 
 impl StoredMesh {
-    /// A mesh as it is drawn; smaller levels of a texture that another object has are shared.
+    /// Stores a mesh. Mip levels of a texture that another object uses too are shared.
     pub(crate) fn new(object: &Object, mesh: &Arc<Mesh>, known: &mut KnownMipmaps) -> Self {
         let order = morton_order(mesh);
         let parts: Vec<Range<usize>> = cut(0..order.len()).collect();
         Self::in_parts(object, mesh, known, order, &parts)
     }
 
-    /// An octree's triangles, leaf by leaf.
+    /// Stores an octree's triangles, leaf by leaf.
     pub(crate) fn of_octree(index: usize, octree: &Octree, object: &Object, known: &mut KnownMipmaps) -> Self {
         let mesh = octree.shared_mesh();
         let leaves = octree.nodes().iter().filter(|node| node.is_leaf());
@@ -124,19 +124,20 @@ impl StoredMesh {
         }
     }
 
-    /// Indices of a part's triangles.
+    /// Returns the indices of a part's triangles.
     pub(crate) fn part(&self, part: u32) -> &[u32] {
         self.parts.get(part as usize).and_then(|part| self.order.get(part.triangles.clone())).unwrap_or_default()
     }
 
-    /// Object to view directions, and view position of the mesh's origin.
+    /// Returns the transform from object to view space: the map of directions, and the view position of the mesh's
+    /// origin.
     pub(crate) fn in_view(&self, view: &View) -> (DMat3, DVec3) {
-        // Subtracting the eye before anything is rotated keeps scenes far from the origin exact.
+        // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
         let origin = self.world_from_object.transform_point3(self.mesh.origin) - view.eye;
         (view.view_from_world * self.world_from_object.matrix3, view.view_from_world * origin)
     }
 
-    /// Unit world normal of a triangle's own plane: the side from which its corners run counter-clockwise.
+    /// Returns the unit world normal of a triangle's plane, on the side from which its corners run counter-clockwise.
     pub(crate) fn flat_normal(&self, triangle: usize) -> DVec3 {
         let [a, b, c] = self.mesh.triangles[triangle].map(|i| self.mesh.positions.get(i as usize));
         unit(self.normals * (b - a).cross(c - a))

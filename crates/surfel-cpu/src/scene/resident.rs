@@ -1,4 +1,4 @@
-//! A whole scene as this backend stores it.
+//! A scene as this backend stores it.
 
 use crate::scene::cloud::StoredObject;
 use crate::scene::mesh::StoredMesh;
@@ -20,22 +20,22 @@ pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) clouds: Vec<StoredObject>,
     pub(crate) meshes: Vec<StoredMesh>,
-    /// Of a scene of surfaces there are none.
+    /// Objects of Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<StoredGaussians>,
-    /// The first object's.
+    /// Material of the scene's first object.
     pub(crate) material: Material,
     pub(crate) lights: Option<Vec<Light>>,
     pub(crate) ambient: [f64; 3],
     pub(crate) matcap: Option<Arc<Matcap>>,
-    /// Linear, premultiplied.
+    /// Background colour, linear and premultiplied.
     pub(crate) background: [f64; 4],
 }
 
 impl ResidentScene {
-    /// Stores a scene that is valid, on the threads that the caller is on.
+    /// Stores a valid scene, on the current thread pool.
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
         let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
-        // Of equally near polygons the first is seen: those of octrees come after all meshes.
+        // Among equally near polygons the first is visible; an octree's polygons follow all meshes.
         let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
@@ -83,7 +83,7 @@ impl ResidentScene {
         })
     }
 
-    /// What a number of the nearest stands for.
+    /// Returns the row, object and label of a number in the plane of the nearest splat.
     pub(crate) fn identity(&self, numbers: &SplatNumbers, number: u32) -> Identity {
         if number == SplatNumbers::NOTHING {
             return Identity::NOTHING;
@@ -99,14 +99,14 @@ impl ResidentScene {
         Identity { row, object: object.source as u32, label }
     }
 
-    /// The background's linear colour with straight alpha.
+    /// Returns the background's linear colour with straight alpha.
     pub(crate) fn straight_background(&self) -> [f64; 4] {
         let [r, g, b, a] = self.background;
         let [r, g, b] = [r, g, b].map(|c| if a > 0.0 { c / a } else { 0.0 });
         [r, g, b, a]
     }
 
-    /// Bytes of heap memory that the splats use.
+    /// Returns the heap memory used by the splats, in bytes.
     pub fn bytes(&self) -> usize {
         let gaussians = self.gaussians.iter().map(|stored| stored.gaussians.bytes());
         self.clouds.iter().map(StoredObject::bytes).chain(gaussians).sum()

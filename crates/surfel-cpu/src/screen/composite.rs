@@ -1,5 +1,5 @@
-//! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and screen-space passes, edges
-//! and outlines (§5). A frame without any of them is drawn by `tile` alone.
+//! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and the screen-space passes
+//! for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
 
 use crate::raster::block;
 use crate::raster::filter::BehindDepth;
@@ -31,7 +31,7 @@ use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, eye_dome};
 use surfel_model::Shader;
 
-/// What a cell has besides opaque splats.
+/// Content of a cell besides opaque splats.
 pub(crate) struct Extras<'a> {
     pub meshes: &'a [StoredMesh],
     pub triangles: &'a [TriangleSegment],
@@ -39,23 +39,23 @@ pub(crate) struct Extras<'a> {
     pub layers: Layers,
 }
 
-/// All tiles of a cell.
+/// Drawing of a cell's tiles.
 pub(crate) struct CompositeJob<'a> {
     pub tiles: TileJob<'a>,
     pub extras: Extras<'a>,
-    /// Nothing but opaque splats is drawn.
+    /// True if only opaque splats are drawn.
     pub opaque_splats_only: bool,
 }
 
 /// The opaque surfaces of a block.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
-    /// Where the nearest polygons are, whatever occludes them, where the block has any.
+    /// Depth range of the nearest polygons, even if occluded; `None` if the block has no polygons.
     polygon: Option<Reach<S>>,
     pub shaded: Shaded<S>,
-    /// What is nearest, where that is wanted.
+    /// Numbers of the nearest splats or polygons, if needed.
     numbers: Option<[u32; LANES]>,
-    /// +∞ where nothing is.
+    /// Depth of the nearest opaque surface; +∞ for none.
     pub opaque_depth: Lanes<S>,
 }
 
@@ -78,10 +78,9 @@ impl<'a> CompositeJob<'a> {
         lists.finish()
     }
 
-    /// Draws a tile, transparent layers included unless a screen-space pass comes first.
+    /// Draws a tile, including transparent layers unless a screen-space pass precedes them.
     ///
-    /// The one place where the tiles' loops are called from: all that they do is inlined into them, once for each
-    /// level.
+    /// The tiles' loops are called only from here: all their code is inlined into them, once for each SIMD level.
     #[inline(never)]
     pub(crate) fn draw(
         &self,
@@ -153,7 +152,7 @@ impl<'a> CompositeJob<'a> {
         counters
     }
 
-    /// What is opaque in a block: splats, polygons, or the ones blended over the others.
+    /// Returns a block's opaque surfaces: splats, polygons, or splats blended over polygons.
     #[inline(always)]
     pub(super) fn front<S: Simd>(
         &self,
@@ -225,7 +224,7 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// A block's transparent layers.
+    /// Returns a block's transparent layers.
     #[inline(always)]
     pub(super) fn layers<S: Simd>(
         &self,
@@ -245,7 +244,7 @@ impl<'a> CompositeJob<'a> {
         composited
     }
 
-    /// [`Self::finish`] by these instructions.
+    /// Calls [`Self::finish`] with these instructions.
     #[inline(never)]
     pub(crate) fn finish_on(
         &self,
@@ -259,8 +258,8 @@ impl<'a> CompositeJob<'a> {
             simd.vectorize(#[inline(always)] || self.finish(simd, target, gbuffer, layer_steps, scratch)))
     }
 
-    /// The screen-space pass over a tile: outlines or eye-dome lighting, then edges with what lies behind them, then
-    /// transparent layers before all of it.
+    /// Runs the screen-space passes over a tile: outlines or eye-dome lighting, then edges with the surfaces behind
+    /// them, then transparent layers over both.
     #[inline(always)]
     fn finish<S: Simd>(
         &self,
@@ -315,8 +314,8 @@ impl<'a> CompositeJob<'a> {
         counters
     }
 
-    /// A tile's edge pixels that may show what lies behind them: bits of each block's; the blocks that have any, and
-    /// those of them where anything is kept.
+    /// Finds a tile's edge pixels whose background may show. Sets the bits of each block's pixels. Returns the blocks
+    /// that have such pixels, and the blocks in which one of these pixels has a depth threshold.
     #[inline(always)]
     fn edges<S: Simd>(
         &self,
@@ -331,7 +330,7 @@ impl<'a> CompositeJob<'a> {
         let thin = gbuffer.marks(tile).thin;
         let Some((begins, reach)) = gbuffer.edges(tile).filter(|_| thin != 0) else { return (stepped, deep) };
         let neighbourhood = &mut scratch.neighbourhood;
-        // −∞ is never behind anything.
+        // Outside the image all is at −∞, which is never behind anything.
         neighbourhood.load(begins, &listing.grid, tile, |tile| gbuffer.marks(tile), 1, f32::NEG_INFINITY);
         neighbourhood.steps(simd, reach, thin, edges);
         let infinite = Lanes::splat(simd, f32::INFINITY);
@@ -347,7 +346,7 @@ impl<'a> CompositeJob<'a> {
         (stepped, deep)
     }
 
-    /// Lines, or eye-dome lighting, over what a tile shows. The neighbourhood then has its depths.
+    /// Draws outlines or eye-dome lighting over a tile. Afterwards the neighbourhood contains the tile's depths.
     #[inline(always)]
     fn draw_over<S: Simd>(&self, simd: S, target: &mut Target<'_>, gbuffer: &GBuffer, scratch: &mut TileScratch<'a>) {
         let (tile, listing) = (target.tile, &self.tiles.listing);
@@ -370,8 +369,9 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// What lies behind a block's edges, and which pixels are edges: none that a polygon covers, which splats are
-    /// blended over anyway (§6). With the bits of what may be an edge comes whether anything is kept there.
+    /// Returns the colours of the surfaces behind a block's edges, and the mask of edge pixels. A pixel that a polygon
+    /// covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of candidate pixels, and true
+    /// if one of them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,
@@ -408,7 +408,7 @@ impl<'a> CompositeJob<'a> {
             let nearest = triangles::nearest(simd, triangles, at, job.inputs.frame.constants.depth_range());
             edge &= !(nearest.z.le(threshold) & nearest.z.lt(infinite));
             let before = nearest.z.lt(Lanes::select(shaded.covered, shaded.z, infinite));
-            // Where nothing is kept the background alone lies behind.
+            // Behind a pixel without a depth threshold there is only the background.
             let mask = edge & before & threshold.lt(infinite);
             if mask.to_bitmask() != 0 {
                 let surface = nearest.surface(simd, triangles, self.extras.meshes, at, mask);

@@ -1,4 +1,5 @@
-//! The shader `edl` (§5): darker the deeper a pixel lies among its neighbours. A pass over tiles that are drawn.
+//! The shader `edl` (§5), which darkens a pixel the deeper it is among its neighbours. It is a pass over finished
+//! tiles.
 
 use crate::screen::neighbourhood::Neighbourhood;
 use crate::simd::lanes::{LANES, Lanes};
@@ -9,16 +10,16 @@ use surfel_math::eye_dome::{NEIGHBOURS, brightness, rise_weight};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2};
 
-/// A tile's depths, with those of its neighbours around them.
+/// Depths of a tile and of the neighbouring pixels around it.
 pub(crate) struct EyeDome<'a> {
     neighbourhood: &'a Neighbourhood,
     projection: &'a Projection,
-    /// What each neighbour counts for.
+    /// Weight of each neighbour.
     weights: [f32; NEIGHBOURS.len()],
 }
 
 impl<'a> EyeDome<'a> {
-    /// Outside of the image, and where nothing is, all is infinitely far.
+    /// Depth outside the image and in empty pixels: infinitely far.
     pub(crate) const OUTSIDE: f32 = f32::INFINITY;
 
     pub(crate) fn new(neighbourhood: &'a Neighbourhood, projection: &'a Projection) -> Self {
@@ -29,7 +30,7 @@ impl<'a> EyeDome<'a> {
         Self { neighbourhood, projection, weights }
     }
 
-    /// Darkens what a tile shows, in those of its blocks that are `touched`; its first pixel is `first`.
+    /// Darkens the blocks of a tile whose bits are set in `touched`. `first` is the tile's first pixel.
     #[inline(always)]
     pub(crate) fn darken<S: Simd>(&self, simd: S, target: &mut Target<'_>, touched: u64, first: (i32, i32)) {
         for blocks in (0..u64::BITS).step_by(LANES / BLOCK as usize) {
@@ -51,8 +52,8 @@ impl<'a> EyeDome<'a> {
         }
     }
 
-    /// How bright surfaces of depth `z` are among the front surfaces about the block at a pixel of the tile. Means
-    /// nothing where z is infinite.
+    /// Returns the brightness of surfaces of depth `z` among the nearest surfaces around a block at this pixel of the
+    /// tile. The result is meaningless where z is infinite.
     #[inline(always)]
     pub(crate) fn of_block<S: Simd>(&self, simd: S, (x, y): (i32, i32), z: Lanes<S>) -> Lanes<S> {
         let mut neighbours = [z; NEIGHBOURS.len()];
@@ -62,7 +63,7 @@ impl<'a> EyeDome<'a> {
         self.brightness(z, neighbours)
     }
 
-    /// The same for surfaces that are seen within one pixel of the tile.
+    /// Returns the brightness of surfaces within one pixel of the tile, as [`Self::of_block`].
     #[inline(always)]
     pub(crate) fn of_pixel<S: Simd>(&self, (x, y): (i32, i32), z: Lanes<S>) -> Lanes<S> {
         let neighbour = |[dx, dy]: [i32; 2]| z.constant(self.neighbourhood.at(x + dx, y + dy).into());

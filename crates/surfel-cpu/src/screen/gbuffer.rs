@@ -1,5 +1,5 @@
-//! The G-buffer: what screen-space passes need of a tile and its neighbours: edges (§5, ours after Z01 §7), outlines of
-//! the shader `toon`, eye-dome lighting, and transparent layers before all of it.
+//! The G-buffer: planes that screen-space passes need of a tile and its neighbours. The passes are edges (§5, ours
+//! after Z01 §7), outlines of the shader `toon`, eye-dome lighting, and transparent layers over all of them.
 
 use crate::raster::sums::Sums;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,24 +8,24 @@ use fearless_simd::Simd;
 use surfel_math::Real;
 use surfel_render::{FramePlan, Pass};
 
-/// Blocks of a tile at most.
+/// Maximum number of blocks in a tile.
 pub(crate) const BLOCKS: usize = (TILE_BLOCKS * TILE_BLOCKS) as usize;
 
-/// Pixels along the side of the largest tile.
+/// Side of the largest tile, in pixels.
 pub(crate) const SIDE: usize = (TILE_BLOCKS * BLOCK) as usize;
 
-/// A tile's numbers, pixel by pixel in rows: what is compared with neighbours.
+/// Numbers of a tile's pixels in row order, for comparison with neighbours.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileRows(pub [[f32; SIDE]; SIDE]);
 
-/// A tile's numbers, block by block.
+/// Numbers of a tile's pixels, block by block.
 #[derive(Clone)]
 #[repr(align(64))]
 pub(crate) struct TileBlocks([[f32; LANES]; BLOCKS]);
 
-/// From where to where the nearest surfaces of a block may lie (§5, edges by samples). The end is −∞ where only one of
-/// a pixel's footprints has one: a step to every neighbour.
+/// Depth range of the nearest surfaces in a block's pixels (§5, edges by samples). The end is −∞ if only one of a
+/// pixel's two footprints has a surface, which counts as a step to every neighbour.
 #[derive(Clone, Copy)]
 pub(crate) struct Reach<S: Simd> {
     pub begin: Lanes<S>,
@@ -33,7 +33,7 @@ pub(crate) struct Reach<S: Simd> {
 }
 
 impl<S: Simd> Reach<S> {
-    /// Of splats, and of the nearest polygons where they begin first.
+    /// Returns the range of splats, or of the nearest polygons where they begin first.
     #[inline(always)]
     fn of(sums: &Sums<S>, polygon: Option<Self>) -> Self {
         let (begin, end) = (sums.threshold - sums.threshold_epsilon, sums.threshold + sums.threshold_epsilon);
@@ -77,36 +77,38 @@ impl TileBlocks {
     }
 }
 
-/// What is known of a tile's blocks, a bit each.
+/// Per-block flags of a tile, one bit per block.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct Marks {
-    /// Something opaque may be there. Of other blocks no number means anything.
+    /// Blocks that may contain opaque surfaces. All other planes are undefined in other blocks.
     pub touched: u64,
-    /// Has pixels that would show what lies behind, were they edges.
+    /// Blocks with pixels that would show the surface behind if they were at an edge.
     pub thin: u64,
 }
 
-/// Numbers of all tiles of a grid. Their memory lasts from frame to frame: those of tiles and blocks that nothing
-/// touches, and planes that the plan doesn't need, are an earlier frame's.
+/// Planes of all tiles of a grid. Memory is reused between frames, so the following are stale: tiles and blocks that no
+/// splat or polygon touches, and planes that the plan doesn't need.
 #[derive(Default)]
 pub(crate) struct GBuffer {
-    /// Edge antialiasing: where the nearest surface begins; how far the pixel's own reaches, −∞ where there are
-    /// fragments but no threshold, and +∞ where nothing would show through an edge; the depth threshold; coverage.
-    /// Edges by samples: where the nearest surface begins and ends.
+    /// Planes of edges. For edge antialiasing `begin` is the depth at which the nearest surface begins, and `reach` the
+    /// depth up to which a pixel's own surface reaches. `reach` is −∞ if there are fragments but no threshold, and +∞
+    /// if nothing would show through an edge. `threshold` is the depth threshold. For edges by samples `begin` and
+    /// `reach` are the depths at which the nearest surface begins and ends.
     begin: Vec<TileRows>,
     reach: Vec<TileRows>,
     threshold: Vec<TileBlocks>,
     coverage: Vec<TileBlocks>,
-    /// Outlines and eye-dome lighting: depth of the front surface. Outlines: how deep a neighbour may be.
+    /// Planes of outlines and eye-dome lighting: `depth` is the nearest surface's depth; `limit`, for outlines, the
+    /// greatest depth of a neighbour without a line.
     depth: Vec<TileRows>,
     limit: Vec<TileRows>,
-    /// Transparent layers: depth of what is opaque.
+    /// Plane of transparent layers: depth of the nearest opaque surface.
     opaque: Vec<TileBlocks>,
     marks: Vec<Marks>,
     wanted: Wanted,
 }
 
-/// Which passes need planes.
+/// Passes that need planes.
 #[derive(Clone, Copy, Default)]
 struct Wanted {
     edges: bool,
@@ -116,14 +118,15 @@ struct Wanted {
     opaque: bool,
 }
 
-/// A tile's part, while it is drawn.
+/// The planes of one tile, while it is drawn.
 pub(crate) struct GBufferTile<'a> {
     all: &'a mut GBuffer,
     tile: usize,
 }
 
 impl GBufferTile<'_> {
-    /// To be called before anything is put: nothing is there, or something.
+    /// Resets the tile's planes. Call this before any block is written. `is_empty` is true if no splat or polygon
+    /// touches the tile.
     pub(crate) fn begin(&mut self, is_empty: bool) {
         let Self { all, tile } = self;
         all.marks[*tile] = Marks::default();
@@ -140,7 +143,8 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// Writes what edges need of a block: of its splats, and where its nearest polygons are, +∞ where there is none.
+    /// Writes the planes that edges need of a block, from the splats' sums and the depth range of the nearest polygons,
+    /// +∞ for none.
     #[inline(always)]
     pub(crate) fn put_edges<S: Simd>(&mut self, block: u32, sums: &Sums<S>, polygon: Option<Reach<S>>) {
         let Self { all, tile } = self;
@@ -167,7 +171,7 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// Writes the depth of what is opaque in a block, and of its front surfaces; +∞ where there is none.
+    /// Writes the depths of a block's nearest opaque surfaces and of its nearest surfaces; +∞ for none.
     #[inline(always)]
     pub(crate) fn put_depths<S: Simd>(&mut self, block: u32, opaque: Lanes<S>, front: Lanes<S>) {
         let Self { all, tile } = self;
@@ -180,12 +184,12 @@ impl GBufferTile<'_> {
         }
     }
 
-    /// True if it is needed how deep a block's neighbours may be.
+    /// True if the plane of depth limits is needed.
     pub(crate) fn want_limit(&self) -> bool {
         self.all.wanted.lines
     }
 
-    /// Writes how deep a block's neighbours may be, +∞ where nothing is.
+    /// Writes the depth limits of a block's neighbours, +∞ in empty pixels.
     #[inline(always)]
     pub(crate) fn put_limit<S: Simd>(&mut self, block: u32, limit: Lanes<S>) {
         self.all.limit[self.tile].put(block, limit);
@@ -199,7 +203,7 @@ fn any_below<S: Simd>(a: Lanes<S>, b: Lanes<S>) -> bool {
 }
 
 impl GBuffer {
-    /// Makes them those of a grid and a plan.
+    /// Resizes the planes for a grid and a plan.
     pub(crate) fn reset_for(&mut self, grid: &Grid, plan: &FramePlan) {
         self.wanted = Wanted {
             edges: plan.has(Pass::EdgeAntialiasing),
@@ -230,61 +234,61 @@ impl GBuffer {
         self.marks.resize(tiles, Marks::default());
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let rows = [&self.begin, &self.reach, &self.depth, &self.limit].map(|v| size_of_val(v.as_slice()));
         let blocks = [&self.threshold, &self.coverage, &self.opaque].map(|v| size_of_val(v.as_slice()));
         rows.iter().chain(&blocks).sum::<usize>() + size_of_val(self.marks.as_slice())
     }
 
-    /// A tile's part, of a plan's.
+    /// Returns the planes of a tile.
     pub(crate) fn tile(&mut self, tile: usize) -> GBufferTile<'_> {
         GBufferTile { all: self, tile }
     }
 
-    /// What is known of a tile's blocks.
+    /// Returns the flags of a tile's blocks.
     pub(crate) fn marks(&self, tile: usize) -> Marks {
         self.marks.get(tile).copied().unwrap_or_default()
     }
 
-    /// Where the nearest surfaces begin, and how far a tile's own reach.
+    /// Returns the depths at which surfaces begin in all tiles, and the depths to which a tile's own surfaces reach.
     pub(crate) fn edges(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
         self.reach.get(tile).filter(|_| self.wanted.edges).map(|own| (self.begin.as_slice(), own))
     }
 
-    /// Where the nearest surfaces begin, and where they end, for edges by samples.
+    /// Returns the depths at which the nearest surfaces begin and end, if edges are sampled.
     pub(crate) fn reaches(&self) -> Option<[&[TileRows]; 2]> {
         self.wanted.samples.then_some([&self.begin, &self.reach])
     }
 
-    /// Depths of front surfaces, and how deep a tile's neighbours may be.
+    /// Returns the depths of all tiles, and the depth limits of a tile's neighbours, if outlines are drawn.
     pub(crate) fn lines(&self, tile: usize) -> Option<(&[TileRows], &TileRows)> {
         self.limit.get(tile).filter(|_| self.wanted.lines).map(|own| (self.depth.as_slice(), own))
     }
 
-    /// True if there are depths of front surfaces.
+    /// True if the depths of nearest surfaces are stored.
     pub(crate) fn has_depths(&self) -> bool {
         self.wanted.lines || self.wanted.dome
     }
 
-    /// Depths of front surfaces.
+    /// Returns the depths of nearest surfaces.
     pub(crate) fn depths(&self) -> &[TileRows] {
         &self.depth
     }
 
-    /// Depth thresholds of a block that is touched.
+    /// Returns the depth thresholds of a block that is touched.
     #[inline(always)]
     pub(crate) fn threshold<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         block_of(simd, &self.threshold, tile, block)
     }
 
-    /// Coverage of a block that is touched.
+    /// Returns the coverage of a block that is touched.
     #[inline(always)]
     pub(crate) fn coverage<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         block_of(simd, &self.coverage, tile, block)
     }
 
-    /// Depth of what is opaque in a block; +∞ where nothing is.
+    /// Returns the depths of a block's nearest opaque surfaces; +∞ for none.
     #[inline(always)]
     pub(crate) fn opaque<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         match self.marks(tile).touched >> block & 1 {
@@ -294,7 +298,7 @@ impl GBuffer {
     }
 }
 
-/// Sixteen numbers of a block; 0 of a plane that isn't there.
+/// Loads sixteen numbers of a block; 0 if the plane doesn't exist.
 #[inline(always)]
 fn block_of<S: Simd>(simd: S, plane: &[TileBlocks], tile: usize, block: u32) -> Lanes<S> {
     let blocks = plane.get(tile).map_or(&[][..], |tile| &tile.0);

@@ -1,4 +1,4 @@
-//! What edges by samples need of transparent layers: where the nearest one lies, and how many there are (§5).
+//! Planes of transparent layers for edges by samples: depth range of the nearest layer, and number of layers (§5).
 
 use crate::screen::gbuffer::TileRows;
 use crate::shade::transparent::CompositedLayers;
@@ -6,7 +6,7 @@ use crate::tiles::grid::Grid;
 use fearless_simd::Simd;
 use surfel_render::{FramePlan, Pass};
 
-/// A tile's planes: +∞, +∞ and 0 where there are no layers.
+/// Planes of a tile. In pixels without layers, the depths are +∞ and the number is 0.
 #[derive(Clone)]
 pub(crate) struct LayerPlanes {
     pub begin: TileRows,
@@ -18,20 +18,20 @@ impl LayerPlanes {
     const EMPTY: Self = Self { begin: TileRows::EMPTY, end: TileRows::EMPTY, count: TileRows::ZERO };
 }
 
-/// Those of a cell's tiles. Empty where the plan has no transparent layers or doesn't sample.
+/// Planes of a cell's tiles; empty if the plan has no transparent layers or no samples.
 #[derive(Default)]
 pub(crate) struct LayerSteps {
     tiles: Vec<Option<Box<LayerPlanes>>>,
 }
 
 impl LayerSteps {
-    /// For a grid's tiles, if the plan needs it.
+    /// Returns empty planes for a grid's tiles, or none if the plan doesn't need them.
     pub(crate) fn new(grid: &Grid, plan: &FramePlan) -> Self {
         let wanted = plan.has(Pass::EdgeSamples) && plan.separates_transparent;
         Self { tiles: vec![None; if wanted { grid.tiles() } else { 0 }] }
     }
 
-    /// Writes a block's.
+    /// Writes the planes of a block.
     #[inline(always)]
     pub(crate) fn put<S: Simd>(&mut self, tile: usize, block: u32, layers: &CompositedLayers<S>) {
         let Some(tile) = self.tiles.get_mut(tile) else { return };
@@ -41,12 +41,12 @@ impl LayerSteps {
         planes.count.put(block, layers.count);
     }
 
-    /// A tile's, if it has layers.
+    /// Returns the planes of a tile, if it has layers.
     pub(crate) fn of(&self, tile: usize) -> Option<&LayerPlanes> {
         self.tiles.get(tile)?.as_deref()
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.tiles.as_slice()) + self.tiles.iter().flatten().count() * size_of::<LayerPlanes>()
     }

@@ -1,5 +1,5 @@
-//! A tile's numbers with those of its neighbours' pixels around them: what screen-space passes compare, sixteen pixels
-//! of a row at a time.
+//! A tile's numbers and those of the pixels around it, which screen-space passes compare sixteen pixels of a row at a
+//! time.
 
 use crate::screen::gbuffer::{BLOCKS, Marks, SIDE, TileRows};
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,16 +8,17 @@ use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
 use surfel_math::Real;
 
-/// Pixels above and below a tile: as far as any pass looks.
+/// Number of rows above and below a tile: the largest reach of any pass.
 const ROWS_AROUND: usize = 2;
 
-/// Pixels to its left, at least as many, and to its right: sixteen may start two pixels right of a tile's last sixteen.
+/// Number of columns on either side of a tile: at least the reach on the left. On the right sixteen pixels may start
+/// two pixels past the start of a tile's last sixteen.
 const COLUMNS_AROUND: usize = 8;
 
-/// Blocks side by side in sixteen pixels of a row.
+/// Number of blocks that sixteen pixels of a row span.
 const ABREAST: u32 = LANES as u32 / BLOCK;
 
-/// Pixels of a tile and around it.
+/// Numbers of a tile's pixels and the pixels around it.
 #[repr(align(64))]
 pub(crate) struct Neighbourhood([[f32; SIDE + 2 * COLUMNS_AROUND]; SIDE + 2 * ROWS_AROUND]);
 
@@ -28,7 +29,7 @@ impl Default for Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// Takes in a tile and `reach` pixels around it: +∞ where nothing is, `outside` where there are no pixels.
+    /// Loads a tile and `reach` pixels around it: +∞ for empty pixels, `outside` for pixels outside the image.
     pub(crate) fn load(
         &mut self,
         plane: &[TileRows],
@@ -48,7 +49,7 @@ impl Neighbourhood {
                 continue;
             }
             let other = ((row + dy) * columns + column + dx) as usize;
-            // From here on about this tile's first pixel.
+            // From here on, coordinates are relative to this tile's first pixel.
             let rect = Rect::of_tile(grid, other, grid.region);
             let (x0, x1) = ((rect.x - first_x).max(-reach), (rect.end_x - first_x).min(size + reach));
             let (y0, y1) = ((rect.y - first_y).max(-reach), (rect.end_y - first_y).min(size + reach));
@@ -68,8 +69,8 @@ impl Neighbourhood {
         }
     }
 
-    /// Sixteen numbers of a row, from a pixel of the tile, or up to two outside, on. Those past the tile's own columns
-    /// and two more mean nothing.
+    /// Loads sixteen numbers of a row, from a pixel of the tile or up to two pixels outside it. Lanes beyond the tile's
+    /// own columns and two more are meaningless.
     #[inline(always)]
     pub(crate) fn row<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
@@ -77,13 +78,13 @@ impl Neighbourhood {
         Lanes::load(simd, row.and_then(|row| row.get(at..)).unwrap_or_default())
     }
 
-    /// The number of a pixel of the tile, or up to two outside.
+    /// Returns the number of a pixel of the tile or up to two pixels outside it.
     pub(crate) fn at(&self, x: i32, y: i32) -> f32 {
         let row = self.0.get((y + ROWS_AROUND as i32) as usize);
         row.and_then(|row| row.get((x + COLUMNS_AROUND as i32) as usize)).copied().unwrap_or(f32::INFINITY)
     }
 
-    /// Sixteen numbers of 4×4 pixels, from a pixel of the tile, or up to two outside, on.
+    /// Loads the numbers of 4×4 pixels, from a pixel of the tile or up to two pixels outside it.
     #[inline(always)]
     pub(crate) fn block<S: Simd>(&self, simd: S, x: i32, y: i32) -> Lanes<S> {
         let mut values = [0.0; LANES];
@@ -97,8 +98,8 @@ impl Neighbourhood {
         Lanes::load(simd, &values)
     }
 
-    /// Of each of the `wanted` blocks the pixels, a bit each, beside which a number is greater than their own: among
-    /// their own and their eight neighbours'.
+    /// Finds, in each of the `wanted` blocks, the pixels with a greater number among their own and their eight
+    /// neighbours', and sets the pixels' bits.
     #[inline(always)]
     pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
         for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {
@@ -108,7 +109,7 @@ impl Neighbourhood {
             }
             let x = (first % TILE_BLOCKS * BLOCK) as i32;
             let y = (first / TILE_BLOCKS * BLOCK) as i32;
-            // The greatest of three in a row: of the one above, the four, and the one below.
+            // Maxima of three pixels in a row: for the row above, the block's four rows, and the row below.
             let mut rows = [Lanes::splat(simd, 0.0); BLOCK as usize + 2];
             for (row, y) in rows.iter_mut().zip(y - 1..) {
                 *row = self.row(simd, x - 1, y).max(self.row(simd, x, y)).max(self.row(simd, x + 1, y));

@@ -1,5 +1,5 @@
-//! Samples of the pixels at edges (§5): each of these pixels is a block of a view that is four times as fine, drawn as
-//! any block is; the pixel's colour is the mean of it.
+//! Samples of the pixels at edges (§5). Each such pixel is a block of a view that is four times as fine and drawn like
+//! any other block. The pixel's colour is the mean of the block.
 
 use crate::raster::listing::list_triangles;
 use crate::screen::composite::CompositeJob;
@@ -21,19 +21,19 @@ use surfel_math::{Real, V3, eye_dome};
 use surfel_model::Shader;
 use surfel_render::SAMPLES_SIDE;
 
-/// The sampled pixels of a cell, and what draws their samples.
+/// The sampled pixels of a cell, and the data to draw their samples.
 pub(crate) struct SampleJob<'a, 'b> {
     /// Tiles of samples.
     pub tiles: CompositeJob<'a>,
     pub sampled: &'b BlockSet,
-    /// The pixels' own grid, G-buffer and light.
+    /// Grid, G-buffer and lighting of the pixels themselves.
     pub grid: Grid,
     pub gbuffer: &'b GBuffer,
     pub lighting: &'b Lighting,
 }
 
 impl<'a> SampleJob<'a, '_> {
-    /// Draws them all.
+    /// Draws all sampled pixels.
     pub(crate) fn draw(
         &self,
         instructions: Instructions,
@@ -98,7 +98,8 @@ impl<'a> SampleJob<'a, '_> {
         counters
     }
 
-    /// Loads the depths about a tile of pixels that a screen-space shader reads; false if it reads none.
+    /// Loads the depths around a tile of pixels that a screen-space shader needs. Returns false if the shader needs
+    /// none.
     fn load_depths(&self, tile: usize, neighbourhood: &mut Neighbourhood) -> bool {
         let (reach, outside) = match self.lighting.shader {
             Shader::Edl => (eye_dome::REACH_PX, EyeDome::OUTSIDE),
@@ -113,7 +114,7 @@ impl<'a> SampleJob<'a, '_> {
         has_depths
     }
 
-    /// What outlines or eye-dome lighting make of a pixel's samples, among the pixel's neighbours.
+    /// Applies outlines or eye-dome lighting to a pixel's samples, by the depths of the pixel's neighbours.
     #[inline(always)]
     fn under_screen_space<S: Simd>(
         &self,
@@ -140,14 +141,14 @@ impl<'a> SampleJob<'a, '_> {
     }
 }
 
-/// The pixel of a block of samples.
+/// Returns the pixel of a block of samples.
 fn pixel_of((x, y): (i32, i32)) -> (i32, i32) {
     (x / SAMPLES_SIDE as i32, y / SAMPLES_SIDE as i32)
 }
 
-/// The mean of a block's colours, summed in their order.
+/// Returns the mean of a block's colours, summed in lane order.
 #[inline(always)]
 fn mean<S: Simd>(samples: &Pixels<S>) -> [f32; 4] {
-    // Shares are summed, not colours: these may be as large as an f32.
+    // Each colour is divided before the sum, which might otherwise overflow f32.
     samples.color.map(|channel| channel.to_array().iter().map(|c| c * (1.0 / LANES as f32)).sum::<f32>())
 }

@@ -1,4 +1,4 @@
-//! Which pixels are sampled (§5, edges by samples): those beside a step of depth, on either side of it.
+//! Search for sampled pixels (§5, edges by samples): pixels on either side of a depth step.
 
 use crate::screen::gbuffer::{GBuffer, SIDE, TileRows};
 use crate::screen::layer_steps::LayerSteps;
@@ -11,38 +11,38 @@ use fearless_simd::prelude::*;
 use surfel_math::Real;
 use surfel_render::{Region, SAMPLES_SIDE};
 
-// A block of samples is a pixel.
+// The samples of a pixel form a block.
 const _: () = assert!(SAMPLES_SIDE == BLOCK, "samples of a pixel fill a block");
 
-/// Rows of a tile that nothing touches: where surfaces begin and end, and how many layers there are.
+/// Planes of a tile without content: begin and end of surfaces, and number of layers.
 static NOTHING: [[TileRows; 2]; 2] = [[TileRows::EMPTY, TileRows::EMPTY], [TileRows::ZERO, TileRows::ZERO]];
 
-/// A tile's pixels, row by row, a bit each.
+/// Bits of a tile's pixels, one word per row.
 type Pixels = [u32; SIDE];
 
 const _: () = assert!(SIDE == u32::BITS as usize, "a row of pixels has a bit each");
 
-/// What steps are found in.
+/// Planes in which steps are found.
 pub(crate) struct StepPlanes<'a> {
     pub gbuffer: &'a GBuffer,
     pub layers: &'a LayerSteps,
-    /// The grid of both.
+    /// Grid of both planes.
     pub grid: &'a Grid,
 }
 
-/// What is compared.
+/// A quantity that is compared between neighbours.
 #[derive(Clone, Copy)]
 enum Compared {
-    /// From where to where the nearest surfaces reach.
+    /// Begin and end of the nearest surfaces.
     Surfaces,
-    /// And the nearest transparent layers.
+    /// Begin and end of the nearest transparent layers.
     Layers,
-    /// How many of these there are: of two numbers that differ, one begins after the other ends.
+    /// Number of transparent layers, as both begin and end: of two different numbers, one begins after the other ends.
     Counts,
 }
 
 impl StepPlanes<'_> {
-    /// The sampled pixels of a region of the grid, as blocks of samples.
+    /// Returns the sampled pixels of a region of the grid, as blocks of samples.
     #[inline(never)]
     pub(crate) fn sampled(&self, instructions: Instructions, region: Region) -> BlockSet {
         let mut found = vec![[0; SIDE]; self.grid.tiles()];
@@ -67,7 +67,7 @@ impl StepPlanes<'_> {
         sampled
     }
 
-    /// Finds the pixels on both sides of steps within a tile, and between it and the tiles to its right and below.
+    /// Finds the pixels on both sides of steps within a tile, and between the tile and those to its right and below.
     #[inline(always)]
     fn find<S: Simd>(&self, simd: S, tile: usize, found: &mut [Pixels]) {
         let (grid, rect) = (self.grid, Rect::of_tile(self.grid, tile, self.grid.region));
@@ -119,7 +119,7 @@ impl StepPlanes<'_> {
         }
     }
 
-    /// Where what is compared begins and ends in a tile, if there is any.
+    /// Returns the planes of begin and end of a quantity in a tile, if it has any.
     fn planes(&self, what: Compared, tile: usize) -> Option<[&TileRows; 2]> {
         let layers = || self.layers.of(tile);
         match what {
@@ -136,19 +136,19 @@ impl StepPlanes<'_> {
     }
 }
 
-/// Bits of a tile's columns from one to before another.
+/// Returns the bits of a tile's columns in the range `from..to`.
 fn bits(from: i32, to: i32) -> u32 {
     let below = |to: i32| (1u64 << to.clamp(0, SIDE as i32)) - 1;
     (below(to) & !below(from)) as u32
 }
 
-/// Where surfaces begin and end at sixteen pixels of a row, from a given one on.
+/// Loads the begin and end at sixteen pixels of a row, from pixel `x` on.
 #[inline(always)]
 fn row<S: Simd>(simd: S, planes: [&TileRows; 2], x: usize, y: usize) -> [Lanes<S>; 2] {
     planes.map(|plane| Lanes::load(simd, &plane.0[y % SIDE][x % SIDE..]))
 }
 
-/// Which of sixteen pixels have a step to sixteen others, as bits.
+/// Returns bits of the pixels, of sixteen, that have a step to the corresponding one of sixteen others.
 #[inline(always)]
 fn between<S: Simd>([begin, end]: [Lanes<S>; 2], [begins, ends]: [Lanes<S>; 2]) -> u32 {
     (end.lt(begins) | ends.lt(begin)).to_bitmask() as u32

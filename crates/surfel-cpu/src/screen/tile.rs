@@ -1,4 +1,4 @@
-//! One tile of opaque splats: lists of its blocks' splats, then block after block from visibility to finished pixels.
+//! A tile of opaque splats: lists of its blocks' splats, then each block from visibility to finished pixels.
 
 use crate::raster::block::{self, BlockScratch};
 use crate::raster::facing::ByFacing;
@@ -23,7 +23,7 @@ use crate::tiles::target::Target;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16};
 
-/// What a thread reuses from tile to tile.
+/// Per-thread scratch buffers, reused between tiles.
 #[derive(Default)]
 pub(crate) struct TileScratch<'a> {
     pub lists: ListScratch<'a>,
@@ -35,7 +35,7 @@ pub(crate) struct TileScratch<'a> {
 }
 
 impl TileScratch<'_> {
-    /// The same memory, for tiles of other records.
+    /// Empties the buffers and returns their memory for records of another lifetime.
     pub(crate) fn for_others<'b>(self) -> TileScratch<'b> {
         let Self { lists, block, tiny, transparent, layers, neighbourhood } = self;
         TileScratch {
@@ -49,15 +49,15 @@ impl TileScratch<'_> {
     }
 }
 
-/// Blocks that are lit together: the CPU computes one where another's numbers aren't there yet.
+/// Number of blocks that are lit together: the CPU computes one while another's operands aren't ready.
 const TOGETHER: usize = 4;
 
-/// Tiles of a cell's opaque splats.
+/// Drawing of the tiles of a cell's opaque splats.
 pub(crate) struct TileJob<'a> {
     pub listing: Listing<'a>,
     pub inputs: RasterInputs<'a>,
     pub lighting: &'a Lighting,
-    /// Whether tiles may be drawn splat by splat.
+    /// True if tiles may be drawn splat by splat.
     pub by_splats: bool,
 }
 
@@ -120,8 +120,8 @@ impl<'a> TileJob<'a> {
         counters
     }
 
-    /// Draws a block's opaque splats, before the nearest polygons where it has any: which splats are nearest, where
-    /// that is wanted.
+    /// Draws a block's opaque splats, in front of the nearest polygons if it has any. Returns the nearest splats, if
+    /// needed.
     #[inline(always)]
     pub(super) fn draw_splats<S: Simd>(
         &self,
@@ -177,7 +177,7 @@ impl<'a> TileJob<'a> {
         counters
     }
 
-    /// Lights and writes the blocks that are touched. Out of line: a short function keeps its numbers in registers.
+    /// Lights and writes the blocks touched. Not inlined: a short function keeps its operands in registers.
     #[inline(never)]
     fn finish_tiny<S: Simd, const N: usize>(
         &self,
@@ -203,11 +203,11 @@ impl<'a> TileJob<'a> {
     }
 }
 
-/// Divides, lights and writes the first of a tile's blocks whose bits are set, one for each of some sums. The tile
-/// begins at pixel `origin`. Several at once: each is a long chain of operations, and a CPU overlaps such chains where
-/// nothing else comes between.
+/// Divides, lights and writes the first of a tile's blocks whose bits are set, one block for each entry of `sums`. The
+/// tile begins at pixel `origin`. Several blocks are processed at once: each is a long chain of operations, and a CPU
+/// overlaps adjacent chains.
 ///
-/// Out of line: a short function keeps its numbers in registers.
+/// Not inlined: a short function keeps its operands in registers.
 #[inline(never)]
 fn finish<S: Simd>(
     simd: S,

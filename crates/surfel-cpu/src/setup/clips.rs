@@ -7,15 +7,15 @@ use surfel_math::clip::{Clip, Turn, composed};
 use surfel_math::mapping::{Footprint, Linear};
 use surfel_math::{Real, V2};
 
-/// How a splat's (u, v) lie over pixels.
+/// Mapping from pixels to a splat's (u, v).
 #[derive(Clone, Copy)]
 pub(crate) struct Mapping<'a> {
     pub footprint: &'a Footprint<f32>,
-    /// From the footprint's (u, v) to the splat's.
+    /// Map from the footprint's (u, v) to the splat's.
     pub turn: &'a Turn<f32>,
 }
 
-/// Appends a clip's forms over pixels, as a footprint shows it.
+/// Appends a clip's forms over pixels, for a footprint.
 #[inline(always)]
 fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32>>) {
     for line in clip.lines {
@@ -36,19 +36,19 @@ fn push_forms(clip: &StoredClip<'_>, to: Mapping<'_>, forms: &mut Vec<Linear<f32
 pub(crate) struct ScreenClips {
     heads: Vec<Head>,
     forms: Vec<Linear<f32>>,
-    /// Number of the first one in the frame.
+    /// Number in the frame of the first clip.
     first: u32,
 }
 
 impl ScreenClips {
-    /// Empties it; the next clip has this number.
+    /// Clears the list; the next clip gets number `first`.
     pub(crate) fn restart(&mut self, first: u32) {
         self.heads.clear();
         self.forms.clear();
         self.first = first;
     }
 
-    /// Adds a clip as a splat's unfiltered footprint sees it and, if that is another, as the filtered one does: its
+    /// Adds a clip over a splat's unfiltered footprint and, if it is another, over the filtered one. Returns the clip's
     /// number.
     #[inline(always)]
     pub(crate) fn push(
@@ -73,18 +73,19 @@ impl ScreenClips {
     }
 }
 
-/// Clips of all splats of a cell. Each setup numbers its own, so that nobody has to go over records afterwards.
+/// Clips of all splats of a cell. Each setup numbers its own clips, so that records need no renumbering.
 #[derive(Default)]
 pub(crate) struct CellClips {
-    /// Two for each setup: of opaque splats, and of transparent ones.
+    /// Two lists for each setup: clips of opaque splats, and clips of transparent ones.
     lists: Vec<ScreenClips>,
 }
 
-/// Each list has 2 to this many numbers: records of as many splats would not fit memory.
+/// Log2 of the numbers reserved for a list: records of as many splats would not fit into memory.
 const SHIFT: u32 = 30;
 
 impl CellClips {
-    /// The first numbers of the next setup's two lists. Of the four lists that have numbers a cell needs no more.
+    /// Returns the first numbers of the next setup's two lists. Numbers suffice for four lists, and a cell needs no
+    /// more.
     pub(crate) fn next_numbers(&self) -> [u32; 2] {
         [0, 1].map(|list| ((self.lists.len() + list) as u32).wrapping_shl(SHIFT))
     }
@@ -98,12 +99,12 @@ impl CellClips {
         self.lists.iter().map(ScreenClips::bytes).sum()
     }
 
-    /// How many clips there are.
+    /// Returns the number of clips.
     pub(crate) fn count(&self) -> usize {
         self.lists.iter().map(|list| list.heads.len()).sum()
     }
 
-    /// The clip of this number.
+    /// Returns the clip with this number.
     #[inline(always)]
     pub(crate) fn get(&self, number: u32) -> Option<ScreenClip<'_>> {
         let list = self.lists.get((number >> SHIFT) as usize)?;
@@ -115,23 +116,23 @@ impl CellClips {
     }
 }
 
-/// A splat's clip over pixels, as its two footprints see it.
+/// A splat's clip over the pixels of its two footprints.
 #[derive(Clone, Copy)]
 pub(crate) struct ScreenClip<'a> {
     head: Head,
     visible: &'a [Linear<f32>],
-    /// Absent where the footprints are the same.
+    /// Forms of the filtered footprint; `None` if the footprints are the same.
     filtered: Option<&'a [Linear<f32>]>,
 }
 
 impl ScreenClip<'_> {
-    /// What is visible of the splat belongs to its filtered footprint, too (§7).
+    /// True if the visible part of the splat also belongs to its filtered footprint (§7).
     #[inline(always)]
     pub(crate) fn holds_visible(&self) -> bool {
         self.head.holds_visible
     }
 
-    /// Pixels at these offsets that the unfiltered and the filtered footprint keep.
+    /// Returns masks of the pixels inside the clip, for offsets in the unfiltered and the filtered footprint.
     #[inline(always)]
     pub(crate) fn keeps<S: Simd>(&self, visible: V2<Lanes<S>>, filtered: V2<Lanes<S>>) -> [mask32x16<S>; 2] {
         let keeps = self.part_keeps(self.visible, visible);
@@ -148,7 +149,7 @@ impl ScreenClip<'_> {
         let lines_keep = match lines.split_first() {
             None => zero.le(zero),
             Some((first, others)) => {
-                // As `Clip::lines_keep`, of the lines that there are.
+                // The same test as `Clip::lines_keep`, for the lines present.
                 let mut least = widened(first, zero).at(d);
                 for line in others {
                     least = least.min(widened(line, zero).at(d));
@@ -181,7 +182,7 @@ fn widened<S: Simd>(l: &Linear<f32>, like: Lanes<S>) -> Linear<Lanes<S>> {
     Linear { c: Lanes::splat(simd, l.c), x: Lanes::splat(simd, l.x), y: Lanes::splat(simd, l.y) }
 }
 
-/// Turns of a group's splats.
+/// Returns the turns of a group's splats.
 #[inline(always)]
 pub(crate) fn turns<S: Simd>(turn: &Turn<Lanes<S>>) -> [Turn<f32>; LANES] {
     let Turn { first, second } = turn;

@@ -1,5 +1,4 @@
-//! Evaluators: what a splat's record is at a pixel, in lanes. Tiny splats are evaluated during setup, others block by
-//! block.
+//! Evaluation of a splat's record at a pixel, in lanes. Tiny splats are evaluated during setup, others block by block.
 
 use crate::setup::kernel::Kernel;
 use crate::setup::record::RecordLanes;
@@ -9,12 +8,12 @@ use surfel_math::Real;
 use surfel_model::Filter;
 use surfel_render::{FramePlan, View};
 
-/// What evaluators need to know of a frame.
+/// Constants of a frame for the evaluation of splats.
 #[derive(Clone, Copy)]
 pub(crate) struct FrameConstants {
-    /// Depth is linear over pixels: orthographic, or affine mapping.
+    /// True if depth is linear over pixels: orthographic projection, or affine mapping.
     pub linear_depth: bool,
-    /// 1/h² of `clamp`'s disk.
+    /// 1/h² of the disk of the filter `clamp`.
     pub clamp: Option<f32>,
     pub kernel: Kernel,
     pub near: f32,
@@ -34,66 +33,66 @@ impl FrameConstants {
         }
     }
 
-    /// Nearest and farthest depth that is drawn.
+    /// Returns the nearest and farthest depth that is drawn.
     pub(crate) fn depth_range(&self) -> [f32; 2] {
         [self.near, self.far]
     }
 }
 
-/// Largest difference of depth over the disk of a cheap splat, and over its filtered disk, relative to its centre's:
-/// what four terms of 1/(1 + e) leave out is below 7e-8 and 5e-7 of it.
+/// Largest depth difference over the disk of a cheap splat, and over its filtered disk, relative to its centre's depth.
+/// The terms of 1/(1 + e) that are omitted are then below 7e-8 and 5e-7 of the depth.
 pub(crate) const CHEAP_DEPTH: f64 = 1.0 / 64.0;
 pub(crate) const CHEAP_FILTERED_DEPTH: f64 = 1.0 / 39.0;
 
-/// Steepest plane of a cheap splat, relative depth a pixel. Its blocks reach at most 12 pixels beyond its disks; over
-/// them |e| is below 0.4, and what lies outside of a disk is still found outside.
+/// Steepest plane of a cheap splat, in relative depth per pixel. Its blocks reach at most 12 pixels beyond its disks.
+/// Over them |e| is below 0.4, and pixels outside a disk are still found to be outside.
 pub(crate) const CHEAP_STEEPNESS: f64 = 1.0 / 32.0;
 
-/// Widest filter, in pixels, of a splat that may be cheap.
+/// Widest filter of a splat that may be cheap, in pixels.
 pub(crate) const CHEAP_RADIUS_PX: f64 = 2.0;
 
-/// A splat at sixteen pixels, or a group of splats at a pixel each.
+/// A splat at sixteen pixels, or a group of splats at one pixel each.
 pub(crate) struct Fragment<S: Simd> {
-    /// Inside the unfiltered footprint.
+    /// Mask of the pixels inside the unfiltered footprint.
     pub visible: mask32x16<S>,
-    /// Inside the filtered footprint.
+    /// Mask of the pixels inside the filtered footprint.
     pub inside: mask32x16<S>,
     pub z: Lanes<S>,
-    /// Means nothing outside the footprint.
+    /// Weight; undefined outside the footprint.
     pub weight: Lanes<S>,
 }
 
-/// x·d_x + y·d_y.
+/// Returns x·d_x + y·d_y.
 #[inline(always)]
 pub(crate) fn form<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>) -> Lanes<S> {
     x.mul_add(d_x, y * d_y)
 }
 
-/// x·d_x + y·d_y + c.
+/// Returns x·d_x + y·d_y + c.
 #[inline(always)]
 fn form_at<S: Simd>((d_x, d_y): (Lanes<S>, Lanes<S>), x: Lanes<S>, y: Lanes<S>, c: Lanes<S>) -> Lanes<S> {
     x.mul_add(d_x, y.mul_add(d_y, c))
 }
 
-/// u² + v² of the filtered footprint.
+/// Returns u² + v² of the filtered footprint.
 #[inline(always)]
 fn square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.u_x, r.u_y), form(d, r.v_x, r.v_y));
     u.mul_add(u, v * v)
 }
 
-/// u² + v² of the unfiltered footprint.
+/// Returns u² + v² of the unfiltered footprint.
 #[inline(always)]
 fn visible_square_of<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>)) -> Lanes<S> {
     let (u, v) = (form(d, r.visible_u_x, r.visible_u_y), form(d, r.visible_v_x, r.visible_v_y));
     u.mul_add(u, v * v)
 }
 
-/// Cheap splats, or one, at offsets from their anchors.
+/// Evaluates cheap splats, or one cheap splat, at offsets from their anchors.
 #[inline(always)]
 pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let one = r.z.one();
-    // A fragment outside the disk lies no farther from its centre than the disk does.
+    // A fragment outside the disk is no farther from its centre than the disk does.
     let inverse = inverse_near_one(form(d, r.depth_x, r.depth_y).max(r.range_min).min(r.range_max));
     let visible = visible_square_of(r, d) * (inverse * inverse);
     let filtered = inverse_near_one(form(d, r.w_x, r.w_y));
@@ -102,8 +101,8 @@ pub(crate) fn cheap<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame:
     Fragment { visible: visible.le(one), inside: rho_squared.le(one), z: r.z * inverse, weight }
 }
 
-/// The plane's depth within the disk's range, and p_z/z and z/p_z where that is what is linear. The disk ends just
-/// where |(u, v)| reaches the clamped p_z/z, so that the test needs no look at the sign of w.
+/// Returns the plane's depth, clamped to the disk's range. If p_z/z is linear, also returns p_z/z and z/p_z. The disk
+/// ends where |(u, v)| reaches the clamped p_z/z, so that the test needn't check the sign of w.
 #[inline(always)]
 fn depth_of<S: Simd>(
     r: &RecordLanes<S>,
@@ -118,7 +117,7 @@ fn depth_of<S: Simd>(
     (r.z * inverse, Some([w, inverse]))
 }
 
-/// Any that are set up in lanes.
+/// Evaluates splats of any class that is set up in lanes.
 #[inline(always)]
 pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), frame: &FrameConstants) -> Fragment<S> {
     let (zero, one) = (r.z.zero(), r.z.one());
@@ -133,7 +132,7 @@ pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), fram
     let square = square_of(r, d);
     let w = form_at(d, r.w_x, r.w_y, one);
     let mut inside = zero.lt(w) & square.le(w * w);
-    // Inside the disk w is near one; elsewhere the lane isn't used.
+    // Inside the disk w is near one; other lanes aren't used.
     let inverse = w.reciprocal_near_one();
     let mut rho_squared = square * inverse * inverse;
     if let Some(clamp) = frame.clamp {
@@ -146,8 +145,8 @@ pub(crate) fn general<S: Simd>(r: &RecordLanes<S>, d: (Lanes<S>, Lanes<S>), fram
     Fragment { visible, inside: inside & exists, z, weight }
 }
 
-/// 1/(1 + e) = (1 − e)(1 + e²)/(1 − e⁴), with |e| < 1/48 or so within the disk of a cheap splat and small enough all
-/// over its blocks.
+/// Returns 1/(1 + e) ≈ (1 − e)(1 + e²), which is exact up to a factor 1 − e⁴. Within the disk of a cheap splat |e| <
+/// about 1/48, and e is small enough over all blocks of the splat.
 #[inline(always)]
 pub(crate) fn inverse_near_one<S: Simd>(e: Lanes<S>) -> Lanes<S> {
     let one = e.one();
@@ -159,7 +158,7 @@ mod tests {
     use super::*;
     use crate::simd::level::{Instructions, SimdLevel, with_instructions};
 
-    /// `inverse_near_one` of e, by what is exact.
+    /// Returns `inverse_near_one` of e, relative to the exact value.
     fn share(e: f64) -> f64 {
         let instructions = Instructions::new(SimdLevel::Best).unwrap();
         let inverse =

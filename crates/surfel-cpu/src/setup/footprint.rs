@@ -1,4 +1,4 @@
-//! Pieces of setup over lanes: forms, and ranges of pixels.
+//! Helpers of setup over lanes: forms, and ranges of pixels.
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::Simd;
@@ -8,7 +8,8 @@ use surfel_math::mapping::Linear;
 use surfel_math::project::ViewSplat;
 use surfel_math::{Real, V2, V3, filter};
 
-/// The first pixel whose centre may lie in [min, max] from `base`, and the one past the last, within the region.
+/// Returns the first pixel whose centre may be in [min, max] relative to `base`, and the pixel after the last, clipped
+/// to the region.
 #[inline(always)]
 pub(crate) fn pixel_range<S: Simd>(
     base: Lanes<S>,
@@ -29,7 +30,7 @@ pub(crate) fn gradient_of<R: Real>(form: &Linear<R>) -> V2<R> {
     V2::new(form.x, form.y)
 }
 
-/// `surfel_math::filter::adjust_axes_turned` for a group of splats, in f64: its turns need arctangents.
+/// Computes `surfel_math::filter::adjust_axes_turned` for a group of splats, in f64, since its turns need arctangents.
 #[cold]
 pub(crate) fn adjust_axes<S: Simd>(
     splat: &ViewSplat<Lanes<S>>,

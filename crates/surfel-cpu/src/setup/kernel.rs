@@ -7,16 +7,17 @@ use surfel_math::Real;
 /// Degree of the polynomial.
 const DEGREE: usize = 5;
 
-/// Largest exponent that the polynomial itself takes; larger ones are halved and the result squared.
+/// Largest exponent that the polynomial itself approximates. Larger exponents are halved and the result is squared.
 const LARGEST: f64 = 1.25;
 
-/// e^(−cρ²) for ρ² in [0, 1]: the Chebyshev series of e^(−c'ρ²), cut after degree 5 with an absolute error below 1.4e-6
-/// at c' = 1.25 (4.2e-7 at 1), and squared until c' is c.
+/// The kernel e^(−cρ²) for ρ² in [0, 1], by a Chebyshev series of e^(−c'ρ²) that is squared until c' is c. The series
+/// is cut after degree 5, with an absolute error below 1.4e-6 at c' = 1.25 (4.2e-7 at 1).
 ///
-/// Source: the series of e^(−a·x) on [−1, 1] has the coefficients 2·(−1)^k·I_k(a), I_k the modified Bessel functions.
+/// Source: the series of e^(−a·x) on [−1, 1] has the coefficients 2·(−1)^k·I_k(a), with I_k the modified Bessel
+/// functions.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Kernel {
-    /// Lowest power first.
+    /// Coefficients, lowest power first.
     coefficients: [f32; DEGREE + 1],
     squarings: u32,
 }
@@ -32,12 +33,12 @@ impl Kernel {
         Self { coefficients: series(c), squarings }
     }
 
-    /// Sixteen weights. Outside [0, 1] the result is finite and means nothing as long as ρ² is below 1e5.
+    /// Returns sixteen weights. Outside [0, 1] the result is meaningless, but finite as long as ρ² is below 1e5.
     #[inline(always)]
     pub(crate) fn at<S: Simd>(&self, rho_squared: Lanes<S>) -> Lanes<S> {
         let c = &self.coefficients;
         let k = |c: f32| Lanes::splat(rho_squared.0.simd, c);
-        // Horner's scheme: a loop over four splats at a time is bound by operations, not by the length of this chain.
+        // Horner's scheme: a loop over four splats at a time is bound by throughput, not by the length of this chain.
         let mut p = k(c[DEGREE]);
         for &c in c[..DEGREE].iter().rev() {
             p = p.mul_add(rho_squared, k(c));
@@ -48,7 +49,7 @@ impl Kernel {
         p
     }
 
-    /// [`Self::at`] four times, step by step together.
+    /// Returns the results of [`Self::at`] for four arguments, with interleaved operations.
     #[inline(always)]
     pub(crate) fn at_four<S: Simd>(&self, rho_squared: [Lanes<S>; 4]) -> [Lanes<S>; 4] {
         let c = &self.coefficients;
@@ -59,7 +60,7 @@ impl Kernel {
                 p[j] = p[j].mul_add(rho_squared[j], k(c));
             }
         }
-        // What the usual cutoff needs, without a loop.
+        // The usual cutoff needs one squaring, without a loop.
         if self.squarings == 1 {
             square(&mut p);
         } else {
@@ -70,7 +71,7 @@ impl Kernel {
         p
     }
 
-    /// One weight, by the same polynomial.
+    /// Returns one weight, by the same polynomial.
     pub(crate) fn at_one(&self, rho_squared: f32) -> f32 {
         let p = self.coefficients.iter().rev().fold(0.0, |p: f32, &c| p.mul_add(rho_squared, c));
         (0..self.squarings).fold(p, |p, _| p * p)
@@ -84,7 +85,8 @@ fn square<S: Simd>(four: &mut [Lanes<S>; 4]) {
     }
 }
 
-/// The Chebyshev series of e^(−c·t) for t in [0, 1], cut after `TERMS` terms, as a polynomial: lowest power first.
+/// Returns the Chebyshev series of e^(−c·t) for t in [0, 1], cut after `TERMS` terms, as a polynomial: lowest power
+/// first.
 pub(crate) fn series<const TERMS: usize>(c: f64) -> [f32; TERMS] {
     let a = 0.5 * c;
     // Shifted Chebyshev polynomials T_k(2t − 1), by T_(k+1) = (4t − 2)·T_k − T_(k−1).
@@ -112,7 +114,8 @@ pub(crate) fn series<const TERMS: usize>(c: f64) -> [f32; TERMS] {
     sum.map(|s| (s * scale) as f32)
 }
 
-/// I_k(a) by its series, for a in [0, 1]: the same bits on any machine, which a library's exponential needn't give.
+/// Computes I_k(a) by its series, for a in [0, 1]. The bits are the same on any machine, which a library's exponential
+/// doesn't guarantee.
 fn bessel_i(k: usize, a: f64) -> f64 {
     let half = 0.5 * a;
     let mut term = (1..=k).fold(1.0, |term, i| term * half / i as f64);
@@ -124,7 +127,7 @@ fn bessel_i(k: usize, a: f64) -> f64 {
     sum
 }
 
-/// e^a by its series, for a in [0, 1].
+/// Computes e^a by its series, for a in [0, 1].
 fn exp(a: f64) -> f64 {
     let mut term = 1.0;
     let mut sum = 0.0;

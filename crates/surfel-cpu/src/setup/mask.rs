@@ -1,4 +1,4 @@
-//! Which blocks of a tile a footprint may touch.
+//! Search for the blocks of a tile that a footprint may touch.
 
 use crate::setup::record::{BlockBox, Class, Record};
 use crate::setup::rows::{Conic, HALF, MaskForms, Rows, SLACK};
@@ -10,32 +10,32 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Simd, i32x16, mask32x16, mask64x8, u64x8};
 use surfel_math::{Real, V2};
 
-/// How footprints are tested, from the plan.
+/// Parameters of the test of footprints, from the plan.
 #[derive(Clone, Copy)]
 pub(crate) struct MaskForm<'a> {
-    /// Tiles without any of these have no entries.
+    /// Blocks that are drawn. A tile without any of them gets no entries.
     pub drawn: DrawnBlocks<'a>,
-    /// Depth is linear over pixels, and w of the unfiltered footprint 1.
+    /// True if depth is linear over pixels, so that w of the unfiltered footprint is 1.
     pub linear_depth: bool,
-    /// Footprints are not their ellipse alone: the box counts.
+    /// True if footprints exceed their ellipses, so that whole boxes count.
     pub whole_box: bool,
 }
 
-/// Boxes of blocks that a group's splats may touch, and which blocks of boxes of up to a tile's size they do.
+/// Boxes of blocks that a group's splats may touch, and for boxes of up to a tile's size, the blocks touched in them.
 pub(crate) struct Masks {
-    /// First column, first row, end column, end row, in blocks from the grid's origin.
+    /// First column, first row, end column and end row of the boxes, in blocks from the grid's origin.
     boxes: [[i32; LANES]; 4],
-    /// Splats, as bits, whose box is larger than a tile: they are tested tile by tile.
+    /// Bits of the splats whose box is larger than a tile; these are tested tile by tile.
     large: u64,
-    /// Splats that have blocks in the first tile of their box, in the next one, and in the two below these; if it is no
-    /// larger than a tile.
+    /// Bits of the splats that have blocks in the first tile of their box, in the next one, and in the two below these.
+    /// Only for boxes no larger than a tile.
     filled: [u64; 4],
-    /// Splats that may touch a block.
+    /// Bits of the splats that may touch a block.
     touching: u64,
-    /// Blocks in the tile of a box's first block, in the next one, and in the two below these; of boxes no larger than
-    /// a tile.
+    /// Blocks in the tile of a box's first block, in the next one, and in the two below these. Only for boxes no larger
+    /// than a tile.
     blocks: [[u64; LANES]; 4],
-    /// That tile, and what kind of splat it is.
+    /// The first tile and the splat's kind, as packed by [`Entry::place`].
     place: [i32; LANES],
 }
 
@@ -60,7 +60,7 @@ pub(crate) fn masks<S: Simd>(
     let (size, per_block) = (k(grid.tile_blocks as f32), k(1.0 / grid.tile_blocks as f32));
     let (column, row) = (Lanes((x0 * per_block).0.floor()), Lanes((y0 * per_block).0.floor()));
     let tile = V2::new(column * size, row * size);
-    // Columns in the first tile and the next, from the first one's side.
+    // Columns in the first tile and the next, relative to the first tile's side.
     let (left, right) = (x0 - tile.x, x1 - tile.x);
     let fits = side.le(size);
     let several = size.lt(right) | size.lt(y1 - tile.y);
@@ -69,7 +69,8 @@ pub(crate) fn masks<S: Simd>(
     let blocks = if wanted.to_bitmask() & keep == 0 {
         of_box.up_to_two()
     } else {
-        // The first block's first pixel, from the tile's first and from the anchor. Whole pixels are exact.
+        // Offset of the first block's first pixel from the tile's first pixel and from the anchor. Whole pixels are
+        // exact.
         let first_y = (y0.mul_add(k(BLOCK as f32), origin.y) - forms.base.y) + forms.offset.y;
         let anchor_x = (forms.base.x - tile.x.mul_add(k(BLOCK as f32), origin.x)) - forms.offset.x;
         let conic = Conic::of(forms, anchor_x, first_y, k(2.0).le(width.min(height)) & fits);
@@ -97,8 +98,8 @@ pub(crate) fn masks<S: Simd>(
     }
 }
 
-/// Blocks of up to four tiles from those of a box's rows, four rows each, in its first tile's columns and in the next
-/// one's.
+/// Distributes the blocks of a box's rows, four rows at a time, to up to four tiles. `rows` has the columns in the
+/// first tile and in the next one.
 #[inline(always)]
 fn in_tiles<S: Simd>(
     rows: [[i32x16<S>; 2]; 2],
@@ -117,7 +118,7 @@ fn in_tiles<S: Simd>(
         let (left, right, here) = (left[half], right[half], above[half]);
         put((left << here) & all, half, (&mut blocks[0], &mut filled[0]));
         if several {
-            // In two steps: all of them may be above.
+            // Shifted in two steps, since all rows may be above.
             let below = most - here;
             put((right << here) & all, half, (&mut blocks[1], &mut filled[1]));
             put((left >> 1) >> below, half, (&mut blocks[2], &mut filled[2]));
@@ -127,7 +128,7 @@ fn in_tiles<S: Simd>(
     (blocks, filled)
 }
 
-/// Stores eight of sixteen numbers, and which of them aren't zero.
+/// Stores eight of sixteen numbers and sets the bits of the nonzero ones.
 #[inline(always)]
 fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES], &mut u64)) {
     numbers.store_slice(&mut all[half * 8..half * 8 + 8]);
@@ -135,7 +136,7 @@ fn put<S: Simd>(numbers: u64x8<S>, half: usize, (all, filled): (&mut [u64; LANES
     *filled |= (!none.to_bitmask() & 0xff) << (8 * half);
 }
 
-/// The low sixteen bits, each the first of four.
+/// Spreads the low sixteen bits to every fourth bit.
 #[inline(always)]
 fn spread(bits: u64) -> u64 {
     let bits = (bits | bits << 24) & 0x0000_00ff_0000_00ff;
@@ -144,7 +145,7 @@ fn spread(bits: u64) -> u64 {
     (bits | bits << 3) & 0x1111_1111_1111_1111
 }
 
-/// Pairs of numbers of 32 bits, the low ones first, as numbers of 64.
+/// Interleaves two vectors of 32-bit numbers to 64-bit numbers, with the first vector's in the low halves.
 #[inline(always)]
 fn pairs<S: Simd>([low, high]: [i32x16<S>; 2]) -> [u64x8<S>; 2] {
     [low.zip_low(high).bitcast(), low.zip_high(high).bitcast()]
@@ -162,12 +163,12 @@ fn int<S: Simd>(v: Lanes<S>) -> [i32; LANES] {
 }
 
 impl Masks {
-    /// Which splats may touch a block, as bits; some that don't may be among them.
+    /// Returns bits of the splats that may touch a block. The test is conservative.
     pub(crate) fn touching(&self) -> u64 {
         self.touching
     }
 
-    /// Which splats may touch a block that is drawn, as bits; of large ones all are among them.
+    /// Returns bits of the splats that may touch a drawn block. Large splats are all included.
     #[inline(always)]
     pub(crate) fn drawn(&self, drawn: DrawnBlocks<'_>, grid: &Grid) -> u64 {
         if drawn.set().is_none() {
@@ -185,7 +186,7 @@ impl Masks {
         found
     }
 
-    /// Appends the entries of the splats in `keep`, whose records lie one after another from `first` on.
+    /// Appends the entries of the splats in `keep`, whose records are consecutive from index `first` on.
     #[inline(always)]
     pub(crate) fn entries<S: Simd>(
         &self,
@@ -214,7 +215,7 @@ impl Masks {
         left |= spread(beside & keep) << 1 | spread(across & keep) << 3;
         let next = next_tiles(grid);
         let mut count = 0;
-        // Splat by splat: lists are in their order.
+        // Splat by splat, since lists are in splat order.
         while left != 0 {
             let (i, tile) = (left.trailing_zeros() as usize / 4, left.trailing_zeros() as usize % 4);
             left &= left - 1;
@@ -226,7 +227,7 @@ impl Masks {
         entries.advance(count);
     }
 
-    /// Says which splats are tiny ones of 2×2 pixels, and of 3×3, as bits; none is known to be yet.
+    /// Marks splats as tiny, given the bits of those of 2×2 and of 3×3 pixels. No splat may be marked yet.
     #[inline(always)]
     pub(crate) fn set_tiny(&mut self, [two, three]: [u64; 2]) {
         let (two, three) = (two as u32, (three & !two) as u32);
@@ -261,7 +262,7 @@ impl Masks {
     }
 }
 
-/// From a tile to itself, the next one and those below.
+/// Returns the offsets from a tile's number to itself, the next tile and the two below.
 #[inline(always)]
 fn next_tiles(grid: &Grid) -> [u32; 4] {
     [0, 1, grid.columns, grid.columns + 1]
@@ -278,7 +279,7 @@ pub(crate) fn for_tiles<S: Simd>(
     mut visit: impl FnMut(Entry),
 ) {
     let [x0, y0, x1, y1] = blocks.0;
-    // A tile has 2, 4 or 8 blocks a side: division by a number that isn't known when this is compiled takes long.
+    // A tile has 2, 4 or 8 blocks a side: shifts replace a slow division by a number unknown at compile time.
     let (size, shift) = (grid.tile_blocks, grid.tile_blocks.trailing_zeros());
     let whole = form.whole_box || record.class() == Class::Near;
     for row in y0 >> shift..=(y1 - 1) >> shift {
@@ -300,14 +301,14 @@ pub(crate) fn for_tiles<S: Simd>(
     }
 }
 
-/// The part of a tile's range along one axis that a box covers, in blocks.
+/// Returns the range of a tile's blocks along one axis that a box covers.
 #[inline(always)]
 fn clipped(blocks: BlockBox, tile: [u32; 2], axis: usize, size: u32) -> (u32, u32) {
     let clip = |value: u32| (value.max(tile[axis]) - tile[axis]).min(size);
     (clip(blocks.0[axis]), clip(blocks.0[axis + 2]))
 }
 
-/// A bit for each block of a tile inside a box, row by row, eight bits a row; `tile` is the tile's first block.
+/// Returns bits of the blocks of a tile inside a box, row by row, eight bits a row. `tile` is the tile's first block.
 #[inline(always)]
 fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     let ((x0, x1), (y0, y1)) = (clipped(blocks, tile, 0, size), clipped(blocks, tile, 1, size));
@@ -317,15 +318,15 @@ fn inside_box(blocks: BlockBox, tile: [u32; 2], size: u32) -> u64 {
     row.wrapping_mul(rows)
 }
 
-/// Bits of 4×4 blocks, four a row, from block (x, y) of a tile on, as eight bits a row. What runs over the tile's right
-/// side comes out in another row's unused columns: the caller knows which columns count.
+/// Converts bits of 4×4 blocks, four a row, from block (x, y) of a tile on, to eight bits a row. Blocks beyond the
+/// tile's right side set unused columns of another row, which the caller masks off.
 #[inline(always)]
 fn in_rows_of_eight(bits: u64, x: u32, y: u32) -> u64 {
     let spread = (bits & 0xf) | (bits & 0xf0) << 4 | (bits & 0xf00) << 8 | (bits & 0xf000) << 12;
     spread << (TILE_BLOCKS * y + x)
 }
 
-/// A bit for each block of a tile that the record may touch, within its box.
+/// Returns bits of the blocks of a tile that the record may touch, within its box.
 #[inline(always)]
 fn touched<S: Simd>(
     simd: S,
@@ -347,7 +348,7 @@ fn touched<S: Simd>(
     found
 }
 
-/// The test for 4×4 blocks from `first` on: sixteen bits.
+/// Tests 4×4 blocks from `first` on and returns sixteen bits.
 #[inline(always)]
 fn four_by_four<S: Simd>(simd: S, record: &Record, first: [u32; 2], origin_px: [u32; 2], linear: bool) -> u64 {
     let k = |v: f32| Lanes::splat(simd, v);
@@ -369,7 +370,8 @@ fn four_by_four<S: Simd>(simd: S, record: &Record, first: [u32; 2], origin_px: [
     all.to_bitmask()
 }
 
-/// Whether a footprint, given by its gradients, may reach a pixel of the blocks with these centres.
+/// Returns a mask of the blocks, given by their centres, in which a footprint, given by its gradients, may touch a
+/// pixel.
 #[inline(always)]
 fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [f32; 2]) -> mask32x16<S> {
     let k = |v: f32| Lanes::splat(d_x.0.simd, v);
@@ -381,7 +383,7 @@ fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [
     u.mul_add(u, v * v).le(w * w * k(1.0 + SLACK))
 }
 
-/// How far a form may move from a block's centre to its corners.
+/// Returns the largest change of a form from a block's centre to its corners.
 #[inline(always)]
 fn reach(gradient: [f32; 2]) -> f32 {
     (HALF + SLACK) * (gradient[0].abs() + gradient[1].abs())
@@ -396,7 +398,7 @@ mod tests {
     use surfel_math::mapping::Footprint;
     use surfel_render::Region;
 
-    /// Blocks that sixteen random ellipses touch, and that were found for them.
+    /// Returns the number of blocks that sixteen random ellipses touch, and the number found for them.
     #[inline(always)]
     fn check<S: Simd>(simd: S, grid: &Grid, random: &mut impl FnMut() -> f64) -> [usize; 2] {
         let form = MaskForm { drawn: DrawnBlocks::default(), linear_depth: false, whole_box: false };
@@ -474,8 +476,7 @@ mod tests {
                     touched += counts[0];
                     found += counts[1];
                 }
-                // Slopes of up to 0.28 widen an ellipse by up to 1.4, and boxes of two blocks are taken whole among
-                // others as small.
+                // Slopes of up to 0.28 widen an ellipse by up to 1.4, and small boxes, of two blocks, count as a whole.
                 assert!(touched > 1000 && (found as f64) < 1.35 * touched as f64, "{touched} {found}");
             }
         }

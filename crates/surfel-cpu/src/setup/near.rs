@@ -1,4 +1,5 @@
-//! Splats that reach the near plane or span much of their distance: exact, unfiltered, in f64 (§3, last paragraph).
+//! Splats that reach the near plane or span much of their distance: mapped exactly, without filter, in f64 (§3, last
+//! paragraph).
 
 use crate::cull::object::ObjectView;
 use crate::scene::cloud::{Chunk, StoredShape};
@@ -19,7 +20,7 @@ use surfel_math::{V2, bounds};
 use surfel_model::Cull;
 use surfel_render::View;
 
-/// Such a splat on the screen.
+/// A splat at the near plane, on the screen.
 pub(crate) struct NearSplat {
     anchor: V2<f64>,
     footprint: Footprint<f64>,
@@ -35,7 +36,8 @@ pub(crate) struct NearSplat {
 }
 
 impl NearSplat {
-    /// Sets one up, with its pixels: first column, first row, end column, end row. `None` if it takes part in no pass.
+    /// Sets up a splat and returns its box of pixels: first column, first row, end column, end row. `None` if the splat
+    /// is drawn in no pass.
     pub(crate) fn new(
         splat: &ViewSplat<f64>,
         shading: DVec3,
@@ -111,13 +113,13 @@ impl NearSplat {
         Some((near, [columns[0], rows[0], columns[1], rows[1]]))
     }
 
-    /// Stands for the splat in the tiles' lists.
+    /// Returns the record that represents the splat in the tiles' lists.
     pub(crate) fn record(&self, index: usize) -> Record {
         let index = self.facing.with_object(index as u32);
         Record::near(index, self.limits[0] as f32 * (1.0 - 1e-6), self.color, self.normal, self.epsilon)
     }
 
-    /// ρ² and depth at a pixel, where the splat is hit.
+    /// Returns ρ² and depth at a pixel inside the footprint.
     pub(crate) fn hit(&self, x: i32, y: i32) -> Option<(f32, f32)> {
         let d = V2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - self.anchor;
         let (u, v, w) = self.footprint.at(d);
@@ -131,7 +133,7 @@ impl NearSplat {
 }
 
 impl ObjectView<'_> {
-    /// Splats that reach the near plane are set up one by one in f64.
+    /// Sets up splats that reach the near plane one by one in f64.
     #[cold]
     pub(crate) fn push_near<S: Simd>(
         &self,
@@ -144,7 +146,7 @@ impl ObjectView<'_> {
         while bits != 0 {
             let i = at + bits.trailing_zeros() as usize;
             bits &= bits - 1;
-            // As the lanes have them; slots begin with a chunk, at whole lanes.
+            // The same values as in lanes; slots of a chunk begin at whole lanes.
             let (lanes, lane) = (i - i % LANES, i % LANES);
             let get = |v: V3<Lanes<S>>| DVec3::from([v.x, v.y, v.z].map(|c| f64::from(c.to_array()[lane])));
             let scales = &chunk.space;
@@ -184,12 +186,12 @@ impl ObjectView<'_> {
                 out.segment.largest_epsilon = out.segment.largest_epsilon.max(near.epsilon);
             }
             let [x0, y0, x1, y1] = pixels;
-            // A part of the view counts what begins there, or would were it moved into the view.
+            // A cell counts the splats whose first pixel, clamped to the view, is in the cell.
             let (x, y) = (x0.min(view.end_x - 1).max(view.x), y0.min(view.end_y - 1).max(view.y));
             out.segment.drawn += u64::from(Rect::of(out.counted).has(x, y));
             let (x0, y0, x1, y1) = (x0.max(part.x), y0.max(part.y), x1.min(part.end_x), y1.min(part.end_y));
             if x0 < x1 && y0 < y1 {
-                // Neither filter nor turn: the footprint's (u, v) are the splat's own.
+                // Without filter or turn, the footprint's (u, v) are the splat's own.
                 let clip = object.clips.as_ref().and_then(|clips| clips.get(i, self.plan.clip));
                 near.clip = clip.map(|clip| clip.whole().through(&near.footprint, &Turn::none(1.0)));
                 let [x, y] = out.grid.origin.map(|v| v as i32);

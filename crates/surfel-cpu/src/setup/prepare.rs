@@ -1,4 +1,4 @@
-//! Setup of a cell: its chunks, projected and sorted into tiles by one thread.
+//! Setup of a cell: one thread projects the cell's chunks and sorts the records into tiles.
 
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;
@@ -16,7 +16,7 @@ use fearless_simd::Simd;
 use std::time::Instant;
 use surfel_render::Region;
 
-/// Memory that one cell's setup leaves to the next.
+/// Memory that is reused from one cell's setup to the next.
 #[derive(Default)]
 pub(crate) struct SetupPool {
     segments: Pool<Segment>,
@@ -29,12 +29,12 @@ impl SetupPool {
     }
 }
 
-/// What setup of all cells of a view shares.
+/// Data shared by the setup of all cells of a view.
 #[derive(Clone, Copy)]
 pub(crate) struct CellSetup<'a> {
     pub instructions: Instructions,
     pub objects: &'a [ObjectView<'a>],
-    /// Where splats of few pixels are evaluated by setup.
+    /// Finder of tiny splats, if setup evaluates these.
     pub tiny: Option<&'a TinyFinder>,
     pub pool: &'a SetupPool,
 }
@@ -49,7 +49,7 @@ pub(crate) struct CellSplats {
 }
 
 impl CellSplats {
-    /// The largest ε of opaque splats whose sides are kept apart.
+    /// Returns the largest ε of the opaque splats whose facings are separated.
     pub(crate) fn largest_epsilon(&self) -> f32 {
         self.segments.iter().fold(0.0, |largest, segment| largest.max(segment.largest_epsilon))
     }
@@ -58,28 +58,28 @@ impl CellSplats {
         self.segments.iter().chain(self.transparent.iter().map(|t| &t.segment))
     }
 
-    /// Splats that were looked at one by one.
+    /// Returns the number of splats in chunks that were processed.
     pub(crate) fn set_up(&self) -> u64 {
         self.segments.iter().map(|s| s.set_up).sum()
     }
 
-    /// Splats that are drawn, each counted in one cell.
+    /// Returns the number of splats drawn, each counted in one cell.
     pub(crate) fn drawn(&self) -> u64 {
         self.segments.iter().map(|s| s.drawn).sum()
     }
 
-    /// The share of its time that sorting into tiles took.
+    /// Returns the fraction of setup's time that sorting into tiles took.
     pub(crate) fn sort_share(&self) -> f64 {
         let [set_up, sort] = self.segments.iter().fold([0.0; 2], |[a, b], s| [a + s.set_up_s, b + s.sort_s]);
         if sort > 0.0 { sort / (set_up + sort) } else { 0.0 }
     }
 
-    /// Pairs of record and tile.
+    /// Returns the number of pairs of record and tile.
     pub(crate) fn tile_pairs(&self) -> u64 {
         self.all().map(|s| s.lists.len() as u64).sum()
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let transparent: usize = self.transparent.iter().map(|t| size_of_val(t.splats.as_slice())).sum();
         let near = size_of_val(self.near.as_slice());
@@ -88,13 +88,13 @@ impl CellSplats {
 }
 
 impl CellSetup<'_> {
-    /// Sets up what of some chunks may touch a grid's region, and sorts it into its tiles, after what is in `splats`
-    /// already; `counted` is what of the region no other cell has.
+    /// Sets up the splats of these chunks that may touch the grid's region, and appends them to `splats`, sorted into
+    /// the grid's tiles. `counted` is the part of the region that belongs to no other cell.
     pub(crate) fn add(&self, chunks: &[VisibleChunk], grid: &Grid, counted: Region, splats: &mut CellSplats) {
         self.add_some(chunks, grid, counted, DrawnBlocks::default(), splats);
     }
 
-    /// [`Self::add`] of what touches some blocks.
+    /// Sets up, as [`Self::add`] does, only the splats that touch the blocks in `drawn`.
     pub(crate) fn add_some(
         &self,
         chunks: &[VisibleChunk],
@@ -144,7 +144,7 @@ impl CellSetup<'_> {
     }
 }
 
-/// Leaves the entries of these blocks.
+/// Removes the entries without a drawn block.
 fn retain(entries: &mut Entries, drawn: DrawnBlocks<'_>) {
     let mut count = 0;
     for at in 0..entries.len() {

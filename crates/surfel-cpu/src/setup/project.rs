@@ -1,4 +1,4 @@
-//! From stored splats to records, a group of 16 at a time.
+//! Projection of stored splats to records, in groups of 16.
 
 use crate::cull::groups;
 use crate::cull::object::{ObjectView, RegionSides};
@@ -34,23 +34,23 @@ use surfel_render::Region;
 /// Relative slack of a fragment's depth: several roundings.
 const RANGE_SLACK: f64 = 1e-6;
 
-/// Slack of a record's pixel box: f32 rounding of box and anchor, many times over, and still far below a pixel.
+/// Slack of a record's pixel box: far above the f32 rounding of box and anchor, and still far below a pixel.
 const BOX_SLACK_PX: f64 = 2e-3;
 
-/// Where setup puts records and rarer shapes of some chunks.
+/// Destination of the records, clips and near splats of some chunks.
 pub(crate) struct SetupOutput<'a> {
-    /// What is drawn: the view's region or a part of it.
+    /// Grid over the drawn part of the view.
     pub grid: Grid,
-    /// Where centres of splats count as drawn: parts that overlap share them out.
+    /// Region in which a splat's centre makes it count as drawn. These regions don't overlap, as grids may.
     pub counted: Region,
-    /// Where splats of few pixels are evaluated here.
+    /// Finder of tiny splats, if they are evaluated here.
     pub tiny: Option<&'a TinyFinder>,
     pub segment: &'a mut Segment,
-    /// In splat order.
+    /// Entries, in splat order.
     pub entries: &'a mut Entries,
-    /// Of others no entry is needed.
+    /// Blocks that are drawn; others need no entries.
     pub drawn: DrawnBlocks<'a>,
-    /// Where transparent splats go, if the plan draws them by themselves.
+    /// Destination of transparent splats, if the plan separates them.
     pub transparent: Option<&'a mut TransparentOutput>,
 }
 
@@ -59,12 +59,12 @@ pub(crate) struct SetupOutput<'a> {
 pub(crate) struct TransparentOutput {
     pub segment: Segment,
     pub entries: Entries,
-    /// One a record.
+    /// One entry per record.
     pub splats: Vec<TransparentSplat>,
 }
 
 impl SetupOutput<'_> {
-    /// Where the record of a splat goes: by itself if it is transparent.
+    /// Returns the destination of a splat's record, which is separate for transparent splats.
     #[inline(always)]
     pub(crate) fn part(&mut self, transparent: Option<TransparentSplat>) -> SetupOutput<'_> {
         match (transparent, &mut self.transparent) {
@@ -92,7 +92,7 @@ impl SetupOutput<'_> {
         }
     }
 
-    /// Appends splat `i` of a group: the index of its record.
+    /// Appends splat `i` of a group and returns the index of its record.
     #[inline(always)]
     fn push<S: Simd>(&mut self, simd: S, record: &Record, (masks, i): (&Masks, usize), form: MaskForm<'_>) -> usize {
         let index = self.segment.records.len();
@@ -102,7 +102,7 @@ impl SetupOutput<'_> {
         index
     }
 
-    /// Appends a splat of which every block of its box counts.
+    /// Appends a splat for which every block of its box counts.
     pub(crate) fn push_box<S: Simd>(&mut self, simd: S, record: &Record, blocks: BlockBox, form: MaskForm<'_>) {
         let index = self.segment.records.len() as u32;
         self.segment.records.push(*record);
@@ -113,7 +113,7 @@ impl SetupOutput<'_> {
 }
 
 impl ObjectView<'_> {
-    /// What a splat of a slot has besides its record, if it is transparent; its centre is in view space.
+    /// Returns the data that a transparent splat has besides its record; `center` is in view space.
     #[inline(always)]
     pub(crate) fn transparent(&self, slot: usize, center: impl FnOnce() -> [f32; 3]) -> Option<TransparentSplat> {
         let alphas = self.object.alphas.as_ref().filter(|_| self.is_transparent())?;
@@ -164,7 +164,7 @@ impl ObjectView<'_> {
                 (cross * inverse, Some(Area { sine, k_s: a.scale_to_one() * scale, k_t: b.scale_to_one() * scale }))
             }
         };
-        // A rotated unit normal is one.
+        // A rotated unit normal is a unit normal.
         let (world_normal, n) = if self.scale.is_some() {
             (transform(&normals, normal), transform(&self.view_normals.as_mat3(), normal))
         } else {
@@ -172,7 +172,7 @@ impl ObjectView<'_> {
             (world_normal, transform(&self.view.view_from_world.as_mat3(), world_normal))
         };
         let (s, t, radius) = match (&object.shape, self.scale) {
-            // Any pair of half-axes serves a disk, unless a clip is given in them.
+            // Any pair of half-axes serves a disk, unless its clip is given relative to them.
             (StoredShape::Disks { radii, .. }, Some(scale)) if object.clips.is_none() => {
                 let r = radii.load(simd, at, chunk.space.radius) * k(scale);
                 let (s, t) = orthonormal(n);
@@ -188,7 +188,7 @@ impl ObjectView<'_> {
             }
         };
         let splat = ViewSplat { p, s, t, n };
-        // Turning a pair of half-axes keeps its product.
+        // Turning a pair of half-axes preserves their product.
         let area = radius.map(Area::of_disk).or(area.filter(|_| self.scale.is_some()));
         let shading = match &object.shading_normals {
             Some(c) => unit(transform(&normals, c.load(simd, at))),
@@ -233,7 +233,7 @@ impl ObjectView<'_> {
         if ordinary == 0 {
             return;
         }
-        // Lanes that aren't ordinary go on with a harmless depth; their results are never read.
+        // Lanes of splats that aren't ordinary continue with a harmless depth; their results are never read.
         let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
         let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..splat };
         let h = k(settings.radius_px);
@@ -260,7 +260,7 @@ impl ObjectView<'_> {
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);
         let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
-        // Where no splat of the group is small, the filter isn't computed.
+        // If no splat of the group is small, the filter isn't computed.
         let acts = match settings.filter {
             Filter::Principal => !filter::is_surely_wide(&projected, h) & keep,
             _ => keep,
@@ -274,7 +274,7 @@ impl ObjectView<'_> {
             }
             Filter::Adjust => filter::adjust(&projected, h, settings.projective),
             Filter::Ewa => filter::ewa(&projected, h),
-            // Filter::Principal, the default, which one of a model to come is drawn with, too.
+            // `Filter::Principal`, the default, also serves filters that may be added to the enum.
             _ => filter::principal_or_unturned(&projected, h, settings.projective, clips.is_some()),
         };
         if clips.is_none() {
@@ -299,8 +299,7 @@ impl ObjectView<'_> {
         if keep == 0 {
             return;
         }
-        // A splat that several parts of the view draw counts in the one where its centre is, or would be were it moved
-        // in.
+        // A splat that several cells draw counts in the cell that contains its centre, clamped to the view.
         let (whole, counted) = (self.view.region, out.counted);
         let here = moved_inside(base.x, (whole.x, whole.width), (counted.x, counted.width))
             & moved_inside(base.y, (whole.y, whole.height), (counted.y, counted.height));
@@ -326,7 +325,8 @@ impl ObjectView<'_> {
             & (z_max * k(1.0 + RANGE_SLACK)).lt(k(projection.far().min(f64::from(f32::MAX))));
         let one_footprint = match settings.filter {
             Filter::None => one.le(one),
-            // Both axes keep their length: the same ellipse, turned within the disk, with the same w.
+            // If both axes keep their length, the footprint is the same ellipse, turned within the disk, with the same
+            // w.
             Filter::Principal => one.le(filtered.weight_scale),
             _ => one.lt(one),
         };
@@ -341,14 +341,15 @@ impl ObjectView<'_> {
             V2::select(unfiltered, gradient_of(&visible.v), gradient_of(&f.v)),
             V2::select(unfiltered, gradient_of(&visible.w), gradient_of(&f.w)),
         );
-        // The filtered disk reaches h beyond the other at most.
+        // The filtered disk reaches at most h beyond the unfiltered one.
         let is_clamp = settings.filter == Filter::Clamp;
         let filtered_steepness = w.x.abs() + w.y.abs();
         let slow = h.mul_add(filtered_steepness, extent * inverse_z).le(k(CHEAP_FILTERED_DEPTH))
             & filtered_steepness.le(k(CHEAP_STEEPNESS))
             & h.le(k(CHEAP_RADIUS_PX));
         let cheap = if is_clamp { one.lt(one) } else { constant_depth & slow & unclipped };
-        // What is drawn together finds the range in the same form: of e, and none where the footprint is the disk.
+        // Splats evaluated in one batch need their range in the same form: of e, and unlimited if the footprint is the
+        // disk.
         let unlimited = k(f64::from(f32::MAX));
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
         let half = k(0.5);
@@ -415,7 +416,7 @@ impl ObjectView<'_> {
             base,
             u,
             v,
-            // Every filter's footprint holds the unfiltered one, and its w changes no more.
+            // Every filter's footprint contains the unfiltered one, and its w changes no more.
             w: if settings.projective { range[1] } else { one },
         };
         let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
@@ -465,8 +466,8 @@ impl ObjectView<'_> {
 }
 
 impl ObjectView<'_> {
-    /// Shading normals as splats show them: those of back-facing ones turned to the eye where the material is
-    /// two-sided, but for what reaches past the contour of an oriented surface (§2).
+    /// Returns the shading normals as drawn. If the material is two-sided, normals of back-facing splats are turned to
+    /// the eye, except where a splat reaches past the contour of an oriented surface (§2).
     #[inline(always)]
     fn shown_normal<S: Simd>(
         &self,
@@ -497,30 +498,30 @@ impl ObjectView<'_> {
 #[derive(Clone, Copy)]
 struct Group<'a> {
     chunk: &'a Chunk,
-    /// Slot of the first.
+    /// Slot of the first splat.
     at: usize,
-    /// How many there are; the other lanes repeat one.
+    /// Number of splats in the group; the other lanes repeat one.
     active: usize,
 }
 
-/// Its splats in view space.
+/// The splats of a group, in view space.
 struct GroupLanes<S: Simd> {
     splat: ViewSplat<Lanes<S>>,
-    /// Of disks that nothing distorts.
+    /// Radii, if the splats are disks and the transform is a similarity.
     radius: Option<Lanes<S>>,
-    /// Where it is known without the half-axes.
+    /// Areas, if they are known without the half-axes.
     area: Option<Area<Lanes<S>>>,
-    /// World shading normals.
+    /// Shading normals, in world space.
     shading: V3<Lanes<S>>,
     color: V3<Lanes<S>>,
 }
 
-/// What clips a group.
+/// Clips of a group.
 struct Clips<'a> {
     clips: &'a StoredClips,
-    /// The first one's slot.
+    /// Slot of the first splat.
     at: usize,
-    /// Which of them have a clip, as bits.
+    /// Bits of the splats that have a clip.
     clipped: u64,
     policy: ClipPolicy,
     projective: bool,
@@ -544,7 +545,7 @@ impl Clips<'_> {
     }
 }
 
-/// Whether pixels, moved into the first range if they are outside, lie in the second: starts and lengths.
+/// Returns a mask of the pixels that are in the second range after clamping to the first. Ranges are (start, length).
 #[inline(always)]
 fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, count): (u32, u32)) -> mask32x16<S> {
     let k = |v: u32| at.constant(f64::from(v));
@@ -552,12 +553,12 @@ fn moved_inside<S: Simd>(at: Lanes<S>, (first, length): (u32, u32), (start, coun
     k(start).le(at) & at.lt(k(start + count))
 }
 
-/// Indices of set bits.
+/// Returns the indices of set bits.
 fn lanes_of(bits: u64) -> impl Iterator<Item = usize> {
     (0..LANES).filter(move |i| bits >> i & 1 == 1)
 }
 
-/// The pixel that holds a point of this slope (orthographic: coordinate) along one axis.
+/// Returns the pixel that contains a point of this slope (orthographic: coordinate) along one axis.
 #[inline(always)]
 fn pixel_of<S: Simd>(slope: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
     Lanes(slope.mul_add(slope.constant(focal_px), slope.constant(principal_px)).0.floor())

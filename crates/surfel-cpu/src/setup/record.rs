@@ -1,4 +1,4 @@
-//! What a splat is on the screen, as the tile loops read it.
+//! Records: splats on the screen, as the tile loops read them.
 
 use crate::setup::tiny::TinyLanes;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,56 +8,56 @@ use crate::tiles::pool::Reused;
 use fearless_simd::Simd;
 use surfel_math::mapping::{Footprint, Linear};
 
-/// Which of the evaluators draws a record.
+/// Class of a record, which selects the evaluator.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Class {
-    /// No fragment lies before z_near or beyond z_far, and the depth, of the exact mapping, is nearly constant: it
-    /// differs by less than a 64th over the disk and by less than a 12th over its blocks.
+    /// A splat whose fragments all are between z_near and z_far, with the exact mapping and a nearly constant depth.
+    /// The depth differs by less than a 64th over the disk and by less than a 12th over its blocks.
     Cheap,
-    /// Everything else that is set up in lanes.
+    /// Every other splat that is set up in lanes.
     General,
-    /// A [tiny splat](crate::setup::tiny): depths and weights are known pixel by pixel.
+    /// A [tiny splat](crate::setup::tiny): its depths and weights are stored pixel by pixel.
     Tiny,
     /// A splat near the eye, set up in f64: [`Record::object`] is its index among the segment's near splats.
     Near,
 }
 
-/// Which side of its surface a splat shows, where that is kept apart (§5).
+/// Side of its surface that a splat shows, if facings are separated (§5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Facing {
-    /// Its cloud isn't oriented, or the plan keeps no facings apart.
+    /// The splat's cloud isn't oriented, or the plan doesn't separate facings.
     Undeclared,
     Front,
     Back,
 }
 
-/// Where facings are among the bits of an object's index.
+/// Position of the facing among the bits of an object's index.
 const FACING: u32 = 30;
 
 impl Facing {
-    /// Of a splat of an oriented cloud.
+    /// Returns the facing of a splat of an oriented cloud.
     pub(crate) fn of(back_facing: bool) -> Self {
         if back_facing { Self::Back } else { Self::Front }
     }
 
-    /// An object's index with it.
+    /// Returns an object's index with the facing in its high bits.
     pub(crate) fn with_object(self, object: u32) -> u32 {
         object | (self as u32) << FACING
     }
 }
 
-/// Classes as bits: cheap splats whose filtered and unfiltered footprint are the same, others, general ones, those near
-/// the eye, and tiny ones of 2×2 and of 3×3 pixels.
+/// Classes as bits: cheap splats with equal filtered and unfiltered footprints, other cheap splats, general splats,
+/// splats near the eye, and tiny splats of 2×2 and of 3×3 pixels.
 pub(crate) const UNFILTERED: u32 = 0;
 pub(crate) const FILTERED: u32 = 1;
 pub(crate) const GENERAL: u32 = 4;
 const NEAR: u32 = 8;
 pub(crate) const TINY: [u32; 2] = [16, 32];
 
-/// Among the bits of a class: the splat has a clip.
+/// Bit of a class that marks a splat with a clip.
 const CLIPPED: u32 = 64;
 
-/// How a batch of 4 splats is evaluated.
+/// Method by which a batch of 4 splats is evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Batch {
     /// Together: all are cheap and unfiltered, and none has a clip.
@@ -79,21 +79,21 @@ impl Batch {
     }
 }
 
-/// All set bits of four splats' classes.
+/// Returns the union of four splats' class bits.
 #[inline(always)]
 fn any([a, b, c, d]: [&Record; 4]) -> u32 {
     let bits = |bits: f32| bits.to_bits();
     bits(a.class_bits()) | bits(b.class_bits()) | bits(c.class_bits()) | bits(d.class_bits())
 }
 
-/// Numbers of a record.
+/// Number of fields of a record.
 pub(crate) const FIELDS: usize = 32;
 
-/// A splat's footprint and attributes, two cache lines. All forms are about the anchor, the projected centre, in
-/// pixels.
+/// A splat's footprint and attributes, in two cache lines. All forms are relative to the anchor, the projected centre,
+/// in pixels.
 ///
-/// The first line is what an unfiltered splat's footprint needs; fields are read by name through the methods. Aligned
-/// to both: CPUs fetch lines in such pairs.
+/// The first line has the data of an unfiltered splat's footprint. Fields are read by name through the methods. The
+/// alignment covers both lines: CPUs fetch lines in such pairs.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(128))]
 pub(crate) struct Record(pub(crate) [f32; FIELDS]);
@@ -111,7 +111,7 @@ macro_rules! fields {
         }
 
         impl<S: Simd> RecordLanes<S> {
-            /// One record in all lanes. What isn't used costs nothing.
+            /// Loads one record into all lanes. Unused fields cost nothing.
             #[inline(always)]
             pub(crate) fn splat(simd: S, record: &Record) -> Self {
                 Self { $($name: Lanes::splat(simd, record.$name()),)* }
@@ -129,16 +129,16 @@ macro_rules! fields {
 }
 
 fields! {
-    /// Column of the anchor's pixel.
+    /// Column and row of the anchor's pixel.
     base_x = 0;
     base_y = 1;
     /// ε.
     epsilon = 2;
-    /// No fragment of the splat is nearer: [`Listable::z_min`].
+    /// Lower bound of the depth of the splat's fragments: [`Listable::z_min`].
     nearest = 3;
-    /// [`Class`], as bits, and one more for a clip.
+    /// Bits of the [`Class`], and one bit more for a clip.
     class_bits = 4;
-    /// From the anchor to its pixel's centre: ½ less the anchor's fraction.
+    /// Offset from the anchor to its pixel's centre: ½ minus the anchor's fraction.
     offset_x = 5;
     offset_y = 6;
     /// Gradients of the filtered (u·w', v·w').
@@ -151,8 +151,8 @@ fields! {
     depth_y = 12;
     /// Depth at the anchor.
     z = 13;
-    /// Range of the depth form over the disk: of p_z/z, or of z. Of a filtered cheap splat of p_z/z − 1; of an
-    /// unfiltered one all there is.
+    /// Range over the disk of the depth form, p_z/z or z. For a filtered cheap splat it is the range of p_z/z − 1; for
+    /// an unfiltered one it is unlimited.
     range_min = 14;
     range_max = 15;
     /// Gradients of the unfiltered (u·w', v·w').
@@ -168,27 +168,28 @@ fields! {
     red = 23;
     green = 24;
     blue = 25;
-    /// World shading normal, turned to the eye where the material is two-sided.
+    /// World shading normal, turned to the eye if the material is two-sided.
     normal_x = 26;
     normal_y = 27;
     normal_z = 28;
-    /// Coverage of a unit of weight, but for the cloud's W0.
+    /// Coverage per unit of weight, without the factor of the cloud's W0.
     coverage_scale = 29;
-    /// Index of the object, for its material; of a near splat its own. In the highest two bits, the facing. As bits.
+    /// Bits of the object's index, for its material, or of a near splat's own index. The two highest bits are the
+    /// facing.
     object_bits = 30;
-    /// 1 more than the number of the splat's clip, 0 without one. As bits.
+    /// Bits of 1 plus the number of the splat's clip; 0 without a clip.
     clip_bits = 31;
 }
 
-/// The first of the eighteen fields of forms, in which a [tiny splat](crate::setup::tiny) has its depths and weights.
+/// First of the eighteen fields of forms, in which a [tiny splat](crate::setup::tiny) stores depths and weights.
 pub(crate) const FORMS: usize = 5;
 
 const _: () = assert!(size_of::<Record>() == RECORD_BYTES, "lists count records by their bytes");
 
-/// The field of [`Listable::z_min`].
+/// Field of [`Listable::z_min`].
 const Z_MIN: usize = 3;
 
-/// The field of the class, and the first of a colour and a normal.
+/// Field of the class, and first field of the colour and the normal.
 pub(crate) const CLASS: usize = 4;
 pub(crate) const COLOR: usize = 23;
 
@@ -203,13 +204,13 @@ impl Record {
         }
     }
 
-    /// True of cheap and general splats whose filtered footprint may be another than the unfiltered one.
+    /// True for cheap and general splats whose filtered footprint may differ from the unfiltered one.
     #[inline(always)]
     pub(crate) fn is_filtered(&self) -> bool {
         matches!(self.class_bits().to_bits() & !CLIPPED, FILTERED | GENERAL)
     }
 
-    /// Side of a tiny splat, in pixels.
+    /// Returns the side of a tiny splat, in pixels.
     #[inline(always)]
     pub(crate) fn tiny_side(&self) -> usize {
         if self.class_bits().to_bits() == TINY[0] { 2 } else { 3 }
@@ -229,7 +230,7 @@ impl Record {
         }
     }
 
-    /// The unfiltered footprint about the anchor. Not of a near splat.
+    /// Returns the unfiltered footprint relative to the anchor; undefined for a near splat.
     #[inline(always)]
     pub(crate) fn visible_footprint(&self, projective: bool) -> Footprint<f32> {
         let (x, y) = if projective { (self.depth_x(), self.depth_y()) } else { (0.0, 0.0) };
@@ -240,7 +241,7 @@ impl Record {
         }
     }
 
-    /// The filtered footprint about the anchor. Not of a near splat.
+    /// Returns the filtered footprint relative to the anchor; undefined for a near splat.
     #[inline(always)]
     pub(crate) fn filtered_footprint(&self) -> Footprint<f32> {
         Footprint {
@@ -250,7 +251,7 @@ impl Record {
         }
     }
 
-    /// Number of the clip.
+    /// Returns the number of the clip.
     #[inline(always)]
     pub(crate) fn clip(&self) -> Option<u32> {
         self.clip_bits().to_bits().checked_sub(1)
@@ -261,20 +262,20 @@ impl Record {
         self.0[CLASS] = f32::from_bits(self.class_bits().to_bits() | CLIPPED);
     }
 
-    /// Colour and normal.
+    /// Returns the colour and the normal.
     #[inline(always)]
     pub(crate) fn attributes(&self) -> [f32; 6] {
         [self.red(), self.green(), self.blue(), self.normal_x(), self.normal_y(), self.normal_z()]
     }
 
-    /// Moves the index of a near splat.
+    /// Adds an offset to the index of a near splat.
     pub(crate) fn renumber(&mut self, first_near: usize) {
         if self.class() == Class::Near {
             self.0[30] = f32::from_bits(self.facing().with_object((self.object() + first_near) as u32));
         }
     }
 
-    /// Stands for a near splat in the tiles' lists.
+    /// Creates the record that represents a near splat in the tiles' lists.
     pub(crate) fn near(index: u32, z_min: f32, color: [f32; 3], normal: [f32; 3], epsilon: f32) -> Self {
         let mut fields = [0.0; FIELDS];
         fields[2] = epsilon;
@@ -288,7 +289,7 @@ impl Record {
     }
 }
 
-/// A splat without a fragment anywhere.
+/// A record without any fragment.
 static EMPTY: Record = {
     let mut fields = [0.0; FIELDS];
     fields[0] = f32::NAN;
@@ -304,11 +305,11 @@ impl Listable for Record {
     }
 }
 
-/// Records one after another.
+/// A list of records.
 pub(crate) type Records = Reused<Record>;
 
 impl Records {
-    /// Appends those of a group that are in `keep`, as bits: index of the first.
+    /// Appends the records of a group whose bits are set in `keep`. Returns the index of the first.
     #[inline(always)]
     pub(crate) fn push_group<S: Simd>(
         &mut self,
@@ -326,7 +327,7 @@ impl Records {
         if let Some(room) = self.room::<LANES>() {
             let mut at = 0;
             for i in 0..LANES {
-                // The next one overwrites it if it isn't kept.
+                // A record that isn't wanted is overwritten by the next one.
                 let record = &mut room[at % LANES];
                 low[i].store(&mut record.0);
                 high[i].store(&mut record.0[LANES..]);
@@ -338,12 +339,13 @@ impl Records {
     }
 }
 
-/// Blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's origin.
+/// Box of blocks that a splat may touch: first column, first row, end column, end row, in blocks from the grid's
+/// origin.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct BlockBox(pub [u32; 4]);
 
 impl<S: Simd> RecordLanes<S> {
-    /// The records one by one.
+    /// Returns the records one by one.
     #[inline(always)]
     pub(crate) fn transposed(self) -> [Record; LANES] {
         let [low, high] = self.to_fields();

@@ -1,4 +1,4 @@
-//! Which columns of blocks a footprint may touch, row of blocks by row, a group of 16 splats at a time.
+//! Search for the columns of blocks that a footprint may touch, by rows of blocks, for a group of 16 splats at a time.
 
 use crate::simd::lanes::Lanes;
 use crate::tiles::grid::BLOCK;
@@ -9,43 +9,44 @@ use surfel_math::{Real, V2};
 /// Half of a block's extent between pixel centres.
 pub(crate) const HALF: f32 = 1.5;
 
-/// Slack of the test, in pixels and relative. Rounding of the forms is far below it, so that no block is lost whose
-/// pixels find themselves inside; a block too many costs time and nothing else.
+/// Slack of the test, in pixels and relative. The slack is far above the rounding of the forms, so that no block with a
+/// covered pixel is lost. A superfluous block only costs time.
 pub(crate) const SLACK: f32 = 2e-3;
 
-/// Footprints over pixels, about their anchors.
+/// Footprints over pixels, relative to their anchors.
 pub(crate) struct MaskForms<S: Simd> {
-    /// From the anchor to its pixel's centre, and that pixel.
+    /// Offset from the anchor to its pixel's centre, and that pixel.
     pub offset: V2<Lanes<S>>,
     pub base: V2<Lanes<S>>,
     /// Gradients of the filtered (u·w', v·w').
     pub u: V2<Lanes<S>>,
     pub v: V2<Lanes<S>>,
-    /// No w' of the footprint is greater.
+    /// Upper bound of the footprint's w'.
     pub w: Lanes<S>,
 }
 
-/// Footprints of w' = its greatest value: ellipses, a little larger, of which every row of blocks has a range of
-/// columns.
+/// Footprints with w' replaced by its maximum: slightly larger ellipses, which cover a range of columns in every row of
+/// blocks.
 pub(crate) struct Conic<S: Simd> {
-    /// Splats that are tested; others are their box.
+    /// Mask of the splats that are tested; the others count with their whole box.
     tested: mask32x16<S>,
-    /// Least and greatest column at an offset y from the anchor, in blocks: middle + slope·y ± √(most −
-    /// square·y²)·scale.
+    /// Coefficients of the minimum and maximum column at an offset y from the anchor, in blocks: middle + slope·y ±
+    /// √(most − square·y²)·scale.
     begin: Lanes<S>,
     end: Lanes<S>,
     slope: Lanes<S>,
     scale: Lanes<S>,
     most: Lanes<S>,
     square: Lanes<S>,
-    /// Where the greatest column is reached: the least is at the opposite.
+    /// Offset y at which the maximum column is reached; the minimum is reached at −y.
     rightmost: Lanes<S>,
-    /// From the anchor to the first row of pixels.
+    /// Offset from the anchor to the first row of pixels.
     first_y: Lanes<S>,
 }
 
 impl<S: Simd> Conic<S> {
-    /// With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ± √(A·w² − (A·C − B²)·y²))/A.
+    /// Computes the coefficients. With A·x² + 2B·x·y + C·y² = w² for (u·w')² + (v·w')² = w², x = (−B·y ± √(A·w² − (A·C
+    /// − B²)·y²))/A.
     #[inline(always)]
     pub(crate) fn of(forms: &MaskForms<S>, anchor_x: Lanes<S>, first_y: Lanes<S>, tested: mask32x16<S>) -> Self {
         let (u, v) = (&forms.u, &forms.v);
@@ -56,8 +57,8 @@ impl<S: Simd> Conic<S> {
         let scale = per_block / a;
         Self {
             tested,
-            // The first block whose last pixel isn't before, and one past the last block whose first pixel isn't
-            // beyond.
+            // The first block is the first whose last pixel isn't before the ellipse; the end is past the last block
+            // whose first pixel isn't beyond it.
             begin: (anchor_x - k(SLACK + 2.0 * HALF)) * per_block,
             end: (anchor_x + k(SLACK + BLOCK as f32)) * per_block,
             slope: -(b * scale),
@@ -69,7 +70,7 @@ impl<S: Simd> Conic<S> {
         }
     }
 
-    /// Columns that a row of blocks may touch, from the first one and to before the last.
+    /// Returns the range of columns that a row of blocks may touch, first to end.
     #[inline(always)]
     fn columns(&self, row: usize) -> [Lanes<S>; 2] {
         let k = |c: f32| Lanes::splat(self.first_y.0.simd, c);
@@ -82,7 +83,7 @@ impl<S: Simd> Conic<S> {
         [Lanes(least.0.ceil()), Lanes(greatest.0.floor())]
     }
 
-    /// Half of the ellipse's columns at an offset y.
+    /// Returns half of the ellipse's extent in columns at an offset y.
     #[inline(always)]
     fn half(&self, y: Lanes<S>) -> Lanes<S> {
         let left = (-(self.square * y)).mul_add(y, self.most);
@@ -92,16 +93,16 @@ impl<S: Simd> Conic<S> {
 
 /// Rows of blocks of sixteen boxes no larger than a tile.
 pub(crate) struct Rows<S: Simd> {
-    /// First column and end column, from the first tile's side.
+    /// First column and end column, relative to the first tile's side.
     pub left: Lanes<S>,
     pub right: Lanes<S>,
     pub height: Lanes<S>,
-    /// Columns of a tile.
+    /// Number of columns of a tile.
     pub bits: u32,
 }
 
 impl<S: Simd> Rows<S> {
-    /// Bits of the columns from one to before another, as far as there are any.
+    /// Returns bits of the columns in the range `begin..end`, which may be empty.
     #[inline(always)]
     fn between(&self, begin: Lanes<S>, end: Lanes<S>) -> i32x16<S> {
         let (begin, end): (i32x16<S>, i32x16<S>) = (begin.0.to_int(), end.max(begin).0.to_int());
@@ -109,13 +110,13 @@ impl<S: Simd> Rows<S> {
         (one << end) - (one << begin)
     }
 
-    /// Bits of the first tile's columns and of the next one's.
+    /// Splits bits between the first tile's columns and the next tile's.
     #[inline(always)]
     fn split(&self, bits: i32x16<S>) -> [i32x16<S>; 2] {
         [bits & i32x16::splat(bits.simd, (1 << self.bits) - 1), bits >> self.bits]
     }
 
-    /// All of boxes of up to two rows.
+    /// Returns all blocks of boxes of up to two rows.
     #[inline(always)]
     pub(crate) fn up_to_two(&self) -> [[i32x16<S>; 2]; 2] {
         let zero = i32x16::splat(self.left.0.simd, 0);
@@ -124,7 +125,7 @@ impl<S: Simd> Rows<S> {
         [[left | is_two.select(left << 8, zero), zero], [right | is_two.select(right << 8, zero), zero]]
     }
 
-    /// Four rows, eight bits each, in the first tile's columns and in the next one's.
+    /// Returns four rows, eight bits each, in the first tile's columns and in the next one's.
     #[inline(always)]
     pub(crate) fn four_rows(&self, first: usize, conic: Option<&Conic<S>>) -> [i32x16<S>; 2] {
         let zero = i32x16::splat(self.left.0.simd, 0);

@@ -1,31 +1,31 @@
-//! Records of some chunks, sorted into tiles.
+//! Segments: the records of some chunks, sorted into tiles.
 
 use crate::setup::clips::{CellClips, ScreenClips};
 use crate::setup::near::NearSplat;
 use crate::setup::record::Records;
 use crate::tiles::bins::TileLists;
 
-/// Some chunks' records, with each tile's list of them in splat order.
+/// The records of some chunks, with each tile's list of them in splat order.
 #[derive(Default)]
 pub(crate) struct Segment {
     pub records: Records,
     pub near: Vec<NearSplat>,
     pub clips: ScreenClips,
-    /// Splats that were looked at one by one.
+    /// Number of splats in chunks that were processed.
     pub set_up: u64,
-    /// Splats with a record, each counted in one part of a view.
+    /// Number of splats with a record, each counted in one cell of a view.
     pub drawn: u64,
-    /// Seconds of a thread that setting up and sorting took.
+    /// Thread time of setup and of sorting, in seconds.
     pub set_up_s: f64,
     pub sort_s: f64,
-    /// The records that touch each tile.
+    /// Lists of the records that touch each tile.
     pub lists: TileLists,
-    /// The largest ε of splats whose sides are kept apart; 0 without any.
+    /// The largest ε of the splats whose facings are separated; 0 without any.
     pub largest_epsilon: f32,
 }
 
 impl Segment {
-    /// Empties it but for what sorting overwrites, and keeps its memory.
+    /// Clears everything that sorting doesn't overwrite, and retains the memory.
     pub(crate) fn clear(&mut self) {
         self.records.clear();
         self.near.clear();
@@ -35,7 +35,7 @@ impl Segment {
         (self.set_up_s, self.sort_s) = (0.0, 0.0);
     }
 
-    /// Moves its near splats and clips to the end of everyone's.
+    /// Moves the near splats and clips to the end of the cell's.
     pub(crate) fn move_rare(&mut self, near: &mut Vec<NearSplat>, clips: &mut CellClips) {
         clips.push(std::mem::take(&mut self.clips));
         if !self.near.is_empty() {
@@ -44,26 +44,26 @@ impl Segment {
         }
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(&*self.records) + self.lists.bytes()
     }
 }
 
-/// What a transparent splat has besides its record.
+/// Data that a transparent splat has besides its record.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct TransparentSplat {
     pub alpha: f32,
-    /// View position of its centre.
+    /// View position of the splat's centre.
     pub center: [f32; 3],
-    /// Its colour lit at its centre, where the plan has a remaining layer.
+    /// Colour, lit at the splat's centre, if the plan has a layer of remaining fragments.
     pub lit: [f32; 3],
 }
 
-/// Some chunks' transparent splats: their records, sorted into tiles, and what they have besides.
+/// Transparent splats of some chunks: their records, sorted into tiles, and their additional data.
 #[derive(Default)]
 pub(crate) struct TransparentSegment {
     pub segment: Segment,
-    /// One for each record.
+    /// One entry per record.
     pub splats: Vec<TransparentSplat>,
 }

@@ -1,10 +1,11 @@
-//! Tiny splats: splats of 2×2 or 3×3 pixels at most, of which setup finds the fragments.
+//! Tiny splats: splats of at most 2×2 or 3×3 pixels, whose fragments are computed by setup.
 //!
 //! A splat of two pixels fills three of a block's sixteen lanes and touches two blocks. Setup has sixteen splats in its
-//! lanes: it computes them all at a pixel each, four or nine times, by the formulas of `evaluate.rs`, and their records
-//! hold depths and weights in place of forms. Tiles of tiny splats are drawn splat by splat (`tiny_tile.rs`); in
-//! others, tiny splats are looked up where other splats are computed. Numbers and their order are the same in any case,
-//! and so is every bit.
+//! lanes. It evaluates all of them at one pixel each, four or nine times, by the formulas of `evaluate.rs`. Their
+//! records store depths and weights in place of forms.
+//!
+//! Tiles of tiny splats are drawn splat by splat (`tiny_tile.rs`). In other tiles the stored fragments are read where
+//! other splats are evaluated. Values and their order are the same in both cases, so the image is bit-identical.
 
 use crate::setup::evaluate::{self, Fragment, FrameConstants};
 use crate::setup::record::{CLASS, FORMS, GENERAL, Record, RecordLanes, TINY};
@@ -14,24 +15,24 @@ use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::{Real, V2};
 use surfel_render::{FramePlan, View};
 
-/// What the records of a group's tiny splats hold in place of forms: row by row depths, then weights. A weight is NaN
-/// where the pixel is outside the filtered footprint, and has a sign where it is inside the unfiltered one.
+/// Data that the records of a group's tiny splats store in place of forms: depths row by row, then weights. A weight is
+/// NaN in a pixel outside the filtered footprint, and negative in a pixel inside the unfiltered one.
 pub(crate) struct TinyLanes<S: Simd> {
-    /// Splats of 2×2 pixels, and of 3×3.
+    /// Masks of the splats of 2×2 pixels, and of those of 3×3.
     four: mask32x16<S>,
     nine: mask32x16<S>,
-    /// Column and row of the first pixel, as whole numbers' bits.
+    /// Column and row of the first pixel, as the bits of integers.
     first_px: V2<Lanes<S>>,
-    /// Of 3×3 pixels.
+    /// Depths and weights of 3×3 pixels.
     depths: [Lanes<S>; 9],
     weights: [Lanes<S>; 9],
 }
 
-/// The first 2×2 of 3×3 pixels.
+/// Indices of the first 2×2 of 3×3 pixels.
 const CORNER: [usize; 4] = [0, 1, 3, 4];
 
 impl<S: Simd> TinyLanes<S> {
-    /// The tiny splats of 2×2 pixels, and of 3×3, as bits.
+    /// Returns bits of the tiny splats of 2×2 pixels, and of those of 3×3.
     #[inline(always)]
     pub(crate) fn bits(&self) -> [u64; 2] {
         [self.four.to_bitmask(), self.nine.to_bitmask()]
@@ -61,7 +62,7 @@ impl<S: Simd> TinyLanes<S> {
     }
 }
 
-/// What finds tiny splats, from the plan.
+/// The finder of tiny splats, configured by the plan.
 pub(crate) struct TinyFinder {
     frame: FrameConstants,
 }
@@ -71,7 +72,7 @@ impl TinyFinder {
         Self { frame: FrameConstants::new(plan, view) }
     }
 
-    /// Finds which of a group's splats are tiny, by their ranges of pixels.
+    /// Finds the tiny splats of a group by their ranges of pixels.
     #[inline(always)]
     pub(crate) fn find<S: Simd>(
         &self,
@@ -88,7 +89,7 @@ impl TinyFinder {
         let (left, top) = (r.base_x - one, r.base_y - one);
         let columns = left.le(first_column) & end_column.le(r.base_x + two);
         let nine = columns & top.le(first_row) & end_row.le(r.base_y + two) & !four;
-        // A few among others would make their tiles dearer, not cheaper.
+        // A few tiny splats among others would make their tiles slower.
         let tiny = ((four | nine).to_bitmask() & keep).count_ones();
         if tiny == 0 || 4 * tiny < 3 * keep.count_ones() {
             return None;
@@ -115,7 +116,7 @@ impl TinyFinder {
     }
 }
 
-/// Sixteen fragments as records hold them.
+/// Sixteen fragments in the form stored in records.
 struct Numbers<S: Simd> {
     depth: Lanes<S>,
     weight: Lanes<S>,
@@ -129,7 +130,7 @@ impl<S: Simd> Numbers<S> {
         Self { depth: fragment.z, weight: Lanes::select(fragment.inside, fragment.weight, nan).copysign(sign) }
     }
 
-    /// These where a mask says so, others elsewhere.
+    /// Selects `self` in the lanes of a mask, `others` elsewhere.
     #[inline(always)]
     fn where_else(&self, mask: mask32x16<S>, others: Self) -> Self {
         Self {
@@ -139,14 +140,14 @@ impl<S: Simd> Numbers<S> {
     }
 }
 
-/// Whole numbers as bits.
+/// Returns the bits of integers.
 #[inline(always)]
 fn whole_bits<S: Simd>(v: Lanes<S>) -> Lanes<S> {
     let whole: i32x16<S> = v.0.to_int();
     Lanes(whole.bitcast())
 }
 
-/// Column and row of a tiny splat's first pixel.
+/// Returns the column and row of a tiny splat's first pixel.
 #[inline(always)]
 pub(crate) fn first_px(record: &Record) -> (i32, i32) {
     (record.0[0].to_bits() as i32, record.0[1].to_bits() as i32)

@@ -1,4 +1,4 @@
-//! Triangles on the screen, sorted into tiles (§6).
+//! Projection of triangles to the screen, sorted into tiles (§6).
 
 use crate::cull::chunks::MeshPart;
 use crate::scene::mesh::StoredMesh;
@@ -15,23 +15,24 @@ use surfel_math::{V2, V3};
 use surfel_model::Cull;
 use surfel_render::View;
 
-/// Pixels by which a box is grown: far above the rounding of its corners, and below what costs time.
+/// Margin of a box, in pixels: far above the rounding of its corners, and too small to cost time.
 const BOX_SLACK_PX: f64 = 1e-3;
 
 /// A triangle on the screen.
 pub(crate) struct ScreenTriangle {
-    /// Index of the mesh, and of the triangle in it.
+    /// Index of the mesh, and index of the triangle in the mesh.
     pub mesh: u32,
     pub index: u32,
-    /// About the origin of all pixels, so that neighbours judge their edge by the same number. Edges are multiplied by
-    /// a power of two that makes their gradients about 1: that rounds nothing, so neighbours still agree.
+    /// The triangle, relative to the origin of all pixels, so that adjacent triangles test a shared edge by the same
+    /// number. Edges are multiplied by a power of two that makes their gradients about 1. This rounds nothing, so
+    /// adjacent triangles still agree.
     pub triangle: Triangle<f64>,
-    /// Σ E and Σ E·z over the edges' values E: the depth is the second over the first.
+    /// Σ E and Σ E·z over the edges' values E: the depth is the second divided by the first.
     pub weight: Linear<f64>,
     pub depth: Linear<f64>,
-    /// No fragment is nearer.
+    /// Lower bound of the depth of fragments.
     pub z_min: f32,
-    /// Faces away from the eye.
+    /// True if the triangle faces away from the eye.
     pub back_facing: bool,
 }
 
@@ -42,14 +43,14 @@ pub(crate) struct TriangleSegment {
 }
 
 impl TriangleSegment {
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.triangles.as_slice()) + self.lists.bytes()
     }
 }
 
-/// Projects the triangles of some parts of meshes that may touch the grid's region, in scene order. Under
-/// [`Cull::None`] back faces aren't left out, whatever the material says.
+/// Projects the triangles of these mesh parts that may touch the grid's region, in scene order. [`Cull::None`] disables
+/// back-face culling, overriding the materials.
 pub(crate) fn project(
     instructions: Instructions,
     meshes: &[StoredMesh],
@@ -61,7 +62,7 @@ pub(crate) fn project(
     project_some(instructions, meshes, parts, view, grid, cull, DrawnBlocks::default())
 }
 
-/// [`project`] of what touches some blocks.
+/// Projects, as [`project`] does, only the triangles that touch the blocks in `drawn`.
 pub(crate) fn project_some(
     instructions: Instructions,
     meshes: &[StoredMesh],
@@ -75,21 +76,21 @@ pub(crate) fn project_some(
     for of_mesh in parts.chunk_by(|a, b| a.mesh == b.mesh) {
         let index = of_mesh[0].mesh;
         let mesh = &meshes[index as usize];
-        // Of equally near triangles the first is shown: they come in the mesh's order.
+        // Among equally near triangles the first is shown, so they are sorted to the mesh's order.
         let mut triangles: Vec<u32> = of_mesh.iter().flat_map(|part| mesh.part(part.part)).copied().collect();
         triangles.sort_unstable();
         let projector = Projector::new(mesh, index, view, cull, drawn);
-        // Formulas in f64 need no lanes, but a CPU's fused multiply-add.
+        // Formulas in f64 don't use lanes, but the CPU's fused multiply-add.
         segments.push(with_instructions!(instructions, simd =>
             simd.vectorize(#[inline(always)] || projector.all(&triangles, grid))));
     }
     segments
 }
 
-/// What is the same for all triangles of a mesh in a view.
+/// Data shared by all triangles of a mesh in a view.
 struct Projector<'a> {
     mesh: &'a StoredMesh,
-    /// Its index.
+    /// Index of the mesh.
     index: u32,
     view: &'a View,
     cull: Cull,
@@ -134,7 +135,7 @@ impl<'a> Projector<'a> {
         if corners.iter().all(|p| p.z < projection.near) || corners.iter().all(|p| p.z > projection.far()) {
             return None;
         }
-        // Which side shows is computed only where it matters.
+        // Facing is computed only if it matters.
         let back_facing = (self.cull == Cull::Back || self.mesh.material.two_sided) && {
             let normal = self.view.view_from_world * self.mesh.flat_normal(k);
             let facing = if projection.is_perspective() { normal.dot(corners[0]) } else { normal.z };
@@ -151,14 +152,15 @@ impl<'a> Projector<'a> {
         let weight = Linear { c: a.c + b.c + c.c, x: a.x + b.x + c.x, y: a.y + b.y + c.y };
         let sum = |v: [f64; 3]| triangle::interpolate(v, triangle.z);
         let depth = Linear { c: sum([a.c, b.c, c.c]), x: sum([a.x, b.x, c.x]), y: sum([a.y, b.y, c.y]) };
-        // Several roundings of f32 nearer.
+        // Reduced by several roundings of f32.
         let z_min = (z_min * (1.0 - 1e-6)) as f32;
         let (mesh, index) = (self.index, k as u32);
         Some((ScreenTriangle { mesh, index, triangle, weight, depth, z_min, back_facing }, extent))
     }
 }
 
-/// The same triangle with edges whose largest gradient is between 1 and 2; `None` where none has any, or is finite.
+/// Scales the edges so that their largest gradient is between 1 and 2; `None` if all gradients are zero or one isn't
+/// finite.
 #[inline(always)]
 fn scaled(mut t: Triangle<f64>) -> Option<Triangle<f64>> {
     let largest = t.edges.iter().fold(0.0f64, |m, e| m.max(e.x.abs()).max(e.y.abs()));
@@ -188,7 +190,7 @@ fn for_tiles(
     let Some([x0, x1]) = blocks(extent.min.x, extent.max.x, [r.x, r.width], grid.origin[0]) else { return };
     let Some([y0, y1]) = blocks(extent.min.y, extent.max.y, [r.y, r.height], grid.origin[1]) else { return };
     let size = grid.tile_blocks;
-    // Of few blocks all count.
+    // A triangle of few blocks counts in all of them.
     let small = x1 - x0 < 2 && y1 - y0 < 2;
     for row in y0 / size..=y1 / size {
         for column in x0 / size..=x1 / size {
@@ -213,16 +215,17 @@ fn for_tiles(
     }
 }
 
-/// First and last block, from the grid's origin, of the pixels of a range whose centres lie between two coordinates.
+/// Returns the first and last block, from the grid's origin, of the pixels of a range whose centres are between two
+/// coordinates.
 fn blocks(min: f64, max: f64, [start, length]: [u32; 2], origin: u32) -> Option<[u32; 2]> {
     let (low, high) = (f64::from(start), f64::from(start + length));
-    // Saturating casts: a box that isn't finite is cut to the region.
+    // Saturating casts: a box that isn't finite is clipped to the region.
     let first = (min - 0.5 - BOX_SLACK_PX).ceil().clamp(low, high) as u32;
     let end = ((max - 0.5 + BOX_SLACK_PX).floor() + 1.0).clamp(low, high) as u32;
     (first < end).then(|| [(first - origin) / BLOCK, (end - 1 - origin) / BLOCK])
 }
 
-/// False if an edge shows that no pixel of the block with this centre is covered.
+/// False if an edge excludes every pixel of the block with this centre.
 #[inline(always)]
 fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
     let [a, b, c] = &t.triangle.edges;
@@ -232,6 +235,6 @@ fn may_cover(t: &ScreenTriangle, center: V2<f64>) -> bool {
 /// True if an edge's inner side reaches the block with this centre.
 #[inline(always)]
 fn reaches(edge: &Linear<f64>, center: V2<f64>) -> bool {
-    // Pixel centres are at most 1.5 from the block's.
+    // Pixel centres are at most 1.5 from the block's centre.
     edge.at(center) + (1.5 + BOX_SLACK_PX) * (edge.x.abs() + edge.y.abs()) >= 0.0
 }

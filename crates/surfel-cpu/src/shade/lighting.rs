@@ -1,4 +1,4 @@
-//! The lights of a frame, and what they make of surfaces (§5), sixteen pixels at a time.
+//! The lights of a frame, and lighting of surfaces (§5), sixteen pixels at a time.
 
 use crate::shade::matcap::MatcapSphere;
 use crate::shade::shadow_map::{self, ShadowMap};
@@ -16,17 +16,18 @@ use surfel_math::{Real, V3, toon};
 use surfel_model::{Light, Matcap, Shader};
 use surfel_render::{Attributes, FramePlan, Planes, SAMPLES_SIDE, View};
 
-/// Where a light shines from. Positions are relative to the eye, so that nothing is lost far from the origin.
+/// Position or direction of a light. Positions are relative to the eye, so that they stay precise far from the origin.
 enum Source {
     Directional { to_light: Vec3 },
     Point { position: Vec3 },
     Spot { position: Vec3, direction: Vec3, inner: f64, outer: f64 },
 }
 
-/// A light as the shader reads it. Colours are by the diffuse and the specular factor, where all objects share them.
+/// A light as the shader reads it. Colours are multiplied by the diffuse and the specular factor if all objects share
+/// them.
 struct FrameLight {
     source: Source,
-    /// Its shadow maps.
+    /// Shadow maps of the light.
     maps: Vec<ShadowMap>,
     diffuse: Vec3,
     specular: Vec3,
@@ -38,17 +39,17 @@ pub(crate) struct Lighting {
     pub planes: Planes,
     pub attributes: Attributes,
     lights: Arc<[FrameLight]>,
-    /// By the ambient factor, where all objects share it.
+    /// Ambient light, multiplied by the ambient factor if all objects share it.
     ambient: Vec3,
-    /// Whether all lights shine everywhere from the same direction: where a surface is doesn't matter then.
+    /// True if every light has the same direction everywhere, so that positions of surfaces don't matter.
     are_afar: bool,
-    /// Ambient, diffuse, specular, shininess where all objects share them.
+    /// Ambient, diffuse, specular and shininess factors, if all objects share them.
     pub material: [f32; 4],
-    /// See [`whole_power`], where all objects share the exponent.
+    /// The shared exponent as returned by [`whole_power`].
     whole_shininess: Option<(u32, f32)>,
-    /// Linear, premultiplied.
+    /// Background colour, linear and premultiplied.
     pub background: [f32; 4],
-    /// Where the shader is `matcap`.
+    /// Image of the shader `matcap`; `None` for other shaders.
     pub matcap: Option<MatcapSphere>,
     pub rays: ViewRays,
     /// Side of a pixel of the image, in pixels of the view.
@@ -81,7 +82,7 @@ impl Lighting {
                     let (position, direction) = (relative(position), unit(direction));
                     (Source::Spot { position, direction, inner: *inner_deg, outer: *outer_deg }, color)
                 }
-                // A light of a model to come gives none.
+                // A kind of light that may be added to the enum emits no light.
                 _ => (Source::Directional { to_light: Vec3::Z }, &[0.0; 3]),
             };
             FrameLight { source, maps: Vec::new(), diffuse: by(color, factors[1]), specular: by(color, factors[2]) }
@@ -110,13 +111,13 @@ impl Lighting {
         }
     }
 
-    /// With what the shader `matcap` looks up, if it is the frame's.
+    /// Adds the image that the shader `matcap` samples, if the frame uses it.
     pub(crate) fn with_matcap(self, image: Option<Arc<Matcap>>) -> Self {
         let wanted = self.shader == Shader::Matcap && self.planes.shows_color();
         Self { matcap: wanted.then(|| MatcapSphere::new(image.unwrap_or_else(Matcap::builtin))), ..self }
     }
 
-    /// The same light for the colours of the view of samples.
+    /// Returns the same lighting for the colours of the view of samples.
     pub(crate) fn of_samples(&self, plan: &FramePlan, view: &View) -> Self {
         Self {
             planes: plan.planes,
@@ -129,52 +130,52 @@ impl Lighting {
         }
     }
 
-    /// Linear, premultiplied; `None` where no colour is wanted.
+    /// Returns the background, linear and premultiplied; `None` if no colour is needed.
     pub(crate) fn background_color(&self) -> Option<[f32; 4]> {
         self.planes.shows_color().then_some(self.background)
     }
 
-    /// World position relative to the eye of a view position.
+    /// Converts a view position to a world position relative to the eye.
     pub(crate) fn world_from_view(&self, p: Vec3) -> Vec3 {
         self.rays.world_from_view * p
     }
 
-    /// To turn from world axes to the view's.
+    /// Returns the rotation from world axes to the view's.
     pub(crate) fn view_from_world(&self) -> Mat3 {
         self.rays.world_from_view.transpose()
     }
 
-    /// The view's.
+    /// Returns the view's projection.
     pub(crate) fn projection(&self) -> &Projection {
         &self.view.projection
     }
 
-    /// z_near.
+    /// Returns z_near.
     pub(crate) fn near(&self) -> f32 {
         self.view.projection.near as f32
     }
 }
 
-/// An exponent that a few multiplications serve better than a logarithm, and the base whose power is still a normal
-/// number: smaller ones would make the CPU stop for every product that isn't. 256 roundings are 1.5e-5 of a highlight.
+/// Returns an exponent for which a few multiplications beat a logarithm, and the least base whose power is a normal
+/// number. Subnormal products would slow the CPU down. 256 roundings are 1.5e-5 of a highlight.
 fn whole_power(exponent: f64) -> Option<(u32, f32)> {
     let suits = (1.0..=256.0).contains(&exponent) && exponent.fract() == 0.0;
     suits.then(|| (exponent as u32, 1e-36f64.powf(1.0 / exponent) as f32))
 }
 
-/// A surface that is seen and lit.
+/// A surface while it is lit.
 struct Lit<S: Simd> {
     normal: V3<Lanes<S>>,
     view_ray: ViewRay<S>,
-    /// 2(n·s) of the unnormalised view ray s.
+    /// 2(n·s), with s the view ray before normalisation.
     along_ray: Lanes<S>,
     matte: V3<Lanes<S>>,
     gloss: V3<Lanes<S>>,
 }
 
 impl<S: Simd> Lit<S> {
-    /// (n·l) of the unit vector to a light, and r·v of its mirror image r = 2(n·l)n − l and the unit vector to the eye
-    /// v = −s/|s|.
+    /// Returns n·l, with l the unit vector to a light, and r·v. r = 2(n·l)n − l is the mirror image of l, and v =
+    /// −s/|s| the unit vector to the eye.
     #[inline(always)]
     fn cosines(&self, to_light: V3<Lanes<S>>) -> (Lanes<S>, Lanes<S>) {
         let cosine = self.normal.dot(to_light);
@@ -190,7 +191,7 @@ fn plus<S: Simd>(sum: V3<Lanes<S>>, color: Vec3, by: Lanes<S>) -> V3<Lanes<S>> {
     V3::new(c.x.mul_add(by, sum.x), c.y.mul_add(by, sum.y), c.z.mul_add(by, sum.z))
 }
 
-/// What the lights make of a surface; the toon shader's steps and lines with them, if `TOON`.
+/// Lights a surface; with the toon shader's steps and lines if `TOON`.
 #[inline(always)]
 pub(crate) fn phong<S: Simd, const TOON: bool>(
     simd: S,
@@ -217,7 +218,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
             }
         }
     } else {
-        // A copy: what is handed over lies in memory.
+        // A copy, since the argument of a call lives in memory.
         let own = *surface;
         lit = nearby::<S, TOON>(simd, lighting, &own, place, lit);
     }
@@ -235,8 +236,7 @@ pub(crate) fn phong<S: Simd, const TOON: bool>(
     c
 }
 
-/// Adds lights of any kind, with their shadows. Out of line, so that others, which are more frequent, stay in
-/// registers.
+/// Adds lights of any kind, with their shadows. Not inlined, so that the more frequent kinds stay in registers.
 #[inline(never)]
 fn nearby<S: Simd, const TOON: bool>(
     simd: S,
@@ -286,7 +286,7 @@ fn add_all<S: Simd, const TOON: bool>(
         }
         let mask = faces & surface.covered;
         if !light.maps.is_empty() && mask.to_bitmask() != 0 {
-            // The share of the light that reaches the surface.
+            // Fraction of the light that reaches the surface.
             let share = shadow_map::reaching(simd, &light.maps, position, lit.normal, mask);
             (matte, gloss) = (matte * share, gloss * share);
         }
@@ -305,7 +305,7 @@ fn add_all<S: Simd, const TOON: bool>(
     lit
 }
 
-/// (r·v)^shininess.
+/// Returns (r·v)^shininess.
 #[inline(always)]
 fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<S>) -> Lanes<S> {
     match lighting.whole_shininess {
@@ -314,7 +314,7 @@ fn highlight<S: Simd>(lighting: &Lighting, mirrored: Lanes<S>, shininess: Lanes<
     }
 }
 
-/// Strength of a spot light: smoothstep between its half-angles. The angle needs an arctangent, so it is scalar.
+/// Returns the strength of a spot light: smoothstep between its half-angles. Scalar, since it needs an arctangent.
 #[cold]
 fn spot_strength<S: Simd>(simd: S, to_light: V3<Lanes<S>>, direction: Vec3, inner: f64, outer: f64) -> Lanes<S> {
     let (x, y, z) = (to_light.x.to_array(), to_light.y.to_array(), to_light.z.to_array());

@@ -1,4 +1,4 @@
-//! The shader `matcap` (§5): an image of a lit sphere, looked up by the normals of a block.
+//! The shader `matcap` (§5): an image of a lit sphere, sampled at the normals of a block.
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
@@ -8,11 +8,11 @@ use std::sync::Arc;
 use surfel_math::{Real, V2, V3, matcap};
 use surfel_model::Matcap;
 
-/// The sphere as a frame looks it up.
+/// The sphere's image, as a frame samples it.
 #[derive(Clone)]
 pub(crate) struct MatcapSphere {
     image: Arc<Matcap>,
-    /// Texels from the rim's left or upper end to the other.
+    /// Width and height in texels, between the centres of the outermost texels.
     span: [f32; 2],
     width: usize,
 }
@@ -23,8 +23,8 @@ impl MatcapSphere {
         Self { span: size.map(|side| (side - 1) as f32), width: size[0] as usize, image }
     }
 
-    /// Its colour where its normal is that of a surface; black where nothing is covered. The normal, the direction to
-    /// the eye and the view's downward one, all in the same axes.
+    /// Returns the sphere's colours at the normals of surfaces, black in lanes that aren't covered. The normal, the
+    /// direction to the eye and the view's down direction have the same axes.
     #[inline(always)]
     pub(crate) fn color<S: Simd>(
         &self,
@@ -39,7 +39,7 @@ impl MatcapSphere {
         self.sample(simd, covered, at)
     }
 
-    /// Bilinear samples, lane by lane: there is no gather on every machine.
+    /// Samples bilinearly, lane by lane, since not every machine has a gather instruction.
     #[inline(always)]
     fn sample<S: Simd>(&self, simd: S, covered: mask32x16<S>, at: V2<Lanes<S>>) -> V3<Lanes<S>> {
         let (x, y) = (at.x.to_array(), at.y.to_array());
@@ -47,7 +47,7 @@ impl MatcapSphere {
         for lane in ones(covered.to_bitmask()) {
             let (column, row) = (x[lane] as usize, y[lane] as usize);
             let (fx, fy) = (x[lane] - column as f32, y[lane] - row as f32);
-            // The last column and row have nothing beyond them, and no share of it.
+            // The last column and row have no neighbours, whose weight is zero there.
             let (right, below) = (usize::from(fx > 0.0), if fy > 0.0 { self.width } else { 0 });
             let first = row * self.width + column;
             let texels = [first, first + right, first + below, first + below + right].map(|i| self.texel(i));

@@ -1,4 +1,4 @@
-//! Dividing a block's sums, and lighting them (§5), sixteen pixels of a block at a time.
+//! Division of a block's sums, and their lighting (§5), sixteen pixels at a time.
 
 use crate::raster::sums::Sums;
 use crate::shade::lighting::{Lighting, phong};
@@ -13,7 +13,7 @@ use surfel_math::projection::ProjectionKind;
 use surfel_math::{Real, V2, V3, toon};
 use surfel_model::Shader;
 
-/// Divides and lights the block whose first pixel is (x, y).
+/// Divides and lights the block whose first pixel is `at`.
 #[inline(always)]
 pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at: (i32, i32)) -> Pixels<S> {
     lit(simd, lighting, divided(simd, lighting, sums), at).over_background(
@@ -23,7 +23,7 @@ pub(crate) fn resolve<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>, at:
     )
 }
 
-/// Lights what the pixels of a block show.
+/// Lights the surfaces of a block.
 #[inline(always)]
 pub(crate) fn lit<S: Simd>(simd: S, lighting: &Lighting, surface: Surface<S>, at: (i32, i32)) -> Shaded<S> {
     let zero = Lanes::splat(simd, 0.0);
@@ -42,7 +42,7 @@ pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> 
     let (zero, one) = (k(0.0), k(1.0));
     let attributes = &lighting.attributes;
     let covered = sums.has_weight();
-    // Not by Σw, which need not be known to a unit vector.
+    // A power of two instead of Σw: the normal's length doesn't matter, since it is normalised.
     let scale = sums.weight.scale_to_one();
     let normal =
         if attributes.normal { direction_or_zero(scaled3(sums.normal, scale)) } else { V3::new(zero, zero, zero) };
@@ -65,12 +65,12 @@ pub(crate) fn divided<S: Simd>(simd: S, lighting: &Lighting, sums: &Sums<S>) -> 
     Surface { covered, albedo, normal, z, material, weight: sums.weight }
 }
 
-/// The colour that the plan's shader gives a surface.
+/// Returns the colour that the plan's shader computes for a surface.
 #[inline(always)]
 pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>, place: Place<S>) -> V3<Lanes<S>> {
     let k = |v: f32| Lanes::splat(simd, v);
     let (zero, one) = (k(0.0), k(1.0));
-    // Sums of colours may have left f32's range, which would make NaN of what comes.
+    // Sums of colours may have overflowed f32, which would yield NaN in what follows.
     let surface = &Surface { albedo: limited(surface.albedo), ..*surface };
     let Surface { covered, normal, z, .. } = *surface;
     limited(match lighting.shader {
@@ -101,7 +101,7 @@ pub(crate) fn shaded<S: Simd>(simd: S, lighting: &Lighting, surface: &Surface<S>
         }
         Shader::Phong => phong::<S, false>(simd, lighting, surface, place),
         Shader::Toon => phong::<S, true>(simd, lighting, surface, place),
-        // Shader::Unlit, and Shader::Edl, which follows where neighbours are known.
+        // `Shader::Unlit`, and `Shader::Edl`, which is applied later, when neighbours are known.
         _ => surface.albedo,
     })
 }
@@ -111,7 +111,7 @@ fn scaled3<S: Simd>([x, y, z]: [Lanes<S>; 3], by: Lanes<S>) -> [Lanes<S>; 3] {
     [x * by, y * by, z * by]
 }
 
-/// How deep a block's neighbours may be before a line is drawn (§5, `toon`).
+/// Returns the greatest depth of a block's neighbours at which no line is drawn (§5, `toon`).
 #[inline(always)]
 pub(crate) fn outline_limit<S: Simd>(simd: S, lighting: &Lighting, surface: &Shaded<S>, at: (i32, i32)) -> Lanes<S> {
     let k = |v: f32| Lanes::splat(simd, v);

@@ -1,4 +1,4 @@
-//! Shadow maps drawn (§5): depth thresholds seen from the lights, by the same cells, setup and tiles as an image.
+//! Drawing of shadow maps (§5): depth thresholds seen from the lights, by the same cells, setup and tiles as an image.
 
 use crate::cull::cells::{self, CellLimits};
 use crate::cull::chunks::visible_chunks;
@@ -25,19 +25,19 @@ use surfel_math::projection::Projection;
 use surfel_model::Cull;
 use surfel_render::{Attributes, FramePlan, Region, ShadowMap as PlannedMap};
 
-/// What draws the shadow maps of a frame.
+/// Inputs for drawing the shadow maps of a frame.
 pub(crate) struct ShadowDrawing<'a> {
     pub instructions: Instructions,
     pub tuning: Tuning,
     pub pool: &'a SetupPool,
     pub scene: &'a ResidentScene,
     pub plan: &'a FramePlan,
-    /// The image's.
+    /// Eye of the image's view.
     pub eye: DVec3,
 }
 
 impl ShadowDrawing<'_> {
-    /// Draws all maps of the plan. Everything opaque casts, whichever side of it the light or the eye sees.
+    /// Draws all maps of the plan. Everything opaque casts a shadow, whichever side faces the light or the eye.
     pub(crate) fn draw_all(&self) -> Vec<ShadowMap> {
         self.plan.shadow_maps.iter().map(|map| self.draw(map)).collect()
     }
@@ -91,7 +91,7 @@ impl ShadowDrawing<'_> {
     }
 }
 
-/// A cell of a map.
+/// A cell of a shadow map.
 struct MapCell<'a> {
     listing: Listing<'a>,
     triangles: &'a [TriangleSegment],

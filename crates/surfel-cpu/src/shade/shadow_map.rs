@@ -1,4 +1,4 @@
-//! Shadow maps (§5): the share of a light that reaches a point.
+//! Shadow maps (§5), which determine the fraction of a light that reaches a point.
 
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::transform;
@@ -12,20 +12,20 @@ use surfel_math::{Real, V2, V3};
 
 /// A drawn shadow map.
 pub(crate) struct ShadowMap {
-    /// Index of its light.
+    /// Index of the map's light.
     pub light: usize,
     pub projection: Projection,
     pub map_from_world: Mat3,
-    /// From the light to the eye of the image, world space.
+    /// Vector from the light to the eye of the image, in world space.
     pub to_eye: Vec3,
     pub side: usize,
-    /// Depth, bias included, up to which each texel is lit.
+    /// Maximum depth at which each texel is lit, including the bias.
     pub thresholds: Vec<f32>,
 }
 
-/// Share of a light that reaches points, through all of its maps: of several the one along whose axis a point lies
-/// farthest. `position` is relative to the eye, `normal` a unit vector, both in world space; other lanes than those of
-/// `wanted` mean nothing.
+/// Returns the fraction of a light that reaches points. Of a light's several maps the one counts along whose axis the
+/// point lies farthest. `position` is relative to the eye, `normal` a unit vector, both in world space. Only the lanes
+/// of `wanted` are meaningful.
 #[inline(always)]
 pub(crate) fn reaching<S: Simd>(
     simd: S,
@@ -52,12 +52,12 @@ pub(crate) fn reaching<S: Simd>(
 }
 
 impl ShadowMap {
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.thresholds.as_slice())
     }
 
-    /// A position relative to the eye, in the map's view.
+    /// Converts a position relative to the eye to the map's view.
     #[inline(always)]
     fn in_map<S: Simd>(&self, simd: S, position: V3<Lanes<S>>) -> V3<Lanes<S>> {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -65,7 +65,7 @@ impl ShadowMap {
         transform(&self.map_from_world, position + V3::new(k(o.x), k(o.y), k(o.z)))
     }
 
-    /// The same for points and normals in the map's view.
+    /// Returns the fraction of the light that reaches points with these normals, both in the map's view.
     #[inline(never)]
     fn share<S: Simd>(&self, simd: S, p: V3<Lanes<S>>, normal: V3<Lanes<S>>) -> Lanes<S> {
         simd.vectorize(
@@ -103,7 +103,7 @@ impl ShadowMap {
         Lanes::select(before, one, share)
     }
 
-    /// The threshold of this column and row; +∞ outside of the map, where nothing casts.
+    /// Returns the threshold of this column and row; +∞ outside the map, where nothing casts a shadow.
     #[inline(always)]
     fn texel(&self, x: i32, y: i32) -> f32 {
         let (x, y) = (x as u32 as usize, y as u32 as usize);
@@ -111,7 +111,7 @@ impl ShadowMap {
     }
 }
 
-/// First column (or row) and the weights of a lookup.
+/// Returns the first column (or row) and the weights of a lookup.
 #[inline(always)]
 fn taps<S: Simd>(texel: Lanes<S>) -> (Lanes<S>, [Lanes<S>; TAPS]) {
     let from_center = texel - texel.constant(0.5);

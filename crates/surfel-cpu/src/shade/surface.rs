@@ -1,4 +1,4 @@
-//! What pixels show, before and after it is lit.
+//! Surfaces in pixels, before and after lighting.
 
 use crate::simd::lanes::Lanes;
 use crate::tiles::target::Pixels;
@@ -6,25 +6,25 @@ use fearless_simd::{Simd, mask32x16};
 use surfel_math::srgb::limit_color;
 use surfel_math::{Real, V3};
 
-/// What a pixel shows before it is lit.
+/// The surfaces of sixteen pixels before lighting.
 #[derive(Clone, Copy)]
 pub(crate) struct Surface<S: Simd> {
-    /// Where there is one; elsewhere numbers are finite and mean nothing.
+    /// Mask of pixels with a surface; in other lanes numbers are finite but meaningless.
     pub covered: mask32x16<S>,
     pub albedo: V3<Lanes<S>>,
     /// Unit world normal, or zero.
     pub normal: V3<Lanes<S>>,
     pub z: Lanes<S>,
-    /// Ambient, diffuse, specular, shininess.
+    /// Ambient, diffuse, specular and shininess factors.
     pub material: [Lanes<S>; 4],
     pub weight: Lanes<S>,
 }
 
-/// A surface that is lit.
+/// The surfaces of sixteen pixels after lighting.
 #[derive(Clone, Copy)]
 pub(crate) struct Shaded<S: Simd> {
     pub covered: mask32x16<S>,
-    /// Means nothing where nothing is covered, as do depth and normal.
+    /// Lit colour. Colour, depth and normal are meaningless in lanes that aren't covered.
     pub color: V3<Lanes<S>>,
     pub z: Lanes<S>,
     pub normal: V3<Lanes<S>>,
@@ -32,7 +32,7 @@ pub(crate) struct Shaded<S: Simd> {
 }
 
 impl<S: Simd> Shaded<S> {
-    /// No surface anywhere.
+    /// Returns lanes without any surface.
     #[inline(always)]
     pub(crate) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
@@ -40,7 +40,7 @@ impl<S: Simd> Shaded<S> {
         Self { covered: zero.lt(zero), color: none, z: zero, normal: none, weight: zero }
     }
 
-    /// The surface, or the background where there is none; `None` where no colour is wanted.
+    /// Returns finished pixels: the surface, or the background where there is none. `None` if no colour is needed.
     #[inline(always)]
     pub(crate) fn over_background(&self, simd: S, background: Option<[f32; 4]>, fragments: Lanes<S>) -> Pixels<S> {
         let k = |v: f32| Lanes::splat(simd, v);
@@ -61,7 +61,7 @@ impl<S: Simd> Shaded<S> {
         }
     }
 
-    /// This surface, or another where there is none.
+    /// Returns this surface, or the other one in lanes without.
     #[inline(always)]
     pub(crate) fn or(&self, other: &Self) -> Self {
         let (mask, pick) = (self.covered, |a: V3<Lanes<S>>, b: V3<Lanes<S>>| V3::select(self.covered, a, b));
@@ -74,11 +74,11 @@ impl<S: Simd> Shaded<S> {
         }
     }
 
-    /// This surface over another by a share, where there is another: colour, Z and normal alike (§6).
+    /// Blends this surface over another, if there is one, with weight `share`: colour, depth and normal alike (§6).
     #[inline(always)]
     pub(crate) fn blended_over(&self, behind: &Self, share: Lanes<S>) -> Self {
         let one = share.one();
-        // Where there is nothing to blend, a surface stands alone.
+        // A surface with nothing behind it counts fully.
         let share = Lanes::select(self.covered, share, one.zero());
         let share = Lanes::select(behind.covered, share, one);
         let rest = one - share;
@@ -102,7 +102,7 @@ impl<S: Simd> Shaded<S> {
     }
 }
 
-/// A colour within the range of colours (§10).
+/// Clamps a colour to the range of colours (§10).
 #[inline(always)]
 pub(crate) fn limited<S: Simd>(color: V3<Lanes<S>>) -> V3<Lanes<S>> {
     V3::new(limit_color(color.x), limit_color(color.y), limit_color(color.z))
@@ -111,7 +111,7 @@ pub(crate) fn limited<S: Simd>(color: V3<Lanes<S>>) -> V3<Lanes<S>> {
 #[inline(always)]
 pub(crate) fn direction_or_zero<S: Simd>([x, y, z]: [Lanes<S>; 3]) -> V3<Lanes<S>> {
     let square = x.mul_add(x, y.mul_add(y, z * z));
-    // Of smaller squares the root is some finite number.
+    // The inverse root of smaller squares is a meaningless finite number.
     let there = x.constant(1e-30).lt(square);
     let inverse = Lanes::select(there, square.inverse_sqrt(), x.zero());
     V3::new(x * inverse, y * inverse, z * inverse)

@@ -1,4 +1,4 @@
-//! Transparent layers, lit and composited front to back (§8).
+//! Lighting and compositing of transparent layers, front to back (§8).
 
 use crate::raster::layers::{Layer, LayerScratch, TransparentBlock};
 use crate::setup::record::Record;
@@ -16,19 +16,19 @@ use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::{Real, V3};
 use surfel_render::{FramePlan, Pass};
 
-/// Which layers are drawn.
+/// Selection of the layers that are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Layers {
-    /// Layers that are peeled, at most.
+    /// Maximum number of peeled layers.
     peeled: u32,
-    /// The rest is blended into one more.
+    /// True if the remaining fragments are blended into one more layer.
     remaining: bool,
-    /// Surfaces count by their coverage (Z01 §6).
+    /// True if surfaces are weighted by their coverage (Z01 §6).
     by_coverage: bool,
 }
 
 impl Layers {
-    /// The plan's.
+    /// Returns the plan's selection.
     pub(crate) fn new(plan: &FramePlan) -> Self {
         let abuffer = plan.has(Pass::ABuffer);
         let peeled = if abuffer { u32::MAX } else { plan.peeled_layers() as u32 };
@@ -36,22 +36,22 @@ impl Layers {
     }
 }
 
-/// What transparent splats add to a block.
+/// Result of compositing a block's transparent layers.
 pub(crate) struct CompositedLayers<S: Simd> {
-    /// Premultiplied.
+    /// Colour, premultiplied.
     color: V3<Lanes<S>>,
-    /// Share of what lies behind that shows through.
+    /// Fraction of the background that shows through.
     transmittance: Lanes<S>,
     /// The nearest layer.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
-    /// Numbers of the nearest splats, where they are wanted.
+    /// Numbers of the nearest splats, if needed.
     numbers: Option<[u32; LANES]>,
-    /// How many layers aren't empty, and where the nearest one may lie: its depth threshold, less and more by ε.
+    /// Number of layers that aren't empty, and the nearest layer's depth range: its depth threshold minus and plus ε.
     pub count: Lanes<S>,
     pub begin: Lanes<S>,
     pub end: Lanes<S>,
-    /// Pairs of block and splat that were computed, and fragments of theirs that nothing opaque occludes.
+    /// Number of block-splat pairs computed, and number of their fragments that nothing opaque occludes.
     pub tested: u32,
     pub inside: u32,
 }
@@ -117,7 +117,7 @@ impl<S: Simd> CompositedLayers<S> {
         }
     }
 
-    /// Puts a surface behind the layers there are: the same as blending back to front (Z01 eq. 12).
+    /// Adds a surface behind the existing layers, which equals blending back to front (Z01 eq. 12).
     #[inline(always)]
     fn add_behind(&mut self, surface: &Shaded<S>, alpha: Lanes<S>, fragments: Lanes<S>) {
         let zero = alpha.zero();
@@ -134,7 +134,7 @@ impl<S: Simd> CompositedLayers<S> {
         self.fragments = self.fragments + fragments;
     }
 
-    /// Writes the numbers of the nearest splats, where they are wanted and a layer is there.
+    /// Writes the numbers of the nearest splats to the pixels with a layer, if needed.
     pub(crate) fn put_index(&self, target: &mut Target<'_>, at: (i32, i32)) {
         let Some(numbers) = self.numbers else { return };
         let mut shown = target.index(at);
@@ -142,7 +142,7 @@ impl<S: Simd> CompositedLayers<S> {
         target.put_index(at, shown);
     }
 
-    /// Pixels seen through the layers.
+    /// Composites the layers over the pixels behind them.
     #[inline(always)]
     pub(crate) fn over(&self, behind: &Pixels<S>) -> Pixels<S> {
         let t = self.transmittance;
@@ -161,7 +161,7 @@ impl<S: Simd> CompositedLayers<S> {
     }
 }
 
-/// Lights transparent splats at their centres, sixteen at a time. `factors` are those of a record's material.
+/// Lights transparent splats at their centres, sixteen at a time. `factors` returns the factors of a record's material.
 #[inline(always)]
 pub(crate) fn light_splats<S: Simd>(
     simd: S,
@@ -176,7 +176,7 @@ pub(crate) fn light_splats<S: Simd>(
             let color = [record.red(), record.green(), record.blue()];
             let normal = [record.normal_x(), record.normal_y(), record.normal_z()];
             let position = lighting.world_from_view(splat.center.into()).to_array();
-            // Where the centre lies before z_near the stored depth would exceed 1.
+            // If the centre is in front of z_near, the stored depth would exceed 1.
             let z = [splat.center[2].max(lighting.near())];
             let numbers = color.into_iter().chain(normal).chain(position).chain(z).chain(factors(record));
             fields.iter_mut().zip(numbers).for_each(|(field, number)| field[i] = number);

@@ -1,5 +1,4 @@
-//! View rays: the rays of a view through sixteen pixels, and what lies on them. Axes are the world's, positions
-//! relative to the eye.
+//! View rays through sixteen pixels, and positions on them. Axes are the world's, positions are relative to the eye.
 
 use crate::simd::lanes::Lanes;
 use crate::simd::math::{transform, unit_or_zero, vector};
@@ -9,38 +8,38 @@ use surfel_math::projection::Projection;
 use surfel_math::{Real, V3};
 use surfel_render::View;
 
-/// Where a surface is.
+/// Position of a surface.
 #[derive(Clone, Copy)]
 pub(crate) enum Place<S: Simd> {
-    /// In the block of pixels that has this first one.
+    /// On the rays of the block with this first pixel.
     Block((i32, i32)),
     /// At these positions.
     Points(V3<Lanes<S>>),
 }
 
-/// From the eye to surfaces.
+/// Rays from the eye to surfaces.
 #[derive(Clone, Copy)]
 pub(crate) struct ViewRay<S: Simd> {
-    /// Of any length.
+    /// Direction of the ray, of any length.
     pub ray: V3<Lanes<S>>,
-    /// 1 over its length.
+    /// 1 over the length of `ray`.
     pub inverse_length: Lanes<S>,
 }
 
 impl<S: Simd> ViewRay<S> {
-    /// The unit vector to the eye.
+    /// Returns the unit vector to the eye.
     #[inline(always)]
     pub(crate) fn to_eye(self) -> V3<Lanes<S>> {
         self.ray * -self.inverse_length
     }
 }
 
-/// What finds a view's rays.
+/// The rays of a view.
 pub(crate) struct ViewRays {
     pub world_from_view: Mat3,
     projection: Projection,
-    /// What a ray gains from column to column and from row to row, and the ray through the centre of the first pixel.
-    /// They reach to z = 1 in view space; all of an orthographic view are its forward direction.
+    /// Change of a ray per column and per row, and the ray through the centre of the first pixel. Rays reach to z = 1
+    /// in view space; all rays of an orthographic view are its forward direction.
     across: Vec3,
     down: Vec3,
     first: Vec3,
@@ -60,7 +59,7 @@ impl ViewRays {
         Self { world_from_view: axes.as_mat3(), projection, across, down, first }
     }
 
-    /// The view ray to a place.
+    /// Returns the view ray to a place.
     #[inline(always)]
     pub(crate) fn view_ray<S: Simd>(&self, simd: S, place: Place<S>) -> ViewRay<S> {
         let (first, one) = (vector(simd, self.first), Lanes::splat(simd, 1.0));
@@ -68,7 +67,7 @@ impl ViewRays {
             Place::Block(at) => {
                 let (x, y) = Lanes::block_pixels(simd, at);
                 let (across, down) = (vector(simd, self.across), vector(simd, self.down));
-                // From whole pixel numbers, so that it doesn't depend on where a block starts.
+                // Computed from whole pixel numbers, so that the ray doesn't depend on the start of the block.
                 let ray = V3::new(
                     x.mul_add(across.x, y.mul_add(down.x, first.x)),
                     x.mul_add(across.y, y.mul_add(down.y, first.y)),
@@ -83,7 +82,7 @@ impl ViewRays {
         }
     }
 
-    /// The position of a place at depth z, where `ray` is the view ray to it.
+    /// Returns the position of a place at depth z; `ray` is the view ray to the place.
     #[inline(always)]
     pub(crate) fn position<S: Simd>(&self, simd: S, place: Place<S>, ray: V3<Lanes<S>>, z: Lanes<S>) -> V3<Lanes<S>> {
         match place {
@@ -96,7 +95,7 @@ impl ViewRays {
         }
     }
 
-    /// x/z and y/z of the rays through a block's pixels, or x and y of an orthographic view, in view space.
+    /// Returns x/z and y/z of the rays through a block's pixels (orthographic: x and y), in view space.
     #[inline(always)]
     pub(crate) fn slopes<S: Simd>(&self, simd: S, at: (i32, i32)) -> (Lanes<S>, Lanes<S>) {
         let (p, (x, y)) = (&self.projection, Lanes::block_pixels(simd, at));
@@ -104,7 +103,7 @@ impl ViewRays {
     }
 }
 
-/// A ray's slope along one axis.
+/// Returns a ray's slope along one axis.
 #[inline(always)]
 fn slope<S: Simd>(pixel: Lanes<S>, focal_px: f64, principal_px: f64) -> Lanes<S> {
     pixel.mul_add(pixel.constant(1.0 / focal_px), pixel.constant((0.5 - principal_px) / focal_px))

@@ -1,11 +1,11 @@
-//! Numbers of the bits that are set in words.
+//! Indices of the set bits of words.
 
 use fearless_simd::Simd;
 
-/// Bits of a word.
+/// Number of bits in a word.
 pub(crate) const BITS: usize = 64;
 
-/// The number of each bit that is set, from the lowest on.
+/// Returns the index of each set bit, from the lowest.
 #[inline(always)]
 pub(crate) fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
     std::iter::from_fn(move || {
@@ -15,13 +15,12 @@ pub(crate) fn ones(mut bits: u64) -> impl Iterator<Item = usize> {
     })
 }
 
-/// How many are written at once.
+/// Number of indices that are written at once.
 const FOUR: usize = 4;
 
-/// Writes the number of each bit that is set, plus `first`, in order; what comes after these means nothing.
+/// Writes the index of each set bit, plus `first`, in order. Entries after these are meaningless.
 ///
-/// How many bits a word has is hard to guess, so that a branch for each costs more than some that are looked for in
-/// vain.
+/// The number of set bits is hard to predict, so a branch per bit costs more than a few superfluous writes.
 #[inline(always)]
 pub(crate) fn set_bits<S: Simd>(simd: S, bits: u64, first: u32, to: &mut [u32; BITS]) {
     #[cfg(target_arch = "x86_64")]
@@ -52,7 +51,7 @@ mod x86 {
     use fearless_simd::u32x16;
     use std::arch::x86_64::*;
 
-    /// 0 to 63.
+    /// The bytes 0 to 63.
     const NUMBERS: [i64; 8] = {
         let mut numbers = [0; 8];
         let mut i = 0;
@@ -64,7 +63,7 @@ mod x86 {
     };
 
     fearless_simd::kernel!(
-        /// All at once: bytes 0 to 63, of which those whose bits are set are moved together.
+        /// Writes all indices at once, by compressing the bytes 0 to 63.
         #[inline]
         pub(super) fn set_bits(avx512: Avx512, bits: u64, first: u32, to: &mut [u32; BITS]) {
             let [a, b, c, d, e, f, g, h] = NUMBERS;

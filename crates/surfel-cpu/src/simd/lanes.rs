@@ -1,20 +1,21 @@
-//! Sixteen f32 in SIMD lanes as a [`Real`], and the functions that the hot loops need.
+//! Sixteen f32 in SIMD lanes as a [`Real`], and the functions of the hot loops.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16};
 use std::ops::{Add, Div, Mul, Neg, Sub};
 use surfel_math::Real;
 
-/// Number of lanes, whatever the SIMD level: what a lane computes doesn't depend on the machine.
+/// Number of lanes, independent of the SIMD level, so that results don't depend on the machine.
 pub(crate) const LANES: usize = 16;
 
-/// Whether a level has no SIMD instructions: where sixteen lanes in line are hundreds of instructions.
+/// True if a level has no SIMD instructions, so that sixteen inlined lanes are hundreds of instructions.
 const fn is_scalar<S: Simd>() -> bool {
-    // Of the levels that an x86-64 build has, none but the scalar one has vectors of four.
+    // Of the levels that an x86-64 build has, only the scalar one has vectors of four.
     cfg!(target_arch = "x86_64") && <S::f32s as SimdBase<S>>::LEN == 4
 }
 
-/// A block in line, but out of line at the scalar level: that level is a tenth of the program so, not most of it.
+/// Inlines a block, except at the scalar level. With out-of-line functions that level is a tenth of the program's code
+/// instead of most of it.
 macro_rules! in_line_unless_scalar {
     ($level:ident, ($($argument:ident: $type:ty),*) -> $result:ty $body:block) => {{
         #[inline(never)]
@@ -33,7 +34,7 @@ impl<S: Simd> Lanes<S> {
         Self(f32x16::splat(simd, value))
     }
 
-    /// The first sixteen numbers of a slice that has them.
+    /// Loads the first sixteen numbers of a slice; zeros if the slice has fewer.
     #[inline(always)]
     pub(crate) fn load(simd: S, values: &[f32]) -> Self {
         match values.first_chunk::<LANES>() {
@@ -42,7 +43,7 @@ impl<S: Simd> Lanes<S> {
         }
     }
 
-    /// Stores to the first sixteen numbers of a slice that has them.
+    /// Stores to the first sixteen numbers of a slice, if it has as many.
     #[inline(always)]
     pub(crate) fn store(self, values: &mut [f32]) {
         if let Some(chunk) = values.first_chunk_mut::<LANES>() {
@@ -55,36 +56,36 @@ impl<S: Simd> Lanes<S> {
         self.0.to_array()
     }
 
-    /// These magnitudes with others' signs, NaN's too.
+    /// Returns these magnitudes with the signs of others, including those of NaN.
     #[inline(always)]
     pub(crate) fn copysign(self, signs: Self) -> Self {
         Self(self.0.copysign(signs.0))
     }
 
-    /// Columns of a 4×4 block: 0 1 2 3, four times.
+    /// Returns the columns of a 4×4 block: 0 1 2 3, four times.
     #[inline(always)]
     pub(crate) fn block_columns(simd: S) -> Self {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i % 4) as f32)))
     }
 
-    /// Rows of a 4×4 block: 0 four times, 1 four times, …
+    /// Returns the rows of a 4×4 block: 0 four times, 1 four times, …
     #[inline(always)]
     pub(crate) fn block_rows(simd: S) -> Self {
         Self(f32x16::load_array(simd, std::array::from_fn(|i| (i / 4) as f32)))
     }
 
-    /// Columns and rows of the pixels of the block whose first one is given.
+    /// Returns the columns and rows of a block's pixels, given its first pixel.
     #[inline(always)]
     pub(crate) fn block_pixels(simd: S, (x, y): (i32, i32)) -> (Self, Self) {
         let k = |v: i32| Self::splat(simd, v as f32);
         (Self::block_columns(simd) + k(x), Self::block_rows(simd) + k(y))
     }
 
-    /// Sixteen rows of N numbers, one after another, as N columns of sixteen: of N = 16, lane j of result i is lane i
-    /// of input j.
+    /// Transposes sixteen consecutive rows of N numbers to N columns of sixteen. For N = 16, lane j of result i is lane
+    /// i of input j.
     #[inline(always)]
     pub(crate) fn transpose<const N: usize>(mut v: [Self; N]) -> [Self; N] {
-        // Each perfect shuffle of all numbers turns the bits of their index by one; the row's number has four.
+        // Each perfect shuffle of all numbers rotates the bits of their index by one; the row's number has four bits.
         for _ in 0..4 {
             let from = v;
             for i in 0..N / 2 {
@@ -95,15 +96,15 @@ impl<S: Simd> Lanes<S> {
         v
     }
 
-    /// Four planes of a 4×4 block as four rows of pixels with four numbers each.
+    /// Interleaves four planes of a 4×4 block to four rows of pixels with four numbers each.
     #[inline(always)]
     pub(crate) fn interleave4([r, g, b, a]: [Self; 4]) -> [Self; 4] {
         let (rb, ga) = ((r.0.zip_low(b.0), r.0.zip_high(b.0)), (g.0.zip_low(a.0), g.0.zip_high(a.0)));
         [Self(rb.0.zip_low(ga.0)), Self(rb.0.zip_high(ga.0)), Self(rb.1.zip_low(ga.1)), Self(rb.1.zip_high(ga.1))]
     }
 
-    /// 1/x for x in [0.66, 2.01] to about 1 ulp: the best linear guess (relative error 0.147) and two Halley steps,
-    /// each of which cubes it.
+    /// Returns 1/x for x in [0.66, 2.01] to about 1 ulp, by the best linear guess (relative error 0.147) and two Halley
+    /// steps, each of which cubes the error.
     ///
     /// Sixteen divisions take several times as long, and the CPU's own estimate differs between makes.
     #[inline(always)]
@@ -112,7 +113,7 @@ impl<S: Simd> Lanes<S> {
         in_line_unless_scalar!(S, (x: Lanes<S>) -> Lanes<S> { x.guess_near_one().halley(x).halley(x) })
     }
 
-    /// The best linear guess of [`Self::reciprocal_near_one`].
+    /// Returns the best linear guess of 1/x in [`Self::reciprocal_near_one`].
     #[inline(always)]
     pub(crate) fn guess_near_one(self) -> Self {
         // Chebyshev: 1 − x·r = T₂((2x − a − b)/(b − a))/T₂((a + b)/(b − a)) on [a, b].
@@ -124,14 +125,14 @@ impl<S: Simd> Lanes<S> {
         self.mul_add(self.constant(SLOPE), self.constant(CONSTANT))
     }
 
-    /// A better guess of 1/x than this one.
+    /// Improves this guess of 1/x by a Halley step.
     #[inline(always)]
     pub(crate) fn halley(self, x: Self) -> Self {
         let error = (-x).mul_add(self, x.one());
         error.mul_add(error, error).mul_add(self, self)
     }
 
-    /// 2^x for x in [−126, 126]: relative error below 2e-7 (Taylor polynomial of degree 6 on [−½, ½]).
+    /// Returns 2^x for x in [−126, 126]: relative error below 2e-7 (Taylor polynomial of degree 6 on [−½, ½]).
     #[inline(always)]
     pub(crate) fn exp2(self) -> Self {
         let x = self;
@@ -160,20 +161,20 @@ impl<S: Simd> Lanes<S> {
         })
     }
 
-    /// log₂ x for positive normal x; absolute error below 3e-7 plus half an ulp of the result.
+    /// Returns log₂ x for positive normal x; absolute error below 3e-7 plus half an ulp of the result.
     #[inline(always)]
     fn log2(self) -> Self {
         let x = self;
         in_line_unless_scalar!(S, (x: Lanes<S>) -> Lanes<S> {
             let simd = x.0.simd;
             let bits: i32x16<S> = x.0.bitcast();
-            // Mantissa in [√½, √2): the exponent is what must be taken off.
+            // The exponent is what has to be removed to bring the mantissa to [√½, √2).
             let shifted = bits - 0x3f35_04f3;
             let exponent = shifted >> 23;
             let mantissa = Lanes((bits - (exponent << 23)).bitcast());
             let exponent = Lanes(exponent.to_float());
-            // log(m) = 2·atanh(y), y = (m − 1)/(m + 1), |y| ≤ 0.1716: y⁹/9 is the last term that reaches f32. 0.8·(m +
-            // 1) is in [1.36, 1.94].
+            // log(m) = 2·atanh(y), y = (m − 1)/(m + 1), |y| ≤ 0.1716: y⁹/9 is the last term that matters in f32. 0.8·(m
+            // + 1) is in [1.36, 1.94].
             let one = Lanes::splat(simd, 1.0);
             let scale = Lanes::splat(simd, 0.8);
             let inverse = mantissa.mul_add(scale, scale).reciprocal_near_one() * scale;
@@ -188,7 +189,7 @@ impl<S: Simd> Lanes<S> {
         })
     }
 
-    /// self^exponent for self in [0, 1] and exponent ≥ 0, with 0⁰ = 1.
+    /// Returns self^exponent for self in [0, 1] and exponent ≥ 0, with 0⁰ = 1.
     #[inline(always)]
     pub(crate) fn power(self, exponent: Self) -> Self {
         let zero = self.zero();
@@ -199,7 +200,7 @@ impl<S: Simd> Lanes<S> {
         Self::select(vanishes, zero, scaled.max(least).exp2())
     }
 
-    /// self to the n-th, n ≥ 1, by squaring: the relative error is below n·2⁻²⁴.
+    /// Returns self to the n-th power, n ≥ 1, by squaring: the relative error is below n·2⁻²⁴.
     #[inline(always)]
     pub(crate) fn whole_power(self, n: u32) -> Self {
         let mut square = self;
@@ -221,13 +222,13 @@ impl<S: Simd> Lanes<S> {
     }
 }
 
-/// Known when a level is compiled.
+/// True if the level has a fused multiply-add; known at compile time.
 #[inline(always)]
 pub(crate) fn has_fused_multiply_add<S: Simd>(simd: S) -> bool {
     !simd.level().is_fallback()
 }
 
-/// A method of lanes whose first argument is `self`, in line but at the scalar level.
+/// Defines a method of lanes with first argument `self`, inlined except at the scalar level.
 macro_rules! method {
     ($name:ident($a:ident $(, $b:ident)*) -> $result:ty $body:block) => {
         #[inline(always)]
@@ -274,7 +275,7 @@ impl<S: Simd> Real for Lanes<S> {
         })
     }
 
-    /// A power of two that takes a positive normal number below 2^126 into (½, 1].
+    /// Returns a power of two that scales a positive normal number below 2^126 to (½, 1].
     #[inline(always)]
     fn scale_to_one(self) -> Self {
         let x = self;
@@ -285,10 +286,10 @@ impl<S: Simd> Real for Lanes<S> {
         })
     }
 
-    /// 1/√x for positive normal x, to 1 ulp; a finite number for 0 and others that are smaller.
+    /// Returns 1/√x for positive normal x, to 1 ulp; a finite number for 0 and subnormal or negative x.
     ///
-    /// A guess y from the exponent is at most 0.035 off; the polynomial that is nearest 1/√(1 + d) for d = x·y² − 1
-    /// takes it to the exact root but for 2.3e-8. Newton's steps need more operations, and round more often.
+    /// A guess y from the exponent has an error of at most 0.035. The polynomial nearest to 1/√(1 + d), for d = x·y² −
+    /// 1, reduces the error to 2.3e-8. Newton's steps need more operations and round more often.
     #[inline(always)]
     fn inverse_sqrt(self) -> Self {
         let x = self;
@@ -338,7 +339,8 @@ mod tests {
         assert!(worst[0] < 1.3e-7, "{worst:?}");
         assert!(worst[1] < 3e-7, "{worst:?}");
         assert!(worst[2] < 2e-6, "{worst:?}");
-        // Two octaves: the guess repeats from there. 1e-7 was found for all numbers of them; an ulp is up to 1.2e-7.
+        // Two octaves, after which the guess repeats. The largest error over all their numbers is 1e-7; an ulp is up to
+        // 1.2e-7.
         for i in 0..30_000 {
             let x = (1.0 + i as f32 * 1e-4) * 2f32.powi(2 * (i % 60 - 30));
             let lanes = Lanes::splat(simd, x);

@@ -1,4 +1,4 @@
-//! Which SIMD instructions a renderer uses.
+//! Selection of the SIMD instructions that a renderer uses.
 
 #[cfg(feature = "scalar")]
 use fearless_simd::Fallback;
@@ -6,22 +6,23 @@ use fearless_simd::Level;
 #[cfg(target_arch = "x86_64")]
 use fearless_simd::x86::{Avx2, Avx512};
 
-/// Which SIMD instructions to use. Changes the speed and no bit of an image.
+/// SIMD instructions of a renderer. The choice changes the speed, but no bit of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// The best that the CPU has.
+    /// The best instructions that the CPU has.
     #[default]
     Best,
-    /// AVX2 where there is any better, else the best.
+    /// AVX2, even if the CPU has better instructions; on other architectures the best.
     Avx2,
-    /// None: one number after another, for CPUs without others. Far slower, and as much code as all others together.
+    /// No SIMD instructions, for CPUs without any of the others. Far slower, and as much code as all other levels
+    /// together.
     #[cfg(feature = "scalar")]
     Scalar,
 }
 
 impl SimdLevel {
-    /// All that this build has.
+    /// All levels of this build.
     pub const ALL: &'static [Self] = &[
         Self::Best,
         Self::Avx2,
@@ -32,8 +33,8 @@ impl SimdLevel {
 
 /// Instructions that the CPU is known to have.
 ///
-/// Fewer than `fearless_simd` knows: every one is a copy of the whole rasteriser, and those without a fused
-/// multiply-add are no faster than none.
+/// These are fewer than `fearless_simd` supports. Each is a copy of the whole rasteriser, and instructions without a
+/// fused multiply-add are no faster than scalar code.
 #[derive(Clone, Copy)]
 pub(crate) enum Instructions {
     #[cfg(target_arch = "x86_64")]
@@ -47,7 +48,7 @@ pub(crate) enum Instructions {
 }
 
 impl Instructions {
-    /// The instructions for a level on this CPU, if it has them.
+    /// Returns the instructions for a level on this CPU, if it has them.
     #[cfg(target_arch = "x86_64")]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         let best = Level::new();
@@ -62,7 +63,7 @@ impl Instructions {
         found
     }
 
-    /// The instructions for a level on this CPU, if it has them.
+    /// Returns the instructions for a level on this CPU, if it has them.
     #[cfg(not(target_arch = "x86_64"))]
     pub(crate) fn new(level: SimdLevel) -> Option<Self> {
         Some(match level {
@@ -72,7 +73,7 @@ impl Instructions {
         })
     }
 
-    /// Their name.
+    /// Returns the name of the instructions.
     pub(crate) fn name(self) -> &'static str {
         match self {
             #[cfg(target_arch = "x86_64")]

@@ -14,7 +14,7 @@ pub(crate) fn transform<S: Simd>(m: &Mat3, v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     )
 }
 
-/// A function, since a closure isn't inlined into SIMD code.
+/// Returns a row's product with a vector. A function, since a closure isn't inlined into SIMD code.
 #[inline(always)]
 fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
     let simd = v.x.0.simd;
@@ -22,14 +22,14 @@ fn row<S: Simd>([a, b, c]: [f32; 3], v: V3<Lanes<S>>) -> Lanes<S> {
     Lanes::splat(simd, a).mul_add(v.x, inner)
 }
 
-/// Of length 1, for vectors that aren't zero.
+/// Normalises vectors that aren't zero.
 #[inline(always)]
 pub(crate) fn unit<R: Real>(v: V3<R>) -> V3<R> {
     let v = v * v.max_abs().scale_to_one();
     v * v.dot(v).inverse_sqrt()
 }
 
-/// As `surfel_math::basis::orthonormal`, for unit normals in lanes.
+/// Computes `surfel_math::basis::orthonormal` for unit normals in lanes.
 #[inline(always)]
 pub(crate) fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
     let (zero, one) = (n.x.zero(), n.x.one());
@@ -42,16 +42,16 @@ pub(crate) fn orthonormal<R: Real>(n: V3<R>) -> (V3<R>, V3<R>) {
     )
 }
 
-/// A vector, the same in all lanes.
+/// Returns a vector with the same value in all lanes.
 #[inline(always)]
 pub(crate) fn vector<S: Simd>(simd: S, v: Vec3) -> V3<Lanes<S>> {
     V3::new(Lanes::splat(simd, v.x), Lanes::splat(simd, v.y), Lanes::splat(simd, v.z))
 }
 
-/// Of length 1; zero stays zero.
+/// Normalises vectors; zero stays zero.
 #[inline(always)]
 pub(crate) fn unit_or_zero<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
-    // Relative to the largest coordinate: a square neither overflows nor vanishes.
+    // The vector is divided by its largest coordinate first, so that its square neither overflows nor vanishes.
     let largest = v.max_abs();
     let there = v.x.zero().lt(largest);
     let one = v.x.one();
@@ -59,7 +59,7 @@ pub(crate) fn unit_or_zero<S: Simd>(v: V3<Lanes<S>>) -> V3<Lanes<S>> {
     v * Lanes::select(there, v.dot(v), one).inverse_sqrt()
 }
 
-/// Truth values of the lanes as bits.
+/// Conversion of a mask to bits.
 pub(crate) trait Bits {
     fn bits(self) -> u64;
 }
@@ -71,7 +71,7 @@ impl<S: Simd> Bits for fearless_simd::mask32x16<S> {
     }
 }
 
-/// The largest lane; none is NaN.
+/// Returns the largest lane; no lane may be NaN.
 #[inline(always)]
 pub(crate) fn largest<S: Simd>(v: Lanes<S>) -> f32 {
     let mut lanes = v.to_array();

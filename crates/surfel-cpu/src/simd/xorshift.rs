@@ -1,4 +1,4 @@
-//! Numbers for tests, the same on any machine (Marsaglia 2003).
+//! Pseudo-random numbers for tests, the same on any machine (Marsaglia 2003).
 
 pub(crate) struct Xorshift(u64);
 
@@ -14,7 +14,7 @@ impl Xorshift {
         self.0
     }
 
-    /// From 0 to before 1.
+    /// Returns a number in [0, 1).
     pub(crate) fn share(&mut self) -> f64 {
         (self.bits() >> 11) as f64 / (1u64 << 53) as f64
     }

@@ -1,4 +1,4 @@
-//! Tiles that hold the background alone aren't written again, and no image shows it.
+//! Tests that tiles with the background alone aren't written again, and that images are the same nevertheless.
 
 use crate::tests::scenes::{specks, view, walls};
 use crate::{Options, Renderer};
@@ -23,7 +23,7 @@ fn frames_drawn_over_others_are_those_drawn_afresh() {
     for (settings, planes) in [(&plain, Planes::COLOR), (&edges, Planes::COLOR), (&plain, Planes::ALL)] {
         for (size, near) in [([150, 100], 0.1), ([150, 100], 3.2), ([100, 150], 0.1)] {
             let view = view(size, near);
-            // Each after each, and after itself.
+            // Each scene after each other one, and after itself.
             for i in [0, 0, 1, 0, 2, 2, 1, 2, 0] {
                 let mut fresh = Frame::default();
                 renderer.render_into(&scenes[i], &view, settings, planes, &mut fresh).unwrap();
@@ -42,11 +42,11 @@ fn tiles_of_background_are_not_written_again() {
     let mut frame = Frame::default();
     let settings = Settings::default();
     renderer.render_into(&resident, &view, &settings, Planes::COLOR, &mut frame).unwrap();
-    // Behind the frame's back.
+    // A change that the frame doesn't notice.
     frame.planes_and_background().0.color[0] = MARK;
     renderer.render_into(&resident, &view, &settings, Planes::COLOR, &mut frame).unwrap();
     assert_eq!(frame.color()[0], MARK);
-    // By a method that makes it forget.
+    // A method that resets the flags of background tiles.
     frame.color_mut()[1] = MARK;
     renderer.render_into(&resident, &view, &settings, Planes::COLOR, &mut frame).unwrap();
     assert!(frame.color()[..2].iter().all(|color| *color != MARK));

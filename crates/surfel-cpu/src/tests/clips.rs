@@ -1,4 +1,4 @@
-//! Clips (§7): what they cost, and lines that are the same everywhere.
+//! Tests of clips (§7): their cost, and lines that are constant.
 
 use crate::scene::clips::Head;
 use crate::{Options, Renderer};
@@ -10,13 +10,13 @@ use surfel_model::{
 };
 use surfel_render::{Frame, Planes, Renderer as _, View};
 
-/// Forty ellipses in a row, of which the first `clipped` have a line each.
+/// Returns forty ellipses in a row, of which the first `clipped` have one line each.
 fn row(clipped: Option<usize>) -> Scene {
     let half = [ClipLine { a: 1.0, b: 0.0, c: 0.0 }, NO_LINE, NO_LINE, NO_LINE];
     row_of(clipped.map(|count| Clipped { count, lines: half, mode: ClipMode::And }))
 }
 
-/// The first splats of a row that have a clip, and which.
+/// The clipped splats at the start of a row, and their clip.
 struct Clipped {
     count: usize,
     lines: [ClipLine; 4],
@@ -37,11 +37,11 @@ fn row_of(clipped: Option<Clipped>) -> Scene {
     Scene::from(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)
 }
 
-/// What a frame of a row needs and shows.
+/// Memory, counts and weights of a drawn row.
 #[derive(PartialEq)]
 struct Drawn {
     resident_bytes: usize,
-    /// Clips that setup found.
+    /// Number of clips that setup found.
     clips: f64,
     weights: Vec<f32>,
 }
@@ -64,10 +64,10 @@ fn drawn(scene: &Scene, clip: ClipPolicy) -> Drawn {
 fn only_splats_with_a_clip_pay_for_it() {
     let plain = drawn(&row(None), ClipPolicy::Exact);
     assert_eq!(plain.clips, 0.0);
-    // Columns of clips with nothing in them: no memory, no clip in a frame, and the same image.
+    // Columns of clips without any clip: no memory, no clip in a frame, and the same image.
     assert!(drawn(&row(Some(0)), ClipPolicy::Exact) == plain);
     let some = drawn(&row(Some(13)), ClipPolicy::Exact);
-    // A number for each of the 48 slots, and 13 clips of one form.
+    // An index for each of the 48 slots, and 13 clips of one form.
     assert_eq!(
         some.resident_bytes - plain.resident_bytes,
         48 * size_of::<u32>() + 13 * (size_of::<Head>() + size_of::<Linear<f32>>())

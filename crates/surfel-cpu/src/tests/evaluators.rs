@@ -1,4 +1,4 @@
-//! Evaluators against the rendering model's formulas in f64, up to the limits of their classes and past them.
+//! Tests of the evaluators against the rendering model's formulas in f64, up to the limits of their classes and beyond.
 
 use crate::cull::chunks::visible_chunks;
 use crate::cull::object::ObjectView;
@@ -34,23 +34,23 @@ const SIZE_PX: u32 = 96;
 /// Distance of the splat from the eye.
 const Z: f64 = 4.0;
 
-/// The depth of a splat that isn't near varies by less than this share of its distance.
+/// Maximum depth variation of a splat that isn't near, as a fraction of its distance.
 const NEAR: f64 = 0.5;
 
-/// Largest relative error of the cheap evaluator's reciprocal of 1 + e, which is e⁴. A splat may be cheap only where
-/// |e| stays below 1/38.6 over its filtered disk; over the disk itself it stays below 1/63.
+/// Largest relative error, e⁴, of the cheap evaluator's reciprocal of 1 + e. A splat may be cheap only if |e| stays
+/// below 1/38.6 over its filtered disk; over the disk itself it stays below 1/63.
 const RECIPROCAL: f64 = 4.5e-7;
-/// Largest |dW/d ln w| of the weight W = e^(−2ρ²) where ρ² ∝ w⁻²: 4ρ²·e^(−2ρ²) at ρ² = ½.
+/// Largest |dW/d ln w| of the weight W = e^(−2ρ²) if ρ² ∝ w⁻²: 4ρ²·e^(−2ρ²) at ρ² = ½.
 const WEIGHT_PER_RECIPROCAL: f64 = 0.736;
-/// Error of the kernel's polynomial at cutoff 2: its own test.
+/// Error of the kernel's polynomial at cutoff 2, as bounded by its own test.
 const KERNEL: f64 = 1.2e-6;
 /// Half an ulp of 1 in f32.
 const ROUNDING: f64 = 1.0 / (1u32 << 24) as f64;
-/// Roundings, each of half an ulp, on the way from a centre and half-axes to w or to a coordinate (u, v).
+/// Number of roundings, of half an ulp each, from a centre and half-axes to w or to a coordinate (u, v).
 const STEPS: f64 = 16.0;
 
-/// A splat whose depth varies by `extent` of its distance, and by `steepness` a pixel along its slope, and whose axis
-/// across that has a length of its own in pixels, or the other one's.
+/// A splat whose depth varies by `extent` of its distance, and by `steepness` per pixel along its slope. The axis
+/// across the slope has its own length in pixels, or that of the other axis.
 #[derive(Clone, Copy, Debug)]
 struct Tilted {
     extent: f64,
@@ -60,17 +60,17 @@ struct Tilted {
 }
 
 impl Tilted {
-    /// A splat in the middle of the image, of which the gradients along both coordinates add up to `steepness`: that
-    /// sum is what is limited.
+    /// Returns a splat in the middle of the image. The gradients along both coordinates add up to `steepness`, since
+    /// their sum is the quantity with a limit.
     fn new(extent: f64, steepness: f64, across_px: Option<f64>) -> Self {
         Self { extent, steepness: steepness / (0.8 + 0.6), across_px, center: [0.003, -0.002] }
     }
 
-    /// Centre and half-axes, in f32 as scenes have them.
+    /// Returns the centre and half-axes, in f32 as in scenes.
     fn vectors(&self) -> [Vec3; 3] {
         let tilt = (self.steepness * FOCAL_PX).atan();
         let radius = self.extent * Z / tilt.sin();
-        // A little turned, so that nothing is zero.
+        // Turned a little, so that no coordinate is zero.
         let turn = |v: DVec3| DVec3::new(v.x * 0.8 - v.y * 0.6, v.x * 0.6 + v.y * 0.8, v.z);
         let across = self.across_px.map_or(radius, |px| px * Z / FOCAL_PX);
         let [x, y] = self.center;
@@ -85,8 +85,8 @@ impl Tilted {
         Scene { objects: vec![object(Geometry::Splats(Arc::new(cloud)))], ..Scene::default() }
     }
 
-    /// Half-lengths in pixels of the projected ellipse, the longer first; a filter lengthens the shorter to about half
-    /// a pixel.
+    /// Returns the half-lengths in pixels of the projected ellipse, the longer first. A filter lengthens the shorter
+    /// one to about half a pixel.
     fn lengths_px(&self, filter: Filter) -> [f64; 2] {
         let tilt = (self.steepness * FOCAL_PX).atan();
         let along = self.extent / self.steepness;
@@ -102,7 +102,7 @@ fn view() -> View {
     View::new(&camera.with_near(0.1)).unwrap()
 }
 
-/// A splat at a pixel.
+/// A splat evaluated at a pixel.
 #[derive(Clone, Copy, Debug)]
 struct Hit {
     px: (i32, i32),
@@ -112,13 +112,13 @@ struct Hit {
     weight: f64,
 }
 
-/// What the backend makes of a splat alone, at all pixels of the blocks that it is listed for.
+/// The backend's evaluation of a single splat, at all pixels of the blocks that list it.
 struct Drawn {
     class: Class,
-    /// How four of it are drawn.
+    /// Method by which a batch of four such splats is evaluated.
     batch: Batch,
     hits: Vec<Hit>,
-    /// The same by the evaluator of batches, if it has one.
+    /// The same evaluation by the evaluator of batches, if the splat has one.
     in_batch: Vec<Hit>,
 }
 
@@ -218,7 +218,7 @@ impl Exact {
         Self { center_px: view.projection.pixel(splat.p), unfiltered, filtered, depth, form, cutoff: settings.cutoff }
     }
 
-    /// The splat at a pixel; `None` near the edge of a footprint, where rounding decides.
+    /// Evaluates the splat at a pixel; `None` near the edge of a footprint, where rounding decides.
     fn at(&self, px: (i32, i32)) -> Option<Hit> {
         let d = V2::new(f64::from(px.0) + 0.5, f64::from(px.1) + 0.5) - self.center_px;
         let rho_squared = |footprint: &Footprint<f64>| {
@@ -233,14 +233,15 @@ impl Exact {
     }
 }
 
-/// Compares hits with the exact splat: how many pixels lie inside. `reciprocal` is the relative error of 1/w.
+/// Compares hits with the exact splat and returns the number of pixels inside. `reciprocal` is the relative error of
+/// 1/w.
 fn compare(hits: &[Hit], splat: &Tilted, exact: &Exact, filter: Filter, reciprocal: f64, what: &str) -> usize {
     let [major_px, minor_px] = splat.lengths_px(filter);
-    // A coordinate u is rounded relative to the largest that its terms reach over the block, along the shorter axis;
-    // W changes by at most 2√(c/e)·c^(−½)… = 2.213 by it at cutoff 2.
+    // A coordinate u is rounded relative to the largest value of its terms over the block, along the shorter axis. W
+    // changes by at most 2√(c/e)·c^(−½)… = 2.213 times that at cutoff 2.
     let coordinate = STEPS * (major_px + 1.0) / minor_px * ROUNDING;
     let weight_bound = 2.213 * coordinate + WEIGHT_PER_RECIPROCAL * reciprocal + KERNEL;
-    // w by the gradient along an offset of up to the ellipse's length, which is rounded as much.
+    // The gradient of w times an offset of up to the ellipse's length, rounded as often.
     let depth_bound = reciprocal + STEPS * ROUNDING * (1.0 + splat.steepness * (major_px + 1.0));
     let mut inside = 0;
     for hit in hits {
@@ -255,7 +256,7 @@ fn compare(hits: &[Hit], splat: &Tilted, exact: &Exact, filter: Filter, reciproc
             assert!(depth <= depth_bound, "{at}: depth off by {depth:e}, bound {depth_bound:e}");
         }
     }
-    // Blocks that the splat isn't listed for have none of its pixels.
+    // Blocks that don't list the splat have none of its pixels.
     let listed: std::collections::BTreeSet<(i32, i32)> = hits.iter().map(|hit| hit.px).collect();
     let size = SIZE_PX as i32;
     for px in (0..size * size).map(|i| (i % size, i / size)).filter(|px| !listed.contains(px)) {
@@ -266,10 +267,11 @@ fn compare(hits: &[Hit], splat: &Tilted, exact: &Exact, filter: Filter, reciproc
 
 const FILTERS: [Filter; 4] = [Filter::Principal, Filter::None, Filter::Adjust, Filter::Ewa];
 
-/// Steepness over both axes, from nearly parallel to the image to edge-on, at a cosine of 1/300.
+/// Sum of the steepness along both axes, from nearly parallel to the image to edge-on, at a cosine of 1/300.
 const STEEPNESS: [f64; 8] = [0.0005, 0.002, 0.0049, 0.0051, 0.015, 0.031, 0.05, 1.0];
 
-/// The largest extent of a cheap splat of some shape, and one just beyond; `None` if the smallest isn't cheap.
+/// Returns the largest extent of a cheap splat of some shape, and an extent just beyond; `None` if the smallest isn't
+/// cheap.
 fn limit(of_extent: impl Fn(f64) -> Tilted, view: &View, filter: Filter) -> Option<[f64; 2]> {
     let is_cheap = |extent| drawn(&of_extent(extent), view, filter, false).is_some_and(|d| d.class == Class::Cheap);
     let (mut cheap, mut other) = (1e-3, 0.98 * NEAR);
@@ -294,7 +296,7 @@ fn class_is_the_cheapest_one_that_serves() {
     for (splat, class, batch) in [
         (Tilted::new(1.0 / 66.0, gentle, None), Class::Cheap, Batch::Unfiltered),
         (Tilted::new(1.0 / 38.0, gentle, None), Class::General, Batch::Scalar),
-        // Thinner than h: filtered.
+        // Thinner than h, and therefore filtered.
         (Tilted::new(1.0 / 66.0, gentle, Some(0.3)), Class::Cheap, Batch::Filtered),
         (Tilted::new(1.0 / 38.0, gentle, Some(0.3)), Class::General, Batch::Scalar),
         (Tilted::new(1.0 / 66.0, 1.0, None), Class::General, Batch::Scalar),
@@ -317,7 +319,7 @@ fn evaluators_err_by_no_more_than_their_bounds() {
                 limits += usize::from(limit.is_some());
                 let [cheap, other] = limit.unwrap_or([1.0 / 64.0; 2]);
                 for splat in [0.5 * cheap, cheap, other, 0.25 * NEAR, 0.98 * NEAR].map(of_extent) {
-                    // Without a filter such a splat touches no pixel, or what it touches is all rounding.
+                    // Without a filter such a splat touches no pixel, or its fragments are dominated by rounding.
                     if filter == Filter::None && splat.lengths_px(filter)[1] < 0.25 {
                         continue;
                     }

@@ -1,4 +1,4 @@
-//! Scenes of the crate's own tests.
+//! Scenes for the crate's own tests.
 
 use crate::simd::xorshift::Xorshift;
 use glam::{DAffine3, DVec3, Vec3};
@@ -9,7 +9,7 @@ use surfel_model::{
 };
 use surfel_render::View;
 
-/// Number of splats of a wall, along its side.
+/// Number of splats along the side of a wall.
 const SIDE: usize = 60;
 
 pub(crate) fn object(geometry: Geometry) -> Object {
@@ -29,7 +29,7 @@ fn cloud(centers: Vec<Vec3>, normals: Vec<Vec3>, radii: Vec<f32>, alpha: f32) ->
     object(Geometry::Splats(Arc::new(SplatCloud::new(data, OnInvalid::Refuse).unwrap().0)))
 }
 
-/// A wall of disks across the view, tilted, or with a hole in its middle.
+/// Returns a wall of disks across the view, tilted by `slope`, with or without a hole in its middle.
 fn wall(z: f32, slope: f32, alpha: f32, hole: bool) -> Object {
     let at = |i: usize| 4.0 * ((i as f32 + 0.5) / SIDE as f32 - 0.5);
     let places = (0..SIDE * SIDE).map(|i| (at(i % SIDE), at(i / SIDE)));
@@ -39,8 +39,8 @@ fn wall(z: f32, slope: f32, alpha: f32, hole: bool) -> Object {
     cloud(centers, vec![Vec3::new(-slope, 0.0, 1.0).normalize(); count], vec![0.08; count], alpha)
 }
 
-/// Walls behind walls with a hole in the first, some of them tilted, and the last two transparent, one before the
-/// others.
+/// Returns walls behind each other, the first with a hole, some tilted. The last two are transparent, one in front of
+/// all others.
 pub(crate) fn walls() -> Scene {
     let objects = vec![
         wall(0.0, 0.0, 1.0, true),
@@ -53,8 +53,8 @@ pub(crate) fn walls() -> Scene {
     Scene { objects, ..Scene::default() }
 }
 
-/// A wall of disks, transparent ones before it, and a textured mesh through both, in the light of a sun that casts
-/// shadows.
+/// Returns a wall of disks, transparent disks in front of it, and a textured mesh that intersects both, lit by a sun
+/// that casts shadows.
 pub(crate) fn everything() -> Scene {
     let side = 40;
     let at = |i: usize| Vec3::new((i % side) as f32, (i / side) as f32, 0.0) * 0.05 - 1.0;
@@ -80,7 +80,7 @@ pub(crate) fn everything() -> Scene {
     Scene { objects, lights: Some(vec![sun]), ..Scene::default() }
 }
 
-/// Disks of about so many pixels in no order, some steep, every fiftieth ten times as large: most are tiny.
+/// Returns unordered small disks, some steep, every fiftieth ten times as large. Most are tiny splats.
 pub(crate) fn specks(radius: f32) -> Scene {
     let mut numbers = Xorshift::new();
     let mut random = move || 2.0 * numbers.share() as f32 - 1.0;
@@ -95,8 +95,8 @@ pub(crate) fn specks(radius: f32) -> Scene {
     Scene { objects: vec![cloud(centers, normals, radii, 1.0)], ..Scene::default() }
 }
 
-/// Ellipses of every shape in no order, from needles to disks, some edge-on and some of half the view; with `clips`
-/// most have lines, a curve, or both.
+/// Returns unordered ellipses of every shape, from needles to disks, some edge-on and some as large as half the view.
+/// With `clips`, most have lines, a curve, or both.
 pub(crate) fn ellipses(clips: bool) -> Scene {
     const COUNT: usize = 600;
     let mut numbers = Xorshift::new();
@@ -127,7 +127,7 @@ pub(crate) fn ellipses(clips: bool) -> Scene {
     Scene { objects: vec![object(Geometry::Splats(Arc::new(cloud)))], ..Scene::default() }
 }
 
-/// Transparent disks of a few pixels each around others that are opaque.
+/// Returns transparent disks of a few pixels each around opaque ones.
 pub(crate) fn haze() -> Scene {
     let mut numbers = Xorshift::new();
     let mut random = move || 2.0 * numbers.share() as f32 - 1.0;

@@ -1,4 +1,4 @@
-//! Sizes of tiles and cells, occlusion culling, and tiny splats: they change the speed, and no bit of an image.
+//! Tests that sizes of tiles and cells, occlusion culling, and tiny splats change the speed, but no bit of an image.
 
 use crate::tests::scenes::{ellipses, everything, haze, specks, view, walls};
 use crate::tiles::driver::Tuning;
@@ -25,7 +25,7 @@ fn counter(stats: &Stats, name: &str) -> f64 {
     stats.counters.iter().find(|counter| counter.0 == name).map_or(f64::NAN, |counter| counter.1)
 }
 
-/// Settings whose passes differ, for scenes with or without transparent splats.
+/// Returns settings with different passes, for scenes with or without transparent splats.
 fn settings() -> Vec<Settings> {
     let layers = Transparency::Peel { layers: 2, drop_last: false };
     vec![
@@ -35,7 +35,7 @@ fn settings() -> Vec<Settings> {
     ]
 }
 
-/// What is drawn.
+/// A scene, view and settings to draw.
 struct Case {
     name: &'static str,
     scene: Scene,
@@ -43,8 +43,8 @@ struct Case {
     settings: Settings,
 }
 
-/// Every kind of geometry, evaluator and pass: in a whole image whose near plane cuts the mesh and some splats, in a
-/// region that begins within a tile, and in parallel projection.
+/// Returns cases with every kind of geometry, evaluator and pass: a whole image whose near plane cuts the mesh and some
+/// splats, a region that begins within a tile, and a parallel projection.
 fn cases() -> Vec<Case> {
     let camera = |near| Camera::perspective([0.1, 0.2, 4.0], [0.0; 3], 45.0, [100, 70]).with_near(near);
     let whole = View::new(&camera(2.9)).unwrap();
@@ -102,7 +102,8 @@ fn occluded_chunks_are_left_out_and_no_bit_changes() {
         let ((with, stats), (without, none)) = (draw(true, &settings), draw(false, &settings));
         assert!(with == without, "{settings:?}");
         assert_eq!(counter(&none, "culled_occluded"), 0.0);
-        // 3,600 splats a wall, of which borders and the hole show some; edges show what lies behind.
+        // 3,600 splats per wall, of which some at the borders and the hole are visible; edge antialiasing draws hidden
+        // splats too.
         let occluded = counter(&stats, "culled_occluded");
         assert!(occluded > 1800.0 || settings.edge_aa != EdgeAa::Off, "{settings:?}: {occluded}");
     }
@@ -123,7 +124,7 @@ fn tiny_splats_are_the_same_to_the_bit_however_they_are_drawn() {
                     let tuning = Tuning { tile_blocks, cell_splats, ..Tuning::default() };
                     let (bits, stats) = draw(tuning, &scene, &view, &settings, planes);
                     assert!(bits == one_by_one, "{filter:?}, radius {radius}: {tuning:?}");
-                    // Most splats are tiny but of `clamp`, whose disks are no ellipses.
+                    // Most splats are tiny, except with `clamp`, whose disks aren't ellipses.
                     assert_eq!(share(&stats) < 14.0, filter != Filter::Clamp, "{filter:?}, radius {radius}");
                 }
             }

@@ -1,46 +1,46 @@
-//! Items sorted stably into tiles.
+//! Stable sorting of items into tiles.
 
 use crate::tiles::grid::Grid;
 use crate::tiles::pool::Reused;
 
-/// Bytes of a record of a splat.
+/// Size of a splat's record, in bytes.
 pub(crate) const RECORD_BYTES: usize = 128;
 
 /// A record in a tile.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Entry {
-    /// Blocks of the tile that it may touch, a bit each, row by row, eight bits a row.
+    /// Blocks of the tile that the record may touch, one bit per block, row by row, eight bits a row.
     pub blocks: u64,
     /// Index of the record in its segment.
     pub record: u32,
-    /// Index of the tile, and [`Kind`] in the two highest bits.
+    /// Index of the tile, with [`Kind`] in the two highest bits.
     place: u32,
 }
 
-/// Whether a splat is a tiny one, whose fragments setup has found.
+/// Kind of a splat: a tiny one, whose fragments setup has computed, or any other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     Any = 0,
-    /// One of 2×2 pixels.
+    /// A tiny splat of 2×2 pixels.
     Tiny2 = 1,
-    /// One of 3×3 pixels.
+    /// A tiny splat of 3×3 pixels.
     Tiny3 = 2,
 }
 
 impl Entry {
-    /// Tiles are 8 pixels wide or more: even the largest image has fewer than 2^30.
+    /// Creates an entry. Tiles are 8 pixels wide or more, so even the largest image has fewer than 2^30.
     #[inline(always)]
     pub(crate) fn new(blocks: u64, record: u32, tile: u32, kind: Kind) -> Self {
         Self::at(blocks, record, Self::place(tile, kind as u32))
     }
 
-    /// Of a [`Self::place`].
+    /// Creates an entry from a packed [`Self::place`].
     #[inline(always)]
     pub(crate) fn at(blocks: u64, record: u32, place: u32) -> Self {
         Self { blocks, record, place }
     }
 
-    /// A tile, and the number of a splat's [`Kind`] there.
+    /// Packs a tile and the number of a splat's [`Kind`].
     #[inline(always)]
     pub(crate) fn place(tile: u32, kind: u32) -> u32 {
         tile | kind << 30
@@ -61,25 +61,26 @@ impl Entry {
     }
 }
 
-/// Entries of a group of 16 splats no larger than a tile, at most.
+/// Maximum number of entries of a group of 16 splats no larger than a tile.
 pub(crate) const OF_GROUP: usize = 64;
 
-/// Entries, before they are sorted or after.
+/// A list of entries, sorted or unsorted.
 pub(crate) type Entries = Reused<Entry>;
 
-/// Each tile's entries, in the order in which they were found.
+/// The entries of each tile, in the order in which they were found.
 #[derive(Default)]
 pub(crate) struct TileLists {
-    /// Where each tile's entries start; empty if there are none at all.
+    /// Index of each tile's first entry; empty if there are no entries.
     starts: Vec<u32>,
-    /// Where each tile's next entry goes, while they are sorted.
+    /// Index of each tile's next entry, during sorting.
     next: Vec<u32>,
-    /// Sorted.
+    /// The sorted entries.
     entries: Entries,
 }
 
 impl TileLists {
-    /// Sorts entries into tiles, by counting, in the memory of what was sorted before, and leaves that of what wasn't.
+    /// Sorts entries into tiles by counting. The sorted entries reuse this list's memory; `unsorted` retains its own,
+    /// or gets this list's.
     pub(crate) fn sort(&mut self, unsorted: &mut Entries, grid: &Grid) {
         self.starts.clear();
         self.entries.clear();
@@ -99,7 +100,7 @@ impl TileLists {
             self.starts[i] += self.starts[i - 1];
         }
         self.next.clone_from(&self.starts);
-        // What is there is overwritten, all of it.
+        // Every element is overwritten.
         self.entries.resize(unsorted.len());
         for &entry in unsorted.iter() {
             let at = &mut self.next[entry.tile()];
@@ -108,7 +109,7 @@ impl TileLists {
         }
     }
 
-    /// The entries of a tile.
+    /// Returns the entries of a tile.
     pub(crate) fn of(&self, tile: usize) -> &[Entry] {
         match self.starts.get(tile..tile + 2) {
             Some(range) => &self.entries[range[0] as usize..range[1] as usize],
@@ -116,12 +117,12 @@ impl TileLists {
         }
     }
 
-    /// Entries of all tiles.
+    /// Returns the number of entries of all tiles.
     pub(crate) fn len(&self) -> usize {
         self.entries.len()
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.starts.as_slice()) + size_of_val(&*self.entries)
     }

@@ -1,25 +1,25 @@
-//! Which blocks of a grid are drawn, where it isn't all of them.
+//! Sets of a grid's blocks, for drawing only some of them.
 
 use crate::tiles::grid::{BLOCK, Grid, TILE_BLOCKS};
 
-/// Some blocks of a grid, and where there are any.
+/// A set of blocks of a grid, with a fast test for rectangles.
 pub(crate) struct BlockSet {
     pub grid: Grid,
-    /// A bit for each of a tile's blocks.
+    /// Bits of each tile's blocks.
     tiles: Vec<u64>,
-    /// How many tiles with any of them lie left of and above each tile's corner.
+    /// Summed-area table: number of tiles that have blocks of the set, left of and above each tile's corner.
     sums: Vec<u32>,
-    /// How many they are.
+    /// Number of blocks.
     pub count: u64,
 }
 
 impl BlockSet {
-    /// None yet.
+    /// Returns an empty set.
     pub(crate) fn new(grid: Grid) -> Self {
         Self { grid, tiles: vec![0; grid.tiles()], sums: Vec::new(), count: 0 }
     }
 
-    /// Adds the block that holds a pixel of the grid's region.
+    /// Adds the block that contains a pixel of the grid's region.
     pub(crate) fn add(&mut self, x: i32, y: i32) {
         let [column, row] = [x, y].map(|px| px as u32 / BLOCK % self.grid.tile_blocks);
         if let Some(blocks) = self.tiles.get_mut(self.grid.tile_of(x, y)) {
@@ -28,7 +28,7 @@ impl BlockSet {
         }
     }
 
-    /// To be called when all are added.
+    /// Computes the summed-area table. Call this after all blocks are added.
     pub(crate) fn finish(&mut self) {
         let (columns, rows) = (self.grid.columns as usize, self.grid.rows as usize);
         self.sums = vec![0; (columns + 1) * (rows + 1)];
@@ -42,15 +42,15 @@ impl BlockSet {
         }
     }
 
-    /// Tiles that have any, each with its blocks as bits.
+    /// Returns the tiles that have blocks of the set, with the blocks' bits.
     pub(crate) fn tiles(&self) -> impl Iterator<Item = (usize, u64)> + '_ {
         self.tiles.iter().copied().enumerate().filter(|(_, blocks)| *blocks != 0)
     }
 
-    /// True if some of them may hold pixels of a box: least x and y, greatest x and y.
+    /// True if some of the blocks may contain pixels of a box: minimum x and y, maximum x and y.
     pub(crate) fn touches(&self, [x0, y0, x1, y1]: [f64; 4]) -> bool {
         let (size, columns, rows) = (self.grid.tile_px(), i64::from(self.grid.columns), i64::from(self.grid.rows));
-        // Blocks from the grid's origin. A box may be infinite, and casts saturate.
+        // Blocks from the grid's origin. A box may be infinite; casts saturate.
         let block = |at: f64, axis: usize| {
             ((at - f64::from(self.grid.origin[axis])) / f64::from(BLOCK)).floor().clamp(-1.0, 1e9) as i64
         };
@@ -68,7 +68,7 @@ impl BlockSet {
         if (right - left) * (bottom - top) > MOST_TILES {
             return true;
         }
-        // Of few tiles, block by block.
+        // If the tiles are few, they are tested block by block.
         let bits = |from: i64, to: i64, tile: i64| {
             let clip = |at: i64| (at - tile * side).clamp(0, side);
             (1u64 << clip(to + 1)) - (1u64 << clip(from))
@@ -85,26 +85,26 @@ impl BlockSet {
     }
 }
 
-/// Most tiles whose blocks are looked at one by one.
+/// Maximum number of tiles that are tested block by block.
 const MOST_TILES: i64 = 9;
 
-/// Which blocks of a grid's tiles are drawn.
+/// The blocks of a grid that are drawn: all of them, or a set.
 #[derive(Clone, Copy, Default)]
 pub(crate) struct DrawnBlocks<'a>(Option<&'a BlockSet>);
 
 impl<'a> DrawnBlocks<'a> {
-    /// Some of them.
+    /// Returns the blocks of a set.
     pub(crate) fn some(blocks: &'a BlockSet) -> Self {
         Self(Some(blocks))
     }
 
-    /// Which, if it isn't all of them.
+    /// Returns the set, unless all blocks are drawn.
     #[inline(always)]
     pub(crate) fn set(self) -> Option<&'a BlockSet> {
         self.0
     }
 
-    /// A tile's, as bits.
+    /// Returns the bits of a tile's blocks.
     #[inline(always)]
     pub(crate) fn of(self, tile: u32) -> u64 {
         self.0.map_or(u64::MAX, |set| set.tiles.get(tile as usize).copied().unwrap_or_default())
@@ -133,14 +133,14 @@ mod tests {
             for _ in 0..1000 {
                 let (x, y) = (10.0 + 230.0 * random(), 20.0 + 180.0 * random());
                 let (width, height) = (30.0 * random(), 30.0 * random());
-                // A block's pixels from its first to its last.
+                // A block's pixels, from its first to its last.
                 let within = |&[px, py]: &[i32; 2]| {
                     let [bx, by] = [px, py].map(|at| f64::from(at / 4 * 4));
                     bx <= x + width && bx + 4.0 > x && by <= y + height && by + 4.0 > y
                 };
                 let expected = pixels.iter().any(within);
                 let touches = set.touches([x, y, x + width, y + height]);
-                // Of many tiles it is enough that one has any.
+                // Over many tiles the test only finds whether one of them has any block.
                 let is_exact = width.max(height) <= f64::from(2 * BLOCK * tile_blocks);
                 assert!(touches == expected || (touches && !is_exact), "{x} {y} {width} {height}");
                 found[usize::from(expected)] += 1;

@@ -1,19 +1,19 @@
-//! Jobs for all threads, in a given order, and what is counted meanwhile.
+//! Execution of jobs on all threads in a given order, and counters.
 
 use crate::tiles::grid::TILE_BLOCKS;
 use std::sync::{Mutex, PoisonError};
 
-/// How work is cut. Changes the speed and memory, and no bit of an image.
+/// Parameters of the division of work. They change the speed and memory, but no bit of an image.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Tuning {
-    /// Blocks along the side of a tile: 2, 4 or 8.
+    /// Number of blocks along the side of a tile: 2, 4 or 8.
     pub tile_blocks: u32,
-    /// Most splats and triangles that a thread sets up before it draws them, as near as tiles allow. At 140 bytes each
-    /// they should about fit its cache. Those on the border of two cells are set up twice.
+    /// Maximum number of splats and triangles that a thread sets up before it draws them, as near as whole tiles allow.
+    /// At 140 bytes each they should about fit its cache. Splats on the border of two cells are set up twice.
     pub cell_splats: usize,
-    /// Whether chunks behind all that a cell shows are found and left out.
+    /// True if chunks behind everything visible in a cell are culled.
     pub culls_occluded: bool,
-    /// Whether splats of few pixels are evaluated by setup, and tiles of them drawn splat by splat.
+    /// True if setup evaluates tiny splats, and tiles of them are drawn splat by splat.
     pub finds_tiny: bool,
 }
 
@@ -23,7 +23,7 @@ impl Default for Tuning {
     }
 }
 
-/// Takes every job on some thread, in the order given, with something of the thread's own.
+/// Runs every job on some thread, in the given order, with a state of the thread's own. Returns the threads' states.
 pub(crate) fn run<T: Send, A: Send>(
     jobs: Vec<T>,
     own: impl Fn() -> A + Sync,
@@ -33,7 +33,7 @@ pub(crate) fn run<T: Send, A: Send>(
     rayon::broadcast(|_| {
         let mut own = own();
         loop {
-            // A thread that panics takes the whole frame with it, whatever the queue says.
+            // A poisoned queue needs no handling: a thread's panic ends the whole frame.
             let next = queue.lock().unwrap_or_else(PoisonError::into_inner).next();
             let Some(job) = next else { return own };
             take(&mut own, job);
@@ -41,7 +41,7 @@ pub(crate) fn run<T: Send, A: Send>(
     })
 }
 
-/// What was counted while tiles were drawn.
+/// Counts of events while tiles are drawn.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Counters {
     /// Pairs of block and splat that were computed.

@@ -1,4 +1,4 @@
-//! Colours in 8 bits, sixteen at a time, to the bit as [`encode_rgba8`] gives them.
+//! Encoding of colours to 8 bits, sixteen at a time, bit-identical to [`encode_rgba8`].
 
 use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
@@ -7,8 +7,8 @@ use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
 use surfel_math::srgb::encode_rgba8;
 
-/// 255·(1.055·v^(5/3) − 0.055) + ½ for v in [0.2365, 1], where v⁴ is the linear value: Chebyshev interpolation, 1.3e-4
-/// off at most.
+/// Coefficients of 255·(1.055·v^(5/3) − 0.055) + ½ for v in [0.2365, 1], where v⁴ is the linear value. Chebyshev
+/// interpolation with an error of at most 1.3e-4.
 const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
     -17.338_026_837_540_79,
     91.531_325_390_237_07,
@@ -20,25 +20,25 @@ const LEVEL_OF_FOURTH_ROOT: [f64; 8] = [
     -14.438_328_509_291_58,
 ];
 
-/// How near a level's bound a value may be before the exact tables decide: twice the polynomial's error and that of the
-/// roots and of sums in f32, 1e-4 together.
+/// Distance from a level's bound within which the exact tables decide. It is twice the sum of the polynomial's error
+/// and the errors of roots and sums in f32, which are 1e-4 together.
 const UNSURE: f64 = 5e-4;
 
-/// A block's linear premultiplied colours, sRGB-encoded, straight alpha.
+/// Encodes a block's linear premultiplied colours to sRGB with straight alpha.
 #[inline(always)]
 pub(super) fn rgba8<S: Simd>(color: [Lanes<S>; 4]) -> [[u8; 4]; LANES] {
     let [.., a] = color;
     let simd = a.0.simd;
     let (zero, one) = (a.zero(), a.one());
     let has_alpha = zero.lt(a);
-    // A colour over 1 is itself.
+    // The division is skipped if every alpha is 1.
     let divides = a.lt(one).to_bitmask() != 0 || one.lt(a).to_bitmask() != 0;
     let divisor = Lanes::select(has_alpha, a, one);
     let mut unsure = mask32x16::splat(simd, false);
     let mut packed = i32x16::splat(simd, 0);
     for (c, shift) in color[..3].iter().zip([0, 8, 16]) {
         let straight = if divides { *c / divisor } else { *c };
-        // NaN fails the comparison, too.
+        // The comparison is false for NaN, too.
         let linear = Lanes::select(zero.lt(straight), straight.min(one), zero);
         let root = linear.sqrt().sqrt();
         let mut level = root.constant(LEVEL_OF_FOURTH_ROOT[0]);
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
     use crate::simd::level::{Instructions, SimdLevel, with_instructions};
 
-    /// Sixteen colours at a time against one.
+    /// Compares sixteen colours encoded together with the same colours encoded one by one.
     #[inline(always)]
     fn check<S: Simd>(simd: S, colors: &[[f32; 4]]) {
         for sixteen in colors.as_chunks::<LANES>().0 {
@@ -92,7 +92,7 @@ mod tests {
             colors.push([v, g, b, 1.0]);
             colors.push([v * 0.3, g * 0.3, b * 0.3, 0.3]);
         }
-        // Each level's bounds, and their neighbours.
+        // The bounds of each level, and their neighbours.
         for level in 0..256 {
             let bound = surfel_math::srgb::decode((f64::from(level) - 0.5).max(0.0) / 255.0) as f32;
             let near = [bound.next_down(), bound, bound.next_up(), bound * 1.000_001];

@@ -1,4 +1,4 @@
-//! Blocks of 4×4 pixels and tiles of blocks: how a region is cut.
+//! Division of a region into tiles, and of tiles into blocks of 4×4 pixels.
 
 use crate::simd::lanes::{LANES, Lanes};
 use fearless_simd::prelude::*;
@@ -6,18 +6,18 @@ use fearless_simd::{Simd, i32x16, mask32x16};
 use surfel_math::Real;
 use surfel_render::Region;
 
-/// Pixels along the side of a block, the unit of rasterisation: sixteen pixels, one for each lane.
+/// Side of a block in pixels. A block, the unit of rasterisation, has sixteen pixels, one for each lane.
 pub(crate) const BLOCK: u32 = 4;
 
-/// Blocks along a tile's side, at most: one bit each in a `u64`.
+/// Maximum number of blocks along a tile's side, so that a `u64` has one bit for each block.
 pub(crate) const TILE_BLOCKS: u32 = 8;
 
-/// A region cut into tiles, whose corners are whole multiples of their size: what a block computes doesn't depend on
-/// the region.
+/// A region divided into tiles. Tile corners are multiples of the tile size in the image, so that a block's results
+/// don't depend on the region.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Grid {
     pub region: Region,
-    /// Blocks along a tile's side: 2, 4 or 8.
+    /// Number of blocks along a tile's side: 2, 4 or 8.
     pub tile_blocks: u32,
     /// First column and row of the first tile, in pixels.
     pub origin: [u32; 2],
@@ -42,26 +42,26 @@ impl Grid {
         self.columns as usize * self.rows as usize
     }
 
-    /// The tile that holds a pixel of the region.
+    /// Returns the tile that contains a pixel of the region.
     pub(crate) fn tile_of(&self, x: i32, y: i32) -> usize {
         let [column, row] =
             [(x, self.origin[0]), (y, self.origin[1])].map(|(at, first)| (at as u32 - first) / self.tile_px());
         (row * self.columns + column) as usize
     }
 
-    /// Pixels along a tile's side.
+    /// Returns the side of a tile, in pixels.
     pub(crate) fn tile_px(&self) -> u32 {
         self.tile_blocks * BLOCK
     }
 
-    /// First pixel of a block of a tile.
+    /// Returns the first pixel of a block of a tile.
     pub(crate) fn block_px(&self, tile: usize, block: u32) -> (i32, i32) {
         let [x, y] = [tile as u32 % self.columns, tile as u32 / self.columns];
         let px = |tile: u32, axis: usize| (self.origin[axis] + tile * self.tile_px()) as i32;
         block_px((px(x, 0), px(y, 1)), block)
     }
 
-    /// Blocks of a tile as bits: those with pixels of the region.
+    /// Returns bits of a tile's blocks that have pixels of the region.
     pub(crate) fn blocks(&self, tile: usize) -> u64 {
         let rect = Rect::of_tile(self, tile, self.region);
         let (x, y) = self.block_px(tile, 0);
@@ -72,13 +72,13 @@ impl Grid {
     }
 }
 
-/// First pixel of a block of the tile that has this first one.
+/// Returns the first pixel of a block, given the first pixel of its tile.
 #[inline(always)]
 pub(crate) fn block_px((x, y): (i32, i32), block: u32) -> (i32, i32) {
     (x + (block % TILE_BLOCKS * BLOCK) as i32, y + (block / TILE_BLOCKS * BLOCK) as i32)
 }
 
-/// Pixels of an image: first column and row, end column and row.
+/// A rectangle of pixels of an image: first column and row, end column and row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Rect {
     pub x: i32,
@@ -93,7 +93,7 @@ impl Rect {
         Self { x, y, end_x: x + w, end_y: y + h }
     }
 
-    /// The part of a tile inside `region`; may be empty.
+    /// Returns the part of a tile inside `region`, which may be empty.
     pub(crate) fn of_tile(grid: &Grid, tile: usize, region: Region) -> Self {
         let size = grid.tile_px();
         let column = tile as u32 % grid.columns;
@@ -103,27 +103,27 @@ impl Rect {
         whole.common(&Self::of(region))
     }
 
-    /// The smallest rectangle that holds both.
+    /// Returns the smallest rectangle that contains both.
     pub(crate) fn with(&self, o: &Self) -> Self {
         Self { x: self.x.min(o.x), y: self.y.min(o.y), end_x: self.end_x.max(o.end_x), end_y: self.end_y.max(o.end_y) }
     }
 
-    /// What both hold; may be empty.
+    /// Returns the intersection of both, which may be empty.
     pub(crate) fn common(&self, o: &Self) -> Self {
         Self { x: self.x.max(o.x), y: self.y.max(o.y), end_x: self.end_x.min(o.end_x), end_y: self.end_y.min(o.end_y) }
     }
 
-    /// True if no pixel is inside.
+    /// True if the rectangle has no pixel.
     pub(crate) fn is_empty(&self) -> bool {
         self.x >= self.end_x || self.y >= self.end_y
     }
 
-    /// True for a pixel inside.
+    /// True if the pixel is inside.
     pub(crate) fn has(&self, x: i32, y: i32) -> bool {
         (self.x..self.end_x).contains(&x) && (self.y..self.end_y).contains(&y)
     }
 
-    /// Which pixels lie inside.
+    /// Returns a mask of the pixels inside.
     #[inline(always)]
     pub(crate) fn holds<S: Simd>(&self, (x, y): (Lanes<S>, Lanes<S>)) -> mask32x16<S> {
         let k = |v: i32| f64::from(v);
@@ -131,7 +131,7 @@ impl Rect {
         column & y.constant(k(self.y)).le(y) & y.lt(y.constant(k(self.end_y)))
     }
 
-    /// 1 for a block's pixels inside the rectangle, else 0.
+    /// Returns 1 for a block's pixels inside the rectangle, else 0.
     #[inline(always)]
     pub(crate) fn lanes_inside<S: Simd>(&self, simd: S, (x, y): (i32, i32)) -> i32x16<S> {
         if self.x <= x && x + 4 <= self.end_x && self.y <= y && y + 4 <= self.end_y {
@@ -145,7 +145,7 @@ impl Rect {
         i32x16::load_array(simd, inside)
     }
 
-    /// Bits of a block's pixels inside the rectangle.
+    /// Returns bits of a block's pixels inside the rectangle.
     pub(crate) fn lanes_of_block(&self, (x, y): (i32, i32)) -> u64 {
         let row = (0..4).filter(|i| (self.x..self.end_x).contains(&(x + i))).fold(0u64, |bits, i| bits | 1 << i);
         let inside = |j: &i32| (self.y..self.end_y).contains(&(y + j));

@@ -1,30 +1,31 @@
-//! The splats, or triangles, of each block of a tile, in their order.
+//! Lists of the splats, or triangles, of each block of a tile, in their order.
 
 use crate::simd::compress::{self, BITS};
 use crate::tiles::bins::Entry;
 use crate::tiles::pool::emptied;
 use fearless_simd::Simd;
 
-/// Splats that are drawn together.
+/// Number of splats in a batch, which are evaluated together.
 pub(crate) const BATCH: usize = 4;
 
-/// What block lists refer to.
+/// An item of block lists.
 pub(crate) trait Listable: 'static {
-    /// Fills up the last batch: it has no fragment anywhere.
+    /// An item without any fragment, which pads the last batch.
     const EMPTY: &'static Self;
 
-    /// No fragment is nearer.
+    /// Returns a lower bound of the item's depth.
     fn z_min(&self) -> f32;
 }
 
-/// A splat's record, and its [`Listable::z_min`]: the record of one behind all depth thresholds isn't read.
+/// A splat's record and its [`Listable::z_min`], which is copied so that records behind all depth thresholds needn't be
+/// read.
 pub(crate) type Listed<'a, R> = (&'a R, f32);
 
 /// The splats of a block.
 pub(crate) struct BlockList<'a, 'b, R> {
-    /// All of the tile's, and an empty one.
+    /// All splats of the tile, and an empty one.
     splats: &'b [Listed<'a, R>],
-    /// Indices of the block's, in their order, in batches of 4; the last up to three are empty.
+    /// Indices of the block's splats, in their order, in batches of 4. Up to three at the end refer to the empty splat.
     batches: &'b [[u32; BATCH]],
     count: usize,
 }
@@ -39,7 +40,7 @@ impl<R> Clone for BlockList<'_, '_, R> {
 impl<R> Copy for BlockList<'_, '_, R> {}
 
 impl<'a, 'b, R> BlockList<'a, 'b, R> {
-    /// Splats of the block.
+    /// Returns the number of splats of the block.
     pub(crate) fn len(&self) -> usize {
         self.count
     }
@@ -48,33 +49,33 @@ impl<'a, 'b, R> BlockList<'a, 'b, R> {
         self.count == 0
     }
 
-    /// Indices of the block's splats, in batches of 4. The last up to three are of an empty one.
+    /// Returns indices of the block's splats, in batches of 4. Up to three at the end refer to the empty splat.
     #[inline(always)]
     pub(crate) fn batches(&self) -> &'b [[u32; BATCH]] {
         self.batches
     }
 
-    /// A splat by its index.
+    /// Returns a splat by its index.
     #[inline(always)]
     pub(crate) fn get(&self, index: u32) -> Listed<'a, R> {
         self.splats[index as usize]
     }
 }
 
-/// Lists of all blocks of a tile, as a matrix of bits: splat by splat it is filled, block by block it is read.
+/// Lists of all blocks of a tile, as a matrix of bits that is filled splat by splat and read block by block.
 ///
-/// Pushing each splat onto the lists of its blocks costs a mispredicted branch a splat and a store a pair; turning 64
-/// splats' masks around costs the same whatever is in them. Filling also brings a tile's records near the CPU, many
-/// at a time, where the blocks' loops would wait for one after another.
+/// Pushing each splat onto the lists of its blocks would cost a mispredicted branch per splat and a store per pair.
+/// Transposing the masks of 64 splats has a fixed cost. Filling also brings a tile's records into the cache, many at a
+/// time, where the blocks' loops would wait for one after another.
 pub(crate) struct BlockLists<'a, R> {
     splats: Vec<Listed<'a, R>>,
-    /// Of each 64 splats: before they are full, the blocks of each splat; then the splats of each block.
+    /// Matrix of each 64 splats: while it is filled, the blocks of each splat; then the splats of each block.
     words: Vec<[u64; BITS]>,
-    /// Indices of the splats of [`ROW`] blocks, block after block, and room for what is written beyond their end.
+    /// Indices of the splats of [`ROW`] blocks, block by block, and room for superfluous writes beyond the end.
     order: Vec<u32>,
-    /// Where each block's begin, and how many they are.
+    /// Start and length in `order` of each block's list.
     parts: [(usize, usize); ROW],
-    /// Which blocks these are.
+    /// The row of blocks that `order` has.
     row: Option<usize>,
 }
 
@@ -91,18 +92,18 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         self.row = None;
     }
 
-    /// The same memory, for other splats.
+    /// Empties the lists and returns their memory for splats of another lifetime.
     pub(crate) fn for_others<'b>(self) -> BlockLists<'b, R> {
         let Self { splats, words, order, .. } = self;
         BlockLists { splats: emptied(splats), words, order, ..BlockLists::default() }
     }
 
-    /// Appends the splats of a tile's entries to the lists of those of their blocks that are `wanted`.
+    /// Appends the splats of a tile's entries to the lists of the `wanted` ones among their blocks.
     #[inline(always)]
     pub(crate) fn extend(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         let first = self.splats.len();
         self.words.resize((first + entries.len()).div_ceil(BITS), [0; BITS]);
-        // Where a splat is found late, the next ones are looked for meanwhile.
+        // While one splat is fetched from memory, the CPU requests the next ones.
         self.splats.extend(entries.iter().map(|entry| {
             let record = &records[entry.record as usize];
             (record, record.z_min())
@@ -112,7 +113,7 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         }
     }
 
-    /// [`Self::extend`] for few blocks: splats that touch none of them are left out.
+    /// Appends splats as [`Self::extend`] does, but skips those that touch none of the few `wanted` blocks.
     pub(crate) fn extend_some(&mut self, records: &'a [R], entries: &[Entry], wanted: u64) {
         for entry in entries.iter().filter(|entry| entry.blocks & wanted != 0) {
             let at = self.splats.len() % BITS;
@@ -127,19 +128,19 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         }
     }
 
-    /// To be called after the last splat.
+    /// Finishes the lists. Call this after the last splat.
     #[inline(always)]
     pub(crate) fn finish(&mut self) {
         self.words.iter_mut().for_each(transpose);
         self.splats.push((R::EMPTY, f32::INFINITY));
     }
 
-    /// Blocks whose lists aren't empty, a bit each.
+    /// Returns bits of the blocks whose lists aren't empty.
     pub(crate) fn touched(&self) -> u64 {
         touched(&self.words)
     }
 
-    /// The list of a block.
+    /// Returns the list of a block.
     #[inline(always)]
     pub(crate) fn of<S: Simd>(&mut self, simd: S, block: u32) -> BlockList<'a, '_, R> {
         let block = block as usize % BITS;
@@ -151,17 +152,17 @@ impl<'a, R: Listable> BlockLists<'a, R> {
         BlockList { splats: &self.splats, batches: order.as_chunks().0, count }
     }
 
-    /// Lists the splats of a row of blocks: several together, since what has just been written in parts can't be read
-    /// in others.
+    /// Lists the splats of a row of blocks. Several blocks are listed together, since reading a list right after its
+    /// partial writes would stall.
     #[inline(always)]
     fn list_row<S: Simd>(&mut self, simd: S, row: usize) {
         self.row = Some(row);
-        // Every block may have every splat, and what means nothing after them.
+        // Room for all splats in each block, and for superfluous writes after them.
         let room = ROW * (BITS * self.words.len() + BATCH) + BITS;
         if self.order.len() < room {
             self.order.resize(room, 0);
         }
-        // The last word has no bits past the last splat, after which comes the empty one.
+        // The last word has no bits past the last splat, which the empty splat follows.
         let empty = self.splats.len().saturating_sub(1) as u32;
         let mut at = 0;
         for (block, part) in (ROW * row..).zip(&mut self.parts) {
@@ -182,20 +183,20 @@ impl<'a, R: Listable> BlockLists<'a, R> {
     }
 }
 
-/// Blocks that are listed together.
+/// Number of blocks that are listed together.
 const ROW: usize = 8;
 
-/// Blocks whose lists aren't empty, a bit each, from turned words.
+/// Returns bits of the blocks whose lists aren't empty, from transposed words.
 fn touched(words: &[[u64; BITS]]) -> u64 {
     let any = |block: &usize| words.iter().any(|word| word[*block] != 0);
     (0..BITS).filter(any).fold(0, |bits, block| bits | 1 << block)
 }
 
-/// [`BlockLists`] of anything: of what few frames have.
+/// Lists like [`BlockLists`] of items of any type, for content that few frames have.
 pub(crate) struct ItemLists<T> {
     items: Vec<T>,
     words: Vec<[u64; BITS]>,
-    /// The list asked for last.
+    /// The list that was requested last.
     list: Vec<T>,
 }
 
@@ -211,13 +212,13 @@ impl<T: Copy> ItemLists<T> {
         self.words.clear();
     }
 
-    /// The same memory, for other items.
+    /// Empties the lists and returns their memory for other items.
     pub(crate) fn for_others<U>(self) -> ItemLists<U> {
         let Self { items, words, list } = self;
         ItemLists { items: emptied(items), words, list: emptied(list) }
     }
 
-    /// Appends an item to the lists of `blocks`, a bit each.
+    /// Appends an item to the lists of `blocks`, given by bits.
     #[inline(always)]
     pub(crate) fn push(&mut self, item: T, blocks: u64) {
         let at = self.items.len() % BITS;
@@ -230,13 +231,13 @@ impl<T: Copy> ItemLists<T> {
         self.items.push(item);
     }
 
-    /// To be called after the last item: blocks whose lists aren't empty, a bit each.
+    /// Finishes the lists and returns bits of the blocks whose lists aren't empty. Call this after the last item.
     pub(crate) fn finish(&mut self) -> u64 {
         self.words.iter_mut().for_each(transpose);
         touched(&self.words)
     }
 
-    /// The list of a block.
+    /// Returns the list of a block.
     pub(crate) fn of(&mut self, block: u32) -> &[T] {
         self.list.clear();
         for (word, items) in self.words.iter().zip(self.items.chunks(BITS)) {
@@ -247,7 +248,7 @@ impl<T: Copy> ItemLists<T> {
     }
 }
 
-/// Bit i of word j becomes bit j of word i (Warren, Hacker's Delight, 7-3).
+/// Transposes a matrix of bits: bit i of word j becomes bit j of word i (Warren, Hacker's Delight, 7-3).
 #[inline(always)]
 fn transpose(words: &mut [u64; BITS]) {
     let mut width = BITS / 2;
@@ -273,7 +274,7 @@ mod tests {
     use crate::simd::xorshift::Xorshift;
     use crate::tiles::bins::Kind;
 
-    /// A depth, which tells one from others.
+    /// An item identified by its depth.
     #[derive(Debug, PartialEq)]
     struct At(f32);
 
@@ -306,7 +307,7 @@ mod tests {
             let entries: Vec<Entry> =
                 (0..).zip(&masks).map(|(record, &blocks)| Entry::new(blocks, record, 0, Kind::Any)).collect();
             lists.clear();
-            // From two segments.
+            // The entries come from two segments.
             lists.extend(&records, &entries[..count / 3], u64::MAX);
             lists.extend(&records, &entries[count / 3..], u64::MAX);
             lists.finish();

@@ -1,14 +1,14 @@
-//! A scratch pool: memory that one part of a frame leaves to the next, and one frame to the next. Fresh pages cost more
-//! than what is written there.
+//! Pools of scratch memory that is reused within a frame and from frame to frame. Fresh pages cost more than writing to
+//! them.
 
 use std::sync::{Mutex, PoisonError};
 
-/// Things of one type that are reused. A pool never holds more than were in use at once.
+/// A pool of values that are reused. It never contains more values than were in use at once.
 #[derive(Default)]
 pub(crate) struct Pool<T>(Mutex<Vec<T>>);
 
 impl<T: Default> Pool<T> {
-    /// One that was used before, whatever it holds, or a new one.
+    /// Returns a used value with its old content, or a new one.
     pub(crate) fn take(&self) -> T {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
@@ -18,10 +18,10 @@ impl<T: Default> Pool<T> {
     }
 }
 
-/// A list that writes over what it held before: memory that nothing has to clear first.
+/// A list that overwrites its old content, so that no memory has to be cleared.
 #[derive(Default)]
 pub(crate) struct Reused<T> {
-    /// Those past `used` are left from before.
+    /// Items; those past `used` are old content.
     slots: Vec<T>,
     used: usize,
 }
@@ -31,7 +31,7 @@ impl<T: Copy + Default> Reused<T> {
         self.used = 0;
     }
 
-    /// Makes the list so long, whatever it holds.
+    /// Sets the length; new items have any value.
     pub(crate) fn resize(&mut self, count: usize) {
         if self.slots.len() < count {
             self.slots.resize(count, T::default());
@@ -39,14 +39,14 @@ impl<T: Copy + Default> Reused<T> {
         self.used = count;
     }
 
-    /// Makes room for more items than there are.
+    /// Reserves room for `more` items.
     pub(crate) fn make_room(&mut self, more: usize) {
         let used = self.used;
         self.resize(used + more);
         self.used = used;
     }
 
-    /// Where the next `N` items go, always there; [`Self::advance`] says how many were added.
+    /// Returns the slots of the next `N` items. [`Self::advance`] then adds those that were written.
     #[inline(always)]
     pub(crate) fn room<const N: usize>(&mut self) -> Option<&mut [T; N]> {
         if self.slots.len() < self.used + N {
@@ -88,7 +88,7 @@ impl<T> std::ops::DerefMut for Reused<T> {
     }
 }
 
-/// The memory of a list, for a list of something else: the same where items are as large and aligned alike.
+/// Empties a list and converts it to another item type. The memory is reused if size and alignment are equal.
 pub(crate) fn emptied<T, U>(mut list: Vec<T>) -> Vec<U> {
     list.clear();
     list.into_iter().filter_map(|_| None).collect()

@@ -1,4 +1,4 @@
-//! Where tiles write: planes cut into parts that threads own, in safe Rust.
+//! Targets of tiles: planes divided into parts that threads own, in safe Rust.
 
 use crate::scene::numbers::SplatNumbers;
 use crate::simd::compress::ones;
@@ -14,7 +14,7 @@ use surfel_render::{PlanesMut, Region};
 
 /// Finished pixels of a block.
 pub(crate) struct Pixels<S: Simd> {
-    /// Linear, premultiplied.
+    /// Colour, linear and premultiplied.
     pub color: [Lanes<S>; 4],
     pub depth: Lanes<S>,
     pub normal: [Lanes<S>; 3],
@@ -29,7 +29,7 @@ pub(crate) struct Rows<'a, T> {
 }
 
 impl<T: Copy> Rows<'_, T> {
-    /// Writes the part of a block's row that lies inside.
+    /// Writes the pixels of a block's row that are inside.
     #[inline(always)]
     pub(crate) fn put(&mut self, (x, y): (i32, i32), values: [T; 4]) {
         let row = y - self.rect.y;
@@ -54,7 +54,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes the part of a block that lies inside.
+    /// Writes the pixels of a block that are inside.
     #[inline(always)]
     fn put_block(&mut self, (x, y): (i32, i32), values: [T; LANES]) {
         for (y, four) in (y..).zip(values.as_chunks().0) {
@@ -62,7 +62,7 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// Writes one value to the pixels that lie inside of a tile's blocks whose bits are set.
+    /// Writes one value to the pixels inside, of a tile's blocks whose bits are set.
     fn put_all(&mut self, origin: (i32, i32), blocks: u64, value: T) {
         for block in ones(if self.rows.is_empty() { 0 } else { blocks }) {
             let (x, y) = block_px(origin, block as u32);
@@ -70,8 +70,8 @@ impl<T: Copy> Rows<'_, T> {
         }
     }
 
-    /// The part of a row that lies inside of a tile: of its pixels from a given one on, at most `length`, those from
-    /// the first inside on, and how many are left out before.
+    /// Returns the pixels of a row, at most `length` from (x, y) on, that are inside a tile, and the number of pixels
+    /// skipped before the first of them.
     fn run(&mut self, tile: &Rect, (x, y): (i32, i32), length: usize) -> (usize, &mut [T]) {
         let (start, end) = (x.max(tile.x), (x + length as i32).min(tile.end_x));
         let row = usize::try_from(y - self.rect.y).ok().and_then(|row| self.rows.get_mut(row));
@@ -80,13 +80,13 @@ impl<T: Copy> Rows<'_, T> {
         ((start - x) as usize, row.get_mut(first..last).unwrap_or_default())
     }
 
-    /// Value of a pixel inside.
+    /// Returns the value of a pixel, if it is inside.
     fn get(&self, x: i32, y: i32) -> Option<T> {
         let (column, row) = (usize::try_from(x - self.rect.x).ok()?, usize::try_from(y - self.rect.y).ok()?);
         self.rows.get(row)?.get(column).copied()
     }
 
-    /// Values of a block's pixels; `outside` where there are none.
+    /// Returns the values of a block's pixels; `outside` for pixels outside.
     fn block(&self, (x, y): (i32, i32), outside: T) -> [T; LANES] {
         let mut values = [outside; LANES];
         for (j, four) in (0..).zip(values.chunks_exact_mut(4)) {
@@ -103,7 +103,7 @@ impl<T: Copy> Rows<'_, T> {
         values
     }
 
-    /// Writes one value to a rectangle's pixels, all of which lie inside.
+    /// Writes one value to a rectangle's pixels, all of which are inside.
     fn fill(&mut self, rect: &Rect, value: T) {
         let range = |from: i32, to: i32, first: i32| (from - first) as usize..(to - first) as usize;
         for row in self.rows.get_mut(range(rect.y, rect.end_y, self.rect.y)).unwrap_or_default() {
@@ -113,7 +113,7 @@ impl<T: Copy> Rows<'_, T> {
 }
 
 impl Rows<'_, f32> {
-    /// Writes the part of a block that lies inside, where the plane is there.
+    /// Writes the pixels of a block that are inside, if the plane exists.
     #[inline(always)]
     pub(crate) fn put_lanes<S: Simd>(&mut self, at: (i32, i32), values: Lanes<S>) {
         if !self.rows.is_empty() {
@@ -122,7 +122,7 @@ impl Rows<'_, f32> {
     }
 }
 
-/// Cuts a plane of `region`'s pixels into `parts`, which share the region out. An empty plane gives parts without rows.
+/// Divides a plane of `region` into `parts`, which partition the region. An empty plane yields parts without rows.
 pub(crate) fn cut<'a, T>(plane: &'a mut [T], region: Region, parts: &[Region]) -> Vec<Rows<'a, T>> {
     let height = |part: &Region| if plane.is_empty() { 0 } else { part.height as usize };
     let mut cut: Vec<Rows<'a, T>> =
@@ -145,7 +145,7 @@ pub(crate) fn cut<'a, T>(plane: &'a mut [T], region: Region, parts: &[Region]) -
     cut
 }
 
-/// Which of an image's tiles hold the background alone.
+/// Flags of an image's tiles that contain the background alone.
 #[derive(Clone, Copy)]
 pub(crate) struct TileBackground<'a> {
     pub grid: &'a Grid,
@@ -153,21 +153,21 @@ pub(crate) struct TileBackground<'a> {
 }
 
 impl TileBackground<'_> {
-    /// The tile that has these pixels.
+    /// Returns the flag of the tile that contains these pixels.
     fn tile(&self, rect: &Rect) -> Option<&AtomicBool> {
         if rect.is_empty() { None } else { self.tiles.get(self.grid.tile_of(rect.x, rect.y)) }
     }
 }
 
-/// The frame's planes inside a part of its region, and a tile of them.
+/// The frame's planes inside a part of its region, and the current tile.
 pub(crate) struct Target<'a> {
-    /// The tile that is drawn, and its pixels inside the part.
+    /// The current tile, and its pixels inside the part.
     pub tile: usize,
     pub rect: Rect,
     background: TileBackground<'a>,
-    /// Whether colours are encoded when they are written; else [`Self::encode`] does it.
+    /// True if colours are encoded when they are written; else [`Self::encode`] encodes them.
     encodes: bool,
-    /// Whether the tile holds the background alone.
+    /// True if the current tile contains the background alone.
     is_background: bool,
     color: Rows<'a, [f32; 4]>,
     rgba8: Rows<'a, [u8; 4]>,
@@ -179,7 +179,7 @@ pub(crate) struct Target<'a> {
 }
 
 impl<'a> Target<'a> {
-    /// Cuts the planes of a region into parts that share it out.
+    /// Divides the planes of a region into parts that partition it.
     pub(crate) fn cut(
         planes: PlanesMut<'a>,
         region: Region,
@@ -213,13 +213,13 @@ impl<'a> Target<'a> {
         parts.iter().filter_map(target).collect()
     }
 
-    /// Goes to a tile of a grid.
+    /// Selects a tile of a grid.
     pub(crate) fn go_to(&mut self, grid: &Grid, tile: usize) {
         (self.tile, self.rect) = (tile, Rect::of_tile(grid, tile, grid.region).common(&self.color.rect));
         self.is_background = self.background.tile(&self.rect).is_some_and(|tile| tile.load(Ordering::Relaxed));
     }
 
-    /// Notes whether the tile holds the background alone.
+    /// Sets the flag of the tile that marks the background alone.
     #[inline(always)]
     fn set_background(&mut self, is_background: bool) {
         if self.is_background != is_background {
@@ -230,12 +230,12 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// True if fragments are counted pixel by pixel.
+    /// True if fragments are counted per pixel.
     pub(crate) fn has_fragments(&self) -> bool {
         !self.fragments.rows.is_empty()
     }
 
-    /// Fills the whole tile with what is where nothing is, unless it is there.
+    /// Fills the whole tile with the values of empty pixels, unless it has them already.
     pub(crate) fn fill_empty(&mut self, background: [f32; 4]) {
         if self.rect.is_empty() || self.is_background {
             return;
@@ -251,7 +251,7 @@ impl<'a> Target<'a> {
         self.index.fill(rect, SplatNumbers::NOTHING);
     }
 
-    /// Fills a tile's blocks whose bits are set with what is where nothing is. The tile begins at pixel `origin`.
+    /// Fills a tile's blocks whose bits are set with the values of empty pixels. The tile begins at pixel `origin`.
     pub(crate) fn put_empty(&mut self, origin: (i32, i32), blocks: u64, background: [f32; 4]) {
         self.set_background(false);
         self.color.put_all(origin, blocks, background);
@@ -265,7 +265,7 @@ impl<'a> Target<'a> {
         self.index.put_all(origin, blocks, SplatNumbers::NOTHING);
     }
 
-    /// A block's pixels as they were written; 0 where there are none.
+    /// Returns a block's pixels as written; 0 for pixels outside.
     pub(crate) fn get<S: Simd>(&self, simd: S, at: (i32, i32)) -> Pixels<S> {
         let normal = self.normal.block(at, [0.0; 3]);
         let lanes = |value: &dyn Fn(usize) -> f32| Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(value));
@@ -279,7 +279,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// A block's colours as they were written; 0 where there are none.
+    /// Returns a block's colours as written; 0 for pixels outside.
     #[inline(always)]
     pub(crate) fn color<S: Simd>(&self, simd: S, at: (i32, i32)) -> [Lanes<S>; 4] {
         let pixels = self.color.block(at, [0.0; 4]);
@@ -287,11 +287,11 @@ impl<'a> Target<'a> {
         for (row, numbers) in rows.iter_mut().zip(pixels.as_flattened().chunks_exact(LANES)) {
             *row = Lanes::load(simd, numbers);
         }
-        // Interleaving turns six bits of an index by two: after a third time all is as it was.
+        // Interleaving rotates six bits of an index by two, so interleaving three times in all restores the order.
         Lanes::interleave4(Lanes::interleave4(rows))
     }
 
-    /// Writes the colour of a pixel, if it lies inside.
+    /// Writes the colour of a pixel, if it is inside.
     pub(crate) fn put_one(&mut self, pixel: (i32, i32), color: [f32; 4]) {
         self.set_background(false);
         if let (_, [to]) = self.color.run(&self.rect, pixel, 1) {
@@ -316,7 +316,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Encodes the tile's colours as they were written, in place of what is encoded when they are: for tiles that
+    /// Encodes the tile's colours after they are written, unless they are encoded on writing. This is for tiles that
     /// screen-space passes change.
     pub(crate) fn encode<S: Simd>(&mut self, simd: S) {
         let Rect { x, y, end_x, end_y } = self.rect;
@@ -328,7 +328,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they lie inside.
+    /// Multiplies the colours, not the alpha, of sixteen pixels of a row, as far as they are inside.
     #[inline(always)]
     pub(crate) fn dim<S: Simd>(&mut self, simd: S, at: (i32, i32), by: Lanes<S>) {
         self.set_background(false);
@@ -345,7 +345,7 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Makes those of a block's pixels black whose bits are set.
+    /// Sets those of a block's pixels to black whose bits are set.
     pub(crate) fn blacken(&mut self, (x, y): (i32, i32), bits: u16) {
         self.set_background(false);
         for i in ones(bits.into()).map(|i| i as i32) {
@@ -355,13 +355,13 @@ impl<'a> Target<'a> {
         }
     }
 
-    /// Writes what is nearest in a block's pixels.
+    /// Writes the numbers of the nearest splats or polygons in a block's pixels.
     pub(crate) fn put_index(&mut self, at: (i32, i32), numbers: [u32; LANES]) {
         self.set_background(false);
         self.index.put_block(at, numbers);
     }
 
-    /// What is nearest in a block's pixels, as it was written.
+    /// Returns the numbers of the nearest splats or polygons in a block's pixels, as written.
     pub(crate) fn index(&self, at: (i32, i32)) -> [u32; LANES] {
         self.index.block(at, SplatNumbers::NOTHING)
     }

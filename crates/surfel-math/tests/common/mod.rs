@@ -10,7 +10,7 @@ use surfel_math::{V2, V3};
 
 pub(crate) type Q = BigRational;
 
-/// 3840×2160, f = 2000 px, principal point off the centre.
+/// Projection of a 3840×2160 image, f = 2000 px, with the principal point off the centre.
 pub(crate) const UHD: Projection = Projection {
     kind: ProjectionKind::Perspective,
     focal_px: [2000.0, 2000.0],
@@ -30,7 +30,7 @@ pub(crate) fn int(value: i64) -> Q {
     Q::from_integer(BigInt::from(value))
 }
 
-/// SplitMix64.
+/// The pseudo-random generator SplitMix64.
 pub(crate) struct Random(pub u64);
 
 impl Random {
@@ -59,7 +59,7 @@ fn round(v: DVec3) -> V3<f64> {
     V3::new(f64::from(v.x as f32), f64::from(v.y as f32), f64::from(v.z as f32))
 }
 
-/// An ellipse with f32 coordinates that is `radius_px` large where it faces the eye, seen at `elevation` radians.
+/// Parameters of an ellipse with f32 coordinates: `radius_px` large if it faced the eye, seen at `elevation` radians.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Spec {
     pub(crate) pixel: [f64; 2],
@@ -71,7 +71,7 @@ pub(crate) struct Spec {
 }
 
 impl Spec {
-    /// All sizes and tilts over the image; elevation at least `least_elevation` radians.
+    /// Returns parameters of all sizes and tilts over the image; elevation at least `least_elevation` radians.
     pub(crate) fn random(random: &mut Random, least_elevation: f64) -> Self {
         Self {
             pixel: [random.range(0.0, 3840.0), random.range(0.0, 2160.0)],
@@ -83,7 +83,7 @@ impl Spec {
         }
     }
 
-    /// The splat, its coordinates representable in f32; the normal is the exact one's, rounded to f64.
+    /// Creates the splat, with coordinates representable in f32. The normal is that of the rounded half-axes, in f64.
     pub(crate) fn splat(&self, projection: &Projection) -> ViewSplat<f64> {
         let x = (self.pixel[0] - projection.principal_px[0]) / projection.focal_px[0];
         let y = (self.pixel[1] - projection.principal_px[1]) / projection.focal_px[1];
@@ -103,7 +103,7 @@ impl Spec {
     }
 }
 
-/// Half of the disk's depth range over p_z.
+/// Returns half of the disk's depth range over p_z.
 pub(crate) fn reach(splat: &ViewSplat<f64>) -> f64 {
     splat.s.z.hypot(splat.t.z) / splat.p.z
 }
@@ -143,13 +143,13 @@ impl Exact {
         Self { rows }
     }
 
-    /// (U, V, W) at exact ray coordinates.
+    /// Returns (U, V, W) at exact ray coordinates.
     pub(crate) fn at(&self, x: &Q, y: &Q) -> [Q; 3] {
         self.rows.each_ref().map(|r| &r[0] * x + &r[1] * y + &r[2])
     }
 
     /// True if the ellipse meets the line on which ray coordinate `axis` (0: X, 1: Y) is `value`. Exact for a disk
-    /// wholly before the eye.
+    /// wholly in front of the eye.
     pub(crate) fn meets(&self, axis: usize, value: &Q) -> bool {
         let along: Vec<Q> = self.rows.iter().map(|r| r[1 - axis].clone()).collect();
         let constant: Vec<Q> = self.rows.iter().map(|r| &r[axis] * value + &r[2]).collect();
@@ -160,7 +160,7 @@ impl Exact {
     }
 }
 
-/// Ray coordinate of an exact pixel coordinate.
+/// Returns the ray coordinate of an exact pixel coordinate.
 pub(crate) fn ray_coordinate(pixel: &Q, axis: usize, projection: &Projection) -> Q {
     (pixel - q(projection.principal_px[axis])) / q(projection.focal_px[axis])
 }

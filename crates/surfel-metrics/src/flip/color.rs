@@ -1,7 +1,7 @@
 //! FLIP's colour spaces (HPG 2020, §4.1) and colour distance.
 
-/// XYZ relative to white, (1, 1, 1) for RGB white: the numerators of the exact matrix for ITU-R BT.709
-/// primaries and D65 at (0.3127, 0.3290); the denominators (24577794, 12288897, 73733382) cancel.
+/// Matrix from RGB to XYZ relative to white, (1, 1, 1) for RGB white. Entries are the numerators of the exact matrix
+/// for ITU-R BT.709 primaries and D65 at (0.3127, 0.3290); the denominators (24577794, 12288897, 73733382) cancel.
 const RELATIVE_XYZ_FROM_RGB: [[f64; 3]; 3] = [
     relative_to_white([10_135_552.0, 8_788_810.0, 4_435_075.0]),
     relative_to_white([2_613_072.0, 8_788_810.0, 887_015.0]),
@@ -29,24 +29,24 @@ fn transform(m: &[[f64; 3]; 3], v: [f64; 3]) -> [f64; 3] {
     m.map(|row| row[0] * v[0] + row[1] * v[1] + row[2] * v[2])
 }
 
-/// Luma and the two opponent channels, linear in light: Y in [−16, 100], Cx red-green, Cz blue-yellow.
+/// Converts to luma and the two opponent channels, linear in light: Y in [−16, 100], Cx red-green, Cz blue-yellow.
 pub(super) fn ycxcz_from_linear([r, g, b]: [f64; 3]) -> [f64; 3] {
     let [x, y, z] = transform(&RELATIVE_XYZ_FROM_RGB, [r, g, b]);
     [116.0 * y - 16.0, 500.0 * (x - y), 200.0 * (y - z)]
 }
 
-/// Y of YCxCz as relative luminance in [0, 1], which the feature filters see.
+/// Converts Y of YCxCz to the relative luminance in [0, 1] that the feature filters process.
 pub(super) fn luminance_from_y(y: f64) -> f64 {
     (y + 16.0) / 116.0
 }
 
-/// The inverse of [`ycxcz_from_linear`], clamped to [0, 1].
+/// Inverts [`ycxcz_from_linear`], clamped to [0, 1].
 fn clamped_linear_from_ycxcz([y, cx, cz]: [f64; 3]) -> [f64; 3] {
     let y = luminance_from_y(y);
     transform(&RGB_FROM_RELATIVE_XYZ, [y + cx / 500.0, y, y - cz / 200.0]).map(|v| v.clamp(0.0, 1.0))
 }
 
-/// L*a*b* with a* and b* scaled by L*/100, as colours look less colourful in the dark (the Hunt effect).
+/// Converts to L*a*b* with a* and b* scaled by L*/100, since colours look less colourful in the dark (the Hunt effect).
 fn hunt_lab_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let [x, y, z] = transform(&RELATIVE_XYZ_FROM_RGB, rgb)
@@ -56,22 +56,22 @@ fn hunt_lab_from_linear(rgb: [f64; 3]) -> [f64; 3] {
     [l, colorfulness * 500.0 * (x - y), colorfulness * 200.0 * (y - z)]
 }
 
-/// HyAB: city-block in lightness, Euclidean in the chromatic plane.
+/// Returns the distance HyAB: city-block in lightness, Euclidean in the chromatic plane.
 fn hyab(a: [f64; 3], b: [f64; 3]) -> f64 {
     let (da, db) = (a[1] - b[1], a[2] - b[2]);
     (a[0] - b[0]).abs() + (da * da + db * db).sqrt()
 }
 
-/// The colour part of the error, with the constants it needs.
+/// The colour part of the error, with precomputed constants.
 pub(super) struct ColorError {
     largest: f64,
 }
 
 /// HyAB's exponent q_c.
 const COLOR_EXPONENT: f64 = 0.7;
-/// The fraction p_c of the largest error ...
+/// Fraction p_c of the largest error that is mapped to [0, p_t].
 const KNEE: f64 = 0.4;
-/// ... that is spread over [0, p_t].
+/// Upper end p_t of the range that [`KNEE`] is mapped to.
 const KNEE_VALUE: f64 = 0.95;
 
 impl ColorError {
@@ -81,7 +81,7 @@ impl ColorError {
         Self { largest: hyab(green, blue).powf(COLOR_EXPONENT) }
     }
 
-    /// Error in [0, 1] between two filtered YCxCz colours.
+    /// Returns the error in [0, 1] between two filtered YCxCz colours.
     pub(super) fn between(&self, a: [f64; 3], b: [f64; 3]) -> f64 {
         let [a, b] = [a, b].map(|c| hunt_lab_from_linear(clamped_linear_from_ycxcz(c)));
         let distance = hyab(a, b).powf(COLOR_EXPONENT);
@@ -114,7 +114,7 @@ mod tests {
         let error = ColorError::new();
         let [green, blue] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]].map(ycxcz_from_linear);
         assert_eq!(error.between(green, green), 0.0);
-        // 1e-12: there and back through YCxCz rounds at 1e-15, the cube root near 0 is linear.
+        // 1e-12: the round trip through YCxCz rounds at 1e-15; near 0 the cube root is replaced by a linear function.
         assert!((error.between(green, blue) - 1.0).abs() < 1e-12);
     }
 }

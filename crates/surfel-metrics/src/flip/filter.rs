@@ -8,7 +8,7 @@ struct CsfTerm {
     b: f64,
 }
 
-/// Table 1 of the paper; the red-green and achromatic functions have one term each, blue-yellow two.
+/// Table 1 of the paper: the red-green and achromatic functions have one term each, blue-yellow two.
 const ACHROMATIC: CsfTerm = CsfTerm { a: 1.0, b: 0.0047 };
 const RED_GREEN: CsfTerm = CsfTerm { a: 1.0, b: 0.0053 };
 const BLUE_YELLOW: [CsfTerm; 2] = [CsfTerm { a: 34.1, b: 0.04 }, CsfTerm { a: 13.5, b: 0.025 }];
@@ -20,18 +20,18 @@ const FEATURE_WIDTH_DEGREES: f64 = 0.082;
 pub(super) struct Kernels {
     pub(super) achromatic: Vec<f64>,
     pub(super) red_green: Vec<f64>,
-    /// Their sum, each applied in both directions, is the blue-yellow filter.
+    /// Terms of the blue-yellow filter, which is the sum of both, each applied in both directions.
     pub(super) blue_yellow: [Vec<f64>; 2],
     pub(super) smooth: Vec<f64>,
-    /// Antisymmetric: pixels on the left have the opposite weight.
+    /// Antisymmetric kernel: pixels on the left have the opposite weight.
     pub(super) first_derivative: Vec<f64>,
     pub(super) second_derivative: Vec<f64>,
 }
 
 impl Kernels {
-    /// Kernels for a density in [1, 1000].
+    /// Creates the kernels for a density in [1, 1000].
     pub(super) fn new(pixels_per_degree: f64) -> Self {
-        // Three standard deviations of the widest term, for all terms, as the paper has it.
+        // Three standard deviations of the widest term, for all terms, as in the paper.
         let csf_radius = (3.0 * (BLUE_YELLOW[0].b / (2.0 * PI * PI)).sqrt() * pixels_per_degree).ceil() as usize;
         let term = |t: &CsfTerm| -> Vec<f64> {
             let amplitude = (t.a * (PI / t.b).sqrt()).sqrt();
@@ -65,13 +65,13 @@ impl Kernels {
         }
     }
 
-    /// How many pixels the widest kernel reaches to either side.
+    /// Returns the number of pixels that the widest kernel reaches to either side.
     pub(super) fn radius(&self) -> usize {
         self.achromatic.len().max(self.smooth.len()) - 1
     }
 }
 
-/// Sum of the whole symmetric kernel whose right half is `half`.
+/// Returns the sum of the whole symmetric kernel whose right half is `half`.
 fn full_sum(half: &[f64]) -> f64 {
     half[0] + 2.0 * half[1..].iter().sum::<f64>()
 }
@@ -94,14 +94,15 @@ fn normalize_by_sign(half: &mut [f64]) {
     }
 }
 
-/// How a kernel's left half follows from its right one.
+/// Symmetry of a kernel, which determines its left half from its right half.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Parity {
     Even,
     Odd,
 }
 
-/// `out[i]` = Σ over k of the kernel's weight times `at(k)[i]`, where `at` is the signal shifted by k pixels.
+/// Computes `out[i]` = Σ over k of the kernel's weight times `at(k)[i]`, where `at` returns the signal shifted by k
+/// pixels.
 pub(super) fn convolve<'a>(out: &mut [f64], half: &[f64], parity: Parity, at: impl Fn(isize) -> &'a [f64]) {
     match parity {
         Parity::Even => out.iter_mut().zip(at(0)).for_each(|(o, v)| *o = half[0] * v),

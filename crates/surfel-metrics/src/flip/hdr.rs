@@ -1,33 +1,35 @@
-//! HDR-FLIP: the worst LDR-FLIP error over the exposures a viewer may choose.
+//! HDR-FLIP: the largest LDR-FLIP error over the exposures that a viewer may choose.
 
 use super::{Encoding, FlipMap, FlipOptions, check, map_without_nan};
 use crate::error::MetricsError;
 
-/// The most exposures [`hdr`] looks at; a reference that spans more stops is sampled more coarsely.
+/// Maximum number of exposures that [`hdr`] compares; a reference that spans more stops is sampled more coarsely.
 pub const MAX_EXPOSURES: usize = 32;
 
-/// HDR-FLIP's result.
+/// Result of HDR-FLIP.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HdrFlip {
-    /// The largest error of every pixel over all exposures, and its mean.
+    /// The largest error of every pixel over all exposures, and the mean of these errors.
     pub map: FlipMap,
     /// First exposure in stops: the reference's brightest pixel is tone-mapped to 0.85.
     pub start_exposure: f64,
     /// Last exposure in stops: the reference's median luminance is tone-mapped to 0.85.
     pub stop_exposure: f64,
-    /// How many exposures, evenly spaced from start to stop.
+    /// Number of exposures, evenly spaced from start to stop.
     pub exposures: usize,
 }
 
-/// HDR-FLIP between two images of opaque linear RGB pixels, row by row from the top, with the exposure range
-/// of the reference and the ACES tone mapper (Narkowicz's fit, pre-exposure 0.6 removed).
+/// Computes HDR-FLIP between two images of opaque linear RGB pixels, row by row from the top. The exposure range is the
+/// reference's, and the tone mapper is ACES (Narkowicz's fit, pre-exposure 0.6 removed).
 ///
-/// Negative values count as 0, infinite ones as the largest f32. Note: deviation from the paper: where the
-/// median luminance is 0 (half of the reference is black, common for an object before a black background), the
-/// median of the pixels that aren't black stands in; where all are black, the exposure is 0.
+/// Negative values count as 0, infinite ones as the largest f32.
+///
+/// Deviation from the paper: the median luminance may be 0, if half of the reference is black. This is common for an
+/// object in front of a black background. The median of the pixels that aren't black replaces it; if all are black, the
+/// exposure is 0.
 ///
 /// # Errors
-/// As [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
+/// The errors of [`ldr`](super::ldr()), and [`MetricsError::OutOfRange`] for an encoding other than linear.
 pub fn hdr(
     width: u32,
     height: u32,
@@ -57,7 +59,7 @@ pub fn hdr(
     Ok(HdrFlip { map, start_exposure: start, stop_exposure: stop, exposures })
 }
 
-/// (n₂x² + n₁x)/(d₂x² + d₁x + d₀), highest power first.
+/// Coefficients of (n₂x² + n₁x)/(d₂x² + d₁x + d₀), highest power first.
 const ACES_NUMERATOR: [f64; 2] = [0.6 * 0.6 * 2.51, 0.6 * 0.03];
 const ACES_DENOMINATOR: [f64; 3] = [0.6 * 0.6 * 2.43, 0.6 * 0.59, 0.14];
 
@@ -67,7 +69,7 @@ fn aces(x: f64) -> f64 {
     (n2 * x + n1) * x / ((d2 * x + d1) * x + d0)
 }
 
-/// The value that [`aces`] maps to `target`, in (0, 1).
+/// Returns the value that [`aces`] maps to `target`, in (0, 1).
 fn aces_inverse(target: f64) -> f64 {
     let [n2, n1] = ACES_NUMERATOR;
     let [d2, d1, d0] = ACES_DENOMINATOR;
@@ -79,7 +81,7 @@ fn finite_light(v: f32) -> f64 {
     f64::from(v.clamp(0.0, f32::MAX))
 }
 
-/// First and last exposure in stops, from the reference's brightest and median luminance.
+/// Returns the first and last exposure in stops, from the reference's brightest and median luminance.
 fn exposure_range(reference: &[[f32; 3]]) -> (f64, f64) {
     let luminance = |p: &[f32; 3]| {
         let [r, g, b] = p.map(|v| if v.is_nan() { 0.0 } else { finite_light(v) });
@@ -89,7 +91,7 @@ fn exposure_range(reference: &[[f32; 3]]) -> (f64, f64) {
     sorted.sort_unstable_by(f64::total_cmp);
     let lit = &sorted[sorted.partition_point(|&y| y <= 0.0)..];
     let Some(&brightest) = lit.last() else { return (0.0, 0.0) };
-    // The upper one of an even number, as the authors' program has it.
+    // The upper median of an even number, as in the authors' program.
     let median = |sorted: &[f64]| sorted[sorted.len() / 2];
     let all = median(&sorted);
     let typical = if all > 0.0 { all } else { median(lit) };

@@ -1,14 +1,14 @@
 //! LDR-FLIP's pipeline, a row at a time.
 //!
-//! Every filter is separable, so a row of the result needs only as many horizontally filtered rows as the
-//! widest kernel is tall. They live in a ring, which keeps memory proportional to the width and in cache.
+//! Every filter is separable, so a row of the result needs only as many horizontally filtered rows as the widest kernel
+//! is tall. A ring buffer stores these rows, so that memory is proportional to the width and fits the cache.
 
 use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::color::{ColorError, luminance_from_y, ycxcz_from_linear};
 use super::filter::{Kernels, Parity, convolve};
 
-/// Horizontally filtered rows an image keeps: what each is, and what it is for.
+/// Planes of horizontally filtered rows of an image, named by channel or feature.
 #[derive(Clone, Copy)]
 enum Plane {
     Luma,
@@ -26,9 +26,9 @@ struct Side<P> {
     pixel: P,
     width: usize,
     radius: usize,
-    /// One row of Y, Cx, Cz and luminance, each with `radius` copies of its end pixels on either side.
+    /// One row each of Y, Cx, Cz and luminance, with `radius` copies of its end pixels on either side.
     padded: [Vec<f64>; 4],
-    /// Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius + 1))·width.
+    /// Ring buffer. Row y of plane p starts at (p·(2·radius + 1) + y mod (2·radius + 1))·width.
     ring: Vec<f64>,
 }
 
@@ -127,7 +127,7 @@ impl<P: Fn(usize) -> [f64; 3]> Side<P> {
     }
 }
 
-/// Error of every pixel in [0, 1] between two images given as linear RGB in [0, 1] by pixel index.
+/// Returns the error of every pixel in [0, 1] between two images, given as linear RGB in [0, 1] by pixel index.
 pub(super) fn error_map(
     width: usize,
     height: usize,

@@ -1,15 +1,15 @@
-//! ꟻLIP: how different two images look when flipped back and forth on one screen.
+//! ꟻLIP, a measure of the difference between two images that alternate on one screen.
 //!
-//! - LDR ([`ldr`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild,
-//!   *ꟻLIP: A Difference Evaluator for Alternating Images*, HPG 2020.
-//! - HDR ([`hdr`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered
-//!   High Dynamic Range Images*, Eurographics 2021.
+//! - LDR ([`ldr`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild, *ꟻLIP: A
+//!   Difference Evaluator for Alternating Images*, HPG 2020.
+//! - HDR ([`hdr`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered High
+//!   Dynamic Range Images*, Eurographics 2021.
 //!
-//! Note: deviation from the papers: filters run separably, which gives the same sums (a Gaussian is separable,
-//! and the blue-yellow filter is a sum of two), in f64.
+//! Deviation from the papers: filters run separably, in f64, which yields the same sums. A Gaussian is separable, and
+//! the blue-yellow filter is a sum of two.
 //!
-//! NaN: a pixel where either image holds NaN has error 1 and is black to the filters on both sides, so that
-//! it doesn't spread. Infinities and other values outside [0, 1] are clamped.
+//! A pixel that is NaN in either image has error 1. The filters read it as black on both sides, so that it doesn't
+//! spread. Infinities and other values outside [0, 1] are clamped.
 
 mod color;
 mod filter;
@@ -19,10 +19,10 @@ mod ldr;
 use crate::error::{MetricsError, check_length, pixel_count};
 pub use hdr::{HdrFlip, MAX_EXPOSURES, hdr};
 
-/// The papers' viewer: 0.7 m from a screen 0.7 m wide with 3840 pixels.
+/// Pixels per degree of the papers' viewer: 0.7 m from a screen 0.7 m wide with 3840 pixels.
 pub const DEFAULT_PIXELS_PER_DEGREE: f64 = 0.7 * (3840.0 / 0.7) * (std::f64::consts::PI / 180.0);
 
-/// How colours are encoded.
+/// Encoding of colours.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Encoding {
     /// Linear light, Rec. 709 primaries.
@@ -32,10 +32,10 @@ pub enum Encoding {
     Srgb,
 }
 
-/// How FLIP looks at its images.
+/// Viewing conditions of FLIP.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FlipOptions {
-    /// Pixels in a degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
+    /// Pixels per degree of the visual angle, from 1 to 1000. Default [`DEFAULT_PIXELS_PER_DEGREE`].
     pub pixels_per_degree: f64,
     /// Encoding of both images.
     pub encoding: Encoding,
@@ -47,7 +47,7 @@ impl Default for FlipOptions {
     }
 }
 
-/// FLIP's result.
+/// Result of FLIP.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlipMap {
     /// Width in pixels.
@@ -56,7 +56,7 @@ pub struct FlipMap {
     pub height: u32,
     /// Error of every pixel in [0, 1], row by row from the top.
     pub error: Vec<f32>,
-    /// Its mean, 0 for an empty image.
+    /// Mean error, 0 for an empty image.
     pub mean: f64,
 }
 
@@ -67,17 +67,17 @@ impl FlipMap {
         Self { width, height, error, mean }
     }
 
-    /// The error map in [`magma`](crate::colormap::magma), sRGB-encoded, row by row from the top.
+    /// Converts the error map to [`magma`](crate::colormap::magma), sRGB-encoded, row by row from the top.
     pub fn to_magma(&self) -> Vec<[u8; 3]> {
         crate::colormap::magma_image(&self.error, 1.0)
     }
 }
 
-/// LDR-FLIP between two images of opaque RGB pixels, row by row from the top, values in [0, 1].
+/// Computes LDR-FLIP between two images of opaque RGB pixels, row by row from the top, with values in [0, 1].
 ///
 /// # Errors
-/// [`MetricsError::Length`] where an image isn't `width`·`height` pixels, [`MetricsError::OutOfRange`] for
-/// pixels per degree outside [1, 1000].
+/// [`MetricsError::Length`] if an image doesn't have `width`·`height` pixels, [`MetricsError::OutOfRange`] for pixels
+/// per degree outside [1, 1000].
 pub fn ldr(
     width: u32,
     height: u32,
@@ -99,7 +99,7 @@ fn decoder(encoding: Encoding) -> fn(f64) -> f64 {
     }
 }
 
-/// The error map of what `view` shows (linear RGB in [0, 1]) of pixel `i` of each image, with the crate's
+/// Returns the error map of the linear RGB in [0, 1] that `view` returns for pixel `i` of each image, with the module's
 /// rule for NaN.
 fn map_without_nan(
     width: u32,
@@ -131,7 +131,7 @@ fn check(
     if (1.0..=1000.0).contains(&options.pixels_per_degree) {
         Ok(())
     } else {
-        // Below 1 the derivative filters vanish; the limit above bounds the rows that are kept in memory.
+        // Below 1 the derivative filters vanish; the upper limit bounds the rows that are stored.
         Err(MetricsError::OutOfRange {
             field: "pixels_per_degree",
             found: options.pixels_per_degree,
