@@ -1,5 +1,22 @@
 //! The native half of the Python package `surfel`: scenes, frames and files. Arguments are command-line flags as text,
 //! which the package's Python half creates.
+//!
+//! Modules, in reading order:
+//!
+//! - `scene`: a loaded scene that is resident in a backend; `draw` parses its flags;
+//! - `frame`: a rendered image, whose planes become NumPy arrays;
+//! - `many`: images of many cameras, and turns;
+//! - `files`: `convert`, `info`, `compare`, `ortho` and `backends`;
+//! - `errors`, `interrupt`, `memory`, `pool`: exceptions, Ctrl-C, arrays without copies, threads.
+//!
+//! ```python
+//! import surfel
+//! surfel.scene("scan.ply").render(size=(1024, 768)).save("scan.png")
+//! ```
+//!
+//! # Layer
+//! The package lies above the facade `surfel`, as the command line does, and draws the same bits. Its Cargo features
+//! `cpu`, `reference`, `sharp` (all on by default), `zstd` and `gpu` are those of the facade.
 
 mod draw;
 mod errors;

@@ -82,7 +82,8 @@ impl TextureDecoder {
 /// Reads a matcap: an image (PNG, JPEG or WebP) of a lit sphere.
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, isn't such an image, or has no texels or more than 2048 per side.
+/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't such an image, [`IoError::Model`] if
+/// it has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = files::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {
