@@ -72,7 +72,7 @@ impl Boxes {
     /// Returns the smallest `distance` about `p`, and the index of its shape; the first of equally near shapes wins.
     /// The result is infinite, with the index `usize::MAX`, if there are no shapes. `distance` maps a shape's index to
     /// its distance from `p`, which must not be less than that of the shape's hull.
-    /// 
+    ///
     /// The nearest boxes are opened first, in the whole hierarchy. The distance of a shape may be far larger than that
     /// of its box, and boxes that contain `p` overlap.
     pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {

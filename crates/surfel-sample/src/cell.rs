@@ -1,5 +1,5 @@
 //! Voronoi cell of a point among its neighbours in the tangent plane.
-//! 
+//!
 //! A surface has no holes if every splat covers its own cell. The distance of the cell's farthest corner is therefore
 //! the smallest possible radius, and the cell's second moments show how the sampling is stretched.
 

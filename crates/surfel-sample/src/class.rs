@@ -1,5 +1,5 @@
 //! Classification of points by a table of evidence.
-//! 
+//!
 //! A neighbourhood is measured once ([`Measured`]). Each piece of evidence compares one or two of the measured values
 //! with named thresholds, and [`TABLE`] gives the class of every combination of evidence. A class has one rule for the
 //! radius ([`PointClass::radius`], limited by [`PointClass::most`]) and one for the normal of a point without a stored

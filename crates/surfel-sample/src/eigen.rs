@@ -47,7 +47,7 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
 
 /// Computes the eigenvalues, in ascending order, of a symmetric matrix without negative eigenvalues, and the unit
 /// eigenvector of the smallest one.
-/// 
+///
 /// Newton's method finds the smallest root of the characteristic polynomial from below, where the polynomial is
 /// concave. The eigenvector is the cross product of two rows. If all rows are nearly parallel, [`symmetric3`] is used
 /// instead.

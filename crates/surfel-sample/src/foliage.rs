@@ -1,5 +1,5 @@
 //! Detection of foliage, and its rule for normals.
-//! 
+//!
 //! Leaves form no surface, and planes through them point anywhere. A point is foliage if many points around it are
 //! tangled (no common plane, normals disagree) and the neighbourhood is thick. Its normal then is that of the crown:
 //! away from the mean of the points around, with some weight toward the outside.

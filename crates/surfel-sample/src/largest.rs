@@ -1,5 +1,5 @@
 //! Limit of a disk's size by its surroundings.
-//! 
+//!
 //! No disk is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A quick test exempts most
 //! points without a neighbour search: no radius within the possible distance of those neighbours is small enough.
 

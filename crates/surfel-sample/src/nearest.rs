@@ -49,7 +49,7 @@ struct Survivors {
 }
 
 /// A search with its buffers. Queries in the order of slots are the fastest.
-/// 
+///
 /// Results depend only on the points: the nearest by squared distance in f32, ties in the order of slots.
 pub(crate) struct Search<'a> {
     points: &'a SortedPoints,

@@ -1,6 +1,6 @@
 //! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. Points of a block are joined to
 //! patches along the block's strongest edges; the few patches then agree by the votes of all edges between them.
-//! 
+//!
 //! The relation of two normals is measured after one of them is mirrored to the other's place, across the plane between
 //! the two points (König and Gumhold 2009, "Consistent propagation of normal orientations in point clouds"). The
 //! mirrored normal is right around creases too. An edge counts less the more it leaves the tangent planes, because it
@@ -73,10 +73,10 @@ impl Outside {
 
 /// Computes a unit normal for each slot: the normal in `given` if it isn't zero, else one estimated from the `degree`
 /// nearest neighbours.
-/// 
+///
 /// A given normal is preserved if it fits the layout of the neighbours. The majority of the given normals decides the
 /// sign of all points connected with them.
-/// 
+///
 /// With `level_where_scattered`, estimated normals of points whose neighbours form no plane point up. The second result
 /// is true for the slots of such points, or empty if there are none.
 pub(crate) fn normals(

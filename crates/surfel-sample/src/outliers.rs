@@ -8,6 +8,7 @@
 //!
 //! A second rule compares each point with its own neighbours (like local outlier factors, Breunig et al. 2000). It
 //! finds strays near dense parts if the density varies too much for a global limit.
+//!
 //! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
 
 use crate::class::ALONE;
@@ -19,17 +20,16 @@ use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
 use surfel_model::PointCloud;
 
-/// Neighbours that a point's distance is the mean of: as PDAL's `filters.outlier`.
+/// Number of neighbours for a point's mean distance, as in PDAL's `filters.outlier`.
 const NEIGHBOURS: usize = 8;
-/// Distinct points below which no one is an outlier.
+/// Number of distinct points below which rules 1 and 2 find no outliers.
 const LEAST_POINTS: usize = 2 * NEIGHBOURS;
-/// Median distances from the middle beyond which a point is one in any case: a grid that holds it has no cells for
-/// the others.
+/// Distance from the centre, in medians of this distance, beyond which a point is always an outlier. A grid that
+/// contains such a point has no cells for the others.
 const FARTHEST: f64 = 1e4;
-/// Points that middle and median distance are taken of.
+/// Number of points from which the centre and the median distance are computed.
 const SAMPLE: usize = 1 << 20;
 
-/// Which points are outliers; never all of them.
 /// Returns, for each point, true if it is an outlier; never all of them.
 ///
 /// Let d be a point's mean distance to its 8 nearest others (coincident points count as one). The point is an outlier
@@ -40,6 +40,7 @@ const SAMPLE: usize = 1 << 20;
 /// 3. the point is 10,000 times as far from the centre of all points as half of them are.
 ///
 /// Nine strays in one place are not found. In clouds of fewer than 16 distinct points, rules 1 and 2 find no outliers.
+///
 /// # Errors
 /// [`SampleError::NotFinite`] and [`SampleError::TooMany`], as [`crate::splats_from_points`].
 pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool>, SampleError> {
@@ -69,7 +70,7 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     Ok(found)
 }
 
-/// Points that are far from all others by the third rule.
+/// Returns, for each point, true if it is far from all others by the third rule.
 fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     let taken = count.min(SAMPLE);
     let sample: Vec<DVec3> =
@@ -84,7 +85,7 @@ fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     map_each(count, &NoProgress, || (), |(), i| is_far(i))
 }
 
-/// Mean distance to the nearest neighbours, in steps, one a slot.
+/// Returns the mean distance to the nearest neighbours, in steps, one per slot.
 fn distances(points: &SortedPoints) -> Vec<f32> {
     let mean = |search: &mut Search<'_>, slot: usize| {
         let (near, _) = search.nearest(slot, NEIGHBOURS, 0.0);

@@ -24,7 +24,7 @@ pub const OF_POINTS: &str = "made of points";
 pub const MOST_SPACINGS: f64 = 5.0;
 
 /// Makes a splat of each point.
-/// 
+///
 /// A stored normal (finite, not zero) becomes the disk's normal if it fits the layout of the points around. Otherwise
 /// the disk follows the layout, on the stored normal's side, and the stored normal becomes a shading normal. Points
 /// without normals get estimated ones, oriented by [`PointOptions::viewpoint`].

@@ -1,11 +1,11 @@
 //! Estimation of splat radii from the local spacing of points.
-//! 
+//!
 //! Two rules apply in a surface, and the larger radius wins. The *density* rule makes the weights of neighbours add up:
 //! the radius is [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the
 //! renderer's kernel exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule leaves no holes where the sampling is
 //! uneven: a splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose
 //! cells are all covered has no holes.
-//! 
+//!
 //! Where the surface turns within the density radius, only the covering rule applies, because a larger disk would stick
 //! out. Points in no surface have small disks: [`crate::class`] lists the rule of each class. Where cells are stretched
 //! alike over a neighbourhood (scan lines), the same rules apply after the affine map that makes the cells round, and

@@ -100,7 +100,7 @@ impl Boxes {
 
 /// Distinct points in a memory order in which neighbours in space are mostly close together. A point is addressed by
 /// its *slot*, its place in that order: runs of 4096 points along a Morton curve, each run in k-d order.
-/// 
+///
 /// Coordinates are whole steps from the centre of all points. A step is 2⁻³⁰ of half their extent. Points closer than a
 /// step coincide, and differences are exact however far from the origin the points are.
 #[derive(Debug)]

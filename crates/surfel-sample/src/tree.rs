@@ -239,7 +239,7 @@ fn build(items: &mut [Item], nodes: &mut [Node]) {
 /// Nearest items found so far, nearest first. The buffer is reused between queries, so that none allocates.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {
-    /// How many to look for; at least 1.
+    /// Maximum number of items; at least 1.
     limit: usize,
     /// Squared distance beyond which nothing counts.
     bound: f64,
