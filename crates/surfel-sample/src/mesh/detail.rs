@@ -10,8 +10,9 @@ use surfel_math::basis::orthonormal;
 
 /// Largest distance of a splat's rim from the surface, relative to the extent: half a pixel of 1024.
 const RIM: f64 = 0.5 / 1024.0;
-/// That of any disk where splats are closer together because the surface bends, which are the thin parts of a shape:
-/// what stands out of a finger frays its outline. Splats there are no closer than this share of the distance elsewhere.
+/// Largest distance of any disk's rim from the surface, relative to the extent, if splats are closer on thin parts: a
+/// disk that stands out of a finger, for example, frays its outline. `FINEST` is the smallest distance between splats
+/// there, relative to the distance elsewhere.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
 const FINEST: f64 = 0.25;
 /// Fraction of additional splats from which thin parts get a finer density.

@@ -50,9 +50,9 @@ enum Fate {
     Whole,
     /// The contour of the visible part crosses the piece.
     Clipped([ClipLine; 4]),
-    /// It isn't there, but for a part that doesn't hold its centre.
+    /// The piece is cut, except for a part that doesn't contain its centre.
     Scraps,
-    /// It is transparent, but for a part that is opaque.
+    /// The piece is transparent, except for an opaque part.
     Mixed,
     Gone,
 }
