@@ -99,9 +99,9 @@ const LARGEST_AT_BORDER: f64 = 1.5;
 /// Largest radius on a line, in density radii for the cloud's typical spacing. A limb that few points go around has
 /// gaps, which larger disks close.
 const LARGEST_ON_LINE: f64 = 1.5;
-/// Turn of a surface, in radians (root mean square over the nearest neighbours), within the density radius beyond which
-/// a disk would stick out past the outline. The disk ends where the surface has turned by `FLAT`, but it always covers
-/// its cell, and its radius is at least [`LEAST`] times the square root of the area per point.
+/// Turn of a surface, in radians, within the density radius beyond which a disk would stick out past the outline. The
+/// turn is a root mean square over the nearest neighbours. The disk ends where the surface has turned by `FLAT`, but it
+/// always covers its cell. Its radius is at least [`LEAST`] times the square root of the area per point.
 pub(crate) const FLAT: f32 = 0.7;
 const LEAST: f32 = 1.0;
 

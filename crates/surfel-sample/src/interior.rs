@@ -164,7 +164,7 @@ struct Splat {
 enum Axes {
     /// Unit axes of a disk, and its radius.
     Disk { s: DVec3, t: DVec3, r: f64 },
-    /// Half-axes divided by the largest of their coordinates, and these coordinates.
+    /// Half-axes, each divided by its largest coordinate, and these two coordinates.
     Ellipse { s: DVec3, t: DVec3, scales: [f64; 2] },
 }
 

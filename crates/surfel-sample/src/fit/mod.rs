@@ -43,7 +43,8 @@ const NORMALS_SHOW: f64 = 0.005;
 
 /// Maximum number of splats fitted together; each needs about a kilobyte.
 const MOST_SPLATS: usize = 1 << 25;
-/// Most splats over a place, on average: the work grows with its square. Radii of twice the spacing have 13.
+/// Maximum number of splats over a place, on average: the work grows with its square. Radii of twice the spacing have
+/// 13.
 const MOST_OVER_PLACE: usize = 200;
 /// Number of places at which overlapping splats are counted.
 const PROBES: usize = 1024;

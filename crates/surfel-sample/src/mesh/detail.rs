@@ -72,8 +72,8 @@ fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
-/// Returns the density of about `count` splats, with closer splats where disks would stand out of the bent surface by
-/// more than a third of a pixel of an image of 1024², and the resulting number of splats.
+/// Returns the density and the number of splats for `count` evenly spread ones. Splats are closer together, and more,
+/// where disks would stand out of the bent surface by more than a third of a pixel in an image of 1024².
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.

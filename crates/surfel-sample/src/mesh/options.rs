@@ -11,12 +11,13 @@ pub enum MeshMethod {
     PerFace,
     /// The vertices as points: for dense scans.
     PerVertex,
-    /// This many samples, spread evenly over the surface.
+    /// A given number of samples, spread evenly over the surface.
     Count(usize),
-    /// This many samples if they are spread evenly. Where disks would stand out of the bent surface by more than a
-    /// third of a pixel of an image of 1024², samples are closer together, so that there are more in total.
+    /// A given number of samples for a flat mesh, spread evenly. Where disks would stand out of the bent surface,
+    /// samples are closer together, so that there are more in total. The limit is a third of a pixel in an image of
+    /// 1024².
     Adaptive(usize),
-    /// As many samples as the mesh's shape and colours need ([`Detail`]).
+    /// The number of samples that the mesh's shape and colours need ([`Detail`]).
     Detail,
 }
 

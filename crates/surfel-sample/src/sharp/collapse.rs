@@ -31,7 +31,7 @@ const MOST_BULGE: f64 = 0.28;
 /// Limits at which the simplification stops.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Triangles to be left, at most.
+    /// Number of triangles to reach.
     pub faces: usize,
     /// Largest error of a collapse, in units of the surface.
     pub error: f64,

@@ -33,20 +33,20 @@ use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid,
 pub use measure::SharpErrors;
 pub use points::{SharpPointsReport, sharpen_points};
 
-/// How far a ridge may leave its chord and still be clipped by a line, over the largest side of the bounds: a twentieth
-/// of a pixel of an image 1000 px wide.
+/// Largest distance of a ridge from its chord at which a line clips it, relative to the largest side of the bounds: a
+/// twentieth of a pixel in an image 1000 px wide.
 const STRAIGHT: f64 = 5e-5;
 
 /// Smallest overlap of the two sides of a ridge, relative to the largest side of the bounds: 50 times the rounding of
 /// f32.
 const LEAST_OVERLAP: f64 = 5e-6;
 
-/// How far a splat may stand off the mesh beyond its own triangle before it is cut back, over the largest side of the
-/// bounds: a quarter of a pixel of an image 1000 px wide. What stands off is seen past silhouettes.
+/// Largest distance of a splat from the mesh beyond its own triangle before it is cut back, relative to the largest
+/// side of the bounds: a quarter of a pixel in an image 1000 px wide. Larger distances are visible past silhouettes.
 const STRAY: f64 = 2.5e-4;
 
-/// How far a splat may stand off the mesh, over its larger radius: where a surface is curved all over, splats have
-/// to overlap to blend. More than this covers too much of a silhouette, less shows facets.
+/// Largest distance of a splat from the mesh, relative to its larger radius. On a curved surface, splats must overlap
+/// to blend. A larger limit covers too much beyond a silhouette, a smaller one makes facets visible.
 const STRAY_SHARE: f64 = 0.035;
 
 /// Options of the conversion of a mesh to clipped splats.
@@ -116,10 +116,10 @@ pub struct SharpReport {
 /// Makes clipped splats of a mesh: one ellipse per triangle, clipped along creases and borders, so that a few large
 /// splats reproduce the mesh's edges.
 ///
-/// With [`SharpOptions::splats`] or [`SharpOptions::error`], the mesh is simplified first. A mesh with far fewer
-/// triangles than requested splats is refined instead: each triangle is divided into four while the total stays within
-/// the requested number. Colours are sampled at the splats' centres. Origin, up axis and comments are copied, the
-/// errors are added as a comment, and the cloud's `interior_weight` is set.
+/// With [`SharpOptions::splats`] or [`SharpOptions::error`], the mesh is simplified first. If [`SharpOptions::splats`]
+/// is at least four times the number of triangles, the mesh is refined instead: each triangle is divided into four
+/// while the total stays within the requested number. Colours are sampled at the splats' centres. Origin, up axis and
+/// comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is set.
 ///
 /// # Errors
 /// Same as [`crate::splats_from_mesh`].
