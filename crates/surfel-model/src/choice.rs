@@ -23,7 +23,7 @@ pub enum Returns {
 pub enum Classes {
     /// Every class.
     All,
-    /// These classes; at least one.
+    /// Only the listed classes; at least one.
     Only(Vec<u32>),
     /// Every class but these; at least one.
     Except(Vec<u32>),

@@ -16,7 +16,7 @@ pub enum Shape {
     },
     /// Elliptical disks p + u·s + v·t, u² + v² ≤ 1, with outward normal s × t.
     Ellipses {
-        /// Half-axes s; s and t may be any conjugate pair.
+        /// Half-axes s of the ellipses; s and t may be any conjugate pair.
         s: Column3,
         /// Half-axes t.
         t: Column3,

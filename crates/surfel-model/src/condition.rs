@@ -132,7 +132,7 @@ enum Token<'a> {
 
 struct Parser<'a> {
     text: &'a str,
-    /// The byte of the text that is read next.
+    /// Byte of the text that is read next.
     at: usize,
     terms: Vec<ConditionTerm>,
 }

@@ -21,7 +21,7 @@ pub enum AlphaMode {
 }
 
 impl AlphaMode {
-    /// The opacity of a place with this alpha: 0 where the surface isn't there.
+    /// Returns the opacity at a place with this alpha; 0 where the surface is cut.
     pub fn opacity(self, alpha: f32) -> f32 {
         match self {
             Self::Opaque => 1.0,

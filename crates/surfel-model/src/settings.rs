@@ -163,9 +163,9 @@ pub enum EdgeAa {
     /// No antialiasing.
     #[default]
     Off,
-    /// By coverage: a pixel's sum of weights relative to the interior weight of its cloud.
+    /// Antialiasing by coverage: a pixel's sum of weights relative to the interior weight of its cloud.
     Coverage,
-    /// By samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
+    /// Antialiasing by samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
     Samples,
 }
 
@@ -259,7 +259,7 @@ impl Filter {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Mapping {
-    /// The projective mapping of the splat's plane (Guennebaud 2006 §3).
+    /// Projective mapping of the splat's plane (Guennebaud 2006 §3).
     Exact,
     /// Affine approximation of the projective mapping around the projected centre (Zwicker 2001).
     Affine,
@@ -434,7 +434,7 @@ impl From<Transparency> for String {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum ClipPolicy {
-    /// The curve's implicit form.
+    /// Implicit form of the curve.
     Exact,
     /// Equation 7 of the 2012 paper, numerically repaired.
     Paper,
@@ -449,10 +449,10 @@ pub enum ClipPolicy {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Composite {
-    /// As opaque surface splats of two standard deviations.
+    /// Opaque surface splats of two standard deviations.
     #[default]
     Surface,
-    /// One over another, as in their training ([`crate::Geometry::Gaussians`]).
+    /// Gaussians blended one over another, as in their training ([`crate::Geometry::Gaussians`]).
     Over,
 }
 
@@ -461,10 +461,10 @@ pub enum Composite {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Sort {
-    /// By the depth of their centres, the same in all pixels, as in their training.
+    /// Order of the centres' depths, the same in all pixels, as in their training.
     #[default]
     Center,
-    /// By the depth at which each pixel's ray meets them: nothing pops when the camera turns.
+    /// Order of the depths at which each pixel's ray meets the Gaussians: nothing pops when the camera turns.
     Pixel,
 }
 
