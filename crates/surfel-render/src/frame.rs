@@ -58,7 +58,7 @@ impl Planes {
         distortion: false,
         margin: false,
     };
-    /// All planes of an EXR file that need nothing else.
+    /// Colour, depth, normal and weight: the planes of an EXR file that need no further data from the scene.
     pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
     /// Colours for a display or an 8-bit PNG: a quarter of the bytes of [`Self::COLOR`].
     pub const RGBA8: Self = Self { color: false, rgba8: true, ..Self::COLOR };

@@ -98,7 +98,7 @@ pub struct RendererInfo {
 #[macro_export]
 macro_rules! renderer_methods {
     ($scene:ty) => {
-        /// Makes a scene resident.
+        /// Uploads a scene, which stays resident in the backend's memory.
         ///
         /// # Errors
         /// [`RenderError`]($crate::RenderError) if the scene is invalid or can't be drawn by this backend.
@@ -131,7 +131,7 @@ pub trait Renderer {
     /// Returns a description of the backend.
     fn info(&self) -> &RendererInfo;
 
-    /// Makes a scene resident.
+    /// Uploads a scene, which stays resident in the backend's memory.
     ///
     /// # Errors
     /// [`RenderError`] if the scene is invalid or can't be drawn by this backend.

@@ -241,7 +241,7 @@ fn build(items: &mut [Item], nodes: &mut [Node]) {
 pub(crate) struct Nearest {
     /// Maximum number of items; at least 1.
     limit: usize,
-    /// Squared distance beyond which nothing counts.
+    /// Squared distance beyond which items are ignored.
     bound: f64,
     items: Vec<(f64, u32)>,
 }

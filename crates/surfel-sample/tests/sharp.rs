@@ -195,7 +195,7 @@ fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
         let (cloud, report) = convert(&mesh, &splats(count));
         assert!(cloud.len() <= count, "{} of {count}", cloud.len());
         assert_eq!(report.ridges, [18, 22 * 6]);
-        // As for the cube: no splat is visible beyond a crease, where it would stand off the surface or be inside the
+        // As for the cube: no splat is visible beyond a crease, where it would protrude from the surface or be inside the
         // solid.
         for i in 0..cloud.len() {
             for p in kept(&cloud, i, 48) {
@@ -246,10 +246,10 @@ fn sharp_cylinder_rims_are_circles_on_both_sides() {
         }
     }
     assert!(caps > 10, "{caps} caps, {walls} walls");
-    // No scallops: nothing stands out of the rims or above the caps.
+    // No scallops: nothing protrudes from the rims or above the caps.
     for i in 0..cloud.len() {
         for p in kept(&cloud, i, 16) {
-            // A splat may stand off by 5 % of its radius, and the planes' overlap adds at most a chord's height.
+            // A splat may protrude by 5 % of its radius, and the planes' overlap adds at most a chord's height.
             let most = 1.0 + 0.05 * cloud.radius_max(i) + 0.03;
             assert!(p.truncate().length() < most && p.z.abs() < 1.03, "splat {i}: {p}");
         }

@@ -11,8 +11,9 @@ const POINTS_A_PIXEL: u64 = 5;
 const LEAST_POINTS: u64 = 1_000_000;
 /// Largest error where finer points are skipped, relative to the requested error: one level more.
 const MOST_ERRORS: f64 = 2.0;
-/// Largest share of the image in which points may be skipped: with the largest error, and with none above the requested
-/// one. The rest is as fine as requested, or as fine as the file.
+/// Largest shares of the image in which points may be skipped: if the error there is [`MOST_ERRORS`] times the
+/// requested one, and if it is barely above the requested one. The rest is as fine as requested, or as fine as the
+/// file.
 const LEFT_OUT: [f64; 2] = [0.25, 0.375];
 /// Number of cells along each side of an image, by which the share is measured.
 const CELLS: usize = 64;

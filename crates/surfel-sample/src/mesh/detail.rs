@@ -11,7 +11,7 @@ use surfel_math::basis::orthonormal;
 /// Largest distance of a splat's rim from the surface, relative to the extent: half a pixel of 1024.
 const RIM: f64 = 0.5 / 1024.0;
 /// Largest distance of any disk's rim from the surface, relative to the extent, if splats are closer on thin parts: a
-/// disk that stands out of a finger, for example, frays its outline. `FINEST` is the smallest distance between splats
+/// disk that protrudes from a finger, for example, frays its outline. `FINEST` is the smallest distance between splats
 /// there, relative to the distance elsewhere.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
 const FINEST: f64 = 0.25;
@@ -34,7 +34,7 @@ const MOST_UNEVEN: f64 = 1e6;
 /// Number of splats that a mesh needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
-    /// Number for its shape: disks stand out of the curved surface by at most half a pixel of an image of 1024².
+    /// Number for its shape: disks protrude from the curved surface by at most half a pixel of an image of 1024².
     pub shape: usize,
     /// Number for its colours, at an even density. Colours vary by .03 (RMS, linear light) within a splat's share of
     /// the surface, but there are no more splats than texels; 0 if nothing varies.
@@ -66,14 +66,14 @@ impl Detail {
     }
 }
 
-/// Returns the distance between splats whose rims stand out by `rim` at this squared curvature. At radius r on a
+/// Returns the distance between splats whose rims protrude by `rim` at this squared curvature. At radius r on a
 /// surface of curvature κ, a rim is r²κ/2 away from the surface.
 fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
 /// Returns the density and the number of splats for `count` evenly spread ones. Splats are closer together, and more,
-/// where disks would stand out of the bent surface by more than a third of a pixel in an image of 1024².
+/// where disks would protrude from the bent surface by more than a third of a pixel in an image of 1024².
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
     // The surface may bend in one direction only.

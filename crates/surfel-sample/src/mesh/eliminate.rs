@@ -33,7 +33,8 @@ const LEVELS: u16 = 12;
 /// Maximum number of cells along an axis. Cells beyond are merged, which costs only time.
 const MOST_CELLS: f64 = 65_000.0;
 
-/// Number of low bits of a weight that its bucket ignores.
+/// Number of low bits of a weight that its bucket ignores: 7 bits of the fraction remain, for 128 buckets per power of
+/// two.
 const BUCKET_SHIFT: u32 = 23 - 7;
 /// Number of buckets for all finite weights.
 const BUCKETS: usize = 0x7f80_0000 >> BUCKET_SHIFT;

@@ -13,7 +13,7 @@ use surfel_model::{AlphaMode, Mesh};
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 /// Cosine of 0.02°: normals that differ by less count as equal.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
-/// Cosine of 15°: on faces that meet at a smaller angle, splats don't stand out by half the distance between them.
+/// Cosine of 15°: on faces that meet at a smaller angle, splats don't protrude by half the distance between them.
 const BENT_COS: f64 = 0.965_925_826_289_068;
 /// Thickness of a triangle, relative to its longest edge, below which it counts as without area: its normal would
 /// consist of the rounding of f32 positions.
@@ -61,7 +61,7 @@ pub(crate) enum Kind {
     Open,
     /// Faces meet at a large angle, or more than two meet, or their windings disagree.
     Crease,
-    /// The surface is smooth, but bends so much that splats would stand out of it.
+    /// The surface is smooth, but bends so much that splats would protrude from it.
     Bend,
     /// The surface continues in another part of an octree.
     Cut,

@@ -13,7 +13,7 @@ pub enum MeshMethod {
     PerVertex,
     /// A given number of samples, spread evenly over the surface.
     Count(usize),
-    /// A given number of samples for a flat mesh, spread evenly. Where disks would stand out of the bent surface,
+    /// A given number of samples for a flat mesh, spread evenly. Where disks would protrude from the bent surface,
     /// samples are closer together, so that there are more in total. The limit is a third of a pixel in an image of
     /// 1024².
     Adaptive(usize),

@@ -24,7 +24,7 @@ impl From<(u32, [f64; 3])> for Sample {
 }
 
 impl Sample {
-    /// Converts a position on a face.
+    /// Creates the sample at a position on a face.
     pub(crate) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
         let [a, ..] = geometry.corners(face as usize);
         let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();

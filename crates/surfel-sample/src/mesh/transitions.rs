@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 use surfel_math::basis::unit;
 
 /// Cosine of the angle, 40°, from which an edge is a crease. The surface differs on either side of a crease anyway, and
-/// a splat centred on it would stand out.
+/// a splat centred on it would protrude.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
 /// Limits for the number of all splats on edges: a mean number per edge, and a number that every mesh may have. The

@@ -24,7 +24,7 @@ const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
 /// this margin. A sliver seen from the side may contain a pixel that its own filtered footprint just misses, and a
 /// neighbour must cover it.
 const LEAST_CUT: f64 = 1.01;
-/// Number of directions in which a splat is tested for parts that stand off the surface.
+/// Number of directions in which a splat is tested for parts that protrude from the surface.
 const RING: u32 = 32;
 /// Distance of a line from the part to be covered, in (u, v), if both touch: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
@@ -288,7 +288,7 @@ pub(crate) fn clip(
     clipper.finish()
 }
 
-/// Returns visible points of the splat beyond its triangle that stand off the surface, which curves away there.
+/// Returns visible points of the splat beyond its triangle that protrude from the surface, which curves away there.
 fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bool) -> Vec<DVec2> {
     let is_stray = |q: &DVec2| {
         let beyond = (0..3).any(|k| (triangle[(k + 1) % 3] - triangle[k]).perp_dot(*q - triangle[k]) < -SLACK);
