@@ -78,9 +78,10 @@ pub enum Projection {
 }
 
 impl Camera {
-    /// Creates a camera at `eye` that looks at `target`, with a vertical field of view in degrees, in (0, 180), and an
-    /// image of `size` = [width, height] pixels. By default, +y appears upward and nothing nearer than 0.01 world units
-    /// is drawn; see [`Camera::with_up`] and [`Camera::with_near`]. Numbers are validated when the camera is used.
+    /// Creates a camera at `eye` that looks at `target`. The vertical field of view is in degrees, in (0, 180); the
+    /// image has `size` = [width, height] pixels. By default, +y appears upward and nothing nearer than 0.01 world
+    /// units is drawn; see [`Camera::with_up`] and [`Camera::with_near`]. Numbers are validated when the camera is
+    /// used.
     pub fn perspective(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: [u32; 2]) -> Self {
         Self::looking(eye, target, Projection::Perspective { fov_y_deg }, None, size)
     }

@@ -18,8 +18,9 @@ pub enum Storage {
     /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses remain f32: a needle's shorter
     /// axis would vanish next to its neighbours' longer axes. Alphas remain f32 too, because 1 must be exact.
     ///
-    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, a normal
-    /// by 1e-4, and a radius by 1.5e-5 of the chunk's largest, which is at most sixteen times the smallest.
+    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, and a
+    /// normal by 1e-4. A radius changes by at most 1.5e-5 of the chunk's largest, which is at most sixteen times the
+    /// smallest.
     Quantised,
 }
 

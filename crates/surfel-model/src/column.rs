@@ -39,8 +39,8 @@ impl Column3 {
     /// Splits points into an f64 origin and offsets from it, to preserve the precision of georeferenced data.
     ///
     /// The origin is zero for points that f32 represents exactly. Otherwise the origin is the centre of the finite
-    /// points' bounds, rounded to a whole power of two no finer than the extent needs, and offsets are exact to about
-    /// 48 bits of the extent. Non-finite points stay non-finite.
+    /// points' bounds, rounded to a whole power of two no finer than the extent needs. Offsets are exact to about 48
+    /// bits of the extent. Non-finite points stay non-finite.
     pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
         Self::with_origin_of(points.len(), |i| points[i])
     }

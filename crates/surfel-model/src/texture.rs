@@ -110,8 +110,8 @@ struct Level {
 }
 
 impl Mipmaps {
-    /// Computes every level down to one texel. Each is half the size of the one before (rounded down, at least 1), and
-    /// a texel is the mean of the area that it covers, in linear light.
+    /// Computes every level down to one texel. Each is half the size of the one before (rounded down, at least 1). A
+    /// texel is the mean of the area that it covers, in linear light.
     pub fn new(texture: Arc<Texture>) -> Self {
         let mut levels: Vec<Level> = Vec::new();
         let (mut width, mut height) = (texture.width as usize, texture.height as usize);

@@ -304,7 +304,7 @@ impl Frame {
         self.planes_and_background().0
     }
 
-    /// Returns all planes for writing, and the record of tiles that contain only background. For backends that update
+    /// Returns all planes for writing, and the record of squares that contain only background. For backends that update
     /// both consistently.
     pub fn planes_and_background(&mut self) -> (PlanesMut<'_>, &mut Background) {
         let planes = PlanesMut {

@@ -47,7 +47,8 @@ pub struct ShadowMap {
 }
 
 impl ShadowScene {
-    /// Returns `None` if no light casts a shadow, or if no object could.
+    /// Collects the lights that cast shadows and the bounds of the scene; `None` if no light casts a shadow, or if the
+    /// scene is empty.
     pub fn of(scene: &Scene) -> Option<Self> {
         let lights: Vec<(usize, Light)> =
             scene.lights.iter().flatten().cloned().enumerate().filter(|(_, light)| light.casts_shadow()).collect();

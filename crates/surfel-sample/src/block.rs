@@ -120,7 +120,7 @@ pub(crate) struct Block<'a> {
     /// Coordinates (x, y) of neighbours in the tangent plane.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
     /// Results of the cell built last: the number of neighbours that share a surface with the point, whichever side
-    /// they face, and the sum of the squared sines of the angles between the tangent plane and the neighbours.
+    /// they face. Then the sum of the squared sines of the angles between the tangent plane and the neighbours.
     on_surface: usize,
     squared_sines: f32,
     /// Slots of the run; neighbours outside the run (the halo), ascending; and the rows of neighbours of both, those of
@@ -424,8 +424,8 @@ impl<'a> Block<'a> {
 /// Builds the cell of a slot among `near`; the farthest of these has squared distance `limit2`, and a neighbour takes
 /// part if the cosine between the normals is at least `least`.
 ///
-/// Returns the number of neighbours that take part, the number that would if normals had no sign, and the sum of the
-/// squared sines of the angles between the tangent plane and all of `near`.
+/// Returns the number of neighbours that take part, and the number that would if normals had no sign. The third result
+/// is the sum of the squared sines of the angles between the tangent plane and all of `near`.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,

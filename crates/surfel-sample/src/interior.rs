@@ -27,8 +27,9 @@ struct Probe {
 /// (coverage).
 ///
 /// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums w_j at p_k + ½s_k +
-/// ½t_k seen along k's normal, over all splats (k included) whose normals agree within 60° and whose plane the line
-/// meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty cloud.
+/// ½t_k seen along k's normal. The sum is over all splats (k included) whose normals agree within 60° and whose plane
+/// the line meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty
+/// cloud.
 ///
 /// The probes are stored in a tree and all splats are tested against it, so only the probes need memory.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {

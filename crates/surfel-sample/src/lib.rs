@@ -14,9 +14,9 @@
 //! Work runs in the rayon pool that the caller installed; results don't depend on the number of threads.
 //!
 //! Points are sorted along a Morton curve and processed in blocks. A search gathers the points near a leaf of 16 points
-//! once for all queries from that leaf. It replaces a crate's search because it never allocates in a query, breaks ties
-//! of equal distance in a fixed order, accepts any number of coincident points, and is several times as fast. A small
-//! k-d tree serves queries at other positions than the points.
+//! once for all queries from that leaf. It replaces a crate's search because it never allocates in a query and breaks
+//! ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several times as
+//! fast. A small k-d tree serves queries at other positions than the points.
 
 mod assemble;
 mod block;

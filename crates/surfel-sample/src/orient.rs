@@ -2,10 +2,10 @@
 //! patches along the block's strongest edges; the few patches then agree by the votes of all edges between them.
 //!
 //! The relation of two normals is measured after one of them is mirrored to the other's place, across the plane between
-//! the two points (König and Gumhold 2009, "Consistent propagation of normal orientations in point clouds"). The
-//! mirrored normal is right around creases too. An edge counts less the more it leaves the tangent planes, because it
-//! may lead to another sheet. Union-finds store the sign of each element relative to its root: no tree is ever built or
-//! walked.
+//! the two points. The source is König and Gumhold 2009, "Consistent propagation of normal orientations in point
+//! clouds". The mirrored normal is right around creases too. An edge counts less the more it leaves the tangent planes,
+//! because it may lead to another sheet. Union-finds store the sign of each element relative to its root: no tree is
+//! ever built or walked.
 
 use crate::class::ROUGH;
 use crate::median::spread;

@@ -1,10 +1,10 @@
 //! Detection of a cloud's outliers.
 //!
-//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) removes a point if the mean distance to
-//! its nearest neighbours is above mean + n·σ of all points. A far stray makes σ arbitrarily large, and a clean cloud
-//! loses 2 to 5 % of its points. Here the centre is therefore the median, and the spread is the median absolute
-//! deviation, both of logarithms, which measure ratios of density. 3.5 such deviations are Iglewicz and Hoaglin's limit
-//! (1993).
+//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) removes points. The mean distance of
+//! such a point to its nearest neighbours is above mean + n·σ of all points. A far stray makes σ arbitrarily large, and
+//! a clean cloud loses 2 to 5 % of its points. Here the centre is therefore the median, and the spread is the median
+//! absolute deviation, both of logarithms, which measure ratios of density. 3.5 such deviations are Iglewicz and
+//! Hoaglin's limit (1993).
 //!
 //! A second rule compares each point with its own neighbours (like local outlier factors, Breunig et al. 2000). It
 //! finds strays near dense parts if the density varies too much for a global limit.

@@ -8,8 +8,8 @@
 //!
 //! Where the surface turns within the density radius, only the covering rule applies, because a larger disk would stick
 //! out. Points in no surface have small disks: [`crate::class`] lists the rule of each class. Where cells are stretched
-//! alike over a neighbourhood (scan lines), the same rules apply after the affine map that makes the cells round, and
-//! the splat is an ellipse. Finally, [`crate::largest`] limits all disks.
+//! alike over a neighbourhood (scan lines), the splat is an ellipse. The same rules then apply after the affine map
+//! that makes the cells round. Finally, [`crate::largest`] limits all disks.
 
 use crate::block::{Block, Scale, tangents};
 pub(crate) use crate::class::{COVER, DENSITY};

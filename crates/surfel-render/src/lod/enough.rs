@@ -25,7 +25,7 @@ const STEPS: i32 = 64;
 ///
 /// On a slanted surface, such as land toward the horizon, a splat's size says little about the number of points per
 /// pixel: land that appears at 1/16 of its area has 16 times as many. A selection ends once it has [`POINTS_A_PIXEL`]
-/// per pixel of its views, and [`LEAST_POINTS`] in total, if splats are at most [`MOST_ERRORS`] times too large in at
+/// per pixel of its views, and [`LEAST_POINTS`] in total. Splats must be at most [`MOST_ERRORS`] times too large, in at
 /// most a quarter of the views. In a larger share, the limit decreases so that the error changes evenly ([`LEFT_OUT`]).
 /// The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection, levels fade in
 /// ([`FADE_OCTAVES`]); a node that has not faded in completely counts as skipped.

@@ -27,8 +27,8 @@ const OVERSAMPLING: usize = 3;
 const MOST_ELIMINATED: usize = 1_000_000;
 /// Cosine of 1°: a sample is in a flat part if its smooth normal is closer than that to its facet's.
 const FLAT: f64 = 0.999_847_695;
-/// Number of nearest splats (with the splat itself) between which there must be no gap where the density changes, and
-/// the largest growth of a splat's radius because of them.
+/// Number of nearest splats (with the splat itself) between which there must be no gap where the density changes.
+/// `MOST_REACHING` is the largest growth of a splat's radius because of them.
 const BESIDE: usize = 7;
 const MOST_REACHING: f64 = 1.2;
 

@@ -115,7 +115,7 @@ mod tests {
     }
 
     /// True if the edges of a ridge have one normal. The ridge of `edges` edges is in the middle of a roof of `cells`
-    /// squares along each side, which slopes down by `slope` on both sides and is blunt elsewhere.
+    /// squares along each side. The roof slopes down by `slope` on both sides and is blunt elsewhere.
     fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
         let (middle, first) = (cells / 2, (cells - edges) / 2);
         let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);

@@ -190,8 +190,8 @@ impl<'a> Geometry<'a> {
     /// Computes smooth unit normals of every corner, the edges that are creases or open, and the regions between them.
     ///
     /// Vertex normals of the mesh are used if it has any. Otherwise normals are averaged over the corners of a vertex,
-    /// weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° and across steeper edges that are no
-    /// [`Creases`].
+    /// weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges of at most 40°, and across
+    /// steeper edges that are no [`Creases`].
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };

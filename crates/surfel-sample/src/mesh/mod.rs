@@ -50,7 +50,7 @@ pub use vertices::points_from_mesh;
 ///   large enough to cover the triangles around a vertex. A splat is in the mean plane of these triangles.
 /// - [`MeshMethod::Count`]: exactly that many samples. Up to a million are blue noise (weighted sample elimination),
 ///   more are stratified. Splats are also clipped where triangles large enough for three splats of their own meet at
-///   15° to 40°, so that disks protrude from the surface by at most 0.15 of the distance between them. A splat of which
+///   15° to 40°. Disks thus protrude from the surface by at most 0.15 of the distance between them. A splat of which
 ///   lines leave little grows up to 2.2 times. In strips narrower than about a third of the distance between splats, it
 ///   reaches over the edge, because few such strips have a splat. If no splat covers a place beside an edge, seen from
 ///   up to 50° off its normal, a splat that its neighbours can replace is moved there. At most a sixteenth of all

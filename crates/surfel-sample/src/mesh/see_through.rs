@@ -210,7 +210,7 @@ fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
 }
 
 impl<'a> Disk<'a> {
-    /// Returns `None` if alpha is constant over the triangle, or if the triangle has no area.
+    /// Creates the disk of a splat; `None` if alpha is constant over the triangle, or if the triangle has no area.
     fn new(geometry: &'a Geometry<'a>, face: usize, center: DVec3, (s, t): (DVec3, DVec3)) -> Option<Self> {
         let mesh = geometry.mesh;
         let textured = mesh.uvs.is_some() && mesh.material(face).texture.is_some();

@@ -294,10 +294,10 @@ fn regions(surface: &Surface) -> Vec<u32> {
     regions
 }
 
-/// Computes the distance by which each triangle's plane is moved along its normal toward its own curved borders, which
+/// Computes the distance by which each triangle's plane is moved along its normal toward its own curved borders. They
 /// bulge out of the plane where the surface is curved across the ridge. Also returns the mean distance of these borders
 /// from the planes before and after (C12 fig. 11). The remaining distance opens a gap between the two sides of a ridge,
-/// so both overlap by that distance, and everywhere by `least_overlap`, which exceeds the rounding of f32 axes.
+/// so both overlap by that distance. They overlap at least by `least_overlap`, which exceeds the rounding of f32 axes.
 fn lift(
     surface: &Surface,
     borders: &mut Borders,

@@ -1,5 +1,5 @@
 //! Clipping of the splats of points along edges. Where a neighbourhood consists of two or three planes, each splat is
-//! assigned to one of them and clipped by the others, so that both sides of an edge end at the same line (Z04: clip
+//! assigned to one of them and clipped by the others. Both sides of an edge thus end at the same line (Z04: clip
 //! lines).
 //!
 //! The method is our own. Z04 and C12 clip, but take edges as given.
