@@ -99,7 +99,6 @@ pub(crate) fn find(
     }
 }
 
-<<<<<<< HEAD
 /// Returns true for a forest: a cloud in which many points are tangled, and whose tangled points have thick
 /// surroundings. Every point of a forest is a candidate for foliage.
 fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) -> bool {
@@ -119,10 +118,7 @@ fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) 
     thick as f64 > FOREST_THICK * count as f64
 }
 
-/// A point among foliage: its normal, the largest radius of its disk, and the nearest others.
-=======
 /// Estimate for a foliage point: its normal, its largest disk radius, and its nearest neighbours.
->>>>>>> 8dd4561c220ef57435f436208416cb6006d774d7
 #[derive(Clone)]
 struct Leaf {
     normal: Vec3,
