@@ -9,6 +9,7 @@ mod gaussians;
 mod interface;
 mod levels;
 mod losses;
+mod net;
 mod ortho;
 mod output_images;
 mod pieces;

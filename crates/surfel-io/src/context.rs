@@ -6,7 +6,7 @@ use crate::content::{Content, LoadOptions};
 use crate::error::ShowPath as _;
 use crate::error::{Fault, Problem};
 use crate::files::{self, Siblings};
-use crate::images::texture::TextureDecoder;
+use crate::texture::TextureDecoder;
 use crate::words::counted;
 use glam::Vec3;
 use std::collections::HashSet;

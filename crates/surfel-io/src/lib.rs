@@ -61,12 +61,10 @@
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod ascii;
-pub mod atomic;
 mod bytes;
 pub mod cameras;
 #[cfg(feature = "points")]
 mod colmap_points;
-mod color;
 #[cfg(feature = "laz")]
 mod column_file;
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
@@ -81,9 +79,7 @@ mod depth_image;
 mod drc;
 #[cfg(feature = "e57")]
 mod e57;
-mod error;
 mod face_colors;
-mod files;
 mod format;
 #[cfg(feature = "gltf")]
 mod gathered_points;
@@ -93,7 +89,6 @@ mod geotiff;
 #[cfg(feature = "gltf")]
 mod gltf;
 mod gzip;
-mod images;
 #[cfg(feature = "las")]
 mod las;
 mod load;
@@ -139,21 +134,9 @@ mod zip;
 
 pub use content::{Content, LoadOptions};
 pub use crs::{Crs, IN_DEGREES};
-pub use error::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
 pub use format::Format;
 #[cfg(feature = "geotiff")]
 pub use geotiff::{GeoImage, GeoSamples, GeoTiles, write_geotiffs};
-#[cfg(feature = "exr")]
-pub use images::exr::{ExrOptions, save_exr, write_exr};
-#[cfg(feature = "jpeg")]
-pub use images::jpeg_writer::{JpegOptions, save_jpeg, write_jpeg};
-#[cfg(feature = "npy")]
-pub use images::npz::{save_npz, write_npz};
-pub use images::planes::{Planes, PlanesView};
-pub use images::png::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
-pub use images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
-pub use images::texture::load_matcap;
-pub use images::{read_image, read_image_bytes};
 #[cfg(feature = "laz")]
 pub use las::copc;
 #[cfg(feature = "las")]
@@ -164,4 +147,18 @@ pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 pub use raw_rows::check_columns;
+pub use surfel_files::atomic;
+pub use surfel_files::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
+pub(crate) use surfel_files::{error, input as files};
+pub use surfel_images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
+pub use surfel_images::texture::load_matcap;
+pub use surfel_images::{BitDepth, PngOptions, save_png, to_srgb8, write_png};
+#[cfg(feature = "exr")]
+pub use surfel_images::{ExrOptions, save_exr, write_exr};
+#[cfg(feature = "jpeg")]
+pub use surfel_images::{JpegOptions, save_jpeg, write_jpeg};
+pub use surfel_images::{Planes, PlanesView, read_image, read_image_bytes};
+pub(crate) use surfel_images::{color, texture};
+#[cfg(feature = "npy")]
+pub use surfel_images::{save_npz, write_npz};
 pub use words::counted;

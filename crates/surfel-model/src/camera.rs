@@ -1,4 +1,4 @@
-//! Cameras and projections, as the scene file describes them.
+//! Cameras and projections, as described in the scene file.
 
 use crate::ModelError;
 use crate::range::{finite, positive};
@@ -8,32 +8,32 @@ use serde::{Deserialize, Serialize};
 
 /// Largest image side, in pixels.
 pub const MAX_IMAGE_SIDE: u32 = 65_536;
-/// Largest number of pixels that one render allocates (the image, or its region).
+/// Largest number of pixels in one render (the image, or its region).
 pub const MAX_IMAGE_PIXELS: u64 = 1 << 28;
 
-/// What appears upward where nothing else is said.
+/// Default up direction.
 const DEFAULT_UP: [f64; 3] = [0.0, 1.0, 0.0];
 
-/// Depth before which nothing is drawn where nothing else is said, world units.
+/// Default near plane: depth in world units before which nothing is drawn.
 const DEFAULT_NEAR: f64 = 0.01;
 
-/// A camera as in the scene file. World space, world units, degrees.
+/// Camera of the scene file, in world space, world units and degrees.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Camera {
     /// Position of the eye.
     pub eye: [f64; 3],
-    /// The point looked at; differs from `eye`.
+    /// Point that the camera looks at; differs from `eye`.
     pub target: [f64; 3],
-    /// A direction that appears upward; not parallel to the view.
+    /// Direction that appears upward; not parallel to the viewing direction.
     #[cfg_attr(feature = "serde", serde(default = "default_up"))]
     pub up: [f64; 3],
     /// Projection.
     pub projection: Projection,
-    /// Planar depth before which nothing is drawn, greater than 0.
+    /// Planar depth before which nothing is drawn; greater than 0.
     #[cfg_attr(feature = "serde", serde(default = "default_near"))]
     pub near: f64,
-    /// Planar depth beyond which an orthographic view draws nothing. Perspective has no far plane.
+    /// Planar depth beyond which an orthographic view draws nothing. A perspective view has no far plane.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub far: Option<f64>,
     /// Image width and height in pixels.
@@ -54,12 +54,12 @@ fn default_near() -> f64 {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "snake_case", deny_unknown_fields))]
 pub enum Projection {
-    /// Centred perspective with square pixels.
+    /// Centred perspective projection with square pixels.
     Perspective {
-        /// Vertical field of view, degrees, in (0, 180).
+        /// Vertical field of view in degrees, in (0, 180).
         fov_y_deg: f64,
     },
-    /// Perspective by a calibrated camera, in pixels.
+    /// Perspective projection of a calibrated camera, in pixels.
     Intrinsics {
         /// Focal length along x.
         fx: f64,
@@ -78,22 +78,23 @@ pub enum Projection {
 }
 
 impl Camera {
-    /// A camera at `eye` that looks at `target`, with a vertical field of view in degrees, in (0, 180), and an image of
-    /// `size` = [width, height] pixels. +y appears upward and nothing nearer than 0.01 world units is drawn, unless
-    /// [`Camera::with_up`] and [`Camera::with_near`] say otherwise. Numbers are checked where the camera is used.
+    /// Creates a camera at `eye` that looks at `target`. The vertical field of view is in degrees, in (0, 180); the
+    /// image has `size` = [width, height] pixels. By default, +y appears upward and nothing nearer than 0.01 world
+    /// units is drawn; see [`Camera::with_up`] and [`Camera::with_near`]. Numbers are validated when the camera is
+    /// used.
     pub fn perspective(eye: [f64; 3], target: [f64; 3], fov_y_deg: f64, size: [u32; 2]) -> Self {
         Self::looking(eye, target, Projection::Perspective { fov_y_deg }, None, size)
     }
 
-    /// As [`Camera::perspective`], by a calibrated camera: focal lengths and principal point in pixels, both greater
-    /// than 0 and measured from the image's upper left corner.
+    /// Creates a calibrated camera like [`Camera::perspective`]. Focal lengths are in pixels and greater than 0; the
+    /// principal point is in pixels from the image's upper left corner.
     pub fn intrinsics(eye: [f64; 3], target: [f64; 3], focal: [f64; 2], principal: [f64; 2], size: [u32; 2]) -> Self {
         let ([fx, fy], [cx, cy]) = (focal, principal);
         Self::looking(eye, target, Projection::Intrinsics { fx, fy, cx, cy }, None, size)
     }
 
-    /// As [`Camera::perspective`], in parallel projection: a view `height` world units high, of what is no farther from
-    /// the eye than `far`.
+    /// Creates a camera like [`Camera::perspective`] with a parallel projection. The view is `height` world units high,
+    /// and nothing farther from the eye than `far` is drawn.
     pub fn orthographic(eye: [f64; 3], target: [f64; 3], height: f64, far: f64, size: [u32; 2]) -> Self {
         Self::looking(eye, target, Projection::Orthographic { height }, Some(far), size)
     }
@@ -108,10 +109,10 @@ impl Camera {
         with_size size: [u32; 2],
     }
 
-    /// Checks every number and that the camera has a direction.
+    /// Validates every number, and that the camera has a direction.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field as it is called in the scene file.
+    /// [`ModelError`] naming the field as in the scene file.
     pub fn validate(&self) -> Result<(), ModelError> {
         finite("camera.eye", &self.eye)?;
         finite("camera.target", &self.target)?;

@@ -1,36 +1,36 @@
-//! Which points and splats of a file count: what `crop`, `classes`, `returns`, `where` and `every` mean.
+//! Selection of a file's points and splats by the options `crop`, `classes`, `returns`, `where` and `every`.
 
 use crate::{Condition, ConvertOptions, ExtraColumn};
 use glam::DVec3;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// Which of a pulse's returns count.
+/// Selected returns of a pulse.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Returns {
-    /// The last one of each pulse: the ground, below trees.
+    /// Last return of each pulse: the ground below trees.
     Last,
-    /// The first one of each pulse: roofs and crowns.
+    /// First return of each pulse: roofs and crowns.
     First,
-    /// The only one of pulses with one return.
+    /// Single return of pulses with only one.
     Single,
 }
 
-/// Selection of point classes. Written `2,6`, `!7,18` (all but these) or `all`; in scene files `[2, 6]`, too.
+/// Selection of point classes. Written as `2,6`, `!7,18` (all but these) or `all`; scene files may also use `[2, 6]`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "ClassesKey", into = "ClassesKey"))]
 pub enum Classes {
     /// Every class.
     All,
-    /// These classes; at least one.
+    /// Only the listed classes; at least one.
     Only(Vec<u32>),
     /// Every class but these; at least one.
     Except(Vec<u32>),
 }
 
 impl Classes {
-    /// True if points of this class count. NaN is no class.
+    /// True if points of this class are selected. NaN is no class.
     pub fn include(&self, class: f64) -> bool {
         let is_among = |numbers: &[u32]| numbers.iter().any(|n| f64::from(*n) == class);
         match self {
@@ -84,7 +84,7 @@ impl TryFrom<ClassesKey> for Classes {
 
     fn try_from(key: ClassesKey) -> Result<Self, String> {
         match key {
-            // An empty list names no class that would count.
+            // An empty list would select nothing, so it means all classes.
             ClassesKey::Numbers(numbers) if numbers.is_empty() => Ok(Self::All),
             ClassesKey::Numbers(numbers) => Ok(Self::Only(numbers)),
             ClassesKey::Text(text) => text.parse().map_err(|problem| format!("classes is \"{text}\", {problem}")),
@@ -102,19 +102,19 @@ impl From<Classes> for ClassesKey {
     }
 }
 
-/// What is chosen of a file's points or splats, step by step.
+/// Result of a selection, with the count after each step.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Chosen {
-    /// A flag a point; empty where nothing is asked for.
+    /// One flag per point; empty if no step was requested.
     pub keep: Vec<bool>,
-    /// What each step that was asked for leaves: its key in the scene file and the number of points.
+    /// Key of each requested step in the scene file, and the number of points left after it.
     pub left: Vec<(&'static str, usize)>,
 }
 
 /// Applies `crop`, `classes`, `returns`, `where` and `every`, in this order, to `count` points at `position(i)`.
 ///
 /// # Errors
-/// What attribute is missing, and which there are; or a condition that can't be parsed.
+/// A message about a missing attribute, with the available ones, or about a condition that can't be parsed.
 pub fn choose(
     options: &ConvertOptions,
     count: usize,
@@ -145,7 +145,7 @@ pub fn choose(
     }
     match &options.classes {
         None | Some(Classes::All) => {}
-        // Readers leave a column of zeros out.
+        // Readers omit a column of zeros.
         Some(Classes::Except(_)) if ExtraColumn::find(extras, "classification").is_none() => {
             step("classes", &|_| true);
         }
@@ -261,7 +261,7 @@ mod tests {
         assert_eq!(kept, [20, 28, 36]);
         let only = |returns| run(&ConvertOptions { returns: Some(returns), ..ConvertOptions::default() }).left[0].1;
         assert_eq!([Returns::First, Returns::Last, Returns::Single].map(only), [50, 75, 25]);
-        // NaN is neither a class nor another number than one.
+        // NaN is no class, and isn't a number different from one either.
         let not = ConvertOptions { condition: Some("classification != 7".into()), ..ConvertOptions::default() };
         assert_eq!(run(&not).left, [("where", 50)]);
         let either = "not (classification = 2 or x < 90) || x=0 && return_number==1";

@@ -1,5 +1,5 @@
-//! Splats cut into chunks of neighbours, and what 16-bit numbers of a chunk are relative to: the same for every
-//! backend, so that they store the same numbers.
+//! Chunks of neighbouring splats, and the reference values of their 16-bit numbers. All backends use the same chunks,
+//! so that they store the same numbers.
 
 use crate::{ClipPolicy, SplatCloud};
 use glam::{DVec3, Vec3};
@@ -9,49 +9,50 @@ use surfel_math::V3;
 use surfel_math::basis::{principal_axes, unit};
 use surfel_math::quantise::{folded, quantised, unfolded};
 
-/// How splats are kept in memory.
+/// Precision in which splats are stored in memory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Storage {
     /// Single precision.
     #[default]
     F32,
-    /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses stay f32: a needle's shorter one
-    /// would vanish beside its neighbours' longer ones. Alphas stay f32, too: 1 must stay 1.
+    /// 16 bits for centres, colours, normals and disks' radii. Half-axes of ellipses remain f32: a needle's shorter
+    /// axis would vanish next to its neighbours' longer axes. Alphas remain f32 too, because 1 must be exact.
     ///
-    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, a normal
-    /// by 1e-4, a radius by 1.5e-5 of the chunk's largest, which is at most sixteen times the smallest.
+    /// A centre moves by at most 1.5e-5 of its chunk's half extent, a colour by 1.5e-5 of the chunk's largest, and a
+    /// normal by 1e-4. A radius changes by at most 1.5e-5 of the chunk's largest, which is at most sixteen times the
+    /// smallest.
     Quantised,
 }
 
-/// Most splats of a chunk.
+/// Maximum number of splats in a chunk.
 pub const CHUNK_SPLATS: usize = 256;
 
-/// Largest extent of a chunk in radii of its smallest splat. An offset within it is rounded to 512·2⁻²⁴ = 3e-5 of a
-/// radius, which moves a weight by 7e-5 (2.4 times as much at cutoff 2). Neighbours on a surface are far below it;
-/// splats of very different size, and strays, get chunks of their own.
+/// Largest extent of a chunk, in radii of its smallest splat. An offset within the chunk is rounded to 512·2⁻²⁴ = 3e-5
+/// of a radius, which changes a weight by 7e-5 (2.4 times as much at cutoff 2). Neighbours on a surface are far below
+/// the limit; splats of very different size, and strays, get chunks of their own.
 const MAX_EXTENT_RADII: f64 = 512.0;
 
-/// Most chunks that are cut at once, for each thread: what is read of them is in its cache when they are stored.
+/// Maximum number of chunks cut at once, per thread: the data read for them is still in cache when they are stored.
 const MOST_AHEAD: usize = 16;
 
-/// Largest radius of a quantised chunk in its smallest.
+/// Largest ratio of radii in a quantised chunk.
 const MAX_RADII: f64 = 16.0;
 
-/// What stored numbers of a chunk are relative to.
+/// Reference values of a chunk's stored numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct ChunkSpace {
     /// Object-space origin of the centres.
     pub origin: DVec3,
-    /// Largest coordinate of a centre about `origin`.
+    /// Largest coordinate of a centre relative to `origin`.
     pub center: f32,
-    /// Largest colour.
+    /// Largest colour component.
     pub color: f32,
     /// Largest radius.
     pub radius: f32,
 }
 
 impl ChunkSpace {
-    /// Of these splats.
+    /// Computes the reference values of these splats.
     pub fn of(cloud: &SplatCloud, members: &[u32]) -> Self {
         let centers = members.iter().map(|&i| cloud.center(i as usize));
         let (min, max) = centers.clone().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)));
@@ -67,7 +68,7 @@ impl ChunkSpace {
     }
 }
 
-/// Cuts splats, given in an order in which neighbours lie together, into chunks.
+/// Cuts splats into chunks. In `order`, neighbouring splats must be close together.
 pub fn chunks<'a>(
     cloud: &'a SplatCloud,
     order: &'a [u32],
@@ -83,8 +84,8 @@ pub fn chunks<'a>(
     let most_ahead = MOST_AHEAD;
     let (mut rest, mut ahead) = (order, 1);
     let batch = move || {
-        // Where a chunk begins depends on those before it. Mostly all are full: so many are cut at once as if they
-        // were, and what follows a shorter one is cut again.
+        // A chunk's start depends on the chunks before it. Most chunks are full, so several are cut at once as if all
+        // were full; those after a shorter chunk are cut again.
         let starts: Vec<&[u32]> = (0..rest.len()).step_by(CHUNK_SPLATS).take(ahead).map(|at| &rest[at..]).collect();
         #[cfg(feature = "rayon")]
         let mut found: Vec<_> = starts.into_par_iter().map(chunk).collect();
@@ -99,7 +100,7 @@ pub fn chunks<'a>(
     std::iter::from_fn(batch).flatten()
 }
 
-/// How many of the splats, in order, make the next chunk.
+/// Returns the number of splats, in order, in the next chunk.
 fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     let (mut min, mut max) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
     let (mut smallest, mut largest) = (f64::INFINITY, 0.0f64);
@@ -116,13 +117,14 @@ fn chunk_length(cloud: &SplatCloud, order: &[u32], storage: Storage) -> usize {
     order.len().min(CHUNK_SPLATS)
 }
 
-/// Half-axes whose angle's cosine is larger than this are turned before they are stored.
+/// Cosine between half-axes above which they are replaced before storing.
 const SKEW: f64 = 0.5;
 
-/// Half-axes of splat `i` to be stored in f32.
+/// Returns the half-axes of splat `i` to be stored in f32.
 ///
-/// Those at less than 60° are turned to the ellipse's principal axes: between nearly parallel ones lies the difference
-/// of large numbers, of which f32 keeps little. Clips are given in the half-axes, so that clipped splats keep theirs.
+/// Half-axes at less than 60° are replaced by the ellipse's principal axes: otherwise coordinates depend on a small
+/// difference of large numbers, of which f32 preserves little. Clipped splats retain their half-axes, because clips are
+/// relative to them.
 pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     let (s, t) = cloud.axes(i);
     let is_clipped = || cloud.data().clips.as_ref().is_some_and(|c| c.clip(i, ClipPolicy::Exact).is_some());
@@ -131,10 +133,10 @@ pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
     (s.as_vec3(), t.as_vec3())
 }
 
-/// A splat of a cloud as it is after storing: for the few that are set up one by one.
+/// A splat with the precision of its storage, for the few splats that are set up one by one.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StoredSplat {
-    /// Centre, object space.
+    /// Centre in object space.
     pub center: DVec3,
     /// Half-axes.
     pub axes: (DVec3, DVec3),
@@ -147,7 +149,7 @@ pub struct StoredSplat {
 }
 
 impl StoredSplat {
-    /// Splat `i` in a chunk's space.
+    /// Returns splat `i` as stored in a chunk.
     pub fn of(cloud: &SplatCloud, i: usize, space: &ChunkSpace, storage: Storage) -> Self {
         let exact = Self {
             center: cloud.center(i),
@@ -214,7 +216,7 @@ mod tests {
 
     #[test]
     fn chunks_cut_at_once_are_those_cut_one_by_one() {
-        // Jumps of 600 radii come sooner and later after one another, and between them are full chunks.
+        // Jumps of 600 radii at various distances, with full chunks in between.
         let jumps = [1, 700, 701, 956, 4000, 4300, 9000];
         let before = |i: usize| jumps.iter().filter(|jump| **jump <= i).count() as f32;
         let centers = (0..12_000).map(|i| Vec3::new(600.0 * before(i), 0.01 * i as f32, 0.0)).collect();

@@ -4,22 +4,22 @@ use crate::ClipPolicy;
 use surfel_math::V2;
 use surfel_math::clip::{Clip, Curve};
 
-/// One rational quadratic Bézier clip curve a splat (rendering model §7), in the splat's own (u, v).
+/// Rational quadratic Bézier clip curve of a splat (rendering model §7), in the splat's own (u, v).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ClipCurve {
-    /// Angle of P1 on the unit circle, radians.
+    /// Angle of P1 on the unit circle, in radians.
     pub theta1: f32,
-    /// Angle of P3 on the unit circle, radians.
+    /// Angle of P3 on the unit circle, in radians.
     pub theta3: f32,
     /// u of P2.
     pub u: f32,
     /// v of P2.
     pub v: f32,
-    /// Weight of P2, at least 0; NaN: no curve.
+    /// Weight of P2, at least 0; NaN means that there is no curve.
     pub w: f32,
 }
 
-/// Keeps a·u + b·v + c ≥ 0; NaN: absent.
+/// Clip line; the part with a·u + b·v + c ≥ 0 is visible. NaN means that the line is absent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the coefficients of the type's own formula")]
 pub struct ClipLine {
@@ -31,28 +31,28 @@ pub struct ClipLine {
 /// An absent line.
 pub const NO_LINE: ClipLine = ClipLine { a: f32::NAN, b: f32::NAN, c: f32::NAN };
 
-/// How a splat's clip lines combine.
+/// Combination of a splat's clip lines.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClipMode {
-    /// Every line must keep (convex).
+    /// A point is visible if every line leaves it visible (convex).
     And,
-    /// One is enough (concave).
+    /// A point is visible if any line leaves it visible (concave).
     Or,
 }
 
-/// Clip columns of a cloud; each is there only if the file had it.
+/// Clip columns of a cloud; absent columns were not in the file.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct ClipColumns {
-    /// One curve a splat.
+    /// One curve per splat.
     pub curves: Option<Vec<ClipCurve>>,
-    /// Up to four lines a splat.
+    /// Up to four lines per splat.
     pub lines: Option<Vec<[ClipLine; 4]>>,
-    /// How the lines combine; all `And` when absent.
+    /// Combination of each splat's lines; all `And` if absent.
     pub modes: Option<Vec<ClipMode>>,
 }
 
 impl ClipColumns {
-    /// The clips of some splats, by their indices.
+    /// Returns the clips of some splats, by their indices.
     pub(crate) fn select(&self, indices: &[u32]) -> Self {
         fn pick<T: Copy>(column: Option<&Vec<T>>, indices: &[u32]) -> Option<Vec<T>> {
             column.map(|column| indices.iter().map(|&i| column[i as usize]).collect())
@@ -64,7 +64,7 @@ impl ClipColumns {
         }
     }
 
-    /// Splat `i`'s clip curve, if it has one.
+    /// Returns the clip curve of splat `i`, if it has one.
     pub fn curve(&self, i: usize) -> Option<Curve> {
         let c = self.curves.as_ref().map(|c| c[i]).filter(|c| !c.w.is_nan())?;
         let [theta1, theta3, u, v, w] = [c.theta1, c.theta3, c.u, c.v, c.w].map(f64::from);
@@ -78,7 +78,7 @@ impl ClipColumns {
             || self.curves.as_ref().is_some_and(|curves| !curves[i].w.is_nan())
     }
 
-    /// What splat `i` keeps of its disk under a policy; `None` where nothing clips it. [`ClipPolicy::Paper`] is the
+    /// Returns the clip of splat `i` under a policy; `None` if nothing clips the splat. [`ClipPolicy::Paper`] gives the
     /// same image as [`ClipPolicy::Exact`] and has the same forms.
     pub fn clip(&self, i: usize, policy: ClipPolicy) -> Option<Clip<f64>> {
         if policy == ClipPolicy::Off || !self.is_clipped(i) {
@@ -153,7 +153,7 @@ mod tests {
         assert!(clips.clip(0, ClipPolicy::Off).is_none() && clips.clip(1, ClipPolicy::Exact).is_none());
         let at = |i, policy, u, v| clips.clip(i, policy).is_some_and(|c| c.keeps(V2::new(u, v)));
         assert!(at(2, ClipPolicy::Exact, 0.1, 0.0) && !at(2, ClipPolicy::Line, -0.1, 0.0));
-        // Between curve and chord: P2 is to the chord's left, the curve removes more than its chord.
+        // Between curve and chord: P2 is left of the chord, and the curve removes more than its chord.
         assert!(!at(0, ClipPolicy::Exact, 0.55, 0.45) && at(0, ClipPolicy::Line, 0.55, 0.45));
         assert!(!at(0, ClipPolicy::Paper, 0.55, 0.45));
     }

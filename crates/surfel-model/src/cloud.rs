@@ -1,10 +1,10 @@
-//! Splat clouds as structures of arrays: an attribute that isn't there costs nothing.
+//! Splat clouds as structures of arrays: an absent attribute needs no memory.
 
 use crate::column::{retain, retain_rows};
 use crate::{ClipColumns, Column3, ExtraColumn, ModelError, Up};
 use glam::{DVec3, Vec3};
 
-/// The splats' extent (rendering model §2).
+/// Extent of the splats (rendering model §2).
 #[derive(Clone, Debug, PartialEq)]
 pub enum Shape {
     /// Circular disks.
@@ -16,21 +16,21 @@ pub enum Shape {
     },
     /// Elliptical disks p + u·s + v·t, u² + v² ≤ 1, with outward normal s × t.
     Ellipses {
-        /// Half-axes s (with `t`, any conjugate pair).
+        /// Half-axes s of the ellipses; s and t may be any conjugate pair.
         s: Column3,
         /// Half-axes t.
         t: Column3,
     },
 }
 
-/// What a cloud is built from: the same columns, not yet checked.
+/// Columns from which a cloud is built, not yet validated.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CloudData {
-    /// World offset of the centres, in object units (f64, so that georeferenced data keeps its detail).
+    /// World offset of the centres, in object units (f64, to preserve the precision of georeferenced data).
     pub origin: DVec3,
     /// Centres relative to `origin`.
     pub centers: Column3,
-    /// Extent and orientation.
+    /// Extent and orientation of the splats.
     pub shape: Shape,
     /// Linear RGB albedo; white when absent.
     pub colors: Option<Vec<[f32; 3]>>,
@@ -40,16 +40,17 @@ pub struct CloudData {
     pub shading_normals: Option<Column3>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
-    /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), where it is known.
+    /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), if known.
     pub interior_weight: Option<f64>,
-    /// Normals all point out of the same surface, so that front and back faces are kept apart (rendering model §5).
+    /// True if all normals point to the outside of the same surface, so that front and back faces are blended
+    /// separately (rendering model §5).
     pub oriented: bool,
-    /// Which axis is up.
+    /// Up axis.
     pub up: Option<Up>,
-    /// The row of the input that each splat came from, before any was dropped: what the plane `index` shows. `None`
-    /// where that is the splat's own index, or isn't wanted; renderers keep rows that are there.
+    /// Row of each splat in the input, before splats were dropped; shown in the plane `index`. `None` if a splat's row
+    /// is its own index, or if rows aren't needed. Renderers store rows that are present.
     pub rows: Option<Vec<u32>>,
-    /// What the plane `label` shows of each splat, [`NO_LABEL`] for nothing.
+    /// Label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
     pub labels: Option<Vec<u32>>,
     /// Properties that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
@@ -58,7 +59,7 @@ pub struct CloudData {
 }
 
 impl CloudData {
-    /// Data with nothing but centres and shape.
+    /// Creates data with only centres and shape.
     pub fn new(origin: DVec3, centers: Column3, shape: Shape) -> Self {
         Self {
             origin,
@@ -78,7 +79,7 @@ impl CloudData {
         }
     }
 
-    /// Keeps the splats whose flag is set. Which rows they came from is kept, too.
+    /// Retains the splats whose flag is true, and records their rows.
     pub fn retain(&mut self, keep: &[bool]) {
         retain_rows(&mut self.rows, keep);
         if let Some(labels) = &mut self.labels {
@@ -146,7 +147,7 @@ impl CloudData {
         }
     }
 
-    /// What is wrong with splat `i`, if anything.
+    /// Returns the problem of splat `i` that makes it invalid, if any.
     fn problem(&self, i: usize) -> Option<String> {
         let p = self.centers.get(i);
         if !p.is_finite() {
@@ -170,8 +171,8 @@ impl CloudData {
                     }
                 }
                 let (a, b) = (s.get(i), t.get(i));
-                // Scaled to unit length first, so that tiny splats aren't mistaken for degenerate ones. Below
-                // 1e-12 the plane's direction is lost in the rounding of f32 axes at any usable aspect ratio.
+                // Scaled to unit length first, so that tiny splats aren't mistaken for degenerate ones. Below 1e-12 the
+                // plane's direction is lost in the rounding of f32 axes at any usable aspect ratio.
                 let (a, b) = (a / a.abs().max_element(), b / b.abs().max_element());
                 if a.normalize().cross(b.normalize()).length() < 1e-12 {
                     return Some("its half-axes are parallel, so it has no normal".into());
@@ -217,24 +218,24 @@ impl CloudData {
     }
 }
 
-/// What the planes `index`, `object` and `label` hold where there is nothing to say.
+/// Value of the planes `index`, `object` and `label` for an absent number.
 pub const NO_LABEL: u32 = u32::MAX;
 
-/// What to do with splats that break the rules (rendering model §10).
+/// Handling of splats that break the rules (rendering model §10).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum OnInvalid {
-    /// Refuse the cloud.
+    /// Reject the cloud.
     Refuse,
-    /// Drop those splats and say how many.
+    /// Drop the invalid splats and count them.
     Drop,
 }
 
-/// How many splats [`SplatCloud::new`] dropped, and why the first one.
+/// Report of the splats that [`SplatCloud::new`] dropped.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Repaired {
     /// Number of splats dropped.
     pub dropped: usize,
-    /// The first one's index in the input and its problem.
+    /// Index of the first dropped splat in the input, and its problem.
     pub first: Option<(usize, String)>,
 }
 
@@ -252,11 +253,12 @@ pub struct SplatCloud {
     data: CloudData,
 }
 
-/// Splats of a task, and from how many on they are checked side by side: fewer are no reason to start threads.
+/// Number of splats per task, and the number above which splats are validated in parallel: fewer aren't worth starting
+/// threads.
 #[cfg(feature = "rayon")]
 const CHECKED_TOGETHER: usize = 1 << 14;
 
-/// The index of the first splat that breaks the rules.
+/// Returns the index of the first splat that breaks the rules.
 fn first_invalid(data: &CloudData) -> Option<usize> {
     let count = data.centers.len();
     let is_invalid = |i: &usize| data.problem(*i).is_some();
@@ -268,20 +270,20 @@ fn first_invalid(data: &CloudData) -> Option<usize> {
     (0..count).find(is_invalid)
 }
 
-/// What a program does about invalid splats that it made itself.
+/// Advice for programs whose own splats are invalid.
 const ADVICE: &str = "correct them, or have SplatCloud::new drop them by OnInvalid::Drop";
 
-/// Numbers in f32, as columns keep them.
+/// Converts vectors to an f32 column.
 fn column<V: Copy + Into<[f32; 3]>>(vectors: &[V]) -> Column3 {
     Column3::from_f32(vectors.iter().map(|v| Vec3::from((*v).into())).collect())
 }
 
 impl SplatCloud {
-    /// Opaque white disks: centres and radii (greater than 0) in object units, outward normals of any length but zero.
-    /// Vectors are `[f32; 3]`, [`glam::Vec3`], or anything else that turns into arrays.
+    /// Creates opaque white disks: centres and radii (greater than 0) in object units, outward normals of any length
+    /// but zero. Vectors are `[f32; 3]`, [`glam::Vec3`], or any other type that converts to arrays.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat and how many there are, or the column of another length than
+    /// [`ModelError`] naming the first invalid splat and their number, or the column whose length differs from
     /// `centers`.
     pub fn disks<C: Copy + Into<[f32; 3]>, N: Copy + Into<[f32; 3]>>(
         centers: &[C],
@@ -292,12 +294,12 @@ impl SplatCloud {
         Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
     }
 
-    /// Opaque white ellipses: splat i is `centers[i]` + u·`s[i]` + v·`t[i]`, u² + v² ≤ 1, in object units, with outward
-    /// normal s × t.
+    /// Creates opaque white ellipses: splat i is `centers[i]` + u·`s[i]` + v·`t[i]`, u² + v² ≤ 1, in object units, with
+    /// outward normal s × t.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat (half-axes are parallel or zero, or a number isn't finite) and how
-    /// many there are, or the column of another length than `centers`.
+    /// [`ModelError`] naming the first invalid splat (half-axes are parallel or zero, or a number isn't finite) and
+    /// their number, or the column whose length differs from `centers`.
     pub fn ellipses<C: Copy + Into<[f32; 3]>, A: Copy + Into<[f32; 3]>>(
         centers: &[C],
         s: &[A],
@@ -307,43 +309,43 @@ impl SplatCloud {
         Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
     }
 
-    /// With linear RGB albedo, one for each splat.
+    /// Sets the linear RGB albedo of each splat.
     ///
     /// # Errors
-    /// [`ModelError`] if there are more or fewer than splats, or for a number that isn't finite.
+    /// [`ModelError`] if the number of colours isn't the number of splats, or if a number isn't finite.
     pub fn with_colors<C: Copy + Into<[f32; 3]>>(mut self, colors: &[C]) -> Result<Self, ModelError> {
         self.data.colors = Some(colors.iter().map(|c| (*c).into()).collect());
         Self::checked(self.data)
     }
 
-    /// With alpha in [0, 1], one for each splat.
+    /// Sets the alpha of each splat, in [0, 1].
     ///
     /// # Errors
-    /// [`ModelError`] if there are more or fewer than splats, or for one out of range.
+    /// [`ModelError`] if the number of alphas isn't the number of splats, or if an alpha is out of range.
     pub fn with_alphas(mut self, alphas: &[f32]) -> Result<Self, ModelError> {
         self.data.alphas = Some(alphas.to_vec());
         Self::checked(self.data)
     }
 
-    /// With normals to shade by, of any length but zero, one for each splat.
+    /// Sets the shading normal of each splat, of any length but zero.
     ///
     /// # Errors
-    /// [`ModelError`] if there are more or fewer than splats, or for one that is zero or not finite.
+    /// [`ModelError`] if the number of normals isn't the number of splats, or if a normal is zero or not finite.
     pub fn with_shading_normals<N: Copy + Into<[f32; 3]>>(mut self, normals: &[N]) -> Result<Self, ModelError> {
         self.data.shading_normals = Some(column(normals));
         Self::checked(self.data)
     }
 
-    /// With clip curves and lines: of ellipses alone, in their half-axes.
+    /// Sets clip curves and lines, in the splats' half-axes; only ellipses can have them.
     ///
     /// # Errors
-    /// [`ModelError`] for columns of another length than there are splats, for disks, and for numbers out of range.
+    /// [`ModelError`] if a column's length isn't the number of splats, for disks, and for numbers out of range.
     pub fn with_clips(mut self, clips: ClipColumns) -> Result<Self, ModelError> {
         self.data.clips = Some(clips);
         Self::checked(self.data)
     }
 
-    /// With centres relative to `origin`, in object units: f64, so that georeferenced data keeps its detail.
+    /// Sets the origin of the centres, in object units (f64, to preserve the precision of georeferenced data).
     ///
     /// # Errors
     /// [`ModelError`] if a coordinate isn't finite.
@@ -352,39 +354,39 @@ impl SplatCloud {
         Self::checked(self.data)
     }
 
-    /// With the row of the input that each splat came from: what the plane `index` shows. [`Self::number_rows`] where
-    /// splats are their own rows.
+    /// Sets the row of each splat in the input, shown in the plane `index`. If splats are their own rows, use
+    /// [`Self::number_rows`].
     ///
     /// # Errors
-    /// [`ModelError`] if there are more or fewer than splats.
+    /// [`ModelError`] if the number of rows isn't the number of splats.
     pub fn with_rows(mut self, rows: &[u32]) -> Result<Self, ModelError> {
         self.data.rows = Some(rows.to_vec());
         Self::checked(self.data)
     }
 
-    /// With what the plane `label` shows of each splat, [`NO_LABEL`] for nothing.
+    /// Sets the label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
     ///
     /// # Errors
-    /// [`ModelError`] if there are more or fewer than splats.
+    /// [`ModelError`] if the number of labels isn't the number of splats.
     pub fn with_labels(mut self, labels: &[u32]) -> Result<Self, ModelError> {
         self.data.labels = Some(labels.to_vec());
         Self::checked(self.data)
     }
 
-    /// Gives splats without rows their own index as such, so that renderers keep it for the planes `index` and `label`:
-    /// 4 bytes a splat.
+    /// Numbers the splats if they have no rows, so that renderers store rows for the planes `index` and `label`: 4
+    /// bytes per splat.
     pub fn number_rows(&mut self) {
         let count = self.len() as u32;
         self.data.rows.get_or_insert_with(|| (0..count).collect());
     }
 
-    /// Forgets the rows, which renderers would keep.
+    /// Drops the rows, which renderers would store.
     pub fn discard_rows(&mut self) {
         self.data.rows = None;
     }
 
-    /// Sets what the plane `label` shows of each splat, [`NO_LABEL`] for nothing; ignored if there are more or fewer
-    /// than splats.
+    /// Sets the label of each splat, shown in the plane `label`; [`NO_LABEL`] for none. Ignored if the number of labels
+    /// isn't the number of splats.
     pub fn set_labels(&mut self, labels: Vec<u32>) {
         if labels.len() == self.len() {
             self.data.labels = Some(labels);
@@ -401,10 +403,10 @@ impl SplatCloud {
         }
     }
 
-    /// Checks `data` (rendering model §10) and makes a cloud of it.
+    /// Validates `data` (rendering model §10) and creates a cloud.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat and how many there are, or a column of the wrong length.
+    /// [`ModelError`] naming the first invalid splat and their number, or a column of the wrong length.
     pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if data.clips.is_some() && matches!(data.shape, Shape::Disks { .. }) {
@@ -450,50 +452,51 @@ impl SplatCloud {
         Ok((Self { data }, repaired))
     }
 
-    /// Number of splats.
+    /// Returns the number of splats.
     pub fn len(&self) -> usize {
         self.data.centers.len()
     }
 
-    /// True when there is no splat.
+    /// True if there are no splats.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// The columns.
+    /// Returns the columns.
     pub fn data(&self) -> &CloudData {
         &self.data
     }
 
-    /// Gives the columns back, to change and validate them again.
+    /// Returns the columns, to be changed and validated again.
     pub fn into_data(self) -> CloudData {
         self.data
     }
 
-    /// Sets what the cloud's Σw is inside its own surface (must be finite and greater than 0, else ignored).
+    /// Sets the Σw inside the cloud's own surface. Ignored unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         if weight.is_finite() && weight > 0.0 {
             self.data.interior_weight = Some(weight);
         }
     }
 
-    /// Declares whether all normals point out of the same surface.
+    /// Sets `oriented`: true if all normals point to the outside of the same surface.
     pub fn set_oriented(&mut self, oriented: bool) {
         self.data.oriented = oriented;
     }
 
-    /// Sets which axis is up.
+    /// Sets the up axis.
     pub fn set_up(&mut self, up: Up) {
         self.data.up = Some(up);
     }
 
-    /// Centre of splat `i` in object space, in f64.
+    /// Returns the centre of splat `i` in object space, in f64.
     #[inline]
     pub fn center(&self, i: usize) -> DVec3 {
         self.data.origin + self.data.centers.get(i)
     }
 
-    /// Half-axes of splat `i` in object space. A disk's are an arbitrary orthogonal pair with s × t along its normal.
+    /// Returns the half-axes of splat `i` in object space. For a disk, they are an arbitrary orthogonal pair with s × t
+    /// along its normal.
     #[inline]
     pub fn axes(&self, i: usize) -> (DVec3, DVec3) {
         match &self.data.shape {
@@ -506,7 +509,7 @@ impl SplatCloud {
         }
     }
 
-    /// Unit outward normal of splat `i` in object space.
+    /// Returns the unit outward normal of splat `i` in object space.
     #[inline]
     pub fn normal(&self, i: usize) -> DVec3 {
         match &self.data.shape {
@@ -517,7 +520,7 @@ impl SplatCloud {
         }
     }
 
-    /// Unit shading normal of splat `i` in object space.
+    /// Returns the unit shading normal of splat `i` in object space.
     pub fn shading_normal(&self, i: usize) -> DVec3 {
         match &self.data.shading_normals {
             Some(n) => surfel_math::basis::unit(n.get(i)),
@@ -525,17 +528,17 @@ impl SplatCloud {
         }
     }
 
-    /// Linear RGB albedo of splat `i`.
+    /// Returns the linear RGB albedo of splat `i`.
     pub fn color(&self, i: usize) -> [f32; 3] {
         self.data.colors.as_ref().map_or([1.0; 3], |c| c[i])
     }
 
-    /// Alpha of splat `i`.
+    /// Returns the alpha of splat `i`.
     pub fn alpha(&self, i: usize) -> f32 {
         self.data.alphas.as_ref().map_or(1.0, |a| a[i])
     }
 
-    /// Larger semi-axis of splat `i`: the largest singular value of [s t].
+    /// Returns the larger semi-axis of splat `i`: the largest singular value of [s t].
     #[inline]
     pub fn radius_max(&self, i: usize) -> f64 {
         match &self.data.shape {
@@ -544,7 +547,8 @@ impl SplatCloud {
         }
     }
 
-    /// Axis-aligned bounds of the splats (not only of their centres), in object space; `None` for an empty cloud.
+    /// Returns the axis-aligned bounds of the splats (not only of their centres), in object space; `None` for an empty
+    /// cloud.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let mut bounds: Option<(DVec3, DVec3)> = None;
         for i in 0..self.len() {
@@ -561,7 +565,7 @@ impl SplatCloud {
         self.data.alphas.as_ref().is_some_and(|a| a.iter().any(|&a| a < 1.0))
     }
 
-    /// Bytes of heap memory that the columns use.
+    /// Returns the heap memory of the columns, in bytes.
     pub fn bytes(&self) -> usize {
         let d = &self.data;
         let shape = match &d.shape {

@@ -1,11 +1,11 @@
-//! Columns of vectors: f32 with an f64 origin, and a residual only where f32 loses something.
+//! Columns of vectors: f32 values relative to an f64 origin, with a residual only if f32 loses precision.
 
 use glam::{DVec3, Vec3};
 
-/// A column of 3-vectors in f32, with the part that f32 rounded away kept beside it when there is any.
+/// Column of 3-vectors in f32, and the part that f32 rounded away, if any.
 ///
-/// `value = high + low`. Fast backends read [`Column3::high`]; the f64 reference reads [`Column3::get`].
-/// A column whose source was f32 has no low part, and costs 12 bytes an element.
+/// `value = high + low`. Fast backends read [`Column3::high`]; the f64 reference reads [`Column3::get`]. A column read
+/// from f32 data has no low part, and needs 12 bytes per element.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Column3 {
     high: Vec<Vec3>,
@@ -13,18 +13,18 @@ pub struct Column3 {
 }
 
 impl Column3 {
-    /// A column of f32 values, kept exactly.
+    /// Creates a column of f32 values, stored exactly.
     pub fn from_f32(high: Vec<Vec3>) -> Self {
         Self { high, low: None }
     }
 
-    /// A column of f32 values and what f32 rounded away of each, if anything. Of another length than the values, the
-    /// latter are left out.
+    /// Creates a column of f32 values and the parts that f32 rounded away, if any. A low part whose length differs is
+    /// dropped.
     pub fn from_parts(high: Vec<Vec3>, low: Option<Vec<Vec3>>) -> Self {
         Self { low: low.filter(|low| low.len() == high.len()), high }
     }
 
-    /// A column of f64 values, kept to about 48 bits. The low part is dropped when it is zero everywhere.
+    /// Creates a column of f64 values, stored to about 48 bits. The low part is dropped if it is zero everywhere.
     pub fn from_f64(values: &[DVec3]) -> Self {
         let high: Vec<Vec3> = values.iter().map(|v| v.as_vec3()).collect();
         let low: Vec<Vec3> = values
@@ -36,16 +36,16 @@ impl Column3 {
         Self { high, low: (!exact).then_some(low) }
     }
 
-    /// Splits points into an f64 origin and offsets from it, so that georeferenced data keeps its detail.
+    /// Splits points into an f64 origin and offsets from it, to preserve the precision of georeferenced data.
     ///
-    /// Points that f32 holds exactly keep the origin at zero. Otherwise the origin is the centre of the
-    /// finite points' bounds, rounded to a whole power of two no finer than the extent needs, and offsets
-    /// are exact to about 48 bits of the extent. Non-finite points stay non-finite.
+    /// The origin is zero for points that f32 represents exactly. Otherwise the origin is the centre of the finite
+    /// points' bounds, rounded to a whole power of two no finer than the extent needs. Offsets are exact to about 48
+    /// bits of the extent. Non-finite points stay non-finite.
     pub fn with_origin(points: &[DVec3]) -> (DVec3, Self) {
         Self::with_origin_of(points.len(), |i| points[i])
     }
 
-    /// As [`Self::with_origin`], of points that needn't be in memory; each is asked for twice.
+    /// Same as [`Self::with_origin`] for points that needn't be in memory; `point` is called twice for each.
     pub fn with_origin_of(count: usize, point: impl Fn(usize) -> DVec3) -> (DVec3, Self) {
         let split = |p: DVec3| {
             let high = p.as_vec3();
@@ -71,31 +71,31 @@ impl Column3 {
         (origin, Self { high, low: (!exact).then_some(low) })
     }
 
-    /// The origin that suits points within bounds: the middle, rounded to a whole power of two no finer than the extent
-    /// needs; zero where the bounds are close to zero, or empty.
+    /// Returns a suitable origin for points within bounds: the centre, rounded to a whole power of two no finer than
+    /// the extent needs; zero if the bounds are close to zero or empty.
     pub fn origin_of(min: DVec3, max: DVec3) -> DVec3 {
         let extent = (max - min).max_element();
-        // Close to the coordinate origin an offset gains nothing.
+        // Close to the coordinate origin, an offset gains nothing.
         let largest = min.abs().max(max.abs()).max_element();
         if min.x > max.x || largest <= 4.0 * extent {
             return DVec3::ZERO;
         }
-        // Points may all be the same; an origin of some 20 bits is as fine as is of use.
+        // All points may be equal; an origin of about 20 bits is fine enough.
         let grid = extent.max(largest * 1e-6).max(f64::MIN_POSITIVE).log2().ceil().exp2();
         ((min + max) * (0.5 / grid)).round() * grid
     }
 
-    /// Number of elements.
+    /// Returns the number of elements.
     pub fn len(&self) -> usize {
         self.high.len()
     }
 
-    /// True when there is no element.
+    /// True if there are no elements.
     pub fn is_empty(&self) -> bool {
         self.high.is_empty()
     }
 
-    /// The element as exactly as it is stored.
+    /// Returns an element with all stored precision.
     #[inline]
     pub fn get(&self, index: usize) -> DVec3 {
         let high = self.high[index].as_dvec3();
@@ -105,12 +105,12 @@ impl Column3 {
         }
     }
 
-    /// The f32 part: the value rounded to nearest.
+    /// Returns the f32 part: the values rounded to nearest.
     pub fn high(&self) -> &[Vec3] {
         &self.high
     }
 
-    /// What the f32 part rounded away, where that is anything.
+    /// Returns the part that f32 rounded away, if any.
     pub fn low(&self) -> Option<&[Vec3]> {
         self.low.as_deref()
     }
@@ -120,12 +120,12 @@ impl Column3 {
         self.low = None;
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         (self.high.len() + self.low.as_ref().map_or(0, Vec::len)) * size_of::<Vec3>()
     }
 
-    /// Keeps the elements whose flag is set.
+    /// Retains the elements whose flag is true.
     pub fn retain(&mut self, keep: &[bool]) {
         retain(&mut self.high, keep);
         if let Some(low) = &mut self.low {
@@ -133,20 +133,20 @@ impl Column3 {
         }
     }
 
-    /// The elements at `indices`, in that order.
+    /// Returns the elements at `indices`, in that order.
     pub fn select(&self, indices: &[u32]) -> Self {
         let pick = |v: &[Vec3]| indices.iter().map(|&i| v[i as usize]).collect();
         Self { high: pick(&self.high), low: self.low.as_deref().map(pick) }
     }
 }
 
-/// Keeps the elements of `values` whose flag is set.
+/// Retains the elements of `values` whose flag is true.
 pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
     let mut flags = keep.iter();
     values.retain(|_| *flags.next().unwrap_or(&true));
 }
 
-/// Keeps the rows whose flag is set: without rows, elements are their own.
+/// Retains the rows whose flag is true. Without rows, an element's row is its index.
 pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
     match rows {
         Some(rows) => retain(rows, keep),
@@ -154,18 +154,18 @@ pub(crate) fn retain_rows(rows: &mut Option<Vec<u32>>, keep: &[bool]) {
     }
 }
 
-/// A property that Surfel doesn't interpret, carried so that a round trip loses nothing.
+/// Property that Surfel doesn't interpret, stored so that a round trip loses nothing.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ExtraColumn {
-    /// The property's name in its file.
+    /// Name of the property in its file.
     pub name: String,
-    /// Its values, one an element.
+    /// Values, one per element.
     pub values: ExtraValues,
 }
 
 impl ExtraColumn {
-    /// The column of that name: exactly, else as programs spell it otherwise: in capitals, without underscores, with
-    /// the prefix `scalar_`. `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
+    /// Returns the column with this name. If there is none, case, underscores and the prefix `scalar_` are ignored:
+    /// `scalar_Return_Number`, `ReturnNumber` and `return_number` are the same attribute.
     pub fn find<'a>(extras: &'a [Self], name: &str) -> Option<&'a Self> {
         let plain = |name: &str| {
             let lower = name.to_ascii_lowercase();
@@ -208,12 +208,12 @@ macro_rules! each_extra {
 }
 
 impl ExtraValues {
-    /// Number of values.
+    /// Returns the number of values.
     pub fn len(&self) -> usize {
         each_extra!(self, v => v.len())
     }
 
-    /// Bytes of a value.
+    /// Returns the size of a value, in bytes.
     pub fn value_bytes(&self) -> usize {
         fn bytes<T>(_: &[T]) -> usize {
             size_of::<T>()
@@ -221,23 +221,23 @@ impl ExtraValues {
         each_extra!(self, v => bytes(v))
     }
 
-    /// True when there is no value.
+    /// True if there are no values.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// Bytes of heap memory in use.
+    /// Returns the heap memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         each_extra!(self, v => size_of_val(v.as_slice()))
     }
 
-    /// The value, which f64 holds exactly.
+    /// Returns a value; f64 represents every type exactly.
     #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn get(&self, index: usize) -> f64 {
         each_extra!(self, v => f64::from(v[index]))
     }
 
-    /// The least and the largest of the finite values; `None` if there is none.
+    /// Returns the smallest and the largest finite value; `None` if there is none.
     #[allow(clippy::useless_conversion, reason = "one of the eight types is f64")]
     pub fn range(&self) -> Option<(f64, f64)> {
         let finite = |values: &mut dyn Iterator<Item = f64>| {
@@ -248,7 +248,7 @@ impl ExtraValues {
         each_extra!(self, v => finite(&mut v.iter().map(|x| f64::from(*x))))
     }
 
-    /// Their type, as PLY calls it: "uchar", "float", …
+    /// Returns the PLY name of the type: "uchar", "float", …
     pub fn type_name(&self) -> &'static str {
         match self {
             Self::I8(_) => "char",
@@ -262,17 +262,17 @@ impl ExtraValues {
         }
     }
 
-    /// True for the types that hold whole numbers only.
+    /// True for integer types.
     pub fn is_integer(&self) -> bool {
         !matches!(self, Self::F32(_) | Self::F64(_))
     }
 
-    /// Cuts the values off, or appends zeros.
+    /// Truncates the values, or appends zeros.
     pub fn resize(&mut self, len: usize) {
         each_extra!(self, v => v.resize(len, Default::default()));
     }
 
-    /// The values at `indices`, in that order.
+    /// Returns the values at `indices`, in that order.
     #[must_use]
     pub fn select(&self, indices: &[u32]) -> Self {
         macro_rules! selected {
@@ -285,7 +285,7 @@ impl ExtraValues {
         selected!(I8, U8, I16, U16, I32, U32, F32, F64)
     }
 
-    /// Keeps the values whose flag is set.
+    /// Retains the values whose flag is true.
     pub fn retain(&mut self, keep: &[bool]) {
         each_extra!(self, v => retain(v, keep));
     }

@@ -60,10 +60,10 @@ pub struct Condition {
     root: Node,
 }
 
-/// A part of a condition.
+/// Node of a condition's tree.
 #[derive(Clone, Debug, PartialEq)]
 enum Node {
-    /// A term, by its index.
+    /// Term, by its index.
     Term(usize),
     Not(Box<Node>),
     All(Vec<Node>),
@@ -132,7 +132,7 @@ enum Token<'a> {
 
 struct Parser<'a> {
     text: &'a str,
-    /// The byte of the text that is read next.
+    /// Byte of the text that is read next.
     at: usize,
     terms: Vec<ConditionTerm>,
 }
@@ -181,7 +181,7 @@ impl<'a> Parser<'a> {
         Ok(Node::Term(self.terms.len() - 1))
     }
 
-    /// One or several words, or a quoted text.
+    /// Parses one or several words, or a quoted text.
     fn name(&mut self) -> Result<&'a str, String> {
         match self.next()? {
             (Token::Quoted(name), _) if !name.trim().is_empty() => Ok(name.trim()),
@@ -205,7 +205,7 @@ impl<'a> Parser<'a> {
         Ok(is_next)
     }
 
-    /// The next token and the byte at which it begins, without taking it.
+    /// Returns the next token and the byte at which it begins, without consuming it.
     fn peek(&mut self) -> Result<(Token<'a>, usize), String> {
         let at = self.at;
         let found = self.next();
@@ -213,7 +213,7 @@ impl<'a> Parser<'a> {
         found
     }
 
-    /// Takes the next token.
+    /// Consumes the next token.
     fn next(&mut self) -> Result<(Token<'a>, usize), String> {
         const SIGNS: [(&str, Token<'static>); 12] = [
             ("<=", Token::Compare(Comparison::AtMost)),
@@ -252,7 +252,7 @@ impl<'a> Parser<'a> {
         Ok((keyword.map_or(Token::Word(word), |(_, token)| token), start))
     }
 
-    /// A message on what is at a byte of the text.
+    /// Formats a message about the text at a byte.
     fn wrong(&self, at: usize, expected: &str) -> String {
         let rest = self.text[at..].trim_end();
         let character = self.text[..at].chars().count() + 1;
@@ -341,7 +341,7 @@ mod tests {
         }
     }
 
-    /// A condition as a tree whose leaves are numbers of attributes, `aN>0`.
+    /// A condition as a tree whose leaves are indices of attributes, `aN>0`.
     enum Tree {
         Leaf(usize),
         Not(Box<Tree>),
@@ -369,7 +369,7 @@ mod tests {
             }
         }
 
-        /// One of the ways to write it, with the parentheses that precedence needs and, at times, others.
+        /// Writes the condition in a random way, with the parentheses that precedence needs and occasionally others.
         fn write(&mut self, tree: &Tree, strength: usize) -> String {
             let space = [" ", "  ", "\t"][self.below(3)];
             let (own, text) = match tree {

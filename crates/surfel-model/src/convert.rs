@@ -1,4 +1,4 @@
-//! How a file becomes splats: an object's `convert` in the scene file.
+//! Conversion options: the key `convert` of an object in the scene file.
 
 use crate::range::positive;
 use crate::{Classes, Condition, ModelError, Returns, TableColumns};
@@ -6,88 +6,89 @@ use crate::{Classes, Condition, ModelError, Returns, TableColumns};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// How an object's file becomes splats. The keys are the long flags of `surfel convert`; what isn't said is chosen by
-/// what the file holds, and what says nothing about that (`splats` of a splat file) has no effect.
+/// Options of the conversion of an object's file to splats. The keys are the long flags of `surfel convert`. Absent
+/// options are chosen by the file's content, and options that don't apply to it (`splats` for a splat file) have no
+/// effect.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct ConvertOptions {
-    /// Invalid splats are dropped and counted instead of refusing the file.
+    /// True to drop and count invalid splats instead of rejecting the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub repair: bool,
-    /// How splats take a mesh's colours, and a texture for meshes that name none.
+    /// Sampling of a mesh's colours, and a texture for meshes that name none.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "TextureOption::is_default"))]
     pub texture: TextureOption,
-    /// One splat for each vertex of a mesh.
+    /// True to make one splat per vertex of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub per_vertex: bool,
-    /// One splat for each triangle of a mesh.
+    /// True to make one splat per triangle of a mesh.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub per_face: bool,
-    /// So many splats spread evenly over a mesh; with `sharp` at most so many.
+    /// Number of splats spread evenly over a mesh; with `sharp` the maximum number.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub splats: Option<SplatCount>,
-    /// At most this many points of a point cloud, at least 1; evenly chosen.
+    /// Maximum number of points of a point cloud, at least 1; evenly selected.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_points: Option<u32>,
-    /// Multiplies every radius; greater than 0.
+    /// Factor for every radius; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub radius_scale: Option<f64>,
-    /// Splats are clipped along creases.
+    /// True to clip splats along creases.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub sharp: bool,
-    /// With `sharp`: angle from which an edge is a crease, in degrees from 0 to 180.
+    /// Angle from which an edge is a crease, in degrees from 0 to 180; with `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crease_angle: Option<f64>,
-    /// With `sharp`: largest distance from the mesh that simplification may cause, in object units; greater than 0.
+    /// Largest distance from the mesh due to simplification, in object units, greater than 0; with `sharp`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub error: Option<f64>,
-    /// The attribute that points and splats are coloured by: `rgb`, `height`, `normal`, or a property of the file.
+    /// Attribute by which points and splats are coloured: `rgb`, `height`, `normal`, or a property of the file.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub color_by: Option<String>,
-    /// Colours of values, with `color_by`.
+    /// Colour map of the values, with `color_by`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colormap: Option<Colormap>,
-    /// Values at the two ends of the colour map, with `color_by`; the first less than the second.
+    /// Values at the two ends of the colour map, with `color_by`; the first is less than the second.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub range: Option<[f64; 2]>,
-    /// What the splats of points take of their colours.
+    /// Colours of the splats made of points.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colors: Option<PointColors>,
-    /// Only points within this box count: least x, y, z, then largest.
+    /// Box of the selected points: smallest x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
-    /// Only points of these classes count; `None`: of all.
+    /// Classes of the selected points; `None` selects all classes.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub classes: Option<Classes>,
-    /// Only these of a pulse's returns count.
+    /// Returns of a pulse that are selected.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub returns: Option<Returns>,
-    /// Only points for which this [`Condition`] holds count, such as `intensity>100 and not z<5`. In scene files a list
-    /// of conditions, which must all hold, is one as well.
+    /// [`Condition`] for the selected points, such as `intensity>100 and not z<5`. Scene files may use a list of
+    /// conditions, all of which must hold.
     #[cfg_attr(
         feature = "serde",
         serde(rename = "where", deserialize_with = "joined_conditions", skip_serializing_if = "Option::is_none")
     )]
     pub condition: Option<String>,
-    /// Only every so-manyth point counts, the first included; at least 1.
+    /// Interval of selected points: every n-th point, starting with the first; at least 1.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub every: Option<u32>,
-    /// Points at exactly (0, 0, 0), and more than 16 in one place, count as well.
+    /// True to select also points at exactly (0, 0, 0), and more than 16 points in one place.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_points: bool,
-    /// Whether points that stand alone count; a COPC file is read whole for that.
+    /// Handling of isolated points; dropping them requires reading a COPC file completely.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub outliers: Option<Outliers>,
-    /// All levels of a COPC file are drawn, not only those that the view needs.
+    /// True to draw all levels of detail of a COPC file, not only those that the view needs.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub all_levels: bool,
-    /// The file may refer to files outside of its own folder.
+    /// True to allow references to files outside the file's own folder.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_false"))]
     pub allow_outside: bool,
-    /// Longest side of a texture in texels, 1 to 32,768 (default 8192): larger ones are reduced.
+    /// Longest side of a texture in texels, 1 to 32,768 (default 8192); larger textures are reduced.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub max_texture: Option<u32>,
-    /// Names, and perhaps types, of the columns of a table: text, NPY, NPZ, or a binary file without a header.
+    /// Names, and optionally types, of the columns of a table: text, NPY, NPZ, or a binary file without a header.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub columns: Option<TableColumns>,
 }
@@ -109,13 +110,13 @@ fn joined_conditions<'de, D: serde::Deserializer<'de>>(deserializer: D) -> Resul
     })
 }
 
-/// How many splats a mesh becomes.
+/// Number of splats made of a mesh.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "CountKey", into = "CountKey"))]
 pub enum SplatCount {
-    /// As many as geometry and texture ask for.
+    /// The number that the mesh's geometry and texture need.
     Auto,
-    /// This many, 1 to 200,000,000.
+    /// A fixed number, 1 to 200,000,000.
     Count(u32),
 }
 
@@ -150,19 +151,19 @@ impl From<SplatCount> for CountKey {
     }
 }
 
-/// How splats take a mesh's colours, and from which file. In a scene file: `"fit"`, `"bark.png"`, or both in a list. A
-/// file that is called like a sampling is `"./fit"`.
+/// Sampling of a mesh's colours, and the texture file. In a scene file: `"fit"`, `"bark.png"`, or both in a list. A
+/// file named like a sampling is written as `"./fit"`.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "TextureKey", into = "TextureKey"))]
 pub struct TextureOption {
     /// Texture (PNG or JPEG) of a mesh with texture coordinates that names none itself, relative to the scene file.
     pub file: Option<PathBuf>,
-    /// How splats take colours; `None`: [`TextureSampling::Point`].
+    /// Sampling of the colours; `None` means [`TextureSampling::Point`].
     pub sampling: Option<TextureSampling>,
 }
 
 impl TextureOption {
-    /// True if nothing is said.
+    /// True if no option is set.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
@@ -215,46 +216,46 @@ impl From<TextureOption> for TextureKey {
     }
 }
 
-/// What the splats of points take of their colours.
+/// Colours of the splats made of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "kebab-case"))]
 pub enum PointColors {
-    /// The points' own: the surface, which blends them, is smoother.
+    /// The points' own colours: the surface, which blends them, is smoother than the points.
     #[default]
     AsIs,
-    /// Such ones that the blended surface passes through the points' colours, as far as these aren't noise.
+    /// Colours fitted so that the blended surface matches the points' colours, without fitting noise.
     Fit,
 }
 
-/// What becomes of points that stand alone.
+/// Handling of isolated points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Outliers {
-    /// They count as all others.
+    /// Isolated points are selected like all others.
     #[default]
     Keep,
-    /// They are left out.
+    /// Isolated points are dropped.
     Drop,
 }
 
-/// How splats take the colours of a surface.
+/// Sampling of a surface's colours by splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum TextureSampling {
-    /// Each splat the mean of the square that it stands for.
+    /// Each splat gets the mean colour of the square that it represents.
     #[default]
     Point,
-    /// Each splat the mean under its own kernel: view-independent EWA (Z01 §5).
+    /// Each splat gets the mean colour under its own kernel: view-independent EWA (Z01 §5).
     Ewa,
-    /// All splats together, so that their blend is the surface's (Z01 §5, within the bounds of a colour).
+    /// All splats are fitted together, so that their blend equals the surface (Z01 §5, within the bounds of a colour).
     Fit,
 }
 
 impl TextureSampling {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 3] = [Self::Point, Self::Ewa, Self::Fit];
 
-    /// Its name in scene files and flags.
+    /// Returns the name used in scene files and flags.
     pub fn name(self) -> &'static str {
         match self {
             Self::Point => "point",
@@ -263,13 +264,13 @@ impl TextureSampling {
         }
     }
 
-    /// The one of this name.
+    /// Returns the sampling with this name.
     pub fn from_name(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|sampling| sampling.name() == name)
     }
 }
 
-/// Colours of values from the least to the largest.
+/// Colour map from the smallest to the largest value.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[expect(missing_docs, reason = "the variants are the maps' own names")]
@@ -284,10 +285,10 @@ pub enum Colormap {
 }
 
 impl Colormap {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 6] = [Self::Viridis, Self::Cividis, Self::Turbo, Self::Coolwarm, Self::Tab20, Self::Grey];
 
-    /// Its name in scene files and flags.
+    /// Returns the name used in scene files and flags.
     pub fn name(self) -> &'static str {
         match self {
             Self::Viridis => "viridis",
@@ -300,19 +301,19 @@ impl Colormap {
     }
 }
 
-/// One more than the largest number of splats that may be asked of a mesh.
+/// One more than the largest number of splats of a mesh.
 const MORE_SPLATS: u32 = 200_000_001;
 
 impl ConvertOptions {
-    /// True if nothing is said.
+    /// True if no option is set.
     pub fn is_default(&self) -> bool {
         *self == Self::default()
     }
 
-    /// Checks the numbers, and that no two options exclude each other; `i` is the object's index.
+    /// Validates the numbers, and that no two options exclude each other; `i` is the object's index.
     ///
     /// # Errors
-    /// [`ModelError`] naming the key as it is called in the scene file.
+    /// [`ModelError`] naming the key as in the scene file.
     pub fn validate(&self, i: usize) -> Result<(), ModelError> {
         let field = |name: &str| format!("objects[{i}].convert.{name}");
         let methods = [

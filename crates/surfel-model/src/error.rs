@@ -1,26 +1,26 @@
-//! What can be wrong with data.
+//! Errors of the data model.
 
-/// Why a cloud, a mesh or a scene was refused.
+/// Reason why a cloud, a mesh or a scene was rejected.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ModelError {
     /// Elements of a cloud or mesh break its rules.
     #[error("{what} {index} is invalid: {problem}; {count} of {total} are, {advice}")]
     InvalidElements {
-        /// What kind of element: "splat", "point", "vertex" or "triangle".
+        /// Kind of element: "splat", "point", "vertex" or "triangle".
         what: &'static str,
-        /// The first offender, counted from 0.
+        /// Index of the first invalid element, counted from 0.
         index: usize,
-        /// What is wrong with it.
+        /// Problem of that element.
         problem: String,
-        /// How many are invalid.
+        /// Number of invalid elements.
         count: usize,
-        /// Out of how many.
+        /// Number of all elements.
         total: usize,
-        /// What to do.
+        /// Advice for the user.
         advice: &'static str,
     },
-    /// Columns of different lengths.
+    /// Columns have different lengths.
     #[error("column '{column}' has {found} values, expected {expected}: one for each element")]
     ColumnLength {
         /// The column's name.
@@ -40,13 +40,13 @@ pub enum ModelError {
         /// The range or condition expected.
         expected: &'static str,
     },
-    /// A combination that isn't allowed.
+    /// The combination isn't allowed.
     #[error("{0}")]
     Conflict(String),
 }
 
 impl ModelError {
-    /// An [`ModelError::OutOfRange`].
+    /// Creates a [`ModelError::OutOfRange`].
     pub(crate) fn range(field: impl Into<String>, found: impl std::fmt::Display, expected: &'static str) -> Self {
         Self::OutOfRange { field: field.into(), found: found.to_string(), expected }
     }

@@ -1,12 +1,12 @@
-//! Clouds of trained Gaussians, as radiance fields are stored: 2DGS and 3DGS.
+//! Clouds of trained Gaussians (2DGS and 3DGS), as radiance fields are stored.
 
 use crate::{Column3, ModelError, OnInvalid, Repaired, Up};
 use glam::{DQuat, DVec3};
 
-/// The kind of all Gaussians of a cloud.
+/// Kind of all Gaussians in a cloud.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GaussianKind {
-    /// Flat, on the plane of their first two axes (2DGS).
+    /// Flat Gaussians in the plane of their first two axes (2DGS).
     Flat,
     /// Ellipsoids (3DGS).
     Solid,
@@ -15,30 +15,31 @@ pub enum GaussianKind {
 /// Columns of a cloud of Gaussians, one value each, after the activations of their file format.
 #[derive(Clone, Debug, PartialEq)]
 pub struct GaussianData {
-    /// What `centers` are relative to, object units.
+    /// Origin of `centers`, in object units.
     pub origin: DVec3,
-    /// Centres, object units.
+    /// Centres relative to `origin`, in object units.
     pub centers: Column3,
     /// Flat or solid.
     pub kind: GaussianKind,
-    /// Standard deviations along the rotated axes, object units, at least 0. The third of flat ones isn't used.
+    /// Standard deviations along the rotated axes, in object units, at least 0. The third is unused for flat Gaussians.
     pub sigmas: Vec<[f32; 3]>,
-    /// Rotations x, y, z, w of any length but zero.
+    /// Rotations as quaternions x, y, z, w of any length but zero.
     pub rotations: Vec<[f32; 4]>,
     /// Opacity in [0, 1].
     pub opacities: Vec<f32>,
     /// Degree of the spherical harmonics, 0 to 3.
     pub degree: u32,
-    /// (degree + 1)² coefficients of RGB for each Gaussian, the constant one first.
+    /// Spherical harmonics: (degree + 1)² RGB coefficients per Gaussian, the constant one first.
     pub harmonics: Vec<[f32; 3]>,
-    /// The colours are linear light, and else as displayed (sRGB-encoded): they are blended as they are.
+    /// True if colours are linear light, else they are as displayed (sRGB-encoded). They are blended without
+    /// conversion.
     pub linear_colors: bool,
-    /// Which axis is up, if the file says it.
+    /// Up axis, if the file states it.
     pub up: Option<Up>,
 }
 
 impl GaussianData {
-    /// Coefficients of each Gaussian.
+    /// Returns the number of coefficients per Gaussian.
     pub fn coefficients(&self) -> usize {
         (self.degree as usize + 1).pow(2)
     }
@@ -60,7 +61,7 @@ impl GaussianData {
         }
     }
 
-    /// What is wrong with Gaussian `i`.
+    /// Returns the problem of Gaussian `i` that makes it invalid, if any.
     fn problem(&self, i: usize) -> Option<String> {
         let center = self.centers.get(i);
         if !center.is_finite() {
@@ -109,13 +110,13 @@ pub struct GaussianCloud {
 }
 
 impl GaussianCloud {
-    /// Opacity below which a Gaussian is haze: no part of a surface, nor of what is framed.
+    /// Opacity below which a Gaussian is haze: it is neither part of a surface nor framed.
     pub const FAINT: f32 = 0.05;
 
-    /// Checks `data` and makes a cloud of it.
+    /// Validates `data` and creates a cloud.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid Gaussian and how many there are, or a column of the wrong length.
+    /// [`ModelError`] naming the first invalid Gaussian and their number, or a column of the wrong length.
     pub fn new(mut data: GaussianData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if !data.origin.is_finite() {
@@ -145,46 +146,46 @@ impl GaussianCloud {
         Ok((Self { data }, repaired))
     }
 
-    /// The columns.
+    /// Returns the columns.
     pub fn data(&self) -> &GaussianData {
         &self.data
     }
 
-    /// Number of Gaussians.
+    /// Returns the number of Gaussians.
     pub fn len(&self) -> usize {
         self.data.opacities.len()
     }
 
-    /// True if there are none.
+    /// True if there are no Gaussians.
     pub fn is_empty(&self) -> bool {
         self.data.opacities.is_empty()
     }
 
-    /// Centre of Gaussian `i`, object space.
+    /// Returns the centre of Gaussian `i` in object space.
     pub fn center(&self, i: usize) -> DVec3 {
         self.data.origin + self.data.centers.get(i)
     }
 
-    /// Unit axes of Gaussian `i` in object space: its rotation's columns.
+    /// Returns the unit axes of Gaussian `i` in object space: the columns of its rotation.
     pub fn axes(&self, i: usize) -> [DVec3; 3] {
         let rotation = DQuat::from_array(self.data.rotations[i].map(f64::from)).normalize();
         [DVec3::X, DVec3::Y, DVec3::Z].map(|axis| rotation * axis)
     }
 
-    /// Standard deviations of Gaussian `i` along its axes, object units; the third of a flat one is 0.
+    /// Returns the standard deviations of Gaussian `i` along its axes, in object units; the third of a flat one is 0.
     pub fn sigmas(&self, i: usize) -> [f64; 3] {
         let [a, b, c] = self.data.sigmas[i].map(f64::from);
         [a, b, if self.data.kind == GaussianKind::Flat { 0.0 } else { c }]
     }
 
-    /// Coefficients of RGB of Gaussian `i`, the constant one first.
+    /// Returns the RGB coefficients of Gaussian `i`, the constant one first.
     pub fn coefficients(&self, i: usize) -> &[[f32; 3]] {
         let each = self.data.coefficients();
         &self.data.harmonics[i * each..(i + 1) * each]
     }
 
-    /// Half-axes of the ellipse at two standard deviations along the larger two of its axes, object space: as which
-    /// other parts of the program see Gaussian `i`.
+    /// Returns the half-axes, in object space, of the ellipse at two standard deviations along the larger two axes of
+    /// Gaussian `i`. It represents the Gaussian wherever a splat is needed.
     pub fn ellipse(&self, i: usize) -> (DVec3, DVec3) {
         let (axes, sigmas) = (self.axes(i), self.sigmas(i));
         let least = (0..3).reduce(|a, b| if sigmas[b] < sigmas[a] { b } else { a }).unwrap_or(2);
@@ -192,7 +193,7 @@ impl GaussianCloud {
         (axes[a] * (2.0 * sigmas[a]), axes[b] * (2.0 * sigmas[b]))
     }
 
-    /// Bytes of heap memory.
+    /// Returns the heap memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         let d = &self.data;
         d.centers.bytes()

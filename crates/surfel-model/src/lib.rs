@@ -1,10 +1,10 @@
 //! The data model of Surfel: splat clouds, point clouds, meshes, materials, cameras, lights, scenes
 //! and render settings.
 //!
-//! Data is validated once, where it is built ([`SplatCloud::new`], [`Scene::validate`]); everything
-//! downstream relies on that. Nothing here reads files or draws.
+//! Data is validated once, where it is built ([`SplatCloud::new`], [`Scene::validate`]), and everything downstream
+//! relies on that. This crate reads no files and draws nothing.
 //!
-//! Feature `serde`: what the scene file holds is serde's data. Feature `rayon`: sorting on all threads.
+//! The feature `serde` makes the scene file's types serialisable; the feature `rayon` sorts on all threads.
 
 mod camera;
 mod choice;

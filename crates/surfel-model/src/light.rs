@@ -1,29 +1,29 @@
-//! Lights, as the scene file describes them.
+//! Lights, as described in the scene file.
 
 use crate::ModelError;
 use crate::range::finite;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// A light, in world space. Colours are linear RGB; nothing falls off with distance.
+/// A light in world space. Colours are linear RGB; intensity doesn't depend on distance.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "snake_case", deny_unknown_fields))]
 #[non_exhaustive]
 pub enum Light {
     /// Parallel light.
     Directional {
-        /// Where the light travels; not zero.
+        /// Direction in which the light travels; not zero.
         direction: [f64; 3],
         /// Linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
-        /// Casts shadows.
+        /// True if the light casts shadows.
         #[cfg_attr(feature = "serde", serde(default))]
         shadow: bool,
     },
     /// Light from a point in all directions.
     Point {
-        /// Where it is.
+        /// Position of the light.
         position: [f64; 3],
         /// Linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
@@ -31,18 +31,18 @@ pub enum Light {
     },
     /// Light from a point into a cone.
     Spot {
-        /// Where it is.
+        /// Position of the light.
         position: [f64; 3],
-        /// The cone's axis, where the light travels; not zero.
+        /// Axis of the cone, the direction in which the light travels; not zero.
         direction: [f64; 3],
         /// Linear RGB.
         #[cfg_attr(feature = "serde", serde(default = "white"))]
         color: [f64; 3],
-        /// Half-angle within which it is at its full strength, degrees.
+        /// Half-angle of the cone of full intensity, in degrees.
         inner_deg: f64,
-        /// Half-angle at which it has faded to nothing, degrees; at least `inner_deg`.
+        /// Half-angle at which the intensity reaches zero, in degrees; at least `inner_deg`.
         outer_deg: f64,
-        /// Casts shadows.
+        /// True if the light casts shadows.
         #[cfg_attr(feature = "serde", serde(default))]
         shadow: bool,
     },
@@ -53,23 +53,23 @@ fn white() -> [f64; 3] {
 }
 
 impl Light {
-    /// White parallel light that travels along `direction`, which is not zero; it casts no shadow.
+    /// Creates a white parallel light that travels along `direction`, which is not zero; it casts no shadow.
     pub fn directional(direction: [f64; 3]) -> Self {
         Self::Directional { direction, color: white(), shadow: false }
     }
 
-    /// White light from `position` in all directions.
+    /// Creates a white light at `position` that shines in all directions.
     pub fn point(position: [f64; 3]) -> Self {
         Self::Point { position, color: white() }
     }
 
-    /// White light from `position` along `direction`, which is not zero: at its full strength within a half-angle of
-    /// `inner_deg`, faded to nothing at `outer_deg`. It casts no shadow.
+    /// Creates a white light at `position` that shines along `direction`, which is not zero. The intensity is full
+    /// within a half-angle of `inner_deg`, and zero from `outer_deg` on. It casts no shadow.
     pub fn spot(position: [f64; 3], direction: [f64; 3], inner_deg: f64, outer_deg: f64) -> Self {
         Self::Spot { position, direction, color: white(), inner_deg, outer_deg, shadow: false }
     }
 
-    /// The light with another colour, linear RGB.
+    /// Sets the colour, in linear RGB.
     #[must_use]
     pub fn with_color(mut self, new: [f64; 3]) -> Self {
         let (Self::Directional { color, .. } | Self::Point { color, .. } | Self::Spot { color, .. }) = &mut self;
@@ -77,7 +77,7 @@ impl Light {
         self
     }
 
-    /// The light with a shadow, or without. Point lights have none.
+    /// Enables or disables the shadow. Point lights have none.
     #[must_use]
     pub fn with_shadow(mut self, casts: bool) -> Self {
         if let Self::Directional { shadow, .. } | Self::Spot { shadow, .. } = &mut self {
@@ -121,7 +121,7 @@ impl Light {
         finite(&format!("lights[{i}].color"), color)
     }
 
-    /// True if the light asks for a shadow map.
+    /// True if the light needs a shadow map.
     pub fn casts_shadow(&self) -> bool {
         matches!(self, Self::Directional { shadow: true, .. } | Self::Spot { shadow: true, .. })
     }

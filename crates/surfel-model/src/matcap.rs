@@ -1,14 +1,15 @@
-//! Images of a lit sphere, for the shader `matcap`.
+//! Images of a lit sphere for the shader `matcap`.
 
 use crate::{ModelError, Texture};
 use std::sync::{Arc, LazyLock};
 
-/// Largest side of a matcap, in texels: 50 MB as the GPU backends hold it.
+/// Largest side of a matcap, in texels: 50 MB in the GPU backends.
 const MAX_SIDE: u32 = 2048;
-/// Side of the built-in one.
+/// Side of the built-in matcap, in texels.
 const BUILTIN_SIDE: u32 = 256;
 
-/// An image of a lit sphere that fills it: what a surface looks like by the way it faces (rendering model §5).
+/// Image of a lit sphere that touches its borders: the colour of a surface for each direction of its normal (rendering
+/// model §5).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Matcap {
     width: u32,
@@ -17,11 +18,11 @@ pub struct Matcap {
 }
 
 impl Matcap {
-    /// A matcap from an image; its alpha is ignored.
+    /// Creates a matcap from an image; its alpha is ignored.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] for an image without texels, of more than 2048 a side, or with fewer than its size
-    /// says.
+    /// [`ModelError::OutOfRange`] for an image without texels, with a side above 2048, or with fewer texels than its
+    /// size requires.
     pub fn new(image: &Texture) -> Result<Self, ModelError> {
         let [width, height] = [image.width, image.height];
         let count = width as usize * height as usize;
@@ -34,33 +35,34 @@ impl Matcap {
         Ok(Self { width, height, texels: texels.collect() })
     }
 
-    /// The one that is used where a scene names none: grey clay under a warm light from the upper left and a cool one
-    /// from the lower right.
+    /// Returns the default matcap: grey clay under a warm light from the upper left and a cool one from the lower
+    /// right.
     pub fn builtin() -> Arc<Self> {
         static BUILTIN: LazyLock<Arc<Matcap>> = LazyLock::new(|| Arc::new(Matcap::clay(BUILTIN_SIDE)));
         BUILTIN.clone()
     }
 
-    /// Width and height in texels; at least 1 each.
+    /// Returns the width and height in texels; at least 1 each.
     pub fn size(&self) -> [u32; 2] {
         [self.width, self.height]
     }
 
-    /// Linear RGB, row by row from the top.
+    /// Returns the texels in linear RGB, row by row from the top.
     pub fn texels(&self) -> &[[f32; 3]] {
         &self.texels
     }
 
-    /// Lights a ball. No function whose last digit depends on the machine.
+    /// Renders a lit ball, only with functions whose results are the same on every machine.
     fn clay(side: u32) -> Self {
         let dot = |a: [f64; 3], b: [f64; 3]| a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-        // Toward the lights, and half-way between the first and the eye: x to the right, y down, z toward the eye.
+        // Directions toward the lights, and halfway between the first and the eye: x to the right, y down, z toward the
+        // eye.
         let (key, fill, half) = ([-0.48, -0.6, 0.64], [0.64, 0.6, 0.48], [-0.265, -0.331, 0.906]);
         let color = |x: f64, y: f64| {
             let outside = (x * x + y * y).sqrt().max(1.0);
             let (x, y) = (x / outside, y / outside);
             let n = [x, y, (1.0 - x * x - y * y).max(0.0).sqrt()];
-            // Wrapped a little past the terminator, as in a soft light.
+            // Extended a little past the terminator, as in a soft light.
             let lit = ((dot(n, key) + 0.25) / 1.25).max(0.0);
             let filled = dot(n, fill).max(0.0);
             let shine = dot(n, half).max(0.0).powi(48);

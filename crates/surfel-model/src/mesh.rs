@@ -5,23 +5,23 @@ use glam::DVec3;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// What a file says the alpha of a surface means (glTF's `alphaMode`).
+/// Meaning of a surface's alpha (glTF's `alphaMode`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum AlphaMode {
-    /// Nothing: the surface is opaque.
+    /// Alpha is ignored: the surface is opaque.
     Opaque,
-    /// The surface is there, and opaque, where alpha is at least `cutoff`.
+    /// The surface exists, and is opaque, where alpha is at least `cutoff`.
     Mask {
-        /// The least alpha that is kept.
+        /// Smallest alpha at which the surface exists.
         cutoff: f32,
     },
-    /// How much of what lies behind the surface hides.
+    /// Alpha is the opacity of the surface.
     #[default]
     Blend,
 }
 
 impl AlphaMode {
-    /// The opacity of a place with this alpha: 0 where the surface isn't there.
+    /// Returns the opacity at a place with this alpha; 0 where the surface is cut.
     pub fn opacity(self, alpha: f32) -> f32 {
         match self {
             Self::Opaque => 1.0,
@@ -31,40 +31,40 @@ impl AlphaMode {
     }
 }
 
-/// What triangles are made of.
+/// Material of triangles.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct MeshMaterial {
-    /// Base-colour texture for the mesh's `uvs`; multiplies its colours and alphas.
+    /// Base-colour texture for the mesh's `uvs`, multiplied with its colours and alphas.
     pub texture: Option<Arc<Texture>>,
-    /// What the product of alphas means.
+    /// Meaning of the product of alphas.
     pub alpha: AlphaMode,
-    /// Shading normals finer than the mesh's.
+    /// Shading normals with more detail than the mesh's.
     pub normal_map: Option<NormalMap>,
 }
 
-/// An image of shading normals in a triangle's own axes: right and up in the image, and out of the surface.
+/// Image of shading normals in a triangle's own axes: right and up in the image, and out of the surface.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormalMap {
-    /// The image, for the mesh's `uvs`; a component is 2·level/255 − 1.
+    /// Image for the mesh's `uvs`; a component is 2·level/255 − 1.
     pub image: Arc<Texture>,
-    /// Factor of the components right and up.
+    /// Factor for the components right and up.
     pub scale: f32,
 }
 
 impl NormalMap {
-    /// The normal at `uv` along right, up and out, of about unit length.
+    /// Returns the normal at `uv` along right, up and out, of about unit length.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 3] {
         let [x, y, z, _] = self.image.sample_numbers(uv).map(|v| 2.0 * v - 1.0);
         [x * self.scale, y * self.scale, z]
     }
 }
 
-/// A material for each triangle.
+/// Materials of a mesh, and the material of each triangle.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriangleMaterials {
     /// The materials.
     pub materials: Vec<MeshMaterial>,
-    /// An index into them for each triangle.
+    /// Index of the material of each triangle.
     pub of_triangle: Vec<u32>,
 }
 
@@ -75,35 +75,35 @@ pub struct Mesh {
     pub origin: DVec3,
     /// Vertex positions relative to `origin`.
     pub positions: Column3,
-    /// Corners of the triangles, counter-clockwise seen from outside.
+    /// Corners of the triangles, counter-clockwise when seen from outside.
     pub triangles: Vec<[u32; 3]>,
     /// Vertex normals.
     pub normals: Option<Vec<[f32; 3]>>,
-    /// Linear RGB, one a vertex.
+    /// Linear RGB, one per vertex.
     pub colors: Option<Vec<[f32; 3]>>,
-    /// Alpha in [0, 1], one a vertex.
+    /// Alpha in [0, 1], one per vertex.
     pub alphas: Option<Vec<f32>>,
-    /// Texture coordinates, (0, 0) the texture's top left corner, one a vertex.
+    /// Texture coordinates, one per vertex; (0, 0) is the texture's top left corner.
     pub uvs: Option<Vec<[f32; 2]>>,
-    /// Base-colour texture for `uvs` that all triangles share; multiplies `colors`.
+    /// Base-colour texture for `uvs` shared by all triangles, multiplied with `colors`.
     pub texture: Option<Arc<Texture>>,
-    /// What each triangle is made of, where that is more than `texture`, which it overrides.
+    /// Materials of the triangles, if one texture isn't enough; they override `texture`.
     pub materials: Option<TriangleMaterials>,
     /// Properties of the vertices that Surfel doesn't interpret.
     pub vertex_extras: Vec<ExtraColumn>,
     /// Properties of the triangles that Surfel doesn't interpret.
     pub triangle_extras: Vec<ExtraColumn>,
-    /// Which axis the file says is up.
+    /// Up axis stated in the file.
     pub up: Option<Up>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
 }
 
 impl Mesh {
-    /// Checks columns' lengths, indices and that positions and colours are finite.
+    /// Validates column lengths and indices, and that positions and colours are finite.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first offender.
+    /// [`ModelError`] naming the first invalid element.
     pub fn validate(&self) -> Result<(), ModelError> {
         let expected = self.positions.len();
         let columns = [
@@ -162,7 +162,7 @@ impl Mesh {
         self.materials.as_ref().map_or(Ok(()), |m| m.validate(self.triangles.len()))
     }
 
-    /// What a triangle is made of.
+    /// Returns the material of a triangle.
     pub fn material(&self, triangle: usize) -> MaterialRef<'_> {
         match &self.materials {
             None => MaterialRef { texture: self.texture.as_ref(), alpha: AlphaMode::Blend, normal_map: None },
@@ -177,12 +177,12 @@ impl Mesh {
         }
     }
 
-    /// True if some triangle has a texture that its texture coordinates show.
+    /// True if the mesh has texture coordinates and a texture.
     pub fn is_textured(&self) -> bool {
         self.uvs.is_some() && self.textures().next().is_some()
     }
 
-    /// True if something may be seen through a triangle: its material cuts it or blends it, and some alpha is below 1.
+    /// True if a triangle may be see-through: its material cuts or blends it, and some alpha is below 1.
     pub fn is_see_through(&self) -> bool {
         let below_one = |alphas: &Vec<f32>| alphas.iter().any(|&a| a < 1.0);
         let of_vertices = self.alphas.as_ref().is_some_and(below_one);
@@ -206,7 +206,7 @@ impl Mesh {
         self.materials.as_ref().is_some_and(|all| all.materials.iter().any(|m| m.normal_map.is_some()))
     }
 
-    /// The textures of all materials, some of them perhaps several times.
+    /// Returns the textures of all materials, possibly with repetitions.
     pub fn textures(&self) -> impl Iterator<Item = &Arc<Texture>> {
         let materials = self.materials.as_ref();
         let shared = self.texture.as_ref().filter(|_| materials.is_none());
@@ -215,8 +215,8 @@ impl Mesh {
             .chain(materials.into_iter().flat_map(|all| &all.materials).filter_map(|m| m.texture.as_ref()))
     }
 
-    /// The mesh as meshes of one `texture` each, in the order of their first triangles: what draws polygons takes no
-    /// more. The mesh itself where that is so already, and where it is invalid.
+    /// Splits the mesh into meshes of one `texture` each, in the order of their first triangles, for drawing polygons.
+    /// Returns the mesh itself if it has one texture only, or if it is invalid.
     pub fn by_texture(self: &Arc<Self>) -> Vec<Arc<Self>> {
         let Some(all) = self.materials.as_ref().filter(|_| self.validate().is_ok()) else { return vec![self.clone()] };
         let texture_of = |triangle: &u32| {
@@ -245,8 +245,7 @@ impl Mesh {
         parts.into_iter().map(part).collect()
     }
 
-    /// Replaces the vertices by those at `indices`, in that order: a vertex may be there several times. Triangles stay
-    /// as they are.
+    /// Replaces the vertices by those at `indices`, in that order and possibly repeated. Triangles don't change.
     pub fn select_vertices(&mut self, indices: &[u32]) {
         fn select<T: Copy>(column: &mut Option<Vec<T>>, indices: &[u32]) {
             if let Some(values) = column {
@@ -261,8 +260,8 @@ impl Mesh {
         self.vertex_extras.iter_mut().for_each(|extra| extra.values = extra.values.select(indices));
     }
 
-    /// Some of the triangles, by their indices, as a mesh with the vertices they use, without materials, comments and
-    /// properties that Surfel doesn't interpret.
+    /// Returns some of the triangles, by their indices, as a mesh with the vertices that they use. Materials, comments
+    /// and uninterpreted properties are dropped.
     pub(crate) fn part(&self, triangles: &[u32]) -> Self {
         let mut used: Vec<u32> = Vec::new();
         let mut next = |i: u32| {
@@ -270,7 +269,7 @@ impl Mesh {
             used.len() as u32 - 1
         };
         let corners = triangles.iter().map(|i| self.triangles[*i as usize]);
-        // A table of all vertices pays where the part has a fair share of them.
+        // A table of all vertices is worthwhile if the part has a fair share of them.
         let chosen = if triangles.len() >= self.positions.len() / 64 {
             let mut new_index = vec![u32::MAX; self.positions.len()];
             let mut place = |i: u32| {
@@ -302,8 +301,9 @@ impl Mesh {
         }
     }
 
-    /// The mesh with one material: textures that not all triangles share become colours and alphas of the vertices,
-    /// and detail between these is lost. The alpha of vertices that are cut or opaque becomes what it means.
+    /// Reduces the mesh to one material: textures that not all triangles share become colours and alphas of the
+    /// vertices, and finer detail is lost. Alphas of vertices with masked or opaque materials are replaced by the
+    /// resulting opacity.
     pub fn with_one_material(mut self) -> Self {
         let Some(all) = self.materials.take() else { return self };
         let mut textures: Vec<Option<&Arc<Texture>>> = all.materials.iter().map(|m| m.texture.as_ref()).collect();
@@ -337,14 +337,14 @@ impl Mesh {
     }
 }
 
-/// A triangle's material, borrowed.
+/// Borrowed material of a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct MaterialRef<'a> {
-    /// Its texture.
+    /// Texture of the material.
     pub texture: Option<&'a Arc<Texture>>,
-    /// What its alpha means.
+    /// Meaning of the material's alpha.
     pub alpha: AlphaMode,
-    /// Its normal map.
+    /// Normal map of the material.
     pub normal_map: Option<&'a NormalMap>,
 }
 
@@ -368,7 +368,7 @@ impl TriangleMaterials {
         }
     }
 
-    /// Those of some triangles, by their indices.
+    /// Returns the materials of some triangles, by their indices.
     #[must_use]
     pub fn select(&self, triangles: impl Iterator<Item = u32>) -> Self {
         let of_triangle = triangles.map(|i| self.of_triangle[i as usize]).collect();
@@ -385,7 +385,7 @@ mod tests {
         Arc::new(Texture { width: 1, height: 1, srgba8: vec![color] })
     }
 
-    /// Four triangles about a point, of three materials with two textures.
+    /// Returns four triangles around a point, with three materials and two textures.
     fn fan() -> Mesh {
         let (red, blue) = (texel([255, 0, 0, 255]), texel([0, 0, 255, 128]));
         let material =
@@ -423,7 +423,7 @@ mod tests {
         let whole = corners(&mesh);
         assert_eq!(corners(&parts[0]), [whole[0], whole[3]]);
         assert_eq!(corners(&parts[1]), [whole[1], whole[2]]);
-        // The second part lacks a vertex, and its texture coordinates go with the others.
+        // The second part lacks a vertex, and its texture coordinates were reduced with the other columns.
         assert_eq!(parts[1].uvs, Some(vec![[0.0, 0.5], [0.25, 0.5], [0.375, 0.5], [0.5, 0.5]]));
         assert!(parts.iter().all(|m| m.materials.is_none() && m.validate().is_ok()));
     }
@@ -449,7 +449,7 @@ mod tests {
     fn one_material_holds_the_textures_in_its_vertices() {
         let mesh = fan().with_one_material();
         assert!(mesh.validate().is_ok() && mesh.materials.is_none() && mesh.uvs.is_none());
-        // Vertices 0, 1 and 2 are first met by a triangle of the second material, whose alpha of ½ is cut.
+        // Vertices 0, 1 and 2 are visited first by a triangle of the second material, whose alpha of ½ is cut.
         let (colors, alphas) = (mesh.colors.unwrap(), mesh.alphas.unwrap());
         assert_eq!((colors[0], colors[3]), ([0.0, 0.0, 1.0], [1.0, 0.0, 0.0]));
         assert_eq!(alphas, [0.0, 0.0, 0.0, 1.0, 1.0]);

@@ -1,4 +1,4 @@
-//! The order in which backends store splats: neighbours in space are neighbours in memory.
+//! Morton order, in which backends store splats: neighbours in space are neighbours in memory.
 
 use crate::SplatCloud;
 use glam::DVec3;
@@ -6,18 +6,18 @@ use glam::DVec3;
 use rayon::prelude::*;
 
 impl SplatCloud {
-    /// Indices of the splats in Morton order of their centres; equal codes stay in index order. With
-    /// feature `rayon` it runs in whatever pool the caller installed, and the result doesn't depend on it.
+    /// Returns the indices of the splats in Morton order of their centres; equal codes stay in index order. With the
+    /// feature `rayon`, it runs in the pool that the caller installed, and the result doesn't depend on the pool.
     pub fn morton_order(&self) -> Vec<u32> {
         order(self.len(), |i| self.center(i))
     }
 }
 
-/// Points of a task.
+/// Number of points in a task.
 #[cfg(feature = "rayon")]
 const BLOCK: usize = 1 << 14;
 
-/// Indices of `n` points in Morton order; equal codes stay in index order.
+/// Returns the indices of `n` points in Morton order; equal codes stay in index order.
 pub(crate) fn order(n: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Vec<u32> {
     let bounds = |range: std::ops::Range<usize>| {
         range.map(&position).fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(a, b), p| (a.min(p), b.max(p)))

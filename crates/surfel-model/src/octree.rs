@@ -1,33 +1,33 @@
-//! A surface held twice, as splats of several sizes and as polygons, in an octree (rendering model §6).
+//! Octree of a surface, stored both as splats of several sizes and as polygons (rendering model §6).
 
 use crate::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape, SplatCloud};
 use glam::DVec3;
 use std::ops::Range;
 use std::sync::Arc;
 
-/// A part of the surface: the polygons in it, and splats in their place.
+/// Octree node: part of the surface, as polygons and as splats in their place.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OctreeNode {
-    /// Centre of a sphere around its splats and polygons, relative to the mesh's origin, object units.
+    /// Centre of a sphere around the node's splats and polygons, relative to the mesh's origin, in object units.
     pub center: [f64; 3],
-    /// The sphere's radius.
+    /// Radius of the sphere.
     pub radius: f64,
-    /// Larger semi-axis of its splats: what drawing them instead of the surface may be off by.
+    /// Larger semi-axis of the node's splats: the largest error of drawing them instead of the surface.
     pub splat_radius: f64,
-    /// Axis of a cone that holds the outward normals of its splats and polygons; a unit vector.
+    /// Axis of a cone that contains the outward normals of the node's splats and polygons; a unit vector.
     pub cone_axis: [f64; 3],
-    /// Cosine of the cone's half-angle; −1 for one that holds every direction.
+    /// Cosine of the cone's half-angle; −1 for all directions.
     pub cone_cosine: f64,
-    /// Its parts, as indices of nodes; none in a leaf, at most 8.
+    /// Children, as indices of nodes; none for a leaf, at most 8.
     pub children: Range<u32>,
-    /// Its splats, as indices into the cloud.
+    /// Splats of the node, as indices into the cloud.
     pub splats: Range<u32>,
-    /// All polygons in it, as indices into the mesh's triangles.
+    /// All polygons in the node, as indices into the mesh's triangles.
     pub triangles: Range<u32>,
 }
 
 impl OctreeNode {
-    /// True for a node without parts.
+    /// True for a node without children.
     pub fn is_leaf(&self) -> bool {
         self.children.is_empty()
     }
@@ -36,13 +36,13 @@ impl OctreeNode {
 /// Splats centred on the edges that two leaves share.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Transition {
-    /// The leaves, as indices of nodes.
+    /// Leaves, as indices of nodes.
     pub leaves: [u32; 2],
-    /// The splats, as indices into the cloud.
+    /// Splats, as indices into the cloud.
     pub splats: Range<u32>,
 }
 
-/// An octree of splats and polygons. A validated one: its ranges fit, and it is a tree.
+/// Validated octree of splats and polygons: its ranges fit, and it is a tree.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Octree {
     cloud: Arc<SplatCloud>,
@@ -52,14 +52,14 @@ pub struct Octree {
 }
 
 impl Octree {
-    /// Checks the parts and puts them together.
+    /// Validates the parts and creates an octree.
     ///
-    /// Nodes come in breadth-first order, the root first, so that the children of all nodes follow one another; the
-    /// splats of the nodes follow one another in the same order, and then those of the transitions. The triangles of a
-    /// node's children follow one another and are all of its own; the root has all.
+    /// Nodes must be in breadth-first order, the root first, so that the children of all nodes are consecutive. The
+    /// splats of the nodes are consecutive in the same order, followed by those of the transitions. The triangles of a
+    /// node's children are consecutive and make up all of its own; the root has all triangles.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first node or transition that breaks this, or the mesh's own;
+    /// [`ModelError`] naming the first node or transition that breaks these rules, or a problem of the mesh;
     /// [`ModelError::Conflict`] for a mesh with [`Mesh::materials`].
     pub fn new(
         cloud: SplatCloud,
@@ -131,60 +131,60 @@ impl Octree {
         Ok(Self { cloud: Arc::new(cloud), mesh: Arc::new(mesh), nodes, transitions })
     }
 
-    /// All splats.
+    /// Returns all splats.
     pub fn cloud(&self) -> &SplatCloud {
         &self.cloud
     }
 
-    /// All polygons.
+    /// Returns all polygons.
     pub fn mesh(&self) -> &Mesh {
         &self.mesh
     }
 
-    /// Sets what the Σw of its splats is inside the surface (must be finite and greater than 0, else ignored).
+    /// Sets the Σw of the octree's splats inside the surface. Ignored unless finite and greater than 0.
     pub fn set_interior_weight(&mut self, weight: f64) {
         Arc::make_mut(&mut self.cloud).set_interior_weight(weight);
     }
 
-    /// All splats, to be kept.
+    /// Returns a shared reference to all splats.
     pub fn shared_cloud(&self) -> Arc<SplatCloud> {
         self.cloud.clone()
     }
 
-    /// All polygons, to be kept.
+    /// Returns a shared reference to all polygons.
     pub fn shared_mesh(&self) -> Arc<Mesh> {
         self.mesh.clone()
     }
 
-    /// The nodes, the root first.
+    /// Returns the nodes, the root first.
     pub fn nodes(&self) -> &[OctreeNode] {
         &self.nodes
     }
 
-    /// Splats on the edges between leaves.
+    /// Returns the splats on the edges between leaves.
     pub fn transitions(&self) -> &[Transition] {
         &self.transitions
     }
 
-    /// Splats that are drawn together or not at all: of each node, and then of each transition, as indices into the
-    /// cloud. They follow one another.
+    /// Returns the ranges of splats that are drawn together or not at all: those of each node, then those of each
+    /// transition, as consecutive indices into the cloud.
     pub fn parts(&self) -> impl Iterator<Item = Range<u32>> + '_ {
         let of_nodes = self.nodes.iter().map(|node| node.splats.clone());
         of_nodes.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
     }
 
-    /// The finest splats: those of leaves and of transitions, as indices into the cloud.
+    /// Returns the finest splats: those of leaves and of transitions, as indices into the cloud.
     pub fn finest(&self) -> impl Iterator<Item = Range<u32>> + '_ {
         let of_leaves = self.nodes.iter().filter(|node| node.is_leaf()).map(|node| node.splats.clone());
         of_leaves.chain(self.transitions.iter().map(|transition| transition.splats.clone()))
     }
 
-    /// Heap memory in use, in bytes.
+    /// Returns the heap memory in use, in bytes.
     pub fn bytes(&self) -> usize {
         self.cloud.bytes() + size_of_val(self.nodes.as_slice()) + size_of_val(self.transitions.as_slice())
     }
 
-    /// Some of the splats, as a cloud of their own; ranges out of bounds are cut off.
+    /// Returns some of the splats as a cloud of their own; ranges out of bounds are cut off.
     ///
     /// # Errors
     /// None in practice: parts of a valid cloud are valid.
@@ -211,7 +211,7 @@ impl Octree {
         Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
     }
 
-    /// Some of the polygons, as a mesh with the vertices they use; ranges out of bounds are cut off.
+    /// Returns some of the polygons as a mesh with the vertices that they use; ranges out of bounds are cut off.
     pub fn mesh_of(&self, triangles: &[Range<u32>]) -> Mesh {
         let count = self.mesh.triangles.len() as u32;
         let triangles: Vec<u32> = triangles.iter().flat_map(|r| r.start..r.end.min(count)).collect();
@@ -219,7 +219,7 @@ impl Octree {
         Mesh { materials, ..self.mesh.part(&triangles) }
     }
 
-    /// Centre of a node's sphere in object space.
+    /// Returns the centre of a node's sphere in object space.
     pub fn center_of(&self, node: &OctreeNode) -> DVec3 {
         self.mesh.origin + DVec3::from(node.center)
     }

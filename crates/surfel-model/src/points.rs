@@ -1,4 +1,4 @@
-//! Point clouds: positions without extent, before splats are made of them.
+//! Point clouds: positions without extent, from which splats are made.
 
 use crate::{
     Column3, ExtraColumn, ModelError, Up,
@@ -8,7 +8,7 @@ use crate::{
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Points with what a scanner or a file gave for each of them.
+/// Points with the attributes that a scanner or a file provided.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointCloud {
     /// World offset of the positions, in object units.
@@ -21,32 +21,33 @@ pub struct PointCloud {
     pub colors: Option<Vec<[f32; 3]>>,
     /// Alpha in [0, 1].
     pub alphas: Option<Vec<f32>>,
-    /// Radii that the file gives its points; what isn't positive and finite means unknown.
+    /// Radii stored in the file; values that aren't positive and finite mean unknown.
     pub radii: Option<Vec<f32>>,
-    /// The row of the input that each point came from, before any was dropped; `None` where none was.
+    /// Row of each point in the input, before points were dropped; `None` if none was dropped.
     pub rows: Option<Vec<u32>>,
     /// Properties that Surfel doesn't interpret.
     pub extras: Vec<ExtraColumn>,
-    /// Which axis the file says is up.
+    /// Up axis stated in the file.
     pub up: Option<Up>,
-    /// Where the scanner stood that saw all of them, in world coordinates.
+    /// Position of the scanner for all points, in world coordinates.
     pub viewpoint: Option<DVec3>,
     /// Comment lines of the file.
     pub comments: Vec<String>,
 }
 
 impl PointCloud {
-    /// Number of points.
+    /// Returns the number of points.
     pub fn len(&self) -> usize {
         self.positions.len()
     }
 
-    /// True when there is no point.
+    /// True if there are no points.
     pub fn is_empty(&self) -> bool {
         self.positions.is_empty()
     }
 
-    /// Corners of the axis-aligned box around the points, in world coordinates; `None` if there is none.
+    /// Returns the corners of the axis-aligned box around the points, in world coordinates; `None` if there are no
+    /// points.
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let first = self.origin + self.positions.high().first().map(|_| self.positions.get(0))?;
         Some((0..self.len()).fold((first, first), |(lo, hi), i| {
@@ -55,10 +56,10 @@ impl PointCloud {
         }))
     }
 
-    /// Checks that all columns have the same length.
+    /// Validates that all columns have the same length.
     ///
     /// # Errors
-    /// [`ModelError::ColumnLength`] naming the first column that hasn't.
+    /// [`ModelError::ColumnLength`] naming the first column of a different length.
     pub fn check_columns(&self) -> Result<(), ModelError> {
         let expected = self.len();
         let columns = [
@@ -75,8 +76,8 @@ impl PointCloud {
         }
     }
 
-    /// Drops points whose position is not finite and returns how many there were. Colours and alphas that
-    /// are not finite become white and opaque, normals that are not finite become zero (unknown).
+    /// Drops points whose position is not finite and returns their number. Non-finite colours and alphas become white
+    /// and opaque.
     pub fn drop_non_finite(&mut self) -> usize {
         let finite = |i: usize| self.positions.get(i).is_finite();
         let mut dropped = 0;
@@ -98,8 +99,8 @@ impl PointCloud {
         dropped
     }
 
-    /// Drops the points at exactly (0, 0, 0), if they are more than `most` and not all: depth cameras and scanners
-    /// write those where nothing came back. Returns how many are dropped.
+    /// Drops the points at exactly (0, 0, 0) if they are more than `most` and not all points: depth cameras and
+    /// scanners write such points for "no return". Returns the number of dropped points.
     pub fn drop_at_origin(&mut self, most: usize) -> usize {
         let keep: Vec<bool> = (0..self.len()).map(|i| self.origin + self.positions.get(i) != DVec3::ZERO).collect();
         let dropped = keep.iter().filter(|k| !**k).count();
@@ -110,11 +111,11 @@ impl PointCloud {
         dropped
     }
 
-    /// Drops points that share their exact position with `most` points before them, and returns how many there were.
+    /// Drops points that share their exact position with `most` points before them, and returns their number.
     pub fn drop_coincident(&mut self, most: usize) -> usize {
-        // Adding zero makes both zeros one.
+        // Adding zero makes both zeros equal.
         let place = |i: usize| (self.positions.get(i) + 0.0).to_array().map(f64::to_bits);
-        // Most clouds have none: a few counters that places share say so, a byte each.
+        // Most clouds have no such points; a few one-byte counters shared by places prove it.
         let slots = self.len().next_power_of_two().clamp(1 << 10, 1 << 24);
         let slot = |place: [u64; 3]| {
             let mix = |sum: u64, bits: u64| (sum ^ bits).wrapping_mul(0x9e37_79b9_7f4a_7c15).rotate_left(31);
@@ -125,7 +126,7 @@ impl PointCloud {
             let counter = &mut counters[slot(place(i))];
             *counter = counter.saturating_add(1);
         }
-        // They count to 255.
+        // The counters saturate at 255.
         let few = most.min(254) as u8;
         if counters.iter().all(|count| *count <= few) {
             return 0;
@@ -148,10 +149,11 @@ impl PointCloud {
         dropped
     }
 
-    /// Keeps at most `most` points (at least 1), in their order, and returns how many are dropped.
+    /// Reduces the cloud to at most `most` points (at least 1), in their order, and returns the number of dropped
+    /// points.
     ///
-    /// One of each run of neighbours along a Morton curve stays, so that dense places stay denser than others in
-    /// proportion, no place is left out, and scan lines leave no pattern. Positions must be finite.
+    /// One point of each run of neighbours along a Morton curve is retained. Relative densities are thus preserved, no
+    /// place becomes empty, and scan lines cause no pattern. Positions must be finite.
     pub fn thin(&mut self, most: usize) -> usize {
         let (n, most) = (self.len(), most.max(1));
         if n <= most {
@@ -160,7 +162,7 @@ impl PointCloud {
         let order = morton::order(n, |i| self.positions.get(i));
         let mut keep = vec![false; n];
         for run in 0..most {
-            // The middle of the run: its ends are next to those of its neighbours.
+            // The middle of the run, because its ends are next to those of its neighbours.
             let middle = ((2 * run as u128 + 1) * n as u128 / (2 * most as u128)) as usize;
             keep[order[middle] as usize] = true;
         }
@@ -168,7 +170,7 @@ impl PointCloud {
         n - most
     }
 
-    /// Keeps the points whose flag is set. Which rows they came from is kept, too.
+    /// Retains the points whose flag is true, and records their rows.
     pub fn retain(&mut self, keep: &[bool]) {
         retain_rows(&mut self.rows, keep);
         self.positions.retain(keep);
@@ -218,7 +220,7 @@ mod tests {
             colors: Some((0..places.len()).map(|i| [i as f32, 0.0, 0.0]).collect()),
             ..PointCloud::default()
         };
-        // Three places, of 5,000, 300 and 16 points, among others that are alone; zeros of both signs are one place.
+        // Three places, with 5,000, 300 and 16 points, among other, single points; zeros of both signs are one place.
         let place = |i: usize| match i % 10 {
             0..5 => DVec3::new(0.0, 1.0, if i % 2 == 0 { 0.0 } else { -0.0 }),
             5 if i / 10 < 300 => DVec3::splat(7.5),
@@ -231,7 +233,7 @@ mod tests {
             let dropped = points.drop_coincident(most);
             let left = |count: usize| count.saturating_sub(most);
             assert_eq!(dropped, left(5000) + left(300) + left(16), "{most}");
-            // The first ones stay, in their order, with their columns.
+            // The first points of a place remain, in their order, with their columns.
             let kept: Vec<usize> = points.colors.iter().flatten().map(|c| c[0] as usize).collect();
             assert!(kept.is_sorted() && kept[..1] == [0] && points.check_columns().is_ok());
             assert!(kept.iter().enumerate().all(|(i, k)| points.positions.get(i) == places[*k]));
@@ -250,14 +252,15 @@ mod tests {
         for most in [1, 7, 100, 399] {
             let mut thin = cloud.clone();
             assert_eq!((thin.thin(most), thin.len()), (400 - most, most));
-            // Columns go together, and in order.
+            // All columns are reduced together, and in order.
             let kept: Vec<usize> = thin.colors.iter().flatten().map(|c| c[0] as usize).collect();
             assert!(kept.is_sorted() && kept.iter().enumerate().all(|(i, k)| thin.positions.get(i) == all[*k]));
         }
         let mut thin = cloud.clone();
         thin.thin(100);
         let kept: Vec<DVec3> = (0..100).map(|i| thin.positions.get(i)).collect();
-        // Each point has four times the room: 4 x 4 instead of 1 x 4. A run of four may lie astride a curve's jump.
+        // Each point has four times the space: 4 x 4 instead of 1 x 4. A run of four may extend across a jump of the
+        // curve.
         let farthest = all.iter().map(|p| kept.iter().map(|k| k.distance(*p)).fold(f64::INFINITY, f64::min));
         let farthest = farthest.fold(0.0, f64::max);
         assert!(farthest < 8.0, "{farthest}");

@@ -1,4 +1,4 @@
-//! Materials, objects, scenes, and the scene file that describes them.
+//! Materials, objects, scenes, and the scene file.
 
 use crate::range::{finite, positive};
 use crate::{Camera, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
@@ -8,18 +8,18 @@ use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::sync::Arc;
 
-/// Which splats of an object are left out.
+/// Culling of an object's splats.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Cull {
-    /// None.
+    /// No splats are culled.
     #[default]
     None,
-    /// Those that face away from the eye.
+    /// Splats that face away from the eye are culled.
     Back,
 }
 
-/// How an object reflects light, and how its splats are taken.
+/// Reflection of light by an object, and the handling of its splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
@@ -31,15 +31,15 @@ pub struct Material {
     pub specular: f64,
     /// Specular exponent, at least 0.
     pub shininess: f64,
-    /// Which splats are left out.
+    /// Culling of splats.
     pub cull: Cull,
-    /// Back-facing splats show the reverse of their shading normal.
+    /// True if back-facing splats are shaded with their shading normal reversed.
     pub two_sided: bool,
-    /// Σw inside the object's surface at cutoff 2; wins over the cloud's own.
+    /// Σw inside the object's surface at cutoff 2; overrides the cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub interior_weight: Option<f64>,
-    /// Whether the normals of its splats all point out of the same surface (rendering model §5); wins over what the
-    /// cloud says.
+    /// True if the normals of all splats point to the outside of the same surface (rendering model §5); overrides the
+    /// cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub oriented: Option<bool>,
 }
@@ -75,63 +75,63 @@ impl Material {
         }
     }
 
-    /// Whether the front and back faces of a cloud of this material are told apart.
+    /// True if the front and back faces of a cloud with this material are distinguished.
     pub fn is_oriented(&self, cloud: &SplatCloud) -> bool {
         self.oriented.unwrap_or(cloud.data().oriented)
     }
 
-    /// The four factors that vary the shading, as they are averaged between objects.
+    /// Returns the four shading factors, as they are averaged between objects.
     pub fn factors(&self) -> [f64; 4] {
         [self.ambient, self.diffuse, self.specular, self.shininess]
     }
 }
 
-/// What an object is made of. Shared, so that instances cost nothing.
+/// Geometry of an object. It is shared, so that instances need no memory.
 #[derive(Clone, Debug)]
 pub enum Geometry {
     /// Splats.
     Splats(Arc<SplatCloud>),
     /// Polygons.
     Mesh(Arc<Mesh>),
-    /// Splats of several sizes and polygons, of which every view gets what it needs.
+    /// Splats of several sizes and polygons, from which each view selects what it needs.
     Octree(Arc<Octree>),
-    /// Trained Gaussians, drawn over one another and not as a surface: a scene has nothing else then.
+    /// Trained Gaussians, drawn one over another, not as a surface; the scene then has nothing else.
     Gaussians(Arc<GaussianCloud>),
 }
 
-/// Something in the scene.
+/// Object of a scene.
 #[derive(Clone, Debug)]
 pub struct Object {
-    /// What it is made of.
+    /// Geometry of the object.
     pub geometry: Geometry,
     /// Placement: any invertible affine map.
     pub world_from_object: DAffine3,
-    /// Its material.
+    /// Material of the object.
     pub material: Material,
 }
 
 /// A scene, ready to be uploaded to a renderer.
 #[derive(Clone, Debug, Default)]
 pub struct Scene {
-    /// Which axis is up, where that is known.
+    /// Up axis, if known.
     pub up: Option<Up>,
-    /// Linear RGB and straight alpha.
+    /// Background colour: linear RGB and straight alpha.
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.
     pub ambient: [f64; 3],
-    /// Lights; `None`: one white directional light along the view.
+    /// Lights; `None` means one white directional light along the view.
     pub lights: Option<Vec<Light>>,
-    /// What the shader `matcap` looks up; `None`: the built-in one.
+    /// Image for the shader `matcap`; `None` means the built-in one.
     pub matcap: Option<Arc<Matcap>>,
-    /// Objects in drawing order (which changes nothing but float rounding).
+    /// Objects in drawing order, which affects only rounding.
     pub objects: Vec<Object>,
 }
 
 impl Scene {
-    /// Checks every number of the scene.
+    /// Validates every number of the scene.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field as it is called in the scene file.
+    /// [`ModelError`] naming the field as in the scene file.
     pub fn validate(&self) -> Result<(), ModelError> {
         finite("background", &self.background)?;
         if !(0.0..=1.0).contains(&self.background[3]) {
@@ -144,7 +144,7 @@ impl Scene {
         for (i, object) in self.objects.iter().enumerate() {
             object.material.validate(i)?;
             let m = object.world_from_object;
-            // Compared with the columns' own lengths, so that a tiny scale isn't taken for a singular one.
+            // Relative to the columns' own lengths, so that a tiny scale isn't mistaken for a singular matrix.
             let [x, y, z] = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis].map(surfel_math::basis::unit);
             if !m.is_finite() || x.cross(y).dot(z).abs() < 1e-12 {
                 return Err(ModelError::range(
@@ -159,8 +159,8 @@ impl Scene {
 }
 
 impl Scene {
-    /// Gives all splats without rows their own index as such ([`SplatCloud::number_rows`]), so that the planes `index`
-    /// and `label` can be asked for. To be called before the scene is uploaded.
+    /// Numbers the splats of all clouds without rows ([`SplatCloud::number_rows`]), so that the planes `index` and
+    /// `label` can be rendered. Must be called before the scene is uploaded.
     pub fn number_rows(&mut self) {
         for object in &mut self.objects {
             if let Geometry::Splats(cloud) = &mut object.geometry
@@ -196,34 +196,35 @@ impl From<GaussianCloud> for Geometry {
     }
 }
 
-/// An object where its geometry lies, with the default material.
+/// Creates an object at its geometry's own place, with the default material.
 impl<G: Into<Geometry>> From<G> for Object {
     fn from(geometry: G) -> Self {
         Self { geometry: geometry.into(), world_from_object: DAffine3::IDENTITY, material: Material::default() }
     }
 }
 
-/// A scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`], with the scene file's ambient light and
-/// headlight.
+/// Creates a scene of one object: a [`SplatCloud`], a [`Mesh`] or an [`Object`], with the scene file's ambient light
+/// and headlight.
 impl<O: Into<Object>> From<O> for Scene {
     fn from(object: O) -> Self {
         Self { ambient: DEFAULT_AMBIENT, objects: vec![object.into()], ..Self::default() }
     }
 }
 
-/// Ambient light of a scene file that doesn't say.
+/// Default ambient light of a scene file.
 pub(crate) const DEFAULT_AMBIENT: [f64; 3] = [0.1; 3];
 
-/// The scene file (`.json`). Unknown keys are errors; paths are relative to the file.
+/// Scene file (`.json`). Unknown keys are errors; paths are relative to the file.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct SceneFile {
-    /// Which axis is up.
+    /// Up axis.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub up: Option<Up>,
     /// The camera.
     pub camera: Camera,
-    /// Linear RGB and straight alpha; transparent black by default. Scene files may also have `"transparent"`.
+    /// Background colour: linear RGB and straight alpha; transparent black by default. Scene files may also use
+    /// `"transparent"`.
     #[cfg_attr(feature = "serde", serde(default, deserialize_with = "background"))]
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.
@@ -235,9 +236,9 @@ pub struct SceneFile {
     /// Image of a lit sphere for the shader `matcap`; a built-in one by default.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub matcap: Option<PathBuf>,
-    /// What is drawn.
+    /// Objects to draw.
     pub objects: Vec<ObjectFile>,
-    /// Settings.
+    /// Render settings.
     #[cfg_attr(feature = "serde", serde(default))]
     pub settings: Settings,
 }
@@ -272,23 +273,23 @@ fn default_ambient() -> [f64; 3] {
     DEFAULT_AMBIENT
 }
 
-/// An object of the scene file: exactly one of `splats` and `mesh`.
+/// Object of the scene file, with exactly one of `splats` and `mesh`.
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct ObjectFile {
-    /// A file drawn as splats: splats, points or a mesh.
+    /// File drawn as splats: splats, points or a mesh.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub splats: Option<PathBuf>,
-    /// A file drawn as polygons.
+    /// File drawn as polygons.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub mesh: Option<PathBuf>,
-    /// Column-major `world_from_object`; last row 0 0 0 1.
+    /// Placement `world_from_object`, column-major; the last row is 0 0 0 1.
     #[cfg_attr(feature = "serde", serde(default = "identity"))]
     pub matrix: [f64; 16],
     /// Material.
     #[cfg_attr(feature = "serde", serde(default))]
     pub material: Material,
-    /// How the file becomes splats.
+    /// Options of the file's conversion to splats.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "ConvertOptions::is_default"))]
     pub convert: ConvertOptions,
 }
@@ -299,7 +300,7 @@ fn identity() -> [f64; 16] {
 }
 
 impl ObjectFile {
-    /// The placement as an affine map.
+    /// Returns the placement as an affine map.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] if the last row isn't 0 0 0 1 or a number isn't finite.

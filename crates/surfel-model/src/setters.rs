@@ -1,6 +1,6 @@
-//! Setters of structures that other crates can't write as literals.
+//! Setters of structs that other crates can't write as literals.
 
-/// Writes a setter for each field, inside an `impl`: `with_name name: Type`. For this workspace's crates.
+/// Defines a setter for each field, inside an `impl`, from `with_name name: Type`. Only for this workspace's crates.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! setters {

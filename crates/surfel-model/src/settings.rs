@@ -1,74 +1,75 @@
-//! Render settings: what trades speed for accuracy, and how the surface is shaded.
+//! Render settings: trade-offs of speed and accuracy, and shading.
 
 use crate::ModelError;
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 
-/// Everything about a render that is neither scene nor camera. The defaults are the scene file's and never change.
+/// All parameters of a render except the scene and the camera. The defaults are those of the scene file and never
+/// change.
 ///
-/// `Settings::default().with_shader(Shader::Phong)`, or the fields one by one: literals are for this crate, since
-/// versions to come may have more fields.
+/// Set fields by `Settings::default().with_shader(Shader::Phong)` or one by one. Other crates can't write literals,
+/// because later versions may add fields.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 #[non_exhaustive]
 pub struct Settings {
     /// Screen-space filter.
     pub filter: Filter,
-    /// Kernel cutoff c: the weight is exp(−c·ρ²). Greater than 0.
+    /// Kernel cutoff c in the weight exp(−c·ρ²); greater than 0.
     pub cutoff: f64,
-    /// Least half-width of a filtered footprint, in pixels (h). At least 0; 0 switches the filter off.
+    /// Smallest half-width h of a filtered footprint, in pixels. At least 0; 0 disables the filter.
     pub prefilter_radius_px: f64,
-    /// How a splat is mapped to the screen.
+    /// Mapping of a splat to the screen.
     pub mapping: Mapping,
-    /// How much farther than the nearest surface a fragment may be and still blend with it.
+    /// Depth tolerance: largest distance behind the nearest surface at which a fragment is blended with it.
     pub depth_tolerance: DepthTolerance,
-    /// How pixels are shaded.
+    /// Shading of pixels.
     pub shader: Shader,
     /// Edge antialiasing.
     pub edge_aa: EdgeAa,
-    /// How transparent splats are drawn.
+    /// Method of drawing transparent splats.
     pub transparency: Transparency,
-    /// How clip curves and lines are evaluated.
+    /// Evaluation of clip curves and lines.
     pub clip: ClipPolicy,
     /// Precision of accumulation.
     pub accumulate: Accumulate,
-    /// How files of trained Gaussians are drawn.
+    /// Method of drawing files of trained Gaussians.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_surface"))]
     pub composite: Composite,
-    /// The order in which trained Gaussians are drawn one over another.
+    /// Order in which trained Gaussians are drawn one over another.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_by_center"))]
     pub sort: Sort,
-    /// Screen-space filter of trained Gaussians drawn one over another: `clamp`, that of their training, or
-    /// `principal`, as [`Self::filter`] says it of surfaces.
+    /// Screen-space filter of trained Gaussians drawn one over another. `clamp` is the filter of their training;
+    /// `principal` is described at [`Self::filter`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
     pub gaussian_filter: Filter,
-    /// Largest radius in pixels of the splats that are chosen of an octree; greater than 0.
+    /// Largest radius, in pixels, of the splats selected from an octree; greater than 0.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
 }
 
-/// Error of octrees where nothing else is asked for, in pixels.
+/// Default of [`Settings::lod_error_px`], in pixels.
 const DEFAULT_LOD_ERROR_PX: f64 = 1.0;
 
-/// Scene files say it only where it differs.
+/// True if the value is the default; scene files then omit it.
 #[cfg(feature = "serde")]
 fn is_default_lod_error(error_px: &f64) -> bool {
     *error_px == DEFAULT_LOD_ERROR_PX
 }
 
-/// Scene files say it only of Gaussians that stay such.
+/// True if Gaussians are drawn as surfaces, the default; scene files then omit the value.
 #[cfg(feature = "serde")]
 fn is_surface(composite: &Composite) -> bool {
     *composite == Composite::Surface
 }
 
-/// Scene files say it only of Gaussians filtered otherwise.
+/// True if the filter of Gaussians is the default; scene files then omit it.
 #[cfg(feature = "serde")]
 fn is_clamp(filter: &Filter) -> bool {
     *filter == Filter::Clamp
 }
 
-/// Scene files say it only of Gaussians in another order.
+/// True if the order of Gaussians is the default; scene files then omit it.
 #[cfg(feature = "serde")]
 fn is_by_center(sort: &Sort) -> bool {
     *sort == Sort::Center
@@ -95,12 +96,12 @@ impl Default for Settings {
     }
 }
 
-/// Greatest cutoff: e^−50 is 2e-22, and f32 still holds it times the share of a pixel that a tiny splat has.
+/// Largest cutoff: e^−50 is 2e-22, which f32 can represent even times a tiny splat's fraction of a pixel.
 const MOST_CUTOFF: f64 = 50.0;
-/// Most pixels of [`Settings::lod_error_px`].
+/// Largest value of [`Settings::lod_error_px`].
 pub const MOST_LOD_ERROR_PX: f64 = 1e6;
 
-/// Most layers of transparent splats: what lies behind so many shows nothing, and a plan has a pass for each.
+/// Maximum number of layers of transparent splats: nothing is visible behind so many, and a plan has a pass for each.
 const MOST_LAYERS: u32 = 64;
 
 impl Settings {
@@ -121,7 +122,7 @@ impl Settings {
         with_lod_error_px lod_error_px: f64,
     }
 
-    /// Checks that every number is in its range.
+    /// Validates that every number is in its range.
     ///
     /// # Errors
     /// [`ModelError::OutOfRange`] naming the field.
@@ -154,25 +155,25 @@ impl Settings {
     }
 }
 
-/// How edges are antialiased (rendering model §5). Written `off`, `on` or `samples`; in scene files `false` and `true`,
-/// too.
+/// Edge antialiasing (rendering model §5). Written as `off`, `on` or `samples`; scene files may also use `false` and
+/// `true`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum EdgeAa {
-    /// Not at all.
+    /// No antialiasing.
     #[default]
     Off,
-    /// By coverage: a pixel's sum of weights over that of its cloud's inside.
+    /// Antialiasing by coverage: a pixel's sum of weights relative to the interior weight of its cloud.
     Coverage,
-    /// By samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
+    /// Antialiasing by samples: pixels at edges are the mean of 4×4 samples, each drawn as a pixel.
     Samples,
 }
 
 impl EdgeAa {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 3] = [Self::Off, Self::Coverage, Self::Samples];
 
-    /// The name used on the command line.
+    /// Returns the name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Off => "off",
@@ -226,23 +227,23 @@ impl serde::de::Visitor<'_> for EdgeAaVisitor {
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Filter {
-    /// The object kernel alone.
+    /// No filter: the object kernel alone.
     None,
     /// Botsch 2005 §5: the larger of the object kernel and a disk of radius h.
     Clamp,
-    /// Guennebaud 2006 §4.1: tangent vectors lengthened one by one.
+    /// Guennebaud 2006 §4.1: tangent vectors lengthened independently.
     Adjust,
-    /// Lengthened along the projected ellipse's own axes, weighted by area (ours).
+    /// Projected ellipse lengthened along its own principal axes, weighted by area (our own method).
     Principal,
     /// Zwicker 2001: affine projection convolved with a Gaussian.
     Ewa,
 }
 
 impl Filter {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 5] = [Self::None, Self::Clamp, Self::Adjust, Self::Principal, Self::Ewa];
 
-    /// The name used in files and on the command line.
+    /// Returns the name used in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::None => "none",
@@ -254,18 +255,19 @@ impl Filter {
     }
 }
 
-/// How a splat is mapped to the screen (rendering model §3).
+/// Mapping of a splat to the screen (rendering model §3).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Mapping {
-    /// The projective mapping of the splat's plane (Guennebaud 2006 §3).
+    /// Projective mapping of the splat's plane (Guennebaud 2006 §3).
     Exact,
-    /// Its affine approximation about the projected centre (Zwicker 2001).
+    /// Affine approximation of the projective mapping around the projected centre (Zwicker 2001).
     Affine,
 }
 
-/// How much farther than the nearest surface a fragment may be and still blend with it (rendering model §5). Scene
-/// files have `{"relative": K}` or `{"absolute": D}`; they may also have the command line's forms, `K` and `"abs:D"`.
+/// Depth tolerance: largest distance behind the nearest surface at which a fragment is blended with it (rendering model
+/// §5). Scene files use `{"relative": K}` or `{"absolute": D}`; they may also use the command line's forms, `K` and
+/// `"abs:D"`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -273,9 +275,9 @@ pub enum Mapping {
     serde(rename_all = "lowercase", from = "DepthToleranceKey")
 )]
 pub enum DepthTolerance {
-    /// A multiple of the splat's larger radius.
+    /// Multiple of the splat's larger radius.
     Relative(f64),
-    /// World units.
+    /// Distance in world units.
     Absolute(f64),
 }
 
@@ -296,7 +298,7 @@ enum NamedTolerance {
     Absolute(f64),
 }
 
-/// The text `abs:D`.
+/// Text of the form `abs:D`.
 #[cfg(feature = "serde")]
 #[derive(Deserialize)]
 #[serde(try_from = "String")]
@@ -324,33 +326,33 @@ impl From<DepthToleranceKey> for DepthTolerance {
     }
 }
 
-/// How pixels are shaded (rendering model §5).
+/// Shading of pixels (rendering model §5).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Shader {
-    /// Albedo as it is.
+    /// Albedo without lighting.
     Unlit,
     /// Ambient, diffuse and specular light.
     Phong,
-    /// Quantised diffuse with outlines.
+    /// Quantised diffuse light with outlines.
     Toon,
     /// World normals as colours.
     Normal,
     /// Stored depth as grey.
     Depth,
-    /// The scene's image of a lit sphere, looked up by the normal.
+    /// Colours from the scene's matcap, an image of a lit sphere, looked up by the normal.
     Matcap,
-    /// Eye-dome lighting: albedo, darker the deeper a pixel lies among its neighbours.
+    /// Eye-dome lighting: albedo, darkened where a pixel is deeper than its neighbours.
     Edl,
 }
 
 impl Shader {
-    /// All of them.
+    /// All variants.
     pub const ALL: [Self; 7] =
         [Self::Unlit, Self::Phong, Self::Toon, Self::Normal, Self::Depth, Self::Matcap, Self::Edl];
 
-    /// The name used in files and on the command line.
+    /// Returns the name used in files and on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Unlit => "unlit",
@@ -364,22 +366,22 @@ impl Shader {
     }
 }
 
-/// How transparent splats are drawn (rendering model §8). Written `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
+/// Method of drawing transparent splats (rendering model §8). Written as `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "String", into = "String"))]
 pub enum Transparency {
-    /// Every splat is opaque.
+    /// Every splat is drawn opaque.
     Off,
     /// Depth peeling (Guennebaud 2006 §6).
     Peel {
         /// Number of layers, the last one included.
         layers: u32,
-        /// Leaves out the last layer, which blends everything that remains.
+        /// True to omit the last layer, which blends everything that remains.
         drop_last: bool,
     },
-    /// Zwicker 2001 §6.
+    /// A-buffer (Zwicker 2001 §6).
     ABuffer {
-        /// Fragments a pixel.
+        /// Number of fragments per pixel.
         layers: u32,
     },
 }
@@ -428,52 +430,52 @@ impl From<Transparency> for String {
     }
 }
 
-/// How clip curves and lines are evaluated (rendering model §7).
+/// Evaluation of clip curves and lines (rendering model §7).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum ClipPolicy {
-    /// The curve's implicit form.
+    /// Implicit form of the curve.
     Exact,
     /// Equation 7 of the 2012 paper, numerically repaired.
     Paper,
-    /// The chord of each curve.
+    /// Chord of each curve.
     Line,
     /// No clipping.
     Off,
 }
 
-/// How trained Gaussians are drawn.
+/// Method of drawing trained Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Composite {
-    /// As opaque surface splats of two standard deviations.
+    /// Opaque surface splats of two standard deviations.
     #[default]
     Surface,
-    /// One over another, as they were trained ([`crate::Geometry::Gaussians`]).
+    /// Gaussians blended one over another, as in their training ([`crate::Geometry::Gaussians`]).
     Over,
 }
 
-/// In which order trained Gaussians are drawn one over another.
+/// Order in which trained Gaussians are drawn one over another.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 #[non_exhaustive]
 pub enum Sort {
-    /// By the depth of their centres, the same in all pixels, as they were trained.
+    /// Order of the centres' depths, the same in all pixels, as in their training.
     #[default]
     Center,
-    /// By the depth at which each pixel's ray meets them: nothing pops where the camera turns.
+    /// Order of the depths at which each pixel's ray meets the Gaussians: nothing pops when the camera turns.
     Pixel,
 }
 
-/// Precision in which weighted attributes are summed, at least.
+/// Minimum precision in which weighted attributes are summed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(rename_all = "lowercase"))]
 pub enum Accumulate {
     /// 32-bit floats.
     F32,
-    /// 16-bit floats (B05 §7), in half the memory of a GPU's targets. Backends that have nothing to gain by it, on
-    /// CPUs, sum in more.
+    /// 16-bit floats (B05 §7), which halve the memory of a GPU's render targets. CPU backends gain nothing from them
+    /// and sum in a higher precision.
     F16,
 }
 
@@ -542,7 +544,7 @@ mod tests {
             refused("gaussian_filter", &|s| s.gaussian_filter = filter);
         }
         assert_eq!(check(&|s| s.gaussian_filter = Filter::Principal), Ok(()));
-        // A plan has a pass for each.
+        // A plan has a pass for each layer.
         for layers in [0, 65, u32::MAX] {
             refused("transparency", &|s| s.transparency = Transparency::Peel { layers, drop_last: false });
             refused("transparency", &|s| s.transparency = Transparency::ABuffer { layers });

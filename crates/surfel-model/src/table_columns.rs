@@ -1,4 +1,4 @@
-//! Names, and perhaps types, of the columns of a table of points: the value of `--columns`.
+//! Names, and optionally types, of the columns of a table of points: the value of `--columns`.
 
 use crate::ModelError;
 #[cfg(feature = "serde")]
@@ -9,7 +9,7 @@ use std::str::FromStr;
 /// Largest number of columns of a table.
 const MAX_COLUMNS: usize = 128;
 
-/// The type of a column's numbers in a file without a header.
+/// Type of a column's numbers in a file without a header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct NumberFormat {
     /// `f` for floating-point numbers, `i` and `u` for whole numbers with and without a sign.
@@ -49,20 +49,20 @@ impl fmt::Display for NumberFormat {
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct TableColumn {
-    /// Its name; `None` for a column that is left out.
+    /// Name of the column; `None` for a column that is skipped.
     pub name: Option<String>,
-    /// The type of its numbers; `None` in tables whose files state the type.
+    /// Type of the column's numbers; `None` in tables whose files state the type.
     pub format: Option<NumberFormat>,
 }
 
-/// The columns of a table of points in their order: `x,y,z,_,r,g,b`, or with types `f4:x,y,z,intensity`. A type holds
-/// until the next.
+/// Columns of a table of points, in order: `x,y,z,_,r,g,b`, or with types `f4:x,y,z,intensity`. A type applies until
+/// the next one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(try_from = "String", into = "String"))]
 pub struct TableColumns(Vec<TableColumn>);
 
 impl TableColumns {
-    /// The columns; at least three, of which either all have a type or none.
+    /// Returns the columns: at least three, and either all have a type or none.
     pub fn columns(&self) -> &[TableColumn] {
         &self.0
     }
@@ -72,7 +72,7 @@ impl TableColumns {
         self.0.iter().all(|column| column.format.is_some())
     }
 
-    /// Size of a row in bytes, of columns with types.
+    /// Returns the size of a row in bytes, for columns with types.
     pub fn row_bytes(&self) -> usize {
         self.0.iter().filter_map(|column| column.format).map(|format| usize::from(format.bytes)).sum()
     }

@@ -4,22 +4,22 @@ use crate::Mesh;
 use std::collections::HashMap;
 use std::sync::{Arc, LazyLock};
 
-/// Mipmaps by the address of their texture, which they hold.
+/// Mipmaps by the address of their texture. The mipmaps own the texture, so the address stays valid.
 pub type KnownMipmaps = HashMap<*const Texture, Arc<Mipmaps>>;
 
-/// A base-colour image, linear RGB with straight alpha; or one of other numbers ([`crate::NormalMap`]).
+/// Base-colour image in linear RGB with straight alpha, or an image of other numbers ([`crate::NormalMap`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Texture {
     /// Width in texels.
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// sRGB-encoded texels as the file has them, row by row from the top.
+    /// Texels as in the file (sRGB-encoded), row by row from the top.
     pub srgba8: Vec<[u8; 4]>,
 }
 
 impl Texture {
-    /// Bilinear sample at `uv` with repeat addressing: linear RGB and alpha.
+    /// Returns a bilinear sample at `uv` with repeat addressing: linear RGB and alpha.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -28,7 +28,7 @@ impl Texture {
         bilinear(uv, self.width as usize, self.height as usize, |i| linear_by(decoded, self.srgba8[i]))
     }
 
-    /// As [`Self::sample`], for images of numbers that no colour's encoding is applied to: each 0 to 1.
+    /// Same as [`Self::sample`] for images of numbers from 0 to 1, without colour decoding.
     pub fn sample_numbers(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -38,8 +38,8 @@ impl Texture {
         })
     }
 
-    /// As [`Self::sample`], each texel's colour counting by its alpha: what is next to texels that can't be seen keeps
-    /// its colour.
+    /// Same as [`Self::sample`], with each texel's colour weighted by its alpha, so that invisible texels don't change
+    /// the colour of those beside them.
     pub fn sample_by_alpha(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -80,11 +80,11 @@ fn wrap(t: f32) -> f32 {
     if t.is_finite() { t - t.floor() } else { 0.0 }
 }
 
-/// Linear value of every 8-bit level: a power for each channel of each texel would be most of a textured image's time.
+/// Linear value of every 8-bit level: decoding each channel of each texel would dominate a textured image's time.
 static DECODED: LazyLock<[f32; 256]> =
     LazyLock::new(|| std::array::from_fn(|level| surfel_math::srgb::decode(level as f64 / 255.0) as f32));
 
-/// Linear RGB and alpha of a texel.
+/// Returns the linear RGB and alpha of a texel.
 pub(crate) fn linear(t: [u8; 4]) -> [f32; 4] {
     linear_by(&DECODED, t)
 }
@@ -93,7 +93,7 @@ fn linear_by(decoded: &[f32; 256], [r, g, b, a]: [u8; 4]) -> [f32; 4] {
     [decoded[usize::from(r)], decoded[usize::from(g)], decoded[usize::from(b)], f32::from(a) / 255.0]
 }
 
-/// A texture in half, a quarter … of its size, for surfaces that are seen smaller (rendering model §6).
+/// Texture at half, a quarter … of its size, for surfaces that appear smaller (rendering model §6).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Mipmaps {
     texture: Arc<Texture>,
@@ -101,7 +101,7 @@ pub struct Mipmaps {
     levels: Vec<Level>,
 }
 
-/// A texture at a smaller size: linear RGB and alpha.
+/// Texture at a reduced size: linear RGB and alpha.
 #[derive(Clone, Debug, PartialEq)]
 struct Level {
     width: usize,
@@ -110,8 +110,8 @@ struct Level {
 }
 
 impl Mipmaps {
-    /// Every level down to one texel: each half the size of the one before (rounded down, at least 1), a texel the mean
-    /// of the area it covers, in linear light.
+    /// Computes every level down to one texel. Each is half the size of the one before (rounded down, at least 1). A
+    /// texel is the mean of the area that it covers, in linear light.
     pub fn new(texture: Arc<Texture>) -> Self {
         let mut levels: Vec<Level> = Vec::new();
         let (mut width, mut height) = (texture.width as usize, texture.height as usize);
@@ -137,26 +137,26 @@ impl Mipmaps {
         Some(made.clone())
     }
 
-    /// Texels of level 1 and up, row by row from the top: linear RGB and alpha.
+    /// Returns the texels of level 1 and up, row by row from the top: linear RGB and alpha.
     pub fn levels(&self) -> impl Iterator<Item = &[[f32; 4]]> {
         self.levels.iter().map(|level| level.texels.as_slice())
     }
 
-    /// The texture itself.
+    /// Returns the texture itself.
     pub fn texture(&self) -> &Texture {
         &self.texture
     }
 
-    /// Heap memory of the smaller levels, in bytes.
+    /// Returns the heap memory of the reduced levels, in bytes.
     pub fn bytes(&self) -> usize {
         self.levels.iter().map(|l| size_of_val(l.texels.as_slice())).sum()
     }
 
-    /// Trilinear sample at `uv` with repeat addressing: linear RGB and alpha. `footprint_texels` is how many texels of
-    /// the full size a pixel spans; levels are blended by its binary logarithm.
+    /// Returns a trilinear sample at `uv` with repeat addressing: linear RGB and alpha. `footprint_texels` is the
+    /// number of full-size texels that a pixel spans; levels are blended by its binary logarithm.
     pub fn sample(&self, uv: [f32; 2], footprint_texels: f64) -> [f32; 4] {
         let level = footprint_texels.log2().clamp(0.0, self.levels.len() as f64);
-        // NaN where the footprint isn't a number: the full size.
+        // The level is NaN if the footprint isn't a number: use the full size.
         let level = if level.is_nan() { 0.0 } else { level };
         let (lower, share) = (level.floor(), (level - level.floor()) as f32);
         let fine = self.sample_level(uv, lower as usize);
@@ -175,7 +175,7 @@ impl Mipmaps {
     }
 }
 
-/// Bilinear sample of a `width`×`height` image with repeat addressing.
+/// Returns a bilinear sample of a `width`×`height` image with repeat addressing.
 fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> [f32; 4]) -> [f32; 4] {
     let (x, y) = (wrap(uv[0]) * width as f32 - 0.5, wrap(uv[1]) * height as f32 - 0.5);
     let (x0, y0) = (x.floor(), y.floor());
@@ -186,16 +186,17 @@ fn bilinear(uv: [f32; 2], width: usize, height: usize, texel: impl Fn(usize) -> 
     std::array::from_fn(|c| corners.iter().zip(weights).map(|(t, w)| t[c] * w).sum())
 }
 
-/// A texel's number along an axis and the next one's, of one that is −1 to `size` − 1: repeated, without a division.
+/// Returns a texel's index along an axis and the next one's, with repeat addressing and without a division; `texel` is
+/// −1 to `size` − 1.
 fn wrapped(texel: f32, size: usize) -> [usize; 2] {
     let next = (texel + 1.0) as usize;
     [if next == 0 { size - 1 } else { (next - 1).min(size - 1) }, if next >= size { 0 } else { next }]
 }
 
-/// An image at half its size, each texel the mean of the area it covers.
+/// Returns an image at half its size; each texel is the mean of the area that it covers.
 fn halved(width: usize, height: usize, texel: impl Fn(usize) -> [f32; 4]) -> Level {
     let (w, h) = ((width / 2).max(1), (height / 2).max(1));
-    // Source texels of a target texel along one axis, with the length that each has in it: more than two for odd sizes.
+    // Source texels of a target texel along one axis, with their overlap lengths: more than two for odd sizes.
     let spans = |target: usize, from: usize, to: usize| {
         let (start, end) = ((target * from) as f64 / to as f64, ((target + 1) * from) as f64 / to as f64);
         (start.floor() as usize..(end.ceil() as usize).min(from))
@@ -273,12 +274,12 @@ mod tests {
 
     #[test]
     fn mipmaps_blend_levels_by_footprint() {
-        // Left half black, right half white: level 1 of 4×4 is 2×2, its texels pure.
+        // Left half black, right half white: level 1 of 4×4 is 2×2, with pure texels.
         let mipmaps = Mipmaps::new(texture(4, 4, |x, _| if x < 2 { 0 } else { 255 }));
         let at = |u: f32, footprint| mipmaps.sample([u, 0.5], footprint)[0];
         assert_eq!(at(0.625, 0.5), 1.0);
         assert_eq!((at(0.75, 1.0), at(0.75, 2.0), at(0.25, 2.0), at(0.25, 4.0)), (1.0, 1.0, 0.0, 0.5));
-        // Half-way between level 1 (1) and level 2 (½).
+        // Halfway between level 1 (1) and level 2 (½).
         assert!((at(0.75, 8f64.sqrt()) - 0.75).abs() < 1e-6);
         assert_eq!(at(0.75, f64::NAN), 1.0);
         assert_eq!(at(0.75, f64::INFINITY), 0.5);

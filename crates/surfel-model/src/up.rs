@@ -1,4 +1,4 @@
-//! Which axis points up.
+//! Up axes.
 
 use glam::DVec3;
 #[cfg(feature = "serde")]
@@ -24,10 +24,10 @@ pub enum Up {
 }
 
 impl Up {
-    /// All six, in the order of their names.
+    /// All six axes, in the order of their names.
     pub const ALL: [Self; 6] = [Self::PlusX, Self::MinusX, Self::PlusY, Self::MinusY, Self::PlusZ, Self::MinusZ];
 
-    /// The unit vector.
+    /// Returns the unit vector of the axis.
     pub fn vector(self) -> DVec3 {
         match self {
             Self::PlusX => DVec3::X,
@@ -39,7 +39,7 @@ impl Up {
         }
     }
 
-    /// `+x` … `-z`.
+    /// Returns the name, `+x` … `-z`.
     pub fn name(self) -> &'static str {
         match self {
             Self::PlusX => "+x",

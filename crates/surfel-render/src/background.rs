@@ -1,18 +1,18 @@
-//! Which squares of a frame hold the background alone: the next image needn't write them again.
+//! Record of the squares of a frame that contain only background, which the next image needn't write again.
 
 use crate::view::Region;
 use std::sync::atomic::AtomicBool;
 
-/// Squares of a [`Frame`](crate::Frame)'s planes in which a backend left the background and nothing else. A frame
-/// forgets them where anything else may have written its planes.
+/// Squares of a [`Frame`](crate::Frame)'s planes in which a backend wrote only the background. A frame clears the
+/// record if anything else may have written its planes.
 #[derive(Debug, Default)]
 pub struct Background {
     of: Option<Of>,
-    /// Row by row.
+    /// Flags of the squares, row by row.
     squares: Vec<AtomicBool>,
 }
 
-/// What squares belong to.
+/// Parameters for which the squares are valid.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Of {
     color: [f32; 4],
@@ -21,8 +21,9 @@ struct Of {
 }
 
 impl Background {
-    /// The squares of a view's region, in columns and rows of squares of so many pixels, before a background of this
-    /// colour. A square is true if it holds nothing else.
+    /// Returns one flag per square of a view's region, true if the square contains only the background of this colour.
+    /// `columns` and `rows` are the numbers of squares, and `side_px` is their side. All flags are false if a parameter
+    /// changed.
     pub fn squares(
         &mut self,
         color: [f32; 4],
@@ -39,20 +40,20 @@ impl Background {
         &self.squares
     }
 
-    /// Knows nothing from now on.
+    /// Clears the record.
     pub(crate) fn forget(&mut self) {
         self.of = None;
     }
 }
 
-/// A copy knows nothing.
+/// A copy has an empty record.
 impl Clone for Background {
     fn clone(&self) -> Self {
         Self::default()
     }
 }
 
-/// Frames are equal if their planes are.
+/// Frames are equal if their planes are, so records are ignored.
 impl PartialEq for Background {
     fn eq(&self, _: &Self) -> bool {
         true

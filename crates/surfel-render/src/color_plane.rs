@@ -1,47 +1,47 @@
-//! Colours that begin with a cache line.
+//! Colour plane aligned to cache lines.
 
 use std::ops::{Deref, DerefMut};
 
-/// Bytes of a cache line.
+/// Size of a cache line in bytes.
 const LINE: usize = 64;
 
-/// Pixels in a line.
+/// Number of pixels in a cache line.
 const PIXELS: usize = LINE / size_of::<[f32; 4]>();
 
-/// RGBA of an image's pixels, used as a slice of them.
+/// RGBA of an image's pixels; dereferences to a slice of them.
 ///
-/// Its first pixel begins a cache line, so that rows of four pixels, which backends write, don't cross lines: a frame
-/// of few large splats on a CPU takes a twentieth longer where they do.
+/// The first pixel begins a cache line, so that rows of four pixels, which backends write, don't cross lines. Crossing
+/// lines makes a frame of few large splats on a CPU take 1/20 longer.
 #[derive(Default)]
 pub(crate) struct ColorPlane {
-    /// The pixels, and some around them.
+    /// Pixels, with a few unused ones around them.
     memory: Vec<[f32; 4]>,
     first: usize,
     count: usize,
 }
 
 impl ColorPlane {
-    /// Makes it `count` pixels; what they hold is left open.
+    /// Resizes the plane to `count` pixels, with unspecified contents.
     ///
-    /// Zeros that come from the system are written by nobody: whoever writes the pixels then meets fresh pages, on all
+    /// New memory is made of zeros from the system, whose pages are first touched when the pixels are written, on all
     /// threads.
     pub(crate) fn resize(&mut self, count: usize) {
         let room = count + if count > 0 { PIXELS - 1 } else { 0 };
         if self.memory.capacity() < room {
-            // The old goes first.
+            // The old memory is freed first.
             self.memory = Vec::new();
             self.memory = vec![[0.0; 4]; room];
         } else if self.memory.len() < room {
             self.memory.resize(room, [0.0; 4]);
         }
-        // An address that no pixel can move to the beginning of a line is left as it is.
+        // If the address doesn't allow alignment, the plane stays unaligned.
         let first = self.memory.as_ptr().align_offset(LINE);
         (self.first, self.count) = (if first < PIXELS && count > 0 { first } else { 0 }, count);
     }
 }
 
 impl ColorPlane {
-    /// The memory, and where in it the first pixel is.
+    /// Returns the memory, and the index of the first pixel in it.
     pub(crate) fn into_memory(self) -> (Vec<[f32; 4]>, usize) {
         if self.count == 0 { (Vec::new(), 0) } else { (self.memory, self.first) }
     }
@@ -90,7 +90,7 @@ mod tests {
     fn color_planes_begin_with_a_line_whatever_is_done_to_them() {
         let mut plane = ColorPlane::default();
         assert!(plane.is_empty());
-        // Of a few bytes and of many, which systems hand out differently.
+        // Sizes of a few bytes and of many, which systems allocate differently.
         for count in [1, 3, 4, 5, 1 << 20, 100, 0, 7, 1 << 21] {
             plane.resize(count);
             assert_eq!(plane.len(), count);

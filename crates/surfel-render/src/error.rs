@@ -1,4 +1,4 @@
-//! Why an image could not be made.
+//! Errors of rendering.
 
 use surfel_model::ModelError;
 
@@ -9,16 +9,16 @@ pub enum RenderError {
     /// The scene, view or settings break a rule of the model.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// The scene or settings ask for something that this version, or this backend, doesn't draw.
+    /// The scene or settings need a feature that this version, or this backend, doesn't support.
     #[error("{feature} {found_where}, which backend '{backend}' does not draw yet; {advice}")]
     Unsupported {
-        /// The backend's name.
+        /// Name of the backend.
         backend: &'static str,
-        /// What is asked for.
+        /// Name of the feature.
         feature: &'static str,
-        /// Where it was found.
+        /// Origin of the feature in the scene or settings.
         found_where: String,
-        /// What to do.
+        /// Advice for the user.
         advice: &'static str,
     },
     /// Coverage needs every cloud's interior weight.
@@ -39,34 +39,34 @@ pub enum RenderError {
         /// Index of the object.
         object: usize,
     },
-    /// More memory than the limit would be needed.
+    /// The frame needs more memory than the limit.
     #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by --region")]
     TooLarge {
-        /// Bytes needed.
+        /// Number of bytes needed.
         needed: u64,
-        /// Bytes allowed.
+        /// Number of bytes allowed.
         limit: u64,
     },
-    /// The device's memory doesn't hold the scene.
+    /// The device's memory is too small for the scene.
     #[error(
         "{backend}: the scene needs {needed} bytes of device memory, and {available} are there: {} too few; store it \
          in 16 bits (--storage 16), draw fewer splats, or choose --backend cpu",
         needed.saturating_sub(*available)
     )]
     SceneTooLarge {
-        /// The backend's name.
+        /// Name of the backend.
         backend: &'static str,
-        /// Bytes needed: of splats, textures and what is drawn of them.
+        /// Number of bytes needed for splats, textures and buffers for drawing.
         needed: u64,
-        /// Bytes that may be used, or that were used when the memory ended.
+        /// Number of bytes that may be used, or that were in use when the memory was exhausted.
         available: u64,
     },
     /// The backend failed.
     #[error("{backend}: {message}")]
     Backend {
-        /// The backend's name.
+        /// Name of the backend.
         backend: &'static str,
-        /// What it said.
+        /// Error message of the backend.
         message: String,
     },
 }

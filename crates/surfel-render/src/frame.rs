@@ -1,4 +1,4 @@
-//! What a render gives back: linear f32 planes.
+//! Frames: the result of a render as linear f32 planes.
 
 use crate::View;
 use crate::background::Background;
@@ -6,15 +6,15 @@ use crate::color_plane::ColorPlane;
 use surfel_math::srgb::encode_rgba8;
 use surfel_model::NO_LABEL;
 
-/// Which planes are wanted. A plane nobody asked for is neither computed nor stored.
+/// Selection of a frame's planes. Planes that aren't requested are neither computed nor stored.
 ///
-/// `Planes::COLOR.with_depth(true)`, or the fields one by one.
+/// Set them by `Planes::COLOR.with_depth(true)` or field by field.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Planes {
     /// Premultiplied linear RGBA.
     pub color: bool,
-    /// The same as a PNG of 8 bits holds it.
+    /// Colours as stored in an 8-bit PNG.
     pub rgba8: bool,
     /// Planar view-space depth.
     pub depth: bool,
@@ -22,22 +22,22 @@ pub struct Planes {
     pub normal: bool,
     /// Σw.
     pub weight: bool,
-    /// Fragments that contributed to each pixel.
+    /// Number of fragments that contributed to each pixel.
     pub fragments: bool,
-    /// Which splat is nearest in each pixel, by its row, and its object. Every cloud must have rows
+    /// Row and object of the nearest splat in each pixel. Every cloud must have rows
     /// ([`surfel_model::Scene::number_rows`]).
     pub index: bool,
-    /// The nearest splat's label; `index` comes with it.
+    /// Label of the nearest splat; implies `index`.
     pub label: bool,
-    /// World positions; `depth` comes with them.
+    /// World positions; implies `depth`.
     pub position: bool,
-    /// Σw of Gaussians: what they cover.
+    /// Σw of Gaussians: the opacity that they accumulate.
     pub alpha: bool,
-    /// Depth at which half of the light of Gaussians is gone.
+    /// Depth at which half of the light of Gaussians is absorbed.
     pub median_depth: bool,
-    /// How far the depths of a pixel's Gaussians are spread.
+    /// Spread of the depths of a pixel's Gaussians.
     pub distortion: bool,
-    /// Pixels whose result hangs on a decision within its margin (reference backend only).
+    /// Pixels whose result depends on a decision within its margin (reference backend only).
     pub margin: bool,
 }
 
@@ -58,9 +58,9 @@ impl Planes {
         distortion: false,
         margin: false,
     };
-    /// Everything an EXR file holds that asks for no more.
+    /// Colour, depth, normal and weight: the planes of an EXR file that need no further data from the scene.
     pub const ALL: Self = Self { depth: true, normal: true, weight: true, ..Self::COLOR };
-    /// What a display or a PNG of 8 bits shows: a quarter of the bytes of [`Self::COLOR`].
+    /// Colours for a display or an 8-bit PNG: a quarter of the bytes of [`Self::COLOR`].
     pub const RGBA8: Self = Self { color: false, rgba8: true, ..Self::COLOR };
 
     surfel_model::setters! {
@@ -79,21 +79,21 @@ impl Planes {
         with_margin margin: bool,
     }
 
-    /// With the planes that those asked for come from.
+    /// Adds the planes from which the requested ones are computed.
     #[must_use]
     pub(crate) fn complete(self) -> Self {
         let (index, depth, color) = (self.index || self.label, self.depth || self.position, self.shows_color());
         self.with_index(index).with_depth(depth).with_color(color)
     }
 
-    /// True if pixels are shaded, whether their colours are kept as they are or in 8 bits.
+    /// True if pixels are shaded, for either form of the colours.
     pub fn shows_color(self) -> bool {
         self.color || self.rgba8
     }
 }
 
-/// Planes of a rendered region, row by row from the top: pixel (x, y) is at `y * width + x`. A plane that wasn't asked
-/// for is empty.
+/// Planes of a rendered region, row by row from the top: pixel (x, y) is at `y * width + x`. Planes that weren't
+/// requested are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Frame {
     width: u32,
@@ -115,32 +115,32 @@ pub struct Frame {
     background: Background,
 }
 
-/// What is nearest in a pixel.
+/// Identity of the nearest surface in a pixel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Identity {
     /// Row of the splat in its input; [`NO_LABEL`] for a polygon.
     pub row: u32,
     /// Index of the scene's object.
     pub object: u32,
-    /// The splat's label, [`NO_LABEL`] where it has none.
+    /// Label of the splat; [`NO_LABEL`] if it has none.
     pub label: u32,
 }
 
 impl Identity {
-    /// Where nothing is.
+    /// Identity of an empty pixel.
     pub const NOTHING: Self = Self { row: NO_LABEL, object: NO_LABEL, label: NO_LABEL };
 }
 
-/// The planes of a [`Frame`], given up by it; those that it didn't have are empty.
+/// Owned planes of a [`Frame`]; absent planes are empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct FramePlanes {
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
-    /// Linear RGBA, premultiplied, and a few values around it that mean nothing.
+    /// Linear RGBA, premultiplied, with a few unused values before and after it.
     pub color: Vec<[f32; 4]>,
-    /// Where in `color` the first pixel is.
+    /// Index in `color` of the first pixel.
     pub first: usize,
     /// sRGB-encoded RGBA of 8 bits, straight alpha.
     pub rgba8: Vec<[u8; 4]>,
@@ -152,26 +152,26 @@ pub struct FramePlanes {
     pub weight: Vec<f32>,
     /// Rows of the nearest splats.
     pub index: Vec<u32>,
-    /// Objects that are nearest.
+    /// Indices of the nearest objects.
     pub object: Vec<u32>,
     /// Labels of the nearest splats.
     pub label: Vec<u32>,
     /// World positions.
     pub position: Vec<[f64; 3]>,
-    /// What Gaussians cover.
+    /// Σw of Gaussians.
     pub alpha: Vec<f32>,
     /// Median depths of Gaussians.
     pub median_depth: Vec<f32>,
-    /// Spread of their depths.
+    /// Spread of the depths of Gaussians.
     pub distortion: Vec<f32>,
 }
 
-/// All planes of a [`Frame`], to be written at once; those that it doesn't have are empty.
+/// All planes of a [`Frame`], borrowed for writing together; absent planes are empty.
 #[derive(Debug)]
 pub struct PlanesMut<'a> {
     /// Linear RGBA, premultiplied.
     pub color: &'a mut [[f32; 4]],
-    /// sRGB-encoded, 8 bits, straight alpha.
+    /// sRGB-encoded RGBA of 8 bits, straight alpha.
     pub rgba8: &'a mut [[u8; 4]],
     /// Planar view-space depth.
     pub depth: &'a mut [f32],
@@ -181,15 +181,15 @@ pub struct PlanesMut<'a> {
     pub weight: &'a mut [f32],
     /// Number of fragments.
     pub fragments: &'a mut [u32],
-    /// What is nearest, by numbers of the backend's own until [`Frame::identify`].
+    /// Nearest splats, as the backend's own numbers until [`Frame::finish`].
     pub index: &'a mut [u32],
-    /// What Gaussians cover.
+    /// Σw of Gaussians.
     pub alpha: &'a mut [f32],
     /// Median depths of Gaussians.
     pub median_depth: &'a mut [f32],
-    /// Spread of their depths.
+    /// Spread of the depths of Gaussians.
     pub distortion: &'a mut [f32],
-    /// Decisions within their margin.
+    /// 1 where a decision is within its margin, else 0.
     pub margin: &'a mut [f32],
 }
 
@@ -211,50 +211,53 @@ macro_rules! planes {
 }
 
 impl Frame {
-    /// Columns.
+    /// Returns the number of columns.
     pub fn width(&self) -> u32 {
         self.width
     }
 
-    /// Rows.
+    /// Returns the number of rows.
     pub fn height(&self) -> u32 {
         self.height
     }
 
     planes! {
-        /// Linear RGBA, premultiplied.
+        /// Returns linear RGBA, premultiplied.
         color, color_mut: [f32; 4];
-        /// sRGB-encoded RGBA of 8 bits, straight alpha, as a PNG holds it: [`encode_rgba8`] of
-        /// the colours.
+        /// Returns sRGB-encoded RGBA of 8 bits with straight alpha, as stored in a PNG: [`encode_rgba8`] of the
+        /// colours.
         rgba8, rgba8_mut: [u8; 4];
-        /// Planar view-space depth Z = Σwz/Σw, world units; +∞ where nothing is.
+        /// Returns planar view-space depth Z = Σwz/Σw, in world units; +∞ where nothing is visible.
         depth, depth_mut: f32;
-        /// Unit world normals; zero where nothing is. Of Gaussians Σw·n, which is as long as they cover.
+        /// Returns unit world normals; zero where nothing is visible. For Gaussians, returns Σw·n, whose length is
+        /// their opacity.
         normal, normal_mut: [f32; 3];
-        /// Σw.
+        /// Returns Σw.
         weight, weight_mut: f32;
-        /// Number of fragments that contributed.
+        /// Returns the number of fragments that contributed.
         fragments, fragments_mut: u32;
-        /// Row of the nearest splat in its input, of equally near ones the lowest; 4294967295 where there is none.
+        /// Returns the row of the nearest splat in its input, the lowest of equally near ones; 4294967295 if there is
+        /// none.
         index, index_mut: u32;
-        /// Index of the scene's object that is nearest; 4294967295 where nothing is.
+        /// Returns the index of the nearest object of the scene; 4294967295 where nothing is visible.
         object, object_mut: u32;
-        /// Label of the nearest splat; 4294967295 where there is none.
+        /// Returns the label of the nearest splat; 4294967295 if there is none.
         label, label_mut: u32;
-        /// World position of what is seen at Z; +∞ where nothing is.
+        /// Returns the world position at depth Z; +∞ where nothing is visible.
         position, position_mut: [f64; 3];
-        /// Σw of Gaussians, in [0, 1].
+        /// Returns Σw of Gaussians, in [0, 1].
         alpha, alpha_mut: f32;
-        /// Depth of the last Gaussian before which more than half of the light is left; +∞ where nothing is.
+        /// Returns the depth of the last Gaussian in front of which more than half of the light remains; +∞ where
+        /// nothing is visible.
         median_depth, median_depth_mut: f32;
-        /// Σ over pairs of Gaussians of their weights times the squared difference of their depths, in the measure of
-        /// 2DGS; 0 where nothing is.
+        /// Returns the distortion: the sum over pairs of Gaussians of their weights times the squared difference of
+        /// their depths, in the measure of 2DGS; 0 where nothing is visible.
         distortion, distortion_mut: f32;
-        /// 1 where a decision is within its margin, else 0.
+        /// Returns 1 where a decision is within its margin, else 0.
         margin, margin_mut: f32;
     }
 
-    /// Gives the planes up, without a copy.
+    /// Returns the planes as owned vectors, without a copy.
     pub fn into_planes(self) -> FramePlanes {
         let (color, first) = self.color.into_memory();
         FramePlanes {
@@ -276,7 +279,7 @@ impl Frame {
         }
     }
 
-    /// Which planes there are.
+    /// Returns the planes that the frame has.
     fn which_planes(&self) -> Planes {
         Planes {
             color: !self.color.is_empty(),
@@ -295,14 +298,14 @@ impl Frame {
         }
     }
 
-    /// All planes, to be written.
+    /// Returns all planes for writing.
     pub fn planes_mut(&mut self) -> PlanesMut<'_> {
         self.background.forget();
         self.planes_and_background().0
     }
 
-    /// All planes, to be written, and where they hold the background alone, for backends that keep both true to each
-    /// other.
+    /// Returns all planes for writing, and the record of squares that contain only background. For backends that update
+    /// both consistently.
     pub fn planes_and_background(&mut self) -> (PlanesMut<'_>, &mut Background) {
         let planes = PlanesMut {
             color: &mut self.color,
@@ -320,7 +323,7 @@ impl Frame {
         (planes, &mut self.background)
     }
 
-    /// Sets size and planes; contents are whatever an empty image has.
+    /// Sets size and planes, and fills the planes like those of an empty image.
     pub fn reset(&mut self, width: u32, height: u32, planes: Planes) {
         let pixels = width as usize * height as usize;
         let count = |wanted: bool| if wanted { pixels } else { 0 };
@@ -343,7 +346,7 @@ impl Frame {
         refill(&mut self.margin, count(planes.margin), 0.0);
     }
 
-    /// Sets size and planes; what the pixels hold is left open, but stays if neither changes. For backends that write
+    /// Sets size and planes. The contents are unspecified, but unchanged if neither changes. For backends that write
     /// every pixel.
     pub fn resize(&mut self, width: u32, height: u32, planes: Planes) {
         let pixels = width as usize * height as usize;
@@ -370,8 +373,8 @@ impl Frame {
 }
 
 impl Frame {
-    /// For backends: finishes the planes that follow from others, when all of these are written. `identity` says what
-    /// the numbers in the plane `index` stand for; it isn't called where that isn't there.
+    /// Computes the planes that follow from others, after all others are written; called by backends. `identity` maps
+    /// the backend's numbers in the plane `index` to identities; it isn't called without that plane.
     pub fn finish(&mut self, view: &View, identity: impl Fn(u32) -> Identity) {
         for at in 0..self.index.len() {
             self.put_identity(at, identity(self.index[at]));
@@ -379,8 +382,8 @@ impl Frame {
         self.locate(view);
     }
 
-    /// For backends that don't encode colours while they draw: encodes them, if that is asked for, and gives up those
-    /// that aren't asked for.
+    /// Encodes the colours, if requested, and drops them if they weren't requested; called by backends that don't
+    /// encode colours while drawing.
     pub fn encode(&mut self, planes: Planes) {
         if planes.rgba8 {
             for (encoded, color) in self.rgba8.iter_mut().zip(&*self.color) {
@@ -390,14 +393,14 @@ impl Frame {
         }
     }
 
-    /// For backends: gives up colours that only encoded ones were made of.
+    /// Drops colours that were needed only for encoding; called by backends.
     pub fn drop_color(&mut self, planes: Planes) {
         if !planes.color {
             self.color.resize(0);
         }
     }
 
-    /// For backends: says what is nearest in a pixel, if that is asked for.
+    /// Writes the identity of the nearest surface in a pixel, if requested; called by backends.
     pub fn put_identity(&mut self, at: usize, found: Identity) {
         let planes = [(&mut self.index, found.row), (&mut self.object, found.object), (&mut self.label, found.label)];
         for (plane, value) in planes {
@@ -407,7 +410,7 @@ impl Frame {
         }
     }
 
-    /// For backends: fills the plane of positions, if there is one, by depths.
+    /// Computes the plane of positions from depths, if requested; called by backends.
     pub fn locate(&mut self, view: &View) {
         let width = (self.width as usize).max(1);
         for (at, (position, z)) in self.position.iter_mut().zip(&self.depth).enumerate() {
@@ -417,11 +420,11 @@ impl Frame {
     }
 }
 
-/// Zeros that come from the system are written by nobody: whoever writes the pixels then meets fresh pages, on all
-/// threads.
+/// Resizes a plane. A new one is made of zeros from the system, whose pages are first touched when the pixels are
+/// written, on all threads.
 fn resize<T: Clone>(plane: &mut Vec<T>, count: usize, zero: T) {
     if plane.capacity() < count {
-        // The old goes first.
+        // The old memory is freed first.
         *plane = Vec::new();
         *plane = vec![zero; count];
     } else {

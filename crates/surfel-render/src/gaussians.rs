@@ -1,4 +1,4 @@
-//! A cloud of Gaussians as a view sees it: what backends that draw them start from.
+//! Gaussians in a view: the starting point of backends that draw them.
 
 use crate::{FramePlan, SplatFilter, View};
 use glam::{DAffine3, DVec3};
@@ -6,11 +6,11 @@ use surfel_math::gaussian::{self, GaussianRules, ProjectedGaussian, ViewGaussian
 use surfel_math::{V3, projection::Projection};
 use surfel_model::{Filter, GaussianCloud, GaussianKind, Sort};
 
-/// A cloud of Gaussians before a camera.
+/// A cloud of Gaussians in a view.
 pub struct GaussianView<'a> {
     cloud: &'a GaussianCloud,
     view_from_object: DAffine3,
-    /// The eye in object space; in orthographic views the direction in which it looks.
+    /// Eye in object space; for orthographic views, the viewing direction.
     eye: DVec3,
     projection: Projection,
     size_px: [f64; 2],
@@ -22,7 +22,7 @@ fn v3(v: DVec3) -> V3<f64> {
 }
 
 impl<'a> GaussianView<'a> {
-    /// An object's Gaussians in a view.
+    /// Prepares an object's Gaussians for a view.
     pub fn new(cloud: &'a GaussianCloud, world_from_object: &DAffine3, (view, plan): (&View, &FramePlan)) -> Self {
         let view_from_world = DAffine3::from_mat3(view.view_from_world) * DAffine3::from_translation(-view.eye);
         let object_from_world = world_from_object.inverse();
@@ -44,12 +44,12 @@ impl<'a> GaussianView<'a> {
         }
     }
 
-    /// Depth of a centre: the same bits whoever asks.
+    /// Returns the depth of a centre, with the same bits for all callers.
     pub fn depth(&self, i: usize) -> f64 {
         self.view_from_object.transform_point3(self.cloud.center(i)).z
     }
 
-    /// What the view shows of Gaussian `i`; `None` for nothing.
+    /// Projects Gaussian `i`; `None` if it isn't visible.
     pub fn project(&self, i: usize) -> Option<ProjectedGaussian> {
         let view_gaussian = ViewGaussian {
             center: v3(self.view_from_object.transform_point3(self.cloud.center(i))),
@@ -61,7 +61,7 @@ impl<'a> GaussianView<'a> {
         view_gaussian.project(&self.projection, self.size_px, &self.rules)
     }
 
-    /// The colour of Gaussian `i` as seen from the eye, in the cloud's own colour space.
+    /// Returns the colour of Gaussian `i` as seen from the eye, in the cloud's own colour space.
     pub fn color(&self, i: usize) -> [f64; 3] {
         let direction = match self.projection.is_perspective() {
             true => self.cloud.center(i) - self.eye,

@@ -1,10 +1,10 @@
-//! The contract that every Surfel backend keeps: what it is given ([`View`], [`Settings`]), what it must do
-//! ([`plan()`]), and what it gives back ([`Frame`], [`Stats`], [`RenderError`]).
+//! Interface of all Surfel backends: inputs ([`View`], [`Settings`]), instructions ([`plan()`]) and outputs ([`Frame`],
+//! [`Stats`], [`RenderError`]).
 //!
 //! Data flows one way: scene → plan → passes → frame. Every per-frame decision is made once, in [`plan()`]; backends
 //! execute it and decide nothing.
 //!
-//! Feature `save`: frames save themselves as PNG and EXR.
+//! The feature `save` adds methods that write frames as PNG and EXR.
 
 mod background;
 mod color_plane;

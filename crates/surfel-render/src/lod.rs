@@ -1,4 +1,5 @@
-//! Which parts of an octree a view needs, as splats or as polygons (§6, after G06 §5.2), and which levels of points.
+//! Selection of the parts of an octree that a view needs, as splats or polygons (§6, after G06 §5.2), and of LOD nodes
+//! of points.
 
 mod enough;
 mod sight;
@@ -13,53 +14,53 @@ use std::ops::Range;
 use surfel_math::basis::unit;
 use surfel_model::{Cull, Octree, OctreeNode};
 
-/// What of an octree is drawn.
+/// Selected parts of an octree.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Selection {
-    /// Splats, as ranges of its cloud in ascending order.
+    /// Selected splats, as ranges of the octree's cloud in ascending order.
     pub splats: Vec<Range<u32>>,
-    /// Polygons, as ranges of its mesh's triangles in ascending order.
+    /// Selected polygons, as ranges of the mesh's triangles in ascending order.
     pub triangles: Vec<Range<u32>>,
 }
 
 impl Selection {
-    /// True if splat `i` of the cloud is drawn.
+    /// True if splat `i` of the cloud is selected.
     pub fn has_splat(&self, i: u32) -> bool {
         holds(&self.splats, i)
     }
 
-    /// True if triangle `i` of the mesh is drawn.
+    /// True if triangle `i` of the mesh is selected.
     pub fn has_triangle(&self, i: u32) -> bool {
         holds(&self.triangles, i)
     }
 }
 
-/// True if one of the ranges, which ascend, holds `i`.
+/// True if one of the ranges, which must ascend, contains `i`.
 fn holds(ranges: &[Range<u32>], i: u32) -> bool {
     let after = ranges.partition_point(|range| range.end <= i);
     ranges.get(after).is_some_and(|range| range.contains(&i))
 }
 
-/// How a leaf is drawn.
+/// Method by which a leaf is drawn.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Drawn {
-    /// Not at all.
+    /// The leaf is culled.
     Culled,
-    /// By its own splats.
+    /// The leaf's own splats are drawn.
     Splats,
-    /// By the splats of a node above it.
+    /// The splats of an ancestor are drawn.
     Above,
-    /// By its polygons.
+    /// The leaf's polygons are drawn.
     Polygons,
 }
 
-/// Chooses the coarsest nodes whose splats are no larger than `error_px` pixels, and where those of a leaf are, its
-/// polygons.
+/// Selects the coarsest nodes whose splats are no larger than `error_px` pixels, and polygons where the splats of a
+/// leaf are larger.
 ///
-/// Nodes outside of the image are left out, whatever region of it is drawn, and with [`Cull::Back`] those that face
-/// away as a whole. A transition's splats are drawn once if either of its leaves is drawn by its own splats, or one as
-/// polygons and the other by splats of a node above; between two leaves under such nodes none are missing (ours: G06
-/// draws them too).
+/// Nodes outside the image are skipped, whatever region of it is drawn; with [`Cull::Back`], so are nodes that face
+/// away completely. A transition's splats are drawn, once, in two cases. Either one of its leaves is drawn by its own
+/// splats, or one leaf is drawn as polygons and the other by an ancestor's splats. Two leaves drawn by ancestors need
+/// no transition (our own rule: G06 draws it too).
 pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &View, error_px: f64) -> Selection {
     let nodes = octree.nodes();
     let eye = Eye::new(world_from_object, cull, view);
@@ -96,7 +97,7 @@ pub fn select(octree: &Octree, world_from_object: &DAffine3, cull: Cull, view: &
     selection
 }
 
-/// Marks the leaves that a node's splats stand for.
+/// Marks the leaves that a node's splats represent.
 fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     let mut open = vec![root];
     while let Some(i) = open.pop() {
@@ -106,8 +107,7 @@ fn cover(nodes: &[OctreeNode], root: u32, drawn: &mut [Drawn]) {
     }
 }
 
-/// How far outside of a view parts are still drawn, in pixels: a filter reaches a pixel or so past a splat's own
-/// extent.
+/// Distance outside a view, in pixels, within which parts are still drawn: a filter extends a splat by about a pixel.
 const MARGIN_PX: f64 = 2.0;
 
 /// A view of an object.
@@ -115,20 +115,21 @@ struct Eye<'a> {
     world_from_object: &'a DAffine3,
     view: &'a View,
     cull: Cull,
-    /// Greatest factor by which a length grows from object to world.
+    /// Largest factor by which a length grows from object to world.
     scale: f64,
-    /// True if normals keep their angles: rotation, uniform scale, no mirror.
+    /// True if normals preserve their angles: rotation, uniform scale, no mirror.
     conformal: bool,
-    /// Inward normals of the view's side planes, in view space, and their distance from the eye.
+    /// Inward normals of the view's side planes, in view space, and the planes' distances from the eye.
     sides: [(DVec3, f64); 4],
-    /// The object's axes in view space.
+    /// Axes of the object in view space.
     axes: [DVec3; 3],
 }
 
 impl<'a> Eye<'a> {
     fn new(world_from_object: &'a DAffine3, cull: Cull, view: &'a View) -> Self {
         let m = world_from_object.matrix3;
-        // The largest column sum bounds the largest singular value from above within √3; exact for similarities.
+        // The root of the sum of squared columns is an upper bound of the largest singular value, within √3;
+        // similarities are exact.
         let gram = m.transpose() * m;
         let columns = [gram.x_axis.x, gram.y_axis.y, gram.z_axis.z];
         let mean = columns.iter().sum::<f64>() / 3.0;
@@ -138,7 +139,7 @@ impl<'a> Eye<'a> {
             && m.determinant() > 0.0;
         let scale = if conformal { mean.sqrt() } else { columns.iter().sum::<f64>().sqrt() };
         let p = &view.projection;
-        // Those of the whole image, so that a region of it has the same parts, and the same shadows.
+        // The sides of the whole image, so that a region of it has the same parts and the same shadows.
         let [width, height] = view.size.map(f64::from);
         let slope = |pixel: f64, axis: usize| (pixel - p.principal_px[axis]) / p.focal_px[axis];
         let side = |axis: DVec3, at: f64| match p.is_perspective() {
@@ -156,18 +157,18 @@ impl<'a> Eye<'a> {
         Self { world_from_object, view, cull, scale, conformal, sides, axes }
     }
 
-    /// View position of an object's point.
+    /// Returns the view-space position of a point of the object.
     fn at(&self, p: DVec3) -> DVec3 {
         self.view.view_from_world * (self.world_from_object.transform_point3(p) - self.view.eye)
     }
 
-    /// False if no part of a sphere can show.
+    /// False if no part of a sphere can be visible.
     fn sees(&self, center: DVec3, radius: f64) -> bool {
         self.sees_around((center, radius), MARGIN_PX, |_| 0.0)
     }
 
-    /// False if nothing can show that is within a radius, and so many pixels, of a body, which reaches so far from its
-    /// centre along a direction in view space.
+    /// False if nothing within `radius`, and a number of pixels, of a body can be visible. `reach` returns the body's
+    /// extent from its centre along a direction in view space.
     fn sees_around(&self, (center, radius): (DVec3, f64), margin_px: f64, reach: impl Fn(DVec3) -> f64) -> bool {
         let (p, radius) = (self.at(center), radius * self.scale);
         let projection = &self.view.projection;
@@ -179,12 +180,12 @@ impl<'a> Eye<'a> {
         !self.sides.iter().any(|(normal, distance)| normal.dot(p) - distance < -margin - reach(*normal))
     }
 
-    /// How far a cube along the object's axes reaches from its centre along a direction in view space.
+    /// Returns the extent of a cube along the object's axes from its centre, along a direction in view space.
     fn cube_reach(&self, half: f64, direction: DVec3) -> f64 {
         half * self.axes.iter().map(|axis| axis.dot(direction).abs()).sum::<f64>()
     }
 
-    /// True if a node is left out because all of it faces away.
+    /// True if a node is culled because all of it faces away.
     fn sees_back_of(&self, center: DVec3, node: &OctreeNode) -> bool {
         let (p, radius) = (self.at(center), node.radius * self.scale);
         self.cull == Cull::Back && self.conformal && self.faces_away(p, radius, node)
@@ -203,19 +204,19 @@ impl<'a> Eye<'a> {
         apart + node.cone_cosine.clamp(-1.0, 1.0).acos() + spread < std::f64::consts::FRAC_PI_2
     }
 
-    /// Size of a pixel at depth z, world units.
+    /// Returns the size of a pixel at depth z, in world units.
     fn pixel_size(&self, z: f64) -> f64 {
         let p = &self.view.projection;
         let focal = p.focal_px[0].min(p.focal_px[1]);
         if p.is_perspective() { z.max(p.near) / focal } else { 1.0 / focal }
     }
 
-    /// Pixels that a length measures where a sphere is nearest.
+    /// Returns the size in pixels of a length at the nearest point of a sphere.
     fn size_px(&self, center: DVec3, radius: f64, length: f64) -> f64 {
         self.size_at(self.at(center).z - radius * self.scale, length)
     }
 
-    /// Pixels that a length measures at a depth, or where that is before the near plane, there.
+    /// Returns the size in pixels of a length at a depth, but not nearer than the near plane.
     fn size_at(&self, z: f64, length: f64) -> f64 {
         let focal = self.view.projection.focal_px[0].max(self.view.projection.focal_px[1]);
         let nearest = z.max(self.view.projection.near);
@@ -224,19 +225,19 @@ impl<'a> Eye<'a> {
     }
 }
 
-/// How large the lengths of an object are in a view, wherever they are.
+/// Size in pixels of an object's lengths in a view, at any position.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Magnification {
-    /// Gradient of depth in object space, and the depth of its origin.
+    /// Gradient of depth in object space, and the depth of the object's origin.
     depth: (DVec3, f64),
     near: f64,
-    /// Pixels of a unit at depth 1, or anywhere.
+    /// Size in pixels of a unit at depth 1 (perspective), or at any depth (orthographic).
     factor: f64,
     is_perspective: bool,
 }
 
 impl Magnification {
-    /// Of an object in a view.
+    /// Computes the magnification of an object in a view.
     pub fn new(world_from_object: &DAffine3, view: &View) -> Self {
         let eye = Eye::new(world_from_object, Cull::None, view);
         let projection = &view.projection;
@@ -245,12 +246,12 @@ impl Magnification {
         Self { depth, near: projection.near, factor, is_perspective: projection.is_perspective() }
     }
 
-    /// Pixels that a unit of the object measures at a point; before the near plane, as there.
+    /// Returns the size in pixels of a unit of the object at a point, but not nearer than the near plane.
     pub fn at(&self, point: DVec3) -> f64 {
         self.at_depth(self.depth.0.dot(point) + self.depth.1)
     }
 
-    /// The least of that in a cube along the object's axes.
+    /// Returns the smallest magnification in a cube along the object's axes.
     pub fn least_in(&self, center: DVec3, half: f64) -> f64 {
         self.at_depth(self.depth.0.dot(center) + self.depth.1 + half * self.depth.0.abs().element_sum())
     }
@@ -260,57 +261,57 @@ impl Magnification {
     }
 }
 
-/// A node of points that come in levels: those of a node and of all above it are its part of the cloud.
+/// LOD node of a point cloud. Together with those of its ancestors, its points make up its part of the cloud.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LevelNode {
-    /// Centre of a cube around its points, along the axes of object space.
+    /// Centre of a cube around the node's points, along the axes of object space.
     pub center: DVec3,
-    /// Half of the cube's side, object units.
+    /// Half of the cube's side, in object units.
     pub half: f64,
-    /// Radius of splats that close its level, object units; half of that of the level above.
+    /// Radius of splats that cover the surface at this level, in object units; half of the parent level's radius.
     pub splat_radius: f64,
-    /// Its own points.
+    /// Number of the node's own points.
     pub points: u64,
-    /// Its parts, as indices of nodes, all after it.
+    /// Children, as indices of later nodes.
     pub children: Range<u32>,
 }
 
-/// What is drawn of points that come in levels.
+/// Selection of LOD nodes of a point cloud.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct LevelSelection {
-    /// Nodes in ascending order; with each those above it.
+    /// Selected nodes in ascending order; the ancestors of each are selected too.
     pub nodes: Vec<u32>,
-    /// Their points.
+    /// Number of points of the selected nodes.
     pub points: u64,
-    /// The largest such radius, in pixels, where finer nodes are missing that are in sight.
+    /// Largest splat radius, in pixels, where visible finer nodes are not selected.
     pub error_px: f64,
-    /// Why it may be larger than what was asked for.
+    /// Stop reason, which explains why the error may exceed the requested one.
     pub end: LevelEnd,
 }
 
-/// What ends a choice of levels.
+/// Stop reason of a selection of LOD nodes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum LevelEnd {
-    /// All splats are as small as they are asked to be.
+    /// All splats are as small as requested.
     #[default]
     Error,
-    /// There are as many points as there may be.
+    /// The point budget is used up.
     Points,
-    /// There are so many points a pixel that more would hardly show.
+    /// There are so many points per pixel that more would be barely visible.
     Enough,
 }
 
-/// How much nearer a view comes, as a power of two, while a level comes in: a longer way changes less from one picture
-/// to the next, and draws larger splats.
+/// Decrease of the viewing distance, in octaves, during which a level fades in. A longer fade changes less from one
+/// image to the next, and draws larger splats.
 pub const FADE_OCTAVES: f64 = 0.5;
 
-/// How far outside of a view nodes are still drawn, in radii of the level above: so that the splats at its rim have
-/// their neighbours.
+/// Distance outside a view, in radii of the parent level, within which nodes are still drawn, so that the splats at the
+/// view's border have their neighbours.
 const RIM: f64 = 4.0;
 
-/// Chooses the nodes that views need: the root, and of each node chosen whose splats are larger than `error_px`, where
-/// they are nearest, the parts in sight. What is largest comes first, until there are `most_points`, or as many as show
-/// ([`LevelEnd::Enough`]); the root is always drawn.
+/// Selects the nodes that views need: the root, and the visible children of each selected node whose splats are larger
+/// than `error_px` at their nearest. The largest nodes come first, until there are `most_points` points, or until more
+/// points would be barely visible ([`LevelEnd::Enough`]). The root is always selected.
 pub fn select_levels(
     nodes: &[LevelNode],
     world_from_object: &DAffine3,
@@ -319,7 +320,7 @@ pub fn select_levels(
     most_points: u64,
 ) -> LevelSelection {
     let eyes: Vec<Eye<'_>> = views.iter().map(|view| Eye::new(world_from_object, Cull::None, view)).collect();
-    // Pixels of the splats that are drawn where a node isn't; none where it is out of sight.
+    // Size in pixels of the splats drawn in place of an unselected node; 0 if the node is outside all views.
     let without = |node: &LevelNode| {
         let coarser = 2.0 * node.splat_radius;
         let size_px = |eye: &Eye<'_>| {
@@ -354,7 +355,7 @@ pub fn select_levels(
     let left = open.into_sorted_vec().into_iter().rev();
     sizes.extend(left.filter_map(|wanted| Some((wanted.size_px, nodes.get(wanted.node as usize)?))));
     if let Some(enough_px) = Enough::error_px(&eyes, &sizes, (error_px, least_px)) {
-        // None is smaller than its parts.
+        // No node is smaller than its children.
         let taken = sizes.partition_point(|(size_px, _)| *size_px > enough_px);
         selection.nodes.truncate(taken);
         selection.points = sizes[..taken].iter().fold(0, |sum, (_, node)| node.points.saturating_add(sum));
@@ -364,7 +365,7 @@ pub fn select_levels(
     selection
 }
 
-/// A node that is to be chosen: the largest error first, then the first.
+/// Node to be selected; the largest error comes first, then the lowest index.
 struct Wanted {
     size_px: f64,
     node: u32,
@@ -395,14 +396,14 @@ mod tests {
     use super::*;
     use surfel_model::Camera;
 
-    /// A square of 16 x 16 cells of the size 1 about the origin, four levels of nodes, 100 points each.
+    /// Returns a square of 16 x 16 cells of size 1 around the origin, with levels of nodes of 100 points each.
     fn square() -> Vec<LevelNode> {
         let mut nodes = Vec::new();
         for level in 0..5_u32 {
             let (cells, side) = (1_u32 << level, 16.0 / f64::from(1_u32 << level));
             let first = nodes.len() as u32 + cells * cells;
             for i in 0..cells * cells {
-                // In Morton order, as children must follow one another.
+                // In Morton order, because children must be consecutive.
                 let bit = |k: u32, shift: u32| (i >> (2 * k + shift) & 1) << k;
                 let at = |shift| (0..level).map(|k| bit(k, shift)).sum::<u32>();
                 let middle = |c: u32| (f64::from(c) + 0.5) * side - 8.0;
@@ -484,7 +485,7 @@ mod tests {
         };
         let (mut seen, mut left_out) = (0, 0);
         for round in 0..1000 {
-            // From parts of a micrometre to the size of the Earth.
+            // Sizes from fractions of a micrometre to the size of the Earth.
             let unit = [1.0, 1e-6, 1e7][round % 3];
             let place = |next: &mut dyn FnMut(f64, f64) -> f64| DVec3::from([(); 3].map(|()| next(-9.0, 9.0) * unit));
             let (eye, target) = (place(&mut next), place(&mut next));
@@ -512,7 +513,7 @@ mod tests {
             for (found, z) in
                 [(magnification.at(center), eye.at(center).z), (magnification.least_in(center, half), farthest)]
             {
-                // A depth's rounding is that of the near plane times its distance over it, 40 over 0.01.
+                // A depth's rounding is that of the distance relative to the near plane, 40 over 0.01.
                 assert!((found / exact(z) - 1.0).abs() < 1e-13 * 4000.0, "{round}: {found} {}", exact(z));
             }
             let sees = eye.sees_around((center, 0.0), MARGIN_PX, |direction| eye.cube_reach(half, direction));
@@ -526,7 +527,7 @@ mod tests {
             });
             assert!(sees || !shows, "{round}");
             seen += u32::from(sees);
-            // The sphere around a cube sees more.
+            // The sphere around a cube is visible more often.
             left_out += u32::from(!sees && eye.sees(center, half * 3_f64.sqrt()));
         }
         assert!(seen > 200 && left_out > 15, "{seen} {left_out}");

@@ -1,9 +1,9 @@
-//! What each shader needs, in one table: a new shader gets a line here, and a plan has what it asks for and no more.
+//! Table of the needs of each shader. A new shader gets a line here, and a plan computes what it needs and no more.
 
 use crate::{Feature, Pass};
 use surfel_model::Shader;
 
-/// What a shader reads of a pixel, and the pass that it draws with besides.
+/// Pixel attributes that a shader reads, and the additional pass that it draws with.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct ShaderNeeds {
     /// Albedo.
@@ -12,16 +12,16 @@ pub(crate) struct ShaderNeeds {
     pub normal: bool,
     /// Depth.
     pub depth: bool,
-    /// Lights, shadows and material factors; needs albedo and normal, and depth where light depends on the place.
+    /// Lights, shadows and material factors; requires albedo and normal, and depth where light depends on the position.
     pub lights: bool,
-    /// A pass over all pixels that looks at their neighbours.
+    /// Pass over all pixels that reads their neighbours.
     pub pass: Option<Pass>,
-    /// What a backend says that draws it; `None` where every backend has to.
+    /// Feature that a backend must support to draw the shader; `None` if every backend must draw it.
     pub feature: Option<Feature>,
 }
 
 impl ShaderNeeds {
-    /// The shader's.
+    /// Returns the needs of a shader.
     pub(crate) fn of(shader: Shader) -> Self {
         let none = Self::default();
         let lit = Self { albedo: true, normal: true, lights: true, ..none };
@@ -34,7 +34,7 @@ impl ShaderNeeds {
             Shader::Edl => {
                 Self { albedo: true, depth: true, pass: Some(Pass::EyeDome), feature: Some(Feature::EyeDome), ..none }
             }
-            // Shader::Unlit, and what a model to come may have besides.
+            // Shader::Unlit, and shaders that a later model may add.
             _ => Self { albedo: true, ..none },
         }
     }

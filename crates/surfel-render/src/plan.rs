@@ -1,4 +1,4 @@
-//! Every per-frame decision, made once: which passes, planes and variants a scene needs, and no others.
+//! Planning of a frame: the passes, planes and variants that a scene needs, and no others, decided once.
 
 use crate::needs::ShaderNeeds;
 use crate::{
@@ -11,46 +11,47 @@ use surfel_model::{
     Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, ModelError, Settings, Shader, Sort, Transparency,
 };
 
-/// Samples along a pixel's side, where edges are antialiased by samples (§5): four by four.
+/// Number of samples along a pixel's side if edges are antialiased by samples (§5): four by four.
 pub const SAMPLES_SIDE: u32 = 4;
 
-/// How splats are filtered and mapped.
+/// Filter and mapping of splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SplatFilter {
-    /// The filter; [`Filter::None`] also when the radius is 0.
+    /// Filter; [`Filter::None`] also if the radius is 0.
     pub filter: Filter,
-    /// h, pixels; 0 for no filter.
+    /// Filter radius h, in pixels; 0 without a filter.
     pub radius_px: f64,
     /// Kernel cutoff c.
     pub cutoff: f64,
-    /// Footprints are projective: exact mapping in a perspective projection. Else they are affine.
+    /// True if footprints are projective (exact mapping in a perspective projection), else they are affine.
     pub projective: bool,
-    /// Splats whose centre is nearer than z_near are left out (affine mapping).
+    /// True if splats with a centre nearer than z_near are dropped (affine mapping).
     pub drop_before_near: bool,
-    /// Visibility tolerance.
+    /// Depth tolerance of visibility.
     pub tolerance: Tolerance,
 }
 
 impl SplatFilter {
-    /// How far past its splat, in pixels, a filtered footprint may touch a pixel: that one's near side. Its centre,
-    /// which the footprint has to hold, is half a pixel farther. f32's rounding is included.
+    /// Returns the largest distance, in pixels, of a filtered footprint from its splat to the near side of a pixel that
+    /// it touches. The pixel's centre, which the footprint must contain, is half a pixel farther. Rounding of f32 is
+    /// included.
     ///
-    /// `clamp` by h, and `ewa` by no more than the splat and h together. `principal` lengthens an axis to h where the
-    /// splat is centred, and a slope of up to 1/4 shows it by up to 1/√(1 − 1/16) longer. `adjust` lengthens two axes
-    /// one by one, and if they are shown nearly parallel, an ellipse reaches by √2 times that.
+    /// `clamp` reaches by h, and `ewa` by at most the splat and h together. `principal` lengthens an axis to h at the
+    /// splat's centre, and a slope of up to 1/4 makes it appear longer by up to 1/√(1 − 1/16). `adjust` lengthens two
+    /// axes independently, and if they appear nearly parallel, the ellipse reaches √2 times as far.
     pub fn reach_px(&self) -> f64 {
         let lengthened = match self.filter {
             Filter::None | Filter::Clamp | Filter::Ewa => 1.0,
             Filter::Principal => 1.04,
-            // The largest is safe for any other.
+            // The largest value is safe for any other filter.
             _ => 1.5,
         };
-        // A quarter of a pixel is many times what pixels of the widest image are rounded by.
+        // A quarter of a pixel is many times the rounding of pixel coordinates in the widest image.
         (lengthened * self.radius_px - 0.5 + 0.25).max(0.0)
     }
 }
 
-/// What is accumulated for each pixel besides Σw.
+/// Attributes that are accumulated per pixel in addition to Σw.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Attributes {
     /// Albedo.
@@ -63,12 +64,12 @@ pub struct Attributes {
     pub material: bool,
     /// Coverage q.
     pub coverage: bool,
-    /// Alpha; of transparent splats alone.
+    /// Alpha, for transparent splats only.
     pub alpha: bool,
 }
 
 impl Attributes {
-    /// Numbers that are summed for a pixel, Σw included.
+    /// Returns the number of sums per pixel, with Σw.
     pub fn sums(&self) -> usize {
         let Self { color, normal, depth, material, coverage, alpha } = *self;
         let wide = [(color, 3), (normal, 3), (depth, 1), (material, 4), (coverage, 1), (alpha, 1)];
@@ -76,83 +77,83 @@ impl Attributes {
     }
 }
 
-/// A step of a frame.
+/// Pass of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Pass {
-    /// Visibility from a light: one of the plan's shadow maps (§5).
+    /// Draws visibility from a light into one of the plan's shadow maps (§5).
     ShadowMap,
-    /// The nearest polygon of every pixel that no splat hides, into a target of its own (§6).
+    /// Draws the nearest polygon of every pixel that no splat hides, into a target of its own (§6).
     Polygons,
-    /// Nearest depth plus tolerance of every pixel.
+    /// Draws the nearest depth plus the depth tolerance of every pixel.
     Visibility,
-    /// Weighted sums of attributes.
+    /// Accumulates weighted sums of attributes.
     Attributes,
-    /// Once a pixel: divide and light.
+    /// Divides by Σw and lights, once per pixel.
     Shade,
-    /// What lies behind edge pixels, and its blend by coverage.
+    /// Draws the background behind edge pixels, and blends it by coverage.
     EdgeAntialiasing,
-    /// The nearest splat of every pixel, for the planes `index` and `label`.
+    /// Finds the nearest splat of every pixel, for the planes `index` and `label`.
     Nearest,
-    /// Pixels beside a step of depth, drawn anew as the mean of samples.
+    /// Draws pixels beside a step of depth again, as the mean of samples.
     EdgeSamples,
-    /// Lines where depth steps back from one pixel to the next (§5, `toon`).
+    /// Draws lines where depth steps back from one pixel to the next (§5, `toon`).
     Outlines,
-    /// Darkens what lies deep among its neighbours (§5, `edl`).
+    /// Darkens pixels that are deeper than their neighbours (§5, `edl`).
     EyeDome,
-    /// One layer of transparent splats: visibility behind the layer before it, attributes, shading (§8).
+    /// Draws one layer of transparent splats: visibility behind the previous layer, attributes, shading (§8).
     PeelLayer,
-    /// All transparent fragments behind the layers before, lit per splat and blended into one (§8).
+    /// Blends all transparent fragments behind the previous layers, lit per splat, into one layer (§8).
     RemainingLayer,
-    /// Transparent fragments gathered into surfaces, pixel by pixel (§8).
+    /// Gathers transparent fragments into surfaces, pixel by pixel (§8).
     ABuffer,
-    /// Trained Gaussians, one over another: the whole image (docs/gaussians.md).
+    /// Draws trained Gaussians one over another: the whole image (docs/gaussians.md).
     Gaussians,
 }
 
-/// What is drawn of an object that is an octree.
+/// Selected parts of an object that is an octree.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChosenParts {
     /// Index of the object.
     pub object: usize,
-    /// Its splats and triangles.
+    /// Selected splats and triangles.
     pub selection: Selection,
 }
 
 impl ChosenParts {
-    /// What is drawn of an object, if it is one of the octrees.
+    /// Returns the selection of an object, if the object is one of the octrees.
     pub fn of(octrees: &[Self], object: usize) -> Option<&Selection> {
         octrees.iter().find(|parts| parts.object == object).map(|parts| &parts.selection)
     }
 }
 
-/// What a backend does for one frame. Plain data, no GPU types.
+/// Instructions for a backend to draw one frame. Plain data, without GPU types.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FramePlan {
-    /// Steps in order.
+    /// Passes in order.
     pub passes: Vec<Pass>,
-    /// Filter and mapping.
+    /// Filter and mapping of splats.
     pub splat_filter: SplatFilter,
-    /// How clips are evaluated; [`ClipPolicy::Off`] also where the scene has none.
+    /// Evaluation of clips; [`ClipPolicy::Off`] also if the scene has none.
     pub clip: ClipPolicy,
-    /// What is accumulated.
+    /// Attributes that are accumulated.
     pub attributes: Attributes,
     /// Precision of the sums.
     pub accumulate: Accumulate,
-    /// Splats with an alpha below 1 take no part in the opaque passes; layers of their own draw them, if any do.
+    /// True if splats with an alpha below 1 are excluded from the opaque passes. Layers of their own draw them, if any.
     pub separates_transparent: bool,
-    /// Front- and back-facing splats of oriented clouds are kept apart (§5).
+    /// True if front- and back-facing splats of oriented clouds are blended separately (§5).
     pub keeps_facings: bool,
     /// Shadow maps, in the order of their lights.
     pub shadow_maps: Vec<ShadowMap>,
-    /// What is drawn of each octree, in the order of their objects.
+    /// Selected parts of each octree, in the order of the objects.
     pub octrees: Vec<ChosenParts>,
-    /// Splats of clouds, and those chosen of octrees.
+    /// Number of splats of clouds, and of splats selected from octrees.
     pub splats: u64,
-    /// Most surfaces that [`Pass::ABuffer`] holds in a pixel; 0 without it.
+    /// Maximum number of surfaces per pixel in [`Pass::ABuffer`]; 0 without that pass.
     pub abuffer_surfaces: u32,
-    /// How pixels are shaded.
+    /// Shading of pixels.
     pub shader: Shader,
-    /// In which order [`Pass::Gaussians`] draws.
+    /// Order in which [`Pass::Gaussians`] draws.
     pub sort: Sort,
     /// Planes of the frame.
     pub planes: Planes,
@@ -164,7 +165,7 @@ impl FramePlan {
         self.passes.contains(&pass)
     }
 
-    /// Pixels to each side that a pass looks at, besides a pixel's own.
+    /// Returns the distance, in pixels to each side, at which passes read neighbouring pixels.
     pub fn reach_px(&self) -> u32 {
         let reach = |pass: &Pass| match pass {
             Pass::EdgeAntialiasing | Pass::EdgeSamples | Pass::Outlines => 1,
@@ -174,7 +175,7 @@ impl FramePlan {
         self.passes.iter().map(reach).max().unwrap_or(0)
     }
 
-    /// The plan by which samples of this one's edges are drawn, as pixels of [`View::of_samples`].
+    /// Returns the plan by which samples of this plan's edges are drawn, as pixels of [`View::of_samples`].
     #[must_use]
     pub fn of_samples(&self) -> Self {
         let mut plan = self.clone();
@@ -183,22 +184,22 @@ impl FramePlan {
         plan
     }
 
-    /// What is drawn of an object, by its index, if it is an octree; of others everything is.
+    /// Returns the selected parts of an object, by its index, if it is an octree; other objects are drawn completely.
     pub fn selection_of(&self, object: usize) -> Option<&Selection> {
         ChosenParts::of(&self.octrees, object)
     }
 
-    /// Number of layers of transparent splats that are peeled, the remaining one not included.
+    /// Returns the number of peeled layers of transparent splats, without the remaining layer.
     pub fn peeled_layers(&self) -> usize {
         self.passes.iter().filter(|pass| **pass == Pass::PeelLayer).count()
     }
 }
 
-/// Decides a frame.
+/// Plans a frame.
 ///
 /// # Errors
-/// [`RenderError`] for settings out of range, and for what the scene or the settings need and this version doesn't
-/// draw yet: it is refused rather than drawn wrong.
+/// [`RenderError`] for settings out of range, and for features that this version doesn't support yet: they are rejected
+/// rather than drawn incorrectly.
 pub fn plan(
     summary: &SceneSummary,
     view: &View,
@@ -213,7 +214,7 @@ pub fn plan(
         selection: select(&o.octree, &o.world_from_object, o.cull, view, settings.lod_error_px),
     };
     let octrees: Vec<ChosenParts> = summary.octrees.iter().map(parts).collect();
-    // What isn't chosen asks for nothing: an octree seen as splats alone has no pass for polygons.
+    // Unselected parts need nothing: an octree drawn as splats only has no pass for polygons.
     let chosen = (!octrees.is_empty()).then(|| summary.of_chosen(octrees.iter().map(|parts| &parts.selection)));
     let summary = chosen.as_ref().unwrap_or(summary);
     if let Some(error) = unsupported(summary, settings, planes, capabilities) {
@@ -258,11 +259,11 @@ pub fn plan(
         }
     }
     passes.extend(planes.index.then_some(Pass::Nearest));
-    // They take the whole image's colour, transparent layers included.
+    // Edge samples need the whole image's colour, with transparent layers.
     passes.extend((edges == EdgeAa::Samples).then_some(Pass::EdgeSamples));
     let separates_transparent = transparency != Transparency::Off;
-    // Where a light shines from, and whether anything is in its way, depends on the place; so does which of splats and
-    // polygons shows behind an edge.
+    // The direction of a light and its shadow depend on the position. So does the choice, behind an edge, between
+    // splats and polygons.
     let light_needs_depth = needs.lights && (summary.lights_nearby || !shadow_maps.is_empty());
     let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && splats;
     Ok(FramePlan {
@@ -300,7 +301,7 @@ pub fn plan(
     })
 }
 
-/// The plan of a scene of Gaussians, of which no setting of surfaces has a part; `None` for surfaces.
+/// Plans a scene of Gaussians, which ignores all settings of surfaces; `None` for surfaces.
 fn plan_of_gaussians(
     summary: &SceneSummary,
     settings: &Settings,
@@ -359,15 +360,15 @@ fn plan_of_gaussians(
     }))
 }
 
-/// True if the image needs the clouds' interior weights (§5, coverage): whoever loads a scene estimates them then.
+/// True if the image needs the clouds' interior weights (§5, coverage). Loaders estimate them in that case.
 pub fn needs_interior_weight(summary: &SceneSummary, settings: &Settings) -> bool {
     let abuffer = matches!(settings.transparency, Transparency::ABuffer { .. });
     let coverage = settings.edge_aa == EdgeAa::Coverage;
     coverage || (abuffer && summary.transparent) || (summary.may_have_polygons() && summary.splats > 0)
 }
 
-/// What a scene and its settings need and a backend doesn't draw: the first of it, as an error that says where it is
-/// and what to do; `None` if the backend draws everything.
+/// Returns the first feature that a scene and its settings need and a backend doesn't support, as an error that names
+/// its origin and advice; `None` if the backend supports everything.
 pub fn unsupported(
     summary: &SceneSummary,
     settings: &Settings,
@@ -377,7 +378,7 @@ pub fn unsupported(
     let transparent = summary.transparent.then_some(settings.transparency);
     let shader = ShaderNeeds::of(settings.shader);
     let lit = shader.lights && planes.color;
-    // Settings of surfaces ask nothing of a backend that draws Gaussians.
+    // Settings of surfaces don't matter for Gaussians.
     let of_surfaces = summary.gaussians.is_none();
     let needs = [
         (Feature::Meshes, summary.may_have_polygons()),
@@ -401,7 +402,7 @@ pub fn unsupported(
 /// Shaders that every backend draws.
 const OTHER_SHADERS: &str = "choose unlit, phong, normal or depth";
 
-/// A feature's name in a message, where it comes from, and what to do without it.
+/// Returns a feature's name in a message, its origin, and advice for doing without it.
 fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
     let setting = "is asked for by the settings";
     match feature {
@@ -544,7 +545,7 @@ mod tests {
             plan(&summary, &view(), &settings, planes, &ALL).unwrap()
         };
         let lit = planned(Shader::Phong, Planes::COLOR);
-        // One for the sun, one for a spot, six for one that is too wide.
+        // One map for the sun, one for a spot light, and six for a spot light that is too wide.
         assert_eq!(lit.shadow_maps.iter().map(|m| m.light).collect::<Vec<_>>(), [1, 3, 4, 4, 4, 4, 4, 4]);
         assert_eq!(lit.passes[..8], [Pass::ShadowMap; 8]);
         assert!(lit.attributes.depth);

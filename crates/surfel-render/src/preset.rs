@@ -1,60 +1,60 @@
-//! Named trades of speed for accuracy.
+//! Presets: named trade-offs of speed and accuracy.
 
 use crate::Frame;
 use surfel_model::{Accumulate, EdgeAa, Filter, Mapping, Settings};
 
-/// A named trade of speed for accuracy; sets filter, mapping, cutoff and edge antialiasing.
+/// Named trade-off of speed and accuracy; sets filter, mapping, cutoff and edge antialiasing.
 ///
-/// Chosen from what `cargo xtask tradeoff` measured (docs/accuracy.md). None clamps or has a short kernel, which is
-/// slower than `principal` and no better. Edges are antialiased by samples, which errs least for closed surfaces and
-/// for scans of uneven density.
+/// The presets are chosen by measurements of `cargo xtask tradeoff` (docs/accuracy.md). None uses the filter `clamp` or
+/// a short kernel, which are slower than `principal` and no better. Edges are antialiased by samples, which has the
+/// smallest error for watertight surfaces and for scans of uneven density.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Preset {
     /// Affine footprints without a filter.
     Fastest,
-    /// No filter: splats smaller than pixels alias, and vanish where they are alone.
+    /// No filter: splats smaller than pixels alias, and vanish if they are isolated.
     Fast,
-    /// Filtered, and edges antialiased by samples: the default of bare inputs.
+    /// Filtered splats, and edges antialiased by samples: the default for bare inputs.
     #[default]
     Balanced,
-    /// As `Balanced`: nothing that takes longer errs less on every scene.
+    /// Same as `Balanced`: no slower setting has a smaller error on every scene.
     Quality,
-    /// What the others are held against: as `Quality`, since no setting is better on every scene.
+    /// Baseline of the other presets: same as `Quality`, because no setting is better on every scene.
     Reference,
 }
 
-/// What a preset promises: least PSNR (dB) of linear premultiplied colour, and largest errors of depths and normals,
-/// with splats and sums in 32 bits; tests hold it on every scene of `surfel-conformance` and on every backend
-/// (docs/accuracy.md says how it was measured).
+/// Guaranteed accuracy of a preset: smallest PSNR (dB) of linear premultiplied colour, and largest errors of depths and
+/// normals, with splats and sums in 32 bits. Tests verify it on every scene of `surfel-conformance` and on every
+/// backend (docs/accuracy.md describes the measurement).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Promise {
-    /// Fidelity: a backend's image against the reference's at the same settings, outside of decision margins.
+    /// Fidelity: a backend's image against the reference backend's with the same settings, outside decision margins.
     pub fidelity_db: f64,
-    /// The same for depths: most that the root mean square of their relative differences is.
+    /// Fidelity of depths: largest root mean square of their relative differences.
     pub fidelity_depth: f64,
-    /// The same for normals: most that the root mean square angle is, degrees.
+    /// Fidelity of normals: largest root mean square angle, in degrees.
     pub fidelity_normal_deg: f64,
-    /// Model error: the preset's image against the preset `reference`'s. Infinite where they are the same.
+    /// Model error: the preset's image against that of the preset `reference`. Infinite if both are the same.
     pub model_db: f64,
-    /// The same of pixels inside of surfaces ([`inside_surfaces`]), where nothing is transparent: what is left beside
-    /// rims, loose splats and needles.
+    /// Model error of pixels inside surfaces ([`inside_surfaces`]), if nothing is transparent. It excludes rims,
+    /// isolated splats and needles.
     pub inside_db: f64,
 }
 
-/// Largest step of depth from pixel to pixel within a surface, relative.
+/// Largest relative step of depth between neighbouring pixels of a surface.
 const STEP: f32 = 0.02;
 
-/// Least share of an image's pixels for there to be a surface.
+/// Smallest share of inside pixels in an image that shows a surface.
 const LEAST_SHARE: f64 = 0.05;
 
-/// Pixels inside of surfaces: something is there and at all neighbours, and none of the eight is nearer or farther by
-/// more than a fiftieth. By the depth plane, which the frame has to have. `None` where fewer than one pixel in twenty
-/// is: such an image is of loose splats.
+/// Returns, for each pixel, true if it is inside a surface: the pixel and all eight neighbours have a surface, and no
+/// neighbour's depth differs by more than 1/50. Requires the depth plane. `None` if fewer than one pixel in twenty is
+/// inside: such an image shows isolated splats.
 pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
     let (width, height) = (i64::from(frame.width()), i64::from(frame.height()));
     let depth = |x: i64, y: i64| {
         let is_there = (0..width).contains(&x) && (0..height).contains(&y);
-        // What lies outside of the image says nothing.
+        // Pixels outside the image are ignored.
         is_there.then(|| frame.depth().get((y * width + x) as usize).copied().unwrap_or(f32::INFINITY))
     };
     let is_inside = |i: i64| {
@@ -69,10 +69,10 @@ pub fn inside_surfaces(frame: &Frame) -> Option<Vec<bool>> {
 }
 
 impl Preset {
-    /// All of them, fastest first.
+    /// All presets, fastest first.
     pub const ALL: [Self; 5] = [Self::Fastest, Self::Fast, Self::Balanced, Self::Quality, Self::Reference];
 
-    /// The name used on the command line.
+    /// Returns the name used on the command line.
     pub fn name(self) -> &'static str {
         match self {
             Self::Fastest => "fastest",
@@ -83,17 +83,17 @@ impl Preset {
         }
     }
 
-    /// The first preset that changes nothing of these settings; none where sums may be in 16 bits, which no promise
-    /// covers.
+    /// Returns the first preset that changes nothing in these settings. `None` if sums may be in 16 bits, because no
+    /// promise covers these.
     pub fn of(settings: &Settings) -> Option<Self> {
         let is_whole = settings.accumulate == Accumulate::F32;
         Self::ALL.into_iter().find(|preset| is_whole && preset.apply(*settings) == *settings)
     }
 
-    /// What it promises.
+    /// Returns the accuracy that the preset guarantees.
     pub fn promise(self) -> Promise {
         let (model_db, inside_db) = match self {
-            // Splats across z_near, which the affine mapping leaves out, and large clipped ones.
+            // Splats across z_near, which the affine mapping drops, and large clipped splats.
             Self::Fastest => (10.0, 9.0),
             // Needles, which alias.
             Self::Fast => (12.0, 24.0),
@@ -102,7 +102,7 @@ impl Preset {
         Promise { fidelity_db: 90.0, fidelity_depth: 1e-4, fidelity_normal_deg: 0.01, model_db, inside_db }
     }
 
-    /// Applies the preset's choices to `settings`; shader, tolerance and the rest stay.
+    /// Applies the preset's choices to `settings`; shader, tolerance and other settings don't change.
     pub fn apply(self, settings: Settings) -> Settings {
         let (filter, mapping, edge_aa) = match self {
             Self::Fastest => (Filter::None, Mapping::Affine, EdgeAa::Off),
@@ -136,7 +136,7 @@ mod tests {
         assert!(of(&frame).is_empty());
         frame.depth_mut().fill(2.0);
         assert_eq!(of(&frame).len(), 30, "the image's border is none of the surface");
-        // A hole takes its neighbours along, and so does what is farther by more than a fiftieth.
+        // A hole excludes its neighbours, and so does a pixel that is farther by more than 1/50.
         for depth in [f32::INFINITY, 2.1] {
             frame.depth_mut().fill(2.0);
             frame.depth_mut()[1] = depth;

@@ -1,11 +1,11 @@
-//! What every backend offers.
+//! Interface of all backends.
 
 use crate::{Frame, Planes, RenderError, Stats, View};
 use surfel_model::{Camera, Scene, Settings};
 
 macro_rules! features {
     ($($(#[$doc:meta])* $name:ident,)*) => {
-        /// What only some backends draw.
+        /// Feature that only some backends support.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         #[non_exhaustive]
         pub enum Feature {
@@ -13,7 +13,7 @@ macro_rules! features {
         }
 
         impl Feature {
-            /// All of them.
+            /// All features.
             pub const ALL: &'static [Self] = &[$(Self::$name),*];
         }
     };
@@ -46,59 +46,59 @@ features! {
     Margin,
 }
 
-/// What a backend can do, as far as planning depends on it: all [`Feature`]s but some. A new feature is expected of
-/// every backend until the backend says that it lacks it.
+/// Capabilities of a backend that affect planning: all [`Feature`]s except those it lacks. Every backend must support a
+/// new feature unless it declares that it lacks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Capabilities {
-    /// Name used in messages and on the command line.
+    /// Name of the backend in messages and on the command line.
     pub backend: &'static str,
-    /// What it doesn't draw.
+    /// Features that the backend doesn't support.
     pub lacks: &'static [Feature],
 }
 
 impl Capabilities {
-    /// Those of a backend that draws everything.
+    /// Returns the capabilities of a backend that supports everything.
     pub const fn everything(backend: &'static str) -> Self {
         Self { backend, lacks: &[] }
     }
 
-    /// True if the backend draws this.
+    /// True if the backend supports a feature.
     pub fn has(&self, feature: Feature) -> bool {
         !self.lacks.contains(&feature)
     }
 }
 
-/// How far an upload has come.
+/// Progress of an upload.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct UploadProgress {
-    /// Bytes of splats that the device has.
+    /// Bytes of splats already on the device.
     pub done_bytes: u64,
-    /// Bytes of splats that it will have.
+    /// Total bytes of splats to upload.
     pub total_bytes: u64,
 }
 
-/// Who draws.
+/// Rendering backend and its device.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct RendererInfo {
-    /// Backend name: `reference`, `cpu`, `wgpu`, `ash`.
+    /// Name of the backend: `reference`, `cpu`, `wgpu`, `ash`.
     pub backend: &'static str,
-    /// The device, in its driver's words.
+    /// Name of the device, as its driver reports it.
     pub adapter: String,
     /// Driver name and version.
     pub driver: String,
-    /// Threads that a CPU backend uses; 0 for others.
+    /// Number of threads of a CPU backend; 0 for others.
     pub threads: usize,
-    /// What it can do.
+    /// Capabilities of the backend.
     pub capabilities: Capabilities,
 }
 
-/// Writes `upload` and `render` of [`Renderer`] as methods of a backend's own, so that callers of these two need not
-/// import the trait. For this workspace's crates.
+/// Defines `upload` and `render` of [`Renderer`] as a backend's own methods, so that callers of these two need not
+/// import the trait. Only for this workspace's crates.
 #[doc(hidden)]
 #[macro_export]
 macro_rules! renderer_methods {
     ($scene:ty) => {
-        /// Makes a scene resident.
+        /// Uploads a scene, which stays resident in the backend's memory.
         ///
         /// # Errors
         /// [`RenderError`]($crate::RenderError) if the scene is invalid or can't be drawn by this backend.
@@ -106,13 +106,12 @@ macro_rules! renderer_methods {
             $crate::Renderer::upload(self, scene)
         }
 
-        /// Renders the whole image of a camera: its colour plane.
-        /// [`Renderer::render_into`]($crate::Renderer::render_into) also gives other planes, regions and statistics,
-        /// and reuses a frame's memory.
+        /// Renders the colour plane of a camera's whole image. [`Renderer::render_into`]($crate::Renderer::render_into)
+        /// also renders other planes, regions and statistics, and reuses a frame's memory.
         ///
         /// # Errors
-        /// [`RenderError`]($crate::RenderError) if the camera or settings are out of range or ask for what this backend
-        /// doesn't draw.
+        /// [`RenderError`]($crate::RenderError) if the camera or settings are out of range or need a feature that this
+        /// backend doesn't support.
         pub fn render(
             &mut self,
             scene: &$scene,
@@ -124,24 +123,24 @@ macro_rules! renderer_methods {
     };
 }
 
-/// The methods that every backend's `Renderer` has.
+/// Methods of every backend's `Renderer`.
 pub trait Renderer {
     /// Resident copy of a scene.
     type Scene;
 
-    /// Who draws.
+    /// Returns a description of the backend.
     fn info(&self) -> &RendererInfo;
 
-    /// Makes a scene resident.
+    /// Uploads a scene, which stays resident in the backend's memory.
     ///
     /// # Errors
     /// [`RenderError`] if the scene is invalid or can't be drawn by this backend.
     fn upload(&mut self, scene: &Scene) -> Result<Self::Scene, RenderError>;
 
-    /// As [`Renderer::upload`], and says from time to time how far it has come: of backends that copy to a device.
+    /// Uploads like [`Renderer::upload`], and backends that copy to a device report their progress from time to time.
     ///
     /// # Errors
-    /// As [`Renderer::upload`].
+    /// Same as [`Renderer::upload`].
     fn upload_reporting(
         &mut self,
         scene: &Scene,
@@ -150,21 +149,21 @@ pub trait Renderer {
         self.upload(scene)
     }
 
-    /// Renders the whole image of a camera: its colour plane. [`Renderer::render_into`] also gives other planes,
-    /// regions and statistics, and reuses a frame's memory.
+    /// Renders the colour plane of a camera's whole image. [`Renderer::render_into`] also renders other planes, regions
+    /// and statistics, and reuses a frame's memory.
     ///
     /// # Errors
-    /// [`RenderError`] if the camera or settings are out of range or ask for what this backend doesn't draw.
+    /// [`RenderError`] if the camera or settings are out of range or need a feature that this backend doesn't support.
     fn render(&mut self, scene: &Self::Scene, camera: &Camera, settings: &Settings) -> Result<Frame, RenderError> {
         let mut frame = Frame::default();
         self.render_into(scene, &View::new(camera)?, settings, Planes::COLOR, &mut frame)?;
         Ok(frame)
     }
 
-    /// Renders `planes` of the view's region into `frame`, whose memory is used again.
+    /// Renders `planes` of the view's region into `frame`, whose memory is reused.
     ///
     /// # Errors
-    /// [`RenderError`] if settings are out of range or ask for what this backend doesn't draw.
+    /// [`RenderError`] if settings are out of range or need a feature that this backend doesn't support.
     fn render_into(
         &mut self,
         scene: &Self::Scene,

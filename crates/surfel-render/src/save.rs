@@ -1,30 +1,31 @@
-//! Frames as files.
+//! Writing of frames to files.
 
 use crate::Frame;
 use std::path::Path;
-use surfel_io::{ExrOptions, IoError, PlanesView, PngOptions};
+use surfel_files::IoError;
+use surfel_images::{ExrOptions, PlanesView, PngOptions};
 
 impl Frame {
-    /// Writes the colours as PNG: sRGB-encoded, 8 bits, straight alpha. A file of that name is overwritten; it
-    /// appears whole or not at all. [`surfel_io::save_png`] also writes 16 bits and metadata.
+    /// Writes the colours as PNG: sRGB-encoded, 8 bits, straight alpha. An existing file is overwritten; the file
+    /// appears whole or not at all. [`surfel_images::save_png`] also writes 16 bits and metadata.
     ///
     /// # Errors
     /// [`IoError`] if there is no colour plane or the file can't be written.
     pub fn save_png(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
-        surfel_io::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
+        surfel_images::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
     }
 
-    /// Writes all planes that there are as OpenEXR: linear, premultiplied, colour in 16 bits and the others in 32. A
-    /// file of that name is overwritten; it appears whole or not at all. [`surfel_io::save_exr`] also writes metadata,
-    /// and colour in 32 bits.
+    /// Writes all planes of the frame as OpenEXR: linear, premultiplied, colour in 16 bits and the others in 32. An
+    /// existing file is overwritten; the file appears whole or not at all. [`surfel_images::save_exr`] also writes
+    /// metadata, and colour in 32 bits.
     ///
     /// # Errors
     /// [`IoError`] if the frame has no plane or the file can't be written.
     pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
-        surfel_io::save_exr(path.as_ref(), true, &self.planes(), &ExrOptions::default())
+        surfel_images::save_exr(path.as_ref(), true, &self.planes(), &ExrOptions::default())
     }
 
-    /// Borrows the planes that there are, as [`surfel_io`] writes them.
+    /// Borrows the frame's planes in the form that [`surfel_images`] writes.
     pub fn planes(&self) -> PlanesView<'_> {
         fn there<T>(plane: &[T]) -> Option<&[T]> {
             (!plane.is_empty()).then_some(plane)
@@ -62,12 +63,12 @@ mod tests {
         frame.reset(3, 2, Planes::COLOR.with_depth(true));
         frame.color_mut()[4] = [1.0, 0.0, 1.0, 1.0];
         frame.depth_mut()[4] = 2.5;
-        // The second time over the first.
+        // The second write overwrites the first.
         for _ in 0..2 {
             frame.save_png(&png).unwrap();
             frame.save_exr(&exr).unwrap();
         }
-        let (flat, whole) = (surfel_io::read_image(&png).unwrap(), surfel_io::read_image(&exr).unwrap());
+        let (flat, whole) = (surfel_images::read_image(&png).unwrap(), surfel_images::read_image(&exr).unwrap());
         assert_eq!((flat.width, flat.height, flat.color.unwrap()[4]), (3, 2, [1.0, 0.0, 1.0, 1.0]));
         assert_eq!((whole.depth.unwrap()[4], whole.normal), (2.5, None));
         frame.reset(3, 2, Planes::COLOR.with_color(false));

@@ -1,4 +1,4 @@
-//! Shadow maps (§5): which lights cast, what they must see, and the views they see it in.
+//! Shadow maps (§5): the lights that cast shadows, the bounds of their scene, and the maps' views.
 
 use crate::{Region, SplatFilter, View};
 use glam::{DAffine3, DMat3, DVec3};
@@ -7,47 +7,48 @@ use surfel_math::depth::Tolerance;
 use surfel_math::projection::{Projection, ProjectionKind};
 use surfel_model::{Filter, Geometry, Light, Mesh, Scene, SplatCloud};
 
-/// Texels on a side of a shadow map.
+/// Number of texels along each side of a shadow map.
 pub const SHADOW_MAP_SIDE: u32 = 1024;
 
-/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/shadows.rs`): of the light that
-/// falls on surfaces that face it, k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, 1 at most 8·10⁻⁵; none lets light into
-/// the shadow.
+/// Bias of a shadow map: k of §5's ε. Measured on a ball over a floor (`tests/tests/shadows.rs`) as the loss of light
+/// on surfaces that face the light. k = 0 loses 7–15 %, ¼ 2–4·10⁻⁴, ½ 0.1–2·10⁻⁴, and 1 at most 8·10⁻⁵. None of them
+/// lets light into the shadow.
 pub const SHADOW_BIAS_RADII: f64 = 1.0;
 
-/// Half-angle up to which a spot light has one map, degrees; beyond, six that look all around.
+/// Largest half-angle of a spot light with one map, in degrees; a wider light has six maps in all directions.
 const WIDEST_SINGLE_MAP_DEG: f64 = 60.0;
 
-/// Least half-angle of a map, degrees: a narrower cone lights nothing that can be seen, but a map needs a width.
+/// Smallest half-angle of a map, in degrees: a narrower cone lights nothing visible, but a map needs a width.
 const NARROWEST_MAP_DEG: f64 = 0.05;
 
-/// Texels beyond a cube's face that its map sees too, for filtering across its edges.
+/// Number of texels beyond a cube's face in its map, for filtering across the edges.
 const CUBE_BORDER_TEXELS: f64 = 3.0;
 
-/// The lights of a scene that cast shadows, and all that they can fall on.
+/// Lights of a scene that cast shadows, and the bounds of everything that shadows can fall on.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowScene {
-    /// Index into the scene's lights, and the light.
+    /// Lights, with their indices in the scene.
     pub lights: Vec<(usize, Light)>,
     /// Centre of a sphere around every splat and polygon, world space.
     pub center: DVec3,
-    /// Its radius, greater than 0.
+    /// Radius of the sphere, greater than 0.
     pub radius: f64,
 }
 
-/// A view from a light, for visibility alone.
+/// View from a light, for visibility only.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ShadowMap {
-    /// Index into the scene's lights.
+    /// Index of the light in the scene.
     pub light: usize,
-    /// What it sees; its region is the whole map.
+    /// View of the map; its region is the whole map.
     pub view: View,
-    /// How its splats are drawn: exact and unfiltered, with the map's own tolerance for bias.
+    /// Filter of the map's splats: exact and unfiltered, with the map's own tolerance as bias.
     pub splat_filter: SplatFilter,
 }
 
 impl ShadowScene {
-    /// `None` if no light casts a shadow, or there is nothing that could.
+    /// Collects the lights that cast shadows and the bounds of the scene; `None` if no light casts a shadow, or if the
+    /// scene is empty.
     pub fn of(scene: &Scene) -> Option<Self> {
         let lights: Vec<(usize, Light)> =
             scene.lights.iter().flatten().cloned().enumerate().filter(|(_, light)| light.casts_shadow()).collect();
@@ -61,7 +62,7 @@ impl ShadowScene {
         (radius > 0.0 && radius.is_finite()).then_some(Self { lights, center, radius })
     }
 
-    /// The maps of every light.
+    /// Returns the maps of all lights.
     pub fn maps(&self, cutoff: f64) -> Vec<ShadowMap> {
         self.lights.iter().flat_map(|(i, light)| self.maps_of(*i, light, cutoff)).collect()
     }
@@ -90,7 +91,7 @@ impl ShadowScene {
         match light {
             Light::Directional { direction, shadow: true, .. } => {
                 let forward = unit(DVec3::from(*direction));
-                // The scene's sphere with two texels to spare, between depths of 0.1 and 2.1 radii.
+                // The scene's sphere with a margin of two texels, between depths of 0.1 and 2.1 radii.
                 let height = 2.0 * r * side / (side - 4.0);
                 let kind = ProjectionKind::Orthographic { height, far: 2.2 * r };
                 vec![map(self.center - forward * (1.1 * r), forward, kind, side / height, 0.05 * r)]
@@ -99,7 +100,7 @@ impl ShadowScene {
                 let position = DVec3::from(*position);
                 let forward = unit(DVec3::from(*direction));
                 let farthest = (self.center - position).length() + r;
-                // Depth is kept as a float: a thousandth of the range is near enough to the light.
+                // Depth is stored as a float: a near plane at a thousandth of the range is close enough to the light.
                 let near = 1e-3 * farthest;
                 let perspective = |forward, focal| map(position, forward, ProjectionKind::Perspective, focal, near);
                 if *outer_deg <= WIDEST_SINGLE_MAP_DEG {
@@ -115,13 +116,13 @@ impl ShadowScene {
     }
 }
 
-/// Rotation from world to the axes of a view along `forward`, turned about it in some way.
+/// Returns the rotation from world to the axes of a view along `forward`, with an arbitrary roll.
 fn looking(forward: DVec3) -> DMat3 {
     let (right, down) = orthonormal(forward);
     DMat3::from_cols(right, down, forward).transpose()
 }
 
-/// Box of everything, world space.
+/// Returns the bounding box of all objects, in world space.
 fn bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     let mut bounds: Option<(DVec3, DVec3)> = None;
     for_extents(scene, |p, r| {
@@ -131,15 +132,15 @@ fn bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     bounds
 }
 
-/// Calls `each` with the world position and radius of every splat and vertex: of an octree, of those that no view has
-/// chosen too, so that the maps don't move with what is chosen.
+/// Calls `each` with the world position and radius of every splat and vertex. Unselected parts of an octree are
+/// included, so that the maps don't change with the selection.
 fn for_extents(scene: &Scene, mut each: impl FnMut(DVec3, f64)) {
     for object in &scene.objects {
         let m = &object.world_from_object;
         match &object.geometry {
             Geometry::Splats(cloud) => for_splats(cloud, m, &mut each),
             Geometry::Mesh(mesh) => for_vertices(mesh, m, &mut each),
-            // They cast and take no shadow.
+            // Gaussians neither cast nor receive shadows.
             Geometry::Gaussians(_) => {}
             Geometry::Octree(octree) => {
                 for_splats(octree.cloud(), m, &mut each);

@@ -1,36 +1,36 @@
-//! What a render cost.
+//! Statistics of a render.
 
-/// Time of one stage.
+/// Duration of one stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PassTime {
-    /// Its name.
+    /// Name of the stage.
     pub name: &'static str,
-    /// Milliseconds.
+    /// Duration in milliseconds.
     pub ms: f64,
 }
 
-/// Counts and times of one frame. Loading and writing files is never in them.
+/// Counts and durations of one frame, without loading and writing files.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Stats {
-    /// Milliseconds for the whole frame.
+    /// Duration of the whole frame, in milliseconds.
     pub frame_ms: f64,
-    /// Milliseconds by stage.
+    /// Duration of each stage.
     pub passes: Vec<PassTime>,
-    /// Splats of the scene's clouds, and those that the frame chose of its octrees.
+    /// Number of splats of the scene's clouds, and of splats selected from octrees.
     pub splats: u64,
-    /// Splats that were rasterised (not culled).
+    /// Number of splats that were rasterised (not culled).
     pub drawn: u64,
-    /// Fragments that contributed to a pixel; 0 where they aren't counted. CPUs count them, and `fragments_inside`
-    /// among the counters, where [`crate::Planes::fragments`] is asked for, since it costs a fiftieth of a frame. So
-    /// does wgpu, which has no exact count of samples that passed; `fragment_invocations` among the counters is what
-    /// shaders ran, where the adapter counts it (pipeline statistics).
+    /// Number of fragments that contributed to a pixel; 0 if they aren't counted. CPUs count them, and
+    /// `fragments_inside` among the counters, if [`crate::Planes::fragments`] is requested, because counting takes 1/50
+    /// of a frame. So does wgpu, which has no exact count of samples that passed. The counter `fragment_invocations` is
+    /// the number of shader invocations, if the adapter counts it (pipeline statistics).
     pub fragments: u64,
-    /// Resident bytes a splat, of octrees counting all of them.
+    /// Resident bytes per splat; for octrees, all splats count.
     pub bytes_per_splat: f64,
-    /// Threads used.
+    /// Number of threads used.
     pub threads: usize,
-    /// Further counters, by name, in a backend's own words.
+    /// Further counters, by names that the backend defines.
     pub counters: Vec<(&'static str, f64)>,
 }
 

@@ -1,64 +1,64 @@
-//! What planning needs to know of a scene: counted once, when it is uploaded.
+//! Summary of a scene for planning, computed once when the scene is uploaded.
 
 use crate::{Selection, ShadowScene};
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_model::{Cull, Geometry, Light, Octree, Scene};
 
-/// An object that is an octree: a plan chooses what of it is drawn.
+/// Object that is an octree, of which a plan selects parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneOctree {
     /// Index of the object.
     pub object: usize,
     /// The octree.
     pub octree: Arc<Octree>,
-    /// The object's placement.
+    /// Placement of the object.
     pub world_from_object: DAffine3,
-    /// What the object's material leaves out.
+    /// Culling by the object's material.
     pub cull: Cull,
 }
 
-/// In which space the colours of a scene's Gaussians blend.
+/// Colour space in which a scene's Gaussians are blended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum GaussianColors {
-    /// As displayed (sRGB-encoded).
+    /// Displayed colours (sRGB-encoded).
     Displayed,
-    /// Linear light.
+    /// Linear colours.
     Linear,
-    /// Some so, some so: they can't be blended with each other.
+    /// Some clouds of either kind, which can't be blended with each other.
     Mixed,
 }
 
-/// What planning needs to know of a scene.
+/// Properties of a scene that planning needs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
-    /// Number of splats, all of the octrees' among them.
+    /// Number of splats, with all splats of octrees.
     pub splats: u64,
-    /// Some cloud or mesh has colours.
+    /// True if some cloud or mesh has colours.
     pub colors: bool,
-    /// Some splat has an alpha below 1.
+    /// True if some splat has an alpha below 1.
     pub transparent: bool,
-    /// Some cloud has clip curves or lines.
+    /// True if some cloud has clip curves or lines.
     pub clips: bool,
-    /// Some object is drawn as polygons.
+    /// True if some object is drawn as polygons.
     pub meshes: bool,
-    /// Objects differ in ambient, diffuse, specular or shininess.
+    /// True if objects differ in ambient, diffuse, specular or shininess.
     pub materials_differ: bool,
-    /// Some light's direction depends on where a surface is.
+    /// True if some light's direction depends on the surface's position.
     pub lights_nearby: bool,
-    /// Lights that cast shadows, and what they fall on.
+    /// Lights that cast shadows, and the bounds of the objects that receive them.
     pub shadows: Option<ShadowScene>,
     /// Objects that are octrees.
     pub octrees: Vec<SceneOctree>,
-    /// Some object is of Gaussians, which have such colours.
+    /// Colour space of the Gaussians, if some object consists of Gaussians.
     pub gaussians: Option<GaussianColors>,
-    /// Some object isn't of Gaussians.
+    /// True if some object doesn't consist of Gaussians.
     pub surfaces: bool,
-    /// First object of splats whose interior weight is unknown.
+    /// First object with splats whose interior weight is unknown.
     pub without_interior_weight: Option<usize>,
-    /// First object of splats without rows, or that is an octree, which has none.
+    /// First object with splats without rows, or that is an octree, which has none.
     pub without_rows: Option<usize>,
-    /// Some cloud is oriented and shows its back faces, too.
+    /// True if some cloud is oriented and its back faces are drawn too.
     pub both_facings: bool,
 }
 
@@ -118,7 +118,8 @@ impl SceneSummary {
         summary
     }
 
-    /// The summary of what is chosen of the octrees, one selection for each: as if they were clouds and meshes.
+    /// Returns the summary of the selected parts of the octrees, one selection for each, as if they were clouds and
+    /// meshes.
     pub(crate) fn of_chosen<'a>(&self, selections: impl Iterator<Item = &'a Selection>) -> Self {
         let all: u64 = self.octrees.iter().map(|o| o.octree.cloud().len() as u64).sum();
         let mut chosen = Self { splats: self.splats - all, octrees: Vec::new(), ..self.clone() };
@@ -129,7 +130,7 @@ impl SceneSummary {
         chosen
     }
 
-    /// True if polygons may be among what a view shows.
+    /// True if a view may show polygons.
     pub fn may_have_polygons(&self) -> bool {
         self.meshes || !self.octrees.is_empty()
     }

@@ -1,4 +1,4 @@
-//! From a camera to the numbers of a frame.
+//! Views: cameras converted to the numbers that renderers need.
 
 use crate::SAMPLES_SIDE;
 use glam::{DMat3, DVec3};
@@ -21,7 +21,7 @@ pub struct Region {
 }
 
 impl Region {
-    /// The region and `by` pixels more on every side, as far as an image of this size goes.
+    /// Returns the region grown by `by` pixels on every side, clipped to an image of this size.
     #[must_use]
     pub fn grown(self, by: u32, [width, height]: [u32; 2]) -> Self {
         let (x, y) = (self.x.saturating_sub(by), self.y.saturating_sub(by));
@@ -31,7 +31,7 @@ impl Region {
 }
 
 impl Region {
-    /// The same, in samples of pixels ([`View::of_samples`]).
+    /// Returns the region in samples of pixels ([`View::of_samples`]).
     #[must_use]
     pub fn of_samples(self) -> Self {
         let [x, y, width, height] = [self.x, self.y, self.width, self.height].map(|px| px * SAMPLES_SIDE);
@@ -39,23 +39,23 @@ impl Region {
     }
 }
 
-/// A validated camera as renderers use it.
+/// Validated camera in the form that renderers use.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// Position of the eye, world space.
+    /// Position of the eye in world space.
     pub eye: DVec3,
     /// Rotation from world to view axes (x right, y down, z forward): v_view = R·(v_world − eye).
     pub view_from_world: DMat3,
     /// Projection of the whole image.
     pub projection: Projection,
-    /// Size of the whole image, pixels.
+    /// Size of the whole image, in pixels.
     pub size: [u32; 2],
-    /// The part of the image that is rendered.
+    /// Part of the image that is rendered.
     pub region: Region,
 }
 
 impl View {
-    /// World position of what is seen at a pixel position at planar depth z, rounded once; +∞ where z is.
+    /// Returns the world position of a pixel position at planar depth z, rounded once; +∞ if z is infinite.
     pub(crate) fn world_position(&self, [x, y]: [f64; 2], z: f64) -> [f64; 3] {
         if !z.is_finite() {
             return [f64::INFINITY; 3];
@@ -65,19 +65,19 @@ impl View {
         (self.view_from_world.transpose() * DVec3::new(at.x, at.y, at.z) + self.eye).to_array()
     }
 
-    /// The view of a camera: the whole image.
+    /// Creates the view of a camera, with the whole image as its region.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field of the camera that is out of range, or an image of more than 2^28 pixels.
+    /// [`ModelError`] naming the field of the camera that is out of range, or for an image of more than 2^28 pixels.
     pub fn new(camera: &Camera) -> Result<Self, ModelError> {
         let view = Self::of_region(camera, None)?;
         Ok(view)
     }
 
-    /// The view of a camera, cropped to `region` (the whole image without one).
+    /// Creates the view of a camera, cropped to `region` (the whole image if `None`).
     ///
     /// # Errors
-    /// As [`View::new`]; also a region that is empty or leaves the image.
+    /// Same as [`View::new`]; also for a region that is empty or extends beyond the image.
     pub fn of_region(camera: &Camera, region: Option<Region>) -> Result<Self, ModelError> {
         camera.validate()?;
         let [width, height] = camera.size;
@@ -126,20 +126,20 @@ impl View {
         })
     }
 
-    /// World direction in which the camera looks.
+    /// Returns the viewing direction in world space.
     pub fn forward(&self) -> DVec3 {
         self.view_from_world.row(2)
     }
 
-    /// Number of pixels rendered.
+    /// Returns the number of pixels rendered.
     pub fn pixels(&self) -> usize {
         self.region.width as usize * self.region.height as usize
     }
 
-    /// The view rendered at `factor` times the resolution, for supersampling.
+    /// Returns the view at `factor` times the resolution, for supersampling.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] if that is too large.
+    /// [`ModelError::OutOfRange`] if the result is too large.
     pub fn supersampled(&self, factor: u32) -> Result<Self, ModelError> {
         let k = f64::from(factor);
         let size = self.size.map(|s| s.checked_mul(factor));
@@ -154,15 +154,15 @@ impl View {
         Ok(Self { size: [w, h], region: Region { x, y, width, height }, ..self.by(k) })
     }
 
-    /// The view whose pixels are the samples of this one's, where edges are antialiased by samples (§5). Of any size:
-    /// it isn't drawn whole.
+    /// Returns the view whose pixels are the samples of this view's pixels, for antialiasing edges by samples (§5). Its
+    /// size is not limited, because it isn't drawn completely.
     #[must_use]
     pub fn of_samples(&self) -> Self {
         let size = self.size.map(|px| px * SAMPLES_SIDE);
         Self { size, region: self.region.of_samples(), ..self.by(f64::from(SAMPLES_SIDE)) }
     }
 
-    /// The same view, in pixels of which there are so many along one of its own.
+    /// Returns the same view with `factor` times as many pixels along each side.
     fn by(&self, factor: f64) -> Self {
         let p = self.projection;
         let projection = Projection {

@@ -1,9 +1,9 @@
-//! Columns of a cloud: half-axes, radii, normals, colours, centres.
+//! Conversion of half-axes, radii, normals, colours and centres to a cloud's columns.
 
 use glam::{DVec3, Vec3};
 use surfel_model::{Column3, Mesh, Shape};
 
-/// Half-axes as f32 columns.
+/// Converts half-axes to f32 columns.
 pub(crate) fn ellipses(axes: &[(DVec3, DVec3)]) -> Shape {
     Shape::Ellipses {
         s: Column3::from_f32(axes.iter().map(|a| a.0.as_vec3()).collect()),
@@ -11,24 +11,24 @@ pub(crate) fn ellipses(axes: &[(DVec3, DVec3)]) -> Shape {
     }
 }
 
-/// A radius in f32, kept inside what the model accepts.
+/// Converts a radius to f32, clamped to the range that the model accepts.
 pub(crate) fn radius32(radius: f64) -> f32 {
     (radius as f32).clamp(f32::MIN_POSITIVE, f32::MAX)
 }
 
-/// Normals in f32.
+/// Converts normals to f32.
 pub(crate) fn normals32(normals: &[DVec3]) -> Column3 {
     Column3::from_f32(normals.iter().map(|n| n.as_vec3()).collect::<Vec<Vec3>>())
 }
 
-/// Colours and alphas, dropped where they say nothing: all white, all opaque.
+/// Colour and alpha columns; absent columns mean white and opaque.
 pub(crate) type Paint = (Option<Vec<[f32; 3]>>, Option<Vec<f32>>);
 
-/// The least alpha that counts as opaque. Interpolation weights don't sum to one exactly, compressed textures are a
-/// level or two off, and an alpha below 1 costs a transparent pass.
+/// Smallest alpha that counts as opaque. Interpolation weights don't sum to one exactly, compressed textures are off by
+/// a level or two, and any alpha below 1 costs a transparent pass.
 pub(crate) const SOLID: f32 = 0.99;
 
-/// Splits RGBA into the columns that say something.
+/// Splits RGBA into colour and alpha columns, without the alphas if all are opaque.
 pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     let Some(rgba) = rgba else { return (None, None) };
     let alpha = |c: &[f32; 4]| if c[3] >= SOLID { 1.0 } else { c[3].max(0.0) };
@@ -36,7 +36,7 @@ pub(crate) fn paint(rgba: Option<Vec<[f32; 4]>>) -> Paint {
     (Some(rgba.iter().map(|c| [c[0], c[1], c[2]]).collect()), alphas)
 }
 
-/// A column of centres, as exact as the mesh's own positions are: f32 unless those have more.
+/// Converts centres to a column as exact as the mesh's positions: f32, unless these have a low part.
 pub(crate) fn centers(mesh: &Mesh, centers: &[DVec3]) -> Column3 {
     if mesh.positions.low().is_some() {
         Column3::from_f64(centers)

@@ -1,5 +1,5 @@
-//! Measures of the neighbourhoods of a run of points: a Voronoi cell in the tangent plane of each, and what the
-//! evidence for its class comes from.
+//! Measures the neighbourhoods of a run of points: the Voronoi cell of each point in its tangent plane, and the values
+//! from which its class is decided.
 
 use crate::cell::{Cell, MOST_IN_CELL};
 use crate::class::{ALONE, FLAT, Measured, needs_coherence};
@@ -15,71 +15,76 @@ use fearless_simd::{Level, dispatch, f32x16, u32x16};
 use glam::{Vec2, Vec3};
 use std::ops::Range;
 
-/// A closed cell is believed when its corners are no farther than this share of the farthest neighbour: at a border,
-/// where points jut out by chance, cells close far outside the surface. Shares for the table's neighbours and for
-/// the wider looks, which are more generous in themselves; half the spacing of scan lines must pass.
+/// Largest distance of a closed cell's corners, as a fraction of the farthest neighbour's distance, up to which the
+/// cell counts as closed. At a border, where points jut out by chance, cells close far outside the surface. `BELIEVED`
+/// is for the neighbours of a row, and `BELIEVED_WIDE` for wider searches, which reach farther relative to the spacing.
+/// Half the spacing of scan lines must pass.
 const BELIEVED: f32 = 0.75;
 const BELIEVED_WIDE: f32 = 0.55;
-/// Neighbours take part in a point's cell when their normals agree within 60°, and they lie within 60° of its
-/// tangent plane: others belong to the back of a thin part, or to the far side of a crease.
+/// Limits for a neighbour to take part in a point's cell: its normal agrees within 60° (`AGREE`, a cosine), and it is
+/// within 60° of the point's tangent plane (`STEEPEST`, a sine). Other neighbours belong to the back of a thin part, or
+/// to the far side of a crease.
 pub(crate) const AGREE: f32 = 0.5;
 const STEEPEST: f32 = 0.866;
-/// Where these leave a cell open, the surface may go on around a crease or a limb. What lies there bounds the cell, so
-/// that its disk ends with the surface: all but the back, whose normals are more than 120° off.
+/// Cosine between normals (120°) from which a neighbour bounds a cell that neighbours within [`AGREE`] leave open.
+/// There the surface may continue around a crease or a limb, and neighbours around it bound the disk. Only the back is
+/// excluded.
 const TURNS_AWAY: f32 = -0.5;
-/// The neighbour whose distance is a point's spacing, counted from 1: as many as surround it in a plane.
+/// Rank (from 1) of the neighbour whose distance is a point's spacing: in a plane, six points surround one.
 const RING: usize = 6;
-/// The one whose distance sizes what no cell does: as many as surround it in a grid.
+/// Rank of the neighbour whose distance limits disks that no closed cell limits: in a square grid, four points surround
+/// one.
 const GRID: usize = 4;
-/// Squared distance from a line, over the largest of a look, from which a point belongs to another line.
+/// Squared distance from a scan line, relative to the largest in the search, from which a point belongs to another
+/// line.
 const BESIDE: f32 = 0.1;
 
-/// Measures of one point's cell, in steps.
+/// Measures of one point's cell; lengths are in steps of [`SortedPoints`].
 #[derive(Clone, Copy, Default)]
 struct Summary {
-    /// Area of a closed cell, else 0.
+    /// Area of a closed cell; 0 if the cell is open.
     area: f32,
-    /// Distance of the farthest corner, 0 when there is none.
+    /// Distance of the farthest corner; 0 if there is none.
     reach: f32,
-    /// Distances of the sixth neighbour and of the fourth.
+    /// Distances of the sixth and the fourth neighbour.
     spacing: f32,
     fourth: f32,
-    /// Which neighbours closed it, if any did.
+    /// Set of neighbours that closed the cell; [`Among::Side`] if none did.
     among: Among,
-    /// Share of the row's neighbours that are on no surface with the point, on either side.
+    /// Fraction of the row's neighbours that share no surface with the point, whichever side they face.
     elsewhere: f32,
     /// Mean squared sine of the angle between the tangent plane and the row's neighbours.
     roughness: f32,
-    /// Second moments of a closed cell about its centroid: xx xy xz yy yz zz in space.
+    /// Second moments of a closed cell about its centroid, in space: xx xy xz yy yz zz.
     moments: [f32; 6],
 }
 
-/// What neighbours a cell is built among.
+/// Set of neighbours among which a cell is built.
 #[derive(Clone, Copy, Default, PartialEq)]
 enum Among {
-    /// Those of its row on its side.
+    /// Neighbours in the row whose normals agree with the point's.
     #[default]
     Side,
-    /// All of its row but those on the other side.
+    /// All neighbours in the row except those that face away.
     Around,
-    /// More, on its side.
+    /// Neighbours whose normals agree, from a longer row than usual.
     Wide,
-    /// Those of its row, and of the most there are those beside the line that the row is on.
+    /// The row, and from the longest search the points beside the line on which the row is.
     Lines,
 }
 
-/// How a cell was built.
+/// Result of building a cell.
 struct Found {
     is_closed: bool,
-    /// Of its lengths.
+    /// Unit of the cell's lengths, in steps.
     unit: f32,
-    /// As in [`Summary`].
+    /// Same as the fields of [`Summary`] with these names.
     among: Among,
     elsewhere: f32,
     roughness: f32,
 }
 
-/// Unit tangents of a unit normal, as `surfel_math::basis::orthonormal` has them.
+/// Returns unit tangents of a unit normal, computed like `surfel_math::basis::orthonormal`.
 #[inline]
 pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     let sign = 1.0_f32.copysign(n.z);
@@ -88,38 +93,38 @@ pub(crate) fn tangents(n: Vec3) -> (Vec3, Vec3) {
     (Vec3::new(1.0 + sign * n.x * n.x * a, sign * b, -sign * n.x), Vec3::new(b, sign + n.y * n.y * a, -n.y))
 }
 
-/// What sizes are measured by.
+/// Parameters that are the same for all points whose size is measured.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Scale {
-    /// Neighbours in a row.
+    /// Number of neighbours in a row.
     pub(crate) degree: usize,
-    /// The spacing, where it is known beforehand: then no classes are wanted.
+    /// Spacing in steps, if it is given beforehand; points are then not classified.
     pub(crate) known: Option<f32>,
-    /// Median distance of the farthest neighbour in a row.
+    /// Median distance of the farthest neighbour in a row, in steps.
     pub(crate) farthest: f32,
-    /// True if ellipses are wanted.
+    /// True if ellipses are measured too.
     pub(crate) ellipses: bool,
 }
 
-/// Cells of a run of slots and of the points around them.
+/// Cells of a run of slots and of the points around it.
 pub(crate) struct Block<'a> {
     points: &'a SortedPoints,
     oriented: &'a [Oriented],
-    /// True of slots whose normals are up because their points lie in no surface; empty if there are none.
+    /// True for slots whose normals point up because they are foliage; empty if there are none.
     level: &'a [bool],
     scale: Scale,
     search: Search<'a>,
-    /// The leaf of the last row.
+    /// Leaf of the row found last.
     leaf: usize,
     cell: Cell,
-    /// Of neighbours, x and y.
+    /// Coordinates (x, y) of neighbours in the tangent plane.
     offsets: [[f32; MOST_IN_CELL + LANES]; 2],
-    /// How many neighbours of the last cell are on a surface with its point, on either side, and the sum of the squared
-    /// sines of the angles between its tangent plane and the neighbours.
+    /// Results of the cell built last: the number of neighbours that share a surface with the point, whichever side
+    /// they face. Then the sum of the squared sines of the angles between the tangent plane and the neighbours.
     on_surface: usize,
     squared_sines: f32,
-    /// The run, the slots of other points that are neighbours of its own, in ascending order, and the neighbours of
-    /// them all, own ones first.
+    /// Slots of the run; neighbours outside the run (the halo), ascending; and the rows of neighbours of both, those of
+    /// the run first.
     own: Range<usize>,
     halo: Vec<u32>,
     rows: Vec<u32>,
@@ -146,7 +151,7 @@ impl<'a> Block<'a> {
         }
     }
 
-    /// Builds the cells.
+    /// Builds the cells of a run and of the points around it.
     pub(crate) fn measure(&mut self, own: Range<usize>) {
         own.clone().for_each(|slot| self.add_row(slot));
         self.halo.extend(self.rows.iter().filter(|j| !own.contains(&(**j as usize))));
@@ -164,7 +169,7 @@ impl<'a> Block<'a> {
         (self.rows, self.own) = (rows, own);
     }
 
-    /// Finds the neighbours of a slot.
+    /// Finds the neighbours of a slot and appends them to the rows.
     fn add_row(&mut self, slot: usize) {
         let leaf = slot / LEAF;
         if leaf != self.leaf {
@@ -193,10 +198,12 @@ impl<'a> Block<'a> {
         self.halo.binary_search(&slot).ok().map(|i| &self.summaries[self.own.len() + i])
     }
 
-    /// Builds the cell of `slot` among those of `near` that are in question, unrolled into its tangent plane:
-    /// directions are projected, distances are kept, as on the surface itself, but where there is none. Lengths are in
-    /// units of the farthest one's distance, which is returned. True if it is closed, with corners within the believed
-    /// share of that distance.
+    /// Builds the cell of `slot` from the eligible points of `near`, unrolled into its tangent plane: directions are
+    /// projected, and distances preserved, as on the surface itself. A level slot's neighbours are projected without
+    /// preserving distances.
+    ///
+    /// Returns true if the cell is closed with its corners within the accepted distance, and the unit of its lengths:
+    /// the distance of the farthest point of `near`.
     fn build(&mut self, slot: usize, near: &[u32], among: Among) -> (bool, f32) {
         let (agree, believed) = match among {
             Among::Side => (AGREE, BELIEVED),
@@ -211,12 +218,13 @@ impl<'a> Block<'a> {
         let counts = dispatch!(Level::new(), simd => build_by(simd, unrolled, near, &mut self.offsets, cell));
         let (count, on_surface, squared_sines) = counts;
         (self.on_surface, self.squared_sines) = (on_surface, squared_sines);
-        // Where half of the neighbours are another sheet's, the farthest of this one's would be farther.
+        // If half of the neighbours belong to another sheet, as many neighbours on this sheet reach farther.
         let share = count as f32 / near.len() as f32;
         (self.cell.is_closed() && self.cell.reach() * share.sqrt() <= believed, limit2.sqrt())
     }
 
-    /// Builds the cell of `slot`, among other neighbours when those of its row on its side don't close it.
+    /// Builds the cell of `slot`, and tries other sets of neighbours if the row's neighbours that face the same way
+    /// leave it open.
     fn best_cell(&mut self, slot: usize, near: &[u32]) -> Found {
         let (is_closed, unit) = self.build(slot, near, Among::Side);
         let elsewhere = 1.0 - self.on_surface as f32 / near.len() as f32;
@@ -239,19 +247,19 @@ impl<'a> Block<'a> {
                 return Found { is_closed, unit, among: Among::Lines, ..found };
             }
         }
-        // At a border the wider view only adds slivers along it.
+        // At a border, a wider search only adds slivers along it.
         self.build(slot, near, Among::Side);
         found
     }
 
-    /// More neighbours than a row has, the farthest of which is this far.
+    /// Returns a longer row of neighbours; `farthest` is the distance of the usual row's farthest neighbour.
     fn wide(&mut self, slot: usize, farthest: f32) -> WideRow {
         let (found, _) = self.search.nearest(slot, WIDE, wider(farthest * farthest, self.scale.degree));
         WideRow::of(found.iter().copied())
     }
 
-    /// The row, if it lies on a line, and of many more neighbours the nearest of those that lie beside it: other scan
-    /// lines are farther than all that a wide look finds.
+    /// Returns the row and, from a much longer search, the nearest points beside the scan line on which the row is.
+    /// `None` if the row isn't on a line. Adjacent scan lines are farther away than the wide search reaches.
     fn lines(&mut self, slot: usize, near: &[u32]) -> Option<WideRow> {
         let (values, vectors) = symmetric3(covariance(self.points, slot, near));
         if self.scale.known.is_some() || values[1] > COLLINEAR * values[2] {
@@ -291,7 +299,7 @@ impl<'a> Block<'a> {
         Summary { area: area * square, reach, spacing, fourth, among, elsewhere, roughness, moments }
     }
 
-    /// The size of the point at place `i` of the run.
+    /// Returns the size of the point at index `i` of the run, and its ellipse if it has one.
     pub(crate) fn size(&mut self, i: usize) -> (Size, Option<Ellipse>) {
         let slot = self.own.start + i;
         let rows = std::mem::take(&mut self.rows);
@@ -325,7 +333,7 @@ impl<'a> Block<'a> {
             spacing,
             second,
             fourth: if is_known { f32::INFINITY } else { own.fourth },
-            // More than half of the neighbours, of which one may be the other of a pair.
+            // A majority of the neighbours, not counting one that may form a pair with the point.
             denser: if near.len() >= RING { denser as f32 / (near.len() - 1) as f32 } else { 0.0 },
             flat_reach: if is_known { f32::INFINITY } else { self.flat_reach(slot, near) },
             is_open: own.area == 0.0,
@@ -342,7 +350,7 @@ impl<'a> Block<'a> {
         (Size { radius, spacing, evidence }, ellipse)
     }
 
-    /// What the layout of the neighbours and their normals says, added to what is measured.
+    /// Adds what the layout of the neighbours and their normals shows to `measured`.
     fn layout(&self, slot: usize, near: &[u32], roughness: f32, measured: Measured) -> Measured {
         let own = self.oriented[slot];
         if self.scale.known.is_some() || self.is_level(slot) || near.is_empty() {
@@ -356,8 +364,8 @@ impl<'a> Block<'a> {
         Measured { sparseness, roughness, coherence, ..measured }
     }
 
-    /// How far the surface goes on along the tangent plane of a point: where it has turned by [`FLAT`] on average, as
-    /// the normals of the nearest tell.
+    /// Returns the distance along the tangent plane at which the surface has turned by [`FLAT`], estimated from the
+    /// normals of the nearest neighbours.
     fn flat_reach(&self, slot: usize, near: &[u32]) -> f32 {
         let (p, n) = (self.points.at(slot), self.oriented[slot].normal);
         let (mut turns, mut squares) = (0.0, 0.0);
@@ -371,8 +379,8 @@ impl<'a> Block<'a> {
         if turns > 0.0 { FLAT * (squares / turns).sqrt() } else { f32::INFINITY }
     }
 
-    /// Angle and axis ratio of the ellipse with these moments, where it is stretched, and how far the cell reaches
-    /// once it is made round.
+    /// Returns the angle and the axis ratio of the ellipse with the moments `m`, and the reach of the cell after the
+    /// map that makes it round. `None` if the ratio is below [`STRETCHED`].
     fn ellipse(&mut self, slot: usize, near: &[u32], among: Among, m: &[f32; 6]) -> Option<(f64, f64, f32)> {
         let (u, v) = tangents(self.oriented[slot].normal);
         let along = |a: Vec3, b: Vec3| {
@@ -383,7 +391,7 @@ impl<'a> Block<'a> {
             )
         };
         let (xx, xy, yy) = (along(u, u), along(u, v), along(v, v));
-        // Of eigenvalues a ± b, the ratio is above q where b > a·(q − 1)/(q + 1).
+        // For eigenvalues a ± b, the axis ratio exceeds √q where b > a·(q − 1)/(q + 1).
         const LEAST: f64 = (STRETCHED * STRETCHED - 1.0) / (STRETCHED * STRETCHED + 1.0);
         let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
         if half * half + xy * xy <= LEAST * LEAST * mean * mean {
@@ -413,9 +421,11 @@ impl<'a> Block<'a> {
     }
 }
 
-/// Builds the cell of a slot among `near`, the farthest of which has squared distance `limit2`, and whose normals agree
-/// by the cosine `least`: how many take part, how many would if normals had no sign, and the sum of the squared sines
-/// of the angles between the tangent plane and all of `near`.
+/// Builds the cell of a slot among `near`; the farthest of these has squared distance `limit2`, and a neighbour takes
+/// part if the cosine between the normals is at least `least`.
+///
+/// Returns the number of neighbours that take part, and the number that would if normals had no sign. The third result
+/// is the sum of the squared sines of the angles between the tangent plane and all of `near`.
 #[inline(always)]
 fn build_by<S: Simd>(
     simd: S,
@@ -472,7 +482,7 @@ fn along<S: Simd>(a: [f32x16<S>; 3], n: Vec3) -> f32x16<S> {
     a[0] * n.x + a[1] * n.y + a[2] * n.z
 }
 
-/// More slots than a row has.
+/// A row of more slots than usual.
 struct WideRow {
     slots: [u32; MOST_IN_CELL],
     len: usize,
@@ -497,14 +507,14 @@ impl std::ops::Deref for WideRow {
     }
 }
 
-/// Areas and the sum of the moments of closed cells.
+/// Areas of closed cells, and the sum of their moments.
 struct Smooth {
     areas: [f32; MOST_AREAS],
     len: usize,
     moments: [f32; 6],
 }
 
-/// Those of a cell and its neighbours, in whole steps.
+/// Capacity for the areas of a cell and its neighbours, rounded up to whole SIMD steps.
 const MOST_AREAS: usize = MOST_IN_CELL + LANES;
 
 impl Default for Smooth {
@@ -523,7 +533,7 @@ impl Smooth {
         }
     }
 
-    /// The lower median of the areas: the one with as many smaller ones.
+    /// Returns the lower median of the areas.
     fn median(&mut self) -> Option<f32> {
         let middle = self.len.checked_sub(1)? / 2;
         let mut ranks = [0; MOST_AREAS];

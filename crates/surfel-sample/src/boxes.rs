@@ -1,5 +1,5 @@
-//! A hierarchy of oriented boxes about shapes, searched for the nearest shape. Upright boxes of slivers that meet in a
-//! point, as those of a fan do, all overlap; oriented ones don't.
+//! A hierarchy of oriented boxes around shapes, searched for the nearest shape. Axis-aligned boxes of slivers that meet
+//! in a point, as in a fan, all overlap; oriented boxes don't.
 
 use crate::eigen::symmetric3;
 use glam::DVec3;
@@ -7,34 +7,34 @@ use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 use std::ops::Range;
 
-/// Shapes of a leaf, at most.
+/// Maximum number of shapes in a leaf.
 const LEAF: usize = 4;
-/// Slack for rounding, over the size of all shapes.
+/// Tolerance for rounding, relative to the size of all shapes.
 const SLACK: f64 = 1e-9;
 
-/// A box about some of the shapes.
+/// A box around some of the shapes.
 struct Node {
     center: DVec3,
     /// Unit vectors at right angles.
     axes: [DVec3; 3],
     /// Half the box's size along each axis.
     half: [f64; 3],
-    /// The shapes, as a range of [`Boxes::order`].
+    /// Range of the node's shapes in [`Boxes::order`].
     shapes: Range<usize>,
-    /// The second part's index; the first follows its node. 0 for a leaf.
+    /// Index of the second child; the first child follows its node. 0 for a leaf.
     second: usize,
 }
 
-/// Boxes to be searched by place.
+/// A hierarchy of boxes.
 pub(crate) struct Boxes {
-    /// A node, its first part, its second part.
+    /// Nodes in preorder: a node, its first subtree, its second subtree.
     nodes: Vec<Node>,
     order: Vec<u32>,
     slack: f64,
 }
 
 impl Boxes {
-    /// Boxes about shapes, each within the hull of its points.
+    /// Builds boxes around shapes; each shape is within the hull of its points.
     pub(crate) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
         let mut boxes = Self { nodes: Vec::new(), order: (0..shapes.len() as u32).collect(), slack: 0.0 };
         if !shapes.is_empty() {
@@ -52,7 +52,8 @@ impl Boxes {
         if range.len() <= LEAF {
             return;
         }
-        // Along the axis on which the shapes' middles are farthest apart: of slivers side by side not the longest one.
+        // Split along the axis on which the shapes' centres are farthest apart. For slivers side by side this isn't the
+        // longest.
         let place = |i: &u32, axis: DVec3| shapes[*i as usize].iter().sum::<DVec3>().dot(axis);
         let spread = axes.map(|axis| {
             let places = self.order[range.clone()].iter().map(|i| place(i, axis));
@@ -68,15 +69,16 @@ impl Boxes {
         self.build(shapes, range.start + middle..range.end);
     }
 
-    /// The least of `distance` (a shape's index to a distance, not less than that of its hull) about `p`, and whose it
-    /// is: the first of those that are equally near. Infinite, of no shape, if there is none.
+    /// Returns the smallest `distance` about `p`, and the index of its shape; the first of equally near shapes wins.
+    /// The result is infinite, with the index `usize::MAX`, if there are no shapes. `distance` maps a shape's index to
+    /// its distance from `p`, which must not be less than that of the shape's hull.
     ///
-    /// The nearest boxes are opened first, wherever they are: the distance of a shape may be far larger than its box's,
-    /// and boxes that hold `p` overlap.
+    /// The nearest boxes are opened first, in the whole hierarchy. The distance of a shape may be far larger than that
+    /// of its box, and boxes that contain `p` overlap.
     pub(crate) fn nearest(&self, p: DVec3, mut distance: impl FnMut(usize) -> f64) -> (f64, usize) {
         let mut best = (f64::INFINITY, usize::MAX);
         let mut open = BinaryHeap::with_capacity(64);
-        // Bits of numbers from 0 up are ordered as these.
+        // The bits of non-negative floats have the same order as the floats.
         let entry = |node: usize| Reverse((self.nodes[node].distance(p).to_bits(), node));
         open.extend(self.nodes.first().map(|_| entry(0)));
         while let Some(Reverse((bound, index))) = open.pop() {
@@ -120,7 +122,7 @@ impl Node {
         Self { center, axes, half: ends.map(|[from, to]| 0.5 * (to - from)), shapes, second: 0 }
     }
 
-    /// Distance of a point to the box; 0 within it.
+    /// Returns the distance of a point to the box; 0 inside.
     fn distance(&self, p: DVec3) -> f64 {
         let d = p - self.center;
         let beyond = |k: usize| (d.dot(self.axes[k]).abs() - self.half[k]).max(0.0);
@@ -137,7 +139,7 @@ mod tests {
     #[test]
     fn nearest_shape_is_that_of_brute_force() {
         let mut random = Random::new(5);
-        // Coarse coordinates, so that many are equally near; segments of all lengths, some of them points.
+        // Coarse coordinates make many shapes equally near; segments have all lengths, and some are points.
         for (count, levels) in [(1, 8.0), (5, 3.0), (300, 8.0), (2000, 1e9)] {
             let mut place = || {
                 let mut coordinate = || (random.unit() * levels).floor() / levels;
@@ -163,7 +165,7 @@ mod tests {
         assert_eq!(Boxes::new::<3>(&[]).nearest(DVec3::ZERO, |_| 0.0), (f64::INFINITY, usize::MAX));
     }
 
-    /// Slivers of a fan, and distances that a point on each asks for, its own once.
+    /// Counts the calls of `distance` for a fan of slivers, with one query near each sliver.
     fn work_of_fan(count: u32) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();
@@ -173,7 +175,7 @@ mod tests {
         let boxes = Boxes::new(&shapes);
         let mut asked = 0;
         for (own, [a, b, c]) in shapes.iter().enumerate() {
-            // As far off the plane as a sliver is wide.
+            // The query's distance to the plane is a sliver's width.
             let p = (a + b + c) / 3.0 + DVec3::Z / f64::from(count);
             let (_, found) = boxes.nearest(p, |i| {
                 asked += 1;

@@ -1,27 +1,27 @@
-//! The Voronoi cell of a point among its neighbours in the tangent plane.
+//! Voronoi cell of a point among its neighbours in the tangent plane.
 //!
-//! A surface closes where every splat covers its own cell, so the cell's farthest corner is the least radius that
-//! can work, and its second moments say how the sampling is stretched.
+//! A surface has no holes if every splat covers its own cell. The distance of the cell's farthest corner is therefore
+//! the smallest possible radius, and the cell's second moments show how the sampling is stretched.
 
 use crate::lanes::{LANES, numbers};
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 use glam::Vec2;
 
-/// Neighbours that a cell is built among at most.
+/// Largest number of neighbours among which a cell is built.
 pub(crate) const MOST_IN_CELL: usize = 64;
-/// Corners of a square and one more for each neighbour.
+/// Largest number of corners: those of the initial square, and one more for each neighbour.
 const MOST_CORNERS: usize = MOST_IN_CELL + 5;
-/// Room for half as many more: where rounding has bent a polygon, each corner that is cut off alone leaves two.
+/// Capacity for half as many corners more: where rounding has bent a polygon, cutting off a single corner leaves two.
 const ROOM: usize = MOST_CORNERS + MOST_CORNERS / 2;
 
-/// A convex polygon around the origin, clipped by bisectors. Kept between cells.
+/// Convex polygon around the origin, clipped by bisectors. The buffers are reused between cells.
 #[derive(Clone, Debug)]
 pub(crate) struct Cell {
-    /// Corners counter-clockwise, as columns.
+    /// Coordinates of the corners, counter-clockwise.
     x: [f32; ROOM],
     y: [f32; ROOM],
-    /// A bit for each corner where a bisector starts.
+    /// One bit per corner, set if the edge from this corner to the next is part of a bisector.
     bisectors: u128,
     len: usize,
 }
@@ -33,15 +33,15 @@ impl Default for Cell {
 }
 
 impl Cell {
-    /// The cell of the origin among at most [`MOST_IN_CELL`] neighbours at (x, y), nearest first, within a square of
-    /// half-width 1.
+    /// Builds the cell of the origin within a square of half-width 1, among at most [`MOST_IN_CELL`] neighbours at (x,
+    /// y), nearest first.
     #[inline(always)]
     pub(crate) fn build<S: Simd>(&mut self, simd: S, x: &[f32], y: &[f32]) {
         let mut few = Few::square(simd);
         let mut reach2 = 2.0;
         for (i, (nx, ny)) in x.iter().zip(y).enumerate() {
             let square = nx * nx + ny * ny;
-            // Neither this bisector nor any later one reaches the cell.
+            // This bisector and all later ones are too far away to meet the cell.
             if square >= 4.0 * reach2 {
                 break;
             }
@@ -81,8 +81,8 @@ impl Cell {
         }
     }
 
-    /// Cuts off the part that is nearer to `n` than to the origin; `half` is half of its square. Any number of corners,
-    /// one by one.
+    /// Cuts off the part that is nearer to `n` than to the origin, for any number of corners, one by one. `half` is
+    /// half of the squared length of `n`.
     fn clip(&mut self, n: Vec2, half: f32) {
         let from = self.clone();
         let beyond = |i: usize| from.x[i] * n.x + from.y[i] * n.y - half;
@@ -98,7 +98,7 @@ impl Cell {
                 self.push(from.at(i), is_bisector);
             }
             if (da <= 0.0) != (db <= 0.0) {
-                // Leaving, the bisector begins; entering, the edge goes on.
+                // Where the boundary leaves the half-plane, the bisector begins; where it enters, the edge continues.
                 let crossing = from.at(i) + (from.at(next) - from.at(i)) * (da / (da - db));
                 self.push(crossing, da <= 0.0 || is_bisector);
             }
@@ -111,12 +111,12 @@ impl Cell {
         self.len += 1;
     }
 
-    /// True when bisectors bound the cell all around.
+    /// True if bisectors bound the cell all around.
     pub(crate) fn is_closed(&self) -> bool {
         self.bisectors == (1 << self.len) - 1
     }
 
-    /// Corners where two bisectors meet.
+    /// Returns the corners where two bisectors meet.
     pub(crate) fn corners(&self) -> impl Iterator<Item = Vec2> {
         let mut both = match self.len {
             0 => 0,
@@ -129,12 +129,12 @@ impl Cell {
         })
     }
 
-    /// Distance of the farthest of [`Cell::corners`], 0 when there is none.
+    /// Returns the distance of the farthest of [`Cell::corners`]; 0 if there is none.
     pub(crate) fn reach(&self) -> f32 {
         self.corners().map(Vec2::length_squared).fold(0.0, f32::max).sqrt()
     }
 
-    /// Area, and the second moments xx, xy, yy about the centroid divided by the area.
+    /// Returns the area, and the second moments xx, xy, yy about the centroid, divided by the area.
     pub(crate) fn moments(&self) -> (f32, [f32; 3]) {
         let (mut area, mut first, mut second) = (0.0, Vec2::ZERO, [0.0; 3]);
         for i in 0..self.len {
@@ -155,7 +155,7 @@ impl Cell {
     }
 }
 
-/// A polygon of at most as many corners as there are lanes; those beyond the last repeat the first.
+/// Polygon with at most as many corners as there are SIMD lanes; lanes beyond the last corner repeat the first.
 #[derive(Clone, Copy)]
 struct Few<S: Simd> {
     x: f32x16<S>,
@@ -164,12 +164,12 @@ struct Few<S: Simd> {
     len: usize,
 }
 
-/// What becomes of a polygon.
+/// Result of clipping a polygon.
 enum Clip<S: Simd> {
-    /// The bisector doesn't meet it.
+    /// The bisector doesn't meet the polygon.
     Missed,
     Cut(Few<S>),
-    /// It gets more corners than there are lanes, or rounding has bent it.
+    /// The polygon gets more corners than there are lanes, or rounding has bent it.
     Other,
 }
 
@@ -182,13 +182,13 @@ impl<S: Simd> Few<S> {
         Self { x, y, bisectors: 0, len: 4 }
     }
 
-    /// Square of the distance of the farthest corner.
+    /// Returns the squared distance of the farthest corner.
     #[inline(always)]
     fn reach2(&self) -> f32 {
         (self.x * self.x + self.y * self.y).reduce_max()
     }
 
-    /// As [`Cell::clip`], to the same bits: corners stay in lanes, where none is waited for.
+    /// Clips like [`Cell::clip`], with identical bits, but with all corners in SIMD lanes.
     #[inline(always)]
     fn clip(&self, simd: S, n: [f32; 2], half: f32) -> Clip<S> {
         let Self { x, y, bisectors, len } = *self;
@@ -198,7 +198,7 @@ impl<S: Simd> Few<S> {
         if out == 0 || half == 0.0 {
             return Clip::Missed;
         }
-        // What is cut off is one run of corners: its first one, and the first one after it.
+        // The corners cut off form one run: find its first corner, and the first corner after it.
         let after_out = (out << 1 | out >> (len - 1)) & all;
         let (first, after) = (out & !after_out, after_out & !out);
         let kept = len - out.count_ones() as usize;
@@ -207,7 +207,8 @@ impl<S: Simd> Few<S> {
         }
         let (first, after) = (first.trailing_zeros(), after.trailing_zeros());
         let after = if after == 0 { len as u32 } else { after };
-        // Edges that cross the bisector, and the places of these crossings among what is kept, whose order stays.
+        // Edges that cross the bisector, and the lanes of their crossings among the remaining corners, whose order is
+        // preserved.
         let crossed = out ^ (out >> 1 | (out & 1) << (len - 1));
         let is_around = (first == 0 || first > after) && after < len as u32;
         let below = |bit: u32| bisectors & ((1 << bit) - 1);
@@ -217,7 +218,7 @@ impl<S: Simd> Few<S> {
             (first, first + 1, below(first) | (bisectors >> after) << (first + 2))
         };
         let places = 1 << leaves | 1 << enters;
-        // Leaving, the bisector begins; entering, the edge goes on.
+        // Where the boundary leaves the half-plane, the bisector begins; where it enters, the edge continues.
         let bisectors = stays | 1 << leaves | (bisectors >> (after - 1) & 1) << enters;
 
         let (x_next, y_next) = (x.slide::<1>(x), y.slide::<1>(y));
@@ -231,8 +232,8 @@ impl<S: Simd> Few<S> {
     }
 }
 
-/// The lanes that are `kept` of `old` and, at `places` among them, those of `new` that are `taken`. What is not `used`
-/// repeats the first.
+/// Merges the lanes of `old` that are `kept` with the lanes of `new` that are `taken`, which go to the lanes `places`.
+/// Lanes that aren't `used` repeat the first.
 #[inline(always)]
 fn merge<S: Simd>(
     old: f32x16<S>,
@@ -280,7 +281,8 @@ mod tests {
         build(&mut cell, &grid(0.1, 0.4));
         assert!(cell.is_closed());
         let (area, [xx, xy, yy]) = cell.moments();
-        // A rectangle's variances are side² / 12. Tolerances are 1e-6 of what is measured: some ten roundings of f32.
+        // The variance of a rectangle's side is side² / 12. Tolerances are 1e-6 of the measured value: about ten
+        // roundings of f32.
         assert!((area - 0.04).abs() < 4e-8 && (xx - 0.01 / 12.0).abs() < 1e-9, "{area} {xx}");
         assert!((yy - 0.16 / 12.0).abs() < 1e-8 && xy.abs() < 1e-8, "{yy} {xy}");
         let reach = cell.reach();
@@ -293,7 +295,7 @@ mod tests {
         let inner: Vec<Vec2> = grid(0.1, 0.1).into_iter().filter(|p| p.x <= 0.0).collect();
         build(&mut cell, &inner);
         assert!(!cell.is_closed());
-        // A diagonal neighbour's bisector may touch a corner and leave it there twice.
+        // A diagonal neighbour's bisector may touch a corner and duplicate it.
         let mut corners: Vec<Vec2> = cell.corners().collect();
         corners.dedup_by(|a, b| a.distance(*b) < 1e-7);
         assert_eq!(corners.len(), 2, "{corners:?}");
@@ -308,7 +310,7 @@ mod tests {
         let mut cell = Cell::default();
         build(&mut cell, &(0..MOST_IN_CELL).map(at).collect::<Vec<_>>());
         assert!(cell.is_closed());
-        // The bisectors of a regular polygon: a disk of radius ¼, but for its corners.
+        // The bisectors form a regular polygon: a disk of radius ¼, except at its corners.
         let radius = 0.25 / (std::f32::consts::PI / MOST_IN_CELL as f32).cos();
         assert!((cell.reach() - radius).abs() < 1e-6 && cell.corners().count() >= MOST_IN_CELL);
     }

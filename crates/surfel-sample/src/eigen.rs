@@ -5,8 +5,9 @@ use glam::{DMat3, DVec2, DVec3};
 /// A symmetric 3×3 matrix: xx, xy, xz, yy, yz, zz.
 pub(crate) type Symmetric3 = [f64; 6];
 
-/// Eigenvalues in ascending order and the unit eigenvectors of a symmetric matrix, by cyclic Jacobi rotations:
-/// unconditionally stable, and exact for diagonal matrices (Golub and Van Loan, Matrix Computations, §8.5).
+/// Computes the eigenvalues, in ascending order, and the unit eigenvectors of a symmetric matrix by cyclic Jacobi
+/// rotations. The method is unconditionally stable, and exact for diagonal matrices (Golub and Van Loan, Matrix
+/// Computations, §8.5).
 pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     let scale = m.iter().fold(0.0_f64, |s, x| s.max(x.abs()));
     if scale == 0.0 || !scale.is_finite() {
@@ -15,7 +16,7 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     let [xx, xy, xz, yy, yz, zz] = m.map(|x| x / scale);
     let mut a = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
     let mut v = DMat3::IDENTITY.to_cols_array_2d();
-    // Convergence is quadratic: five sweeps reach rounding for any 3×3 matrix, ten are a bound, not a hope.
+    // Convergence is quadratic: five sweeps reach rounding for any 3×3 matrix, and ten are a safe bound.
     for _ in 0..10 {
         let off = a[0][1].abs().max(a[0][2].abs()).max(a[1][2].abs());
         if off < 1e-17 {
@@ -26,7 +27,7 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
                 continue;
             }
             let theta = (a[q][q] - a[p][p]) / (2.0 * a[p][q]);
-            // θ² overflows from 1e154 on: the rotation is then by 1/(2θ), which is nothing.
+            // θ² overflows from 1e154 on: the rotation by 1/(2θ) is then negligible.
             let t = 1.0_f64.copysign(theta) / (theta.abs() + (1.0 + theta * theta).sqrt());
             let c = 1.0 / (1.0 + t * t).sqrt();
             let s = t * c;
@@ -44,11 +45,12 @@ pub(crate) fn symmetric3(m: Symmetric3) -> ([f64; 3], [DVec3; 3]) {
     (order.map(|i| a[i][i] * scale), order.map(|i| DVec3::from_array(v[i]).normalize_or(DVec3::Z)))
 }
 
-/// Eigenvalues in ascending order of a symmetric matrix without negative ones, and the smallest one's unit
-/// eigenvector.
+/// Computes the eigenvalues, in ascending order, of a symmetric matrix without negative eigenvalues, and the unit
+/// eigenvector of the smallest one.
 ///
-/// The smallest root of the characteristic polynomial by Newton's method from below, where it is concave, and the
-/// eigenvector as the cross product of two rows. Where these are almost parallel, [`symmetric3`] does it.
+/// Newton's method finds the smallest root of the characteristic polynomial from below, where the polynomial is
+/// concave. The eigenvector is the cross product of two rows. If all rows are nearly parallel, [`symmetric3`] is used
+/// instead.
 pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
     let trace = m[0] + m[3] + m[5];
     if !(trace > 0.0 && trace.is_finite()) {
@@ -56,7 +58,7 @@ pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
         return (values, vectors[0]);
     }
     let [xx, xy, xz, yy, yz, zz] = m.map(|x| x / trace);
-    // λ³ − λ² + bλ − c, of which the trace is 1.
+    // The characteristic polynomial λ³ − λ² + bλ − c, scaled so that the trace is 1.
     let b = xx * yy - xy * xy + xx * zz - xz * xz + yy * zz - yz * yz;
     let c = xx * (yy * zz - yz * yz) - xy * (xy * zz - yz * xz) + xz * (xy * yz - yy * xz);
     let mut smallest = 0.0;
@@ -79,20 +81,21 @@ pub(crate) fn smallest3(m: Symmetric3) -> ([f64; 3], DVec3) {
         let (values, vectors) = symmetric3(m);
         return (values, vectors[0]);
     }
-    // The others' sum and product.
+    // Sum and product of the other two eigenvalues.
     let (sum, product) = (1.0 - smallest, b - smallest * (1.0 - smallest));
     let root = (0.25 * sum * sum - product).max(0.0).sqrt();
     let values = [smallest, (0.5 * sum - root).max(smallest), 0.5 * sum + root];
     (values.map(|v| v * trace), crosses[largest] / lengths[largest].sqrt())
 }
 
-/// Newton steps of [`smallest3`] at most: from a triple root, each takes a third of the way.
+/// Maximum number of Newton steps of [`smallest3`]: from a triple root, each step covers a third of the way.
 const NEWTON: usize = 24;
-/// Square of the largest cross product of two rows, of a matrix of trace 1, below which [`symmetric3`] is called: where
-/// the two smaller eigenvalues are closer than 1e-6, and rounding, over the square of that, turns the vector by 1e-4.
+/// Squared length of the largest cross product of two rows, for a matrix of trace 1, below which [`symmetric3`] is
+/// used. There the two smaller eigenvalues differ by less than 1e-6; rounding, divided by the square of that, turns the
+/// eigenvector by 1e-4.
 const PARALLEL: f64 = 1e-12;
 
-/// Eigenvalues (larger first) of [[xx, xy], [xy, yy]] and the larger one's unit eigenvector.
+/// Computes the eigenvalues (larger first) of [[xx, xy], [xy, yy]] and the larger one's unit eigenvector.
 pub(crate) fn symmetric2(xx: f64, xy: f64, yy: f64) -> ([f64; 2], DVec2) {
     let (mean, half) = (0.5 * (xx + yy), 0.5 * (xx - yy));
     let radius = (half * half + xy * xy).sqrt();
@@ -115,7 +118,7 @@ mod tests {
         for (found, exact) in values.into_iter().zip([1.0, 3.0, 5.0]) {
             assert!((found - exact).abs() < 4e-15, "{found} {exact}");
         }
-        // All ones: 0, 0, 3, the last along (1, 1, 1).
+        // All ones: the eigenvalues are 0, 0, 3, the last along (1, 1, 1).
         let (values, vectors) = symmetric3([1.0; 6]);
         assert!(values[0].abs() < 4e-15 && values[1].abs() < 4e-15 && (values[2] - 3.0).abs() < 4e-15, "{values:?}");
         assert!((vectors[2].dot(DVec3::ONE).abs() - 3.0_f64.sqrt()).abs() < 4e-15);
@@ -137,7 +140,7 @@ mod tests {
             let (found, vectors) = symmetric3(m);
             let again = product(found, vectors);
             for k in 0..6 {
-                // A few roundings of the largest entry, 2e-30.
+                // Tolerance: a few roundings of the largest entry, 2e-30.
                 assert!((again[k] - m[k]).abs() < 2e-44, "{k}: {again:?} {m:?}");
             }
             assert!(found[0] <= found[1] && found[1] <= found[2]);
@@ -160,15 +163,15 @@ mod tests {
             for k in 0..3 {
                 assert!((found[k] - exact[k]).abs() < 1e-8 * exact[2], "{k}: {found:?} {exact:?}");
             }
-            // Rounding moves the eigenvalue by 1e-16 over the gap to the next one, and that turns the vector by as much
-            // over the gap again.
+            // Rounding moves the eigenvalue by 1e-16 over the gap to the next one; dividing by the gap again gives the
+            // turn of the vector.
             let gap = (exact[1] - exact[0]) / exact[2];
             let turn = vector.cross(vectors[0]).length();
             assert!(turn < 1e-13 + 2e-15 / (gap * gap), "{round}: {turn} at {gap}");
             assert!((vector.length() - 1.0).abs() < 1e-14);
         }
         let (values, vector) = smallest3([3.0, 0.0, 0.0, 1.0, 0.0, 2.0]);
-        // A few roundings.
+        // Tolerance: a few roundings.
         assert!(values.into_iter().zip([1.0, 2.0, 3.0]).all(|(v, exact)| (v - exact).abs() < 4e-15), "{values:?}");
         assert!(vector.abs().distance(DVec3::Y) < 4e-15, "{vector}");
         for m in [[0.0; 6], [f64::NAN; 6], [1.0, 0.0, 0.0, 1.0, 0.0, 1.0], [1.0; 6], [1.0, 0.0, 0.0, 0.0, 0.0, 0.0]] {

@@ -2,11 +2,11 @@
 
 use surfel_model::ModelError;
 
-/// Why no splats could be made.
+/// Reason why no splats could be made.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum SampleError {
-    /// There is nothing to make splats of.
+    /// The input is empty.
     #[error("the {what} has no {missing}, expected at least one: check that the file is complete")]
     Empty {
         /// "point cloud" or "mesh".
@@ -25,19 +25,19 @@ pub enum SampleError {
     /// Positions that are not finite; `PointCloud::drop_non_finite` removes them.
     #[error("point {index} has a position that is not finite, and so have {count} of {total}: drop them first")]
     NotFinite {
-        /// The first one, counted from 0.
+        /// Index of the first such point, counted from 0.
         index: usize,
-        /// How many there are.
+        /// Number of such points.
         count: usize,
-        /// Out of how many.
+        /// Number of all points.
         total: usize,
     },
-    /// More elements than indices can name.
+    /// There are more elements than indices can address.
     #[error("{found} {what} are too many, expected at most {limit}: thin the data or split it into several files")]
     TooMany {
         /// The kind of element.
         what: &'static str,
-        /// How many.
+        /// Number of elements found.
         found: usize,
         /// The limit.
         limit: usize,
@@ -57,7 +57,7 @@ pub enum SampleError {
     Model(#[from] ModelError),
 }
 
-/// Most elements in one call: neighbour tables index 16 slots an element with 32 bits to spare.
+/// Largest number of elements in one call: neighbour tables index 16 slots per element with 32 bits.
 pub(crate) const MAX_ELEMENTS: usize = u32::MAX as usize / 16;
 
 impl SampleError {

@@ -1,8 +1,8 @@
-//! Evidence for foliage, and its rule for normals.
+//! Detection of foliage, and its rule for normals.
 //!
-//! Leaves lie in no surface, and planes through them point anywhere. A point is among leaves where many points around
-//! it are tangled, and what is around it is thick. Its normal then is that of the crown: away from the middle of what
-//! is around it, and some toward the outside.
+//! Leaves form no surface, and planes through them point anywhere. A point is foliage if many points around it are
+//! tangled (no common plane, normals disagree) and the neighbourhood is thick. Its normal then is that of the crown:
+//! away from the mean of the points around, with some weight toward the outside.
 
 use crate::class::{Evidence, PointClass};
 use crate::eigen::smallest3;
@@ -15,30 +15,30 @@ use crate::radii::{DENSITY, Sizes};
 use crate::sorted::SortedPoints;
 use glam::{DVec3, Vec3};
 
-/// Share of the neighbours that are tangled themselves, from which a point is among foliage; of one whose disk is
-/// large, and in a forest, less is enough, here and below.
+/// Fraction of tangled neighbours from which a point is foliage. Here and in [`THICK`], the second value is for points
+/// with large disks and for forests.
 const AMONG: [f64; 2] = [0.4, 0.25];
-/// Share of the variance of these neighbours that is across the plane which fits them best, at least; of a ball it is a
-/// third, of noise as large as the spacing of a plane's points a tenth.
+/// Least fraction of the neighbours' variance that is across the plane that fits them best. A ball measures a third; a
+/// plane with noise as large as its points' spacing measures a tenth.
 const THICK: [f64; 2] = [0.08, 0.04];
-/// Share of all points that are tangled, from which a cloud may be a forest.
+/// Fraction of tangled points from which a cloud may be a forest, in which every point is tested.
 const FOREST: f64 = 0.25;
-/// Share of the tangled points with thick surroundings, from which such a cloud is a forest. A noisy surface is as
-/// tangled, but thin: with noise as large as the spacing 0.4 % of its points are in thick surroundings.
+/// Fraction of the tangled points with thick surroundings, from which such a cloud is a forest. A noisy surface is as
+/// tangled, but thin: with noise as large as the spacing, 0.4 % of its points have thick surroundings.
 const FOREST_THICK: f64 = 0.25;
 /// Maximum number of tangled points whose surroundings decide whether a cloud is a forest.
 const FOREST_SAMPLE: usize = 4096;
-/// Cosine of how far disks of the ground of such a cloud lean at most.
+/// Cosine of the largest tilt of ground disks in a forest; steeper disks are limited in size.
 const STEEP: f64 = 0.5;
-/// Weight of the direction toward the outside in a normal, over the distance of the neighbours.
+/// Weight of the direction toward the outside in a normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Two limits, in units of the radius that the density rule gives for the typical spacing: the largest radius of a
-/// tangled point, and the radius above which a point in a surface is looked at.
+/// Two limits, in units of the density radius for the typical spacing: the largest radius of a tangled point (`MOST`),
+/// and the radius above which a point in a surface is tested for foliage (`LARGE`).
 const MOST: f64 = 1.3;
 const LARGE: f64 = 2.0;
 
-/// Reclassifies points among foliage that have no normals of their own, and gives them those of the crown that they are
-/// part of. Their disks reach to the fourth neighbour: what is between leaves isn't known.
+/// Reclassifies foliage points without stored normals, and assigns them normals of the crown. Their disks reach to the
+/// fourth neighbour, because the space between leaves was not measured.
 pub(crate) fn find(
     points: &SortedPoints,
     oriented: &mut [Oriented],
@@ -78,7 +78,7 @@ pub(crate) fn find(
         slots.into_iter().zip(found).collect()
     };
     let first = all((0..points.len() as u32).filter(|slot| is_candidate[*slot as usize]).collect());
-    // Some leaves lie in one plane by chance.
+    // Some leaves are in one plane by chance, so the neighbours of foliage are tested too.
     let mut beside = Vec::new();
     for slot in first.iter().filter_map(|(_, leaf)| leaf.as_ref()).flat_map(|leaf| leaf.nearest) {
         if !is_given(slot as usize) && !std::mem::replace(&mut is_candidate[slot as usize], true) {
@@ -86,7 +86,7 @@ pub(crate) fn find(
         }
     }
     let beside = all(beside);
-    // In a forest there are no walls, but trunks.
+    // Steep disks in a forest are trunks, not walls.
     let is_steep = |normal: Vec3, slot: usize| normal.as_dvec3().dot(outside.at(points.point(slot))).abs() < STEEP;
     for (slot, leaf) in first.into_iter().chain(beside) {
         let slot = slot as usize;
@@ -118,7 +118,7 @@ fn is_forest(points: &SortedPoints, oriented: &[Oriented], is_tangled: &[bool]) 
     thick as f64 > FOREST_THICK * count as f64
 }
 
-/// A point among foliage: its normal, the largest radius of its disk, and the nearest others.
+/// Estimate for a foliage point: its normal, its largest disk radius, and its nearest neighbours.
 #[derive(Clone)]
 struct Leaf {
     normal: Vec3,

@@ -1,4 +1,4 @@
-//! The interior weight: the Σw that a cloud has inside its own surface.
+//! Interior weight: the Σw of a cloud inside its own surface.
 
 use crate::parallel::map_tasks;
 use crate::tree::KdTree;
@@ -7,27 +7,31 @@ use std::collections::HashMap;
 use surfel_math::basis::orthonormal;
 use surfel_model::{Shape, SplatCloud};
 
-/// Splats that are probed.
+/// Maximum number of splats that are probed.
 const PROBES: usize = 4096;
-/// Splats summed by one task. Fixed, so that the order of summation doesn't depend on the number of threads.
+/// Number of splats summed by one task. It is fixed, so that the order of summation doesn't depend on the number of
+/// threads.
 const CHUNK: usize = 1 << 14;
 
-/// Splats from which on those that are near no probe are sifted out first.
+/// Number of splats from which splats far from all probes are sifted out by a grid first.
 const LEAST_SIFTED: usize = 16 * PROBES;
 
-/// A line along a splat's normal through the middle of one quarter of it.
+/// A line along a splat's normal through the middle of one quarter of the splat.
 struct Probe {
     at: DVec3,
     normal: DVec3,
     reach: f64,
 }
 
-/// Σw inside the cloud's own surface at cutoff 2, as the rendering model defines it (§5, coverage): the lower median
-/// over the splats k = ⌊i·n/m⌋, m = min(n, 4096), of Σ w_j at p_k + ½s_k + ½t_k seen along k's normal, over the
-/// splats, k included, whose normals agree within 60° and whose plane that line meets within r_max of that point.
-/// Clips are ignored. Dimensionless; `None` for an empty cloud.
+/// Computes the interior weight: Σw inside the cloud's own surface at cutoff 2, as defined in rendering model §5
+/// (coverage).
 ///
-/// The few probes are put into a tree and all splats run past them, which costs memory for the probes only.
+/// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums w_j at p_k + ½s_k +
+/// ½t_k seen along k's normal. The sum is over all splats (k included) whose normals agree within 60° and whose plane
+/// the line meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty
+/// cloud.
+///
+/// The probes are stored in a tree and all splats are tested against it, so only the probes need memory.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
     let (probes, of) = {
@@ -45,9 +49,9 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
         let mut sums = vec![0.0; probes.len()];
         for j in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
-            // Relative to the origin: adding it would cost digits.
+            // Relative to the origin: adding the origin would cost digits.
             let center = cloud.data().centers.get(j);
-            // No radius is larger than this one, which takes less to compute.
+            // An upper bound of the radius that is cheap to compute.
             let bound = match &cloud.data().shape {
                 Shape::Disks { radii, .. } => f64::from(radii[j]),
                 Shape::Ellipses { s, t } => (s.get(j).length_squared() + t.get(j).length_squared()).sqrt(),
@@ -71,26 +75,26 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
 }
 
-/// The cells of a grid that splats near probes are in: most splats of a large cloud are near none.
+/// Grid cells with splats near probes. In a large cloud, most splats are near no probe.
 struct Nearby {
-    /// Side of a cell, and the largest radius of splats that this is for.
+    /// Side of a cell, and the largest radius of splats that the grid can exclude.
     side: f64,
-    /// A bit a cell, by a hash.
+    /// One bit per cell, indexed by a hash.
     cells: Vec<u64>,
 }
 
 impl Nearby {
-    /// Bits of a hash: 512 KiB of cells, of which some 500,000 are near probes.
+    /// Number of bits of a hash: 512 KiB for all cells, about 500,000 of which are near probes.
     const BITS: u32 = 22;
-    /// Most cells along a probe's reach: about five are usual.
+    /// Maximum number of cells along a probe's reach; about five are usual.
     const MOST_ALONG: i64 = 16;
 
-    /// Of probes at these places with this reach; `None` where they are too uneven for one grid.
+    /// Marks the cells near probes at these places with this reach; `None` if the reaches are too uneven for one grid.
     fn of(places: &[DVec3], reach: &[f64]) -> Option<Self> {
         let side = 1.5 * crate::radii::median(&mut reach.to_vec())?;
         let mut nearby = Self { side, cells: vec![0; 1 << (Self::BITS - 6)] };
         for (place, reach) in places.iter().zip(reach) {
-            // What rounding takes away, and more.
+            // A margin that covers rounding.
             let apart = (reach + side) * (1.0 + 1e-6) + place.abs().max_element() * 1e-15;
             let [lo, hi] = [nearby.cell(*place - apart), nearby.cell(*place + apart)];
             if (0..3).any(|k| hi[k].saturating_sub(lo[k]) > Self::MOST_ALONG) {
@@ -113,13 +117,13 @@ impl Nearby {
     }
 
     fn bit(cell: [i64; 3]) -> usize {
-        // Odd numbers with their bits well mixed, as multiplicative hashes have them (Knuth, TAOCP 3, §6.4).
+        // Odd factors with well-mixed bits, as in multiplicative hashing (Knuth, TAOCP 3, §6.4).
         const FACTORS: [u64; 3] = [0x9e37_79b9_7f4a_7c15, 0xc2b2_ae3d_27d4_eb4f, 0x1656_67b1_9e37_79f9];
         let mixed = cell.iter().zip(FACTORS).fold(0_u64, |h, (c, f)| (h ^ *c as u64).wrapping_mul(f).rotate_left(29));
         (mixed.wrapping_mul(FACTORS[0]) >> (64 - Self::BITS)) as usize
     }
 
-    /// False for a splat that no probe's line meets.
+    /// False if no probe's line meets a splat with this centre and radius.
     #[inline]
     fn may_meet(&self, center: DVec3, radius: f64) -> bool {
         let bit = Self::bit(self.cell(center));
@@ -127,7 +131,7 @@ impl Nearby {
     }
 }
 
-/// The different ones of `probes`, and which of them each is: of many splats in one place all would sum the same.
+/// Merges equal probes, and returns the index of each probe's representative: many splats in one place sum the same.
 fn distinct(probes: Vec<Probe>) -> (Vec<Probe>, Vec<usize>) {
     let mut known = HashMap::with_capacity(probes.len());
     let mut different = Vec::with_capacity(probes.len());
@@ -147,21 +151,21 @@ fn probe(cloud: &SplatCloud, k: usize) -> Probe {
     Probe { at: cloud.data().centers.get(k) + 0.5 * (s + t), normal: cloud.normal(k), reach: cloud.radius_max(k) }
 }
 
-/// A splat that probes' lines meet.
+/// A splat, prepared for the test against probes' lines.
 struct Splat {
     center: DVec3,
     radius: f64,
     normal: DVec3,
     axes: Axes,
-    /// Unit directions in its plane, and how far it reaches along each.
+    /// Unit directions in the splat's plane, and the splat's extent along each.
     sides: [(DVec3, f64); 2],
 }
 
-/// A splat's axes, as a point of its plane is expressed by them.
+/// Axes of a splat by which a point of its plane is expressed.
 enum Axes {
     /// Unit axes of a disk, and its radius.
     Disk { s: DVec3, t: DVec3, r: f64 },
-    /// Half-axes over the largest of their coordinates, and that.
+    /// Half-axes, each divided by its largest coordinate, and these two coordinates.
     Ellipse { s: DVec3, t: DVec3, scales: [f64; 2] },
 }
 
@@ -187,12 +191,13 @@ impl Splat {
         Self { center, radius, normal, axes, sides }
     }
 
-    /// False where no probe within these bounds, whose reaches are `largest` at most, has a line that meets the splat.
+    /// False if no line of the probes within these bounds meets the splat; `largest` is the probes' largest reach.
     ///
-    /// A line meets it from a height of `largest` at most, and at 60° to the normal at most: within √3 heights of the
-    /// ellipse. A sliver's probes are few, while all of a fan are in the ball about it.
+    /// A line that meets the splat starts at a height of at most `largest` over its plane, at 60° to its normal at
+    /// most. Its start is therefore within √3 heights of the ellipse. The test excludes most probes of a sliver; a test
+    /// by its bounding ball would accept all of a fan's.
     fn may_meet(&self, (low, high): (DVec3, DVec3), largest: f64) -> bool {
-        // A hair for rounding, of the coordinates themselves as well.
+        // Tolerance for rounding, also of the coordinates themselves.
         let hair =
             1e-9 * (self.radius + largest) + 1e-14 * (low.abs().max(high.abs()).max(self.center.abs())).max_element();
         let beyond = (low - self.center).max(self.center - high).max(DVec3::ZERO);
@@ -200,7 +205,7 @@ impl Splat {
             return false;
         }
         let (middle, half) = (0.5 * (low + high) - self.center, 0.5 * (high - low));
-        // How far from the centre the bounds reach along a direction, and how near they come.
+        // Distance of the bounds' middle from the centre along a direction, and the bounds' half-extent.
         let ends = |n: DVec3| (middle.dot(n).abs(), half.dot(n.abs()));
         let (height, thickness) = ends(self.normal);
         let aside = 3f64.sqrt() * (height + thickness).min(largest) + hair;
@@ -211,7 +216,7 @@ impl Splat {
         height - thickness <= largest + hair && self.sides.iter().all(is_near)
     }
 
-    /// w where the probe's line meets the plane.
+    /// Returns w where the probe's line meets the plane; 0 if it misses the splat.
     fn weight(&self, probe: &Probe) -> f64 {
         let d = probe.at - self.center;
         if d.length_squared() > (self.radius + probe.reach).powi(2) {
@@ -229,7 +234,7 @@ impl Splat {
         let rho2 = match &self.axes {
             Axes::Disk { s, t, r } => (hit.dot(*s) / r).powi(2) + (hit.dot(*t) / r).powi(2),
             Axes::Ellipse { s, t, scales: [a, b] } => {
-                // hit = u s + v t in the plane: the ratios of areas, with lengths scaled out.
+                // Solves hit = u s + v t in the plane by ratios of areas, with lengths scaled out.
                 let m = s.cross(*t);
                 let scale = m.length_squared();
                 (hit.cross(*t).dot(m) / scale / a).powi(2) + (s.cross(hit).dot(m) / scale / b).powi(2)
@@ -259,14 +264,14 @@ mod tests {
                 let meets = places.iter().zip(&reach).any(|(p, r)| (*p - center).length() <= r + radius);
                 assert!(!meets || nearby.may_meet(center, radius), "{center} {radius}");
             }
-            // At 3e12 steps of coordinates are 5e-4, and all else is as elsewhere.
+            // At 3e12, coordinates have steps of 5e-4; otherwise the results are the same.
             assert!(kept < 10_000, "{offset}: {kept}");
         }
-        // Of lengths too different for a grid there is none.
+        // Lengths that differ too much for a grid give none.
         assert!(Nearby::of(&[DVec3::ZERO; 3], &[1.0, 1.0, 100.0]).is_none());
     }
 
-    /// The interior weight by all pairs of splats and probes.
+    /// Computes the interior weight from all pairs of splats and probes.
     fn by_all_pairs(cloud: &SplatCloud) -> f64 {
         let probes: Vec<Probe> = (0..cloud.len()).map(|k| probe(cloud, k)).collect();
         let splats: Vec<Splat> =
@@ -278,7 +283,7 @@ mod tests {
     #[test]
     fn weight_is_that_of_all_pairs() {
         let mut random = crate::mesh::random::Random::new(23);
-        // Rough surfaces of round splats and of slivers, upright and slanted axes, far from the origin as well.
+        // Rough surfaces of round splats and slivers, axis-aligned and slanted, also far from the origin.
         for (offset, thin, rough) in [(0.0, 1.0, 0.0), (0.0, 0.01, 0.05), (1e4, 0.02, 0.3), (0.0, 0.3, 1.0)] {
             let mut vector = |scale: f64| DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 * scale - scale;
             let mut columns: [Vec<glam::Vec3>; 3] = Default::default();
@@ -329,10 +334,10 @@ mod tests {
         let cloud = SplatCloud::disks(&centers, &vec![glam::Vec3::Z; 3020], &vec![0.25; 3020]).unwrap();
         let probes = || (0..3020).map(|k| probe(&cloud, k)).collect::<Vec<_>>();
         let (different, of) = distinct(probes());
-        // One of 3000 and twenty others: 21 probes, and 3000 + 20 pairs are looked at instead of nine million.
+        // One of 3000 and twenty others: 21 probes, and thus few pairs instead of nine million.
         assert_eq!((different.len(), of.len()), (21, 3020));
         assert!(of.iter().zip(probes()).all(|(d, p)| different[*d].at == p.at && different[*d].reach == p.reach));
-        // exp(−2ρ²) at (½, ½) is exp(−1), of 3000 splats.
+        // exp(−2ρ²) at (½, ½) is exp(−1), for each of 3000 splats.
         let weight = interior_weight(&cloud).unwrap();
         assert!((weight - 3000.0 * (-1.0_f64).exp()).abs() < 1e-6 * weight, "{weight}");
     }

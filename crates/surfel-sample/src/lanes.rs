@@ -1,21 +1,21 @@
-//! Sixteen numbers side by side: those of some lanes moved together, and the order of a few.
+//! SIMD operations on sixteen lanes: compaction of selected lanes, and ranks of a few values.
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, mask32x16, u32x16};
 
-/// Lanes of a step.
+/// Number of SIMD lanes.
 pub(crate) const LANES: usize = 16;
 
-/// 0 to 15.
+/// Numbers 0 to 15.
 const NUMBERS: [u32; LANES] = [0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15];
 
-/// Numbers from `first` on.
+/// Returns sixteen consecutive numbers, the first of which is `first`.
 #[inline(always)]
 pub(crate) fn numbers<S: Simd>(simd: S, first: u32) -> u32x16<S> {
     u32x16::load_array(simd, NUMBERS) + u32x16::splat(simd, first)
 }
 
-/// Writes the lanes that are `kept` to `to` from place `at` on, and any numbers after them, up to a step.
+/// Writes the lanes selected by `kept` to `to`, from index `at` on. Up to sixteen elements are overwritten there.
 #[inline(always)]
 pub(crate) fn compress<S: Simd, T: SimdElement, V>(values: V, kept: mask32x16<S>, to: &mut [T], at: usize)
 where
@@ -26,8 +26,8 @@ where
     }
 }
 
-/// How many of the first `n` values come before each of them: smaller ones, and equal ones before it. Both slices have
-/// room for whole steps; what is there beyond `n` is written over.
+/// Computes the rank of each of the first `n` values: the number of smaller values, plus the number of equal values
+/// before it. Both slices need room for whole SIMD steps; elements beyond `n` are overwritten.
 #[inline(always)]
 pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [u32]) {
     let room = n.next_multiple_of(LANES);
@@ -55,7 +55,7 @@ pub(crate) fn rank<S: Simd>(simd: S, values: &mut [f32], n: usize, ranks: &mut [
     }
 }
 
-/// The best instructions of this machine, and those that others have.
+/// Returns the best instruction level of this machine, and lower levels.
 #[cfg(test)]
 pub(crate) fn levels() -> Vec<fearless_simd::Level> {
     use fearless_simd::Level;

@@ -1,7 +1,7 @@
-//! The largest disk that a point's surroundings allow.
+//! Limit of a disk's size by its surroundings.
 //!
-//! No disk is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. Most points are told at once
-//! to comply: where no radius is small enough, as far as those neighbours may be, none of them is looked for.
+//! No disk is larger than [`TIMES`] the median radius of the [`AROUND`] nearest points. A quick test exempts most
+//! points without a neighbour search: no radius within the possible distance of those neighbours is small enough.
 
 use crate::nearest::Search;
 use crate::parallel::map_each;
@@ -9,16 +9,16 @@ use crate::progress::NoProgress;
 use crate::radii::Sizes;
 use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 
-/// Neighbours whose median radius limits a point's own.
+/// Number of neighbours whose median radius limits a point's own.
 const AROUND: usize = 100;
-/// Largest radius, over that median.
+/// Largest radius, relative to the median.
 const TIMES: f64 = 6.0;
-/// Rounds at most: a disk that becomes smaller lowers the medians of others. Three have always sufficed.
+/// Maximum number of rounds: a smaller disk lowers the medians of others. Three rounds have always sufficed.
 const ROUNDS: usize = 16;
-/// Share of the limit that splats are shortened to: what rounding the ratio of an ellipse's axes adds.
+/// Fraction of the limit to which splats are shortened. The margin covers the rounding of an ellipse's axis ratio.
 const ROUNDING: f64 = 1.0 - 2e-4;
 
-/// Shortens the splats that are larger than their surroundings allow.
+/// Shortens splats that are larger than their surroundings allow.
 pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     for _ in 0..ROUNDS {
         let radii = map_each(points.len(), &NoProgress, || (), |(), slot| sizes.radius(slot) as f32);
@@ -31,7 +31,7 @@ pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
                 |(), i| least.may_exceed(points, &radii, level, i),
             )
         };
-        // Groups of leaves first: of most, no leaf needs a look.
+        // Groups of leaves are tested first: few need a test of each leaf.
         let groups = may_exceed(1, FAN * LEAF);
         let leaves = (0..points.len().div_ceil(LEAF)).filter(|leaf| groups[leaf / FAN]);
         let leaves = leaves.filter(|leaf| least.may_exceed(points, &radii, 0, *leaf));
@@ -57,7 +57,7 @@ pub(crate) fn shorten(points: &SortedPoints, sizes: &mut Sizes) {
     }
 }
 
-/// The lower median of a few values.
+/// Returns the lower median of at most [`AROUND`] values.
 fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     let mut all = [0.0; AROUND];
     let mut count = 0;
@@ -69,7 +69,7 @@ fn median(values: impl Iterator<Item = f32>) -> Option<f32> {
     Some(*all[..count].select_nth_unstable_by(middle, f32::total_cmp).1)
 }
 
-/// Least radii of leaves, of groups of leaves, and so on, like the levels of boxes.
+/// Smallest radius in each leaf, each group of leaves, and so on, for each level of boxes.
 struct Least {
     levels: Vec<Vec<f32>>,
 }
@@ -85,13 +85,13 @@ impl Least {
         Self { levels }
     }
 
-    /// False where no radius near box `index` of a level is so small that the box's largest exceeds [`TIMES`] the
-    /// median.
+    /// True if some radius near box `index` of a level may be so small that the box's largest radius exceeds [`TIMES`]
+    /// the median.
     fn may_exceed(&self, points: &SortedPoints, radii: &[f32], level: usize, index: usize) -> bool {
         let mut size = LEAF * FAN.pow(level as u32);
         let largest = radii[index * size..points.len().min((index + 1) * size)].iter().copied().fold(0.0, f32::max);
         let small = (f64::from(largest) / TIMES) as f32 * (1.0 + 1e-6);
-        // The boxes around, until one surely holds enough points: no neighbour is farther than it is wide.
+        // Find a box around with enough points: no neighbour is farther away than that box is wide.
         let (mut level, mut index) = (level, index);
         let top = points.levels().len() - 1;
         while level > top || size <= AROUND || (index + 1) * size > points.len() {

@@ -1,21 +1,22 @@
-//! Makes splats of point clouds and triangle meshes: normals, local spacing, radii, surface sampling.
+//! Conversion of point clouds and triangle meshes to splats: normals, local spacing, radii, surface sampling.
 //!
-//! - [`splats_from_points`]: normals by PCA where they are missing, with signs that neighbours agree on, and
-//!   radii from each point's Voronoi cell in its tangent plane, so that the surface closes.
-//! - [`outliers`]: which points stand alone.
-//! - [`splats_from_mesh`]: one splat a face, one a vertex, or blue-noise samples.
-//! - [`octree_from_mesh`]: splats of every size and the polygons themselves, in an octree.
-//! - [`sharp_splats_from_mesh`]: few, large splats clipped along the mesh's creases and borders.
-//! - [`sharpen_points`]: splats of points, clipped along the edges that the points show.
-//! - [`fit_to_mesh`], [`fit_point_colors`]: colours and normals whose blend is the surface's (docs/textures.md).
-//! - [`interior_weight`]: the Σw that a cloud has inside its own surface (rendering model §5, coverage).
+//! - [`splats_from_points`]: estimates missing normals by PCA, with consistent signs, and computes radii from each
+//!   point's Voronoi cell in its tangent plane, so that the surface has no holes.
+//! - [`outliers`]: finds isolated points by statistics.
+//! - [`splats_from_mesh`]: makes one splat per face, one per vertex, or blue-noise samples.
+//! - [`octree_from_mesh`]: makes an octree with splats of every size and the polygons themselves.
+//! - [`sharp_splats_from_mesh`]: makes few, large splats clipped along the mesh's creases and borders.
+//! - [`sharpen_points`]: clips the splats of points along edges detected in the points.
+//! - [`fit_to_mesh`], [`fit_point_colors`]: fit colours and normals so that their blend equals the surface's
+//!   (docs/textures.md).
+//! - [`interior_weight`]: computes the Σw of a cloud inside its own surface (rendering model §5, coverage).
 //!
-//! Work runs in whatever rayon pool the caller installed; results don't depend on the number of threads.
+//! Work runs in the rayon pool that the caller installed; results don't depend on the number of threads.
 //!
-//! Points are sorted along a Morton curve and prepared in blocks, whose neighbours come from what lies near a leaf of
-//! 16 points, gathered once for all of them. The search is our own rather than a crate's: it never allocates in a
-//! query, breaks ties of equal distance in a fixed order, takes any number of coincident points, and is several times
-//! as fast. A small k-d tree serves where the queries aren't the points themselves.
+//! Points are sorted along a Morton curve and processed in blocks. A search gathers the points near a leaf of 16 points
+//! once for all queries from that leaf. It replaces a crate's search because it never allocates in a query and breaks
+//! ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several times as
+//! fast. A small k-d tree serves queries at other positions than the points.
 
 mod assemble;
 mod block;

@@ -1,31 +1,32 @@
-//! Medians of many values, and the largest value that is no outlier.
+//! Medians of many values, and a robust limit for outliers.
 
 use crate::parallel::map_tasks;
 
-/// Standard deviations of the logarithm of a value, of its normal part, beyond which the value is an outlier.
+/// Number of standard deviations of a value's logarithm, for the normal part of the values, beyond which it is an
+/// outlier.
 const DEVIATIONS: f64 = 3.5;
-/// Standard deviations of a normal distribution that the median absolute deviation is.
+/// Median absolute deviation of a normal distribution, in standard deviations.
 const MAD: f64 = 0.674_489_75;
 
-/// Median of positive values, and their spread about it.
+/// Median and spread of positive values.
 pub(crate) struct Spread {
     pub(crate) median: f64,
-    /// The standard deviation of logarithms, as the median absolute deviation tells it.
+    /// Standard deviation of the logarithms, estimated from the median absolute deviation.
     spread: f64,
 }
 
 impl Spread {
-    /// The largest value that is no outlier: those beyond it are more than [`DEVIATIONS`] off, and at least this many
-    /// times the median.
+    /// Returns the largest value that is no outlier: [`DEVIATIONS`] above the median, or `times` the median if that is
+    /// more.
     pub(crate) fn most(&self, times: f64) -> f64 {
         self.median * (DEVIATIONS * self.spread).exp().max(times)
     }
 }
 
-/// Measures the spread of values; `None` where none is positive.
+/// Measures the spread of values; `None` if none is positive.
 pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<Spread> {
     let median = median_of(count, &value)?;
-    // Of how many times more or less than the middle, whose order is that of their logarithms.
+    // The ratio to the median, above 1 in both directions, has the same order as the absolute difference of logarithms.
     let times = |i: usize| match value(i) {
         v if v > 0.0 => (v / median).max(median / v),
         _ => 0.0,
@@ -34,9 +35,9 @@ pub(crate) fn spread(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Optio
     Some(Spread { median: f64::from(median), spread })
 }
 
-/// The lower median of those of 0..`count` whose value is greater than 0, without a copy of them all.
+/// Returns the lower median of the positive values with indices 0..`count`, without a copy of all of them.
 pub(crate) fn median_of(count: usize, value: impl Fn(usize) -> f32 + Sync) -> Option<f32> {
-    /// Bits of a positive number that tell its bin.
+    /// Number of low bits of a positive float that its bin ignores.
     const SHIFT: u32 = 16;
     const BINS: usize = 1 << (31 - SHIFT);
     let tasks = count.div_ceil(1 << 14).clamp(1, 32);

@@ -1,34 +1,34 @@
-//! Exact nearest neighbours of points in Morton order: all that lie near a leaf are gathered once, side by side, and
-//! each of the leaf's points then looks at them by SIMD.
+//! Exact nearest neighbours of points in Morton order. All points near a leaf are gathered once, side by side; each
+//! query from that leaf then scans them by SIMD.
 
 use crate::lanes::{LANES, compress, numbers, rank};
 use crate::sorted::{Bounds, FAN, LEAF, SortedPoints};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16, i32x16, mask32x16, u32x16};
 
-/// Candidates beyond which a search by itself is faster.
+/// Number of candidates beyond which a tree search is faster than a scan.
 const MOST: usize = 2048;
-/// Room for those, a leaf that goes beyond them, and what a last step writes.
+/// Capacity for the candidates, the leaf that exceeds the limit, and the last SIMD write.
 const ROOM: usize = MOST + 2 * LEAF;
-/// How often a leaf's candidates are gathered for one query, before it searches by itself.
+/// Maximum number of times that candidates are gathered for one query before it falls back to a tree search.
 const MOST_GATHERED: usize = 8;
-/// Squared distance that most queries' farthest neighbour is within, over that of the query before.
+/// Factor from one query's farthest squared distance to the bound of the next query; most queries are within it.
 const LIKELY: f32 = 1.5;
-/// Survivors beyond which the farther ones are dropped before those that stay are ranked.
+/// Number of survivors beyond which the farthest are dropped before the rest is ranked.
 const RANKED: usize = 96;
-/// Levels of boxes at most, eight together.
+/// Maximum number of levels of boxes, with [`FAN`] boxes in a group.
 const MOST_LEVELS: usize = 10;
-/// Most neighbours that are looked for.
+/// Largest number of neighbours of a query.
 pub(crate) const MOST_NEIGHBOURS: usize = 128;
 
-/// Squared distance in steps, as every search computes it.
+/// Returns the squared distance in steps, as computed by every search.
 #[inline(always)]
 pub(crate) fn distance2(p: [i32; 3], q: [i32; 3]) -> f32 {
     let [x, y, z] = [(p[0] - q[0]) as f32, (p[1] - q[1]) as f32, (p[2] - q[2]) as f32];
     x * x + y * y + z * z
 }
 
-/// Points near a leaf, in slot order, as columns with room to a whole number of steps.
+/// Points near a leaf, in slot order, as columns with room for whole SIMD steps.
 #[derive(Clone, Debug, Default)]
 struct Candidates {
     x: Vec<i32>,
@@ -38,34 +38,36 @@ struct Candidates {
     count: usize,
 }
 
-/// Candidates within a bound, in slot order.
+/// Candidates within a distance, in slot order.
 #[derive(Clone, Debug, Default)]
 struct Survivors {
     distances2: Vec<f32>,
-    /// Places among the candidates.
+    /// Indices of the candidates.
     places: Vec<u32>,
     ranks: Vec<u32>,
     keys: Vec<u64>,
 }
 
-/// A search with its buffers. Queries that come in the order of their slots are the fastest.
+/// A search with its buffers. Queries in the order of slots are the fastest.
 ///
-/// What it finds depends on the points alone: the nearest in f32 squared distance, equal ones by slot.
+/// Results depend only on the points: the nearest by squared distance in f32, ties in the order of slots.
 pub(crate) struct Search<'a> {
     points: &'a SortedPoints,
     level: Level,
     candidates: Candidates,
-    /// The leaf that the candidates are for, and the squared distance from each of its points within which they are
-    /// complete.
+    /// Leaf for which the candidates were gathered, and the squared distance from each of its points within which no
+    /// candidate is missing.
     leaf: usize,
     complete2: f32,
-    /// The last query in this leaf and its farthest neighbour's squared distance, for this many neighbours.
+    /// Last query in this leaf: its position, the squared distance of its farthest neighbour, and the number of
+    /// neighbours.
     last: Option<([i32; 3], f32, usize)>,
-    /// Largest squared distance of a farthest neighbour in the leaf before, over the number of neighbours.
+    /// Largest squared distance of a farthest neighbour divided by the number of neighbours, in the previous leaf
+    /// (`typical2`) and in this one (`largest2`).
     typical2: f32,
     largest2: f32,
     survivors: Survivors,
-    /// What was found last, and the squared distances.
+    /// Neighbours found last, and their squared distances.
     slots: [u32; MOST_NEIGHBOURS],
     distances2: [f32; MOST_NEIGHBOURS],
 }
@@ -87,8 +89,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The `count` (at most [`MOST_NEIGHBOURS`]) nearest to a point, nearest first, without itself; fewer where the
-    /// cloud has no more. `guess2` is about the squared distance that the farthest may have, or 0. Also the farthest's.
+    /// Returns the `count` (at most [`MOST_NEIGHBOURS`]) nearest neighbours of a point, nearest first, without the
+    /// point itself, and the squared distance of the farthest. A small cloud may have fewer. `guess2` estimates that
+    /// squared distance; 0 if unknown.
     pub(crate) fn nearest(&mut self, slot: usize, count: usize, guess2: f32) -> (&[u32], f32) {
         let count = count.min(self.points.len() - 1).min(MOST_NEIGHBOURS);
         if count == 0 {
@@ -103,16 +106,16 @@ impl<'a> Search<'a> {
         (&self.slots[..count], farthest2)
     }
 
-    /// Gathers what the queries of a leaf need, if that is the points within a squared distance.
+    /// Gathers the candidates for a leaf whose queries need the points within a squared distance.
     pub(crate) fn expect(&mut self, leaf: usize, reach2: f32) {
         self.enter(leaf);
         if reach2 > 0.0 && self.points.len() > MOST {
-            // Those at this very distance, however it is rounded, and a step at least.
+            // Includes points at exactly this distance, however it is rounded, and at least one step more.
             self.gather((reach2 * 1.000_01).max(4.0));
         }
     }
 
-    /// Goes on to another leaf.
+    /// Starts with a new leaf.
     fn enter(&mut self, leaf: usize) {
         if leaf != self.leaf {
             if self.largest2 > 0.0 {
@@ -122,7 +125,7 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Looks among the leaf's candidates; false where they are too many or too few.
+    /// Searches among the leaf's candidates; false if they are too many or too few.
     fn near_leaf(&mut self, slot: usize, q: [i32; 3], count: usize, guess2: f32) -> bool {
         let leaf = slot / LEAF;
         self.enter(leaf);
@@ -130,7 +133,8 @@ impl<'a> Search<'a> {
         if let Some((p, farthest2, n)) = self.last
             && n >= count
         {
-            // Its neighbours and the last query itself surround the last query, so as many are within this.
+            // The last query and its neighbours are at least `count` points other than this one within the sum of both
+            // distances.
             let reach = farthest2.sqrt() + distance2(p, q).sqrt();
             sure2 = reach * reach * 1.000_01;
             if near2 == 0.0 {
@@ -142,17 +146,17 @@ impl<'a> Search<'a> {
             let b = self.points.bounds(leaf);
             want2 = distance2(b.lo, b.hi) * 0.25;
         }
-        // What is looked at first; all candidates, where that is too little.
+        // Radius of the first scan; a second one scans all candidates if the first finds too few.
         let mut first2 = if near2 > 0.0 { near2 } else { f32::INFINITY };
         want2 = want2.min(sure2);
         want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
         for _ in 0..MOST_GATHERED {
-            // Some more than this query wants, so that those after it find what they need.
+            // Gathers more than this query needs, so that the following queries find enough.
             if self.complete2 < want2 && !self.gather(1.3 * want2) {
                 if want2 >= sure2 {
                     return false;
                 }
-                // Denser here than where the last query was.
+                // The points are denser here than at the last query.
                 want2 *= 0.25;
                 continue;
             }
@@ -171,7 +175,7 @@ impl<'a> Search<'a> {
     /// Collects the points within a squared distance of the leaf's box; false if there are too many.
     fn gather(&mut self, reach2: f32) -> bool {
         self.complete2 = -1.0;
-        // f32 squares are within 2⁻²² of exact.
+        // The relative error of squares in f32 is below 2⁻²².
         let reach = (f64::from(reach2).sqrt() * 1.000_001 + 1.0).min(f64::from(i32::MAX)) as i32;
         let (points, candidates) = (self.points, &mut self.candidates);
         let region = points.bounds(self.leaf).grown(reach);
@@ -186,7 +190,7 @@ impl<'a> Search<'a> {
         true
     }
 
-    /// The `count` nearest candidates within a squared distance, nearest first; false if there are fewer.
+    /// Finds the `count` nearest candidates within a squared distance, nearest first; false if there are fewer.
     fn scan(&mut self, q: [i32; 3], bound2: f32, count: usize) -> bool {
         let (candidates, survivors) = (&self.candidates, &mut self.survivors);
         survivors.distances2.resize(ROOM, 0.0);
@@ -199,7 +203,7 @@ impl<'a> Search<'a> {
         let Survivors { distances2, places, ranks, keys } = survivors;
         if n <= RANKED {
             for ((d2, place), rank) in distances2.iter().zip(&*places).zip(&*ranks).take(n) {
-                // Also of those beyond `count`: to write them costs less than to guess which they are.
+                // Writes survivors beyond `count` too, because a branch would cost more.
                 let rank = *rank as usize % MOST_NEIGHBOURS;
                 (self.slots[rank], self.distances2[rank]) = (candidates.slots[*place as usize], *d2);
             }
@@ -215,12 +219,12 @@ impl<'a> Search<'a> {
         true
     }
 
-    /// Looks by itself, from the top of the tree.
+    /// Searches the tree from its root, without candidates.
     fn alone(&mut self, q: [i32; 3], count: usize) -> bool {
         let levels = self.points.levels();
         let mut found: Vec<u64> = Vec::with_capacity(count + 1);
         let mut farthest2 = f32::INFINITY;
-        // Rounding up to two units in the last place may make a box look farther than a point in it.
+        // Rounding by up to two units in the last place may make a box seem farther than a point in it.
         const SLACK: f32 = 0.999_999;
         let mut stack: Vec<(f32, usize, usize)> = Vec::new();
         let push = |stack: &mut Vec<(f32, usize, usize)>, level: usize, group: usize| {
@@ -228,7 +232,7 @@ impl<'a> Search<'a> {
             let boxes = (0..FAN).map(|i| (levels[level][group].get(i), group * FAN + i));
             let boxes = boxes.filter(|(b, _)| b.lo[0] <= b.hi[0]);
             stack.extend(boxes.map(|(b, index)| (b.distance2(q), level, index)));
-            // The nearest on top.
+            // The nearest box is on top of the stack.
             stack[from..].sort_unstable_by(|a, b| b.0.total_cmp(&a.0).then(b.2.cmp(&a.2)));
         };
         push(&mut stack, levels.len() - 1, 0);
@@ -265,7 +269,7 @@ impl<'a> Search<'a> {
 fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidates: &mut Candidates) -> bool {
     let levels = points.levels();
     candidates.count = 0;
-    // Of each level the group that is looked at, and a bit for each of its boxes that is still to come.
+    // Per level: the current group, and one bit for each of its boxes that remain to be visited.
     let (mut groups, mut left) = ([0; MOST_LEVELS], [0; MOST_LEVELS]);
     let top = levels.len() - 1;
     let mut level = top;
@@ -291,7 +295,7 @@ fn collect_by<S: Simd>(simd: S, points: &SortedPoints, region: &Bounds, candidat
     }
 }
 
-/// Collects those points of a leaf that are in `region`.
+/// Collects the points of a leaf that are in `region`.
 #[inline(always)]
 fn collect_leaf<S: Simd>(simd: S, points: &SortedPoints, leaf: usize, region: &Bounds, candidates: &mut Candidates) {
     let c = candidates;
@@ -331,10 +335,10 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
-/// The candidates within a squared distance, and, unless they are too many, the rank of each: how many there are.
+/// Selects the candidates within a squared distance, and ranks them unless they are too many. Returns their number.
 #[inline(always)]
 fn scan_by<S: Simd>(simd: S, candidates: &Candidates, q: [i32; 3], bound2: f32, survivors: &mut Survivors) -> usize {
-    // No closure: those aren't inlined into SIMD code.
+    // No closures: the compiler doesn't inline them into SIMD code.
     let (qx, qy, qz) = (i32x16::splat(simd, q[0]), i32x16::splat(simd, q[1]), i32x16::splat(simd, q[2]));
     let (bound, zero) = (f32x16::splat(simd, bound2), f32x16::splat(simd, 0.0));
     let c = candidates;
@@ -372,7 +376,7 @@ mod tests {
     use crate::mesh::random::Random;
     use glam::DVec3;
 
-    /// All others by squared distance and slot.
+    /// Returns all other points sorted by squared distance and slot, cut off at `count`.
     fn brute_force(points: &SortedPoints, slot: usize, count: usize) -> Vec<u32> {
         let q = points.at(slot);
         let mut all: Vec<(f32, u32)> =
@@ -391,7 +395,7 @@ mod tests {
                 assert_eq!(found, expected, "{name}: {count} of {slot}");
                 let last = expected.last().map_or(0.0, |j| distance2(points.at(*j as usize), points.at(slot)));
                 assert_eq!(farthest2, last);
-                // What is known of the farthest one changes nothing, nor does a guess that is wrong.
+                // A guess, exact or wrong, doesn't change the result.
                 for guess2 in [last, 0.1 * last, 9.0 * last] {
                     assert_eq!(search.nearest(slot, count, guess2).0, expected, "{name}: {count} of {slot}, {guess2}");
                 }
@@ -416,9 +420,9 @@ mod tests {
             check("few", &scattered(count, 1e9), 1);
         }
         check("scattered", &scattered(5000, 1e9), 37);
-        // Few levels: most distances tie.
+        // Few coordinate values, so most distances tie.
         check("ties", &scattered(9000, 17.0), 61);
-        // A dense cluster that strays look at, more than candidates have room for.
+        // A dense cluster that exceeds the candidates' capacity for queries from strays.
         let mut clusters: Vec<DVec3> = scattered(6000, 1e9).iter().map(|p| *p * 1e-3).collect();
         clusters.extend(scattered(40, 1e9));
         check("strays", &clusters, 43);

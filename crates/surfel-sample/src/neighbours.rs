@@ -1,4 +1,4 @@
-//! Points and the nearest neighbours of each, in one table.
+//! Table of the nearest neighbours of all points.
 
 use crate::SampleError;
 use crate::nearest::Search;
@@ -7,17 +7,17 @@ use crate::progress::Progress;
 use crate::sorted::SortedPoints;
 use glam::DVec3;
 
-/// Points of a task.
+/// Number of points in a task.
 const CHUNK: usize = 4096;
 
 /// Distinct points, addressed by slots, and their neighbours.
 #[derive(Debug)]
 pub(crate) struct Neighbours {
     pub(crate) points: SortedPoints,
-    /// Neighbours a point has in the table: fewer than asked for where the cloud is smaller.
+    /// Number of neighbours per point: fewer than requested if the cloud is too small.
     degree: usize,
     table: Vec<u32>,
-    /// The slot of each input point.
+    /// Slot of each input point.
     pub(crate) slot_of: Vec<u32>,
 }
 
@@ -49,12 +49,12 @@ impl Neighbours {
         self.points.len()
     }
 
-    /// In steps from the middle of all.
+    /// Returns the position of a slot's point, in steps from the centre of all points.
     pub(crate) fn point(&self, slot: usize) -> DVec3 {
         self.points.point(slot)
     }
 
-    /// The neighbours of the point at `slot`, nearest first, without itself.
+    /// Returns the neighbours of the point at `slot`, nearest first, without the point itself.
     pub(crate) fn of(&self, slot: usize) -> &[u32] {
         &self.table[slot * self.degree..(slot + 1) * self.degree]
     }

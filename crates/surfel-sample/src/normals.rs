@@ -10,31 +10,33 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
 use glam::{DVec3, Vec3};
 
-/// Below this ratio of the middle to the largest variance, neighbours lie on one line (all on one scan line, say)
-/// and more of them are looked at. A 16-neighbourhood that touches the adjacent scan lines is above 0.05.
+/// Ratio of the middle to the largest variance below which neighbours count as collinear (all on one scan line, say)
+/// and more of them are searched. A 16-neighbourhood that touches the adjacent scan lines is above 0.05.
 pub(crate) const COLLINEAR: f64 = 0.02;
 
-/// Neighbours that a second look takes, where the first ones don't surround a point. 48 reach the adjacent scan line
-/// up to a spacing ratio of 1:20.
+/// Number of neighbours in a second search, if the first ones don't surround a point. A circle of 48 reaches the
+/// adjacent scan line up to a spacing ratio of 1:20.
 pub(crate) const WIDE: usize = 48;
 
-/// Neighbours that a last look takes where those lie on one line, too: a circle of so many reaches the adjacent scan
+/// Number of neighbours in a last search, if the second finds a line too. A circle of 128 reaches the adjacent scan
 /// line up to a spacing ratio of 1:50.
 pub(crate) const WIDEST: usize = MOST_NEIGHBOURS;
-/// Ratio of the smallest to the middle variance up to which neighbours lie in a plane that says how a disk lies, of
-/// those on a point's side and of all: where few are on its side, it may be in a corner.
+/// Ratio of the smallest to the middle variance up to which neighbours form a plane that decides how a disk is
+/// oriented. The first value is for neighbours on the point's side. The stricter second is for all neighbours, used if
+/// few are on its side: the point may be in a corner.
 const PLANAR: [f64; 2] = [0.1, 0.01];
-/// Cosine of the angle between a stored normal and the plane of the neighbours (20°) from which the normal fits it.
+/// Cosine of the angle between a stored normal and the normal of the neighbours' plane (20°) from which both agree.
 const FITS: f64 = 0.94;
-/// Neighbours whose stored normals agree with a point's own by this cosine are of its side.
+/// Cosine between a neighbour's stored normal and a point's own from which both are on the same side.
 const SAME_SIDE: f32 = 0.5;
-/// Mean squared sine of the angle between the lines to neighbours and the planes across the mean of both stored normals
-/// (14° of a common lean), up to which these normals are those of a curved surface: of spheres and cylinders it is 0.
+/// Mean squared sine up to which stored normals are those of a curved surface. The angle is between the line to a
+/// neighbour and the plane across the mean of both stored normals. Spheres and cylinders measure 0; the limit is that
+/// of a common tilt of 14°.
 const CURVED: f32 = 0.03;
-/// Fewest neighbours of a side that say how it lies.
+/// Smallest number of neighbours on a side that determine its plane.
 const FEWEST: usize = 6;
 
-/// A unit normal of arbitrary sign from a point's nearest neighbours, the farthest of which has this squared distance.
+/// Estimates a unit normal of arbitrary sign from a point's nearest neighbours; the farthest has this squared distance.
 pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, near: &[u32], farthest2: f32) -> DVec3 {
     let is_line = |values: [f64; 3]| values[1] <= COLLINEAR * values[2];
     let (values, normal) = smallest3(covariance(points, slot, near));
@@ -51,12 +53,12 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
     smallest3(covariance(points, slot, widest)).1
 }
 
-/// The unit normal of the disk of a point with a stored one: the stored normal where it fits the layout of the
-/// neighbours, else the normal of their plane on the stored one's side. Only neighbours count whose own stored normals,
-/// if they have any, agree: beyond a crease, and on the back of a thin sheet, they lie otherwise.
+/// Returns the unit normal of the disk of a point with a stored normal: the stored normal if it fits the layout of the
+/// neighbours, else the normal of the neighbours' plane on the same side. Neighbours whose stored normals disagree are
+/// ignored, because they are beyond a crease or on the back of a thin sheet.
 ///
-/// Where a surface curves, neighbours to one side of a point lie in another plane than its own. Their normals show
-/// that: on a circle, the line between two points is at right angles to the mean of their normals.
+/// Where a surface curves, the neighbours to one side of a point form another plane than the point's own. Stored
+/// normals reveal curvature: on a circle, the line between two points is at right angles to the mean of their normals.
 pub(crate) fn laid(
     points: &SortedPoints,
     slot: usize,
@@ -90,21 +92,21 @@ pub(crate) fn laid(
     (if cosine < 0.0 { -normal } else { normal }).as_vec3()
 }
 
-/// The normal of a disk on a line of points: across the line, and as far toward the outside as that allows. `None`
-/// where not all that a last look finds lies on the line: a plane says more then.
+/// Returns the normal of a disk on a line of points: across the line, and toward the outside as far as possible. `None`
+/// if the neighbours of the last search aren't collinear, because a plane through them is a better estimate.
 pub(crate) fn across_line(points: &SortedPoints, slot: usize, near: &[u32], outside: DVec3) -> Option<DVec3> {
     let (values, vectors) = symmetric3(covariance(points, slot, near));
     let is_line = values[1] <= COLLINEAR * values[2] && values[2] > 0.0;
     is_line.then(|| outside.reject_from_normalized(vectors[2]).try_normalize()).flatten()
 }
 
-/// A guess of the squared distance of the farthest of [`WIDE`] neighbours from that of `count`: some above what it is
-/// where points are spread evenly over a surface.
+/// Estimates the squared distance of the farthest of [`WIDE`] neighbours from that of `count`. The estimate is somewhat
+/// too large for points spread evenly over a surface.
 pub(crate) fn wider(farthest2: f32, count: usize) -> f32 {
     1.3 * farthest2 * (WIDE as f32 / count.max(1) as f32)
 }
 
-/// Covariance of a point and `neighbours` about their mean, times their number, in steps.
+/// Returns the covariance of a point and `neighbours` about their mean, times their number, in squared steps.
 pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32]) -> Symmetric3 {
     let ([x, y, z], [xx, xy, xz, yy, yz, zz]) =
         dispatch!(Level::new(), simd => sums_by(simd, points, slot, neighbours));
@@ -119,14 +121,14 @@ pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32])
     ]
 }
 
-/// Sums of the offsets of `neighbours` from a point, and of their products: xx xy xz yy yz zz.
+/// Sums the offsets of `neighbours` from a point, and their products xx xy xz yy yz zz.
 #[inline(always)]
 fn sums_by<S: Simd>(simd: S, points: &SortedPoints, slot: usize, neighbours: &[u32]) -> ([f64; 3], [f64; 6]) {
     let p = points.at(slot);
     let zero = f32x16::splat(simd, 0.0);
     let (mut first, mut second) = ([zero; 3], [zero; 6]);
     for part in neighbours.chunks(LANES) {
-        // Relative to the point, exactly, so that nothing cancels far from the origin; zeros add nothing.
+        // Offsets from the point are exact, so nothing cancels far from the origin; zeros add nothing.
         let mut d = [[0.0_f32; LANES]; 3];
         for (i, j) in part.iter().enumerate() {
             let q = points.at(*j as usize);
@@ -145,7 +147,7 @@ fn sums_by<S: Simd>(simd: S, points: &SortedPoints, slot: usize, neighbours: &[u
     (first.map(|lanes| sum(lanes.to_array())), second.map(|lanes| sum(lanes.to_array())))
 }
 
-/// The sum of all lanes, in the same order on every machine.
+/// Returns the sum of all lanes, in the same order on every machine.
 pub(crate) fn sum(mut lanes: [f32; LANES]) -> f64 {
     let mut half = LANES / 2;
     while half > 0 {

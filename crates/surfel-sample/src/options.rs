@@ -3,26 +3,26 @@
 use crate::{PointClass, SampleError};
 use glam::DVec3;
 
-/// How splats are made of points.
+/// Options of the conversion of points to splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PointOptions {
-    /// Multiplies every radius; greater than 0, default 1.
+    /// Factor for every radius; greater than 0, default 1.
     pub radius_scale: f64,
-    /// Neighbours that normals and spacing come from; 6 to 64, default 16.
+    /// Number of neighbours for normals and spacing; 6 to 64, default 16.
     pub neighbours: usize,
-    /// Where estimated normals point to, in world coordinates; `None`: to where the scanner stood, if the
-    /// points say it, else outward, as far as they show it.
+    /// Position that estimated normals point to, in world coordinates. `None` uses the scanner's position if the points
+    /// store one; otherwise normals point outward, as far as the points allow to detect it.
     pub viewpoint: Option<DVec3>,
-    /// Most points in one place that become splats, at least 1; default all. So many splats in one place would look the
-    /// same, and make the image slow.
+    /// Largest number of points in one place that become splats, at least 1; default all. More splats in one place look
+    /// the same, and they slow rendering down.
     pub coincident: usize,
-    /// Makes elliptical splats where the sampling is anisotropic (scan lines); default true.
+    /// True to make elliptical splats where the sampling is anisotropic (scan lines); default true.
     pub ellipses: bool,
-    /// Makes splats level (their normals are +z) where a point has no normal and its neighbours lie in no surface, as
-    /// those of leaves: seen from above, they close. Default false.
+    /// True to make the splats of foliage level (normal +z), for points without stored normals: seen from above, level
+    /// splats leave no gaps. Default false.
     pub level_where_scattered: bool,
-    /// Lays disks by the points' own normals even where these don't fit the layout of the neighbours: normals of a
-    /// mesh's faces say where its surface is. Default false.
+    /// True to orient disks by stored normals even if these don't fit the layout of the neighbours. The normals of a
+    /// mesh's faces, for example, are those of its surface. Default false.
     pub lays_by_normals: bool,
 }
 
@@ -56,35 +56,37 @@ impl PointOptions {
 /// Report of a conversion of points to splats.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PointReport {
-    /// Splats made.
+    /// Number of splats made.
     pub splats: usize,
-    /// Points whose own normal was kept.
+    /// Number of points with a stored normal.
     pub normals_given: usize,
-    /// Points whose normal was estimated.
+    /// Number of points whose normal was estimated.
     pub normals_estimated: usize,
-    /// Splats whose radius is the one that the file gives the point.
+    /// Number of splats whose radius is stored in the file.
     pub radii_given: usize,
-    /// Median of the radii that the file gives, over the cloud's spacing, where they are too large to be radii of
-    /// splats: they are a column of the splats then.
+    /// Median of the stored radii, relative to the cloud's spacing, if they are too large for splats. Such radii become
+    /// an extra column of the splats.
     pub radii_too_large: Option<f64>,
-    /// Points that coincide with an earlier one.
+    /// Number of points that coincide with an earlier one.
     pub duplicates: usize,
-    /// How many of these are left out, because there are more in their place, to 2⁻³⁰ of the extent, than the options
-    /// want.
+    /// Number of coincident points that were dropped because of [`PointOptions::coincident`]. Points coincide if they
+    /// are within 2⁻³⁰ of the extent.
     pub left_out: usize,
     /// Number of points of each class, in the order of [`PointClass::ALL`].
     pub classes: [usize; PointClass::ALL.len()],
-    /// Points of [`PointClass::Isolated`]: far from their neighbours, or so sparse and uneven that no surface is there.
+    /// Number of points of [`PointClass::Isolated`]: far from their neighbours, or too sparse and uneven for a surface.
     /// Their radii are no larger than the cloud's typical one.
     pub isolated: usize,
-    /// Points whose normal from the file doesn't fit the layout of the points around: it shades only.
+    /// Number of points whose stored normal doesn't fit the layout of the points around; such a normal is for shading
+    /// only.
     pub normals_off: usize,
-    /// Which splats are level because their points lie in no surface, in ascending order, where the options ask for it.
+    /// Indices, ascending, of the splats made level because their points are foliage; empty unless the options request
+    /// it.
     pub level: Vec<u32>,
-    /// Splats that are ellipses with an axis ratio above 1.5; 0 when the cloud came out as disks.
+    /// Number of splats that are ellipses with an axis ratio above 1.5; 0 if the cloud consists of disks.
     pub ellipses: usize,
     /// Median of the larger semi-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in it.
+    /// The cloud's interior weight, as stored in the cloud.
     pub interior_weight: Option<f64>,
 }

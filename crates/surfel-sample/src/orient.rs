@@ -1,10 +1,11 @@
-//! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel: points of a block agree along
-//! its strongest edges, and the few patches that come of it agree by the votes of all edges between them.
+//! Consistent signs for estimated normals (after Hoppe et al. 1992, §3.3), in parallel. Points of a block are joined to
+//! patches along the block's strongest edges; the few patches then agree by the votes of all edges between them.
 //!
-//! An edge says how two normals lie to each other after one of them is mirrored to the other's place, across the plane
-//! between the two points (König and Gumhold 2009, "Consistent propagation of normal orientations in point clouds"),
-//! which is right around creases too. It says the less the more it leaves the tangent planes: it may then lead to
-//! another sheet. Union-finds carry the relative sign of each element to its root: no tree is ever built or walked.
+//! The relation of two normals is measured after one of them is mirrored to the other's place, across the plane between
+//! the two points. The source is König and Gumhold 2009, "Consistent propagation of normal orientations in point
+//! clouds". The mirrored normal is right around creases too. An edge counts less the more it leaves the tangent planes,
+//! because it may lead to another sheet. Union-finds store the sign of each element relative to its root: no tree is
+//! ever built or walked.
 
 use crate::class::ROUGH;
 use crate::median::spread;
@@ -17,50 +18,51 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Points of a task, and of the smaller problem that comes of it.
+/// Number of points in a task and its patches.
 const BLOCK: usize = RUN;
-/// Edges at least this strong are right, whichever comes first. With noise of one spacing 0.75 isn't enough: it turns
-/// 2 to 9 % of a torus's points the wrong way, and 0.95 2 to 3.5 %.
+/// Strength from which edges are trusted in any order. With noise as large as one spacing, 0.75 turns 2 to 9 % of a
+/// torus's points the wrong way, and 0.95 turns 2 to 3.5 %.
 const STRONG: f32 = 0.95;
-/// Edges weaker than this join small patches only.
+/// Strength below which edges join only small patches.
 const WEAK: f32 = 0.25;
-/// Points of a small patch.
+/// Number of points below which a patch is small.
 const SMALL: u32 = 16;
-/// A point whose neighbours all are this many times nearer to each other than it is to them doesn't join them at first.
+/// Ratio of distances that marks a stray: the distance to a point over that of the point's own farthest neighbour.
+/// Edges to such points are ignored at first.
 const ALONE: f32 = 3.0;
-/// Neighbours that a first look at strong edges takes, and one at whether normals agree.
+/// Number of nearest neighbours searched for strong edges, and used for the coherence of normals.
 pub(crate) const NEAREST: usize = 8;
 
-/// Normal of a point's disk, and how far its neighbours are.
+/// Normal of a point's disk, and the distance of the point's neighbours.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Oriented {
     /// Unit normal.
     pub(crate) normal: Vec3,
-    /// Squared distance of the farthest neighbour, in steps; 0 where it isn't known.
+    /// Squared distance of the farthest neighbour, in steps; 0 if unknown.
     pub(crate) farthest2: f32,
 }
 
 impl Oriented {
-    /// A point whose neighbours aren't known.
+    /// Returns a point with this normal and unknown neighbours.
     pub(crate) fn alone(normal: Vec3) -> Self {
         Self { normal, ..Self::default() }
     }
 }
 
-/// Which way estimated normals point.
+/// Side that estimated normals point to.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outside {
-    /// Toward this place, in steps.
+    /// Toward this position, in steps.
     Toward(DVec3),
-    /// Away from what they enclose; up, where that can't be told.
+    /// Away from the volume that the points enclose; up if there is none.
     Outward {
-        /// Unit.
+        /// Up axis, a unit vector.
         up: DVec3,
     },
 }
 
 impl Outside {
-    /// The unit direction of it from a place, in steps, where no surface is.
+    /// Returns the unit direction toward the outside at a position (in steps) that is in no surface.
     pub(crate) fn at(self, place: DVec3) -> DVec3 {
         match self {
             Self::Toward(viewpoint) => (viewpoint - place).normalize_or(DVec3::Z),
@@ -69,13 +71,14 @@ impl Outside {
     }
 }
 
-/// A unit normal for each slot: the one in `given` where that isn't zero, else estimated from the `degree` nearest.
+/// Computes a unit normal for each slot: the normal in `given` if it isn't zero, else one estimated from the `degree`
+/// nearest neighbours.
 ///
-/// `level_where_scattered` makes the latter up where these neighbours lie in no surface; which slots these are is the
-/// second result, empty if there are none.
+/// A given normal is preserved if it fits the layout of the neighbours. The majority of the given normals decides the
+/// sign of all points connected with them.
 ///
-/// Given normals that fit the layout of the neighbours stay, and their majority decides for what is connected with
-/// them.
+/// With `level_where_scattered`, estimated normals of points whose neighbours form no plane point up. The second result
+/// is true for the slots of such points, or empty if there are none.
 pub(crate) fn normals(
     points: &SortedPoints,
     degree: usize,
@@ -141,14 +144,14 @@ pub(crate) fn normals(
     (all, level)
 }
 
-/// What a task works out.
+/// Output of one task.
 struct Block<'a> {
     oriented: &'a mut [Oriented],
     labels: &'a mut [u16],
     patches: Patches,
 }
 
-/// How the normals at two points lie to each other: from 1, the same side, to −1, opposite ones; near 0 it's unknown.
+/// Returns the relation of the normals at two points: 1 for the same side, −1 for opposite sides, near 0 if unclear.
 #[inline]
 fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3)) -> f32 {
     let d = offset(points, a, b);
@@ -158,14 +161,14 @@ fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3))
     mirrored * (1.0 - (above * above).max(other * other) * scale)
 }
 
-/// The vector between two points, in steps.
+/// Returns the vector between two points, in steps.
 #[inline]
 pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
     let (p, q) = (points.at(a), points.at(b));
     Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
-/// True where neighbours of a point, which has this normal, lie in no plane.
+/// True if the neighbours of a point with this normal form no plane.
 fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) -> bool {
     let sine2 = |j: &u32| {
         let d = offset(points, slot, *j as usize);
@@ -174,8 +177,9 @@ fn is_rough(points: &SortedPoints, (slot, normal): (usize, Vec3), near: &[u32]) 
     near.iter().map(sine2).sum::<f32>() > ROUGH * near.len() as f32
 }
 
-/// Mean over `near` of how their normals lie to that of a point, mirrored to its place: 1 of a smooth surface, however
-/// thin a limb it is, and near 0 where normals point anywhere.
+/// Returns the coherence of the normals around a point: the mean cosine between its normal and those of `near`,
+/// mirrored to its place. A smooth surface measures 1, however thin a limb it is; normals that point anywhere measure
+/// about 0.
 pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usize, near: &[u32]) -> f32 {
     let n = oriented[slot].normal;
     let mirrored = |j: &u32| {
@@ -185,17 +189,17 @@ pub(crate) fn coherence(points: &SortedPoints, oriented: &[Oriented], slot: usiz
     near.iter().map(mirrored).sum::<f32>() / near.len() as f32
 }
 
-/// Whether point `b` has all its neighbours far nearer than `a`, which then may be a stray.
+/// True if all neighbours of point `b` are far nearer to it than `a`, which may then be a stray.
 #[inline]
 fn is_alone(points: &SortedPoints, a: usize, (b, of_b): (usize, Oriented)) -> bool {
     offset(points, a, b).length_squared() > ALONE * ALONE * of_b.farthest2
 }
 
-/// Union-find whose elements know their sign relative to their root.
+/// Union-find that stores the sign of each element relative to its root.
 struct SignedSets {
     parent: Vec<u32>,
     flipped: Vec<bool>,
-    /// Elements of a root's set.
+    /// Number of elements in the set of each root.
     sizes: Vec<u32>,
     count: usize,
 }
@@ -206,7 +210,7 @@ impl SignedSets {
         Self { parent: (0..count as u32).collect(), flipped: vec![false; count], sizes, count }
     }
 
-    /// The root of `i`, and whether `i` is flipped against it. Halves the path as it goes.
+    /// Returns the root of `i`, and true if `i` is flipped against it. Halves the path on the way.
     fn find(&mut self, i: u32) -> (u32, bool) {
         let (mut at, mut flip) = (i as usize, false);
         loop {
@@ -227,7 +231,7 @@ impl SignedSets {
     fn join(&mut self, a: u32, b: u32, flip: bool) {
         let ((ra, fa), (rb, fb)) = (self.find(a), self.find(b));
         if ra != rb {
-            // The smaller index stays root, and path halving bounds the depth.
+            // The smaller index remains the root; path halving bounds the depth.
             let (root, child) = (ra.min(rb), ra.max(rb));
             self.parent[child as usize] = root;
             self.flipped[child as usize] = fa ^ fb ^ flip;
@@ -237,13 +241,13 @@ impl SignedSets {
     }
 }
 
-/// What edges between two patches say.
+/// Sum of the relations of all edges between two patches.
 #[derive(Clone, Copy, Debug)]
 struct Vote {
     patches: [u32; 2],
-    /// The sum of their relations.
+    /// Sum of the edges' relations.
     sum: f32,
-    /// Their number.
+    /// Number of edges.
     count: f32,
 }
 
@@ -252,16 +256,16 @@ impl Vote {
         Self { patches: [a.min(b), a.max(b)], sum: if flip { -relation } else { relation }, count: 1.0 }
     }
 
-    /// The same between the sets that the patches belong to.
+    /// Returns the same vote between the sets that contain the patches.
     fn between(self, sets: &mut SignedSets) -> Self {
         let ((a, fa), (b, fb)) = (sets.find(self.patches[0]), sets.find(self.patches[1]));
         Self { count: self.count, ..Self::new(a, b, self.sum, fa ^ fb) }
     }
 }
 
-/// One vote a pair of patches, in the order of these.
+/// Sums the votes of each pair of patches, and sorts them by pair.
 fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
-    // Stable, so that sums are in the order of the edges.
+    // The sort is stable, so that sums are in the order of the edges.
     votes.sort_by_key(|v| v.patches);
     votes.dedup_by(|next, sum| {
         let is_same = next.patches == sum.patches;
@@ -271,13 +275,13 @@ fn summed(mut votes: Vec<Vote>) -> Vec<Vote> {
         }
         is_same
     });
-    // One a pair is left of one an edge.
+    // One vote per pair remains of one vote per edge.
     votes.shrink_to_fit();
     votes
 }
 
-/// Joins sets in rounds: each follows the clearest of the votes that `counts`, and their edges then vote together.
-/// Returns the votes between the sets that are left.
+/// Joins sets in rounds. In each round every set follows the clearest vote for which `counts` is true; then the votes
+/// between the new sets are summed. Returns the votes between the remaining sets.
 fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &SignedSets) -> bool) -> Vec<Vote> {
     let mut clearest = vec![None; sets.parent.len()];
     loop {
@@ -304,23 +308,24 @@ fn join_by(mut votes: Vec<Vote>, sets: &mut SignedSets, counts: impl Fn(&Vote, &
     }
 }
 
-/// The patches of a block. What is one a point or one an edge is in columns of all blocks: many small pieces of memory
-/// would not be given back when they are freed.
+/// Patches of a block. Data per point or per edge is stored in columns shared by all blocks, because many small
+/// allocations would not be returned to the system when freed.
 #[derive(Clone, Debug, Default)]
 struct Patches {
-    /// Their numbers of points.
+    /// Number of points of each patch.
     sizes: Vec<u32>,
-    /// Between patches of the block.
+    /// Votes between patches of the block.
     votes: Vec<Vote>,
-    /// Edges from points of the block to points of others, among all such.
+    /// Range, in the list of all blocks' edges, of those from points of this block to other blocks.
     edges: Range<usize>,
 }
 
-/// Of a point's label: its normal is flipped against its patch.
+/// Bit of a point's label that is set if the point's normal is flipped against its patch.
 const FLIPPED: u16 = 1 << 15;
 
 impl Patches {
-    /// Tells each point's patch in `labels`, and appends the edges to other blocks to those of `all_edges`.
+    /// Finds the patches of a block, writes each point's patch to `labels`, and appends the edges to other blocks to
+    /// `all_edges`.
     fn new(
         points: &SortedPoints,
         first: usize,
@@ -388,17 +393,17 @@ impl Patches {
     }
 }
 
-/// All blocks' patches, numbered on.
+/// Patches of all blocks, numbered consecutively.
 struct Atlas {
     blocks: Vec<Patches>,
-    /// The patch of each point in its block, with [`FLIPPED`].
+    /// Patch of each point within its block, with the bit [`FLIPPED`].
     labels: Vec<u16>,
-    /// The first patch of each block.
+    /// Number of the first patch of each block.
     first: Vec<u32>,
 }
 
 impl Atlas {
-    /// The patch of a slot, and whether it is flipped against it.
+    /// Returns the patch of a slot, and true if the slot's normal is flipped against the patch.
     fn of(&self, slot: usize) -> (u32, bool) {
         let label = self.labels[slot];
         (self.first[slot / BLOCK] + u32::from(label & !FLIPPED), label & FLIPPED != 0)
@@ -438,7 +443,7 @@ fn orient(
     if sets.count > 1 {
         bridge(points, all, &atlas, &mut sets);
     }
-    // Each patch's root, and whether its normals are to be flipped.
+    // The root of each patch, and true if the patch's normals must be flipped against it.
     let roots: Vec<(u32, bool)> = (0..sets.parent.len() as u32).map(|p| sets.find(p)).collect();
     let signs = signs(points, all, given, &atlas, &roots, up);
     for_chunks(all, BLOCK, &|from, chunk| {
@@ -452,10 +457,10 @@ fn orient(
     });
 }
 
-/// Joins sets that no edge joins (scan lines far from each other, strays) where a wider look reaches.
+/// Joins sets that no edge joins (distant scan lines, strays) by a search for more neighbours.
 fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut SignedSets) {
     let roots: Vec<u32> = (0..sets.parent.len() as u32).map(|p| sets.find(p).0).collect();
-    // The largest set is found by the others: looking from it would cost far more.
+    // The other sets find the largest one: searches from its points would cost far more.
     let size = |r: &u32| (sets.sizes[*r as usize], std::cmp::Reverse(*r));
     let Some(largest) = roots.iter().copied().max_by_key(size) else { return };
     let root = |slot: usize| roots[atlas.of(slot).0 as usize];
@@ -475,7 +480,7 @@ fn bridge(points: &SortedPoints, all: &[Oriented], atlas: &Atlas, sets: &mut Sig
     join_by(votes.concat(), sets, |_, _| true);
 }
 
-/// The directions in which a set's extreme points vote: the faces and corners of a cube.
+/// Returns the directions in which a set's extreme points vote: toward the faces and corners of a cube.
 fn directions() -> [DVec3; 14] {
     let mut all = [DVec3::ZERO; 14];
     for (i, d) in [DVec3::X, DVec3::Y, DVec3::Z].into_iter().enumerate() {
@@ -488,16 +493,17 @@ fn directions() -> [DVec3; 14] {
     all
 }
 
-/// Votes below which a set is a sheet: a valley whose sides rise by 10° gets so many from below.
+/// Number of votes below which a set counts as an open sheet; a valley whose sides rise by 10° gets about as many from
+/// below.
 const SHEET: f64 = 2.0;
 
-/// What the points of a patch, or of a set of patches, say about its sign.
+/// Evidence for the sign of a patch, or of a set of patches.
 #[derive(Clone)]
 struct Evidence {
     given: i64,
     up: f64,
     count: f64,
-    /// The farthest point in each direction that is no stray: how far, and its slot.
+    /// Extreme point in each direction, strays excluded: its coordinate along the direction, and its slot.
     extremes: [(f64, u32); 14],
 }
 
@@ -507,7 +513,7 @@ impl Default for Evidence {
     }
 }
 
-/// For each root whether its set must be flipped.
+/// Returns, for each root, true if its set must be flipped.
 fn signs(
     points: &SortedPoints,
     all: &[Oriented],
@@ -517,7 +523,7 @@ fn signs(
     up: DVec3,
 ) -> Vec<bool> {
     let directions = directions();
-    // Strays lie outermost, and say nothing about a surface.
+    // Strays are outermost, and give no information about a surface.
     let farthest = |slot: usize| all[slot].farthest2.sqrt();
     let most = spread(all.len(), farthest).map_or(f64::INFINITY, |spread| spread.most(2.0));
     let found = map_tasks(atlas.blocks.len(), |i| {
@@ -573,9 +579,9 @@ fn signs(
         if e.given != 0 {
             return e.given < 0;
         }
-        // A closed surface gets close to 14 votes, a sheet about none: its extreme points look the same from both
-        // sides, and of a shallow valley from below. Then up decides, and where that says nothing either (a wall),
-        // whatever outward says.
+        // A closed surface gets close to 14 votes. A sheet gets about none, because its extreme points look the same
+        // from both sides; so does a shallow valley seen from below. The up axis then decides. If that is undecided too
+        // (a wall), the outward votes decide, however few.
         let outward = outward(e);
         let is_undecided = outward.abs() < SHEET && e.up.abs() > 0.01 * e.count;
         if is_undecided { e.up < 0.0 } else { outward < 0.0 }
@@ -603,7 +609,7 @@ mod tests {
         assert!((0..500).all(|i| (sets.find(i).1 == first) == (signs[i as usize] == signs[0])));
     }
 
-    /// Wrong signs against `outward`, in percent.
+    /// Returns the percentage of normals with the wrong sign relative to `outward`.
     fn wrong(positions: &[DVec3], outward: &[DVec3]) -> f64 {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
         let (all, _) = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, false, &NoProgress);
@@ -626,7 +632,7 @@ mod tests {
             positions.push(p);
             outward.push(DVec3::AXES[axis] * sign);
         }
-        // The points of an edge have normals between those of its faces: their sign is as right as the faces' is.
+        // Points of an edge have normals between those of the two faces; their sign is as reliable as the faces'.
         assert!(wrong(&positions, &outward) < 0.1, "cube: {}", wrong(&positions, &outward));
         // Two sheets, three spacings apart: 30,000 points on 1 x 1 twice, spacing 1/122.
         let thickness = 3.0 / 122.0;
@@ -639,7 +645,7 @@ mod tests {
         assert!(wrong(&positions, &outward) < 0.1, "sheets: {}", wrong(&positions, &outward));
     }
 
-    /// Points in the unit ball, moved to the unit sphere.
+    /// Returns random points on the unit sphere.
     fn sphere(random: &mut Random, count: usize) -> Vec<DVec3> {
         let mut within = || DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
         let mut on = || std::iter::repeat_with(&mut within).find(|p| p.length() < 1.0).unwrap_or(DVec3::Z).normalize();
@@ -654,7 +660,7 @@ mod tests {
             let mut outward = positions.clone();
             for _ in 0..positions.len() / one_in {
                 positions.push(DVec3::new(random.unit(), random.unit(), random.unit()) * 4.0 - 2.0);
-                // Either side of a stray is right.
+                // Both signs are right for a stray.
                 outward.push(DVec3::ZERO);
             }
             let wrong = wrong(&positions, &outward);
@@ -666,7 +672,7 @@ mod tests {
     fn dense_and_sparse_parts_of_a_surface_agree() {
         let mut random = Random::new(18);
         for times in [10, 100, 1000] {
-            // One half of a sphere has so many times the density of the other.
+            // One half of the sphere has `times` the density of the other.
             let mut positions = sphere(&mut random, 40_000);
             let mut left = 0;
             positions.retain(|p| {

@@ -1,11 +1,13 @@
-//! Which points of a cloud stand alone.
+//! Detection of a cloud's outliers.
 //!
-//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) takes a point out where the mean
-//! distance to its nearest neighbours is above mean + n·σ of the cloud's. A far stray makes σ as large as one likes,
-//! and of clean clouds it takes 2 to 5 %. So here the middle is the median and the spread the median absolute
-//! deviation, of logarithms, which hold ratios of density; 3.5 of these are Iglewicz and Hoaglin's limit (1993).
-//! A second rule compares each point with its own neighbours (as local outlier factors do, Breunig et al. 2000): it
-//! finds strays near dense parts where density varies too much for any limit for all.
+//! Statistical outlier removal ([Rusu 2008] §3.1.1, as in PCL, Open3D and PDAL) removes points. The mean distance of
+//! such a point to its nearest neighbours is above mean + n·σ of all points. A far stray makes σ arbitrarily large, and
+//! a clean cloud loses 2 to 5 % of its points. Here the centre is therefore the median, and the spread is the median
+//! absolute deviation, both of logarithms, which measure ratios of density. 3.5 such deviations are Iglewicz and
+//! Hoaglin's limit (1993).
+//!
+//! A second rule compares each point with its own neighbours (like local outlier factors, Breunig et al. 2000). It
+//! finds strays near dense parts if the density varies too much for a global limit.
 //!
 //! [Rusu 2008]: https://doi.org/10.1016/j.robot.2008.08.005
 
@@ -18,25 +20,26 @@ use crate::{NoProgress, Progress, SampleError};
 use glam::DVec3;
 use surfel_model::PointCloud;
 
-/// Neighbours that a point's distance is the mean of: as PDAL's `filters.outlier`.
+/// Number of neighbours for a point's mean distance, as in PDAL's `filters.outlier`.
 const NEIGHBOURS: usize = 8;
-/// Distinct points below which no one is an outlier.
+/// Number of distinct points below which rules 1 and 2 find no outliers.
 const LEAST_POINTS: usize = 2 * NEIGHBOURS;
-/// Median distances from the middle beyond which a point is one in any case: a grid that holds it has no cells for
-/// the others.
+/// Distance from the centre, in medians of this distance, beyond which a point is always an outlier. A grid that
+/// contains such a point has no cells for the others.
 const FARTHEST: f64 = 1e4;
-/// Points that middle and median distance are taken of.
+/// Number of points from which the centre and the median distance are computed.
 const SAMPLE: usize = 1 << 20;
 
-/// Which points are outliers; never all of them.
+/// Returns, for each point, true if it is an outlier; never all of them.
 ///
-/// Where d is a point's mean distance to its 8 nearest others (coincident points count as one), it is an outlier if
-/// 1. d is more than 8 times the cloud's median d, and ln d is more than 3.5 standard deviations, as the median
-///    absolute deviation gives them, above the median; or
-/// 2. d is more than 8 times that of more than half of these 8; or
-/// 3. it is 10,000 times as far from the middle of all points as half of these are.
+/// Let d be a point's mean distance to its 8 nearest others (coincident points count as one). The point is an outlier
+/// if
+/// 1. d is more than 8 times the cloud's median d, and ln d is more than 3.5 standard deviations above the median
+///    (estimated from the median absolute deviation); or
+/// 2. d is more than 8 times the d of more than half of these 8 points; or
+/// 3. the point is 10,000 times as far from the centre of all points as half of them are.
 ///
-/// Nine strays in one place are none by this rule, and of clouds of fewer than 16 distinct points none is by 1 and 2.
+/// Nine strays in one place are not found. In clouds of fewer than 16 distinct points, rules 1 and 2 find no outliers.
 ///
 /// # Errors
 /// [`SampleError::NotFinite`] and [`SampleError::TooMany`], as [`crate::splats_from_points`].
@@ -67,7 +70,7 @@ pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool
     Ok(found)
 }
 
-/// Points that are far from all others by the third rule.
+/// Returns, for each point, true if it is far from all others by the third rule.
 fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     let taken = count.min(SAMPLE);
     let sample: Vec<DVec3> =
@@ -82,7 +85,7 @@ fn far(count: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Vec<bool> {
     map_each(count, &NoProgress, || (), |(), i| is_far(i))
 }
 
-/// Mean distance to the nearest neighbours, in steps, one a slot.
+/// Returns the mean distance to the nearest neighbours, in steps, one per slot.
 fn distances(points: &SortedPoints) -> Vec<f32> {
     let mean = |search: &mut Search<'_>, slot: usize| {
         let (near, _) = search.nearest(slot, NEIGHBOURS, 0.0);

@@ -1,16 +1,17 @@
-//! Loops over all cores, in order.
+//! Parallel loops with ordered results.
 //!
-//! All of them run through one instance of rayon's loop, which calls what a chunk is for through a pointer: rayon's
-//! machinery is compiled once then, and not once for each closure.
+//! All loops run through one instance of rayon's loop, which calls the work through a pointer. Rayon's machinery is
+//! thus compiled once, not once per closure.
 
 use crate::progress::Progress;
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
-/// Items of a task of [`map_each`]: few enough to share out, many enough that a task's own state costs nothing.
+/// Number of items in a task of [`map_each`]: small enough to balance the load, large enough to amortise a task's
+/// state.
 const CHUNK: usize = 512;
 
-/// `work` of 0..count, in parallel, in order, with one `state` a chunk. Reports the steps that are done.
+/// Returns `work` of each index in 0..count, computed in parallel with one `state` per chunk. Reports finished steps.
 pub(crate) fn map_each<T: Clone + Default + Send, S>(
     count: usize,
     progress: &dyn Progress,
@@ -28,14 +29,15 @@ pub(crate) fn map_each<T: Clone + Default + Send, S>(
     results
 }
 
-/// `work` of 0..count, in parallel, in order, every index a task of its own.
+/// Returns `work` of each index in 0..count, computed in parallel with one task per index.
 pub(crate) fn map_tasks<T: Clone + Default + Send>(count: usize, work: impl Fn(usize) -> T + Sync) -> Vec<T> {
     let mut results = vec![T::default(); count];
     for_chunks(&mut results, 1, &|i, result| result[0] = work(i));
     results
 }
 
-/// What `work` says of each chunk of `length` items, given the index of its first item, in order.
+/// Returns the result of `work` for each chunk of `length` items, in order; `work` receives the index of the first
+/// item.
 pub(crate) fn map_chunks<T: Send, R: Clone + Default + Send>(
     items: &mut [T],
     length: usize,
@@ -46,7 +48,7 @@ pub(crate) fn map_chunks<T: Send, R: Clone + Default + Send>(
     map_tasks(chunks.len(), chunk)
 }
 
-/// Calls `work` with each chunk of `length` items, and the index of its first item.
+/// Calls `work` with each chunk of `length` items and the index of the chunk's first item, in parallel.
 pub(crate) fn for_chunks<T: Send>(items: &mut [T], length: usize, work: &(dyn Fn(usize, &mut [T]) + Sync)) {
     let chunks: Vec<Mutex<&mut [T]>> = items.chunks_mut(length).map(Mutex::new).collect();
     for_tasks(chunks.len(), &|i| work(i * length, &mut chunks[i].lock().unwrap_or_else(PoisonError::into_inner)));

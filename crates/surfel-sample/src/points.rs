@@ -1,4 +1,4 @@
-//! Points to splats.
+//! Conversion of point clouds to splats.
 
 use crate::class::PointClass;
 use crate::nearest::Search;
@@ -14,33 +14,34 @@ use std::borrow::Cow;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{CloudData, Column3, OnInvalid, PointCloud, Shape, SplatCloud, Up};
 
-/// Radius of a cloud that has no spacing (one point, or all of them in one place), in object units.
+/// Radius for a cloud without spacing (one point, or all points in one place), in object units.
 const LONE_RADIUS: f64 = 1.0;
 
-/// Comment of a cloud whose splats were points: which axis is up is judged as of points.
+/// Comment of a cloud made of points; detection of the up axis then judges the cloud as points.
 pub const OF_POINTS: &str = "made of points";
 
-/// Largest median of radii that a file gives its points, in spacings of the cloud: beyond it they are no splats' radii.
+/// Largest median of a file's radii, in spacings of the cloud, up to which they are used as splat radii.
 pub const MOST_SPACINGS: f64 = 5.0;
 
 /// Makes a splat of each point.
 ///
-/// Normals that are there (finite, not zero) are kept where they fit the layout of the points around. Where they don't,
-/// the layout lays the disk on the normal's side, and the normal becomes a shading normal. Points without normals get
-/// estimated ones, oriented as [`PointOptions::viewpoint`] says.
+/// A stored normal (finite, not zero) becomes the disk's normal if it fits the layout of the points around. Otherwise
+/// the disk follows the layout, on the stored normal's side, and the stored normal becomes a shading normal. Points
+/// without normals get estimated ones, oriented by [`PointOptions::viewpoint`].
 ///
-/// Radii are those that the points have, unless their median exceeds [`MOST_SPACINGS`]. Others come from the local
-/// spacing and the class of the point ([`PointClass`]), so that surfaces close and other points stay small. Where
-/// sampling is stretched (scan lines) splats are ellipses, and the whole cloud then is [`Shape::Ellipses`].
+/// Stored radii are used unless their median exceeds [`MOST_SPACINGS`]. Other radii come from the local spacing and the
+/// class of the point ([`PointClass`]), so that surfaces have no holes and all other points stay small. Where the
+/// sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
 ///
-/// Order, origin, colours, alphas, extras, up and comments carry over, and the cloud's `interior_weight` is set. It is
-/// declared oriented if no normal is given: estimated ones all point out of the same surface.
+/// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is set.
+/// The cloud is declared oriented if no normal is stored, because estimated normals all point to the outside of a
+/// surface.
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
 /// # Errors
-/// [`SampleError::Empty`] without points, [`SampleError::NotFinite`] where [`PointCloud::drop_non_finite`] was not
-/// called, [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million points, and
+/// [`SampleError::Empty`] without points, [`SampleError::NotFinite`] if [`PointCloud::drop_non_finite`] was not called,
+/// [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million points, and
 /// [`SampleError::Model`] for columns of unequal length or invalid colours.
 pub fn splats_from_points(
     points: &PointCloud,
@@ -81,7 +82,7 @@ pub fn splats_from_points(
     let off = (0..sorted.len()).filter(|slot| layout.is_off(*slot));
     report.normals_off = off.map(|slot| sorted.inputs(slot).iter().filter(|i| is_off(i)).count()).sum();
     let (slots, scale) = (sorted.len(), sorted.step * options.radius_scale);
-    // One place alone has no spacing.
+    // A single place has no spacing.
     let spacing = if slots > 1 { sizes.typical * sorted.step } else { f64::INFINITY };
     let given_radii = points.radii.as_deref().and_then(|radii| GivenRadii::new(radii, spacing, options, &mut report));
     let slot_of = sorted.into_slots();
@@ -132,7 +133,7 @@ pub fn splats_from_points(
     Ok((splats, report))
 }
 
-/// A file's normals, where they say something.
+/// Normals stored in a file; zero and non-finite ones count as missing.
 struct GivenNormals<'a>(Option<&'a Column3>);
 
 impl GivenNormals<'_> {
@@ -140,20 +141,20 @@ impl GivenNormals<'_> {
         self.0.map(|c| c.get(i)).filter(|n| n.is_finite() && *n != DVec3::ZERO)
     }
 
-    /// How many there are.
+    /// Returns the number of usable normals.
     fn count(&self) -> usize {
         self.0.map_or(0, |c| (0..c.len()).filter(|i| self.get(*i).is_some()).count())
     }
 }
 
-/// A file's radii, where they are radii of splats.
+/// Radii stored in a file, if they are usable as radii of splats.
 struct GivenRadii<'a> {
     radii: &'a [f32],
     scale: f64,
 }
 
 impl<'a> GivenRadii<'a> {
-    /// Radii of points that are this far apart; `None` where none is a radius, or they are too large.
+    /// Returns the radii of points with this spacing; `None` if no radius is valid, or if they are too large.
     fn new(radii: &'a [f32], spacing: f64, options: &PointOptions, report: &mut PointReport) -> Option<Self> {
         let is_radius = |r: f32| r > 0.0 && r.is_finite();
         let value = |i: usize| if is_radius(radii[i]) { radii[i] } else { 0.0 };
@@ -165,19 +166,19 @@ impl<'a> GivenRadii<'a> {
         Some(Self { radii, scale: options.radius_scale })
     }
 
-    /// The radius of a point, scaled, if it has one.
+    /// Returns the scaled radius of a point, if it has one.
     fn get(&self, i: usize) -> Option<f32> {
         let radius = self.radii.get(i).copied().filter(|r| *r > 0.0 && r.is_finite())?;
         Some(assemble::radius32(f64::from(radius) * self.scale))
     }
 }
 
-/// Normals of disks, one a slot.
+/// Normals of disks, one per slot.
 struct Layout {
     oriented: Vec<Oriented>,
-    /// True where a slot's point lies in no surface, so that its normal is up; empty if none does.
+    /// True if a slot's point is foliage and its normal points up; empty if there are no such slots.
     is_level: Vec<bool>,
-    /// True where a slot's stored normal doesn't fit the layout of its neighbours; empty if all do.
+    /// True if a slot's stored normal doesn't fit the layout of its neighbours; empty if all of them fit.
     is_off: Vec<bool>,
 }
 
@@ -191,8 +192,8 @@ impl Layout {
     }
 }
 
-/// Lays out a disk in each slot: by the normal that one of its points has, where that fits the neighbours, else by
-/// these.
+/// Computes the normal of each slot's disk: a stored normal of one of its points if that fits the neighbours, else the
+/// neighbours' plane.
 fn lay_out(
     given: &GivenNormals,
     sorted: &SortedPoints,
@@ -237,7 +238,7 @@ fn lay_out(
     Layout { oriented, is_level, is_off }
 }
 
-/// Number of points of each class.
+/// Counts the points of each class.
 fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len()] {
     let parts = map_tasks(sorted.len().div_ceil(RUN), |task| {
         let mut counts = [0; PointClass::ALL.len()];
@@ -249,7 +250,7 @@ fn classes(sorted: &SortedPoints, sizes: &Sizes) -> [usize; PointClass::ALL.len(
     std::array::from_fn(|class| parts.iter().map(|counts| counts[class]).sum())
 }
 
-/// Gives points on lines, and isolated ones, that have no normals of their own the rule of their class.
+/// Replaces estimated normals of isolated points and points on lines according to their class.
 fn face_outside(
     sorted: &SortedPoints,
     oriented: &mut [Oriented],
@@ -273,30 +274,30 @@ fn face_outside(
     }
 }
 
-/// What there is to know about each splat but its size.
+/// All properties of the splats except their sizes.
 struct Made<'a> {
     slot_of: Vec<u32>,
-    /// The index in the input of each splat; `None` where they are the same.
+    /// Input index of each splat; `None` if both indices are the same.
     kept: Option<Vec<u32>>,
     layout: Layout,
     given: GivenNormals<'a>,
     given_radii: Option<GivenRadii<'a>>,
-    /// Object units of a step, times what radii are to be multiplied by.
+    /// Object units per step, times [`PointOptions::radius_scale`].
     scale: f64,
 }
 
 impl Made<'_> {
-    /// The index in the input of splat `i`, and its slot.
+    /// Returns the input index of splat `i`, and its slot.
     fn place(&self, i: usize) -> (usize, usize) {
         let input = self.kept.as_ref().map_or(i, |kept| kept[i] as usize);
         (input, self.slot_of[input] as usize)
     }
 
-    /// The normal that the disk of an input point has from the file, if that fits the layout of its slot; else the
-    /// layout's on the same side.
+    /// Returns the normal of an input point's disk: the stored normal if it fits the layout of its slot, else the
+    /// layout's normal on the same side.
     fn disk_normal(&self, input: usize, slot: usize) -> Vec3 {
         let own = self.layout.oriented[slot].normal;
-        // A given normal may be too short for f32, or too long.
+        // A stored normal may be too short or too long for f32.
         match self.shading_normal(input) {
             Some(normal) if self.layout.is_off(slot) => own * 1.0_f32.copysign(own.dot(normal)),
             Some(normal) => normal,
@@ -304,12 +305,12 @@ impl Made<'_> {
         }
     }
 
-    /// The normal that an input point has from the file.
+    /// Returns the stored normal of an input point.
     fn shading_normal(&self, input: usize) -> Option<Vec3> {
         self.given.get(input).map(DVec3::as_vec3).filter(|n| n.is_finite() && *n != Vec3::ZERO)
     }
 
-    /// Normals that splats are shaded by, where some aren't those of their disks.
+    /// Returns the shading normals, if some differ from the normals of the disks.
     fn shading_normals(&self, count: usize) -> Option<Column3> {
         let normal = |i: usize| {
             let (input, slot) = self.place(i);
@@ -319,7 +320,7 @@ impl Made<'_> {
         is_wanted.then(|| Column3::from_f32(map_each(count, &NoProgress, || (), |(), i| normal(i))))
     }
 
-    /// The shape column of all splats. Sizes are given up before their normals are laid out beside the radii.
+    /// Returns the shape column of all splats. The sizes are freed before the normals are allocated, to save memory.
     fn shape(self, sizes: Sizes, report: &mut PointReport) -> Shape {
         let count = report.splats;
         let given_radius = |i: usize| self.given_radii.as_ref()?.get(self.place(i).0);

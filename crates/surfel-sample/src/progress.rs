@@ -1,15 +1,15 @@
 //! Progress of long conversions.
 
-/// An observer of a long conversion. Calls come from several threads.
+/// Observer of a long conversion. Several threads call it.
 pub trait Progress: Sync {
-    /// A new stage begins, with `total` steps.
+    /// Reports that a new stage with `total` steps begins.
     fn stage(&self, name: &str, total: u64);
 
-    /// `steps` more steps of the current stage are done.
+    /// Reports `steps` finished steps of the current stage.
     fn advance(&self, steps: u64);
 }
 
-/// An observer that ignores all.
+/// Observer that ignores all reports.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NoProgress;
 

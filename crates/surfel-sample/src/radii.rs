@@ -1,13 +1,15 @@
-//! How large a splat must be, from the local spacing of the points around it.
+//! Estimation of splat radii from the local spacing of points.
 //!
-//! Two rules hold in a surface, and the larger wins. The *density* rule makes the weights of neighbours add up: a
-//! radius of [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the renderer's
-//! kernel exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule closes the surface where the sampling is uneven: a
-//! splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose cells
-//! are all covered has no holes. Where the surface turns within the first rule's radius, the second alone holds, for a
-//! disk there would stick out. Points in no surface have small disks: [`crate::class`] lists the rule of each class.
-//! Where cells are stretched alike over a neighbourhood (scan lines), the same rules are applied after the affine map
-//! that makes them round, and the splat is an ellipse. At last, no disk is larger than [`crate::largest`] allows.
+//! Two rules apply in a surface, and the larger radius wins. The *density* rule makes the weights of neighbours add up:
+//! the radius is [`DENSITY`] times the square root of the local area per point, for which Σw is about 3.7 (the
+//! renderer's kernel exp(−2ρ²) integrates to 0.432·π·r²). The *covering* rule leaves no holes where the sampling is
+//! uneven: a splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose
+//! cells are all covered has no holes.
+//!
+//! Where the surface turns within the density radius, only the covering rule applies, because a larger disk would stick
+//! out. Points in no surface have small disks: [`crate::class`] lists the rule of each class. Where cells are stretched
+//! alike over a neighbourhood (scan lines), the splat is an ellipse. The same rules then apply after the affine map
+//! that makes the cells round. Finally, [`crate::largest`] limits all disks.
 
 use crate::block::{Block, Scale, tangents};
 pub(crate) use crate::class::{COVER, DENSITY};
@@ -21,16 +23,17 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use std::sync::{Mutex, PoisonError};
 
-/// A point is sparse whose spacing is this many times that of the cloud. Where fewer than so many of these are within
-/// so many times its spacing, of some 80 in a surface and 40 at its border, no more is known of a surface there than of
-/// strays: a few returns of a spire, say.
+/// Detection of surfaces with too few points, such as a few returns from a spire. A point is sparse if its spacing is
+/// `SPARSE` times that of the cloud. A sparse point with fewer than `FEW` sparse points within `FEW_REACH` times its
+/// spacing is isolated, like a stray. In a sparse surface about 80 points are within that distance, and at its border
+/// 40.
 const SPARSE: f64 = 2.0;
 const FEW: usize = 24;
 const FEW_REACH: f64 = 5.0;
-/// Radius, over that of the density rule of the cloud, from which a sparse point is looked at; and largest radius of
-/// samples of a mesh that few others surround.
+/// Radius, in density radii of the cloud, from which a sparse point is tested for too few points. It is also the
+/// largest radius of samples of a mesh that few others surround.
 const LARGE: f64 = 2.5;
-/// Share of points in surfaces from which these alone decide what spacing is typical.
+/// Fraction of points in surfaces from which only these determine the typical spacing.
 const IN_SURFACES: f64 = 0.1;
 /// Axis ratio from which sampling counts as anisotropic.
 pub(crate) const STRETCHED: f64 = 1.5;
@@ -38,47 +41,47 @@ pub(crate) const STRETCHED: f64 = 1.5;
 pub(crate) const MOST_STRETCHED: f64 = 48.0;
 /// Share of stretched points from which a cloud gets ellipses: random samplings have about 5 % by chance.
 const STRETCHED_SHARE: f64 = 0.1;
-/// Points of a task. What lies around them is measured too, and again by its own task: of random points
-/// on a surface, about a tenth.
+/// Number of points in a task. Points around the block are measured too, and measured again by their own task; for
+/// random points on a surface they are about a tenth.
 const BLOCK: usize = 2 * RUN;
 
-/// Sizes and classes in steps, one a slot.
+/// Sizes and classes, one per slot; lengths are in steps of [`SortedPoints`].
 #[derive(Debug)]
 pub(crate) struct Sizes {
     all: Vec<Size>,
-    /// Of each slot, where the cloud is stretched.
+    /// One ellipse per slot if the cloud is stretched, else empty.
     ellipses: Vec<Ellipse>,
-    /// The spacing of the cloud.
+    /// Typical spacing of the cloud.
     pub(crate) typical: f64,
-    /// Splats that are not circles, where the cloud is stretched, else 0.
+    /// Number of splats that are ellipses; 0 if the cloud isn't stretched.
     pub(crate) stretched: usize,
-    /// True if the spacing was known beforehand.
+    /// True if the spacing was given, not measured.
     is_known: bool,
 }
 
-/// A size as one point's neighbourhood suggests it, and the evidence for its class.
+/// Size of one point as estimated from its neighbourhood, and the evidence for its class.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Size {
-    /// Radius of a disk, 0 where there is no neighbour.
+    /// Radius of a disk; 0 if there are no neighbours.
     pub(crate) radius: f32,
-    /// √ of the area per point.
+    /// Square root of the area per point.
     pub(crate) spacing: f32,
     pub(crate) evidence: Evidence,
 }
 
-/// The ellipse that suits a point better than its disk, in 64 bits; a ratio of 0 where none does.
+/// Ellipse that fits a point better than its disk, in 64 bits; a ratio of 0 means that there is none.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Ellipse {
-    /// √ of the product of the half-axes.
+    /// Square root of the product of the half-axes.
     mean: f32,
-    /// Steps of the long axis's angle in the normal's tangent frame, up to half a turn.
+    /// Angle of the long axis in the normal's tangent frame, as a fraction of half a turn.
     angle: u16,
-    /// Steps of its length over the short one's.
+    /// Axis ratio (long to short), as a fraction of [`MOST_STRETCHED`].
     ratio: u16,
 }
 
 impl Ellipse {
-    /// Steps of half a turn, and of the largest ratio.
+    /// Number of steps in half a turn, and in the range of ratios.
     const STEPS: f64 = 65_535.0;
 
     pub(crate) fn new(mean: f32, angle: f64, ratio: f64) -> Self {
@@ -97,45 +100,45 @@ impl Ellipse {
 }
 
 impl Sizes {
-    /// Number of slots.
+    /// Returns the number of slots.
     pub(crate) fn len(&self) -> usize {
         self.all.len()
     }
 
-    /// The class of a slot's point.
+    /// Returns the class of a slot's point.
     pub(crate) fn class(&self, slot: usize) -> PointClass {
         self.all[slot].evidence.class()
     }
 
-    /// The evidence for the class of a slot's point.
+    /// Returns the evidence for the class of a slot's point.
     pub(crate) fn evidence(&self, slot: usize) -> Evidence {
         self.all[slot].evidence
     }
 
-    /// Radius of a disk of this slot, within what its class allows.
+    /// Limits the radius `own` of a slot's disk to what its class allows.
     fn bounded(&self, slot: usize, own: f32) -> f64 {
         if own <= 0.0 {
             return DENSITY * self.typical;
         }
         let class = self.class(slot);
-        // Samples of a mesh are on it wherever they are.
+        // Samples of a mesh are always on its surface.
         let most = if self.is_known && class == PointClass::Line { LARGE * DENSITY } else { class.most() };
         f64::from(own).min(most * self.typical)
     }
 
-    /// The ellipse of this slot, if it has one.
+    /// Returns the ellipse of a slot, if it has one.
     fn ellipse(&self, slot: usize) -> Option<Ellipse> {
         self.ellipses.get(slot).copied().filter(|ellipse| ellipse.ratio > 0)
     }
 
-    /// Adds a piece of evidence to those of a slot, whose splat becomes a disk no larger than this.
+    /// Adds a piece of evidence to a slot, and makes its splat a disk of at most this radius.
     pub(crate) fn reclassify(&mut self, slot: usize, piece: u8, radius: f64) {
         let evidence = self.all[slot].evidence.with(piece, true);
         self.all[slot].evidence = evidence;
         self.limit(slot, radius);
     }
 
-    /// Makes the splat of a slot a disk, no larger than this.
+    /// Makes the splat of a slot a disk of at most this radius.
     pub(crate) fn limit(&mut self, slot: usize, radius: f64) {
         self.all[slot].radius = (radius as f32).min(self.bounded(slot, self.all[slot].radius) as f32);
         self.remove_ellipse(slot);
@@ -148,7 +151,7 @@ impl Sizes {
         }
     }
 
-    /// Makes no axis of a slot's splat longer than this.
+    /// Limits both axes of a slot's splat to `most`.
     pub(crate) fn shorten(&mut self, slot: usize, most: f64) {
         let Some(ellipse) = self.ellipse(slot) else {
             self.all[slot].radius = (most as f32).min(self.bounded(slot, self.all[slot].radius) as f32);
@@ -165,7 +168,7 @@ impl Sizes {
         }
     }
 
-    /// The larger half-axis.
+    /// Returns the larger half-axis.
     pub(crate) fn radius(&self, slot: usize) -> f64 {
         match self.ellipse(slot) {
             Some(ellipse) => self.bounded(slot, ellipse.mean) * ellipse.ratio().sqrt(),
@@ -173,7 +176,7 @@ impl Sizes {
         }
     }
 
-    /// Half-axes (s, t), s × t along the unit `normal`.
+    /// Returns the half-axes (s, t), with s × t along the unit `normal`.
     pub(crate) fn axes(&self, slot: usize, normal: DVec3) -> (DVec3, DVec3) {
         let (u, v) = tangents(normal.as_vec3());
         let (u, v) = (u.as_dvec3(), v.as_dvec3());
@@ -188,17 +191,17 @@ impl Sizes {
     }
 }
 
-/// The spacing of points, as far as it is known beforehand, in steps.
+/// Spacing of points, if it is given beforehand, in steps.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Spacing {
-    /// Nothing; a cloud that has none (one point) gets this.
+    /// The spacing is measured; the value is the fallback for a cloud that has none (a single point).
     Unknown(f64),
-    /// It is this on average everywhere: the density rule takes it instead of measuring.
+    /// The average spacing is this everywhere: the density rule uses it instead of a measurement.
     Known(f64),
 }
 
-/// Measures sizes and classes from the `degree` nearest of each point (one of `oriented` a slot, and of `level` true
-/// where a point lies in no surface and its normal is up; none if no point does).
+/// Measures sizes and classes from the `degree` nearest neighbours of each point. `oriented` has one entry per slot;
+/// `level` is true for foliage with its normal up, and empty if there is none.
 pub(crate) fn sizes(
     points: &SortedPoints,
     (oriented, level): (&[Oriented], &[bool]),
@@ -214,7 +217,7 @@ pub(crate) fn sizes(
     let farthest = median_of(count, |slot| oriented[slot].farthest2).map_or(0.0, f32::sqrt);
     let scale = Scale { degree: degree.min(count - 1), known, farthest, ellipses };
     let mut all = vec![Size::default(); count];
-    // Of few slots, mostly: all of them have one only where the cloud is stretched.
+    // Usually few slots have an ellipse; only in a stretched cloud nearly all do.
     let ellipses = Mutex::new(Vec::new());
     for_chunks(&mut all, BLOCK, &|first, sizes| {
         let mut block = Block::new(points, (oriented, level), scale);
@@ -243,7 +246,8 @@ pub(crate) fn sizes(
     sizes
 }
 
-/// The spacing that is typical of a cloud: the median of those in surfaces, where these are many.
+/// Returns the typical spacing of a cloud: the median over points in surfaces, or over all points if few are in
+/// surfaces.
 fn typical(all: &[Size]) -> Option<f64> {
     let is_in_surface = |size: &Size| size.evidence.class().is_surface();
     let in_surfaces = all.iter().filter(|size| is_in_surface(size)).count();
@@ -251,8 +255,8 @@ fn typical(all: &[Size]) -> Option<f64> {
     median_of(all.len(), |i| if counts(&all[i]) { all[i].spacing } else { 0.0 }).map(f64::from)
 }
 
-/// Slots of points that are sparse and few: fewer than [`FEW`] are as sparse as one about it. A sparse part of a
-/// surface has more, of which its border has half.
+/// Returns the slots of sparse points with fewer than [`FEW`] sparse points around. A sparse part of a surface has more
+/// points around each, and its border has half as many.
 fn few(points: &SortedPoints, sizes: &Sizes) -> Vec<usize> {
     let spacing = |slot: usize| f64::from(sizes.all[slot].spacing);
     let is_sparse = |slot: usize| spacing(slot) > SPARSE * sizes.typical;
@@ -273,7 +277,7 @@ fn few(points: &SortedPoints, sizes: &Sizes) -> Vec<usize> {
     large.into_iter().zip(are_few).filter(|(_, few)| *few).map(|(slot, _)| slot).collect()
 }
 
-/// The lower median; `None` of nothing. Reorders `values`.
+/// Returns the lower median; `None` if there are no values. Reorders `values`.
 pub(crate) fn median(values: &mut [f64]) -> Option<f64> {
     let middle = values.len().checked_sub(1)? / 2;
     Some(*values.select_nth_unstable_by(middle, f64::total_cmp).1)
@@ -287,7 +291,7 @@ mod tests {
     fn ellipses_keep_their_axes_to_a_ten_thousandth_of_the_longest() {
         for (angle, ratio) in [(-1.5, 1.6), (0.0, 16.0), (0.3, 2.0), (1.57, 7.7), (0.7, 48.0)] {
             let ellipse = Ellipse::new(3.0, angle, ratio);
-            // Half a turn is the same ellipse.
+            // Half a turn gives the same ellipse.
             let turn = ((ellipse.angle() - angle) / std::f64::consts::PI + 0.5).rem_euclid(1.0) - 0.5;
             // Half a step of 48 / 65,535.
             assert!(turn.abs() < 3e-5 && (ellipse.ratio() - ratio).abs() < 3.7e-4, "{angle} {ratio}: {ellipse:?}");

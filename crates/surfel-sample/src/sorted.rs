@@ -1,4 +1,4 @@
-//! Distinct points along a Morton curve, in fixed point, with a tree of boxes around runs of them.
+//! Distinct points along a Morton curve, in fixed point, with a hierarchy of boxes.
 
 use crate::SampleError;
 use crate::parallel::{for_chunks, map_tasks};
@@ -8,18 +8,18 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicU32, Ordering};
 
-/// Points of a leaf: those of one step. Measured on 1 M points: 32 are slower by a twentieth, 64 by a seventh.
+/// Number of points in a leaf: one SIMD step. On 1 M points, 32 are slower by 1/20, and 64 by 1/7.
 pub(crate) const LEAF: usize = 16;
-/// Points of a run: a power of two of leaves.
+/// Number of points in a run: a power of two of leaves.
 pub(crate) const RUN: usize = 256 * LEAF;
-/// Boxes that one of the next level holds.
+/// Number of boxes in one box of the next level.
 pub(crate) const FAN: usize = 8;
-/// Coordinates reach this far to either side of the middle: differences of two fit an i32.
+/// Largest coordinate to either side of the centre: the difference of two coordinates fits an i32.
 const REACH: f64 = 1_073_741_823.0;
-/// Points of a task.
+/// Number of points in a task.
 const CHUNK: usize = 1 << 15;
 
-/// A box, corners included.
+/// Axis-aligned box, corners included.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bounds {
     pub(crate) lo: [i32; 3],
@@ -39,7 +39,7 @@ impl Bounds {
         Self { lo: [x.0, y.0, z.0], hi: [x.1, y.1, z.1] }
     }
 
-    /// This box and what is within `distance` of it along each axis, as far as points reach.
+    /// Returns this box grown by `distance` along each axis, clamped to the range of coordinates.
     pub(crate) fn grown(&self, distance: i32) -> Self {
         const MOST: i32 = REACH as i32;
         let lo = self.lo.map(|c| c.saturating_sub(distance).max(-MOST));
@@ -51,7 +51,7 @@ impl Bounds {
         (0..3).all(|k| self.lo[k] <= p[k] && p[k] <= self.hi[k])
     }
 
-    /// Squared distance of `p`, 0 inside.
+    /// Returns the squared distance of `p` to the box, 0 inside.
     #[inline]
     pub(crate) fn distance2(&self, p: [i32; 3]) -> f32 {
         let along = |k: usize| {
@@ -63,7 +63,7 @@ impl Bounds {
     }
 }
 
-/// What one box of the next level holds, side by side; the places after the last box hold nothing and meet nothing.
+/// Boxes below one box of the next level, side by side. Slots after the last box are empty and meet no region.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Boxes {
     lo: [[i32; FAN]; 3],
@@ -86,7 +86,7 @@ impl Boxes {
         Bounds { lo: self.lo.map(|c| c[i]), hi: self.hi.map(|c| c[i]) }
     }
 
-    /// A bit for each box that meets `region`.
+    /// Returns one bit per box, set if the box meets `region`.
     #[inline(always)]
     pub(crate) fn meeting<S: Simd>(&self, simd: S, region: &Bounds) -> u32 {
         let mut meets = mask32x8::splat(simd, true);
@@ -98,25 +98,25 @@ impl Boxes {
     }
 }
 
-/// Distinct points. They are addressed by *slot*, their place in an order where neighbours in space mostly lie close
-/// together in memory: runs of 4096 along a Morton curve, each of them in k-d order.
+/// Distinct points in a memory order in which neighbours in space are mostly close together. A point is addressed by
+/// its *slot*, its place in that order: runs of 4096 points along a Morton curve, each run in k-d order.
 ///
-/// Coordinates are whole steps from the middle of all, 2⁻³⁰ of half their extent each: points nearer to each other
-/// than that count as one, and differences are exact however far from the origin the points are.
+/// Coordinates are whole steps from the centre of all points. A step is 2⁻³⁰ of half their extent. Points closer than a
+/// step coincide, and differences are exact however far from the origin the points are.
 #[derive(Debug)]
 pub(crate) struct SortedPoints {
     pub(crate) x: Vec<i32>,
     pub(crate) y: Vec<i32>,
     pub(crate) z: Vec<i32>,
-    /// Input indices by slot; those of coincident points one after another, in ascending order.
+    /// Input indices ordered by slot; the indices of coincident points are consecutive and ascending.
     order: Vec<u32>,
-    /// Where each slot's indices start in `order`, and the end of the last; empty where no points coincide.
+    /// Index in `order` of each slot's first input, and the end of the last slot; empty if no points coincide.
     starts: Vec<u32>,
-    /// Boxes of leaves, of groups of leaves, and so on, [`FAN`] together, up to where one group holds all.
+    /// Boxes of leaves, of groups of [`FAN`] leaves, and so on, up to the level that is a single group.
     levels: Vec<Vec<Boxes>>,
-    /// The middle, in object coordinates.
+    /// Centre of all points, in object coordinates.
     pub(crate) center: DVec3,
-    /// Object units of a step.
+    /// Object units per step.
     pub(crate) step: f64,
 }
 
@@ -130,13 +130,13 @@ fn spread(x: u32) -> u64 {
     (x | x << 2) & 0x1249_2492_4924_9249
 }
 
-/// The upper 63 of the 93 bits of a Morton code.
+/// Returns the upper 63 of the 93 bits of a Morton code.
 fn upper(p: [i32; 3]) -> u64 {
     let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 >> 10));
     x | y << 1 | z << 2
 }
 
-/// The lower 30.
+/// Returns the lower 30 bits of a Morton code.
 fn lower(p: [i32; 3]) -> u64 {
     let [x, y, z] = p.map(|c| spread((c + (1 << 30)) as u32 & 0x3ff));
     x | y << 1 | z << 2
@@ -150,7 +150,7 @@ impl SortedPoints {
     pub(crate) fn new(total: usize, position: impl Fn(usize) -> DVec3 + Sync) -> Result<Self, SampleError> {
         SampleError::check_count("points", total)?;
         let (lo, hi) = extent(total, &position)?;
-        // Halves first: hi − lo may overflow where neither does.
+        // Halving first avoids overflow: hi − lo may overflow although neither does.
         let (center, half) = (0.5 * lo + 0.5 * hi, (0.5 * hi - 0.5 * lo).max_element());
         let half = if half > 0.0 { half } else { 1.0 };
         let fixed = |i: usize| ((position(i) - center) / half * REACH).round().to_array().map(|c| c as i32);
@@ -161,7 +161,8 @@ impl SortedPoints {
             }
         });
         keyed.par_sort_unstable();
-        // Points that are close together, as all of a cloud with one far stray are.
+        // Points with equal upper bits are sorted by the lower bits; with one far stray, all other points have equal
+        // upper bits.
         let same = |keyed: &[(u64, u32)], i: usize| i > 0 && i < keyed.len() && keyed[i].0 == keyed[i - 1].0;
         let mut at = 0;
         while at < total {
@@ -196,61 +197,61 @@ impl SortedPoints {
         Ok(Self { x, y, z, order, starts, levels, center, step: half / REACH })
     }
 
-    /// Number of distinct points.
+    /// Returns the number of distinct points.
     pub(crate) fn len(&self) -> usize {
         self.x.len()
     }
 
-    /// Number of points given.
+    /// Returns the number of input points.
     #[cfg(test)]
     pub(crate) fn total(&self) -> usize {
         self.order.len()
     }
 
-    /// In steps from the middle.
+    /// Returns a slot's coordinates, in steps from the centre.
     #[inline]
     pub(crate) fn at(&self, slot: usize) -> [i32; 3] {
         [self.x[slot], self.y[slot], self.z[slot]]
     }
 
-    /// In steps from the middle.
+    /// Returns a slot's position, in steps from the centre.
     #[inline]
     pub(crate) fn point(&self, slot: usize) -> DVec3 {
         DVec3::new(f64::from(self.x[slot]), f64::from(self.y[slot]), f64::from(self.z[slot]))
     }
 
-    /// Indices of the input points at `slot`, ascending; at least one.
+    /// Returns the indices of the input points at `slot`, ascending; at least one.
     #[inline]
     pub(crate) fn inputs(&self, slot: usize) -> &[u32] {
         inputs(&self.order, &self.starts, slot)
     }
 
-    /// The slot of each input point.
+    /// Returns the slot of each input point.
     #[cfg(any(test, feature = "sharp"))]
     pub(crate) fn slots(&self) -> Vec<u32> {
         slots(&self.order, &self.starts)
     }
 
-    /// As [`Self::slots`], without the points from then on.
+    /// Returns the slot of each input point, and frees the points.
     pub(crate) fn into_slots(self) -> Vec<u32> {
         let Self { x, y, z, order, starts, levels, .. } = self;
         drop((x, y, z, levels));
         slots(&order, &starts)
     }
 
-    /// Boxes of leaves, of groups of leaves, and so on, [`FAN`] together: what is below box `i` is group `i` of the
-    /// level below.
+    /// Returns the boxes of leaves, of groups of [`FAN`] leaves, and so on. The boxes below box `i` of a level are
+    /// group `i` of the level below.
     pub(crate) fn levels(&self) -> &[Vec<Boxes>] {
         &self.levels
     }
 
-    /// The box of a leaf.
+    /// Returns the box of a leaf.
     #[inline]
     pub(crate) fn bounds(&self, leaf: usize) -> Bounds {
         self.levels[0][leaf / FAN].get(leaf % FAN)
     }
 
-    /// The slots of a leaf.
+    /// Returns the slots of a leaf.
     pub(crate) fn leaf(&self, index: usize) -> std::ops::Range<usize> {
         index * LEAF..((index + 1) * LEAF).min(self.len())
     }
@@ -275,7 +276,7 @@ fn slots(order: &[u32], starts: &[u32]) -> Vec<u32> {
     slots.into_iter().map(AtomicU32::into_inner).collect()
 }
 
-/// Corners of the points' box.
+/// Returns the corners of the points' bounding box.
 fn extent(total: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Result<(DVec3, DVec3), SampleError> {
     let parts = map_tasks(total.div_ceil(CHUNK), |task| {
         let (mut lo, mut hi, mut finite) = (DVec3::INFINITY, DVec3::NEG_INFINITY, true);
@@ -294,7 +295,8 @@ fn extent(total: usize, position: &(impl Fn(usize) -> DVec3 + Sync)) -> Result<(
     Ok((fold(DVec3::min, |p| p.0).unwrap_or(DVec3::ZERO), fold(DVec3::max, |p| p.1).unwrap_or(DVec3::ZERO)))
 }
 
-/// Leaves the first of equal points, and says where each one's start; nothing if all differ.
+/// Removes all but the first of equal points, and returns where the inputs of each remaining point start; empty if no
+/// points are equal.
 fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
     let total = x.len();
     let is_first = |i: usize| i == 0 || x[i] != x[i - 1] || y[i] != y[i - 1] || z[i] != z[i - 1];
@@ -313,8 +315,8 @@ fn distinct(x: &mut Vec<i32>, y: &mut Vec<i32>, z: &mut Vec<i32>) -> Vec<u32> {
     starts
 }
 
-/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions, which on a
-/// Morton curve they aren't where it jumps. Returns where each point was.
+/// Sorts each run of [`RUN`] points so that the points of a leaf are close together in all directions. On a Morton
+/// curve they aren't where the curve jumps. Returns the previous index of each point.
 fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
     let mut from = vec![0_u32; x.len()];
     let columns = x.chunks_mut(RUN).zip(y.chunks_mut(RUN)).zip(z.chunks_mut(RUN)).zip(from.chunks_mut(RUN));
@@ -331,7 +333,8 @@ fn compact(x: &mut [i32], y: &mut [i32], z: &mut [i32]) -> Vec<u32> {
     from
 }
 
-/// Halves the items along the longest side of their box, at a whole number of leaves, until a leaf is left.
+/// Splits the items recursively along the longest side of their box, at a whole number of leaves, down to single
+/// leaves.
 fn split(items: &mut [([i32; 3], u32)]) {
     let leaves = items.len().div_ceil(LEAF);
     if leaves < 2 {
@@ -340,7 +343,7 @@ fn split(items: &mut [([i32; 3], u32)]) {
     let bounds = items.iter().fold(Bounds::default(), |all, i| all.with(&Bounds { lo: i.0, hi: i.0 }));
     let side = |k: usize| i64::from(bounds.hi[k]) - i64::from(bounds.lo[k]);
     let axis = (1..3).fold(0, |best, k| if side(k) > side(best) { k } else { best });
-    // The left part is a power of two, so that groups of leaves are parts too.
+    // The left part is a power of two of leaves, so that groups of leaves are compact too.
     let middle = leaves.next_power_of_two() / 2 * LEAF;
     items.select_nth_unstable_by_key(middle, |i| (i.0[axis], i.1));
     let (left, right) = items.split_at_mut(middle);
@@ -348,7 +351,7 @@ fn split(items: &mut [([i32; 3], u32)]) {
     split(right);
 }
 
-/// The inputs of slots that are taken from other places.
+/// Reorders the inputs of slots, which move from the places `from`.
 fn reordered(order: Vec<u32>, starts: Vec<u32>, from: &[u32]) -> (Vec<u32>, Vec<u32>) {
     if starts.is_empty() {
         let mut new = vec![0_u32; order.len()];
@@ -427,7 +430,7 @@ mod tests {
         assert_eq!(points.len(), 501);
         for i in 1..500 {
             let between = points.x[slots[i] as usize] - points.x[slots[i - 1] as usize];
-            // Half a step each, 5e-8 m, and what f64 rounds away at 9.9e6 m: 1e-9.
+            // Tolerance: half a step (5e-8 m) per coordinate, and the rounding of f64 at 9.9e6 m (1e-9 m).
             assert!((f64::from(between) * points.step - 1e-4).abs() < 1.1e-7, "{i}: {between}");
         }
     }
@@ -437,13 +440,13 @@ mod tests {
         let mut positions = vec![DVec3::ZERO, DVec3::X, DVec3::Y];
         positions.extend((0..100).map(|i| DVec3::splat(1e-13 * f64::from(i))));
         assert_eq!(of(&positions).len(), 3);
-        // Within 2⁻²¹ of the extent, where the upper bits of all codes are the same.
+        // All points but one are within 2⁻²¹ of the extent, where the upper bits of all codes are equal.
         let mut random = Random::new(3);
         let mut positions: Vec<DVec3> =
             (0..3000).map(|_| DVec3::new(random.unit(), random.unit(), random.unit()) * 1e-7).collect();
         positions.push(DVec3::ONE);
         let points = of(&positions);
-        // Of so many points on a tenth of the steps few coincide, and leaves are as small as if they were alone.
+        // 3000 points on a tenth of the steps rarely coincide, and leaves are as small as without the distant point.
         let alone = of(&positions[..3000]);
         let side = |points: &SortedPoints| {
             let leaves = (0..90).map(|leaf| points.bounds(leaf));
@@ -462,7 +465,7 @@ mod tests {
         for [below, level] in points.levels().array_windows() {
             for (i, group) in below.iter().enumerate() {
                 let b = level[i / FAN].get(i % FAN);
-                // What is not there holds nothing, lo above hi.
+                // Missing boxes are empty: lo is above hi.
                 let children = (0..FAN).map(|c| group.get(c)).filter(|c| c.lo[0] <= c.hi[0]);
                 assert!(children.clone().count() > 0);
                 assert!(children.into_iter().all(|c| (0..3).all(|k| b.lo[k] <= c.lo[k] && c.hi[k] <= b.hi[k])));

@@ -1,10 +1,10 @@
-//! A k-d tree over fixed points: exact nearest neighbours and range queries, deterministic to the last tie.
+//! A k-d tree over fixed points: exact nearest neighbours and range queries, with deterministic results.
 
 use glam::DVec3;
 
-/// Points a leaf holds at most. Measured on 1 M points: 8 to 16 are within 5 % of each other.
+/// Maximum number of points in a leaf. On 1 M points, 8 to 16 are within 5 % of each other.
 const LEAF: usize = 12;
-/// Ranges smaller than this are built by one thread.
+/// Number of points below which one thread builds a subtree.
 const PARALLEL: usize = 8192;
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -20,17 +20,17 @@ struct Item {
     index: u32,
 }
 
-/// A balanced k-d tree. Its items are addressed by *slot*, their place in tree order, where neighbours lie close
-/// together in memory; [`KdTree::index`] leads back to the input.
+/// A balanced k-d tree. Its items are addressed by *slot*, their place in tree order, where neighbours are close
+/// together in memory; [`KdTree::index`] maps a slot to the input.
 #[derive(Debug)]
 pub(crate) struct KdTree {
     items: Vec<Item>,
-    /// Preorder: a node, its left subtree, its right subtree. Every leaf has the same depth.
+    /// Nodes in preorder: a node, its left subtree, its right subtree. Every leaf has the same depth.
     nodes: Vec<Node>,
 }
 
 impl KdTree {
-    /// Builds the tree; coordinates must be finite and there must be at most `u32::MAX` points.
+    /// Builds the tree. Coordinates must be finite, and there must be at most `u32::MAX` points.
     pub(crate) fn new(points: &[DVec3]) -> Self {
         let mut items: Vec<Item> = points.iter().zip(0..).map(|(point, index)| Item { point: *point, index }).collect();
         let leaves = points.len().div_ceil(LEAF).max(1).next_power_of_two();
@@ -47,7 +47,7 @@ impl KdTree {
         self.items[slot].point
     }
 
-    /// Index in the input of the item at `slot`.
+    /// Returns the index in the input of the item at `slot`.
     pub(crate) fn index(&self, slot: usize) -> usize {
         self.items[slot].index as usize
     }
@@ -80,7 +80,8 @@ impl KdTree {
         }
     }
 
-    /// For each node the largest of `reach` (one an item, in input order) below it.
+    /// Returns, for each node, the largest `reach` of the items below it. `reach` has one value per item, in input
+    /// order.
     pub(crate) fn largest_below(&self, reach: &[f64]) -> Vec<f64> {
         let mut largest = vec![0.0; self.nodes.len()];
         self.fill_largest(0, self.nodes.len(), 0, self.items.len(), reach, &mut largest);
@@ -98,7 +99,7 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits a superset, leaf by leaf, of the slots whose item is within `radius` plus its own reach of `query`;
+    /// Visits, leaf by leaf, all slots whose item is within `radius` plus its own reach of `query`, and some others.
     /// `largest` comes from [`KdTree::largest_below`], or is empty for items without reach.
     pub(crate) fn near(&self, query: DVec3, radius: f64, largest: &[f64], visit: &mut impl FnMut(usize)) {
         self.walk(0, self.nodes.len(), 0, self.items.len(), query, DVec3::ZERO, radius, largest, visit);
@@ -141,7 +142,7 @@ impl KdTree {
         }
     }
 
-    /// For each node the bounds of the items below it.
+    /// Returns, for each node, the bounds of the items below it.
     pub(crate) fn bounds_below(&self) -> Vec<(DVec3, DVec3)> {
         let mut bounds = vec![(DVec3::INFINITY, DVec3::NEG_INFINITY); self.nodes.len()];
         self.fill_bounds(0, self.nodes.len(), 0, self.items.len(), &mut bounds);
@@ -167,7 +168,7 @@ impl KdTree {
         out[node]
     }
 
-    /// Visits, leaf by leaf, the slots below nodes that `enters` admits, as all nodes above them.
+    /// Visits, leaf by leaf, the slots below nodes for which `enters` and those of all their ancestors are true.
     pub(crate) fn visit_below(&self, enters: &impl Fn(usize) -> bool, visit: &mut impl FnMut(usize)) {
         self.walk_below((0, self.nodes.len()), (0, self.items.len()), enters, visit);
     }
@@ -188,9 +189,9 @@ impl KdTree {
         }
     }
 
-    /// Visits the slots whose item is in a box about `center`, given by three directions (unit vectors at right angles,
-    /// or zero for none) and how far the box reaches along each; `bounds` are [`KdTree::bounds_below`]. A long box
-    /// crosses many cells of the tree in which there is nothing near.
+    /// Visits the slots whose item is in an oriented box about `center`. Each side is a direction (unit vectors at
+    /// right angles, or zero for no limit) with the box's half-extent along it. `bounds` are [`KdTree::bounds_below`].
+    /// They prune the many cells of the tree that a long box crosses although they have no items near it.
     pub(crate) fn in_box(
         &self,
         center: DVec3,
@@ -202,7 +203,7 @@ impl KdTree {
         let meets = |node: usize| {
             let (low, high) = bounds[node];
             let (middle, half) = (0.5 * (low + high) - center, 0.5 * (high - low));
-            // For rounding.
+            // Tolerance for rounding.
             let hair = 1e-14 * low.abs().max(high.abs()).max(center.abs()).max_element();
             sides.iter().all(|(n, reach)| middle.dot(*n).abs() - half.dot(n.abs()) <= reach + hair)
         };
@@ -235,29 +236,29 @@ fn build(items: &mut [Item], nodes: &mut [Node]) {
     }
 }
 
-/// The nearest items found so far, nearest first. Kept between queries so that none allocates.
+/// Nearest items found so far, nearest first. The buffer is reused between queries, so that none allocates.
 #[derive(Clone, Debug)]
 pub(crate) struct Nearest {
-    /// How many to look for; at least 1.
+    /// Maximum number of items; at least 1.
     limit: usize,
-    /// Squared distance beyond which nothing counts.
+    /// Squared distance beyond which items are ignored.
     bound: f64,
     items: Vec<(f64, u32)>,
 }
 
 impl Nearest {
-    /// Looks for the `limit` nearest items, none farther than `distance`.
+    /// Creates a query for the `limit` nearest items within `distance`.
     pub(crate) fn within(limit: usize, distance: f64) -> Self {
         let limit = limit.max(1);
         Self { limit, bound: distance * distance, items: Vec::with_capacity(limit) }
     }
 
-    /// Looks for none farther than `distance` from now on.
+    /// Limits further queries to `distance`.
     pub(crate) fn look_within(&mut self, distance: f64) {
         self.bound = distance * distance;
     }
 
-    /// (squared distance, slot), nearest first.
+    /// Returns the items found as (squared distance, slot), nearest first.
     pub(crate) fn items(&self) -> &[(f64, u32)] {
         &self.items
     }
@@ -299,7 +300,7 @@ mod tests {
 
     #[test]
     fn nearest_agrees_with_brute_force_with_and_without_duplicates() {
-        // Few levels: most coordinates are shared and most distances tie. Tree of 1 to 3000 points.
+        // Few coordinate values: most coordinates are shared and most distances tie. Trees have 1 to 3000 points.
         for (count, levels) in [(1, 1e9), (2, 1.0), (13, 3.0), (400, 4.0), (3000, 1e9), (3000, 9.0), (500, 1.0)] {
             let points = scattered(count, levels);
             let tree = KdTree::new(&points);

@@ -1,4 +1,4 @@
-//! The interior weight against its definition, spelled out by brute force.
+//! Tests of the interior weight against its definition, evaluated by brute force.
 
 use crate::common;
 
@@ -11,7 +11,7 @@ fn cloud(origin: DVec3, centers: &[DVec3], shape: Shape) -> SplatCloud {
     SplatCloud::new(CloudData::new(origin, Column3::from_f64(centers), shape), OnInvalid::Refuse).unwrap().0
 }
 
-/// Rendering model §5, word by word.
+/// Computes the interior weight literally by rendering model §5.
 fn brute(cloud: &SplatCloud) -> f64 {
     let n = cloud.len();
     let m = n.min(4096);
@@ -57,7 +57,7 @@ fn interior_weight_of_zwickers_unit_grid() {
 #[test]
 fn interior_weight_agrees_with_its_definition() {
     let mut random = Lcg(8);
-    // How far normals stray: 2 brings many pairs to either side of 60°.
+    // Scatter of the normals: 2 brings many pairs to either side of 60°.
     let cases = [
         (1, 0.3, false, 0.3),
         (2, 1.0, false, 0.3),
@@ -90,7 +90,8 @@ fn interior_weight_agrees_with_its_definition() {
 fn interior_weight_counts_splats_within_60_degrees_only() {
     for (degrees, counts) in [(59.0_f32, true), (61.0, false)] {
         let (sin, cos) = degrees.to_radians().sin_cos();
-        // Two alike, whose sum is the lower median of three whatever the third's is, and one through their probe.
+        // Two equal splats, whose sum is the lower median of three for any third sum, and a third one through their
+        // probe.
         let normals = Column3::from_f32(vec![Vec3::Z, Vec3::Z, Vec3::new(sin, 0.0, cos)]);
         let shape = Shape::Disks { normals, radii: vec![1.0; 3] };
         let centers = [DVec3::ZERO, DVec3::ZERO, DVec3::new(0.5, 0.5, 0.0)];

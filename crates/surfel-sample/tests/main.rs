@@ -1,4 +1,4 @@
-//! Splats of meshes and points against the surfaces they were made of.
+//! Tests of splats against the meshes and points from which they were made.
 
 mod common;
 mod interior_weight;

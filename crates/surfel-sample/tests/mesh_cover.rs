@@ -1,4 +1,4 @@
-//! Splats made of meshes leave no hole, and hardly hang over creases.
+//! Tests that splats of meshes leave no holes and hardly reach over creases.
 
 use crate::common;
 
@@ -22,13 +22,13 @@ fn cube() -> Mesh {
     mesh(&positions, quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect())
 }
 
-/// A sphere of unit radius with `rows` rows, poles included.
+/// Returns a sphere of unit radius with `rows` rows, poles included.
 fn globe(rows: u32) -> Mesh {
     let (columns, mut positions, mut triangles) = (2 * rows, Vec::new(), Vec::new());
     for j in 0..=rows {
         for i in 0..columns {
             let (a, b) = (TAU * f64::from(i) / f64::from(columns), PI * f64::from(j) / f64::from(rows));
-            // Exactly one place a pole.
+            // Exactly one position per pole.
             let r = if j % rows == 0 { 0.0 } else { b.sin() };
             positions.push(DVec3::new(r * a.cos(), r * a.sin(), b.cos()));
             if j < rows {
@@ -40,7 +40,7 @@ fn globe(rows: u32) -> Mesh {
     mesh(&positions, triangles)
 }
 
-/// Uniform points of a mesh with face normals.
+/// Returns uniformly distributed points of a mesh, with face normals.
 fn places(mesh: &Mesh, count: usize) -> Vec<(DVec3, DVec3)> {
     let mut random = Lcg(77);
     let corners = |t: &[u32; 3]| t.map(|i| mesh.positions.get(i as usize));
@@ -62,7 +62,7 @@ fn places(mesh: &Mesh, count: usize) -> Vec<(DVec3, DVec3)> {
     all
 }
 
-/// Points all over what a splat keeps of its disk.
+/// Returns points all over the visible part of a splat's disk.
 fn kept(cloud: &SplatCloud, i: usize) -> impl Iterator<Item = DVec3> {
     let ((s, t), p) = (cloud.axes(i), cloud.center(i));
     let at = |k: u32| {
@@ -90,7 +90,8 @@ fn count_covers_a_cube_to_its_edges_and_stays_on_it() {
         let spacing = (6.0 / count as f64).sqrt();
         for i in 0..count {
             let over = kept(&cloud, i).map(|q| (q - DVec3::ONE).max(-q).max_element()).fold(0.0, f64::max);
-            // 0.02 radii are not worth a line, a hundredth of a spacing is for what the disk's polygon leaves out.
+            // An overhang of 0.02 radii gets no line, and the polygon that approximates the disk adds a hundredth of a
+            // spacing.
             assert!(over <= 0.043 * spacing, "{count}: splat {i} hangs over by {over}");
             let n = cloud.normal(i).abs();
             assert!(n.max_element() > 1.0 - 1e-6, "normals don't average across creases");
@@ -117,7 +118,7 @@ fn detail_covers_a_cube_whose_colours_vary_in_places() {
 
 #[test]
 fn count_covers_facets_narrower_than_splats_are_apart() {
-    // A plate whose rim is folded ten times: strips of an eighth of a spacing, of which few have a splat of their own.
+    // A plate whose rim is folded ten times: strips of an eighth of a spacing, few of which have a splat of their own.
     let (length, width) = (24.0, 0.125);
     let slope = |i: u32| f64::from((i + 1) % 2);
     let mut rim = vec![DVec3::X * -20.0];
@@ -150,8 +151,8 @@ fn count_covers_a_smooth_globe_with_smooth_normals() {
         assert!(cloud.data().clips.is_none(), "a surface without edges pays for none");
         for i in 0..count {
             let outward = cloud.center(i).normalize();
-            // Interpolated vertex normals of a sphere are its own to a fraction of the 7.5° between vertices; those of
-            // its faces, in which splats lie, to their half diagonal of 5.3°.
+            // A sphere's interpolated vertex normals are exact to a fraction of the 7.5° between vertices. Splats are
+            // in the faces, whose normals are exact to their half diagonal of 5.3°.
             assert!(cloud.shading_normal(i).dot(outward) > 0.999);
             assert!(cloud.normal(i).dot(outward) > 0.9955);
         }
@@ -170,7 +171,7 @@ fn stratified_samples_cover_too() {
 
 #[test]
 fn per_vertex_covers_triangles_longer_than_vertices_are_apart() {
-    // A strip of one row of quads, 5 wide, whose vertices are 1 apart along it.
+    // A strip of one row of quads, 5 wide, with vertices 1 apart along it.
     let positions: Vec<DVec3> =
         (0..2 * 41).map(|i| DVec3::new(f64::from(i / 2), 5.0 * f64::from(i % 2), 0.0)).collect();
     let strip =
@@ -189,7 +190,7 @@ fn per_face_and_per_vertex_cover_a_globe() {
         assert_eq!(c.holes, 0, "{method:?}: {c:?}");
         assert!((0..cloud.len()).all(|i| cloud.normal(i).dot(cloud.center(i)) > 0.9));
     }
-    // The poles are 80 vertices each, in two places; rows 1 to 39 have 80.
+    // Each of the two poles has 80 vertices in one place; rows 1 to 39 have 80.
     assert_eq!(sampled(&globe, MeshMethod::PerVertex).len(), 39 * 80 + 2);
     assert_eq!(sampled(&globe, MeshMethod::PerFace).len(), 2 * 39 * 80);
 }
@@ -225,7 +226,7 @@ fn colors_come_from_the_texture_and_the_vertices() {
     assert!(cloud.data().alphas.is_none());
     for i in 0..500 {
         let (x, c) = (cloud.center(i).x, cloud.color(i));
-        // A splat has the mean colour of a square about its centre, a spacing of 0.045 wide.
+        // A splat has the mean colour of a square around its centre, a spacing of 0.045 wide.
         if (x - 0.5).abs() > 0.025 && x > 0.025 && x < 0.975 {
             let expected = if x > 0.5 { [0.5, 1.0, 0.25] } else { [0.0; 3] };
             assert!(c.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-5), "{x}: {c:?}");
@@ -245,7 +246,7 @@ fn given_vertex_normals_shade_and_crease_corners_do_not_average() {
     for method in [MeshMethod::Count(50), MeshMethod::PerFace, MeshMethod::PerVertex] {
         let cloud = sampled(&square, method);
         for i in 0..cloud.len() {
-            // 37° off the face: the disk keeps to the face's plane.
+            // The normal is 37° off the face, but the disk stays in the face's plane.
             assert!((cloud.normal(i) - DVec3::Z).length() < 1e-6, "{method:?}");
             assert!((cloud.shading_normal(i) - tilted.as_dvec3()).length() < 1e-6, "{method:?}");
         }
@@ -254,7 +255,7 @@ fn given_vertex_normals_shade_and_crease_corners_do_not_average() {
 
 #[test]
 fn texture_seams_weld_and_hard_edges_do_not() {
-    // The cube with its own vertices for each face, as a file with face normals has it.
+    // The cube with separate vertices for each face, as in a file with face normals.
     let shared = cube();
     let mut split = Mesh::default();
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
@@ -269,13 +270,14 @@ fn texture_seams_weld_and_hard_edges_do_not() {
     assert_eq!(smooth.len(), 8);
     assert!(smooth.normals.unwrap().get(0).distance(-DVec3::ONE / 3.0_f64.sqrt()) < 0.1);
     split.normals = Some(normals);
-    // Each corner three times, once a face; the first vertex of a corner stays, and those that differ from it.
+    // Each corner has three vertices, one per face. The first vertex of a corner remains, and those that differ from
+    // it.
     assert_eq!(points_from_mesh(&split).unwrap().len(), 8 * 3 + split_doubles(&split));
     let (_, report) = splats_from_mesh(&split, &MeshOptions::new(MeshMethod::Count(100)), &NoProgress).unwrap();
     assert_eq!(report.feature_edges, 12, "the diagonals are no creases");
 }
 
-/// Vertices that repeat another's place and normal, but not the first one's there.
+/// Counts vertices that repeat another's place and normal, but not those of the first one there.
 fn split_doubles(mesh: &Mesh) -> usize {
     let normals = mesh.normals.as_ref().unwrap();
     let place = |i: usize| mesh.positions.get(i);
@@ -300,7 +302,7 @@ fn splats_say_how_little_they_stand_apart() {
     assert_eq!(said(&smooth, MeshMethod::Count(2 * triangles)), [false, true]);
     assert_eq!(said(&smooth, MeshMethod::Count(triangles / 2)), [false, false]);
     assert_eq!(said(&smooth, MeshMethod::PerVertex), [false, false]);
-    // Of splats made anew the mesh's own comment says nothing.
+    // The mesh's own comment doesn't apply to new splats.
     let told = Mesh { comments: vec![FINE_SPLATS.into()], ..smooth };
     assert_eq!(said(&told, MeshMethod::Count(triangles / 2)), [false, false]);
 }
@@ -324,7 +326,7 @@ fn degenerate_meshes_are_refused_or_skipped_with_a_reason() {
     assert!(splats_from_mesh(&cube(), &MeshOptions::new(MeshMethod::Count(0)), &NoProgress).is_err());
     let scale = MeshOptions { radius_scale: f64::NAN, ..options };
     assert!(splats_from_mesh(&cube(), &scale, &NoProgress).is_err());
-    // A sheet with many layers in one place: the neighbours of elimination are bounded.
+    // A sheet with many layers in one place: the number of neighbours in elimination is bounded.
     let mut layers = cube();
     layers.triangles = vec![layers.triangles[0]; 3000];
     assert_eq!(sampled(&layers, MeshMethod::Count(2000)).len(), 2000);
@@ -358,7 +360,7 @@ fn adaptive_is_closer_on_thin_parts_alone_and_leaves_no_hole() {
     let c = coverage(&cloud, &places(&both, 200_000));
     let is_thin = |i: &usize| cloud.center(*i).x > 1.1;
     let on_needle = (0..cloud.len()).filter(is_thin).count();
-    // Of the middle half of the needle, whose curvature is nearly 1 over its radius.
+    // The middle half of the needle, whose curvature is nearly 1 over its radius.
     let middle = (0..cloud.len()).filter(is_thin).filter(|i| cloud.center(*i).z.abs() < 0.5);
     let rim_px = |i: usize| cloud.radius_max(i).powi(2) / (2.0 * 0.03) / 2.23 * 1024.0;
     let largest = middle.map(rim_px).fold(0.0, f64::max);
@@ -366,19 +368,19 @@ fn adaptive_is_closer_on_thin_parts_alone_and_leaves_no_hole() {
     let even_on_needle = (0..COUNT).filter(|i| even.center(*i).x > 1.1).count();
     println!("{c:?}, {on_needle} on the needle, {even_on_needle} even ones, {largest} px, {report:?}");
     assert_eq!(c.holes, 0);
-    // As many on the ball, within what grading adds; a radius may be 1.2 of what density asks for.
+    // The ball has the same number, except for the grading; a radius may be 1.2 times what the density requires.
     let on_ball = cloud.len() - on_needle;
     assert!(on_ball.abs_diff(COUNT - even_on_needle) < COUNT / 100, "{on_ball}");
     assert!(on_needle > 5 * even_on_needle && largest < 1.2 * 1.2 / 3.0, "{on_needle}, {largest} px");
 
-    // Whatever the unit of length is.
+    // The unit of length doesn't matter.
     for scale in [1e15, 1e-15] {
         let scaled: Vec<DVec3> = positions.iter().map(|p| *p * scale).collect();
         let count = sampled(&mesh(&scaled, both.triangles.clone()), MeshMethod::Adaptive(COUNT)).len();
         assert!(count.abs_diff(cloud.len()) < cloud.len() / 100, "{scale}: {count}");
     }
 
-    // What is flat is spread evenly.
+    // A flat surface is sampled evenly.
     let spread = |method| sampled(&cube(), method).into_data().centers;
     assert_eq!(spread(MeshMethod::Adaptive(2000)), spread(MeshMethod::Count(2000)));
     assert!(splats_from_mesh(&cube(), &MeshOptions::new(MeshMethod::Adaptive(0)), &NoProgress).is_err());

@@ -1,4 +1,4 @@
-//! Normal maps of meshes, in the shading normals of their splats.
+//! Tests of meshes' normal maps in the shading normals of their splats.
 
 use glam::{DMat3, DVec2, DVec3};
 use std::f64::consts::{FRAC_PI_2, TAU};
@@ -6,7 +6,8 @@ use std::sync::Arc;
 use surfel_model::{Column3, Mesh, MeshMaterial, NormalMap, SplatCloud, Texture, TriangleMaterials};
 use surfel_sample::{MeshMethod, MeshOptions, NoProgress, splats_from_mesh};
 
-/// A map of `size`² texels, whose levels are of a normal right, up and out at a place in the image, v downwards.
+/// Returns a map of `size`² texels. `normal` gives the components right, up and out at a place in the image, with v
+/// down.
 fn map(size: u32, scale: f32, normal: impl Fn(DVec2) -> DVec3) -> NormalMap {
     let level = |v: f64| (127.5 * (v + 1.0)).round() as u8;
     let at = |i: u32| (f64::from(i) + 0.5) / f64::from(size);
@@ -18,7 +19,7 @@ fn map(size: u32, scale: f32, normal: impl Fn(DVec2) -> DVec3) -> NormalMap {
     NormalMap { image: Arc::new(image), scale }
 }
 
-/// A unit square, turned, whose right and up are x and y before; texture coordinates as `uv` says of its places.
+/// Returns a turned unit square; right and up are x and y before the turn. `uv` maps a place to texture coordinates.
 fn square(turned: DMat3, uv: impl Fn(DVec2) -> [f32; 2], map: NormalMap) -> Mesh {
     let places = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]].map(DVec2::from);
     let material = MeshMaterial { normal_map: Some(map), ..MeshMaterial::default() };
@@ -81,7 +82,7 @@ fn normals_of_relief_are_those_of_its_slope() {
         let expected = turned * slope(DVec2::new(place.x, 1.0 - place.y));
         worst = worst.max((cloud.shading_normal(i) - expected).length());
     }
-    // Half a level of 255 is 0.004 a component; the mean over a splat's share and the image's cells take the rest.
+    // Half a level of 255 is 0.004 per component; the mean over a splat's area and the image's resolution add the rest.
     assert!(worst < 0.02, "{worst}");
 }
 
@@ -90,7 +91,7 @@ fn maps_that_say_nothing_leave_the_surface_as_it_is() {
     let tilted = DVec3::new(0.6, 0.0, 0.8);
     let flat = [
         square(DMat3::IDENTITY, upright, map(2, 0.0, |_| tilted)),
-        // All of it shows one place of the image.
+        // All of the square shows one place of the image.
         square(DMat3::IDENTITY, |_| [0.5, 0.5], map(2, 1.0, |_| tilted)),
         square(DMat3::IDENTITY, |_| [f32::NAN, 0.5], map(2, 1.0, |_| tilted)),
         Mesh { uvs: None, ..square(DMat3::IDENTITY, upright, map(2, 1.0, |_| tilted)) },
@@ -99,7 +100,7 @@ fn maps_that_say_nothing_leave_the_surface_as_it_is() {
         let cloud = splats(&mesh, 20);
         assert!((0..cloud.len()).all(|i| (cloud.shading_normal(i) - DVec3::Z).length() < 1e-6));
     }
-    // However steep, normals stay numbers of unit length.
+    // Steep normals remain finite and of unit length.
     for scale in [1e30, -1e30, f32::MAX] {
         let cloud = splats(&square(DMat3::IDENTITY, upright, map(2, scale, |_| tilted)), 20);
         assert!((0..cloud.len()).all(|i| (cloud.shading_normal(i).length() - 1.0).abs() < 1e-6));

@@ -1,4 +1,5 @@
-//! Points in no surface stay small, surfaces close however they are sampled, and the layout of points lays their disks.
+//! Tests of point classes: points in no surface stay small, surfaces have no holes at any sampling, and disks follow
+//! the layout of the points.
 
 use crate::common;
 
@@ -22,7 +23,7 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     *values.select_nth_unstable_by(middle, f64::total_cmp).1
 }
 
-/// Disks that are larger than six times the median radius of their 100 nearest points, by looking at all of them.
+/// Counts disks larger than six times the median radius of their 100 nearest points, by brute force.
 fn too_large(cloud: &SplatCloud) -> usize {
     let all: Vec<(DVec3, f64)> = (0..cloud.len()).map(|i| (cloud.center(i), largest(cloud, i))).collect();
     let is_too_large = |i: usize| {
@@ -36,13 +37,13 @@ fn too_large(cloud: &SplatCloud) -> usize {
     (0..all.len()).filter(|i| is_too_large(*i)).count()
 }
 
-/// The larger half-axis.
+/// Returns the larger half-axis.
 fn largest(cloud: &SplatCloud, i: usize) -> f64 {
     let (s, t) = cloud.axes(i);
     s.length().max(t.length())
 }
 
-/// The facade of 1200 points that is in the case's file, and its 60 strays.
+/// Returns the facade of 1200 points from the case's file, and its 60 strays.
 fn facade_with_strays() -> (Vec<DVec3>, Vec<DVec3>) {
     let line = |line: &str| {
         let numbers: Vec<f64> = line.split_whitespace().map(|n| n.parse().unwrap()).collect();
@@ -83,7 +84,7 @@ fn strays_about_a_facade_stay_small_whatever_their_number() {
         println!("{name}: {} times the usual radius, {share} of the area, {:?}", of_strays / usual, report.classes);
         assert!(of_strays < 2.0 * usual, "{name}: {of_strays}, usually {usual}");
         assert!(share < 1.3 * of_points, "{name}: {of_points} of the points have {share} of the area");
-        // What is seen is the facade: no hole is in it but at its rim.
+        // The facade has no hole except at its rim.
         assert!(
             report.classes[PointClass::Isolated as usize] < cloud.len() - facade.len() + 30,
             "{:?}",
@@ -93,15 +94,15 @@ fn strays_about_a_facade_stay_small_whatever_their_number() {
     }
 }
 
-/// A scene before a spinning scanner: beams that hit the ground, walls, poles, a car, and crowns of trees.
+/// A scene scanned by a spinning sensor: beams that hit the ground, walls, poles, a car, and crowns of trees.
 struct Sweep {
     positions: Vec<DVec3>,
-    /// True of points of crowns, poles, and what stands far.
+    /// True for points of crowns, poles, and distant objects.
     is_clutter: Vec<bool>,
 }
 
 impl Sweep {
-    /// By so many beams, `step_deg` apart, the lowest at `lowest_deg`, with returns `turn_deg` apart.
+    /// Scans with this number of beams, `step_deg` apart, the lowest at `lowest_deg`, with returns `turn_deg` apart.
     fn new([beams, lowest_deg, step_deg, turn_deg]: [f64; 4], axes: DMat3) -> Self {
         let mut random = Lcg(12);
         let mut crown = |x: f64, y: f64| {
@@ -118,7 +119,7 @@ impl Sweep {
                 let elevation = (lowest_deg + step_deg * beam as f64).to_radians();
                 let azimuth = (turn_deg * turn as f64).to_radians();
                 let d = DVec3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
-                // The ground is 1.8 below, a wall stands 9 to the left, up to 4 high.
+                // The ground is 1.8 below; a wall is 9 to the left, up to 4 high.
                 let ground = if d.z < 0.0 { -1.8 / d.z } else { f64::INFINITY };
                 let wall = if d.y > 0.0 && (9.0 / d.y * d.z) < 2.2 { 9.0 / d.y } else { f64::INFINITY };
                 let distance = ground.min(wall);
@@ -138,7 +139,7 @@ impl Sweep {
 fn ground_under_a_sweep_closes_and_what_stands_about_stays_small() {
     let z_up = DMat3::IDENTITY;
     let y_up = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
-    // As a Velodyne of 32 beams, one of 64, one of 16, and a faster one.
+    // Like a Velodyne with 32 beams, one with 64, one with 16, and a faster one.
     let cases = [
         ("32", [32.0, -30.67, 1.333, 0.4], z_up, 9.0),
         ("64, y up", [64.0, -24.8, 0.42, 0.36], y_up, 14.0),
@@ -189,7 +190,7 @@ fn no_disk_is_larger_than_six_times_the_median_of_the_hundred_nearest() {
     assert_eq!(too_large(&splats(&points(&positions, None)).0), 0);
 }
 
-/// A flat grid, and unit normals that lean from it, by `lean(i)` degrees toward `toward(i)` degrees.
+/// Returns a flat grid with unit normals tilted by a number of degrees toward a direction in degrees, both from `lean`.
 fn leaning(side: usize, axes: DMat3, lean: &mut dyn FnMut() -> (f64, f64)) -> (Vec<DVec3>, Vec<DVec3>) {
     let place = |i: usize| axes * DVec3::new((i / side) as f64 * 0.1, (i % side) as f64 * 0.1, 0.0);
     let mut normal = || {
@@ -210,7 +211,7 @@ fn layout_lays_disks_whose_stored_normals_lean_from_it() {
         ("45, far", DMat3::IDENTITY * 1e6, &mut || (45.0, 200.0)),
         ("70, tiny", turned * 1e-6, &mut || (70.0, 10.0)),
         ("inward", DMat3::IDENTITY, &mut || (150.0, 90.0)),
-        // As those of CloudCompare on ripple_ascii.ply: half of them by more than 21°.
+        // Like those of CloudCompare on ripple_ascii.ply: half of them by more than 21°.
         ("noise", DMat3::IDENTITY, &mut || (80.0 * random.unit(), 360.0 * random.unit())),
     ];
     for (name, axes, lean) in cases {
@@ -218,7 +219,7 @@ fn layout_lays_disks_whose_stored_normals_lean_from_it() {
         let up = (axes * DVec3::Z).normalize();
         let normals: Vec<DVec3> = normals.iter().map(|n| n.normalize()).collect();
         let (cloud, report) = splats(&points(&positions, Some(&normals)));
-        // Within the tolerance of a fit, and of a bend where noise looks like one.
+        // Within the tolerance of a fit, and of a bend where noise resembles one.
         let at_most = if name == "noise" { 0.8 } else { 0.999 };
         for (i, n) in normals.iter().enumerate() {
             let across = cloud.normal(i).dot(up);
@@ -227,7 +228,7 @@ fn layout_lays_disks_whose_stored_normals_lean_from_it() {
         }
         assert!(report.normals_off > if name == "noise" { 250 } else { 440 }, "{name}: {}", report.normals_off);
         assert_eq!(report.normals_given, 441);
-        // Nothing is bare within the rim.
+        // Nothing within the rim is uncovered.
         let place = |k: usize| axes * DVec3::new(0.1 + 0.045 * (k % 40) as f64, 0.1 + 0.045 * (k / 40) as f64, 0.0);
         let side = if name == "inward" { -up } else { up };
         let places: Vec<(DVec3, DVec3)> = (0..1600).map(|k| (place(k), side)).collect();
@@ -273,7 +274,7 @@ fn normals_that_fit_stay_as_they_are_on_bodies_creases_limbs_and_thin_sheets() {
 
 #[test]
 fn disks_on_a_line_lie_across_it_and_face_the_outside() {
-    // A wire that leans, alone and above a plate.
+    // A tilted wire, alone and above a plate.
     let along = DVec3::new(0.6, 0.0, 0.8);
     let wire: Vec<DVec3> = (0..300).map(|i| DVec3::new(0.0, 3.0, 1.0) + along * 0.1 * f64::from(i)).collect();
     let options = PointOptions { viewpoint: Some(DVec3::new(0.0, -500.0, 100.0)), ..PointOptions::default() };
@@ -282,7 +283,7 @@ fn disks_on_a_line_lie_across_it_and_face_the_outside() {
     for (i, p) in wire.iter().enumerate() {
         let toward = (DVec3::new(0.0, -500.0, 100.0) - *p).reject_from_normalized(along).normalize();
         assert!(cloud.normal(i).dot(along).abs() < 1e-5 && cloud.normal(i).dot(toward) > 0.999, "{i}");
-        // The second neighbour is at 0.1 inside, at 0.2 at the ends.
+        // The second neighbour is at 0.1 inside, and at 0.2 at the ends.
         assert!(largest(&cloud, i) < 1.66 * 0.2, "{}", largest(&cloud, i));
     }
 }

@@ -1,4 +1,4 @@
-//! Splats made of points leave no hole in the surface that the points were taken from.
+//! Tests that splats of points leave no holes in the sampled surface.
 
 use crate::common;
 
@@ -11,7 +11,7 @@ fn splats(positions: &[DVec3]) -> (SplatCloud, PointReport) {
     splats_from_points(&points(positions, None), &PointOptions::default(), &NoProgress).unwrap()
 }
 
-/// Places on the unit square without its rim of `rim`, where the cloud's border is.
+/// Returns places on the unit square without a rim of width `rim`, where the cloud's border is.
 fn square_places(count: usize, rim: f64) -> Vec<(DVec3, DVec3)> {
     let mut random = Lcg(99);
     let mut coordinate = || rim + (1.0 - 2.0 * rim) * random.unit();
@@ -77,7 +77,7 @@ fn cover_scan_lines_with_ellipses() {
         let rim = 2.0 * step * ratio;
         let c = check(&format!("lines 1:{ratio}"), &cloud, &report, &square_places(50_000, rim), (3.0, 6.0));
         assert!(c.twice > 0.99, "1:{ratio}: {c:?}");
-        // The splats are stretched as the sampling is, less what jitter takes: it shears the cells of long ratios.
+        // Splats are stretched like the sampling, except that jitter shears the cells of long ratios.
         let mut ratios: Vec<f64> =
             (0..cloud.len()).map(|i| cloud.axes(i).0.length() / cloud.axes(i).1.length()).collect();
         ratios.sort_by(f64::total_cmp);
@@ -109,7 +109,7 @@ fn cover_sphere_with_estimated_normals() {
 
 #[test]
 fn cover_both_sides_of_a_thin_plate() {
-    // Two sheets nearer to each other than points are to their neighbours: their normals must keep them apart.
+    // Two sheets closer to each other than points are to their neighbours: normals must separate the sheets.
     let mut random = Lcg(21);
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     for side in [1.0, -1.0] {

@@ -1,4 +1,4 @@
-//! Small, degenerate and hostile clouds; normals; outliers; determinism.
+//! Tests of small, degenerate and hostile clouds, of normals, outliers and determinism.
 
 use crate::common;
 
@@ -38,7 +38,7 @@ fn small_and_degenerate_clouds_get_sensible_radii() {
 fn duplicates_get_their_neighbours_radius() {
     let mut positions = disk(2000, 1);
     let (alone, _) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
-    // Every tenth point forty times: more copies than neighbours looked at.
+    // Every tenth point forty times: more copies than neighbours in a search.
     for i in (0..2000).step_by(10) {
         positions.extend([positions[i]; 39]);
     }
@@ -54,7 +54,7 @@ fn duplicates_get_their_neighbours_radius() {
 fn given_normals_are_kept_and_decide_the_others() {
     let mut random = Lcg(4);
     let positions: Vec<DVec3> = (0..3000).map(|_| random.sphere()).collect();
-    // Inward, of odd lengths, and unknown (zero or not a number) for nine in ten.
+    // Inward, of odd lengths, and unknown (zero or NaN) for nine in ten.
     let normals: Vec<DVec3> = positions
         .iter()
         .enumerate()
@@ -82,13 +82,13 @@ fn orientation_outward_on_a_torus_and_on_separate_parts() {
     for i in 0..12_000 {
         let (a, b) = (std::f64::consts::TAU * random.unit(), std::f64::consts::TAU * random.unit());
         let n = DVec3::new(a.cos() * b.cos(), a.sin() * b.cos(), b.sin());
-        // Three tori, each its own component.
+        // Three tori, each a component of its own.
         positions.push(DVec3::new(a.cos(), a.sin(), 0.0) + 0.4 * n + DVec3::X * 10.0 * f64::from(i % 3));
         outward.push(n);
     }
     let (cloud, _) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
     let wrong = outward.iter().enumerate().filter(|(i, n)| cloud.normal(*i).dot(**n) < 0.7).count();
-    // PCA over a random sampling is rarely more than 45° off, never by a sign here.
+    // PCA over a random sampling is rarely more than 45° off, and here no sign is wrong.
     assert!(wrong <= 12, "{wrong} of 12000");
     let flipped = outward.iter().enumerate().filter(|(i, n)| cloud.normal(*i).dot(**n) < 0.0).count();
     assert_eq!(flipped, 0);
@@ -96,7 +96,7 @@ fn orientation_outward_on_a_torus_and_on_separate_parts() {
 
 #[test]
 fn orientation_of_valleys_and_leaning_sheets_is_up() {
-    // Sides of a valley rise by up to 13°, and all of it leans.
+    // Sides of a valley rise by up to 13°, and the whole valley is tilted.
     for (depth, lean) in [(0.0, 0.5), (0.15, 0.0), (-0.15, 0.0), (0.15, 0.4), (0.1, 0.8)] {
         let turn = glam::DQuat::from_axis_angle(DVec3::new(0.6, 0.8, 0.0), lean);
         let place = |p: &DVec3| {
@@ -122,7 +122,7 @@ fn disks_of_points_in_no_surface_are_as_large_as_their_neighbours_are_far() {
         let sixth = *distances.select_nth_unstable_by(6, f64::total_cmp).1;
         cloud.radius_max(*i) > 1.6501 * sixth
     });
-    // Some happen to lie in a patch that looks like a surface: 3 %. By their cells alone 22 % are larger.
+    // 3 % happen to be in a patch that resembles a surface. By their cells alone, 22 % would be too large.
     let too_large = too_large.count();
     assert!(too_large < 200, "{too_large} of 4000");
 }
@@ -149,23 +149,23 @@ fn strays_beside_strays_get_no_large_radius_and_sparse_parts_of_a_surface_do() {
     let mut random = Lcg(17);
     let surface: Vec<DVec3> = (0..20_000).map(|_| random.sphere()).collect();
     let strays = (0..300).map(|_| 3.0 * (DVec3::new(random.unit(), random.unit(), random.unit()) - 0.5));
-    // The sixth neighbour of a point of the surface is .035 away; beyond eight times that points are isolated.
+    // The sixth neighbour of a point of the surface is .035 away; points beyond eight times that distance are isolated.
     let strays: Vec<DVec3> = strays.filter(|p| (p.length() - 1.0).abs() > 0.3).collect();
     let positions = [surface.clone(), strays.clone()].concat();
     let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
     let large = |i: &usize| cloud.radius_max(*i) > 4.0 * report.median_radius;
     let found = (surface.len()..positions.len()).filter(large).count();
-    // A few lie in a plane with their neighbours by chance.
+    // A few are in a plane with their neighbours by chance.
     assert!(found * 100 < strays.len(), "{found} of {} strays are large", strays.len());
     assert!(report.isolated * 20 > strays.len() * 19, "{} isolated", report.isolated);
-    // A plane of which one half has a 400th of the other's density stays closed.
+    // A plane has no hole although one half has a 400th of the other's density.
     let half = |count: usize, x: f64, random: &mut Lcg| -> Vec<DVec3> {
         (0..count).map(|_| DVec3::new(x + random.unit(), random.unit(), 0.0)).collect()
     };
     let positions = [half(80_000, 0.0, &mut random), half(200, 1.0, &mut random)].concat();
     let (cloud, report) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();
-    // Beside the dense half, disks are no larger than six times the median radius of the 100 nearest, of which most are
-    // in that half.
+    // Beside the dense half, disks are no larger than six times the median radius of the 100 nearest points, most of
+    // which are in that half.
     let away = || (80_000..80_200).filter(|i| positions[*i].x > 1.45);
     let large = away().filter(|i| cloud.radius_max(*i) > 8.0 * report.median_radius).count();
     assert!(large == away().count() && large > 80, "{large} of {} cover their part", away().count());
@@ -173,14 +173,14 @@ fn strays_beside_strays_get_no_large_radius_and_sparse_parts_of_a_surface_do() {
 
 #[test]
 fn far_returns_in_short_columns_dont_become_a_wall() {
-    // A scanned disk, and beyond it seven columns of three returns, seven times as far from each other as these.
+    // A scanned disk, and beyond it seven columns of three returns, seven times as far from each other as the returns.
     let mut positions = disk(2000, 9);
     positions.extend((0..21).map(|i| DVec3::new(9.0 + 0.2 * f64::from(i / 3), 0.0, 0.03 * f64::from(i % 3))));
     let normals: Vec<DVec3> = (0..2021).map(|i| if i < 2000 { DVec3::Z } else { DVec3::Y }).collect();
     let points = points(&positions, Some(&normals));
     let (splats, _) = splats_from_points(&points, &PointOptions::default(), &NoProgress).unwrap();
     for i in 2000..2021 {
-        // 1.65 times the distance of the second nearest, at most.
+        // At most 1.65 times the distance of the second nearest.
         assert!(splats.radius_max(i) < 1.7 * 0.06, "{}", splats.radius_max(i));
     }
 }
@@ -196,14 +196,14 @@ fn isolated_points_get_no_large_radius() {
         assert!(splats.radius_max(i) < 1.5 * report.median_radius, "{}", splats.radius_max(i));
         assert_eq!(splats.normal(i), DVec3::Z);
     }
-    // They face what sees them.
+    // The disks face the viewpoint.
     let options = PointOptions { viewpoint: Some(DVec3::new(0.5, 0.5, 9.0)), ..PointOptions::default() };
     let (splats, _) = splats_from_points(&points(&positions, None), &options, &NoProgress).unwrap();
     let toward = (DVec3::new(0.5, 0.5, 9.0) - positions[2001]).normalize();
     assert!((splats.normal(2001) - toward).length() < 1e-6, "{}", splats.normal(2001));
 }
 
-/// Rows of those that are outliers.
+/// Returns the indices of the outliers.
 fn outliers_of(positions: &[DVec3]) -> Vec<usize> {
     let found = outliers(&points(positions, None), &NoProgress).unwrap();
     (0..positions.len()).filter(|i| found[*i]).collect()
@@ -213,7 +213,7 @@ fn outliers_of(positions: &[DVec3]) -> Vec<usize> {
 fn outliers_are_found_however_far_and_however_many() {
     let good = disk(2000, 9);
     let strays = [DVec3::new(0.5, 0.5, 3.0), DVec3::new(9.0, 0.0, 0.0)];
-    // At any distance, beside each other, and moved to where f32 has no millimetres.
+    // Strays at any distance, beside each other, and moved to where f32 can't resolve millimetres.
     for scale in [1.0, 1e3, 1e8, 1e30] {
         let with: Vec<DVec3> = good.iter().copied().chain(strays.map(|s| s * scale)).collect();
         assert_eq!(outliers_of(&with), [2000, 2001], "{scale}");
@@ -223,7 +223,7 @@ fn outliers_are_found_however_far_and_however_many() {
     let pair = [DVec3::new(0.0, 0.0, 5.0), DVec3::new(0.0, 0.0, 5.0), DVec3::new(0.001, 0.0, 5.0)];
     let with: Vec<DVec3> = pair.into_iter().chain(good.iter().copied()).collect();
     assert_eq!(outliers_of(&with), [0, 1, 2]);
-    // So many that no one of them is alone, where mean and deviation would be theirs.
+    // So many strays that none of them is alone; they would dominate the mean and the deviation.
     let noise = |i: usize| {
         let part = |k: usize| ((i * 3 + k) as f64 * 0.618_033_988_749_9).fract() * 40.0 - 20.0;
         DVec3::new(part(0), ((i as f64) * 0.754_877_666_2).fract() * 40.0 - 20.0, part(2))
@@ -238,20 +238,20 @@ fn clean_clouds_have_no_outliers() {
     assert_eq!(outliers_of(&disk(5000, 3)), [0; 0]);
     let grid = |i: usize| DVec3::new((i % 50) as f64, (i / 50) as f64, 0.0);
     assert_eq!(outliers_of(&(0..2500).map(grid).collect::<Vec<_>>()), [0; 0]);
-    // Density that falls with the square of the distance, as on the ground around a scanner; 200 to one.
+    // Density that falls with the square of the distance, as on the ground around a scanner; the range is 200 to one.
     let ground = |i: usize| {
         let (ring, angle) = (i / 360, (i % 360) as f64);
         let distance = 1.6 / (0.2 - 0.0015 * ring as f64);
         DVec3::new(distance * angle.to_radians().cos(), distance * angle.to_radians().sin(), -1.6)
     };
     assert_eq!(outliers_of(&(0..360 * 125).map(ground).collect::<Vec<_>>()), [0; 0]);
-    // Nothing can be said of few, of equal ones, and of none.
+    // Too few, equal, or no points have no outliers.
     let spread: Vec<DVec3> = (0..15).map(|i| DVec3::splat(2_f64.powi(i))).collect();
     assert_eq!(outliers_of(&spread), [0; 0]);
     assert_eq!(outliers_of(&[DVec3::ONE; 1000]), [0; 0]);
     assert_eq!(outliers_of(&[DVec3::ONE]), [0; 0]);
     assert_eq!(outliers_of(&[]), [0; 0]);
-    // Coincident points aren't nearer to each other than to others.
+    // Coincident points don't count as near neighbours of each other.
     let twice: Vec<DVec3> = disk(500, 3).into_iter().flat_map(|p| [p; 20]).chain(disk(500, 4)).collect();
     assert_eq!(outliers_of(&twice), [0; 0]);
     let holey = points(&[DVec3::ZERO, DVec3::NAN, DVec3::INFINITY], None);
@@ -260,7 +260,7 @@ fn clean_clouds_have_no_outliers() {
 
 #[test]
 fn strays_beside_dense_parts_are_outliers_where_others_are_as_sparse() {
-    // A dense ball, and half of all points so sparse that no limit for all finds strays beside the ball.
+    // A dense ball, while half of all points are so sparse that no global limit finds strays beside the ball.
     let ball = disk(4000, 5).into_iter().map(|p| p * 0.1);
     let sparse = disk(4000, 6).into_iter().map(|p| p * 30.0 + DVec3::new(100.0, 0.0, 0.0));
     let all: Vec<DVec3> = ball.chain(sparse).chain([DVec3::new(0.0, 0.0, 0.4)]).collect();
@@ -319,7 +319,7 @@ fn radius_scale_scales() {
 
 #[test]
 fn normals_of_exact_scan_lines_come_from_the_lines_beside() {
-    // 1:10, without jitter: the 16 nearest of every point lie on its own line and leave its normal open.
+    // 1:10, without jitter: the 16 nearest of every point are on its own line and leave its normal undetermined.
     let turn = glam::DQuat::from_rotation_x(0.4) * glam::DQuat::from_rotation_z(0.3);
     let positions: Vec<DVec3> =
         (0..4000).map(|i| turn * DVec3::new(f64::from(i % 200), f64::from(i / 200) * 10.0, 0.0)).collect();
@@ -329,7 +329,7 @@ fn normals_of_exact_scan_lines_come_from_the_lines_beside() {
 
 #[test]
 fn scattered_points_are_level_where_asked_and_close_from_above() {
-    // Flat ground with noise for x < 0, a crown as deep as wide beside it, 400 points a square unit.
+    // Flat ground with noise for x < 0, and a crown as deep as wide beside it, with 400 points per square unit.
     let mut random = Lcg(7);
     let mut at = |x: f64, depth: f64| DVec3::new(x + random.unit(), random.unit(), depth * random.unit());
     let positions: Vec<DVec3> = (0..800).map(|i| if i < 400 { at(-1.5, 0.01) } else { at(0.5, 0.3) }).collect();
@@ -340,7 +340,7 @@ fn scattered_points_are_level_where_asked_and_close_from_above() {
     for i in &report.level {
         assert_eq!(cloud.normal(*i as usize), DVec3::Z, "{i}");
     }
-    // From above no hole is left, and radii are those of points that lie in the plane, or some larger.
+    // Seen from above there is no hole, and radii are those of points in the plane, or a little larger.
     let leaves = 400..800;
     for k in 0..400 {
         let (x, y) = (0.6 + 0.04 * f64::from(k % 20), 0.1 + 0.04 * f64::from(k / 20));
@@ -355,7 +355,7 @@ fn scattered_points_are_level_where_asked_and_close_from_above() {
 
 #[test]
 fn given_radii_are_splats_up_to_five_spacings() {
-    // A grid of spacing 0.25, whose area per point is 0.0625.
+    // A grid of spacing 0.25, with an area per point of 0.0625.
     let grid: Vec<DVec3> = (0..900).map(|i| DVec3::new(f64::from(i % 30), f64::from(i / 30), 0.0) * 0.25).collect();
     let made = |radii: Vec<f32>, scale: f64| {
         let cloud = PointCloud { radii: Some(radii), ..points(&grid, None) };
@@ -363,7 +363,7 @@ fn given_radii_are_splats_up_to_five_spacings() {
         splats_from_points(&cloud, &options, &NoProgress).unwrap()
     };
     let (estimated, _) = splats_from_points(&points(&grid, None), &PointOptions::default(), &NoProgress).unwrap();
-    // Each as it is, also where they differ; what is no radius is estimated.
+    // Each radius is used as it is, also if radii differ; invalid ones are estimated.
     let own: Vec<f32> = (0..900).map(|i| [0.1, 0.2, 0.9, -1.0, f32::NAN, 0.0][i % 6]).collect();
     let (cloud, report) = made(own, 1.0);
     assert_eq!((report.radii_given, report.radii_too_large, report.normals_estimated), (450, None, 900));
@@ -374,14 +374,14 @@ fn given_radii_are_splats_up_to_five_spacings() {
         assert!(cloud.normal(i).z.abs() > 0.999);
     }
     assert_eq!(made(vec![0.5; 900], 3.0).0.radius_max(7), 1.5);
-    // The median counts, in spacings of the cloud.
+    // The median decides, in spacings of the cloud.
     assert_eq!(made(vec![1.2; 900], 1.0).0.radius_max(450), f64::from(1.2_f32));
     let (cloud, report) = made(vec![1.3; 900], 1.0);
     assert_eq!((report.radii_given, cloud), (0, estimated.clone()));
     assert!((5.0..5.4).contains(&report.radii_too_large.unwrap()), "{:?}", report.radii_too_large);
     let (cloud, report) = made(vec![0.0; 900], 1.0);
     assert_eq!((report.radii_given, report.radii_too_large, cloud), (0, None, estimated));
-    // One place has no spacing that could say so.
+    // A single place has no spacing to compare with.
     let one = PointCloud { radii: Some(vec![40.0]), ..points(&[DVec3::ONE], None) };
     assert_eq!(splats_from_points(&one, &PointOptions::default(), &NoProgress).unwrap().0.radius_max(0), 40.0);
 }

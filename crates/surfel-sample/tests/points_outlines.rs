@@ -1,4 +1,4 @@
-//! Disks of points end where the surface does.
+//! Tests that disks of points end where the surface does.
 
 use crate::common;
 
@@ -15,7 +15,7 @@ fn radii(cloud: &SplatCloud) -> Vec<f64> {
     (0..cloud.len()).map(|i| cloud.radius_max(i)).collect()
 }
 
-/// The value that this share of all is below.
+/// Returns the value below which this share of all values is.
 fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
     let mut values: Vec<f64> = values.collect();
     values.sort_by(f64::total_cmp);
@@ -24,7 +24,7 @@ fn quantile(values: impl Iterator<Item = f64>, share: f64) -> f64 {
 
 #[test]
 fn disks_of_thin_limbs_dont_stick_out() {
-    // Rods of radius 1, 40 long, whose points are 1 apart: six about each.
+    // Rods of radius 1, 40 long, with points 1 apart: six around each rod.
     let mut random = Lcg(5);
     let mut at = |margin: f64| {
         let (angle, along) = (std::f64::consts::TAU * random.unit(), margin + (40.0 - 2.0 * margin) * random.unit());
@@ -36,7 +36,7 @@ fn disks_of_thin_limbs_dont_stick_out() {
     let places: Vec<(DVec3, DVec3)> = (0..5000).map(|_| at(3.0)).collect();
     let cloud = splats(&positions, &normals);
     let (radii, holes) = (radii(&cloud), coverage(&cloud, &places).holes);
-    // How far a disk's rim is out of the rod: by the density rule alone, of 1.65, 0.93 at the middle one.
+    // Distance of a disk's rim from the rod; with the density radius of 1.65 alone, the median would be 0.93.
     let out = |share| quantile(radii.iter().map(|r| (1.0 + r * r).sqrt() - 1.0), share);
     let (middle, most) = (out(0.5), out(0.95));
     assert!(middle < 0.75 && most < 1.5, "{middle} {most}");
@@ -45,8 +45,8 @@ fn disks_of_thin_limbs_dont_stick_out() {
 
 #[test]
 fn disks_beside_a_crease_end_near_it() {
-    // Two sides of a box that meet at x = 0: random points, 0.02 apart. By the density rule alone, radii are 1.65 times
-    // that.
+    // Two sides of a box that meet at x = 0, with random points 0.02 apart. By the density rule alone, radii would be
+    // 1.65 times that.
     let mut random = Lcg(6);
     let (mut positions, mut normals) = (Vec::new(), Vec::new());
     for _ in 0..2500 {
@@ -65,7 +65,7 @@ fn disks_beside_a_crease_end_near_it() {
 
 #[test]
 fn few_returns_far_from_each_other_stay_small() {
-    // Ground whose points are 0.01 apart, and above it a piece of a wall with twenty, 0.06 apart, and one with a
+    // Ground with points 0.01 apart, and above it a piece of a wall with twenty points, 0.06 apart, and one with a
     // thousand.
     let mut random = Lcg(7);
     let mut positions: Vec<DVec3> = (0..10_000).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect();
@@ -79,7 +79,7 @@ fn few_returns_far_from_each_other_stay_small() {
     assert!(largest < 0.03 && usual > 0.06, "{largest} {usual}");
 }
 
-/// `count` points all over a ball of radius 1.
+/// Returns `count` points distributed over a ball of radius 1.
 fn crown(random: &mut Lcg, count: usize) -> Vec<DVec3> {
     let mut all = Vec::with_capacity(count);
     while all.len() < count {
@@ -97,7 +97,7 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
     let estimated = |positions: &[DVec3]| {
         splats_from_points(&points(positions, None), &PointOptions::default(), &NoProgress).unwrap().0
     };
-    // A crown of 3000 leaves above ground whose points are 0.05 apart.
+    // A crown of 3000 leaves above ground with points 0.05 apart.
     let leaves = crown(&mut random, 3000);
     let ground = (0..14_400).map(|_| DVec3::new(6.0 * random.unit() - 3.0, 6.0 * random.unit() - 3.0, -2.5));
     let positions: Vec<DVec3> = leaves.iter().copied().chain(ground).collect();
@@ -113,7 +113,7 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
     let ground_is_up = (3000..cloud.len()).all(|i| cloud.normal(i).z > 0.9);
     assert!(ground_is_up);
 
-    // Whatever the unit of length is, and far from the origin.
+    // Independent of the unit of length, and far from the origin.
     for (scale, origin) in [(1e15, 0.0), (1e-15, 0.0), (1.0, 1e6)] {
         let moved: Vec<DVec3> = positions.iter().map(|p| *p * scale + DVec3::splat(origin)).collect();
         let other = estimated(&moved);
@@ -121,7 +121,7 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
         assert!(same > 2950, "{scale} {origin}: {same}");
     }
 
-    // Surfaces are none of it: a sheet with noise of half its spacing, and a rod with six points about it.
+    // Surfaces aren't foliage: a sheet with noise of half its spacing, and a rod with six points around it.
     let mut normal_of = |sheet: bool| {
         let mut shake = || (random.unit() + random.unit() + random.unit() - 1.5) * 0.03;
         let at = |i: u32| {
@@ -150,8 +150,8 @@ fn leaves_are_shaded_as_the_crown_that_they_make() {
 
 #[test]
 fn what_stands_in_a_forest_is_small_and_its_ground_closes() {
-    // Ground whose points are 0.05 apart, but 0.2 at one end; 16 crowns above it, and a plate of few returns that
-    // stands. The scanner is above.
+    // Ground with points 0.05 apart, but 0.2 at one end; 16 crowns above it, and a vertical plate of few returns. The
+    // scanner is above.
     let mut random = Lcg(9);
     let mut positions = Vec::new();
     for i in 0..16 {
@@ -169,7 +169,7 @@ fn what_stands_in_a_forest_is_small_and_its_ground_closes() {
     let radii = radii(&cloud);
     let upward = (0..leaves).filter(|i| cloud.normal(*i).z > 0.0).count() as f64 / leaves as f64;
     let [steep, far] = [&radii[plate..], &radii[sparse..plate]].map(|radii| quantile(radii.iter().copied(), 0.5));
-    // But for where the spacing changes.
+    // Except where the spacing changes.
     let mut place = || DVec3::new(0.3 + 11.0 * random.unit(), 0.3 + 7.4 * random.unit(), 0.0);
     let ground = (0..4000).map(|_| (place(), DVec3::Z)).filter(|(p, _)| (p.x - 8.1).abs() > 0.4);
     let places: Vec<(DVec3, DVec3)> = ground.collect();

@@ -1,4 +1,4 @@
-//! Clipped splats of meshes: what they keep lies on the mesh, and nothing of the mesh is missing.
+//! Tests of clipped splats of meshes: their visible parts are on the mesh, and cover all of it.
 
 use crate::common;
 
@@ -19,7 +19,7 @@ fn splats(count: usize) -> SharpOptions {
     SharpOptions { splats: Some(count), ..SharpOptions::default() }
 }
 
-/// The cube from −1 to 1, each face cut into `n`×`n` squares.
+/// Returns the cube from −1 to 1 with each face divided into `n`×`n` squares.
 fn cube(n: u32) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for normal in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().flat_map(|v| [v, -v]) {
@@ -37,7 +37,7 @@ fn cube(n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// Centre, normal and two directions, of unit length, of each square that bounds a union of unit cubes.
+/// Returns the centre, the normal and two unit directions of each square that bounds a union of unit cubes.
 fn squares(cells: &[[i32; 3]]) -> Vec<[DVec3; 4]> {
     let mut found = Vec::new();
     for cell in cells {
@@ -55,7 +55,7 @@ fn squares(cells: &[[i32; 3]]) -> Vec<[DVec3; 4]> {
     found
 }
 
-/// Unit cubes about these places, each square of their surface cut into `n`×`n`.
+/// Returns unit cubes at these places, with each square of their surface divided into `n`×`n`.
 fn blocks(cells: &[[i32; 3]], n: u32) -> Mesh {
     let (mut positions, mut triangles) = (Vec::new(), Vec::new());
     for [center, _, across, along] in squares(cells) {
@@ -72,8 +72,8 @@ fn blocks(cells: &[[i32; 3]], n: u32) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// A cylinder of radius 1 from z = −1 to 1 with `n` sides; `rings` circles on either cap, a hub in its middle. Without
-/// caps it is open.
+/// Returns a cylinder of radius 1 from z = −1 to 1 with `n` sides. Either cap has `rings` circles and a hub in its
+/// middle. Without caps the cylinder is open.
 fn cylinder(n: u32, rings: u32, capped: bool) -> Mesh {
     let (mut positions, mut triangles): (Vec<Vec3>, Vec<[u32; 3]>) = (Vec::new(), Vec::new());
     let circle = |radius: f32, z: f32| {
@@ -120,7 +120,7 @@ fn cylinder(n: u32, rings: u32, capped: bool) -> Mesh {
     mesh(positions, triangles)
 }
 
-/// Points that splat `i` keeps, `steps`² of its disk's square.
+/// Returns visible points of splat `i` from a grid of `steps`² over its disk's square.
 fn kept(cloud: &SplatCloud, i: usize, steps: u32) -> impl Iterator<Item = DVec3> {
     let ((s, t), p) = (cloud.axes(i), cloud.center(i));
     let clip = cloud.data().clips.as_ref().and_then(|c| c.clip(i, ClipPolicy::Exact));
@@ -131,7 +131,8 @@ fn kept(cloud: &SplatCloud, i: usize, steps: u32) -> impl Iterator<Item = DVec3>
         .map(move |uv| p + s * uv.x + t * uv.y)
 }
 
-/// How many splats keep a point within `distance` of their plane, their normal within 60° of `normal`.
+/// Counts the splats whose visible part has a point within `distance` of their plane, with their normal within 60° of
+/// `normal`.
 fn covering(cloud: &SplatCloud, p: DVec3, normal: DVec3, distance: f64) -> usize {
     let covers = |i: &usize| {
         let (s, t) = cloud.axes(*i);
@@ -152,8 +153,8 @@ fn sharp_cube_is_a_cube_at_any_count() {
         let asked = options.splats.unwrap_or(768);
         assert!(cloud.len() <= asked && cloud.len() * 10 >= asked * 9, "{} of {asked}", cloud.len());
         assert_eq!(report.ridges, [12, 96]);
-        // What both sides of a ridge overlap, 5e-6 of the extent 2, and what a splat cut to its triangle has over: 2e-4
-        // of its radius.
+        // The overlap of both sides of a ridge is 5e-6 of the extent 2; a splat cut to its triangle extends by 2e-4 of
+        // its radius.
         assert!(report.errors.splats_to_mesh[1] < 3e-4 && report.errors.mesh_to_splats[1] < 1e-6, "{report:?}");
         assert!(report.errors.normal_deg < 1e-4 && report.with_curve == 0, "{report:?}");
         for i in 0..cloud.len() {
@@ -178,7 +179,7 @@ fn sharp_cube_is_a_cube_at_any_count() {
 
 #[test]
 fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
-    // An L: 17 convex edges and a concave one, 22 units long in all.
+    // An L: 17 convex edges and a concave one, with a total length of 22 units.
     let cells = [[0, 0, 0], [1, 0, 0], [0, 1, 0]];
     let squares = squares(&cells);
     let distance = |p: DVec3| {
@@ -194,14 +195,14 @@ fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
         let (cloud, report) = convert(&mesh, &splats(count));
         assert!(cloud.len() <= count, "{} of {count}", cloud.len());
         assert_eq!(report.ridges, [18, 22 * 6]);
-        // As for the cube: no splat is kept beyond a crease, where it would stand off the surface or stick in the
+        // As for the cube: no splat is visible beyond a crease, where it would protrude from the surface or be inside the
         // solid.
         for i in 0..cloud.len() {
             for p in kept(&cloud, i, 48) {
                 assert!(distance(p) < 3e-4, "splat {i} of {count} keeps {p}, {} off", distance(p));
             }
         }
-        // Up to 1e-4 beside every crease both of its faces are there, in their own planes.
+        // Up to 1e-4 beside every crease, both of its faces are covered in their own planes.
         for [center, normal, across, along] in &squares {
             for (edge, k) in (0..4).flat_map(|edge| (0..=40).map(move |k| (edge, k))) {
                 let (beside, at) = (0.5 - 1e-4, f64::from(k) * 0.02498 - 0.4996);
@@ -217,12 +218,12 @@ fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
 fn sharp_cylinder_rims_are_circles_on_both_sides() {
     let mesh = cylinder(256, 6, true);
     let (cloud, report) = convert(&mesh, &splats(160));
-    // Two rims of 256 edges; loops get one corner each.
+    // Two rims of 256 edges; each loop gets one corner.
     assert_eq!(report.ridges, [2, 512]);
     assert!(report.with_curve > 30, "{report:?}");
-    // The fitted curve is at least as good as the parabola that it starts from.
+    // The fitted curve is at least as good as the parabola from which it starts.
     assert!(report.curve_errors[1] <= report.curve_errors[0] && report.curve_errors[1] < 2e-4, "{report:?}");
-    // Moving the wall's planes to the mean height of their rim halves what is between the two sides.
+    // Moving the wall's planes to the mean height of their rim halves the distance between the two sides.
     assert!(report.mismatch[1] < 0.7 * report.mismatch[0], "{report:?}");
     let data = cloud.data();
     let curves = data.clips.as_ref().unwrap().curves.as_ref().unwrap();
@@ -235,8 +236,8 @@ fn sharp_cylinder_rims_are_circles_on_both_sides() {
         for k in 0..=20 {
             let uv = curve.at(f64::from(k) / 20.0);
             let q = p + s * uv.x + t * uv.y;
-            // Each side's curve is the rim, seen along its own normal: the cap's a circle, the wall's straight. The
-            // overlap is what the wall's planes leave open, at most a chord's height.
+            // Each side's curve is the rim seen along its own normal: a circle for the cap, a straight line for the
+            // wall. The overlap covers the gap of the wall's planes, at most a chord's height.
             if is_cap {
                 assert!((q.truncate().length() - 1.0).abs() < 0.03, "cap {i}: {}", q.truncate().length());
             } else {
@@ -245,10 +246,10 @@ fn sharp_cylinder_rims_are_circles_on_both_sides() {
         }
     }
     assert!(caps > 10, "{caps} caps, {walls} walls");
-    // No scallops: nothing stands out of the rims, nor above the caps.
+    // No scallops: nothing protrudes from the rims or above the caps.
     for i in 0..cloud.len() {
         for p in kept(&cloud, i, 16) {
-            // A splat may stand off by 5 % of its radius, and the planes' overlap adds at most a chord's height.
+            // A splat may protrude by 5 % of its radius, and the planes' overlap adds at most a chord's height.
             let most = 1.0 + 0.05 * cloud.radius_max(i) + 0.03;
             assert!(p.truncate().length() < most && p.z.abs() < 1.03, "splat {i}: {p}");
         }
@@ -280,7 +281,7 @@ fn sharp_error_bounds_the_distance() {
     let mut before = usize::MAX;
     for error in [1e-3, 4e-3, 2e-2] {
         let (cloud, report) = convert(&mesh, &SharpOptions { error: Some(error), ..SharpOptions::default() });
-        // Each collapse stays within it, measured on the new triangles; splats reach a little beyond those.
+        // Each collapse stays within the limit, measured on the new triangles; splats reach a little beyond them.
         assert!(report.errors.mesh_to_splats[1] < 2.0 * error, "{error}: {report:?}");
         assert!(cloud.len() < before && report.errors.splats_to_mesh[0] < error, "{error}: {report:?}");
         before = cloud.len();
@@ -302,7 +303,7 @@ fn sharp_result_scales_with_the_mesh() {
 #[test]
 fn sharp_mesh_is_subdivided_for_more_splats() {
     let (cloud, report) = convert(&cube(2), &splats(1000));
-    // 48 triangles, cut into four twice.
+    // 48 triangles, divided into four twice.
     assert_eq!((cloud.len(), report.ridges), (768, [12, 24]));
     assert!(report.errors.splats_to_mesh[1] < 2e-5);
 }
@@ -325,7 +326,7 @@ fn sharp_takes_any_mesh_without_panic() {
     let mut random = common::Lcg(7);
     for count in [1, 2, 30, 300] {
         for seed in 0..6 {
-            // Soup: triangles over few vertices, so that edges have many faces, and some without area.
+            // Soup: triangles over few vertices, so that edges have many faces, and some triangles without area.
             let vertices = 4 + count / 3;
             let positions = (0..vertices).map(|_| {
                 let mut unit = || (random.unit() * 4.0).round() as f32 * if seed % 2 == 0 { 1.0 } else { 1e-12 };

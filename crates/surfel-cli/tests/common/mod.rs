@@ -126,6 +126,11 @@ impl Run {
         String::from_utf8_lossy(&self.0.stderr).into_owned()
     }
 
+    /// The exit code, stdout and stderr.
+    pub fn parts(&self) -> (i32, Vec<u8>, String) {
+        (self.0.status.code().unwrap_or(-1), self.0.stdout.clone(), self.stderr())
+    }
+
     pub fn json(&self) -> serde_json::Value {
         serde_json::from_slice(&self.0.stdout).unwrap_or_else(|e| panic!("{e}: {}\n{}", self.stdout(), self.stderr()))
     }

@@ -1,48 +1,50 @@
-//! When a choice of levels may end before its splats are as small as they are asked to be.
+//! Early end of a selection of LOD nodes, before all splats are as small as requested.
 
 use super::{Eye, FADE_OCTAVES, LevelNode};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Points a pixel from which on a picture hardly changes with more: of so many each has little of its colour.
+/// Number of points per pixel from which more points hardly change an image: each contributes little to a pixel's
+/// colour.
 const POINTS_A_PIXEL: u64 = 5;
-/// Fewer points than these are quickly read, so that none are left out.
+/// Number of points below which none are skipped, because so few are read quickly.
 const LEAST_POINTS: u64 = 1_000_000;
-/// Most of the error that is asked for that splats may have where finer points are left out: a level more.
+/// Largest error where finer points are skipped, relative to the requested error: one level more.
 const MOST_ERRORS: f64 = 2.0;
-/// Largest share of the picture that they may be left out of with that error, and with none. The rest is as fine as it
-/// is asked to be, or as its file.
+/// Largest shares of the image in which points may be skipped: if the error there is [`MOST_ERRORS`] times the
+/// requested one, and if it is barely above the requested one. The rest is as fine as requested, or as fine as the
+/// file.
 const LEFT_OUT: [f64; 2] = [0.25, 0.375];
-/// Cells along each side of a picture, by which that share is measured.
+/// Number of cells along each side of an image, by which the share is measured.
 const CELLS: usize = 64;
 
-/// Errors between one octave and the next that are tried.
+/// Number of errors tried per octave.
 const STEPS: i32 = 64;
 
-/// Finds whether a picture has enough points although some of its splats are larger than they are asked to be.
+/// Test whether an image has enough points although some of its splats are larger than requested.
 ///
-/// Where a surface is seen at a slant, as land is toward the horizon, a splat's size says little of how many points a
-/// pixel has: land at 1/16 of its area has 16 times as many. A choice ends once it has [`POINTS_A_PIXEL`] for each
-/// pixel of its views, and [`LEAST_POINTS`], if splats are at most [`MOST_ERRORS`] times too large, and that in at most
-/// a quarter of the views; in more of them less, so that the error changes evenly ([`LEFT_OUT`]). As the largest splats
-/// are refined first, what is left out is what is farthest. Where a choice ends, levels come in ([`FADE_OCTAVES`]), so
-/// that a node that has not counts as left out.
+/// On a slanted surface, such as land toward the horizon, a splat's size says little about the number of points per
+/// pixel: land that appears at 1/16 of its area has 16 times as many. A selection ends once it has [`POINTS_A_PIXEL`]
+/// per pixel of its views, and [`LEAST_POINTS`] in total. Splats must be at most [`MOST_ERRORS`] times too large, in at
+/// most a quarter of the views. In a larger share, the limit decreases so that the error changes evenly ([`LEFT_OUT`]).
+/// The largest splats are refined first, so the farthest nodes are skipped. At the end of a selection, levels fade in
+/// ([`FADE_OCTAVES`]); a node that has not faded in completely counts as skipped.
 ///
-/// Nothing but the nodes and the views decides, so that a picture is the same for any threads and caches. The numbers
-/// are those of land seen at a slant: beside all that is asked for FLIP is 0.002 there, of half the points.
+/// The decision depends only on the nodes and the views, so an image is the same for any threads and caches. The
+/// constants are measured on land seen at a slant. With half of the points, FLIP against the full selection is 0.002.
 pub(super) struct Enough<'a> {
     eyes: &'a [Eye<'a>],
-    /// Nodes that are wanted, and what splats measure without each; the largest first.
+    /// Required nodes and the splat size in pixels without each, the largest first.
     wanted: &'a [(f64, &'a LevelNode)],
-    /// How many of those that are left out, or have not come in, may show in each cell of each view.
+    /// Number of skipped nodes, or nodes not completely faded in, that may be visible in each cell of each view.
     left_out: Vec<u32>,
-    /// Cells where any may.
+    /// Number of cells with such nodes.
     cells: usize,
 }
 
 impl<'a> Enough<'a> {
-    /// The error that ends a choice of nodes that are wanted for an error, the largest first, if that is
-    /// enough and more than `least_px`.
+    /// Returns the error that ends a selection, if there are enough points at an error above `least_px`. `wanted` are
+    /// the nodes required for `error_px`, the largest first.
     pub(super) fn error_px(
         eyes: &'a [Eye<'a>],
         wanted: &'a [(f64, &'a LevelNode)],
@@ -82,14 +84,14 @@ impl<'a> Enough<'a> {
         None
     }
 
-    /// How much too large splats may be in the part of the views where nodes are left out.
+    /// Returns the largest allowed ratio to the requested error in the part of the views where nodes are skipped.
     fn most_errors(&self) -> f64 {
         let share = self.cells as f64 / self.left_out.len() as f64;
         let least = (LEFT_OUT[1] - share) / (LEFT_OUT[1] - LEFT_OUT[0]);
         1.0 + least.min(1.0) * (MOST_ERRORS - 1.0)
     }
 
-    /// Leaves a node out.
+    /// Marks a node as skipped.
     fn leave_out(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.left_out[cell] += 1;
@@ -97,7 +99,7 @@ impl<'a> Enough<'a> {
         }
     }
 
-    /// Puts a node in that has been left out.
+    /// Marks a skipped node as selected.
     fn put(&mut self, wanted: usize) {
         for cell in cells_of(self.eyes, self.wanted[wanted].1) {
             self.left_out[cell] -= 1;
@@ -106,7 +108,7 @@ impl<'a> Enough<'a> {
     }
 }
 
-/// Cells of all views that a node may show in.
+/// Returns the cells of all views in which a node may be visible.
 fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
     let of_view = |(i, eye): (usize, &Eye<'_>)| {
         let [columns, rows] = cells_in_view(eye, node);
@@ -115,7 +117,8 @@ fn cells_of(eyes: &[Eye<'_>], node: &LevelNode) -> impl Iterator<Item = usize> {
     eyes.iter().enumerate().flat_map(of_view)
 }
 
-/// Columns and rows of cells that hold what shows of a node's cube: all, where a part of it is before the near plane.
+/// Returns the columns and rows of cells that contain the visible part of a node's cube; all cells if a part of it is
+/// before the near plane.
 fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
     let projection = &eye.view.projection;
     let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
@@ -132,7 +135,7 @@ fn cells_in_view(eye: &Eye<'_>, node: &LevelNode) -> [Range<usize>; 2] {
     }
     [0, 1].map(|k| {
         let cell = |px: f64| px / f64::from(eye.view.size[k]) * CELLS as f64;
-        // Numbers beyond end at those of their type.
+        // The conversion saturates numbers out of range.
         let (start, end) = (cell(low[k]).floor() as usize, cell(high[k]).ceil() as usize);
         start.min(CELLS)..end.min(CELLS)
     })
@@ -148,7 +151,8 @@ mod tests {
 
     const LEVELS: u32 = 7;
 
-    /// A plane of 1024 x 1024 cells of 1 in levels of nodes, whose points are a 64th of a node's side apart.
+    /// Returns a plane of 1024 x 1024 cells of size 1 in levels of nodes, with points spaced by a 64th of a node's
+    /// side.
     fn plane(points: u64) -> Vec<LevelNode> {
         let mut nodes = Vec::new();
         for level in 0..LEVELS {
@@ -182,16 +186,16 @@ mod tests {
         let found = chosen(&nodes, &view, 1.0);
         assert!(found.end == LevelEnd::Enough && found.points >= 1_000_000, "{found:?}");
         assert!(found.error_px > 1.0 && found.error_px <= MOST_ERRORS);
-        // Of fewer points in the same nodes none is left out.
+        // With fewer points in the same nodes, none is skipped.
         let all = chosen(&plane(1024), &view, 1.0);
         assert!(all.end == LevelEnd::Error && all.error_px <= 1.0 && all.nodes.len() > found.nodes.len());
         assert!(found.nodes.iter().all(|i| all.nodes.contains(i)));
-        // A larger picture takes 5 a pixel.
+        // A larger image needs 5 points per pixel.
         let points = chosen(&nodes, &slanted(30.0, 700), 1.0).points;
         assert!(points >= 5 * 700 * 700, "{points}");
     }
 
-    /// Wherever a surface faces the eye, a splat that is too large shows.
+    /// On a surface that faces the eye, a splat that is too large is visible.
     #[test]
     fn nothing_is_left_out_of_most_of_a_picture() {
         let camera = Camera::perspective([0.0, 0.0, 300.0], [0.0; 3], 45.0, [400, 400]).with_up([0.0, 1.0, 0.0]);
@@ -231,7 +235,7 @@ mod tests {
                     let cell = |k: usize| pixel(k) / f64::from(view.size[k]) * CELLS as f64;
                     let shows = p.z >= view.projection.near && [0, 1].iter().all(|k| (0.0..64.0).contains(&cell(*k)));
                     let [column, row] = [0, 1].map(|k| cell(k) as usize);
-                    // On a border it is in both.
+                    // A point on a border is in both cells.
                     let is_in = columns.contains(&column) || columns.end == column;
                     assert!(!shows || is_in && (rows.contains(&row) || rows.end == row), "{node:?}");
                 }

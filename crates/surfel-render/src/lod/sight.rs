@@ -1,34 +1,36 @@
-//! Which points of an object views show.
+//! Test of the visibility of an object's points in views.
 
 use super::{Eye, MARGIN_PX};
 use crate::View;
 use glam::{DAffine3, DVec3};
 use surfel_model::{Cull, Settings};
 
-/// Radii of a splat, seen from its centre, that what it covers ends within: an affine footprint leaves the splat's own
-/// outline by less than half its distance from the centre, and three times the sphere around it is ample.
+/// Radius within which a splat's footprint is visible, in radii of the splat from its centre. An affine footprint
+/// extends beyond the splat's own outline by less than half its distance from the centre; three times the bounding
+/// sphere is ample.
 const REACH: f64 = 3.0;
 
-/// What views show of an object.
+/// Visibility of an object in views.
 pub struct Sight<'a> {
     eyes: Vec<Eye<'a>>,
     margin_px: f64,
 }
 
 impl<'a> Sight<'a> {
-    /// Of views whose splats reach so many pixels past their own extent ([`Sight::margin_px`]).
+    /// Prepares views in which splats reach `margin_px` pixels past their own extent ([`Sight::margin_px`]).
     pub fn new(world_from_object: &'a DAffine3, views: &'a [View], margin_px: f64) -> Self {
         let eyes = views.iter().map(|view| Eye::new(world_from_object, Cull::None, view)).collect();
         Self { eyes, margin_px }
     }
 
-    /// Pixels that any filter reaches past a splat's own extent, and as much again as nodes are given.
+    /// Returns the largest distance, in pixels, of a filtered footprint from the splat's extent, plus the margin of
+    /// nodes.
     pub fn margin_px(settings: &Settings) -> f64 {
-        // No filter lengthens a splat by more than half of the prefilter's radius besides the radius itself.
+        // No filter lengthens a splat by more than 1.5 times the prefilter's radius.
         MARGIN_PX + 1.5 * settings.prefilter_radius_px
     }
 
-    /// False if no part of a splat can show, in any of the views; object units.
+    /// False if no part of a splat can be visible in any of the views. Lengths are in object units.
     pub fn shows(&self, center: DVec3, radius: f64) -> bool {
         self.eyes.iter().any(|eye| eye.sees_around((center, REACH * radius), self.margin_px, |_| 0.0))
     }
@@ -65,7 +67,7 @@ mod tests {
                 let p = view.view_from_world * (world - view.eye);
                 let depth = if projection.is_perspective() { p.z } else { 1.0 };
                 let px = |k: usize| p[k] / depth * projection.focal_px[k] + projection.principal_px[k];
-                // The prefilter's two pixels.
+                // The margin of two pixels for the prefilter.
                 let inside = (-2.0..642.0).contains(&px(0)) && (-2.0..482.0).contains(&px(1));
                 inside && p.z >= projection.near && p.z <= projection.far()
             });

@@ -1,4 +1,4 @@
-//! The kernels of a cloud's splats on the surface that they make: what a close view blends with.
+//! Kernels of a cloud's splats on their own surface, as a close view blends them.
 
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
@@ -7,23 +7,23 @@ use glam::DVec3;
 use surfel_math::{V2, clip::Clip, kernel};
 use surfel_model::{ClipPolicy, SplatCloud};
 
-/// Radii from its centre within which a splat counts: its own, and a quarter for a surface that bends away from it.
+/// Reach of a splat from its centre, in radii: its own radius, and a quarter for a surface that curves away.
 pub(super) const REACH: f64 = 1.25;
-/// Cosine of 60°: splats that are turned further belong to another part of the surface, as for the interior weight.
+/// Cosine of 60°: splats whose normals differ more belong to another part of the surface, as for the interior weight.
 const SAME_SURFACE: f64 = 0.5;
-/// The cutoff that the defaults draw with.
+/// Default cutoff of the renderer.
 const CUTOFF: f64 = 2.0;
 
-/// A splat's w over the places of a surface.
+/// Weight function w of a splat on a surface.
 #[derive(Clone, Default)]
 pub(super) struct Kernel {
-    /// Relative to the cloud's origin.
+    /// Centre relative to the cloud's origin.
     center: DVec3,
-    /// Unit normal; zero for a splat that counts nowhere.
+    /// Unit normal; zero for a splat that was removed.
     normal: DVec3,
-    /// (u, v) of an offset in its plane are the products with these.
+    /// Dual basis: dot products with an offset in the splat's plane give its (u, v).
     dual: [DVec3; 2],
-    /// The larger half-axis.
+    /// Larger half-axis.
     radius: f64,
     clip: Option<Box<Clip<f64>>>,
 }
@@ -47,8 +47,8 @@ impl Kernel {
         Sphere { center: self.center, radius_squared: reach * reach }
     }
 
-    /// w where the line through `point` along the unit `normal` meets the splat's plane: 0 beyond its disk, its clip
-    /// or [`REACH`], and where the normals differ by more than 60°.
+    /// Returns w where the line through `point` along the unit `normal` meets the splat's plane. The weight is 0 beyond
+    /// the disk, its clip or [`REACH`], and if the normals differ by more than 60°.
     pub(super) fn weight(&self, point: DVec3, normal: DVec3) -> f64 {
         let d = point - self.center;
         let facing = self.normal.dot(normal);
@@ -58,13 +58,13 @@ impl Kernel {
         let hit = d - self.normal.dot(d) / facing * normal;
         let at = V2::new(hit.dot(self.dual[0]), hit.dot(self.dual[1]));
         let rho_squared = at.x * at.x + at.y * at.y;
-        // NaN, of a splat without extent, is no place within it.
+        // For a splat without extent, ρ² is NaN, and the comparison false.
         let within = rho_squared <= 1.0 && self.clip.as_ref().is_none_or(|clip| clip.keeps(at));
         if within { kernel::weight(rho_squared, CUTOFF) } else { 0.0 }
     }
 }
 
-/// All kernels in the order of a tree over their centres, where neighbours lie close together.
+/// All kernels in the order of a tree over their centres, where neighbours are close together in memory.
 pub(super) struct Kernels {
     pub(super) tree: KdTree,
     reach_below: Vec<f64>,
@@ -82,7 +82,7 @@ impl Kernels {
         Self { tree, reach_below, of_slot }
     }
 
-    /// Takes a splat out: it counts nowhere.
+    /// Removes a splat: its weight is 0 everywhere.
     pub(super) fn remove(&mut self, slot: usize) {
         self.of_slot[slot].normal = DVec3::ZERO;
     }
@@ -95,13 +95,13 @@ impl Kernels {
         &self.of_slot[slot]
     }
 
-    /// Half the median splat's diameter, for the size of cells.
+    /// Returns the median radius of the splats, which determines the size of cells.
     pub(super) fn median_radius(&self) -> f64 {
         let mut radii: Vec<f64> = self.of_slot.iter().map(|k| k.radius).collect();
         crate::radii::median(&mut radii).unwrap_or(0.0)
     }
 
-    /// Slots, ascending, of the splats that may count within a sphere.
+    /// Returns the slots, ascending, of the splats that may have weight within a sphere.
     pub(super) fn near(&self, center: DVec3, radius: f64) -> Vec<u32> {
         let mut slots = Vec::new();
         self.tree.near(center, radius, &self.reach_below, &mut |slot| {
@@ -114,13 +114,13 @@ impl Kernels {
         slots
     }
 
-    /// Where the splat of a slot may count.
+    /// Returns the sphere within which a slot's splat may have weight.
     pub(super) fn sphere(&self, slot: u32) -> Sphere {
         self.of_slot[slot as usize].sphere()
     }
 }
 
-/// Where a splat may count.
+/// Sphere within which a splat may have weight.
 pub(super) struct Sphere {
     center: DVec3,
     radius_squared: f64,

@@ -1,8 +1,8 @@
-//! Values of splats whose blend is what a surface shows: texture acquisition (Z01 §5).
+//! Texture acquisition (Z01 §5): fits values of splats so that their blend equals the surface's values.
 //!
-//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw are the splats' shares as a close view draws them. The fit
-//! minimises ∫ (f − Σ r̂_k·c_k)² over the surface, within the bounds of a colour. Z01 eq. 11 has w in place of r̂, and
-//! no bounds: its solutions leave [0, 1] (docs/decisions/020).
+//! The blend at a place is Σ r̂_k·c_k, where r̂_k = w_k/Σw are the splats' shares in a close view. The fit minimises ∫
+//! (f − Σ r̂_k·c_k)² over the surface, within the bounds of a colour. Z01 eq. 11 has w in place of r̂, and no bounds:
+//! its solutions leave [0, 1] (docs/decisions/020).
 
 mod kernels;
 mod points;
@@ -24,59 +24,59 @@ use system::System;
 
 pub use points::{PointFitReport, fit_point_colors};
 
-/// Where a fit ends: colours that no step changes by 1e-4, a fortieth of a step of 8 bits.
+/// Stop criterion for colours: no step changes a colour by 1e-4, a fortieth of an 8-bit step.
 const STOP: Stop = Stop { residual: 1e-4, steps: 400 };
 
-/// Most that a component of a shading normal changes by: where the mesh's normals turn faster than its splats can show,
-/// the solution without a bound swings past them.
+/// Largest change of a component of a shading normal. Where the mesh's normals vary faster than its splats can
+/// represent, an unbounded solution overshoots.
 const NORMAL_CHANGE: f64 = 0.25;
 
-/// How far beyond the colours under a splat its own may go, as a share of their range: sharp peaks take a quarter to a
-/// third. Without this bound fits ripple where a surface is flat, some splats away from an edge.
+/// Largest overshoot of a splat's colour beyond the colours under the splat, relative to their range. Sharp peaks need
+/// a quarter to a third. Without this bound, fits ripple in uniform areas some splats away from an edge.
 const BEYOND: f64 = 0.35;
-/// What a channel varies by under a splat to count in that: a quarter of a 255th of linear light.
+/// Smallest variation of a channel under a splat that counts for [`BEYOND`]: a quarter of 1/255 of linear light.
 const VARIES: f64 = 1e-3;
-/// Normals end at a thirtieth of a degree.
+/// Stop criterion for normals: a thirtieth of a degree.
 const NORMAL_STOP: Stop = Stop { residual: 5e-4, steps: 100 };
-/// Root mean square of a normal's components, of what their blend lacks, that is worth a fit: half a degree.
+/// Smallest error of blended normals (root mean square of their components) that is worth a fit: half a degree.
 const NORMALS_SHOW: f64 = 0.005;
 
-/// Most splats that are fitted together: each takes about a kilobyte.
+/// Maximum number of splats fitted together; each needs about a kilobyte.
 const MOST_SPLATS: usize = 1 << 25;
-/// Most splats over a place, on average: the work grows with its square. Radii of twice the spacing have 13.
+/// Maximum number of splats over a place, on average: the work grows with its square. Radii of twice the spacing have
+/// 13.
 const MOST_OVER_PLACE: usize = 200;
-/// Places that are looked at for that.
+/// Number of places at which overlapping splats are counted.
 const PROBES: usize = 1024;
 
 /// Report of a fit to a mesh.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct FitReport {
-    /// Places of the surface that were compared.
+    /// Number of places on the surface that were compared.
     pub samples: usize,
-    /// Steps of the solver; 0 for [`TextureSampling::Ewa`].
+    /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
     pub steps: usize,
-    /// The KKT residual: the most that a further step would change a value by.
+    /// KKT residual: the largest change of a value by a further step.
     pub residual: f64,
-    /// Root mean square of what the blend lacks in linear light, before and after, over the surface and channels.
+    /// Root mean square error of the blend in linear light, before and after, over the surface and channels.
     pub color_rms: [f64; 2],
-    /// The same of shading normals, where they were fitted.
+    /// The same error of shading normals, if they were fitted.
     pub normal_rms: Option<[f64; 2]>,
 }
 
-/// Gives splats that were made of a mesh other colours and, with [`TextureSampling::Fit`], shading normals, so that
-/// their blend shows the mesh's. The splats' present values are those of [`TextureSampling::Point`], which changes
-/// nothing; alphas never change. A mesh without colours or textures leaves colours alone, a cloud without shading
-/// normals normals.
+/// Fits the colours of splats made from a mesh and, with [`TextureSampling::Fit`], their shading normals, so that their
+/// blend shows the mesh's values. The splats' present values are those of [`TextureSampling::Point`], which changes
+/// nothing. Alphas never change, colours only if the mesh has colours or textures, and normals only if the cloud has
+/// shading normals.
 ///
-/// Splats blend where their normals and the surface's agree within 60° and their clips keep the place. Colours stay
-/// within 0 and 1, or the mesh's largest above that, and near those under the splat. Splats that lie on no part of the
-/// mesh keep their values. A surface of one colour gets that exactly. The result doesn't depend on the number of
+/// Splats blend at places where their normals and the surface's agree within 60° and inside their clips. Colours are
+/// limited to 0 to 1 (or to the mesh's largest value) and to near the colours under the splat. Splats on no part of the
+/// mesh don't change. A surface of one colour gets exactly this colour. The result doesn't depend on the number of
 /// threads.
 ///
 /// # Errors
 /// [`SampleError::Model`] for a mesh that isn't valid, [`SampleError::Empty`] for one without triangles,
-/// [`SampleError::NoArea`] where none has any, and [`SampleError::TooMany`] above 33 million splats, or 200
-/// over a place.
+/// [`SampleError::NoArea`] if none has any, and [`SampleError::TooMany`] above 33 million splats, or 200 over a place.
 pub fn fit_to_mesh(
     cloud: SplatCloud,
     mesh: &Mesh,
@@ -139,12 +139,12 @@ fn joined(a: [f32; 3], b: [f32; 3]) -> [f32; 6] {
     [a[0], a[1], a[2], b[0], b[1], b[2]]
 }
 
-/// Three of the channels, from `first` on.
+/// Returns three of the channels, from `first` on.
 fn part(values: &[[f32; 6]], first: usize) -> Vec<[f32; 3]> {
     values.iter().map(|v| std::array::from_fn(|c| v[first + c])).collect()
 }
 
-/// What a fit is made to.
+/// Inputs of a fit to a mesh.
 struct Target<'a> {
     geometry: &'a Geometry<'a>,
     cloud: &'a SplatCloud,
@@ -153,8 +153,8 @@ struct Target<'a> {
 }
 
 impl Target<'_> {
-    /// Values of all splats, by their indices. The first `colors` channels have the bounds of colours, others those of
-    /// normals.
+    /// Returns the fitted values of all splats, by index. The first `colors` channels have the bounds of colours, the
+    /// others those of normals.
     fn fit<const N: usize>(
         &self,
         colors: usize,
@@ -210,7 +210,7 @@ impl Target<'_> {
     }
 }
 
-/// Refuses clouds whose normal equations would not be sparse.
+/// Rejects clouds whose normal equations would not be sparse.
 fn check_overlap<const N: usize>(kernels: &Kernels, samples: &Samples<N>) -> Result<(), SampleError> {
     let probes = samples.all().iter().step_by(samples.len().div_ceil(PROBES).max(1));
     let (mut found, mut count) = (0, 0);
@@ -227,7 +227,7 @@ fn check_splats(found: usize) -> Result<(), SampleError> {
     if found > limit { Err(SampleError::TooMany { what, found, limit }) } else { Ok(()) }
 }
 
-/// What the values of each channel may be: 0 to 1, or the least and the largest value beyond that.
+/// Returns the range of each channel: 0 to 1, extended to the smallest and largest value.
 fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bounds {
     let mut range = [[0.0f64, 1.0]; 4];
     for value in values {
@@ -238,8 +238,9 @@ fn ranges<'a, const N: usize>(values: impl Iterator<Item = &'a [f32; N]>) -> Bou
     range
 }
 
-/// What may be added to a present value: within the range, not far beyond the samples' `local` one, and nothing always.
-/// All channels that vary go beyond by one share of what they vary by, since one that stops alone changes the hue.
+/// Returns the bounds of the change of a present value. The changed value is in the range, and not far beyond the
+/// samples' `local` range; no change is always allowed. All varying channels may overshoot by the same fraction of
+/// their variation, because one channel that stops alone would change the hue.
 fn within<const N: usize>(range: &Bounds, local: &[[f32; 2]; N], present: &[f32; N]) -> Bounds {
     let local = |c: usize| local[c].map(f64::from);
     let varies = (0..N.min(3)).filter(|&c| local(c)[1] - local(c)[0] > VARIES);

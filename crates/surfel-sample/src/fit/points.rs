@@ -1,4 +1,4 @@
-//! Colours of scans: splats whose blend passes through what was measured.
+//! Fit of the colours of scans: the blend of the splats approximates the measured colours.
 
 use super::kernels::Kernels;
 use super::samples::{Sample, Samples};
@@ -9,30 +9,31 @@ use crate::parallel::map_each;
 use crate::{NoProgress, Progress, SampleError};
 use surfel_model::{OnInvalid, SplatCloud};
 
-/// Of so many points one is held out, to see how far to go.
+/// Every n-th point is held out, to find the best number of steps.
 const HELD_OUT: usize = 10;
-/// Steps at most; the first few take what isn't noise.
+/// Maximum number of steps; the first few suffice for all but noise.
 const STEPS: usize = 64;
-/// Steps without a better prediction after which nobody looks further.
+/// Number of steps without a better prediction after which the search stops.
 const PATIENCE: usize = 8;
 
 /// Report of a fit to the colours of points.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct PointFitReport {
-    /// Steps that predict held-out points best, from colours that are blurred; `None`: the points' own do.
+    /// Number of steps that predicts held-out points best, starting from blurred colours; `None` if the original
+    /// colours do.
     pub steps: Option<usize>,
-    /// Root mean square error in linear light of the held-out points' colours as the blend of the others predicts them,
-    /// with the points' own colours and with fitted ones.
+    /// Root mean square error, in linear light, of the held-out points' colours as predicted by the blend of the
+    /// others: with the original colours, and with fitted ones.
     pub held_out_rms: [f64; 2],
 }
 
-/// Gives the splats of a scan colours whose blend comes nearer to the measured ones, which it otherwise blurs, as far
-/// as these aren't noise. The splats are one a point, and their present colours are what was measured.
+/// Fits the colours of a scan's splats so that their blend is closer to the measured colours, which it otherwise blurs,
+/// without fitting noise. There must be one splat per point, with the measured colour as its present colour.
 ///
-/// The fit begins with the blend's own colours and sharpens them step by step. Every tenth point is held out first: the
-/// number of steps is that which predicts it best. Colours stay within 0 and 1, or the largest above that; alphas don't
-/// change. The result doesn't depend on the number of threads. A cloud without colours, or of fewer than ten splats, is
-/// given back.
+/// The fit starts with the blend's own colours and sharpens them step by step. A first pass holds out every tenth
+/// point, and finds the number of steps that predicts those points best. Colours are limited to 0 to 1, or to the
+/// largest value above; alphas don't change. The result doesn't depend on the number of threads. A cloud without
+/// colours, or with fewer than ten splats, is returned unchanged.
 ///
 /// # Errors
 /// [`SampleError::TooMany`] above 33 million splats, or 200 over a place on average.
@@ -49,7 +50,7 @@ pub fn fit_point_colors(
     let present: Vec<[f32; 3]> = (0..kernels.len()).map(|slot| cloud.color(kernels.tree.index(slot))).collect();
     let range = ranges(present.iter());
 
-    // Neighbours in the tree are neighbours in space: every tenth slot is a tenth of every place.
+    // Neighbours in the tree are neighbours in space, so every tenth slot selects a tenth of each neighbourhood.
     let mut is_held_out = vec![false; cloud.len()];
     for slot in (0..kernels.len()).filter(|slot| slot % HELD_OUT == HELD_OUT / 2) {
         is_held_out[kernels.tree.index(slot)] = true;
@@ -107,7 +108,7 @@ pub fn fit_point_colors(
     Ok((SplatCloud::new(data, OnInvalid::Refuse)?.0, report))
 }
 
-/// Each point's colour as the blend shows it, by slot; that of points without a sample is theirs.
+/// Returns each point's colour as the blend shows it, by slot; points without a sample have their own colour.
 fn blended(kernels: &Kernels, samples: &Samples<3>, present: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let mut slot_of = vec![0; kernels.len()];
     (0..kernels.len()).for_each(|slot| slot_of[kernels.tree.index(slot)] = slot);

@@ -1,4 +1,4 @@
-//! Places of a surface with the values that they should show, sorted into cells.
+//! Samples of a surface with their target values, sorted into cells.
 
 use super::kernels::Kernels;
 use crate::mesh::count::stratified;
@@ -9,21 +9,22 @@ use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
 
-/// Fewest and most samples a splat: fewer leave a coefficient to chance, more than the texels are each other's copies.
+/// Smallest and largest number of samples per splat. Fewer make a coefficient random; more than there are texels repeat
+/// each other.
 const A_SPLAT: [f64; 2] = [9.0, 36.0];
-/// Samples of all splats beyond which there are only as many as it takes: 32 to 44 bytes each.
+/// Total number of samples above which there are as few as possible; each needs 32 to 44 bytes.
 const MANY: f64 = 16e6;
-/// Fewest samples of a triangle where there are as many splats as triangles.
+/// Smallest number of samples per triangle if there are as many splats as triangles.
 const A_TRIANGLE: f64 = 4.0;
-/// Texels a sample beyond which it is the mean of nine places.
+/// Number of texels per sample above which a sample is the mean of nine places.
 const FINE: f64 = 1.5;
-/// Cells along the largest side of the bounds, at most: three coordinates share 64 bits.
+/// Maximum number of cells along the largest side of the bounds: three coordinates share 64 bits.
 const MOST_CELLS: f64 = (1 << 20) as f64;
 
-/// A place, what it should show, and how much it counts.
+/// A place on the surface, its target value, and its weight.
 #[derive(Clone, Copy)]
 pub(super) struct Sample<const N: usize> {
-    /// Relative to [`Samples::center`].
+    /// Position relative to [`Samples::center`].
     at: Vec3,
     /// Index into [`Samples::normals`].
     normal: u32,
@@ -37,22 +38,22 @@ impl<const N: usize> Default for Sample<N> {
     }
 }
 
-/// Samples, those of a cell together.
+/// Samples, ordered by cell.
 pub(super) struct Samples<const N: usize> {
     center: DVec3,
     normals: Vec<DVec3>,
     items: Vec<Sample<N>>,
-    /// Where the samples of each cell end.
+    /// End index of each cell's samples.
     ends: Vec<u32>,
 }
 
-/// Cell coordinates, each of 21 bits.
+/// Packs cell coordinates into 21 bits each.
 fn key(cell: [i64; 3]) -> u64 {
     cell.iter().fold(0, |key, c| key << 21 | (c + (1 << 20)) as u64 & 0x1f_ffff)
 }
 
 impl<const N: usize> Samples<N> {
-    /// Puts samples into cells that a few splats reach. The order of equal cells is that of `items`.
+    /// Sorts samples into cells that a few splats reach. Samples of the same cell stay in the order of `items`.
     fn sorted(center: DVec3, normals: Vec<DVec3>, mut items: Vec<Sample<N>>, kernels: &Kernels) -> Self {
         let extent = items.iter().map(|s| s.at.abs().max_element()).fold(0.0, f32::max);
         let side = (1.5 * kernels.median_radius()).max(2.0 * f64::from(extent) / MOST_CELLS).max(f64::MIN_POSITIVE);
@@ -68,7 +69,8 @@ impl<const N: usize> Samples<N> {
         Self { center, normals, items, ends }
     }
 
-    /// Samples of the points of a cloud themselves; `value` of the point of each index, `None` to leave it out.
+    /// Samples the points of a cloud themselves. `value` maps the index of a point to its value, or to `None` to skip
+    /// it.
     pub(super) fn of_points(cloud: &SplatCloud, kernels: &Kernels, value: &dyn Fn(usize) -> Option<[f32; N]>) -> Self {
         let position = |i: usize| cloud.data().centers.get(i);
         let center = middle((0..cloud.len()).map(position));
@@ -80,9 +82,9 @@ impl<const N: usize> Samples<N> {
         Self::sorted(center, normals, (0..cloud.len()).filter_map(sample).collect(), kernels)
     }
 
-    /// Samples of a mesh, as many as its texels ask for, each counting by its area and opacity. `value` of a face's
-    /// barycentric coordinates and the side of the square that it stands for; `offset` leads from the mesh's origin
-    /// to the cloud's.
+    /// Samples a mesh as densely as its texels require, weighted by area and opacity. `value` maps a face, barycentric
+    /// coordinates and the side of the sample's square to a value and an opacity. `offset` is the vector from the
+    /// mesh's origin to the cloud's.
     pub(super) fn of_mesh(
         geometry: &Geometry,
         offset: DVec3,
@@ -123,43 +125,43 @@ impl<const N: usize> Samples<N> {
         self.normals[sample.normal as usize]
     }
 
-    /// What a sample was made of: a point of [`Self::of_points`], a face of [`Self::of_mesh`].
+    /// Returns the source of a sample: the point for [`Self::of_points`], the face for [`Self::of_mesh`].
     pub(super) fn source(&self, sample: &Sample<N>) -> usize {
         sample.normal as usize
     }
 
-    /// Every sample.
+    /// Returns all samples.
     pub(super) fn all(&self) -> &[Sample<N>] {
         &self.items
     }
 
-    /// How many cells there are.
+    /// Returns the number of cells.
     pub(super) fn cells(&self) -> usize {
         self.ends.len()
     }
 
-    /// The samples of a cell.
+    /// Returns the samples of a cell.
     pub(super) fn of_cell(&self, cell: usize) -> &[Sample<N>] {
         let start = if cell == 0 { 0 } else { self.ends[cell - 1] };
         &self.items[start as usize..self.ends[cell] as usize]
     }
 }
 
-/// The middle of the bounds.
+/// Returns the centre of the bounds.
 fn middle(points: impl Iterator<Item = DVec3>) -> DVec3 {
     let (lo, hi) = points.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
     if lo.is_finite() { 0.5 * lo + 0.5 * hi } else { DVec3::ZERO }
 }
 
-/// How many samples each triangle should have.
+/// Number of samples for each triangle.
 struct Measure {
-    /// Of each triangle, not rounded; 0 for those without area.
+    /// Number per triangle, not rounded; 0 for triangles without area.
     samples: Vec<f64>,
     total: f64,
     count: usize,
-    /// A sample stands for several texels.
+    /// True for triangles whose samples represent several texels each.
     coarse: Vec<bool>,
-    /// Area of a splat.
+    /// Mean area per splat.
     mean_area: f64,
 }
 

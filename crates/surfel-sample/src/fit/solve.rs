@@ -1,13 +1,13 @@
-//! Accelerated projected gradient for the bounded normal equations.
+//! Accelerated projected gradient method for the bounded normal equations.
 
 use super::system::Gram;
 use crate::parallel::{for_chunks, map_chunks};
 use std::ops::{AddAssign, Mul, Sub};
 
-/// Splats of a task.
+/// Number of splats per task.
 const CHUNK: usize = 4096;
 
-/// What is solved in: f32, which is 3·10⁻⁶ off at worst, or f64.
+/// Number type of the solver: f32, with errors of at most 3·10⁻⁶, or f64.
 pub(super) trait Scalar: Copy + Default + Send + Sync + PartialOrd + From<f32> + Into<f64> + AddAssign
 where
     Self: Mul<Output = Self> + Sub<Output = Self>,
@@ -30,39 +30,39 @@ impl Scalar for f64 {
 /// Values of a splat: three channels, and one that fills the register.
 pub(super) type Lanes<T> = [T; 4];
 
-/// Least and largest of each channel.
+/// Smallest and largest value of each channel.
 pub(super) type Bounds = [[f64; 2]; 4];
 
-/// Where an iteration ends.
+/// Stop criterion of the iteration.
 #[derive(Clone, Copy)]
 pub(super) struct Stop {
-    /// The KKT residual: no step along the gradient, of 1/mass and within the bounds, changes a value by more.
+    /// KKT residual: no step along the gradient, of length 1/mass and within the bounds, changes a value by more.
     pub(super) residual: f64,
-    /// Steps at most.
+    /// Maximum number of steps.
     pub(super) steps: usize,
 }
 
-/// What was found.
+/// Result of the minimisation.
 pub(super) struct Solution<T> {
-    /// What to add to the present values, by slot.
+    /// Change of the present values, by slot.
     pub(super) d: Vec<Lanes<T>>,
     pub(super) steps: usize,
-    /// The KKT residual there.
+    /// KKT residual of the result.
     pub(super) residual: f64,
 }
 
-/// ½dᵀGd − bᵀd within bounds of each value.
+/// Problem of minimising ½dᵀGd − bᵀd within bounds of each value.
 pub(super) struct Problem<'a, T> {
     pub(super) gram: &'a Gram,
     pub(super) b: &'a [Lanes<T>],
-    /// They must allow 0.
+    /// Bounds of a splat's change; they must allow 0.
     pub(super) bounds: &'a (dyn Fn(usize) -> Bounds + Sync),
 }
 
 impl<T: Scalar> Problem<'_, T> {
-    /// Minimises it from d = 0: FISTA (Beck and Teboulle 2009) with the step 1/mass of each splat, restarted where it
-    /// turns uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch` with each step's d; it says
-    /// whether to go on.
+    /// Minimises the problem from d = 0 by FISTA (Beck and Teboulle 2009), with the step 1/mass of each splat. The
+    /// momentum is restarted if it leads uphill (O'Donoghue and Candès 2015, the gradient scheme). Calls `watch` with
+    /// each step's d; the iteration stops if `watch` returns false.
     pub(super) fn minimise(&self, stop: Stop, watch: &mut dyn FnMut(&[Lanes<T>]) -> bool) -> Solution<T> {
         let n = self.b.len();
         let mut d = vec![Lanes::default(); n];
@@ -103,7 +103,7 @@ impl<T: Scalar> Problem<'_, T> {
             for (k, stepper) in (first..).zip(steppers) {
                 let (mass, bounds) = (self.gram.mass[k], (self.bounds)(k));
                 let bound = |side: usize| bounds.map(|b| T::from_f64(b[side]));
-                // What no sample shows stays as it is.
+                // Values under no sample don't change.
                 let step = T::from_f64(if mass > 0.0 { 1.0 / mass } else { 0.0 });
                 *stepper = Stepper { low: bound(0), high: bound(1), step };
             }
@@ -111,8 +111,8 @@ impl<T: Scalar> Problem<'_, T> {
         steppers
     }
 
-    /// A step from `y` along the gradient, within the bounds, and what it changes of chunks of splats; `d` is where
-    /// the last step ended.
+    /// Performs a projected gradient step from `y`, and returns the changes per chunk of splats; `d` is the result of
+    /// the previous step.
     fn project(&self, steppers: &[Stepper<T>], y: &[Lanes<T>], d: &[Lanes<T>], next: &mut [Lanes<T>]) -> Vec<Change> {
         map_chunks(next, CHUNK, &|first, next| {
             let mut change = Change::default();
@@ -143,20 +143,20 @@ fn difference<T: Scalar>(a: T, b: T) -> f64 {
     a.into() - b.into()
 }
 
-/// What a splat's steps need.
+/// Parameters of a splat's steps.
 #[derive(Clone, Copy, Default)]
 struct Stepper<T> {
     low: Lanes<T>,
     high: Lanes<T>,
-    /// 1/mass.
+    /// Step length 1/mass.
     step: T,
 }
 
-/// What a step changed.
+/// Change by one step.
 #[derive(Clone, Copy, Default)]
 struct Change {
-    /// Above 0 where momentum led uphill.
+    /// Positive if the momentum led uphill.
     uphill: f64,
-    /// Largest difference of a value to where the step began.
+    /// Largest change of a value from the start of the step.
     largest: f64,
 }

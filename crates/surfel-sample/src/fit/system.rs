@@ -1,4 +1,4 @@
-//! The normal equations of a fit: one row a splat, sparse, in tree order.
+//! Normal equations of a fit: one sparse row per splat, in tree order.
 
 use super::kernels::{Kernels, Sphere};
 use super::samples::{Sample, Samples};
@@ -8,15 +8,15 @@ use crate::progress::{NoProgress, Progress};
 use glam::DVec3;
 use std::ops::Range;
 
-/// Splats whose rows are one task's. Fixed, so that sums don't depend on the number of threads.
+/// Number of splats whose rows one task computes. It is fixed, so that sums don't depend on the number of threads.
 const OWN: usize = 2048;
-/// Differences that interpolation rounds to: a value of f32 times weights that sum to 1 but for four roundings.
+/// Largest relative difference attributed to interpolation: an f32 value times weights whose sum has four roundings.
 const ROUNDING: f32 = 4.0 * f32::EPSILON;
 
-/// G of the normal equations: Σ ω·r̂_k·r̂_j over the samples, r̂ the splats' shares w/Σw there.
+/// Matrix G of the normal equations: Σ ω·r̂_k·r̂_j over the samples, where r̂ are the splats' shares w/Σw.
 #[derive(Default)]
 pub(super) struct Gram {
-    /// Where the entries of a row begin, and where the last one's end.
+    /// Start of each row's entries, and the end of the last row.
     pub(super) starts: Vec<usize>,
     pub(super) columns: Vec<u32>,
     pub(super) values: Vec<f32>,
@@ -25,7 +25,7 @@ pub(super) struct Gram {
 }
 
 impl Gram {
-    /// (G·d)_k.
+    /// Returns (G·d)_k.
     pub(super) fn row_times<T: Scalar>(&self, k: usize, d: &[Lanes<T>]) -> Lanes<T> {
         let mut sum = Lanes::default();
         let entries = self.starts[k]..self.starts[k + 1];
@@ -39,22 +39,22 @@ impl Gram {
     }
 }
 
-/// ½dᵀGd − bᵀd for what is added to the splats' present values, over N channels that share G.
+/// Problem ½dᵀGd − bᵀd for the change d of the splats' present values, over N channels that share G.
 pub(super) struct System<const N: usize> {
     pub(super) gram: Gram,
-    /// Σ ω·r̂_k·(f − Σ r̂_j·c_j), c the present values.
+    /// Right-hand side Σ ω·r̂_k·(f − Σ r̂_j·c_j), where c are the present values.
     pub(super) b: Vec<[f64; N]>,
-    /// What view-independent EWA adds: the mean of f − c under w.
+    /// Change of view-independent EWA: the mean of f − c, weighted by w.
     pub(super) ewa: Vec<[f64; N]>,
-    /// Least and largest value of the samples that a splat counts at; crossed where there is none.
+    /// Smallest and largest value of the samples under a splat; reversed if there are none.
     pub(super) local: Vec<[[f32; 2]; N]>,
-    /// Σ ω·(f − Σ r̂_j·c_j)² and Σ ω.
+    /// Sums Σ ω·(f − Σ r̂_j·c_j)² and Σ ω.
     energy: [f64; N],
     weight: f64,
 }
 
 impl<const N: usize> System<N> {
-    /// `present` are the splats' values, by slot.
+    /// Builds the equations; `present` are the splats' values, by slot.
     pub(super) fn new(kernels: &Kernels, samples: &Samples<N>, present: &[[f32; N]], progress: &dyn Progress) -> Self {
         let tasks = kernels.len().div_ceil(OWN);
         progress.stage("texture", tasks as u64);
@@ -109,12 +109,12 @@ impl<const N: usize> System<N> {
         Self { gram, b, ewa, local, energy, weight }
     }
 
-    /// Root mean square of what the blend lacks in each channel.
+    /// Returns the root mean square error of the blend in each channel.
     pub(super) fn rms(&self) -> [f64; N] {
         self.energy.map(|e| (e / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// The same of up to three channels from `first` on, after `d` is added to them.
+    /// Returns the same error for up to three channels from `first` on, after adding `d`.
     pub(super) fn rms_after<T: Scalar>(&self, first: usize, d: &[Lanes<T>]) -> [f64; 3] {
         let mut energy: [f64; 3] = std::array::from_fn(|c| self.energy.get(first + c).copied().unwrap_or(0.0));
         let added = map_tasks(self.b.len().div_ceil(OWN), |task| {
@@ -131,14 +131,14 @@ impl<const N: usize> System<N> {
         energy.map(|e| (e.max(0.0) / self.weight.max(f64::MIN_POSITIVE)).sqrt())
     }
 
-    /// b of up to three channels from `first` on.
+    /// Returns b for up to three channels from `first` on.
     pub(super) fn lanes<T: Scalar>(&self, first: usize) -> Vec<Lanes<T>> {
         let lane = |b: &[f64; N], c: usize| if c < 3 { b.get(first + c).copied().unwrap_or(0.0) } else { 0.0 };
         self.b.iter().map(|b| std::array::from_fn(|c| T::from_f64(lane(b, c)))).collect()
     }
 }
 
-/// The rows of some splats.
+/// Rows of the splats of one task.
 #[derive(Clone)]
 struct Part<const N: usize> {
     lengths: Vec<usize>,
@@ -167,7 +167,8 @@ impl<const N: usize> Default for Part<N> {
 }
 
 impl<const N: usize> Part<N> {
-    /// `cells` are those with splats of `own` near them: their samples, and the slots of all splats near them.
+    /// Computes the rows of the splats `own`. `cells` are the cells near them: their samples, and the slots of all
+    /// splats near each cell.
     fn new<'a>(
         kernels: &Kernels,
         samples: &Samples<N>,
@@ -221,7 +222,7 @@ impl<const N: usize> Part<N> {
             }
         }
         for row in &mut rows {
-            // Stable: the parts of a sum stay in the order of their cells.
+            // The sort is stable, so that the terms of a sum stay in the order of their cells.
             row.sort_by_key(|(column, _)| *column);
             let before = part.columns.len();
             for same in row.chunk_by(|a, b| a.0 == b.0) {
@@ -236,7 +237,8 @@ impl<const N: usize> Part<N> {
     }
 }
 
-/// Splats near a cell, and where they may count: one after another in memory, since most don't count at a sample.
+/// Splats near a cell, and their spheres of influence. Spheres are contiguous in memory, because most splats don't
+/// reach a sample.
 #[derive(Default)]
 struct Near {
     slots: Vec<u32>,
@@ -252,8 +254,8 @@ impl Near {
     }
 }
 
-/// Fills `hits` with the places in `near` of the splats that count at a sample, ascending, and their shares w/Σw.
-/// Gives Σw; `None` where no splat of `own` counts.
+/// Fills `hits` with the indices in `near` of the splats with weight at a sample, ascending, and their shares w/Σw.
+/// Returns Σw; `None` if no splat of `own` has weight.
 fn shares<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,
@@ -282,7 +284,7 @@ fn shares<const N: usize>(
     Some(total)
 }
 
-/// What the blend of the present values lacks at a sample: 0 exactly where all of them are the sample's.
+/// Returns the error of the blend of present values at a sample: exactly 0 if all of them equal the sample's value.
 fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, hits: &[(usize, f64)]) -> [f64; N] {
     let mut missing = [0.0; N];
     for (place, share) in hits {
@@ -294,13 +296,13 @@ fn missing<const N: usize>(value: &[f32; N], present: &[[f32; N]], near: &Near, 
     missing
 }
 
-/// The difference of two values, 0 where it is rounding.
+/// Returns the difference of two values, 0 if it is only rounding.
 fn difference(a: f32, b: f32) -> f32 {
     let d = a - b;
     if d.abs() <= ROUNDING * a.abs().max(b.abs()) { 0.0 } else { d }
 }
 
-/// A sphere about samples.
+/// Returns a sphere around the samples of a cell.
 fn sphere<const N: usize>(samples: &Samples<N>, cell: &[Sample<N>]) -> (DVec3, f64) {
     let points = || cell.iter().map(|s| samples.point(s));
     let (lo, hi) = points().fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)));
@@ -308,7 +310,7 @@ fn sphere<const N: usize>(samples: &Samples<N>, cell: &[Sample<N>]) -> (DVec3, f
     (center, points().map(|p| p.distance(center)).fold(0.0, f64::max))
 }
 
-/// Shares of the splats that count at a sample, by slot.
+/// Returns the shares of the splats with weight at a sample, by slot.
 pub(super) fn shares_at<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,

@@ -1,4 +1,4 @@
-//! What fits find, against closed forms, a dense solver and a table measured by other code.
+//! Tests of fits against closed forms, a dense solver and a table measured by other code.
 
 use super::system::shares_at;
 use super::*;
@@ -8,17 +8,17 @@ use glam::Vec3;
 use std::sync::Arc;
 use surfel_model::{CloudData, Texture};
 
-/// Texels a splat and side.
+/// Number of texels per splat along each side.
 const TEXELS: usize = 6;
 /// Radii of the table, in units of the distance between splats.
 const RADII: [f32; 3] = [1.0, 1.42, 2.0];
 
-/// sRGB bytes of linear light.
+/// Encodes linear light as an sRGB byte.
 fn encoded(v: f64) -> u8 {
     (surfel_math::srgb::encode(v) * 255.0).round() as u8
 }
 
-/// A square of the plane z = 0, `side` on a side, with a grey texture of values in [0, 1] at x, y.
+/// Returns a square of the plane z = 0 with side length `side` and a grey texture of values in [0, 1] at x, y.
 fn textured(side: usize, value: impl Fn(f64, f64) -> f64) -> Mesh {
     let (s, n) = (side as f32, side * TEXELS);
     let texel = |i: usize| {
@@ -41,13 +41,14 @@ fn checker(x: f64, y: f64) -> f64 {
     f64::from(((x / 4.0).floor() + (y / 4.0).floor()) as i64 % 2 == 0)
 }
 
-/// Sines of seven splats. field.md doesn't state its own; of these, point samples err as much as of those.
+/// Sines with a period of seven splats. field.md doesn't state its own function; point samples have the same error for
+/// both.
 fn sines(x: f64, y: f64) -> f64 {
     let turn = std::f64::consts::TAU / 7.0;
     0.5 + 0.22 * ((x * turn).sin() + (y * turn).sin())
 }
 
-/// A disk for each unit square, off its middle by up to 0.35, with the texture at its centre.
+/// Returns a disk for each unit square, up to 0.35 off its middle, with the texture's value at its centre.
 fn jittered(mesh: &Mesh, side: usize, radius: f32) -> SplatCloud {
     let mut random = Random::new(7);
     let mut jitter = || ((random.unit() - 0.5) * 0.7) as f32;
@@ -63,7 +64,8 @@ fn jittered(mesh: &Mesh, side: usize, radius: f32) -> SplatCloud {
     SplatCloud::disks(&centers, &vec![Vec3::Z; n], &vec![radius; n]).unwrap().with_colors(&colors).unwrap()
 }
 
-/// RMSE of the blend of values to the texture, four splats inside of the square, at 5×5 places a splat.
+/// Returns the RMSE between the blend of values and the texture, more than four splats inside the square, at 5×5 places
+/// per splat.
 fn rmse(cloud: &SplatCloud, values: &dyn Fn(usize) -> f64, mesh: &Mesh, side: usize) -> f64 {
     let kernels = Kernels::new(cloud);
     let texture = mesh.texture.as_ref().unwrap();
@@ -93,7 +95,7 @@ fn fitted(cloud: &SplatCloud, mesh: &Mesh, sampling: TextureSampling) -> (SplatC
     fit_to_mesh(cloud.clone(), mesh, sampling, &NoProgress).unwrap()
 }
 
-/// The normal equations of a cloud's first colour channel.
+/// Builds the normal equations of a cloud's first colour channel.
 fn system(cloud: &SplatCloud, mesh: &Mesh) -> (Kernels, Samples<1>, Vec<[f32; 1]>, System<1>) {
     let geometry = Geometry::new(mesh);
     let kernels = Kernels::new(cloud);
@@ -107,8 +109,7 @@ fn system(cloud: &SplatCloud, mesh: &Mesh) -> (Kernels, Samples<1>, Vec<[f32; 1]
     (kernels, samples, present, system)
 }
 
-/// The table of field.md §1, which was measured with NumPy: RMSE of point samples, view-independent EWA and the bounded
-/// fit.
+/// Table of field.md §1, measured with NumPy: RMSE of point samples, view-independent EWA and the bounded fit.
 #[test]
 fn the_measured_table_is_reproduced() {
     let side = 60;
@@ -122,7 +123,7 @@ fn the_measured_table_is_reproduced() {
             let cloud = jittered(&mesh, side, radius);
             let errors = TextureSampling::ALL.map(|sampling| {
                 let (fit, report) = fitted(&cloud, &mesh, sampling);
-                // What the solver minimises is the mean over the whole square.
+                // The solver minimises the mean over the whole square.
                 assert!(sampling != TextureSampling::Fit || report.color_rms[1] <= report.color_rms[0], "{report:?}");
                 assert!(report.residual <= 1e-4, "{report:?}");
                 assert!(fit.data().colors.iter().flatten().flatten().all(|c| (0.0..=1.0).contains(c)));
@@ -130,7 +131,7 @@ fn the_measured_table_is_reproduced() {
             });
             println!("{name} {radius}: {errors:.4?}, {measured:?}");
             for (found, measured) in errors.iter().zip(measured) {
-                // Other random numbers: 5 %, as the issue asks for.
+                // Other random numbers change the error by up to 5 %, as accepted in the issue.
                 assert!((found / measured - 1.0).abs() < 0.05, "{name} {radius}: {errors:.4?}, {measured:?}");
             }
             assert!(errors[2] <= errors[0], "{name} {radius}: {errors:.4?}");
@@ -143,14 +144,14 @@ fn the_measured_table_is_reproduced() {
 fn no_step_within_the_bounds_improves_a_fit() {
     for (mesh, radius) in [(textured(30, checker), 1.42), (textured(30, sines), 2.0)] {
         let (fit, _) = fitted(&jittered(&mesh, 30, radius), &mesh, TextureSampling::Fit);
-        // Assembled anew about what was found: b is minus the gradient there.
+        // Assembled anew around the solution, b is minus the gradient there.
         let (_, _, present, system) = system(&fit, &mesh);
         for (k, value) in present.iter().enumerate() {
             let c = f64::from(value[0]);
             let [least, largest] = system.local[k][0].map(f64::from);
             let beyond = BEYOND * (largest - least);
             let (low, high) = ((least - beyond).max(0.0), (largest + beyond).min(1.0));
-            // Values were found in f32.
+            // The values were computed in f32.
             assert!(low - 1e-6 <= c && c <= high + 1e-6, "{k}: {c} of {low} to {high}");
             let step = (c + system.b[k][0] / system.gram.mass[k]).clamp(low, high) - c;
             assert!(step.abs() <= 1e-4, "{k}: {c} moves by {step}");
@@ -161,15 +162,15 @@ fn no_step_within_the_bounds_improves_a_fit() {
 #[test]
 fn channels_go_beyond_the_texture_by_one_share_that_keeps_its_hue() {
     let bounds = |local: [[f32; 2]; 3], present: [f32; 3]| within(&[[0.0, 1.0]; 4], &local, &present);
-    // Black on rose: no red is left above, and nothing below.
+    // Black on rose: red has no room left above, and no channel has room below.
     let rose = bounds([[0.0, 1.0], [0.0, 0.8], [0.0, 0.75]], [0.5, 0.4, 0.3]);
     let expected = [[-0.5, 0.5], [-0.4, 0.4], [-0.3, 0.45], [0.0; 2]];
     assert!(rose.as_flattened().iter().zip(expected.as_flattened()).all(|(b, e)| (b - e).abs() < 1e-6), "{rose:?}");
-    // Green has a fifth of its range left above, blue doesn't vary.
+    // Green has a fifth of its range left above; blue doesn't vary.
     let some = bounds([[0.5, 0.6], [0.4, 0.9], [1.0, 1.0]], [0.5, 0.5, 1.0]);
     let expected = [[-0.035, 0.12], [-0.275, 0.5], [0.0, 0.0], [0.0; 2]];
     assert!(some.as_flattened().iter().zip(expected.as_flattened()).all(|(b, e)| (b - e).abs() < 1e-6), "{some:?}");
-    // A present value beyond them may stay.
+    // A present value beyond the bounds may remain.
     assert_eq!(bounds([[0.2, 0.4]; 3], [0.9; 3])[0][1], 0.0);
     // No sample at all.
     assert_eq!(bounds([[f32::INFINITY, f32::NEG_INFINITY]; 3], [0.5; 3]), [[0.0; 2]; 4]);
@@ -251,15 +252,15 @@ fn without_bounds_the_solution_is_that_of_a_dense_solver() {
         let problem = Problem { gram: &system.gram, b: &system.lanes::<f64>(0), bounds: &free };
         let found = problem.minimise(Stop { residual: 1e-11, steps: 20_000 }, &mut |_| true);
         let error = found.d.iter().zip(&want).map(|(d, want)| (d[0] - want).abs()).fold(0.0, f64::max);
-        // A step of 1e-11 times the condition number, some 600.
+        // A step of 1e-11 times the condition number, about 600.
         assert!(error < 1e-6, "{radius}: {error:e} after {} steps", found.steps);
-        // Such values aren't colours: that is why the product's fit has bounds.
+        // Such values aren't colours: this is why the product's fit has bounds.
         let values = present.iter().zip(&want).map(|(c, d)| f64::from(c[0]) + d);
         assert!(values.clone().any(|c| c < -0.1) && values.clone().any(|c| c > 1.1), "{radius}");
     }
 }
 
-/// Z01 eq. 10 and 11 as printed, for the record: raw r_k, not their shares, and no bounds.
+/// Z01 eq. 10 and 11 as printed, for the record: raw r_k, not shares, and no bounds.
 #[test]
 fn the_papers_own_basis_draws_worse_than_the_one_that_is_drawn() {
     let (side, radius) = (20, 1.42);
@@ -285,7 +286,7 @@ fn the_papers_own_basis_draws_worse_than_the_one_that_is_drawn() {
     };
     let normalised = solve(&|w, total| w / total);
     let raw = solve(&|w, _| w);
-    // Raw values are shares of the colour: the mean Σw makes colours of them.
+    // Raw values are fractions of the colour; dividing by the mean Σw makes them colours.
     let sums = samples.all().iter().map(|s| {
         let (p, normal) = (samples.point(s), samples.normal(s));
         (0..n).map(|k| kernels.get(k).weight(p, normal)).sum::<f64>()
@@ -307,7 +308,7 @@ fn the_papers_own_basis_draws_worse_than_the_one_that_is_drawn() {
 
 #[test]
 fn fits_are_the_same_to_the_bit_for_any_number_of_threads() {
-    // More than a task of the solver has.
+    // More splats than one task of the solver.
     let mesh = textured(80, sines);
     let cloud = jittered(&mesh, 80, 1.65);
     let mut points = cloud.clone().into_data();
@@ -336,7 +337,7 @@ fn a_surface_of_one_colour_gets_it_exactly() {
             assert_eq!(fit.data().colors, cloud.data().colors, "{value} {report:?}");
         }
     }
-    // A cube whose faces have each a colour: neighbours across an edge are turned by 90°, and don't count.
+    // A cube with one colour per face: neighbours across an edge are turned by 90°, and have no weight.
     let mut mesh = Mesh::default();
     let (mut positions, mut colors) = (Vec::new(), Vec::new());
     for side in 0..6 {
@@ -377,9 +378,9 @@ fn the_two_sides_of_a_sheet_do_not_mix_and_clips_divide() {
     let clips = surfel_model::ClipColumns { lines: Some(vec![line(-1.0), line(1.0)]), ..Default::default() };
     let cloud = cloud.with_clips(clips).unwrap().with_colors(&[[0.5; 3]; 2]).unwrap();
     let (fit, _) = fitted(&cloud, &mesh, TextureSampling::Fit);
-    // The step is a texel wide, an eighteenth of each half; 36 samples a splat.
+    // The step is a texel wide, an eighteenth of each half; there are 36 samples per splat.
     assert!(fit.color(0)[0] < 0.15 && fit.color(1)[0] > 0.85, "{:?}", fit.data().colors);
-    // Facing away from the surface: nobody shows it.
+    // If the splats face away from the surface, none shows it.
     let away = CloudData { clips: None, ..cloud.into_data() };
     let flipped = SplatCloud::ellipses(&[[3.0, 3.0, 0.0]; 2], &[t; 2], &[s; 2]).unwrap();
     let away = SplatCloud::new(CloudData { shape: flipped.into_data().shape, ..away }, OnInvalid::Refuse).unwrap().0;
@@ -388,7 +389,7 @@ fn the_two_sides_of_a_sheet_do_not_mix_and_clips_divide() {
 
 #[test]
 fn normals_blend_to_those_of_the_surface() {
-    // A ball of 2×14×28 triangles with its exact normals, splats as large as the triangles.
+    // A ball of 2×14×28 triangles with its exact normals, and splats as large as the triangles.
     let (rows, columns) = (14, 28);
     let at = |i: usize, j: usize| {
         let (polar, turn) =
@@ -413,12 +414,12 @@ fn normals_blend_to_those_of_the_surface() {
     let (fit, report) = fitted(&cloud, &mesh, TextureSampling::Fit);
     let [before, after] = report.normal_rms.unwrap();
     assert!(after < 0.6 * before && report.color_rms == [0.0; 2], "{report:?}");
-    // Each component by 0.25 at most.
+    // Each component changes by 0.25 at most.
     let turned = |i: usize| fit.shading_normal(i).dot(cloud.shading_normal(i)).acos().to_degrees();
     let most = (0..fit.len()).map(turned).fold(0.0, f64::max);
     println!("{report:?}, turned by {most} degrees at most");
     assert!(most < 26.0, "{most}");
-    // Means under the kernel would be no better than the samples: only the fit turns normals.
+    // Means under the kernel would be no better than the samples: only the fit changes normals.
     let (ewa, _) = fitted(&cloud, &mesh, TextureSampling::Ewa);
     assert_eq!(ewa.data().shading_normals, cloud.data().shading_normals);
 }
@@ -430,7 +431,7 @@ fn colours_of_points_are_passed_through_as_far_as_they_are_not_noise() {
     let clean = jittered(&mesh, side, 1.65);
     let mut random = Random::new(3);
     for (noise, least_gain) in [(0.0, 2.0), (0.05, 1.3), (1.0, 1.0)] {
-        // Uniform noise of this standard deviation; the strongest leaves nothing but itself.
+        // Uniform noise of this standard deviation; the strongest hides everything else.
         let mut noisy = || ((random.unit() - 0.5) * noise * 12f64.sqrt()) as f32;
         let colors: Vec<[f32; 3]> =
             clean.data().colors.iter().flatten().map(|c| c.map(|c| (c + noisy()).clamp(0.0, 1.0))).collect();
@@ -464,7 +465,7 @@ fn what_cannot_be_fitted_is_left_alone_or_refused() {
         let (fit, report) = fitted(&odd, &mesh, TextureSampling::Fit);
         assert!(fit.data().colors.iter().flatten().flatten().all(|c| c.is_finite()), "{report:?}");
     }
-    // Every splat over every other: the equations would not be sparse.
+    // With every splat over every other, the equations would not be sparse.
     let mut data = jittered(&textured(20, sines), 20, 100.0).into_data();
     data.origin = DVec3::ZERO;
     let piled = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;
@@ -487,7 +488,7 @@ fn shares_at_a_place_sum_to_one() {
     }
 }
 
-/// RMSE of what a cloud's blend lacks of the mesh's first colour channel.
+/// Returns the RMSE between a cloud's blend and the mesh's first colour channel.
 fn missing(cloud: &SplatCloud, mesh: &Mesh) -> f64 {
     let (_, _, _, system) = system(cloud, mesh);
     system.rms()[0]
@@ -495,7 +496,7 @@ fn missing(cloud: &SplatCloud, mesh: &Mesh) -> f64 {
 
 #[test]
 fn every_level_of_an_octree_is_nearer_to_the_mesh() {
-    // Squares of 20 units, and a step that no level resolves.
+    // Waves with a period of 20 units, and a step that no level resolves.
     let mesh = textured(60, |x, y| 0.5 + 0.2 * ((x * 0.314).sin() + (y * 0.314).sin()) + 0.1 * f64::from(x > 31.0));
     let mut divided = mesh.clone();
     let (mut positions, mut uvs) = (Vec::new(), Vec::new());
@@ -519,13 +520,13 @@ fn every_level_of_an_octree_is_nearer_to_the_mesh() {
     let mut first = 0;
     let mut levels = 0;
     while first < point.nodes().len() {
-        // Nodes of a level follow each other, and end where their first child begins.
+        // Nodes of a level are consecutive, and end where their first child begins.
         let end = point.nodes()[first..].iter().map(|n| n.children.start as usize).find(|c| *c > first);
         let end = end.unwrap_or(point.nodes().len());
         let nodes = &point.nodes()[first..end];
         let mut ranges: Vec<_> = nodes.iter().map(|n| n.splats.clone()).collect();
         if nodes.iter().all(|node| node.is_leaf()) {
-            // What is drawn in place of the leaves' splats along their edges.
+            // Splats drawn in place of the leaves' splats along their edges.
             ranges.extend(point.transitions().iter().map(|t| t.splats.clone()));
         }
         let [before, after] = [&point, &fit].map(|o| missing(&o.cloud_of(&ranges).unwrap(), &mesh));

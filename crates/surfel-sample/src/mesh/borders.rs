@@ -1,7 +1,7 @@
-//! Creases and open edges, and how splats end at them.
+//! Creases and open edges of a mesh, and the lines that clip splats there.
 //!
-//! A splat near an edge of its smooth part of the surface keeps what lies on its own side of up to four lines. Where
-//! an edge is concave, one line keeps less than the surface there, and leaves the rest to the splats beside it.
+//! A splat near an edge of its smooth region is clipped to its own side by up to four lines. At a concave edge, one
+//! line removes more than the surface beyond the edge; the splats beside it cover the rest.
 
 use super::density::Density;
 use super::geometry::{Border, Geometry, Kind};
@@ -11,52 +11,54 @@ use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
 use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
-/// Most lines of a splat: what the rendering model has (§7).
+/// Maximum number of lines of a splat, as in the rendering model (§7).
 const MOST_LINES: usize = 4;
-/// Edge pieces looked at for one splat. Of an edge between two faces there are two, one for either side.
+/// Maximum number of edge pieces tested for one splat. An edge between two faces has two, one for either side.
 const MOST_PIECES: usize = 48;
-/// Edges that stand off a splat's plane by more than this, over its radius, belong to another part of the surface, and
-/// so do those whose faces are turned by more than about 70° from it.
+/// Limits for edges that clip a splat: the height over the splat's plane, relative to its radius (`FARTHEST`), and the
+/// cosine between the face's normal and the splat's, about 70° (`FACING`). Other edges belong to another part of the
+/// surface.
 pub(super) const FARTHEST: f64 = 0.5;
 pub(super) const FACING: f64 = 0.3;
-/// What hangs over an edge by less than this, in (u, v), isn't worth a line.
+/// Overhang over an edge, in (u, v), below which no line is added.
 const SLACK: f64 = 0.02;
-/// How far a line may seem to lie behind a splat's centre where the surface is curved, in (u, v).
+/// Largest distance, in (u, v), by which a line may be on the wrong side of a splat's centre because the surface is
+/// curved.
 const BEHIND: f64 = 0.05;
-/// Both sides of an edge reach over it by this much, in (u, v): many times the rounding of f32.
+/// Distance, in (u, v), by which the splats of both sides reach over an edge: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
-/// Corners of the polygon that stands for a disk.
+/// Number of corners of the polygon that approximates a disk.
 const RING: u32 = 24;
-/// What a splat keeps at least of its disk, in (u, v), where only open edges cut it, and where creases do: of parts of
-/// the surface that are narrower than splats are apart, few have a splat, and those stand for the others. Spread over
-/// a surface at the radius that density asks for, a splat's own share is 0.37.
+/// Smallest area, in (u, v), to which lines clip a splat: if only open edges cut it, and if creases do. In parts of the
+/// surface narrower than the distance between splats, few places have a splat, and it must cover the others' area.
+/// Without borders, a splat's share of the surface is 0.37, at the radius for its density.
 const LEAST_AT_OPEN_EDGES: f64 = 0.4;
 const LEAST_AT_CREASES: f64 = 1.1;
-/// How far splats may stand out of a surface where it bends, over the distance between them: a third of a pixel where
-/// that is two.
+/// Largest height of splats over a bent surface, relative to the distance between them: a third of a pixel if that is
+/// two pixels.
 const STANDING_OUT: f64 = 0.15;
-/// How far splats hang over where another part of an octree begins, over their radius.
+/// Overhang of splats where another part of an octree begins, relative to their radius.
 const OVER_CUT: f64 = 0.2;
-/// Area of a face that has splats to itself, over a splat's share of the surface.
+/// Area of a face, relative to a splat's share of the surface, from which the face has its own splats.
 const RESOLVED: f64 = 3.0;
 
-/// Part of a border.
+/// Piece of a border.
 #[derive(Clone, Copy, Debug)]
 struct Piece {
     ends: [DVec3; 2],
-    /// True for each of its ends at which the whole border ends.
+    /// True for each end of the piece at which the whole border ends.
     is_end: [bool; 2],
     face: u32,
-    /// The face's unit normal.
+    /// Unit normal of the face.
     normal: DVec3,
-    /// That of the face on the other side, if both are of the same region.
+    /// Unit normal of the face on the other side, if both are in the same region.
     across: Option<DVec3>,
     region: u32,
     kind: Kind,
     overhang: f64,
 }
 
-/// All borders of a surface, cut into pieces no longer than a splat's radius, to be found by place.
+/// All borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
 pub(crate) struct Borders {
     tree: KdTree,
     pieces: Vec<Piece>,
@@ -64,15 +66,15 @@ pub(crate) struct Borders {
     half: f64,
 }
 
-/// What a splat keeps of its disk, in (u, v).
+/// Visible part of a splat's disk, in (u, v).
 #[derive(Clone, Debug)]
 pub(crate) struct Kept {
     lines: Vec<Line>,
-    /// Area of what the lines keep; the whole disk has π.
+    /// Area of the part; the whole disk has π.
     pub(crate) area: f64,
 }
 
-/// Keeps normal·q ≤ offset.
+/// Clip line; the part with normal·q ≤ offset is visible.
 #[derive(Clone, Copy, Debug)]
 struct Line {
     normal: DVec2,
@@ -80,20 +82,20 @@ struct Line {
     kind: Kind,
 }
 
-/// A piece in a splat's plane, what is to be kept on its left.
+/// A border piece in a splat's plane; the visible part is on its left.
 #[derive(Clone, Copy, Debug)]
 struct Segment {
     a: DVec2,
     b: DVec2,
     kind: Kind,
-    /// How far the line lies beyond it.
+    /// Distance by which the clip line is moved outward.
     overhang: f64,
 }
 
 impl Borders {
-    /// Cuts the borders of a surface for `count` splats, as far apart as `density` says times `scale`, into pieces of
-    /// about their radius. `regions` has one number a face. Faces that have no splats to themselves may be hung over
-    /// where the surface is smooth.
+    /// Cuts the borders of a surface into pieces of about a splat's radius. `count` splats have the distances `scale`
+    /// times `density`. `regions` has one number per face. Splats may reach over a bend if a face beside it is too
+    /// small for splats of its own.
     pub(crate) fn new(
         geometry: &Geometry,
         borders: &[Border],
@@ -129,7 +131,7 @@ impl Borders {
                     (Kind::Cut, _) => OVER_CUT * radii::DENSITY * spacing,
                     _ => 0.0,
                 };
-                // One where splats are as far apart everywhere.
+                // A single piece if the spacing is the same everywhere.
                 let parts = (length / length_of(spacing)).ceil() as usize;
                 let at = |i: usize| if i == parts { b } else { a.lerp(b, i as f64 / parts as f64) };
                 let piece = |i: usize| {
@@ -144,7 +146,7 @@ impl Borders {
         Self { tree: KdTree::new(&middles), pieces, half }
     }
 
-    /// Buffer for [`Self::keep`].
+    /// Creates the buffer for [`Self::keep`].
     pub(crate) fn nearest() -> Nearest {
         Nearest::within(MOST_PIECES, 0.0)
     }
@@ -153,18 +155,18 @@ impl Borders {
         self.pieces.is_empty()
     }
 
-    /// Creases and open edges, on either side.
+    /// Returns the pieces of creases and open edges, on either side.
     fn ends(&self) -> impl Iterator<Item = &Piece> {
         self.pieces.iter().filter(|piece| matches!(piece.kind, Kind::Open | Kind::Crease))
     }
 
-    /// Length of creases and open edges; of edges between faces, twice.
+    /// Returns the total length of creases and open edges; edges between two faces count twice.
     pub(crate) fn length(&self) -> f64 {
         self.ends().map(|piece| piece.ends[0].distance(piece.ends[1])).sum()
     }
 
-    /// Places on either side of creases and open edges, one a `step` of their length and at the ends of what is longer,
-    /// and `inset` toward the middle of its face, each with that.
+    /// Returns places on either side of creases and open edges, with their faces. There is one place per `step` of
+    /// length, and one at each end of a longer border. Places are moved by `inset` toward the middle of their face.
     pub(crate) fn places(&self, geometry: &Geometry, step: f64, inset: f64) -> impl Iterator<Item = (u32, DVec3)> {
         let mut next = 0.5 * step;
         self.ends().flat_map(move |piece| {
@@ -185,8 +187,8 @@ impl Borders {
         })
     }
 
-    /// What the splat at `p` with the half-axes `axes`, s no shorter than t, keeps on a face of `region`; `None` where
-    /// nothing cuts it.
+    /// Returns the visible part of the splat at `p` on a face of `region`; `None` if nothing cuts it. In `axes`, s is
+    /// at least as long as t.
     pub(crate) fn keep(&self, p: DVec3, axes: (DVec3, DVec3), region: u32, found: &mut Nearest) -> Option<Kept> {
         let segments = self.segments(p, axes, region, found);
         if segments.is_empty() {
@@ -204,7 +206,7 @@ impl Borders {
                 Some((overhang(&line), line)).filter(|(overhang, _)| *overhang > SLACK)
             };
             let mut all = segments.iter().filter_map(worth);
-            // The nearest first, then whatever cuts off most.
+            // The nearest border comes first, then the line that cuts off most.
             let best = if lines.is_empty() { all.next() } else { all.max_by(|x, y| x.0.total_cmp(&y.0)) };
             let Some((_, line)) = best else { break };
             if polygon.is_empty() {
@@ -216,7 +218,7 @@ impl Borders {
         (!lines.is_empty()).then(|| Kept { area: area(&polygon), lines })
     }
 
-    /// The pieces near a splat in its own (u, v), nearest first.
+    /// Returns the pieces near a splat in the splat's (u, v), nearest first.
     fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32, found: &mut Nearest) -> Vec<Segment> {
         let radius = s.length();
         found.look_within(radius + self.half);
@@ -232,14 +234,15 @@ impl Borders {
         let near = |slot: &(f64, u32)| {
             let piece = &self.pieces[self.tree.index(slot.1 as usize)];
             let facing = piece.normal.dot(normal);
-            // Of an edge between two faces of the region, the side that the splat is on counts.
+            // For an edge between two faces of the region, use the side on which the splat is.
             let is_own =
                 piece.region == region && facing > FACING && piece.across.is_none_or(|n| n.dot(normal) <= facing);
             let heights = piece.ends.map(|q| (q - p).dot(normal).abs());
             if !is_own || heights.iter().all(|&height| height >= FARTHEST * radius) {
                 return None;
             }
-            // A crease beyond a bend stands off the splat's plane: seen aslant, the surface reaches beyond its foot.
+            // A crease beyond a bend is off the splat's plane. Seen obliquely, the surface reaches beyond the crease's
+            // projection.
             let stand_off = if piece.kind == Kind::Crease { 0.5 * (heights[0] + heights[1]) } else { 0.0 };
             let [a, b] = piece.ends.map(flat);
             Some(Segment { a, b, kind: piece.kind, overhang: piece.overhang.max(stand_off) / radius })
@@ -253,7 +256,7 @@ impl Borders {
 }
 
 impl Segment {
-    /// The unit vector along it, and where on it the foot of the origin is, 0 to 1.
+    /// Returns the unit vector along the segment, and the position of the origin's foot on it, 0 to 1.
     fn foot(&self) -> (DVec2, f64) {
         let along = self.b - self.a;
         (along.normalize_or_zero(), -self.a.dot(along) / along.length_squared())
@@ -263,19 +266,20 @@ impl Segment {
         self.a.lerp(self.b, self.foot().1.clamp(0.0, 1.0))
     }
 
-    /// The part within the unit disk and, but for the other side of a strip, well within what the lines keep.
+    /// Returns the part within the unit disk and well within the visible side of the lines. A line on the other side of
+    /// a narrow strip is exempt.
     fn part(&self, lines: &[Line]) -> Option<[DVec2; 2]> {
         let along = self.b - self.a;
         let (square, half) = (along.length_squared(), self.a.dot(along));
         let root = (half * half - square * (self.a.length_squared() - 1.0)).sqrt();
-        // NaN, where the line misses the disk, leaves nothing.
+        // NaN means that the segment's line misses the disk.
         let (mut from, mut to) = (((-half - root) / square).max(0.0), ((-half + root) / square).min(1.0));
         if root.is_nan() {
             return None;
         }
         let outward = -self.foot().0.perp();
         for line in lines {
-            // A border on the other side of a narrow strip counts however narrow it is.
+            // A border on the other side of a strip counts however narrow the strip is.
             let slack = if outward.dot(line.normal) < 0.0 { 0.0 } else { SLACK };
             let (start, change) = (line.normal.dot(self.a) - line.offset + slack, line.normal.dot(along));
             if change.abs() < 1e-12 {
@@ -291,7 +295,7 @@ impl Segment {
         (from < to).then(|| [self.a + along * from, self.a + along * to])
     }
 
-    /// The line that a splat about the origin ends at because of this border; `None` where it faces away.
+    /// Returns the line that clips a splat at the origin because of this border; `None` if the border faces away.
     fn line(&self, all: &[Self], lines: &[Line]) -> Option<Line> {
         let (direction, place) = self.foot();
         let outward = -direction.perp();
@@ -300,7 +304,7 @@ impl Segment {
             return None;
         }
         let support = Line { normal: outward, offset: offset.max(0.0) + self.overhang, kind: self.kind };
-        // The ends overlap a little: a curved border has gaps between its pieces' feet.
+        // The ends overlap a little, because a curved border has gaps between its pieces' feet.
         if (-0.05..=1.05).contains(&place) {
             return Some(support);
         }
@@ -313,24 +317,24 @@ impl Segment {
         if corner.length() < 1e-6 || all.iter().all(is_left) {
             return Some(support);
         }
-        // A reflex corner: what lies behind it belongs to others.
+        // At a reflex corner, the surface behind it belongs to other splats.
         Some(Line { normal: corner.normalize(), offset: corner.length() + self.overhang, kind: self.kind })
     }
 }
 
 impl Kept {
-    /// What a splat keeps at the least before lines are moved away from it.
+    /// Returns the smallest area that lines may leave of a splat before they are moved outward.
     pub(crate) fn least(&self) -> f64 {
         let is_open = |line: &Line| matches!(line.kind, Kind::Open | Kind::Cut);
         if self.lines.iter().all(is_open) { LEAST_AT_OPEN_EDGES } else { LEAST_AT_CREASES }
     }
 
-    /// Whether a place in (u, v) is kept.
+    /// True if a place in (u, v) is visible.
     pub(crate) fn keeps(&self, q: DVec2) -> bool {
         self.lines.iter().all(|line| line.normal.dot(q) <= line.offset + HAIR)
     }
 
-    /// Moves the lines outward until the least area is kept.
+    /// Moves the lines outward until the visible area is at least `least`.
     pub(crate) fn widen(&mut self, least: f64) {
         let moved = |by: f64| self.lines.iter().map(move |line| Line { offset: line.offset + by, ..*line });
         let area_of = |by: f64| area(&moved(by).fold(ring(), |polygon, line| cut(&polygon, &line)));
@@ -346,7 +350,7 @@ impl Kept {
         self.lines = moved(high).collect();
     }
 
-    /// The lines as the model has them.
+    /// Converts the lines to the model's clip lines.
     fn clip_lines(&self) -> [ClipLine; 4] {
         let mut all = [NO_LINE; 4];
         for (out, line) in all.iter_mut().zip(&self.lines) {
@@ -357,7 +361,7 @@ impl Kept {
     }
 }
 
-/// The columns of a cloud whose splats keep this of themselves; `None` where nothing clips any.
+/// Builds the clip columns of a cloud from the visible parts of its splats; `None` if no splat is clipped.
 pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Clone) -> Option<ClipColumns> {
     if kept.clone().all(|kept| kept.is_none()) {
         return None;
@@ -366,12 +370,12 @@ pub(crate) fn clip_columns<'a>(kept: impl Iterator<Item = Option<&'a Kept>> + Cl
     Some(ClipColumns { lines: Some(lines), ..ClipColumns::default() })
 }
 
-/// A polygon in place of the unit disk.
+/// Returns a polygon that approximates the unit disk.
 fn ring() -> Vec<DVec2> {
     (0..RING).map(|i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(RING))).collect()
 }
 
-/// The part of a convex polygon that a line keeps.
+/// Clips a convex polygon by a line.
 fn cut(polygon: &[DVec2], line: &Line) -> Vec<DVec2> {
     let mut kept = Vec::with_capacity(polygon.len() + 1);
     for (i, a) in polygon.iter().enumerate() {
@@ -400,7 +404,7 @@ mod tests {
         Mesh { positions: Column3::from_f64(positions), triangles, ..Mesh::default() }
     }
 
-    /// What the splat of radius 1 at `p` keeps on `face`, among splats as far apart as that radius is made for.
+    /// Returns the visible part of the splat at `p` on `face`, for splats whose density calls for radius 1.
     fn kept(mesh: &Mesh, p: DVec3, face: usize, radius: f64) -> Option<Kept> {
         let geometry = Geometry::new(mesh);
         let smooth = geometry.smooth();
@@ -414,7 +418,7 @@ mod tests {
         kept.lines.iter().all(|line| line.normal.dot(q) <= line.offset)
     }
 
-    /// The half plane x < 0, as far as it matters.
+    /// Returns a surface that covers the half-plane x < 0 near the origin.
     fn half_plane() -> Mesh {
         let positions = [[-99.0, -99.0], [0.0, -99.0], [0.0, 99.0], [-99.0, 99.0]];
         surface(&positions.map(|[x, y]| DVec3::new(x, y, 0.0)), vec![[0, 1, 2], [0, 2, 3]])
@@ -428,7 +432,7 @@ mod tests {
             assert!((line.normal - DVec2::X).length() < 1e-12 && (line.offset - distance).abs() < 1e-12, "{line:?}");
         }
         assert!(kept(&half_plane(), DVec3::X * -1.1, 0, 1.0).is_none());
-        // Of the half disk, a polygon of 24 corners keeps 1.1 % less.
+        // A polygon of 24 corners has an area 1.1 % less than the half disk.
         let half = kept(&half_plane(), DVec3::ZERO, 0, 1.0).unwrap().area;
         assert!((half / std::f64::consts::FRAC_PI_2 - 0.989).abs() < 1e-3, "{half}");
     }
@@ -443,7 +447,7 @@ mod tests {
         assert_eq!(corner.lines.len(), 2);
         assert!(keeps(&corner, DVec2::new(-0.5, 0.5)) && keeps(&corner, DVec2::new(0.09, -0.19)));
         assert!(!keeps(&corner, DVec2::new(0.11, 0.0)) && !keeps(&corner, DVec2::new(0.0, -0.21)));
-        // In the corner's diagonal, neither edge is opposite.
+        // On the corner's diagonal, the origin's foot is on neither edge.
         let reflex = kept(&mesh, DVec3::new(-0.3, -0.3, 0.0), 1, 1.0).unwrap();
         assert!(keeps(&reflex, DVec2::new(0.29, 0.29)) && !keeps(&reflex, DVec2::new(0.32, 0.32)));
         let beside = kept(&mesh, DVec3::new(0.5, -0.2, 0.0), 1, 1.0).unwrap();
@@ -451,8 +455,8 @@ mod tests {
         assert!(!keeps(&beside, DVec2::new(0.0, 0.21)) && keeps(&beside, DVec2::new(-0.9, 0.19)));
     }
 
-    /// A roof along y whose sides, faces 0 and 3, fall by `degrees`; shallow faces join their far ends, so that both
-    /// are of one region.
+    /// Returns a roof along y whose sides, faces 0 and 3, slope down by `degrees`. Shallow faces join their far ends,
+    /// so that both sides are in one region.
     fn roof(degrees: f64) -> Mesh {
         let eave = |side: f64, y: f64| fall(side, degrees) * 50.0 + DVec3::Y * y;
         let positions = [
@@ -471,7 +475,7 @@ mod tests {
         mesh
     }
 
-    /// The way down on one side of the roof.
+    /// Returns the downhill direction on one side of the roof.
     fn fall(side: f64, degrees: f64) -> DVec3 {
         let (sin, cos) = degrees.to_radians().sin_cos();
         DVec3::new(side * cos, 0.0, -sin)
@@ -481,7 +485,7 @@ mod tests {
     fn keep_takes_the_side_that_the_splat_is_on() {
         let mesh = roof(25.0);
         for (side, face) in [(-1.0, 0), (1.0, 3)] {
-            // So near to the ridge that the other side's edge is hardly behind it.
+            // The splat is so near to the ridge that the other side's edge is hardly behind it.
             let down = fall(side, 25.0);
             let kept = kept(&mesh, down * 1e-3, face, 1.0).unwrap();
             let (u, v) = surfel_math::basis::orthonormal(Geometry::new(&mesh).normals[face]);
@@ -503,7 +507,7 @@ mod tests {
     #[test]
     fn keep_hangs_over_creases_as_far_as_they_stand_off_its_plane() {
         for degrees in [0.0_f64, 5.0, 10.0] {
-            // A floor that bends down gently for its last unit, and a wall below.
+            // A floor whose last unit bends down gently, and a wall below.
             let (sin, cos) = degrees.to_radians().sin_cos();
             let ends = [[-50.0, 0.0], [0.0, 0.0], [cos, -sin], [cos, -sin - 50.0]];
             let row = |y: f64| ends.map(|[x, z]| DVec3::new(x, y, z));
@@ -518,7 +522,7 @@ mod tests {
 
     #[test]
     fn widen_leaves_a_splat_its_share() {
-        // A ribbon much narrower than splats are apart.
+        // A ribbon much narrower than the distance between splats.
         let positions = [[-99.0, 0.0], [99.0, 0.0], [99.0, 0.01], [-99.0, 0.01]];
         let ribbon = surface(&positions.map(|[x, y]| DVec3::new(x, y, 0.0)), vec![[0, 1, 2], [0, 2, 3]]);
         let mut kept = kept(&ribbon, DVec3::new(0.0, 0.005, 0.0), 0, 1.0).unwrap();

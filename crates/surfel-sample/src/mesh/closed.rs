@@ -1,50 +1,52 @@
-//! Whether a mesh has an inside.
+//! Tests for watertight and consistently wound meshes.
 
 use glam::{DVec3, Vec3};
 use std::collections::HashMap;
 use surfel_model::Mesh;
 
-/// Comment of a cloud that covers a closed mesh from outside, so that none of its splats is seen from behind.
+/// Comment of a cloud that covers a watertight mesh from outside, so that no splat is visible from behind.
 pub const CLOSED_MESH: &str = "covers a closed mesh";
 
-/// Comment of a cloud whose backs are wanted, whatever it looks like.
+/// Comment of a cloud whose back faces are to be drawn, whatever is detected.
 pub const BOTH_SIDES: &str = "shows both sides";
 
-/// Comment of a cloud whose splats hardly stand apart where they overlap: those of a mesh of flat parts, or clipped by
+/// Comment of a cloud whose splats are almost coplanar where they overlap: made of a mesh of flat parts, or clipped by
 /// `sharp`.
 pub const FLAT_PARTS: &str = "made of flat parts";
 
-/// Comment of a cloud spread over a mesh, of other than flat parts, that has no more triangles than there are splats:
-/// where these overlap they stand apart by little of their radii.
+/// Comment of a cloud sampled from a mesh without mostly flat parts and with no more triangles than splats. Where such
+/// splats overlap, they are apart by a small fraction of their radii.
 pub const FINE_SPLATS: &str = "as fine as their mesh";
 
-/// Share of a mesh's edges that may be walked twice the same way where its triangles are wound alike: scans and exports
-/// have a few bad triangles.
+/// Fraction of edges that two triangles may run through in the same direction in a consistently wound mesh: scans and
+/// exports have a few bad triangles.
 const MISWOUND: f64 = 0.01;
 
-/// True if the mesh bounds a volume: every edge has one triangle on either side, wound the same way, and the volume
-/// inside is positive, and nothing is see-through, so that no back of a triangle is ever seen from outside. Vertices at
-/// the same position count as one (texture seams split them); triangles without area are ignored.
+/// True if the mesh is watertight: it bounds a volume, and no back of a triangle is visible from outside. Every edge
+/// has one triangle on either side, wound the same way, the volume inside is positive, and nothing is see-through.
+/// Vertices at the same position count as one (texture seams split them); triangles without area are ignored.
 pub fn is_closed(mesh: &Mesh) -> bool {
     let walk = Walk::new(mesh);
     !mesh.is_see_through() && walk.volume > 0.0 && walk.edges.values().all(|&sum| sum == 0)
 }
 
-/// True if the mesh's triangles are wound alike, so that their normals all point out of the same surface, open or
-/// closed: of a hundred edges at most one is walked twice the same way. Vertices at the same position count as one.
+/// True if the mesh's triangles are wound consistently, so that their normals all point to the same side of the
+/// surface, open or watertight. At most one edge in a hundred may be an exception. Vertices at the same position count
+/// as one.
 pub fn is_oriented(mesh: &Mesh) -> bool {
     let walk = Walk::new(mesh);
     let miswound = walk.edges.values().filter(|sum| sum.abs() > 1).count();
     !walk.edges.is_empty() && miswound as f64 <= MISWOUND * walk.edges.len() as f64
 }
 
-/// How nearly the area vectors of a surface that bounds a volume cancel, over its area, and how much of the volume that
-/// a sphere of its area has it bounds at least.
+/// Limits for a surface that bounds a volume: the largest sum of its area vectors, relative to its area, and the
+/// smallest volume, relative to that of a sphere with the same area.
 const OPEN: f64 = 0.05;
 const ROUND: f64 = 0.01;
 
-/// Turns a mesh around that is wound inside out, as some exporters leave them: wound alike, with next to no opening,
-/// and around a negative volume. Normals are turned if they go with the winding. True if it was.
+/// Reverses the winding of a mesh that is inside out, as some exporters write it: wound consistently, almost without
+/// openings, and around a negative volume. Normals that agree with the winding are negated. True if the mesh was
+/// reversed.
 pub fn turn_outward(mesh: &mut Mesh) -> bool {
     if mesh.triangles.is_empty() || mesh.validate().is_err() {
         return false;
@@ -64,11 +66,11 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
             agreement += triangle.iter().map(|i| Vec3::from(normals[*i as usize]).as_dvec3().dot(normal)).sum::<f64>();
         }
     }
-    // 36π V² = A³ of a sphere, whose volume goes with the root.
+    // For a sphere, 36π V² = A³, so the volume grows with A^1.5.
     let least = ROUND * (0.5 * area).powf(1.5) / (6.0 * std::f64::consts::PI.sqrt());
     let is_closed = whole.length() <= OPEN * area;
     let is_negative = volume / 6.0 < -least;
-    // A walk along all edges costs most: it comes last.
+    // The test of all edges costs most, so it comes last.
     if !(is_closed && is_negative && is_oriented(mesh)) {
         return false;
     }
@@ -81,17 +83,17 @@ pub fn turn_outward(mesh: &mut Mesh) -> bool {
     true
 }
 
-/// A walk around every triangle.
+/// Traversal of the edges of every triangle.
 #[derive(Default)]
 struct Walk {
-    /// +1 for an edge walked one way, −1 for the other: all cancel on a closed, consistently wound surface.
+    /// +1 for an edge traversed one way, −1 for the other: all sums are 0 on a watertight, consistently wound surface.
     edges: HashMap<(u32, u32), i32>,
     /// Six times the volume inside.
     volume: f64,
 }
 
 impl Walk {
-    /// Around a mesh; of nothing if it is invalid.
+    /// Traverses a mesh; an invalid mesh counts as empty.
     fn new(mesh: &Mesh) -> Self {
         let mut walk = Self::default();
         if mesh.triangles.is_empty() || mesh.validate().is_err() {
@@ -189,7 +191,7 @@ mod tests {
             assert!(turn_outward(&mut other), "{scale} {offset}");
             let wound = Mesh { positions, triangles: tetrahedron().triangles, ..Mesh::default() };
             assert!(is_closed(&Mesh { triangles: other.triangles.clone(), ..wound }));
-            // Normals that point outward already stay; those that go with the winding are turned, too.
+            // Normals that already point outward are preserved; those that agree with the winding are negated too.
             assert!(other.normals.as_ref() == Some(&outward));
             assert!(!turn_outward(&mut other));
         }
@@ -205,7 +207,7 @@ mod tests {
         bowl.triangles.iter_mut().for_each(|t| t.swap(1, 2));
         bowl.triangles.pop();
         assert!(!turn_outward(&mut bowl));
-        // Two sides of a sheet, wound alike, have no inside.
+        // A sheet and its copy, wound alike, enclose nothing.
         let positions = Column3::from_f32(vec![Vec3::ZERO, Vec3::X, Vec3::Y]);
         let mut sheet = Mesh { positions, triangles: vec![[0, 2, 1], [0, 1, 2]], ..Mesh::default() };
         assert!(!turn_outward(&mut sheet) && !turn_outward(&mut Mesh::default()));

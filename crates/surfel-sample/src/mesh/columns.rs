@@ -1,4 +1,4 @@
-//! Columns of a mesh's vertices and triangles, read at its splats.
+//! Columns of a mesh's vertices and triangles, evaluated at its splats.
 
 use crate::parallel::map_each;
 use crate::progress::NoProgress;
@@ -6,27 +6,26 @@ use glam::DVec3;
 use std::ops::Range;
 use surfel_model::{ExtraValues, Mesh, SplatCloud};
 
-/// Triangles of a leaf of the tree.
+/// Maximum number of triangles in a leaf of the tree.
 const LEAF: usize = 4;
-/// Largest difference of two triangles' distances, as a share of the mesh's extent, at which the triangle that faces as
-/// the splat does counts as the nearer one: thin plates have two in one place.
+/// Largest difference between two triangles' distances, relative to the mesh's extent, at which the one with the
+/// splat's facing is preferred: thin plates have two triangles in one place.
 const SAME_PLACE: f64 = 1e-6;
-/// No triangle.
+/// Marks the absence of a triangle.
 const NONE: u32 = u32::MAX;
 
-/// Places of splats on the mesh that they were made of.
+/// Places of splats on the mesh from which they were made.
 #[derive(Clone, Debug, Default)]
 pub struct MeshPlaces {
-    /// The nearest triangle of each splat; [`NONE`] at a vertex without triangles.
+    /// Nearest triangle of each splat; [`NONE`] at a vertex without triangles.
     triangles: Vec<u32>,
-    /// Its corners, and how much each counts.
+    /// Corners of the triangle, and their weights.
     corners: Vec<[u32; 3]>,
     barycentric: Vec<[f32; 3]>,
 }
 
 impl MeshPlaces {
-    /// Finds the places of splats: those of the mesh that are nearest to their centres. Vertices without triangles are
-    /// places, too.
+    /// Finds the place on the mesh nearest to each splat's centre. Vertices without triangles count as places too.
     pub fn new(mesh: &Mesh, cloud: &SplatCloud) -> Self {
         let tree = Tree::new(mesh);
         let found = map_each(cloud.len(), &NoProgress, Vec::new, |stack: &mut Vec<u32>, i| {
@@ -41,7 +40,7 @@ impl MeshPlaces {
         places
     }
 
-    /// A column of the vertices, interpolated over triangles.
+    /// Returns a column of the vertices, interpolated over triangles.
     pub fn interpolated(&self, column: &ExtraValues) -> ExtraValues {
         let value = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let values = corners.map(|i| column.get(i as usize));
@@ -55,7 +54,7 @@ impl MeshPlaces {
         }
     }
 
-    /// A column of the vertices, each splat with the value of the vertex that it is nearest to.
+    /// Returns a column of the vertices; each splat has the value of its nearest vertex.
     pub fn of_nearest_vertices(&self, column: &ExtraValues, mesh: &Mesh) -> ExtraValues {
         let nearest = |(corners, barycentric): (&[u32; 3], &[f32; 3])| {
             let places = corners.map(|i| mesh.positions.get(i as usize));
@@ -66,7 +65,7 @@ impl MeshPlaces {
         column.select(&self.corners.iter().zip(&self.barycentric).map(nearest).collect::<Vec<_>>())
     }
 
-    /// A column of the triangles. Splats at vertices without triangles have no value: NaN.
+    /// Returns a column of the triangles. Splats at vertices without triangles have the value NaN.
     pub fn of_triangles(&self, column: &ExtraValues) -> ExtraValues {
         if !self.triangles.contains(&NONE) {
             return column.select(&self.triangles);
@@ -76,20 +75,20 @@ impl MeshPlaces {
     }
 }
 
-/// A tree of boxes about triangles; vertices without any are triangles of one point.
+/// Tree of boxes around triangles; a vertex without triangles is stored as a triangle of one point.
 struct Tree {
     corners: Vec<[u32; 3]>,
     places: Vec<[DVec3; 3]>,
     order: Vec<u32>,
     nodes: Vec<Node>,
-    /// Square of the distance by which triangles that face away are farther.
+    /// Square of the distance that is added for triangles that face away.
     away: f64,
 }
 
 struct Node {
     low: DVec3,
     high: DVec3,
-    /// Triangles of a leaf, as a range of [`Tree::order`]; the two children of others.
+    /// For a leaf, its triangles, as a range of [`Tree::order`]; for other nodes, the indices of the two children.
     holds: Range<u32>,
     is_leaf: bool,
 }
@@ -133,7 +132,7 @@ impl Tree {
         places.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(lo, hi), p| (lo.min(p), hi.max(p)))
     }
 
-    /// Divides a node with many triangles at the middle of their order along its longest side.
+    /// Divides a node with many triangles along its longest side, at the median.
     fn divide(&mut self, node: usize) {
         let Node { low, high, ref holds, .. } = self.nodes[node];
         let holds = holds.clone();
@@ -155,7 +154,7 @@ impl Tree {
         self.nodes[node].is_leaf = false;
     }
 
-    /// The nearest triangle, and the barycentric coordinates of its nearest place.
+    /// Returns the nearest triangle, and the barycentric coordinates of its nearest place.
     fn nearest(&self, at: DVec3, normal: DVec3, stack: &mut Vec<u32>) -> (u32, [f64; 3]) {
         let mut best = (f64::INFINITY, NONE, [1.0, 0.0, 0.0]);
         let distance = |node: u32| {
@@ -171,7 +170,7 @@ impl Tree {
             let Node { ref holds, is_leaf, .. } = self.nodes[next as usize];
             if !is_leaf {
                 let [a, b] = [holds.start, holds.start + 1];
-                // The nearer one is looked at first.
+                // The nearer child is visited first.
                 stack.extend(if distance(a) <= distance(b) { [b, a] } else { [a, b] });
                 continue;
             }
@@ -190,7 +189,7 @@ impl Tree {
     }
 }
 
-/// Barycentric coordinates of a triangle's place nearest to a point (Ericson 2004, §5.1.5).
+/// Returns the barycentric coordinates of the place on a triangle nearest to a point (Ericson 2004, §5.1.5).
 fn nearest_place(p: DVec3, [a, b, c]: [DVec3; 3]) -> [f64; 3] {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -234,7 +233,7 @@ mod tests {
     use crate::mesh::{MeshMethod, MeshOptions, splats_from_mesh};
     use surfel_model::Column3;
 
-    /// A sheet of n×n squares over the unit square, bent, with as many faces below it that face down.
+    /// Returns a bent sheet of n×n squares over the unit square, with as many faces that face down.
     fn sheet(n: u32) -> Mesh {
         let at = |i: u32| f64::from(i) / f64::from(n);
         let place = |i: u32| {
@@ -265,7 +264,7 @@ mod tests {
             let (triangle, barycentric) = tree.nearest(at, DVec3::ZERO, &mut Vec::new());
             let place = |t: usize, b: [f64; 3]| -> DVec3 { tree.places[t].iter().zip(b).map(|(p, b)| *p * b).sum() };
             let found = place(triangle as usize, barycentric).distance(at);
-            // Brute force: many places of each triangle, and the three vertices that have none.
+            // Brute force: many places of each triangle, and the three vertices without triangles.
             let steps =
                 || (0..=20).flat_map(|i| (0..=20 - i).map(move |j| [i, j, 20 - i - j].map(|b| f64::from(b) / 20.0)));
             let least = (0..tree.corners.len()).flat_map(|t| steps().map(move |b| (t, b)));

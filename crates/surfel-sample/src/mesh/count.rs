@@ -1,4 +1,4 @@
-//! A given number of samples, spread over the surface as far apart as is asked for.
+//! Sampling of a mesh by a given number of splats at a given density.
 
 use super::borders::Borders;
 use super::density::Density;
@@ -20,18 +20,19 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Mesh};
 
-/// Candidates per sample for elimination. Three cost half of Yuksel's five; the least distance falls by a tenth.
+/// Candidates per sample for elimination. Three cost half as much as Yuksel's five; the smallest distance falls by a
+/// tenth.
 const OVERSAMPLING: usize = 3;
-/// Above this many samples, stratification is all there is: elimination takes seconds a million.
+/// Number of samples above which they are only stratified: elimination takes seconds per million.
 const MOST_ELIMINATED: usize = 1_000_000;
-/// Cosine of 1°: a sample whose smooth normal is nearer to its facet's lies in a flat part.
+/// Cosine of 1°: a sample is in a flat part if its smooth normal is closer than that to its facet's.
 const FLAT: f64 = 0.999_847_695;
-/// Splats, itself among them, beside which one must leave no gap where density changes, and how much larger than its
-/// own density asks for it may be because of them.
+/// Number of nearest splats (with the splat itself) between which there must be no gap where the density changes.
+/// `MOST_REACHING` is the largest growth of a splat's radius because of them.
 const BESIDE: usize = 7;
 const MOST_REACHING: f64 = 1.2;
 
-/// `count` splats, as far apart everywhere.
+/// Makes `count` splats at an even density.
 pub(crate) fn even_splats(
     mesh: &Mesh,
     count: usize,
@@ -42,8 +43,9 @@ pub(crate) fn even_splats(
     splats_and_faces(mesh, &|_| false, count, radius_scale, report, progress).map(|(data, _)| data)
 }
 
-/// The columns of [`even_splats`], and the triangle that each splat lies on. `is_cut` says of an open edge, by the
-/// corner (3·triangle + 0..3) that it starts at, that the mesh is part of a larger one, which goes on there.
+/// Makes the splats of [`even_splats`], and returns the triangle of each. The mesh may be part of a larger one:
+/// `is_cut` is true for open edges, given by the corner (3·triangle + 0..3) at which they start, where the larger mesh
+/// continues.
 pub(crate) fn splats_and_faces(
     mesh: &Mesh,
     is_cut: &dyn Fn(u32) -> bool,
@@ -62,7 +64,7 @@ pub(crate) fn splats_and_faces(
     spread((&geometry, geometry.smooth()), &density, (count, is_cut, radius_scale), report, progress)
 }
 
-/// `count` splats, as far apart as `density` says: so many that they are.
+/// Makes `count` splats at a given density; `count` must be the density's number of splats.
 pub(crate) fn splats(
     geometry: &Geometry,
     smooth: Smooth,
@@ -90,12 +92,12 @@ fn spread(
 
     let samples = places(geometry, density, count, progress);
     let positions = map_each(samples.len(), &crate::NoProgress, || (), |(), i| samples[i].place(geometry));
-    // Geometry alone decides where a splat lies and which side of it is seen.
+    // The position and facing of a splat depend on the geometry alone, not on vertex normals.
     let planes: Vec<DVec3> = samples.iter().map(|s| geometry.normals[s.face as usize]).collect();
     let mut radii = if count > MOST_ELIMINATED {
         measured_radii(&positions, &planes, density.coarsest, progress)?
     } else {
-        // Blue noise of known density: gaps of more than a spacing don't occur, and the density rule covers 1.65.
+        // In blue noise, gaps are at most one spacing wide, and the density rule covers 1.65.
         reaching(density, &samples, &positions).iter().map(|spacing| radii::DENSITY * spacing).collect()
     };
     radii.iter_mut().for_each(|r| *r *= radius_scale);
@@ -123,7 +125,7 @@ fn spread(
         geometry.mapped_normal(sample.face as usize, sample.barycentric, smooth[i], density.at(sample))
     };
     let smooth = map_each(samples.len(), &crate::NoProgress, || (), |(), i| mapped(i));
-    // A flat facet's splats have no other normals than their own.
+    // Flat facets need no shading normals.
     if planes.iter().zip(&smooth).any(|(plane, smooth)| plane.dot(*smooth) < SAME_NORMAL) {
         data.shading_normals = Some(assemble::normals32(&smooth));
     }
@@ -134,8 +136,8 @@ fn spread(
     Ok(see_through::cut(geometry, data, samples.iter().map(|s| s.face).collect()))
 }
 
-/// How far apart splats are about each: where that changes, the largest of its neighbours', so that no gap is left
-/// between finer and coarser ones.
+/// Returns the spacing around each splat. Where the density changes, it is the largest spacing of the splat's
+/// neighbours, so that there is no gap between finer and coarser splats.
 fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f64> {
     if density.is_even() {
         return vec![density.coarsest; samples.len()];
@@ -154,7 +156,7 @@ fn reaching(density: &Density, samples: &[Sample], positions: &[DVec3]) -> Vec<f
     )
 }
 
-/// Radii that cover the gaps that stratified samples leave.
+/// Returns radii that cover the gaps between stratified samples.
 fn measured_radii(
     positions: &[DVec3],
     planes: &[DVec3],
@@ -169,7 +171,7 @@ fn measured_radii(
     Ok(points.into_slots().into_iter().map(|slot| sizes.radius(slot as usize) * step).collect())
 }
 
-/// `count` samples.
+/// Returns `count` samples.
 fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn Progress) -> Vec<Sample> {
     let splats = density.splats(geometry);
     let (weights, total) =
@@ -197,7 +199,7 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
     samples(scatter.some_irregular(&left, progress))
 }
 
-/// Triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`
+/// Returns triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`
 /// ([`Scatter::even`]).
 pub(crate) fn stratified(areas: &[f64], count: usize, total: f64, progress: &dyn Progress) -> Vec<PartPlace> {
     Scatter::new(areas, count, total).even(progress)

@@ -1,36 +1,36 @@
-//! Which edges divide the shading of a mesh without normals of its own: of those above the crease angle, the ones that
-//! go on as a line and bend clearly more than what is beside them.
+//! Detection of edges that divide the shading of a mesh without normals. Of the edges above the crease angle, creases
+//! are those that form a line and bend clearly more than the surface beside them.
 
 use super::geometry::{Geometry, SAME_NORMAL, Side, edges, find, join};
 
-/// Cosine of 80°, from which an edge is a crease whatever is beside it.
+/// Cosine of 80°, the angle from which an edge is always a crease.
 const SHARP_COS: f64 = 0.173_648_177_666_930;
-/// Edges that a line of smaller ones has, at least, and the share of the extent from which one edge is a line.
+/// Smallest number of edges in a line, and the length of a single edge, relative to the extent, that counts as a line.
 const LINE: usize = 8;
 const LONG: f64 = 1.0 / 16.0;
-/// How many times as much a crease bends as the surface beside it, at least: where a coarse mesh bends most, some of
-/// its edges are above the crease angle, and the next are not.
+/// Smallest ratio of a crease's angle to the angles beside it. Where a coarse mesh bends most, only some edges are
+/// above the crease angle, and those beside them are only slightly less bent.
 const CLEAR: f64 = 2.5;
-/// Share of the surface from which two faces are a plane.
+/// Fraction of the surface from which two coplanar faces count as a plane.
 const GOOD_SHARE: f64 = 1.0 / 200.0;
 
-/// Creases of a mesh.
+/// Data for classifying a mesh's creases.
 pub(super) struct Creases {
-    /// Of each vertex, whether a line of edges runs there.
+    /// True for each vertex on a line of edges.
     line: Vec<bool>,
-    /// Of each face, the least cosine of how it and those beside it bend.
+    /// Per face, the smallest cosine of the bends at its own smooth edges and those of its neighbours.
     least: Vec<f64>,
-    /// Of each face, whether it is a part of a plane.
+    /// True for each face that is part of a plane.
     planar: Vec<bool>,
 }
 
 impl Creases {
-    /// Of a mesh whose sides are given in the order of its edges.
+    /// Prepares a mesh whose sides are sorted by edge.
     pub(super) fn new(geometry: &Geometry, sides: &[Side]) -> Self {
         Self { line: lines(geometry, sides), least: least_cosines(geometry, sides), planar: planar(geometry, sides) }
     }
 
-    /// Whether an edge above the crease angle divides the faces on its sides.
+    /// True if an edge above the crease angle divides the faces on its sides.
     pub(super) fn divide(&self, geometry: &Geometry, a: &Side, b: &Side) -> bool {
         let cosine = geometry.cos(a, b);
         let is_planar = || self.planar[a.face()] || self.planar[b.face()];
@@ -39,8 +39,8 @@ impl Creases {
     }
 }
 
-/// Of each vertex whether the edges at which splats end and that meet there are a line, as creases are: one that
-/// closes, has at least [`LINE`] of them, or a long one. Few and short ones are where a coarse mesh bends most.
+/// Returns, for each vertex, true if the feature edges connected with it form a line: a closed loop, at least [`LINE`]
+/// edges, or a long edge. A few short feature edges occur where a coarse mesh bends most, and are no crease.
 fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.positions.len() as u32).collect();
     let is_feature = |edge: &&[Side]| !matches!(edge, [a, b] if a.forward != b.forward && geometry.is_smooth(a, b));
@@ -60,8 +60,9 @@ fn lines(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.iter().map(|root| is_line(*root as usize)).collect()
 }
 
-/// Which faces lie in one plane with one next to them, and with two or as a good share of the surface, as those of
-/// what was constructed do: normals that are shared across its edges would turn all over it.
+/// Returns, for each face, true if it is coplanar with at least two connected faces, or with one if both have a large
+/// share of the surface. Constructed shapes have such planes; normals shared across their edges would vary all over
+/// them.
 fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     let mut group: Vec<u32> = (0..geometry.areas.len() as u32).collect();
     for edge in edges(sides) {
@@ -82,7 +83,7 @@ fn planar(geometry: &Geometry, sides: &[Side]) -> Vec<bool> {
     root.into_iter().map(|root| is_plane(of[root as usize])).collect()
 }
 
-/// The least cosine of the angles at which the surface bends at smooth edges, of each face and those beside it.
+/// Returns, for each face, the smallest cosine of the bends at smooth edges of the face and of its neighbours.
 fn least_cosines(geometry: &Geometry, sides: &[Side]) -> Vec<f64> {
     let bends = || {
         edges(sides).filter_map(|edge| match edge {
@@ -106,15 +107,15 @@ mod tests {
     use glam::{DVec2, DVec3};
     use surfel_model::{Column3, Mesh};
 
-    /// True where all faces have one normal at a vertex.
+    /// True if all faces have the same normal at a vertex.
     fn has_one_normal(mesh: &Mesh, smooth: &Smooth, vertex: u32) -> bool {
         let corners = mesh.triangles.iter().zip(&smooth.corner_normals);
         let normals = corners.flat_map(|(t, n)| (0..3).filter(|k| t[*k] == vertex).map(|k| n[k]).collect::<Vec<_>>());
         normals.collect::<Vec<_>>().windows(2).all(|n| n[0].distance(n[1]) < 1e-9)
     }
 
-    /// A roof of `cells` squares along each side that falls off by `slope` to both sides and is blunt, but for a ridge
-    /// of `edges` edges in its middle; true where these have one normal.
+    /// True if the edges of a ridge have one normal. The ridge of `edges` edges is in the middle of a roof of `cells`
+    /// squares along each side. The roof slopes down by `slope` on both sides and is blunt elsewhere.
     fn is_smooth_over_ridge(cells: u32, edges: u32, slope: f64) -> bool {
         let (middle, first) = (cells / 2, (cells - edges) / 2);
         let is_ridge = |i: u32, j: u32| i == middle && (first..=first + edges).contains(&j);
@@ -139,8 +140,8 @@ mod tests {
         has_one_normal(&mesh, &smooth, ridge)
     }
 
-    /// A strip that turns by these angles from one facet to the next, each plane or `uneven` by so much; true where its
-    /// middle edges have one normal.
+    /// True if the middle edges of a strip have one normal. The strip turns by these angles from one facet to the next;
+    /// facets are plane, or uneven by about `uneven`.
     fn is_smooth_over_middle(turns_deg: &[f64], uneven: f64) -> bool {
         const ROWS: u32 = 20;
         let (mut at, mut angle) = (DVec2::ZERO, 0.0_f64);
@@ -170,9 +171,9 @@ mod tests {
             ([30.0, 39.0, 36.0], 0.005, true),
             ([10.0, 44.0, 12.0], 0.005, false),
             ([30.0, 95.0, 36.0], 0.005, false),
-            // As of a prism with eight sides.
+            // Like a prism with eight sides.
             ([45.0, 45.0, 45.0], 0.0, false),
-            // As of a bevel between planes.
+            // Like a bevel between planes.
             ([30.0, 44.0, 36.0], 0.0, false),
         ] {
             assert_eq!(is_smooth_over_middle(&turns, uneven), smooth, "{turns:?} {uneven}");
@@ -181,7 +182,7 @@ mod tests {
 
     #[test]
     fn a_few_short_edges_are_no_crease_unless_they_are_sharp() {
-        // Slopes of 0.47 meet at 50°, those of 1 at 90°.
+        // Slopes of 0.47 meet at 50°, slopes of 1 at 90°.
         for (cells, edges, slope, smooth) in
             [(40, 2, 0.47, true), (40, 4, 0.47, true), (40, 12, 0.47, false), (40, 2, 1.0, false), (8, 4, 0.47, false)]
         {

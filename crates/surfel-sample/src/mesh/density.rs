@@ -1,4 +1,4 @@
-//! The distance between splats over a mesh: one everywhere, or smaller where its colours vary or it bends.
+//! Distance between splats over a mesh: constant, or smaller where colours vary or the surface bends.
 
 use super::geometry::Geometry;
 use super::parts::{Parts, Sample};
@@ -7,46 +7,46 @@ use crate::progress::NoProgress;
 use crate::tree::{KdTree, Nearest};
 use surfel_math::basis::orthonormal;
 
-/// Parts that a mesh is divided into, over its faces, at most.
+/// Maximum number of parts into which a mesh is divided, beyond one per face.
 const MOST_PARTS: usize = 1 << 18;
-/// That of one that bends: where it does, faces are small already.
+/// The same limit for density by curvature: where a mesh bends, its faces are already small.
 const MOST_BENT: usize = 1 << 15;
-/// Parts along the largest distance between splats.
+/// Number of parts along the largest distance between splats.
 const FINENESS: f64 = 4.0;
-/// Samples along each side of the square whose colours are looked at, half as wide as splats are apart at most, and how
-/// often it is halved: what is left has two along each side.
+/// Samples along each side of the square in which colours are sampled, and the number of times the square is halved.
+/// The square is half as wide as the largest distance between splats; the smallest one has two samples along each side.
 const ACROSS: usize = 8;
 const HALVINGS: usize = 2;
-/// Distances that are tried: the largest over powers of √2.
+/// Number of distances that are tried: the largest divided by powers of √2.
 const CHOICES: usize = 2 * HALVINGS + 3;
-/// Steps to the price of a splat.
+/// Number of bisection steps for the price of a splat.
 const BISECTIONS: usize = 30;
-/// How fast the distance between splats may grow along the surface.
+/// Largest growth of the distance between splats, per distance along the surface.
 const GRADE: f64 = 0.3;
-/// Parts that a part is compared with for that, and how often.
+/// Number of neighbouring parts that limit a part's growth, and maximum number of sweeps.
 const NEIGHBOURS: usize = 16;
 const SWEEPS: usize = 12;
 
-/// The distance between splats over a mesh.
+/// Distance between splats over a mesh.
 pub(crate) struct Density {
     parts: Parts,
-    /// Of each part.
+    /// Distance for each part.
     spacing: Vec<f64>,
-    /// The largest.
+    /// Largest distance.
     pub(crate) coarsest: f64,
     is_even: bool,
 }
 
 impl Density {
-    /// The same everywhere.
+    /// Creates a density with the same distance everywhere.
     pub(crate) fn even(geometry: &Geometry, spacing: f64) -> Self {
         let parts = Parts::new(geometry, f64::INFINITY, usize::MAX);
         Self { spacing: vec![spacing; parts.len()], parts, coarsest: spacing, is_even: true }
     }
 
-    /// `coarsest` at most, and smaller where colours vary: of all densities by which they vary by `variation` (RMS over
-    /// surface and channels, linear light) within the square that a splat stands for, about the one with the fewest
-    /// splats. Splats are nowhere closer than half a texel.
+    /// Computes a density by the variation of colours, at most as coarse as `coarsest`. Within the square that a splat
+    /// represents, colours vary by `variation` (RMS over surface and channels, linear light). Of all such densities,
+    /// the result has about the fewest splats. Splats are nowhere closer than half a texel.
     pub(crate) fn by_colors(geometry: &Geometry, coarsest: f64, variation: f64) -> Self {
         let parts = Parts::new(geometry, coarsest / FINENESS, MOST_PARTS);
         let each = map_each(
@@ -63,7 +63,7 @@ impl Density {
             },
         );
         let area: f64 = each.iter().map(|part| part.area).sum();
-        // A splat is worth its price, the squared error over the surface that it saves.
+        // A splat is added if it saves at least its price, in squared error times area.
         let sides: [f64; CHOICES] = std::array::from_fn(|choice| coarsest * 0.5_f64.powf(0.5 * choice as f64));
         let splats = sides.map(|side| side.powi(-2));
         let is_too_coarse = |price: f64| {
@@ -81,8 +81,8 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// `coarsest` at most, and smaller where the surface bends: by what distance is asked for where the mean square of
-    /// the curvature is so large, which is given for each face.
+    /// Computes a density by the curvature of the surface, at most as coarse as `coarsest`. `squares` is the squared
+    /// curvature of each face, and `asked` maps its mean over the surrounding parts to a distance.
     pub(crate) fn where_bent(
         geometry: &Geometry,
         coarsest: f64,
@@ -104,22 +104,22 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// The parts that have one distance each.
+    /// Returns the parts, which have one distance each.
     pub(crate) fn parts(&self) -> &Parts {
         &self.parts
     }
 
-    /// That about a place of a face.
+    /// Returns the distance at a place of a face.
     pub(crate) fn at(&self, sample: &Sample) -> f64 {
         self.spacing[self.parts.at(sample)]
     }
 
-    /// That of a part.
+    /// Returns the distance in a part.
     pub(crate) fn of_part(&self, part: usize) -> f64 {
         self.spacing[part]
     }
 
-    /// That of so many splats as there are on a face, evenly spread.
+    /// Returns the distance that gives a face the same number of splats if spread evenly.
     pub(crate) fn of_face(&self, face: usize) -> f64 {
         let parts = &self.spacing[self.parts.of(face)];
         match parts {
@@ -128,36 +128,37 @@ impl Density {
         }
     }
 
-    /// Splats of each part, not rounded.
+    /// Returns the number of splats of each part, not rounded.
     pub(crate) fn splats(&self, geometry: &Geometry) -> Vec<f64> {
         (0..self.parts.len()).map(|part| self.parts.area(geometry, part) / self.spacing[part].powi(2)).collect()
     }
 
-    /// True where it is the same everywhere.
+    /// True if the distance is the same everywhere.
     pub(crate) fn is_even(&self) -> bool {
         self.is_even
     }
 }
 
-/// A part of the surface, of which the distance between splats is chosen.
+/// A part of the surface for which a distance between splats is chosen.
 #[derive(Clone, Copy, Default)]
 struct Part {
     area: f64,
-    /// Variances of colours within squares of each side that is tried.
+    /// Variances of the colours within squares of each side that is tried.
     variances: [f64; CHOICES],
-    /// The last choice that leaves splats no closer than half a texel.
+    /// Index of the finest choice at which splats are no closer than half a texel.
     finest: usize,
 }
 
 impl Part {
-    /// The choice with the least sum of squared error and price of splats, of which each has so many a unit of area.
+    /// Returns the choice with the smallest sum of squared error and price. `splats` is the number of splats per unit
+    /// of area for each choice.
     fn choice(&self, price: f64, splats: &[f64; CHOICES]) -> usize {
         let cost = |choice: usize| self.variances[choice] + price * splats[choice];
         (0..=self.finest).min_by(|a, b| cost(*a).total_cmp(&cost(*b))).unwrap_or(0)
     }
 }
 
-/// The last choice that leaves splats of a face no closer than half a texel.
+/// Returns the finest choice at which a face's splats are no closer than half a texel.
 fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
     let texels = geometry.texels(face);
     let is_apart = |choice: &usize| {
@@ -167,9 +168,9 @@ fn finest(geometry: &Geometry, face: usize, coarsest: f64) -> usize {
     (0..CHOICES).take_while(is_apart).last().unwrap_or(0)
 }
 
-/// Variances of the colours within squares that halve the one of side `side` about a place again and again, the mean of
-/// the channels and of the squares of one size, after that of a square twice as wide, as these let expect; between
-/// them their geometric means.
+/// Computes variances of the colours, averaged over channels, for squares around a place. The square of side `side` is
+/// halved repeatedly, and the variance averaged over all squares of one size. The first value, for a square twice as
+/// wide, is extrapolated. Values between two sizes are geometric means.
 fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] {
     let (face, b) = (sample.face as usize, sample.barycentric);
     let (s, t) = orthonormal(geometry.normals[face]);
@@ -181,7 +182,7 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     for (j, row) in colors.iter_mut().enumerate() {
         for (i, color) in row.iter_mut().enumerate() {
             let at: [f64; 3] = std::array::from_fn(|k| b[k] + offset(i) * u[k] + offset(j) * v[k]);
-            // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
+            // Beyond an edge, another triangle has the surface, and perhaps another part of the texture.
             let is_inside = at.iter().all(|b| *b >= 0.0);
             *color = is_inside.then(|| geometry.color(face, at));
         }
@@ -210,7 +211,7 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
         }
         *variance = if weight > 0.0 { sum / weight } else { 0.0 };
     }
-    // With the square of the width where colours change evenly, not at all within noise.
+    // The variance grows with the square of the width where colours change evenly, and not at all within noise.
     let growth = if whole[2] > 0.0 { (whole[1] / whole[2]).clamp(1.0, 4.0) } else { 4.0 };
     whole[0] = growth * whole[1];
     std::array::from_fn(|choice| {
@@ -219,9 +220,9 @@ fn variances(geometry: &Geometry, sample: &Sample, side: f64) -> [f64; CHOICES] 
     })
 }
 
-/// The parts about each part, itself among them.
+/// Parts around each part, with the part itself.
 struct Neighbours {
-    /// Distances and numbers.
+    /// Distances and indices of the parts.
     of: Vec<Vec<(f64, u32)>>,
 }
 
@@ -243,7 +244,7 @@ impl Neighbours {
         Self { of }
     }
 
-    /// Lessens distances until none grows faster than [`GRADE`] from a part to its neighbours.
+    /// Reduces distances until none grows faster than [`GRADE`] from a part to its neighbours.
     fn graded(&self, mut spacing: Vec<f64>) -> Vec<f64> {
         for _ in 0..SWEEPS {
             let least = |part: usize| {

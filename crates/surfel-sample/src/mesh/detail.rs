@@ -1,4 +1,4 @@
-//! How many splats a mesh asks for: by how its surface bends, and by how its colours vary.
+//! Number and density of splats for a mesh, from the curvature of its surface and the variation of its colours.
 
 use super::count::stratified;
 use super::density::Density;
@@ -8,43 +8,43 @@ use crate::progress::NoProgress;
 use crate::radii;
 use surfel_math::basis::orthonormal;
 
-/// Largest distance of a splat's rim from the surface, as a share of the extent: half a pixel of 1024.
+/// Largest distance of a splat's rim from the surface, relative to the extent: half a pixel of 1024.
 const RIM: f64 = 0.5 / 1024.0;
-/// That of any disk where splats are closer together because the surface bends, which are the thin parts of a shape:
-/// what stands out of a finger frays its outline. Splats there are no closer than this share of the distance elsewhere.
+/// Largest distance of any disk's rim from the surface, relative to the extent, if splats are closer on thin parts: a
+/// disk that protrudes from a finger, for example, frays its outline. `FINEST` is the smallest distance between splats
+/// there, relative to the distance elsewhere.
 const THIN_RIM: f64 = 1.0 / 3.0 / 1024.0;
 const FINEST: f64 = 0.25;
-/// Share of all splats that bends must ask for more of, to be closer there.
+/// Fraction of additional splats from which thin parts get a finer density.
 const FEW_MORE: f64 = 0.002;
-/// Root mean square, in linear light and over the surface, of what colours vary by within the square that a splat
-/// stands for.
+/// Variation of colours within the square that a splat represents: root mean square over the surface, in linear light.
 const VARIATION: f64 = 0.03;
-/// Fewest and most splats.
+/// Smallest and largest number of splats.
 const SPLATS: (f64, f64) = (5_000.0, 2_000_000.0);
-/// Places that colours are looked at.
+/// Number of places at which colours are sampled.
 const PLACES: usize = 2048;
-/// Samples along each side of a square.
+/// Number of samples along each side of a square.
 const ACROSS: i32 = 5;
 
-/// Share of as many everywhere that splats must be fewer by, to be closer only where colours vary.
+/// Fraction of the splats of an even density below which a density by colours is worthwhile.
 const WORTH: f64 = 0.9;
-/// Most splats that are not as far apart everywhere: above a million there is no blue noise.
+/// Maximum number of splats with an uneven density: there is no blue noise for more than a million.
 const MOST_UNEVEN: f64 = 1e6;
 
-/// Splats that a mesh asks for.
+/// Number of splats that a mesh needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Detail {
-    /// By its shape: so many that disks stand out of the curved surface by half a pixel of an image of 1024².
+    /// Number for its shape: disks protrude from the curved surface by at most half a pixel of an image of 1024².
     pub shape: usize,
-    /// By its colours, as far apart everywhere: so many that these vary by .03 (RMS, linear light) within what a splat
-    /// stands for, but no more than there are texels; 0 where nothing varies.
+    /// Number for its colours, at an even density. Colours vary by .03 (RMS, linear light) within a splat's share of
+    /// the surface, but there are no more splats than texels; 0 if nothing varies.
     pub colors: usize,
-    /// Splats that are made, 5,000 to 2,000,000: the larger one, or fewer, which are closer where colours vary.
+    /// Number of splats made, 5,000 to 2,000,000: the larger of both, or fewer if they are closer where colours vary.
     pub splats: usize,
 }
 
 impl Detail {
-    /// With how far apart splats are to be.
+    /// Computes the number of splats and their density.
     pub(crate) fn new(geometry: &Geometry, smooth: &Smooth) -> (Self, Density) {
         let area = geometry.total_area();
         let splats = |spacing: f64| (area / (spacing * spacing)).min(SPLATS.1);
@@ -66,17 +66,17 @@ impl Detail {
     }
 }
 
-/// How far apart splats are to be that stand out by `rim` where the square of the curvature is this: at radius r of
-/// a surface of curvature κ a rim is r²κ/2 away from it.
+/// Returns the distance between splats whose rims protrude by `rim` at this squared curvature. At radius r on a
+/// surface of curvature κ, a rim is r²κ/2 away from the surface.
 fn asked(rim: f64, squared_curvature: f64) -> f64 {
     (2.0 * rim / squared_curvature.sqrt()).sqrt() / radii::DENSITY
 }
 
-/// As far apart as `count` splats would be, and closer where disks would stand out of the bent surface by more than a
-/// third of a pixel of an image of 1024²; with how many there are.
+/// Returns the density and the number of splats for `count` evenly spread ones. Splats are closer together, and more,
+/// where disks would protrude from the bent surface by more than a third of a pixel in an image of 1024².
 pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (usize, Density) {
     let spacing = (geometry.total_area() / count as f64).sqrt();
-    // It may bend one way only.
+    // The surface may bend in one direction only.
     let squares: Vec<f64> = squared_curvatures(geometry, smooth).iter().map(|of| of[0].max(of[1]).max(of[2])).collect();
     let asked = |squared: f64| asked(THIN_RIM * geometry.extent, squared).max(FINEST * spacing);
     let more = |face: usize| geometry.areas[face] * (asked(squares[face]).powi(-2) - spacing.powi(-2)).max(0.0);
@@ -91,8 +91,8 @@ pub(crate) fn adaptive(geometry: &Geometry, smooth: &Smooth, count: usize) -> (u
     (count, Density::even(geometry, spacing))
 }
 
-/// The squares of how fast the normal of each face turns, radians a unit of length, along its edges; creases don't
-/// count.
+/// Returns the squared rates, per edge of each face, at which the normal turns (radians per unit of length). Creases
+/// are ignored.
 fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     let squared = |face: usize| {
         let (p, n) = (geometry.corners(face), &smooth.corner_normals[face]);
@@ -104,7 +104,7 @@ fn squared_curvatures(geometry: &Geometry, smooth: &Smooth) -> Vec<[f64; 3]> {
     (0..geometry.areas.len()).map(squared).collect()
 }
 
-/// Splats whose squares vary by [`VARIATION`].
+/// Returns the number of splats at which colours vary by [`VARIATION`] within a splat's square.
 fn colors(geometry: &Geometry, area: f64) -> usize {
     let places = stratified(&geometry.areas, PLACES, area, &NoProgress);
     let is_too_coarse = |splats: f64| {
@@ -124,7 +124,7 @@ fn colors(geometry: &Geometry, area: f64) -> usize {
     range[1].exp() as usize
 }
 
-/// Texels that the surface shows; without textures as many as there may be splats.
+/// Returns the number of texels on the surface; without textures, the largest number of splats.
 fn texels(geometry: &Geometry) -> f64 {
     let mesh = geometry.mesh;
     if !mesh.is_textured() {
@@ -133,7 +133,7 @@ fn texels(geometry: &Geometry) -> f64 {
     (0..mesh.triangles.len()).map(|face| geometry.texels(face)).sum()
 }
 
-/// Variance of the colours in a square about a place, the mean of the channels.
+/// Returns the variance of the colours in a square around a place, averaged over the channels.
 fn variance(geometry: &Geometry, (face, b): (u32, [f64; 3]), side: f64) -> f64 {
     let face = face as usize;
     let (s, t) = orthonormal(geometry.normals[face]);
@@ -144,7 +144,7 @@ fn variance(geometry: &Geometry, (face, b): (u32, [f64; 3]), side: f64) -> f64 {
     for (i, j) in (0..ACROSS).flat_map(|j| (0..ACROSS).map(move |i| (i, j))) {
         let offset = |i: i32| (f64::from(i) + 0.5) / f64::from(ACROSS) - 0.5;
         let at: [f64; 3] = std::array::from_fn(|k| b[k] + (offset(i) * u[k] + offset(j) * v[k]) * side);
-        // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
+        // Beyond an edge, another triangle has the surface, and perhaps another part of the texture.
         if at.iter().all(|b| *b >= 0.0) {
             let color = geometry.color(face, at);
             count += 1.0;
@@ -172,7 +172,7 @@ mod tests {
 
     const SIDE: usize = 1024;
 
-    /// The unit square with a grey texture of values in [0, 1] at x, y.
+    /// Returns the unit square with a grey texture whose values in [0, 1] depend on x and y.
     fn square(value: impl Fn(f64, f64) -> f64) -> Mesh {
         let at = |k: usize| (k as f64 + 0.5) / SIDE as f64;
         let texel = |i: usize| {
@@ -194,7 +194,7 @@ mod tests {
         if x < 0.2 { ((x * 50.0).floor() % 2.0) * 0.9 + 0.05 } else { 0.5 }
     }
 
-    /// The least Σw of a splat cloud over the square.
+    /// Returns the smallest Σw of a cloud over the square.
     fn least_weight(cloud: &SplatCloud) -> f64 {
         let tree = KdTree::new(&(0..cloud.len()).map(|i| cloud.center(i)).collect::<Vec<_>>());
         let mut found = Nearest::within(64, f64::INFINITY);
@@ -223,7 +223,7 @@ mod tests {
         let [least, of_even] = [&cloud, &even].map(least_weight);
         println!("least Σw {least}, of even splats {of_even}; {detail:?}");
         assert!(least > 0.8 * of_even, "{least} {of_even}");
-        // As many as the density says, in what is striped and what isn't.
+        // The density's number of splats, both where the texture is striped and elsewhere.
         let (parts, expected) = (density.parts(), density.splats(&geometry));
         let spacing = [(0.02, 0.18), (0.6, 1.0)].map(|(low, high)| {
             let made = centers.iter().filter(|p| (low..high).contains(&p.x)).count() as f64;
@@ -233,7 +233,7 @@ mod tests {
             ((high - low) / made).sqrt()
         });
         assert!(spacing[0] < 0.4 * spacing[1], "{spacing:?}");
-        // The distance grows by as much as the grade allows, over the parts that a step leads through.
+        // The distance grows no faster than the grade allows, plus one part's step.
         let near = |x: f64| density.at(&Sample::at(&geometry, 0, DVec3::new(x, 0.1 * x, 0.0)));
         let step = density.coarsest;
         for x in (0..300).map(|i| 0.05 + 0.003 * f64::from(i)) {

@@ -2,7 +2,7 @@
 //! sets").
 //!
 //! Candidates are halved along their longest side into blocks that fit a core's cache. Each block finds its close pairs
-//! by a sorted grid, and removes its heaviest candidates by a queue of buckets. A block depends on nothing but its own
+//! by a sorted grid, and removes its heaviest candidates by a queue of buckets. A block depends only on its own
 //! candidates, so the result doesn't depend on the number of threads.
 
 use crate::parallel::map_tasks;
@@ -11,57 +11,59 @@ use glam::{DVec3, Vec3};
 use std::ops::Range;
 use std::sync::{Mutex, PoisonError};
 
-/// Exponent α of Yuksel's weights, and β and γ of the weight limit that keeps close pairs from hiding everything
-/// else (§3).
+/// Exponent α of Yuksel's weights, and β and γ of the weight limit, which prevents close pairs from dominating
+/// everything else (§3).
 const ALPHA: i32 = 8;
 const BETA: f64 = 0.65;
 const GAMMA: f64 = 1.5;
 
-/// Most candidates of a block. Pairs across blocks are ignored, which costs a few percent of the samples some
-/// evenness, no density, and buys all threads and their caches.
+/// Maximum number of candidates in a block. Pairs across blocks are ignored: a few percent of the samples are less
+/// even, at the same density, and all threads and their caches are used.
 const BLOCK: usize = 1 << 14;
-/// Blocks are halved in parallel from this many candidates on.
+/// Number of candidates from which blocks are halved in parallel.
 const PARALLEL: usize = 1 << 16;
 
-/// Candidates per row of cells that one candidate is compared with, at most: a mesh with many faces in one place costs
-/// no more. An even threefold oversampling has four in a cell.
+/// Maximum number of candidates per row of cells with which one candidate is compared. The limit bounds the cost of
+/// meshes with many faces in one place. An even threefold oversampling has four per cell.
 const MOST_IN_ROW: usize = 48;
-/// Smallest share of the reach by which a pair is too close: the weight of closer ones is more than 10⁻¹⁰.
+/// Smallest overlap of a pair, relative to its reach, that counts; the weight of larger overlaps is above 10⁻¹⁰.
 const LEAST: f32 = 0.05;
-/// Most levels of grids, each of half the cells' size, for candidates of different reach.
+/// Maximum number of grid levels, each with half the cell size, for candidates of different reach.
 const LEVELS: u16 = 12;
-/// Most cells along an axis. Cells beyond are one, which costs time alone.
+/// Maximum number of cells along an axis. Cells beyond are merged, which costs only time.
 const MOST_CELLS: f64 = 65_000.0;
 
-/// Bits of a weight's fraction that don't decide which bucket it belongs to: 32 buckets for each power of two.
+/// Number of low bits of a weight that its bucket ignores: 7 bits of the fraction remain, for 128 buckets per power of
+/// two.
 const BUCKET_SHIFT: u32 = 23 - 7;
-/// Buckets of all finite weights.
+/// Number of buckets for all finite weights.
 const BUCKETS: usize = 0x7f80_0000 >> BUCKET_SHIFT;
-/// No candidate.
+/// Marks the absence of a candidate.
 const NONE: u16 = u16::MAX;
 
 /// A place to choose from.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Candidate {
     pub(crate) position: DVec3,
-    /// The part of the surface that it lies on.
+    /// Part of the surface that contains the candidate.
     pub(crate) part: u32,
-    /// A number of its own, less than the number of candidates.
+    /// Unique number, less than the number of candidates.
     pub(crate) number: u32,
 }
 
-/// What is true of all candidates of a part.
+/// Properties of all candidates in a part.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct PartFacts {
-    /// Candidates whose normals differ by more than 90°, on opposite sides of a thin part, ignore each other.
+    /// Normal of the part. Candidates whose normals differ by more than 90°, on opposite sides of a thin part, ignore
+    /// each other.
     pub(crate) normal: DVec3,
-    /// Distance from which candidates ignore each other, [`reach`] of their density; of two that differ, the smaller
-    /// counts.
+    /// Distance from which candidates ignore each other, the [`reach`] of their density. For two candidates, the
+    /// smaller one counts.
     pub(crate) reach: f64,
 }
 
-/// Returns the numbers of the `keep` candidates that are left when those with the closest neighbours are removed one by
-/// one, in ascending order.
+/// Removes the candidates with the closest neighbours one by one until `keep` are left. Returns the numbers of the
+/// remaining candidates, in ascending order.
 ///
 /// Weights are Yuksel's eq. 2.
 pub(crate) fn eliminate(
@@ -84,7 +86,7 @@ pub(crate) fn eliminate(
     let left = map_tasks(blocks.len(), |i| {
         let range = &blocks[i];
         let mut block = take().unwrap_or_default();
-        // Rounded sums: every block keeps its share, and all of them together exactly `keep`.
+        // Rounded cumulative sums: every block retains its share, and all blocks together exactly `keep`.
         let share = |end: usize| (end as u128 * keep as u128 / count as u128) as usize;
         let left = thinning.thin(&candidates[range.clone()], share(range.end) - share(range.start), &mut block);
         idle.lock().unwrap_or_else(PoisonError::into_inner).push(block);
@@ -96,7 +98,7 @@ pub(crate) fn eliminate(
     (0..count as u32).filter(|number| is_left[*number as usize]).collect()
 }
 
-/// Twice the maximal Poisson disk radius in a plane of `area` with `keep` samples, r = √(A / (2√3·N)).
+/// Returns twice the maximal Poisson disk radius in a plane of `area` with `keep` samples, r = √(A / (2√3·N)).
 pub(crate) fn reach(area: f64, keep: f64) -> f64 {
     2.0 * (area / (2.0 * 3.0_f64.sqrt() * keep)).sqrt()
 }
@@ -127,7 +129,7 @@ fn bounds(candidates: &[Candidate]) -> (DVec3, DVec3) {
     candidates.iter().fold(none, |(lo, hi), c| (lo.min(c.position), hi.max(c.position)))
 }
 
-/// The ranges that [`halve`] ends at.
+/// Returns the ranges at which [`halve`] stops.
 fn blocks(count: usize) -> Vec<Range<usize>> {
     let (mut done, mut open) = (Vec::new(), vec![(0, count)]);
     while let Some((start, end)) = open.pop() {
@@ -143,23 +145,23 @@ fn blocks(count: usize) -> Vec<Range<usize>> {
 
 struct Thinning<'a> {
     of_part: &'a (dyn Fn(u32) -> PartFacts + Sync),
-    /// Share of the reach below which it doesn't matter how close a pair is, over [`BETA`].
+    /// Distance, relative to the reach, below which closer pairs get no more weight, before the factor [`BETA`].
     closest: f64,
 }
 
-/// A candidate of a block. Positions are relative to the block, in units of its largest reach.
+/// Candidate of a block. Positions are relative to the block, in units of its largest reach.
 #[derive(Clone, Copy, Default)]
 struct Local {
     position: Vec3,
     reach: f32,
     normal: Vec3,
-    /// The grid that the candidate's own reach belongs to: cells of side 2^−level.
+    /// Grid level of the candidate's own reach, with cells of side 2^−level.
     level: u16,
     /// Index among the block's candidates.
     index: u16,
 }
 
-/// Two candidates that are too close, and the weight they lay on each other: the upper half of an f32's bits.
+/// Two candidates that are too close, and the weight of each for the other: the upper half of an f32's bits.
 #[derive(Clone, Copy)]
 struct Pair {
     first: u16,
@@ -171,21 +173,21 @@ struct Pair {
 #[derive(Default)]
 struct Block {
     locals: Vec<Local>,
-    /// Cell and index in `locals`, sorted, and a buffer for sorting.
+    /// Sorted cells with indices in `locals`, and a buffer for sorting.
     cells: Vec<(u64, u16)>,
     sorting: Vec<(u64, u16)>,
     pairs: Vec<Pair>,
-    /// Candidates near one, and their squared distances; the last is overwritten.
+    /// Candidates near one, and their squared distances; the last element is a dummy.
     near: Vec<(u16, f32)>,
-    /// For each candidate the end of its neighbours.
+    /// End of each candidate's neighbours.
     ends: Vec<u32>,
-    /// Neighbours, all candidates' one after another: the candidate in the upper half, the weight in the lower one.
+    /// Neighbours of all candidates, concatenated: the candidate in the upper half, the weight in the lower half.
     neighbours: Vec<u32>,
     queue: Queue,
 }
 
 impl Thinning<'_> {
-    /// Returns the numbers of the `keep` candidates that are left of a block.
+    /// Returns the numbers of the `keep` remaining candidates of a block.
     fn thin(&self, candidates: &[Candidate], keep: usize, block: &mut Block) -> Vec<u32> {
         self.gather(candidates, block);
         block.find_pairs((self.closest * BETA) as f32);
@@ -209,7 +211,7 @@ impl Thinning<'_> {
                 position: ((candidate.position - lo) / unit).as_vec3(),
                 reach,
                 normal: normal.as_vec3(),
-                // The exponent, rounded up: 0 for reaches above ½, 1 for those above ¼.
+                // Exponent, rounded up: 0 for reaches above ½, 1 for those above ¼.
                 level: (126_u32.saturating_sub(reach.to_bits().saturating_sub(1) >> 23) as u16).min(LEVELS),
                 index,
             }
@@ -218,10 +220,10 @@ impl Thinning<'_> {
 }
 
 impl Block {
-    /// Fills in all pairs that are closer than their reach, each once.
+    /// Finds all pairs that are closer than their reach, each once.
     fn find_pairs(&mut self, closest: f32) {
         let finest = self.locals.iter().map(|c| c.level).max().unwrap_or(0);
-        // Neighbours lie close together in memory from here on.
+        // This sorts neighbours close together in memory.
         self.sort_into_cells(finest);
         let sorted = self.cells.iter().map(|(_, i)| self.locals[usize::from(*i)]).collect();
         self.locals = sorted;
@@ -234,13 +236,13 @@ impl Block {
         }
     }
 
-    /// Sorts the candidates of a level and of coarser ones by cell; returns how far cells of the next row and of the
-    /// next layer are away in the order.
+    /// Sorts the candidates of a level and of coarser ones by cell. Returns the distances, in the order of cells, to
+    /// the next row and to the next layer.
     fn sort_into_cells(&mut self, level: u16) -> [u64; 2] {
         let per_unit = f64::from(level).exp2();
         let cell = |x: f32| (f64::from(x) * per_unit).min(MOST_CELLS) as u64 + 1;
         let high = self.locals.iter().fold(Vec3::ZERO, |high, c| high.max(c.position));
-        // A cell at either end of a row and of a layer stays empty, so that neighbours are never in another.
+        // A cell at either end of a row and of a layer stays empty, so that neighbours are never in another row.
         let row = cell(high.x) + 2;
         let layer = row * (cell(high.y) + 2);
         let most = layer * (cell(high.z) + 1);
@@ -252,10 +254,11 @@ impl Block {
         [row, layer]
     }
 
-    /// Compares the candidates of every cell with those of half of the cells about it.
+    /// Compares the candidates of every cell with those in half of the surrounding cells.
     fn compare_cells(&mut self, [row, layer]: [u64; 2], level: u16, closest: f32) {
         let Self { locals, cells, pairs, near, .. } = self;
-        // The middles of rows of three cells, the first of which the cell is in; where rows begin and end.
+        // Middles of the rows of three cells, relative to the cell; the cell itself starts the first row. Then the
+        // range of each row.
         let middles = [0, row, layer - row, layer, layer + row];
         let mut ranges = [(0, 0); 5];
         let mut last = 0;
@@ -270,7 +273,7 @@ impl Block {
             }
             ranges[0].0 = place + 1;
             let a = &locals[usize::from(first)];
-            // Without a branch that depends on distances, which no processor foresees.
+            // No branch depends on distances, because no processor could predict it.
             let mut count = 0;
             for (begin, end) in ranges {
                 for &(_, second) in &cells[begin..end.min(begin + MOST_IN_ROW)] {
@@ -304,7 +307,7 @@ impl Block {
         for pair in &self.pairs {
             for i in [pair.first, pair.second] {
                 self.ends[usize::from(i) + 1] += 1;
-                // Exact: weights have 8 bits, and differ by no more than 40.
+                // Exact sums: weights have 8 bits, and their exponents differ by at most 40.
                 self.queue.weights[usize::from(i)] += f64::from(weight(u32::from(pair.weight)));
             }
         }
@@ -313,7 +316,7 @@ impl Block {
             sum += *end;
             *end = sum;
         }
-        // Each is its start now, and its end after it was filled.
+        // Each entry is a start now, and an end once the neighbours are filled in.
         self.neighbours.clear();
         self.neighbours.resize(sum as usize, 0);
         for pair in &self.pairs {
@@ -326,12 +329,12 @@ impl Block {
     }
 }
 
-/// The weight in the lower half.
+/// Returns the weight in the lower half of the bits.
 fn weight(bits: u32) -> f32 {
     f32::from_bits(bits << 16)
 }
 
-/// Sorts by cell, up to `most`; those of one cell keep their order.
+/// Sorts by cell with a stable radix sort; cells are at most `most`.
 fn sort_by_cell(cells: &mut Vec<(u64, u16)>, sorting: &mut Vec<(u64, u16)>, most: u64) {
     const BITS: u32 = 11;
     let mut shift = 0;
@@ -361,13 +364,13 @@ struct Queue {
     weights: Vec<f64>,
     /// First candidate of each bucket.
     heads: Vec<u16>,
-    /// Next candidate of the same bucket.
+    /// Next candidate in the same bucket.
     next: Vec<u16>,
 }
 
 impl Queue {
-    /// Removes the `excess` heaviest candidates one by one and lightens their neighbours. A candidate stays in its old
-    /// bucket until that is the heaviest.
+    /// Removes the `excess` heaviest candidates one by one and reduces their neighbours' weights. A candidate stays in
+    /// its old bucket until that bucket is the heaviest.
     fn remove_heaviest(&mut self, excess: usize, ends: &[u32], neighbours: &[u32]) {
         self.heads.clear();
         self.heads.resize(BUCKETS, NONE);
@@ -405,7 +408,7 @@ impl Queue {
     }
 }
 
-/// The bucket of a weight of 0 or more.
+/// Returns the bucket of a non-negative weight.
 fn bucket_of(weight: f64) -> usize {
     ((weight as f32).to_bits() >> BUCKET_SHIFT) as usize
 }
@@ -424,7 +427,7 @@ mod tests {
 
     #[test]
     fn elimination_leaves_few_close_pairs_and_no_holes() {
-        // One block, and sixteen of them.
+        // One block, and sixteen blocks.
         for (keep, share) in [(2000, 0.0), (60_000, 0.05)] {
             let mut random = Random::new(5);
             let points: Vec<DVec3> = (0..3 * keep).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect();
@@ -441,8 +444,8 @@ mod tests {
                 })
                 .collect();
             closest.sort_by(f64::total_cmp);
-            // Of the hexagonal distance, Yuksel's sets reach 0.7 at fivefold oversampling, and random points 0.01;
-            // pairs across blocks may be as close as those.
+            // Relative to the hexagonal distance, Yuksel's sets reach 0.7 at fivefold oversampling, and random points
+            // 0.01. Pairs across blocks may be as close as random points.
             let least = closest[(share * keep as f64) as usize];
             assert!(least > 0.6, "{keep}: {least}");
             let mean = closest.iter().sum::<f64>() / keep as f64;
@@ -461,7 +464,7 @@ mod tests {
     #[test]
     fn pairs_are_those_that_are_closer_than_the_smaller_reach() {
         let mut random = Random::new(9);
-        // A flat part, a thick one, and one far away; reaches over four powers of two, and exactly those.
+        // A flat part, a thick one, and one far away; reaches span four powers of two, and include exact powers.
         let mut points: Vec<DVec3> = (0..1500).map(|_| DVec3::new(random.unit(), random.unit(), 0.0)).collect();
         points.extend((0..500).map(|_| DVec3::new(random.unit(), random.unit(), 0.3 * random.unit())));
         points.extend((0..100).map(|_| DVec3::new(40.0 + 0.1 * random.unit(), -7.0, random.unit())));
@@ -490,14 +493,14 @@ mod tests {
             let (i, j) = (number(pair.first), number(pair.second));
             let exact = (1.0 - share(i, j).max(0.5)).powi(ALPHA);
             let got = f64::from(weight(u32::from(pair.weight)));
-            // Seven bits, and positions in f32.
+            // Tolerance for weights of seven bits and positions in f32.
             assert!((got / exact - 1.0).abs() < 0.02, "{got} {exact}");
         }
     }
 
     #[test]
     fn heaviest_candidates_are_removed_first_and_lighten_their_neighbours() {
-        // A chain whose links get heavier: each is removed for its heavier neighbour, but not two in a row.
+        // A chain with links of increasing weight: candidates are removed for their heavier link, but not two in a row.
         let bits = |weight: f32| weight.to_bits() >> 16;
         let links: Vec<u32> = (0..5).map(|i| bits((i as f32 - 8.0).exp2())).collect();
         let neighbours = [1 << 16 | links[0], links[0], 2 << 16 | links[1], 1 << 16 | links[1], 3 << 16 | links[2]];

@@ -4,29 +4,29 @@ use super::geometry::Geometry;
 use glam::DVec3;
 use std::ops::Range;
 
-/// Deepest level: splats 2⁸ times as fine as the root's.
+/// Deepest level, at which splats are 2⁸ times as fine as the root's.
 const DEEPEST: u32 = 8;
 
-/// A cube of the octree that has triangles.
+/// Cube of the octree that contains triangles.
 pub(crate) struct Node {
     pub(crate) depth: u32,
-    /// Its triangles, as a range of [`FaceTree::order`].
+    /// Triangles of the cube, as a range of [`FaceTree::order`].
     pub(crate) faces: Range<usize>,
-    /// Indices of its parts; none for a leaf.
+    /// Indices of the children; empty for a leaf.
     pub(crate) children: Range<u32>,
 }
 
-/// Nodes breadth first; the parts of a node follow one another.
+/// Octree nodes, breadth first; the children of a node are consecutive.
 pub(crate) struct FaceTree {
     pub(crate) nodes: Vec<Node>,
-    /// Triangles, those of a node next to one another.
+    /// Indices of triangles; those of a node are consecutive.
     pub(crate) order: Vec<u32>,
     /// Side of the root's cube.
     pub(crate) side: f64,
 }
 
 impl FaceTree {
-    /// Divides until at most `leaf_triangles` are left in a cube. Every triangle belongs to one leaf, whole.
+    /// Divides cubes until each has at most `leaf_triangles` triangles. Every triangle belongs to exactly one leaf.
     pub(crate) fn new(geometry: &Geometry, leaf_triangles: usize) -> Self {
         let count = geometry.areas.len();
         let centroid = |face: u32| geometry.corners(face as usize).iter().sum::<DVec3>() / 3.0;
@@ -65,7 +65,7 @@ impl FaceTree {
         Self { nodes, order, side: geometry.extent }
     }
 
-    /// The leaf of every triangle.
+    /// Returns the leaf of every triangle.
     pub(crate) fn leaf_of_face(&self) -> Vec<u32> {
         let mut leaves = vec![0; self.order.len()];
         for (i, node) in self.nodes.iter().enumerate().filter(|(_, n)| n.children.is_empty()) {

@@ -1,5 +1,6 @@
-//! Places beside creases and open edges that no splat covers: in facets narrower than splats are apart, and at the ends
-//! of creases, whose lines cut splats beyond them. Each gets a splat, in place of one that its neighbours stand in for.
+//! Closing of gaps beside creases and open edges, where no splat covers the surface: in facets narrower than the
+//! distance between splats, and at the ends of creases, whose lines also clip splats beyond them. Each gap gets a
+//! splat, moved from a place that its neighbours cover.
 
 use super::borders::Borders;
 use super::parts::Sample;
@@ -13,38 +14,40 @@ use std::collections::HashSet;
 use std::f64::consts::FRAC_1_SQRT_2;
 use surfel_math::basis::orthonormal;
 
-/// How often what moved splats cover is looked at again.
+/// Maximum number of rounds; each tests what the moved splats cover.
 const ROUNDS: usize = 4;
-/// Of how many splats one moves at most in a round, and how many may.
+/// Limit of splats moved per round: one in `MOST_MOVED`, but at least `LEAST_MOVED`.
 const MOST_MOVED: usize = 64;
 const LEAST_MOVED: usize = 16;
-/// Least number of splats for each place along an edge: what these are looked at for must not cost more than splats do.
+/// Smallest number of splats per place along an edge. It limits the number of places, so that tests don't cost more
+/// than the splats.
 const SPLATS_A_PLACE: f64 = 2.0;
-/// How far apart along edges places are, and how far inside of them, over a splat's radius.
+/// Distance of places along edges, and their distances from the edge toward the face, relative to a splat's radius.
 const STEP: f64 = 0.2;
 const INSETS: [f64; 3] = [0.03, 0.3, 1.0];
-/// How far apart places are that get a splat each in one round, over its radius.
+/// Distance between places that get a splat in the same round, relative to the splat's radius.
 const APART: f64 = 0.5;
-/// Angles from a face's normal that it is seen at, in degrees.
+/// Angles from a face's normal at which places are tested, in degrees.
 const TILTS: [f64; 2] = [25.0, 50.0];
-/// Splats about a place that are asked whether they cover it: at first, and where these don't.
+/// Number of splats around a place that are tested for covering it: at first, and if these don't cover it.
 const ASKED: [usize; 2] = [6, 32];
-/// Splats of which one may go: the one whose neighbour is nearest.
+/// Number of splats from which the one with the nearest neighbour is removed.
 const CHOICE: usize = 8;
-/// Nearest splats, itself among them, that must stay where one goes, and how they must face.
+/// Number of nearest splats (with the splat itself) that must remain if one is removed, and the smallest cosine between
+/// their normals.
 const NEIGHBOURS: usize = 8;
 const ALIKE: f64 = 0.5;
 
-/// A place of a face.
+/// Face and position of a place.
 type Place = (u32, DVec3);
 
-/// Moves splats to places that none covers.
+/// Moves splats to places that no splat covers.
 pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &mut [Option<Grown>]) {
     let Some(radius) = radii::median(&mut on.radii.clone()) else { return };
     let geometry = on.geometry;
     let step = (STEP * radius).max(SPLATS_A_PLACE * borders.length() / kept.len() as f64);
     let mut bare: Vec<Place> = INSETS.iter().flat_map(|inset| borders.places(geometry, step, inset * radius)).collect();
-    // What covers a place beside a border is cut by it.
+    // Only clipped splats can cover a place beside a border.
     let cut: Vec<usize> = (0..kept.len()).filter(|i| kept[*i].is_some()).collect();
     let of_cut = KdTree::new(&cut.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
     for asked in ASKED {
@@ -76,7 +79,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     }
 }
 
-/// Of places, the first in each cube that is as wide as splats are apart that get there, and region.
+/// Selects the first of the places in each cube and region; the cube's side is the distance between moved splats.
 fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Iterator<Item = Place> + 'a {
     let mut cells = HashSet::new();
     let cell = move |(face, q): &Place| {
@@ -85,7 +88,7 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
     places.iter().filter(move |place| cells.insert(cell(place))).copied()
 }
 
-/// The places that none of some splats covers, of which so many nearest to each are asked.
+/// Returns the places that none of some splats covers. For each place, the `asked` nearest splats are tested.
 fn uncovered(
     on: &Placed,
     kept: &[Option<Grown>],
@@ -107,7 +110,7 @@ fn uncovered(
                     bare == [false; EYES]
                 })
             };
-            // What covers a place often covers the next one, too.
+            // A splat that covers one place often covers the next one, too.
             if cover(found) {
                 return false;
             }
@@ -118,12 +121,13 @@ fn uncovered(
     places.iter().zip(is_bare).filter(|(_, is_bare)| *is_bare).map(|(place, _)| *place).collect()
 }
 
-/// At most so many splats that can go: no border cuts them, and none of their neighbours goes. Those are first that
-/// others are nearest to, over their radius.
+/// Selects at most `most` splats that can be moved: no border clips them, and none of their neighbours is moved. They
+/// are sorted by the distance of their nearest neighbour, relative to their radius.
 fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     let tree = KdTree::new(&on.positions);
     let whole: Vec<usize> = (0..tree.len()).filter(|slot| kept[tree.index(*slot)].is_none()).collect();
-    // Evenly over the tree, which is evenly over the surface. Of two that are chosen, one may be a neighbour of others.
+    // Choices are spread evenly over the tree, and thus over the surface. Twice as many are needed, because some
+    // neighbour each other.
     let choices = (2 * most).min(whole.len() / CHOICE);
     let nearest_of = |slot: usize, found: &mut Nearest| {
         tree.nearest(tree.point(slot), found);
@@ -154,7 +158,7 @@ fn spared(on: &Placed, kept: &[Option<Grown>], most: usize) -> Vec<usize> {
     ordered.into_iter().map(|(_, slot)| tree.index(slot)).take(most).collect()
 }
 
-/// Unit vectors toward eyes that see a face: along its normal, and tilted from it to several sides.
+/// Returns unit vectors toward viewpoints of a face: along its normal, and tilted to several sides.
 fn seen_from(normal: DVec3) -> [DVec3; EYES] {
     let (u, v) = orthonormal(normal);
     let [(sin, cos), (far_sin, far_cos)] = TILTS.map(|degrees| degrees.to_radians().sin_cos());

@@ -9,42 +9,42 @@ use std::cell::LazyCell;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, Mesh};
 
-/// Cosine of the crease angle, 40°: faces that meet at a larger one don't share a smooth normal.
+/// Cosine of the crease angle, 40°: faces that meet at a larger angle don't share a smooth normal.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
-/// Cosine of a fiftieth of a degree: normals that differ by less are one.
+/// Cosine of 0.02°: normals that differ by less count as equal.
 pub(crate) const SAME_NORMAL: f64 = 1.0 - 6e-8;
-/// Cosine of 15°: splats on faces that meet at less don't stand out by half the distance between them.
+/// Cosine of 15°: on faces that meet at a smaller angle, splats don't protrude by half the distance between them.
 const BENT_COS: f64 = 0.965_925_826_289_068;
-/// A triangle has no area when it is thinner than this share of its longest edge: below it, its normal is made of
-/// the rounding of f32 positions.
+/// Thickness of a triangle, relative to its longest edge, below which it counts as without area: its normal would
+/// consist of the rounding of f32 positions.
 const THINNEST: f64 = 1e-9;
 
-/// Area over the square of the extent from which a mesh is looked through for triangles that repeat others: a closed
-/// box has 6 at most. Splats of thousands of triangles in one place would all lie on each other.
+/// Area, relative to the squared extent, from which a mesh is searched for repeated triangles; a closed box has at most
+/// 6. Without the search, the splats of thousands of triangles in one place would all coincide.
 const MANIFOLD: f64 = 8.0;
 
-/// A mesh as the samplers read it. Indices must be valid and positions finite.
+/// A mesh prepared for sampling. Indices must be valid and positions finite.
 pub(crate) struct Geometry<'a> {
     pub(crate) mesh: &'a Mesh,
     pub(crate) positions: Vec<DVec3>,
-    /// Unit face normals; zero where a triangle has no area.
+    /// Unit face normals; zero for triangles without area.
     pub(crate) normals: Vec<DVec3>,
-    /// Areas; zero where the normal is.
+    /// Face areas; zero if the normal is.
     pub(crate) areas: Vec<f64>,
-    /// Largest side of the bounds.
+    /// Largest side of the bounding box.
     pub(crate) extent: f64,
-    /// Triangles that repeat others; they count as without area.
+    /// Number of triangles that repeat others; they count as without area.
     pub(crate) repeated: usize,
 }
 
-/// An edge of the surface between welded vertices, seen from one of its faces.
+/// Edge between welded vertices, as part of one of its faces.
 #[derive(Clone, Copy)]
 pub(super) struct Side {
     pub(super) lo: u32,
     pub(super) hi: u32,
-    /// The corner (3·face + 0..3) that the edge starts at, in the face's own order.
+    /// Corner (3·face + 0..3) at which the edge starts, in the face's own order.
     corner: u32,
-    /// The face runs from `lo` to `hi`.
+    /// True if the face runs from `lo` to `hi`.
     pub(super) forward: bool,
 }
 
@@ -54,27 +54,27 @@ impl Side {
     }
 }
 
-/// Why a splat ends at an edge.
+/// Reason why a splat ends at an edge.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
     /// There is no face on the other side.
     Open,
-    /// Faces meet at a large angle, or more than two of them, or their windings disagree.
+    /// Faces meet at a large angle, or more than two meet, or their windings disagree.
     Crease,
-    /// The surface is smooth, but bends by so much that splats would stand out of it.
+    /// The surface is smooth, but bends so much that splats would protrude from it.
     Bend,
-    /// The surface goes on, but another part of an octree has it.
+    /// The surface continues in another part of an octree.
     Cut,
 }
 
-/// An edge where splats end, seen from the face on one of its sides.
+/// Edge at which splats end, as part of the face on one of its sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
-    /// Its ends, with the face on the left when seen from outside.
+    /// Ends of the edge, with the face on the left when seen from outside.
     pub(crate) ends: [DVec3; 2],
-    /// The corner (3·face + 0..3) that it starts at.
+    /// Corner (3·face + 0..3) at which the edge starts.
     pub(crate) corner: u32,
-    /// The face on the other side, where there is one and no more.
+    /// Face on the other side, if there is exactly one.
     pub(crate) across: Option<u32>,
     pub(crate) kind: Kind,
 }
@@ -85,15 +85,15 @@ impl Border {
     }
 }
 
-/// How a surface is smooth, and where it isn't.
+/// Smooth normals of a surface, its borders, and its smooth regions.
 pub(crate) struct Smooth {
     /// Unit normals of every corner.
     pub(crate) corner_normals: Vec<[DVec3; 3]>,
-    /// Edges that are creases or open.
+    /// Number of edges that are creases or open.
     pub(crate) feature_edges: usize,
-    /// Such edges, and those at which the surface bends by more than 15°, from each of their sides.
+    /// Feature edges, and edges at which the surface bends by more than 15°, once for each of their sides.
     pub(crate) borders: Vec<Border>,
-    /// The smooth part of the surface that each face belongs to: the parts that creases and open edges divide.
+    /// Smooth region of each face: regions are separated by creases and open edges.
     pub(crate) regions: Vec<u32>,
 }
 
@@ -126,7 +126,7 @@ impl<'a> Geometry<'a> {
         geometry
     }
 
-    /// Takes the area of triangles that repeat another one, with its side, corner by corner.
+    /// Zeroes the area and normal of triangles that repeat another one, corner by corner and with the same winding.
     fn drop_repeated(&mut self) {
         let key = |face: usize| {
             let corners = self.corners(face).map(|p| (p + DVec3::ZERO).to_array().map(f64::to_bits));
@@ -155,7 +155,7 @@ impl<'a> Geometry<'a> {
         self.areas.iter().filter(|a| **a == 0.0).count() - self.repeated
     }
 
-    /// Area of the triangles that have an edge longer than `limit`.
+    /// Returns the area of the triangles that have an edge longer than `limit`.
     pub(crate) fn area_of_long_triangles(&self, limit: f64) -> f64 {
         let is_long = |face: usize| {
             let [a, b, c] = self.corners(face);
@@ -164,7 +164,7 @@ impl<'a> Geometry<'a> {
         (0..self.areas.len()).filter(|f| is_long(*f)).map(|f| self.areas[f]).sum()
     }
 
-    /// For each vertex the first vertex in the same place: files split vertices along texture seams.
+    /// Returns, for each vertex, the first vertex in the same place: files split vertices along texture seams.
     pub(crate) fn weld(&self) -> Vec<u32> {
         let mut order: Vec<u32> = (0..self.positions.len() as u32).collect();
         let key = |i: u32| (self.positions[i as usize] + DVec3::ZERO).to_array().map(f64::to_bits);
@@ -180,18 +180,18 @@ impl<'a> Geometry<'a> {
         first
     }
 
-    /// The corner angle of `face` at its corner 0..3.
+    /// Returns the angle of `face` at its corner 0..3.
     pub(crate) fn angle(&self, face: usize, corner: usize) -> f64 {
         let p = self.corners(face);
         let (a, b) = (p[(corner + 1) % 3] - p[corner], p[(corner + 2) % 3] - p[corner]);
         a.cross(b).length().atan2(a.dot(b))
     }
 
-    /// Smooth unit normals of every corner, the edges that are creases or open, and the parts that these divide.
+    /// Computes smooth unit normals of every corner, the edges that are creases or open, and the regions between them.
     ///
-    /// Where the mesh has vertex normals, they are the answer. Else normals are averaged over the corners of a
-    /// vertex, weighted by angle (Thürmer and Wüthrich 1998), across edges of at most 40° and others that are no
-    /// [`Creases`].
+    /// Vertex normals of the mesh are used if it has any. Otherwise normals are averaged over the corners of a vertex,
+    /// weighted by angle (Thürmer and Wüthrich 1998). The mean includes faces across edges of at most 40°, and across
+    /// steeper edges that are no [`Creases`].
     pub(crate) fn smooth(&self) -> Smooth {
         let smooth = self.smooth_corners(&self.weld());
         let Some(given) = &self.mesh.normals else { return smooth };
@@ -216,7 +216,7 @@ impl<'a> Geometry<'a> {
             }
         }
         sides.par_sort_unstable_by_key(|s| (s.lo, s.hi, s.corner));
-        // Groups of corners that share a normal, and of faces that nothing divides.
+        // Union-find groups of corners that share a normal, and of faces in one region.
         let mut group: Vec<u32> = (0..3 * self.areas.len() as u32).collect();
         let mut regions: Vec<u32> = (0..self.areas.len() as u32).collect();
         let (mut borders, mut feature_edges) = (Vec::new(), 0);
@@ -226,7 +226,7 @@ impl<'a> Geometry<'a> {
             join(&mut group, a.corner, next(b.corner));
             join(&mut group, next(a.corner), b.corner);
         };
-        // Normals of the mesh's own go before those that are shared here.
+        // Crease detection is needed only if the mesh has no normals of its own.
         let creases = self.mesh.normals.is_none().then(|| LazyCell::new(|| Creases::new(self, &sides)));
         for edge in edges(&sides) {
             match edge {
@@ -269,7 +269,7 @@ impl<'a> Geometry<'a> {
         Smooth { corner_normals, feature_edges, borders, regions }
     }
 
-    /// An edge as its face sees it, `across` the other one there.
+    /// Builds the border of a face's edge; `across` is the edge as part of the other face.
     fn border(&self, side: &Side, across: Option<&Side>, kind: Kind) -> Border {
         let corners = self.corners(side.corner as usize / 3);
         let k = side.corner as usize % 3;
@@ -281,13 +281,13 @@ impl<'a> Geometry<'a> {
         self.cos(a, b) >= CREASE_COS
     }
 
-    /// Of the angle between two faces' normals.
+    /// Returns the cosine of the angle between two faces' normals.
     pub(super) fn cos(&self, a: &Side, b: &Side) -> f64 {
         self.normals[a.face()].dot(self.normals[b.face()])
     }
 
-    /// Unit normals of the vertices, averaged over all their faces by angle and over vertices in the same place;
-    /// the mesh's own where it has them. Zero for vertices of no face.
+    /// Returns unit normals of the vertices: the mesh's own, or the angle-weighted mean over all faces of vertices in
+    /// the same place. Zero for vertices of no face.
     pub(crate) fn vertex_normals(&self, weld: &[u32]) -> Vec<DVec3> {
         let mut sums = vec![DVec3::ZERO; weld.len()];
         for (face, t) in self.mesh.triangles.iter().enumerate() {
@@ -303,15 +303,15 @@ impl<'a> Geometry<'a> {
         weld.iter().enumerate().map(normal).collect()
     }
 
-    /// True when the mesh has colours or a texture.
+    /// True if the mesh has colours or a texture.
     pub(crate) fn is_painted(&self) -> bool {
         let m = self.mesh;
         m.colors.is_some() || m.alphas.is_some() || m.is_textured()
     }
 
-    /// What normal maps make of the smooth unit normal at barycentric coordinates `b` of a face: the mean of what lies
-    /// about it in a square of side `extent` (in object units), by nine samples; by one where that is 0. The image's
-    /// axes follow the texture coordinates of the face.
+    /// Applies the normal map to the smooth unit normal at barycentric coordinates `b` of a face. The map is averaged
+    /// over nine samples in a square of side `extent` (in object units), or sampled once if that is 0. The image's axes
+    /// follow the face's texture coordinates.
     pub(crate) fn mapped_normal(&self, face: usize, b: [f64; 3], smooth: DVec3, extent: f64) -> DVec3 {
         let (Some(map), Some(uvs)) = (self.mesh.material(face).normal_map, &self.mesh.uvs) else { return smooth };
         let Some((right, up)) = self.image_axes(face, smooth) else { return smooth };
@@ -337,8 +337,8 @@ impl<'a> Geometry<'a> {
         if mapped == DVec3::ZERO { smooth } else { mapped }
     }
 
-    /// Where right and up in an image point on a face, as unit vectors across a normal; `None` where the texture
-    /// coordinates don't spread over the face.
+    /// Returns the image's right and up directions on a face, as unit vectors across a normal; `None` if the texture
+    /// coordinates have no area.
     fn image_axes(&self, face: usize, normal: DVec3) -> Option<(DVec3, DVec3)> {
         let uvs = self.mesh.uvs.as_ref()?;
         let [a, b, c] = self.corners(face);
@@ -346,7 +346,7 @@ impl<'a> Geometry<'a> {
         let (e, f, g, h) = (b - a, c - a, q - p, r - p);
         let turns = g.perp_dot(h);
         let across = |v: DVec3| unit(v - normal * normal.dot(v));
-        // (e h.y − f g.y)/turns is how places change with u, and downwards is along v.
+        // (e h.y − f g.y)/turns is the change of position with u; the change with v points down.
         let right = across((e * h.y - f * g.y) * turns.signum());
         let down = (f * g.x - e * h.x) * turns.signum();
         let up = normal.cross(right);
@@ -354,7 +354,7 @@ impl<'a> Geometry<'a> {
         (turns != 0.0 && right != DVec3::ZERO && right.is_finite()).then_some((right, up))
     }
 
-    /// Texels that a triangle shows; 0 without a texture.
+    /// Returns the number of texels that a triangle shows; 0 without a texture.
     pub(crate) fn texels(&self, face: usize) -> f64 {
         let (Some(texture), Some(uvs)) = (self.mesh.material(face).texture, &self.mesh.uvs) else { return 0.0 };
         let at = |i: u32| DVec3::new(uvs[i as usize][0].into(), uvs[i as usize][1].into(), 0.0);
@@ -363,7 +363,7 @@ impl<'a> Geometry<'a> {
         if area.is_finite() { area } else { 0.0 }
     }
 
-    /// Alpha at barycentric coordinates `b` of a face, whatever its material makes of it.
+    /// Returns alpha at barycentric coordinates `b` of a face, regardless of the material's alpha mode.
     pub(crate) fn alpha(&self, face: usize, b: [f64; 3]) -> f32 {
         let t = self.mesh.triangles[face].map(|i| i as usize);
         let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] as f32 * value(t[k])).sum::<f32>();
@@ -374,9 +374,9 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// Linear RGB and opacity of what lies about barycentric coordinates `b` of a face, in a square of side `extent`
-    /// (in object units), by nine samples: what a splat stands for. Places count by their opacity. Where no texture
-    /// varies, the one sample.
+    /// Returns the mean linear RGB and opacity around barycentric coordinates `b` of a face: the colour of a splat
+    /// there. Nine samples in a square of side `extent` (in object units) are weighted by their opacity. Without a
+    /// texture, one sample is enough.
     pub(crate) fn color_about(&self, face: usize, b: [f64; 3], extent: f64) -> [f32; 4] {
         let own = self.color(face, b);
         let material = self.mesh.material(face);
@@ -391,7 +391,7 @@ impl<'a> Geometry<'a> {
         let (mut sum, mut plain) = ([0.0; 4], [0.0; 3]);
         for (x, y) in [-1.0, 0.0, 1.0].into_iter().flat_map(|y| [-1.0, 0.0, 1.0].map(|x| (x, y))) {
             let at: [f64; 3] = std::array::from_fn(|k| b[k] + (x * u[k] + y * v[k]) * extent / 3.0);
-            // Beyond an edge another triangle has the surface, and perhaps another part of the texture.
+            // Beyond an edge, another triangle has the surface, and perhaps another part of the texture.
             let is_other = (x != 0.0 || y != 0.0) && at.iter().all(|b| *b >= 0.0);
             let [r, g, b, a] = if is_other { self.color(face, at) } else { own };
             sum.iter_mut().zip([r * a, g * a, b * a, a]).for_each(|(s, c)| *s += c);
@@ -403,7 +403,7 @@ impl<'a> Geometry<'a> {
         [r, g, b, opacity]
     }
 
-    /// How barycentric coordinates of a face change along a vector; `None` where it has no area.
+    /// Returns the change of a face's barycentric coordinates along a vector; `None` if the face has no area.
     pub(crate) fn barycentric_change(&self, face: usize, along: DVec3) -> Option<[f64; 3]> {
         let [a, b, c] = self.corners(face);
         let (e, f) = (b - a, c - a);
@@ -414,7 +414,8 @@ impl<'a> Geometry<'a> {
         (self.areas[face] > 0.0 && v.is_finite() && w.is_finite()).then_some([-v - w, v, w])
     }
 
-    /// Linear RGB and opacity at barycentric coordinates `b` of a face: 0 where its material cuts it.
+    /// Returns linear RGB and opacity at barycentric coordinates `b` of a face; the opacity is 0 where the material
+    /// cuts it.
     pub(crate) fn color(&self, face: usize, b: [f64; 3]) -> [f32; 4] {
         let t = self.mesh.triangles[face].map(|i| i as usize);
         let mix = |value: &dyn Fn(usize) -> f32| (0..3).map(|k| b[k] as f32 * value(t[k])).sum::<f32>();
@@ -439,12 +440,12 @@ impl<'a> Geometry<'a> {
     }
 }
 
-/// The sides of each edge, of all in order.
+/// Returns the sides of each edge, for sides sorted by edge.
 pub(super) fn edges(sides: &[Side]) -> impl Iterator<Item = &[Side]> {
     sides.chunk_by(|a, b| (a.lo, a.hi) == (b.lo, b.hi))
 }
 
-/// The next corner of the same face.
+/// Returns the next corner of the same face.
 fn next(corner: u32) -> u32 {
     if corner % 3 == 2 { corner - 2 } else { corner + 1 }
 }

@@ -1,4 +1,4 @@
-//! Meshes to splats.
+//! Conversion of meshes to splats.
 
 mod borders;
 mod closed;
@@ -35,31 +35,31 @@ pub use vertices::points_from_mesh;
 
 /// Makes splats of a mesh.
 ///
-/// Colours come from the texture (times the vertex colours) or the vertex colours; alphas likewise. Origin, up and
-/// comments carry over, and the cloud's `interior_weight` is set. It is declared oriented if the mesh is
+/// Colours come from the texture (times the vertex colours) or the vertex colours; alphas likewise. Origin, up axis and
+/// comments are copied, and the cloud's `interior_weight` is set. The cloud is declared oriented if the mesh is
 /// ([`is_oriented`]).
 ///
-/// A splat lies in the plane of its triangle, which decides what side of it is seen; the mesh's own normals, or
-/// angle-weighted ones that don't average across creases, are its shading normal where they differ from the
-/// plane's. Lines clip it (rendering model §7) where its smooth part of the surface ends: at creases above 40°, at open
-/// edges, and where more than two triangles meet. A mesh without such edges has no clip columns.
+/// A splat is in the plane of its triangle, which determines its visible side. Its shading normal, if different, comes
+/// from the mesh's own normals, or from angle-weighted normals that aren't averaged across creases. Lines clip a splat
+/// (rendering model §7) where its smooth region ends: at creases above 40°, at open edges, and where more than two
+/// triangles meet. A mesh without such edges has no clip columns.
 ///
-/// - [`MeshMethod::PerFace`]: the Steiner circumellipse of each triangle, s and t its principal half-axes, s × t
-///   outward, clipped; without normals of the mesh's own it shades flat.
+/// - [`MeshMethod::PerFace`]: the Steiner circumellipse of each triangle, clipped. Axes s and t are the principal
+///   half-axes, with s × t outward. Without stored normals, the splats shade flat.
 /// - [`MeshMethod::PerVertex`]: [`points_from_mesh`], then radii from the local spacing as for points, unclipped, and
-///   as large as closes the triangles about a vertex. A splat lies in the mean plane of these.
-/// - [`MeshMethod::Count`]: exactly that many samples. Up to a million of them are blue noise (weighted sample
-///   elimination), more are stratified. Also clipped where triangles large enough to have three splats to themselves
-///   meet at 15° to 40°, so that disks stand out of the surface by at most 0.15 of the distance between them. Where
-///   lines leave little of a splat, it grows up to 2.2 times; in strips narrower than about a third of the distance
-///   between splats it reaches over the edge, since few of those have a splat. Where no splat covers a place beside an
-///   edge, seen from up to 50° off its normal, one is moved there that its neighbours stand in for: at most a sixteenth
-///   of all, and none of more than a million or of radii that are scaled down.
-/// - [`MeshMethod::Adaptive`]: that many where it is nearly flat, closer together on thin parts.
-/// - [`MeshMethod::Detail`]: as many samples as [`Detail`] says; closer where colours vary, if that makes them fewer.
+///   large enough to cover the triangles around a vertex. A splat is in the mean plane of these triangles.
+/// - [`MeshMethod::Count`]: exactly that many samples. Up to a million are blue noise (weighted sample elimination),
+///   more are stratified. Splats are also clipped where triangles large enough for three splats of their own meet at
+///   15° to 40°. Disks thus protrude from the surface by at most 0.15 of the distance between them. A splat of which
+///   lines leave little grows up to 2.2 times. In strips narrower than about a third of the distance between splats, it
+///   reaches over the edge, because few such strips have a splat. If no splat covers a place beside an edge, seen from
+///   up to 50° off its normal, a splat that its neighbours can replace is moved there. At most a sixteenth of all
+///   splats are moved, and none if there are more than a million or if radii are scaled down.
+/// - [`MeshMethod::Adaptive`]: that many samples if the mesh is nearly flat; samples are closer together on thin parts.
+/// - [`MeshMethod::Detail`]: the number of samples in [`Detail`], closer where colours vary if that saves samples.
 ///
 /// # Errors
-/// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] when no triangle has any,
+/// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] if no triangle has any,
 /// [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million elements, and
 /// [`SampleError::Model`] for a mesh that isn't valid.
 pub fn splats_from_mesh(
@@ -115,7 +115,7 @@ pub fn splats_from_mesh(
     finish(mesh, data, report, progress)
 }
 
-/// Adds the columns that carry over, validates, and measures the interior weight.
+/// Adds the columns copied from the mesh, validates the cloud, and measures the interior weight.
 fn finish(
     mesh: &Mesh,
     data: CloudData,

@@ -1,4 +1,4 @@
-//! A mesh as an octree of splats and polygons (rendering model §6, after G06 §5.2).
+//! Conversion of a mesh to an octree of splats and polygons (rendering model §6, after G06 §5.2).
 
 use super::closed::is_oriented;
 use super::count::splats_and_faces;
@@ -17,47 +17,45 @@ use surfel_model::{
     Transition,
 };
 
-/// Most splats of one level of the octree.
+/// Maximum number of splats in one level of the octree.
 const MOST_IN_LEVEL: f64 = 4e6;
 
-/// Limits of a level's splats: a mean number per node and per triangle, and a number that every level may have. They
-/// matter where triangles reach far beyond their node's cube, as those of a fan do. A closed surface has 200 to 800
-/// splats a node.
+/// Limits for a level's splats: a mean number per node, a mean number per triangle, and a number that every level may
+/// have. The limits matter if triangles reach far beyond their node's cube, as in a fan. A watertight surface has 200
+/// to 800 splats per node.
 const MOST_IN_NODE: usize = 1024;
 const MOST_ON_TRIANGLE: usize = 8;
 const SMALL_LEVEL: usize = 16_384;
 
-/// How a mesh becomes an octree.
+/// Options of the conversion of a mesh to an octree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct OctreeOptions {
-    /// Most triangles in a leaf; at least 1.
+    /// Maximum number of triangles in a leaf; at least 1.
     pub leaf_triangles: usize,
-    /// Splats along the side of a node's cube, on a surface parallel to it; at least 1.
+    /// Number of splats along the side of a node's cube, on a surface parallel to it; at least 1.
     pub splats_per_side: u32,
-    /// How the splats of each level take the mesh's colours ([`crate::fit_to_mesh`]).
+    /// Method by which the splats of each level sample the mesh's colours ([`crate::fit_to_mesh`]).
     pub texture: TextureSampling,
 }
 
 impl Default for OctreeOptions {
-    /// 64 triangles, which a leaf's 256 splats and more stand for, and colours one by one.
+    /// Returns 64 triangles, for which a leaf has 256 splats and more, and point-sampled colours.
     fn default() -> Self {
         Self { leaf_triangles: 64, splats_per_side: 16, texture: TextureSampling::Point }
     }
 }
 
-/// Puts a mesh into an octree: every node has splats for its part of the surface, half as far apart as those of the
-/// node above, and a leaf has its polygons besides. Edges between leaves get splats of their own, centred on them and
-/// as large as the finer leaf's, whose splats within half a spacing of such an edge are left out; creases above 40° get
-/// none.
+/// Converts a mesh to an octree. Every node has splats for its part of the surface, at half the distance of its
+/// parent's, and a leaf also has its polygons. Edges shared by leaves get splats of their own, centred on the edge and
+/// as large as the finer leaf's. That leaf's splats within half a spacing of the edge are dropped. Creases above 40°
+/// get no edge splats.
 ///
-/// A mesh without normals gets those that its splats are shaded with: smooth but for creases above 40°. Colours come
-/// from textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a far view is
-/// the near one filtered (Z01 §8); the interior weight is that of the leaves' splats.
-/// Polygons take one texture: where the mesh has several, they show them by their vertices' colours
-/// ([`Mesh::with_one_material`]). Deterministic.
-///
+/// A mesh without normals gets the shading normals of its splats: smooth except at creases above 40°. Colours come from
+/// textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a far view is the
+/// filtered near view (Z01 §8). The interior weight is that of the leaves' splats. Polygons have one texture: a mesh
+/// with several shows them by its vertices' colours ([`Mesh::with_one_material`]). The result is deterministic.
 /// # Errors
-/// As [`super::splats_from_mesh`] with [`MeshMethod::Count`]; [`SampleError::Option`] for an option of 0.
+/// Same as [`super::splats_from_mesh`] with [`MeshMethod::Count`]; [`SampleError::Option`] for an option of 0.
 pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Progress) -> Result<Octree, SampleError> {
     if options.leaf_triangles == 0 || options.splats_per_side == 0 {
         return Err(SampleError::option("leaf_triangles or splats_per_side", 0, "at least 1"));
@@ -76,7 +74,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     }
     let tree = FaceTree::new(&geometry, options.leaf_triangles);
     let spacing_at = |depth: u32| tree.side / f64::from(options.splats_per_side) / f64::from(depth).exp2();
-    // Corners at which an edge of the whole mesh starts where splats end.
+    // Corners at which an edge starts that is a border of the whole mesh.
     let mut is_border = vec![false; 3 * mesh.triangles.len()];
     let shared = {
         let smooth = geometry.smooth();
@@ -87,7 +85,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     let mut edges_of: BTreeMap<u32, Vec<[DVec3; 2]>> = BTreeMap::new();
     for (leaves, shared) in &shared {
         let depths = leaves.map(|leaf| tree.nodes[leaf as usize].depth);
-        // Where leaves differ, their edge has the finer one's splats, which can't stand for the coarser one's.
+        // If leaves differ in depth, their edge has splats of the finer size, which can't replace the coarser leaf's.
         let finest = leaves.iter().zip(depths).filter(|(_, depth)| *depth == depths[0].max(depths[1]));
         finest.for_each(|(leaf, _)| edges_of.entry(*leaf).or_default().extend(&shared.edges));
     }
@@ -112,7 +110,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
             }
             let faces = &tree.order[node.faces.clone()];
             let own = (start..splats.len()).map(|k| splats.normals[k as usize]);
-            // Splats that borders cut may have grown, also those of the nodes below, which are half as large.
+            // Splats cut by borders may have grown, also those of child nodes, which are half as large.
             let largest = if splats.is_clipped(start) { radius * f64::max(1.0, 0.5 * MOST_GROWN) } else { radius };
             let largest = splats.radius_from(start).max(largest);
             let mut described = describe(&geometry, faces, own, radius, largest);
@@ -135,7 +133,7 @@ pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Pro
     weighted(Octree::new(cloud, ordered, nodes, transitions)?)
 }
 
-/// Some of the triangles, in this order, with all vertices.
+/// Returns the mesh with only these triangles, in this order, and all vertices.
 fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
     Mesh {
         triangles: faces.iter().map(|face| mesh.triangles[*face as usize]).collect(),
@@ -144,8 +142,8 @@ fn some_triangles(mesh: &Mesh, faces: &[u32]) -> Mesh {
     }
 }
 
-/// The mesh with the normals that its splats are shaded with, so that both look alike. A vertex whose triangles meet at
-/// a crease becomes several.
+/// Returns the mesh with the normals that shade its splats, so that both look alike. A vertex whose triangles meet at a
+/// crease is split.
 fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     let corner_normals = Geometry::new(mesh).smooth().corner_normals;
     let mut vertex_of: BTreeMap<(u32, [u32; 3]), u32> = BTreeMap::new();
@@ -172,7 +170,7 @@ fn with_smooth_normals(mesh: &Mesh) -> Mesh {
     }
 }
 
-/// Measures the interior weight where splats are finest.
+/// Measures the interior weight on the finest splats.
 fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).map(|n| n.splats.clone());
     let finest: Vec<_> = leaves.chain(octree.transitions().iter().map(|t| t.splats.clone())).collect();
@@ -185,11 +183,11 @@ fn weighted(octree: Octree) -> Result<Octree, SampleError> {
     Ok(Octree::new(cloud, octree.mesh().clone(), octree.nodes().to_vec(), octree.transitions().to_vec())?)
 }
 
-/// The surface of all nodes of one depth, sampled at once, so that nodes meet without a seam.
+/// Surface of all nodes of one depth, sampled at once, so that there are no seams between nodes.
 struct Level {
     cloud: SplatCloud,
     spacing: f64,
-    /// Splats of each node.
+    /// Indices of each node's splats.
     splats_of: Vec<Vec<usize>>,
 }
 
@@ -236,7 +234,7 @@ impl Level {
     }
 }
 
-/// Sphere and cone of a node's triangles and splats; ranges are left empty.
+/// Returns a node with the bounding sphere and the normal cone of its triangles and splats, and empty ranges.
 fn describe(
     geometry: &Geometry,
     faces: &[u32],
@@ -251,12 +249,12 @@ fn describe(
     let weighted = |face: &u32| geometry.normals[*face as usize] * geometry.areas[*face as usize];
     let axis = unit(faces.iter().map(weighted).sum());
     let normals = faces.iter().map(|face| geometry.normals[*face as usize]).filter(|n| *n != DVec3::ZERO).chain(splats);
-    // A hair wider, for the rounding of the normals themselves.
+    // Slightly wider, for the rounding of the normals themselves.
     let cosine = normals.map(|n| n.dot(axis)).fold(1.0, f64::min) - 1e-6;
     let has_axis = axis != DVec3::ZERO;
     OctreeNode {
         center: center.to_array(),
-        // The splats of all nodes below lie on the same triangles and are no larger.
+        // The splats of all descendants are on the same triangles and are no larger.
         radius: reach + largest,
         splat_radius: radius,
         cone_axis: if has_axis { axis.to_array() } else { [0.0, 0.0, 1.0] },
@@ -283,12 +281,12 @@ impl Collected {
         self.centers.len() as u32
     }
 
-    /// Splats from `start` on are clipped, one or more of them.
+    /// True if any splat from `start` on is clipped.
     fn is_clipped(&self, start: u32) -> bool {
         self.clip_lines[start as usize..].iter().any(|lines| !lines[0].a.is_nan())
     }
 
-    /// The largest semi-axis from splat `start` on.
+    /// Returns the largest semi-axis from splat `start` on.
     fn radius_from(&self, start: u32) -> f64 {
         self.axes[start as usize..].iter().map(|(s, _)| s.length()).fold(0.0, f64::max)
     }

@@ -4,78 +4,79 @@ use super::detail::Detail;
 use super::geometry::Geometry;
 use surfel_model::Mesh;
 
-/// The way in which a mesh becomes splats.
+/// Method by which a mesh becomes splats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum MeshMethod {
-    /// One ellipse a triangle, through its three vertices (Bézier clipping paper 2012, §5.1).
+    /// One ellipse per triangle, through its three vertices (Bézier clipping paper 2012, §5.1).
     PerFace,
     /// The vertices as points: for dense scans.
     PerVertex,
-    /// This many samples, spread evenly over the surface.
+    /// A given number of samples, spread evenly over the surface.
     Count(usize),
-    /// This many samples where they are spread evenly, but closer together, and so more of them, where disks would
-    /// stand out of the bent surface by more than a third of a pixel of an image of 1024².
+    /// A given number of samples for a flat mesh, spread evenly. Where disks would protrude from the bent surface,
+    /// samples are closer together, so that there are more in total. The limit is a third of a pixel in an image of
+    /// 1024².
     Adaptive(usize),
-    /// As many samples as shape and colours ask for ([`Detail`]).
+    /// The number of samples that the mesh's shape and colours need ([`Detail`]).
     Detail,
 }
 
 impl MeshMethod {
-    /// True of samples that are spread over the surface.
+    /// True for methods that spread samples over the surface.
     pub fn is_spread(self) -> bool {
         matches!(self, Self::Count(_) | Self::Adaptive(_) | Self::Detail)
     }
 }
 
-/// How a mesh becomes splats.
+/// Options of the conversion of a mesh to splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MeshOptions {
-    /// The method.
+    /// Method of the conversion.
     pub method: MeshMethod,
-    /// Multiplies every radius; greater than 0, default 1.
+    /// Factor for every radius; greater than 0, default 1.
     pub radius_scale: f64,
 }
 
 /// Report of a conversion of a mesh to splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MeshReport {
-    /// The method used.
+    /// Method used.
     pub method: MeshMethod,
-    /// What the number of samples was chosen by, with [`MeshMethod::Detail`].
+    /// Numbers of splats considered, with [`MeshMethod::Detail`].
     pub detail: Option<Detail>,
-    /// Splats made.
+    /// Number of splats made.
     pub splats: usize,
-    /// Triangles without area, which no splat was made of.
+    /// Number of triangles without area; they get no splats.
     pub degenerate: usize,
-    /// Triangles that repeat others, which no splat was made of.
+    /// Number of triangles that repeat others; they get no splats.
     pub repeated: usize,
-    /// Creases and open edges of the surface, at which splats end, as a number of mesh edges.
+    /// Number of mesh edges that are creases or open edges, at which splats end.
     pub feature_edges: usize,
-    /// At least nine in ten samples shade by their facet's own normal: the mesh consists of flat parts.
+    /// True if at least nine in ten samples shade by their facet's own normal: the mesh consists of flat parts.
     pub flat: bool,
     /// Median of the larger semi-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in it.
+    /// The cloud's interior weight, as stored in the cloud.
     pub interior_weight: Option<f64>,
 }
 
-/// Vertices from which a mesh counts as dense.
+/// Number of vertices above which a mesh counts as dense.
 const DENSE: usize = 50_000;
-/// Spacing of automatic samples as a share of the largest side of the bounds: 2 px in an image of 1024², where
-/// one standard deviation of a splat is 1.7 px.
+/// Spacing of automatic samples, relative to the largest side of the bounds: 2 px in an image of 1024², where the
+/// standard deviation of a splat is 1.7 px.
 const SPACING: f64 = 2.0 / 1024.0;
-/// Fewest and most automatic samples.
+/// Smallest and largest number of automatic samples.
 const AUTOMATIC: (f64, f64) = (20_000.0, 500_000.0);
 
 impl MeshOptions {
-    /// Options with a method and the radius scale 1.
+    /// Returns options with a method and the radius scale 1.
     pub fn new(method: MeshMethod) -> Self {
         Self { method, radius_scale: 1.0 }
     }
 
-    /// The options where none are given. A mesh that is dense (above 50,000 vertices), even and without
-    /// a texture: its vertices. Any other: samples about 2 px apart in an image of 1024², 20,000 to 500,000 of them,
-    /// and more where it bends. One without triangles or area: its vertices.
+    /// Returns the default options for a mesh. A dense mesh (above 50,000 vertices) that is even and has no texture
+    /// becomes one splat per vertex, and so does a mesh without triangles or area. Any other mesh is sampled about
+    /// every 2 px in an image of 1024², by 20,000 to 500,000 samples, and more where it bends.
     pub fn auto(mesh: &Mesh) -> Self {
         let bad = |i: &u32| *i as usize >= mesh.positions.len();
         if mesh.triangles.is_empty() || mesh.triangles.iter().flatten().any(bad) {

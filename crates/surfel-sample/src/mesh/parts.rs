@@ -1,16 +1,16 @@
-//! Places on a mesh, and its faces divided into parts of about one size: what varies over a face is constant over a
-//! part.
+//! Division of a mesh's faces into parts of similar size. Quantities that vary over a face are constant in a part.
 
 use super::geometry::Geometry;
 use glam::DVec3;
 
-/// How often a face is halved, at most.
+/// Maximum number of times that a face is halved.
 const MOST_HALVINGS: f64 = 10.0;
-/// The four parts that a halved face has, each beside the one before it or the second: about a corner, or its middle.
+/// The four parts of a halved face: about a corner (`Some`), or in the middle. The order makes each part adjacent to
+/// the one before it or to the second.
 const CORNERS: [Option<usize>; 4] = [Some(0), None, Some(1), Some(2)];
 const MIDDLE: usize = 1;
 
-/// A place on the surface.
+/// Place on the surface.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Sample {
     pub(crate) face: u32,
@@ -24,32 +24,32 @@ impl From<(u32, [f64; 3])> for Sample {
 }
 
 impl Sample {
-    /// A place of a face.
+    /// Creates the sample at a position on a face.
     pub(crate) fn at(geometry: &Geometry, face: u32, place: DVec3) -> Self {
         let [a, ..] = geometry.corners(face as usize);
         let [u, v, w] = geometry.barycentric_change(face as usize, place - a).unwrap_or_default();
         Self { face, barycentric: [1.0 + u, v, w] }
     }
 
-    /// Where it is.
+    /// Returns the position.
     pub(crate) fn place(&self, geometry: &Geometry) -> DVec3 {
         let [a, b, c] = geometry.corners(self.face as usize);
-        // From a corner: a triangle far from the origin keeps its shape.
+        // Relative to a corner, so that a triangle far from the origin is not distorted.
         a + (b - a) * self.barycentric[1] + (c - a) * self.barycentric[2]
     }
 }
 
-/// Faces whose sides are halved again and again: 4ᵏ parts of equal area and of the face's own form. They follow each
-/// other so that any run of them lies together.
+/// Faces divided by halving their sides repeatedly: 4ᵏ parts of equal area, similar to the face. Any run of consecutive
+/// parts of a face is contiguous.
 #[derive(Clone, Debug)]
 pub(crate) struct Parts {
-    /// The first part of each face, and the number of all.
+    /// Index of the first part of each face, and the number of all parts.
     first: Vec<u32>,
 }
 
 impl Parts {
-    /// Parts of about half of a square of side `side`; infinity leaves every face whole. There are at most about `most`
-    /// more than faces.
+    /// Divides faces into parts of about half of a square of side `side`; infinity leaves every face whole. There are
+    /// at most about `most` more parts than faces.
     pub(crate) fn new(geometry: &Geometry, side: f64, most: usize) -> Self {
         let side = side.max((2.0 * geometry.total_area() / most as f64).sqrt());
         let mut first = vec![0];
@@ -62,12 +62,12 @@ impl Parts {
         Self { first }
     }
 
-    /// How many there are.
+    /// Returns the number of parts.
     pub(crate) fn len(&self) -> usize {
         self.first.last().map_or(0, |n| *n as usize)
     }
 
-    /// The face that a part belongs to.
+    /// Returns the face of a part.
     pub(crate) fn face(&self, part: usize) -> usize {
         if self.len() + 1 == self.first.len() {
             return part;
@@ -75,23 +75,23 @@ impl Parts {
         self.first.partition_point(|first| *first as usize <= part) - 1
     }
 
-    /// The parts of a face.
+    /// Returns the parts of a face.
     pub(crate) fn of(&self, face: usize) -> std::ops::Range<usize> {
         self.first[face] as usize..self.first[face + 1] as usize
     }
 
-    /// How often a face is halved.
+    /// Returns the number of times that a face is halved.
     fn halvings(&self, face: usize) -> u32 {
         self.of(face).len().ilog2() / 2
     }
 
-    /// Area of a part.
+    /// Returns the area of a part.
     pub(crate) fn area(&self, geometry: &Geometry, part: usize) -> f64 {
         let face = self.face(part);
         geometry.areas[face] / self.of(face).len() as f64
     }
 
-    /// The part that a place of a face lies in.
+    /// Returns the part that contains a place of a face.
     pub(crate) fn at(&self, sample: &Sample) -> usize {
         let (face, mut b) = (sample.face as usize, sample.barycentric);
         let mut part = 0;
@@ -107,7 +107,7 @@ impl Parts {
         self.of(face).start + part
     }
 
-    /// A place of a part, whose own barycentric coordinates are given.
+    /// Returns the place in a part with these barycentric coordinates of the part.
     pub(crate) fn place(&self, part: usize, mut b: [f64; 3]) -> Sample {
         let face = self.face(part);
         let local = part - self.of(face).start;

@@ -1,4 +1,4 @@
-//! One ellipse a triangle (Bézier clipping paper 2012, §5.1).
+//! Conversion of a mesh to one ellipse per triangle (Bézier clipping paper 2012, §5.1).
 
 use super::borders::{Borders, clip_columns};
 use super::density::Density;
@@ -13,13 +13,13 @@ use surfel_model::{CloudData, Column3, Mesh};
 
 const CENTROID: [f64; 3] = [1.0 / 3.0; 3];
 
-/// Principal half-axes of the ellipse through the triangle's corners and around its centroid: the image of an
-/// equilateral triangle's circumscribed circle under the affine map between the two. s × t is along the normal of
-/// the counter-clockwise triangle, and s is the longer one.
+/// Returns the principal half-axes (s, t) of the ellipse through the triangle's corners and around its centroid: the
+/// image of an equilateral triangle's circumscribed circle under the affine map between the two. s × t is along the
+/// normal of the counter-clockwise triangle, and s is the longer axis.
 ///
-/// Two conjugate half-axes can be read off, corner 0 from the centroid and the opposite edge over √3 (what the
-/// paper's scale and shear give, eq. 13–16, without its frame); one rotation makes them orthogonal. That is the
-/// eigen-decomposition of the paper's covariance matrix, without squaring it.
+/// Two conjugate half-axes are known: corner 0 relative to the centroid, and the opposite edge over √3. The paper's
+/// scale and shear give the same axes (eq. 13–16), with a frame. One rotation makes the axes orthogonal. The result is
+/// the eigen-decomposition of the paper's covariance matrix, without squaring it.
 pub(crate) fn steiner_axes([a, b, c]: [DVec3; 3]) -> (DVec3, DVec3) {
     let f = ((a - b) + (a - c)) / 3.0;
     let g = (b - c) / 3.0_f64.sqrt();
@@ -69,7 +69,7 @@ pub(crate) fn splats(
         let at = |face: &usize| {
             let sum: DVec3 =
                 mesh.triangles[*face].iter().map(|i| unit(DVec3::from(normals[*i as usize].map(f64::from)))).sum();
-            // A normal that is missing, or three that cancel: the face's own.
+            // If a normal is missing, or three normals cancel, the face's own is used.
             if sum.is_finite() && sum.length() > 1e-6 { unit(sum).as_vec3() } else { geometry.normals[*face].as_vec3() }
         };
         data.shading_normals = Some(Column3::from_f32(faces.iter().map(at).collect()));

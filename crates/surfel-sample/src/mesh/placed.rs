@@ -1,4 +1,4 @@
-//! Splats at places on a mesh, and what its borders leave of them.
+//! Splats placed on a mesh, and their clipping by its borders.
 
 use super::borders::{Borders, FACING, FARTHEST, Kept, clip_columns};
 use super::density::Density;
@@ -11,31 +11,31 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::orthonormal;
 use surfel_model::{ClipColumns, Shape};
 
-/// Radii that a splat is tried at, over its own, where lines leave too little of it: what they cut off doesn't grow.
+/// Radii that are tried, relative to a splat's own, if lines leave too little of it. The clipped-off part doesn't grow.
 const GROWTH: [f64; 3] = [1.3, 1.7, MOST_GROWN];
-/// The largest.
+/// Largest growth of a splat's radius.
 pub(super) const MOST_GROWN: f64 = 2.2;
 
-/// A place that stands off a splat's plane by less, over its reach, is in it.
+/// Height over a splat's plane, relative to its reach, below which a place is in the plane.
 const IN_PLANE: f64 = 1e-3;
 
-/// Directions that a place is seen from.
+/// Number of directions from which a place is tested.
 pub(super) const EYES: usize = 9;
 
-/// Splats on the surface, before borders cut them.
+/// Splats on the surface, before borders clip them.
 pub(super) struct Placed<'a> {
     pub(super) geometry: &'a Geometry<'a>,
-    /// How far apart they are, and what their radii are of what that asks for.
+    /// Distance between splats, and the factor for the radii that follow from it.
     pub(super) density: &'a Density,
     pub(super) radius_scale: f64,
     pub(super) samples: Vec<Sample>,
     pub(super) positions: Vec<DVec3>,
-    /// Unit normals.
+    /// Unit normals of the splats' planes.
     pub(super) planes: Vec<DVec3>,
     pub(super) radii: Vec<f64>,
 }
 
-/// How large a splat is that borders cut, over its radius, and what it keeps.
+/// Growth of a clipped splat's radius, and the splat's visible part.
 pub(super) type Grown = (f64, Kept);
 
 /// Splats that end at the borders of the surface.
@@ -50,7 +50,7 @@ impl Placed<'_> {
         (u * self.radii[i] * scale, v * self.radii[i] * scale)
     }
 
-    /// Puts a splat elsewhere.
+    /// Moves a splat to another place.
     pub(super) fn put(&mut self, i: usize, sample: Sample) {
         self.samples[i] = sample;
         self.positions[i] = sample.place(self.geometry);
@@ -58,7 +58,7 @@ impl Placed<'_> {
         self.radii[i] = radii::DENSITY * self.density.at(&sample) * self.radius_scale;
     }
 
-    /// What is left of a splat; `None` where no border cuts it.
+    /// Returns the growth and the visible part of a splat; `None` if no border clips it.
     pub(super) fn grown(&self, i: usize, borders: &Borders, regions: &[u32], found: &mut Nearest) -> Option<Grown> {
         let region = regions[self.samples[i].face as usize];
         let mut at = |scale: f64| borders.keep(self.positions[i], self.axes(i, scale), region, found);
@@ -67,14 +67,14 @@ impl Placed<'_> {
             if kept.area * scale * scale >= kept.least() {
                 break;
             }
-            // It meets every border that a smaller one does.
+            // A larger splat meets every border that a smaller one does.
             (scale, kept) = (larger, at(larger)?);
         }
         kept.widen(kept.least() / (scale * scale));
         Some((scale, kept))
     }
 
-    /// That of each.
+    /// Returns [`Self::grown`] for each splat.
     pub(super) fn all_grown(&self, borders: &Borders, regions: &[u32], progress: &dyn Progress) -> Vec<Option<Grown>> {
         let count = self.samples.len();
         if borders.is_empty() {
@@ -84,12 +84,12 @@ impl Placed<'_> {
         map_each(count, progress, Borders::nearest, |found, i| self.grown(i, borders, regions, found))
     }
 
-    /// How far a splat reaches.
+    /// Returns the radius of a splat, with its growth.
     pub(super) fn reach(&self, i: usize, kept: &[Option<Grown>]) -> f64 {
         self.radii[i] * kept[i].as_ref().map_or(1.0, |(scale, _)| *scale)
     }
 
-    /// Takes from the unit vectors toward eyes that see a place bare those along which a splat covers it.
+    /// Marks the viewing directions along which a splat covers a place as no longer bare.
     pub(super) fn cover(
         &self,
         i: usize,
@@ -105,7 +105,7 @@ impl Placed<'_> {
             q.length_squared() < 1.0 && kept[i].as_ref().is_none_or(|(_, kept)| kept.keeps(q))
         };
         let height = -d.dot(normal);
-        // In the splat's plane it is the same for all.
+        // In the splat's plane, the answer is the same for all directions.
         let in_plane = (height.abs() < IN_PLANE * reach).then(|| keeps(d));
         if in_plane == Some(false) {
             return;
@@ -120,7 +120,7 @@ impl Placed<'_> {
         }
     }
 
-    /// Disks, or ellipses and the lines that clip them where a border cuts any.
+    /// Returns disks, or clipped ellipses if a border clips any splat.
     pub(super) fn bordered(&self, kept: &[Option<Grown>]) -> Bordered {
         let clips = clip_columns(kept.iter().map(|kept| kept.as_ref().map(|(_, kept)| kept)));
         let shape = if clips.is_none() {

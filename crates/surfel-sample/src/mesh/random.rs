@@ -1,4 +1,4 @@
-//! A small seeded generator: the same samples on every machine.
+//! Small seeded random generator, with the same results on every machine.
 
 /// `SplitMix64` (Steele et al. 2014, "Fast splittable pseudorandom number generators").
 pub(crate) struct Random(u64);
@@ -16,7 +16,7 @@ impl Random {
         z ^ (z >> 31)
     }
 
-    /// Uniform in [0, 1).
+    /// Returns a number uniformly distributed in [0, 1).
     pub(crate) fn unit(&mut self) -> f64 {
         (self.next() >> 11) as f64 / (1_u64 << 53) as f64
     }

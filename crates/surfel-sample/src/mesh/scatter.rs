@@ -1,25 +1,25 @@
-//! Places that are spread over a surface, as many on each part as are asked for.
+//! Places spread over a surface with a given number per part.
 
 use super::random::Random;
 use crate::parallel::map_each;
 use crate::progress::Progress;
 
-/// A place: a part's number, and barycentric coordinates of it.
+/// Place: the index of a part, and barycentric coordinates in the part.
 pub(crate) type PartPlace = (u32, [f64; 3]);
 
-/// Where the four triangles of half a triangle's size begin, in its barycentric coordinates 1 and 2, and their size;
-/// that of the middle one is negative, as it is turned.
+/// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and their sizes. The size of the
+/// middle quarter is negative, because it is rotated by half a turn.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
-/// Most digits of a number that choose between four parts.
+/// Maximum number of base-4 digits of an index that select a quarter.
 const MOST_DIGITS: u32 = 16;
 
-/// Numbered places, stratified by each part's share of the sum of weights along the order of the parts: the i-th of n
-/// lies in the i-th n-th of the sum.
+/// Numbered places, stratified by each part's share of the sum of weights in the order of the parts. Place i of n is in
+/// the i-th of n equal intervals of the sum.
 pub(crate) struct Scatter<'a> {
     weights: &'a [f64],
     /// Sums of weights up to the end of each part.
     ends: Vec<f64>,
-    /// The last part of any weight.
+    /// Last part with a positive weight.
     last: usize,
     /// Number of places.
     count: usize,
@@ -28,7 +28,7 @@ pub(crate) struct Scatter<'a> {
 }
 
 impl<'a> Scatter<'a> {
-    /// `count` places on parts with these weights, whose sum is `total`.
+    /// Prepares `count` places on parts with these weights; `total` is their sum.
     pub(crate) fn new(weights: &'a [f64], count: usize, total: f64) -> Self {
         let mut sum = 0.0;
         let ends = weights.iter().map(|weight| {
@@ -39,8 +39,8 @@ impl<'a> Scatter<'a> {
         Self { weights, ends: ends.collect(), last, count, total }
     }
 
-    /// All places, by the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g), frac(½ + i/g²), g³ = g + 1) within
-    /// each part.
+    /// Returns all places, by the low-discrepancy sequence R₂ (Roberts 2018, frac(½ + i/g), frac(½ + i/g²), g³ = g + 1)
+    /// within each part.
     pub(crate) fn even(&self, progress: &dyn Progress) -> Vec<PartPlace> {
         const STEPS: [f64; 2] = [0.754_877_666_246_693, 0.569_840_290_998_053];
         self.map(self.count, &|k| k, progress, &|i, part, _| {
@@ -49,7 +49,7 @@ impl<'a> Scatter<'a> {
         })
     }
 
-    /// All places, as [`Self::irregular_place`] places them; `of` makes something of each.
+    /// Returns the result of `of` for all places of [`Self::irregular_place`].
     pub(crate) fn irregular<T: Clone + Default + Send>(
         &self,
         progress: &dyn Progress,
@@ -58,14 +58,14 @@ impl<'a> Scatter<'a> {
         self.map(self.count, &|k| k, progress, &|i, part, random| of(self.irregular_place(i, part, random)))
     }
 
-    /// Some of the places of [`Self::irregular`], whose numbers ascend.
+    /// Returns some of the places of [`Self::irregular`]; their numbers must ascend.
     pub(crate) fn some_irregular(&self, numbers: &[u32], progress: &dyn Progress) -> Vec<PartPlace> {
         let number = |k: usize| numbers[k] as usize;
         self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, random))
     }
 
-    /// Results of `of` for `count` numbers, which ascend, in parallel and in order; `of` is given a number, its part
-    /// and its random numbers.
+    /// Returns the results of `of` for `count` ascending numbers, computed in parallel and in order. The arguments of
+    /// `of` are a number, its part and its random generator.
     fn map<T: Clone + Default + Send>(
         &self,
         count: usize,
@@ -74,14 +74,14 @@ impl<'a> Scatter<'a> {
         of: &(dyn Fn(usize, usize, Random) -> T + Sync),
     ) -> Vec<T> {
         progress.stage("samples", count as u64);
-        // Parts are searched from the one before on.
+        // Each search starts from the part before.
         let before = || None::<usize>;
         map_each(count, progress, before, |before: &mut Option<usize>, k| {
             let i = number(k);
             let mut random = Random::new(i as u64);
             let target = (i as f64 + random.unit()) / self.count as f64 * self.total;
             let mut part = before.unwrap_or_else(|| self.ends.partition_point(|end| *end <= target));
-            // Parts without weight end where they begin and are never met.
+            // Parts without weight end where they begin and are never selected.
             while part < self.last && self.ends[part] <= target {
                 part += 1;
             }
@@ -92,12 +92,12 @@ impl<'a> Scatter<'a> {
         })
     }
 
-    /// The i-th place, in part `part`, by the triangular van der Corput sequence (Basu and Owen 2015, "Low discrepancy
-    /// constructions in the triangle", §3). Its digits end at triangles that have one place each; there, places are
-    /// random.
+    /// Returns place `i` in part `part` by the triangular van der Corput sequence (Basu and Owen 2015, "Low discrepancy
+    /// constructions in the triangle", §3). The sequence is cut off at triangles with one place each, and places are
+    /// random within them.
     ///
-    /// Regular sequences coincide in some places and leave gaps in others where two of them meet: in the halves of R₂'s
-    /// square, beside an edge. Elimination would make holes of two spacings there.
+    /// Where two regular sequences meet, places coincide in some spots and leave gaps in others: between the halves of
+    /// R₂'s square, or beside an edge. Elimination would leave holes of two spacings there.
     fn irregular_place(&self, i: usize, part: usize, mut random: Random) -> PartPlace {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();
@@ -113,7 +113,8 @@ impl<'a> Scatter<'a> {
     }
 }
 
-/// Barycentric coordinates of a point of the unit square, whose farther half is turned onto the nearer one.
+/// Maps a point of the unit square to barycentric coordinates; the farther half of the square is rotated onto the
+/// nearer.
 fn folded(a: f64, b: f64) -> [f64; 3] {
     let (a, b) = if a + b > 1.0 { (1.0 - a, 1.0 - b) } else { (a, b) };
     [1.0 - a - b, a, b]
@@ -126,7 +127,7 @@ mod tests {
 
     #[test]
     fn places_share_parts_by_weight_and_lie_evenly_in_each() {
-        // 4096 places in the middle part: one in each of its 4⁶ triangles, but for where its first one falls.
+        // 4096 places in the middle part: one in each of its 4⁶ triangles, except for the offset of the first.
         let weights = [0.0, 1.0, 16.0, 0.0, 0.1, 0.0];
         let scatter = Scatter::new(&weights, 4378, 17.1);
         for places in [scatter.even(&NoProgress), scatter.irregular(&NoProgress, &|place| place)] {
@@ -139,12 +140,12 @@ mod tests {
         let places = scatter.irregular(&NoProgress, &|place| place);
         let mut cells = std::collections::HashSet::new();
         for (_, b) in places.iter().filter(|place| place.0 == 2) {
-            // Two triangles to each cell of a grid of 64.
+            // Two triangles per cell of a grid of 64.
             let [x, y] = [b[1] * 64.0, b[2] * 64.0];
             cells.insert((x as usize, y as usize, x.fract() + y.fract() > 1.0));
         }
         assert!(cells.len() > 4000, "{}", cells.len());
-        // Chosen numbers give the same places.
+        // A selection of numbers gives the same places.
         let numbers = [0, 17, 18, 900, 4377];
         let some = scatter.some_irregular(&numbers, &NoProgress);
         assert!(numbers.iter().zip(some).all(|(i, place)| places[*i as usize] == place));

@@ -1,8 +1,9 @@
-//! Splats of surfaces that can be seen through: they end where their material is cut, and where it stops being opaque.
+//! Splats of surfaces that are partly see-through: splats end where an alpha mask cuts the surface, or where it stops
+//! being opaque.
 //!
-//! Alpha is looked up in each splat's own disk, on the plane of its triangle. Where it is kept in a part of the disk
-//! only, four disks of half the size stand for it, twice over if there aren't too many of them; and the contour in what
-//! remains becomes up to four clip lines. Splats of which nothing is there are left out.
+//! Alpha is looked up in each splat's own disk, on the plane of its triangle. A disk that is only partly visible is
+//! replaced by four disks of half the size, up to twice if that doesn't add too many. The contour in the remaining
+//! disks becomes up to four clip lines. Invisible splats are removed.
 
 use super::geometry::Geometry;
 use crate::assemble;
@@ -11,23 +12,23 @@ use glam::{DVec2, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{AlphaMode, ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, Shape};
 
-/// Directions in which the contour is looked for, and steps out to the disk's rim along each.
+/// Number of directions in which the contour is searched, and of steps along each to the disk's rim.
 const DIRECTIONS: usize = 24;
 const STEPS: usize = 6;
-/// How far the contour's points may be off a line, as a share of the disk's radius.
+/// Largest distance of the contour's points from a line, relative to the disk's radius.
 const STRAIGHT: f64 = 0.1;
-/// Alpha below which nothing is seen: half a level of 256.
+/// Alpha below which nothing is visible: half a level of 256.
 const NOTHING: f32 = 0.5 / 255.0;
-/// A disk is left out if nothing is seen as far as its neighbours reach into it, in radii: those that are seen would
-/// otherwise lose what their alpha is averaged with, and stand out.
+/// Radius, in disk radii, within which everything must be invisible for a disk to be removed. Neighbours reach that far
+/// into the disk. Without it, visible neighbours would lose the zero alpha they are averaged with, and stand out.
 const REACH: f64 = 2.25;
-/// Barycentric coordinates this far outside of a triangle say nothing of its texture.
+/// Barycentric coordinate beyond which a place is too far from a triangle for its texture.
 const FAR: f64 = 4.0;
-/// How often a disk is divided.
+/// Maximum number of times that a disk is divided.
 const DIVISIONS: usize = 2;
-/// Most disks that division may add: as many as there are, and this many.
+/// Maximum number of disks that division may add to as many as there are.
 const MOST_ADDED: usize = 100_000;
-/// Share of a disk's radius that is half the distance to its neighbours.
+/// Half the distance to a disk's neighbours, relative to its radius.
 const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
 
 /// A splat, or a part of one.
@@ -35,23 +36,23 @@ const OWN_SHARE: f64 = 0.5 / crate::radii::DENSITY;
 struct Piece {
     /// Index of the splat.
     source: u32,
-    /// Place of its centre in the splat's disk, and its size as a share of the splat's.
+    /// Centre in the splat's disk, and size relative to the splat.
     at: DVec2,
     scale: f64,
     color: [f32; 4],
     fate: Fate,
 }
 
-/// What becomes of a piece.
+/// Result of the alpha test of a piece.
 #[derive(Clone, Copy, Default)]
 enum Fate {
     #[default]
     Whole,
-    /// The contour of what is kept runs through it.
+    /// The contour of the visible part crosses the piece.
     Clipped([ClipLine; 4]),
-    /// It isn't there, but for a part that doesn't hold its centre.
+    /// The piece is cut, except for a part that doesn't contain its centre.
     Scraps,
-    /// It is transparent, but for a part that is opaque.
+    /// The piece is transparent, except for an opaque part.
     Mixed,
     Gone,
 }
@@ -65,7 +66,7 @@ struct Disk<'a> {
     along_t: [f64; 3],
 }
 
-/// Leaves out what isn't there, and clips splats to what is. `faces` are the triangles of the splats.
+/// Removes invisible splats, and clips splats to the visible surface. `faces` are the triangles of the splats.
 pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (CloudData, Vec<u32>) {
     if !geometry.mesh.is_see_through() {
         return (data, faces);
@@ -79,7 +80,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
         Piece { fate: disk(i).map_or(Fate::Whole, |disk| fate(&disk, &piece)), ..piece }
     };
     let mut pieces = map_each(faces.len(), &crate::NoProgress, || (), |(), i| whole(i));
-    // A curve can't be had in a part of its splat.
+    // A curve can't be expressed in the coordinates of a part of its splat.
     let has_curve = |i: u32| data.clips.as_ref().is_some_and(|clips| clips.curve(i as usize).is_some());
     let is_mixed = |p: &Piece| matches!(p.fate, Fate::Clipped(_) | Fate::Scraps | Fate::Mixed) && !has_curve(p.source);
     let mut left = faces.len() + MOST_ADDED;
@@ -108,7 +109,7 @@ pub(crate) fn cut(geometry: &Geometry, data: CloudData, faces: Vec<u32>) -> (Clo
     (assembled(data, &axes, &pieces), faces)
 }
 
-/// Four disks of half the size in the place of one.
+/// Divides a disk into four disks of half the size.
 fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
     let offset = OWN_SHARE * piece.scale;
     [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(x, y)| {
@@ -118,7 +119,7 @@ fn quarters(disk: &Disk<'_>, piece: &Piece) -> [Piece; 4] {
     })
 }
 
-/// The splats that the pieces are.
+/// Builds the columns of a cloud from the pieces.
 fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> CloudData {
     let sources: Vec<u32> = pieces.iter().map(|piece| piece.source).collect();
     let clipped = pieces.iter().any(|piece| matches!(piece.fate, Fate::Clipped(_)));
@@ -174,7 +175,7 @@ fn assembled(data: CloudData, axes: &[(DVec3, DVec3)], pieces: &[Piece]) -> Clou
     CloudData { centers, shape, colors, alphas, shading_normals, clips, ..data }
 }
 
-/// A line of a splat in the units of a part of it.
+/// Converts a splat's line to the coordinates of one of its parts.
 fn in_part(line: ClipLine, part: &Piece) -> ClipLine {
     let (a, b) = (f64::from(line.a), f64::from(line.b));
     let c = f64::from(line.c) + a * part.at.x + b * part.at.y;
@@ -191,7 +192,7 @@ fn axes_of(shape: &Shape, i: usize) -> (DVec3, DVec3) {
     }
 }
 
-/// What becomes of a piece by its colour's opacity and the alpha in its disk.
+/// Returns the fate of a piece from its colour's opacity and the alpha in its disk.
 fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
     let alpha = |at: DVec2| disk.alpha(piece.at + at * piece.scale);
     let ring = |reach: f64| (0..DIRECTIONS).flat_map(move |k| [0.33, 0.66, 1.0].map(|r| direction(k) * (r * reach)));
@@ -209,7 +210,7 @@ fn fate(disk: &Disk<'_>, piece: &Piece) -> Fate {
 }
 
 impl<'a> Disk<'a> {
-    /// `None` where alpha is the same all over the triangle, and where that has no area.
+    /// Creates the disk of a splat; `None` if alpha is constant over the triangle, or if the triangle has no area.
     fn new(geometry: &'a Geometry<'a>, face: usize, center: DVec3, (s, t): (DVec3, DVec3)) -> Option<Self> {
         let mesh = geometry.mesh;
         let textured = mesh.uvs.is_some() && mesh.material(face).texture.is_some();
@@ -226,12 +227,12 @@ impl<'a> Disk<'a> {
         Some(Self { geometry, face, center, along_s: along_s?, along_t: along_t? })
     }
 
-    /// Alpha at a place in units of the half-axes.
+    /// Returns alpha at a place in units of the half-axes.
     fn alpha(&self, at: DVec2) -> f32 {
         self.geometry.alpha(self.face, self.barycentric(at))
     }
 
-    /// Colour and opacity of a part.
+    /// Returns the colour and opacity of a part.
     fn color(&self, at: DVec2, scale: f64) -> [f32; 4] {
         let radius = 0.5 * (self.length(self.along_s) + self.length(self.along_t)) * scale;
         self.geometry.color_about(self.face, self.barycentric(at), 2.0 * OWN_SHARE * radius)
@@ -242,7 +243,7 @@ impl<'a> Disk<'a> {
         if b.iter().all(|b| b.abs() < FAR) { b } else { self.center }
     }
 
-    /// Length of a vector that is given by its change of barycentric coordinates.
+    /// Returns the length of a vector that is given by its change of barycentric coordinates.
     fn length(&self, change: [f64; 3]) -> f64 {
         let [a, b, c] = self.geometry.corners(self.face);
         ((b - a) * change[1] + (c - a) * change[2]).length()
@@ -253,7 +254,7 @@ fn direction(k: usize) -> DVec2 {
     DVec2::from_angle(std::f64::consts::TAU * k as f64 / DIRECTIONS as f64)
 }
 
-/// Lines along the contour where alpha falls below `level` on the way out from the centre, where it doesn't.
+/// Finds lines along the contour where alpha falls below `level` on the way out from an opaque centre.
 fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
     let own = alpha(DVec2::ZERO);
     let crossing = |k: usize| {
@@ -287,8 +288,8 @@ fn contour(alpha: impl Fn(DVec2) -> f32, level: f32) -> Fate {
     if lines[0].a.is_nan() { Fate::Whole } else { Fate::Clipped(lines) }
 }
 
-/// The line through as many points about the `k`th as lie on one: its unit normal away from the centre, and how far
-/// from the centre it is.
+/// Fits a line to as many points around the `k`th as are collinear. Returns its unit normal, away from the centre, and
+/// its distance from the centre.
 fn straight(points: &[Option<DVec2>; DIRECTIONS], k: usize) -> (DVec2, f64) {
     let own = points[k].unwrap_or_default();
     let mut best = (own.normalize_or(direction(k)), own.length());
@@ -304,7 +305,7 @@ fn straight(points: &[Option<DVec2>; DIRECTIONS], k: usize) -> (DVec2, f64) {
         for d in chosen.iter().map(|p| *p - mean) {
             (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
         }
-        // The direction of most extent, and across it.
+        // The direction of largest extent, and the normal across it.
         let angle = 0.5 * (2.0 * xy).atan2(xx - yy);
         let normal = DVec2::from_angle(angle).perp();
         let normal = if normal.dot(mean) < 0.0 { -normal } else { normal };
@@ -326,7 +327,7 @@ mod tests {
     use surfel_math::V2;
     use surfel_model::{ClipPolicy, Mesh, MeshMaterial, SplatCloud, Texture, TriangleMaterials};
 
-    /// A unit square whose texture of 64 columns has this alpha, by u.
+    /// Returns a unit square with a texture of 64 columns whose alpha is a function of u.
     fn square(alpha: impl Fn(f32) -> u8, mode: AlphaMode) -> Mesh {
         let texel = |x: u32| [255, 255, 255, alpha((x as f32 + 0.5) / 64.0)];
         let texture = Texture { width: 64, height: 1, srgba8: (0..64).map(texel).collect() };
@@ -344,7 +345,7 @@ mod tests {
         splats_from_mesh(mesh, &MeshOptions::new(MeshMethod::Count(2000)), &crate::NoProgress).unwrap().0
     }
 
-    /// Whether any splat's disk, as far as it isn't clipped, holds a place; opaque ones, or any.
+    /// True if the visible part of any splat's disk covers a place; only opaque splats count if `opaque`.
     fn is_covered(cloud: &SplatCloud, p: DVec3, opaque: bool) -> bool {
         (0..cloud.len()).any(|i| {
             let (d, (s, t)) = (p - cloud.center(i), cloud.axes(i));
@@ -355,7 +356,7 @@ mod tests {
         })
     }
 
-    /// Places of a grid over the square, away from its own border.
+    /// Returns places of a grid over the square, away from its border.
     fn places() -> impl Iterator<Item = DVec3> {
         let at = |i: usize| 0.06 + 0.88 * i as f64 / 60.0;
         (0..61).flat_map(move |x| (0..13).map(move |y| DVec3::new(at(x), at(5 * y), 0.0)))
@@ -367,7 +368,8 @@ mod tests {
         let kept = |u: f32| (0.25..0.5).contains(&u) || (0.75..0.8125).contains(&u);
         let cloud = splats(&square(|u| if kept(u) { 255 } else { 0 }, AlphaMode::Mask { cutoff: 0.5 }));
         assert!(cloud.data().alphas.is_none());
-        // Interpolated between texels, alpha is ½ at the stripes' ends; a tenth of a divided disk's radius is 0.002.
+        // Alpha is interpolated between texels, and ½ at the stripes' ends; a tenth of a divided disk's radius is
+        // 0.002.
         for p in places().filter(|p| [0.25, 0.5, 0.75, 0.8125].iter().all(|end| (p.x - end).abs() > 0.01)) {
             assert_eq!(is_covered(&cloud, p, false), kept(p.x as f32), "{p}");
         }
@@ -386,7 +388,7 @@ mod tests {
         }
         let half = (0..cloud.len()).filter(|&i| (0.4..0.5).contains(&cloud.center(i).x));
         assert!(half.map(|i| cloud.alpha(i)).all(|a| (a - 128.0 / 255.0).abs() < 1e-3));
-        // Splats that show nothing are there only to average with those that do.
+        // Invisible splats remain only where visible ones are averaged with them.
         let unseen: Vec<f64> = (0..cloud.len()).filter(|&i| cloud.alpha(i) == 0.0).map(|i| cloud.center(i).x).collect();
         assert!(!unseen.is_empty() && unseen.iter().all(|x| *x > 0.1), "{unseen:?}");
     }

@@ -6,16 +6,17 @@ use glam::DVec3;
 use std::collections::BTreeMap;
 use surfel_math::basis::unit;
 
-/// Cosine of the angle, 40°, from which an edge is a crease: what is drawn on either side of it differs anyway, and a
-/// splat centred on it would stand out.
+/// Cosine of the angle, 40°, from which an edge is a crease. The surface differs on either side of a crease anyway, and
+/// a splat centred on it would protrude.
 const CREASE_COS: f64 = 0.766_044_443_118_978;
 
-/// Limits of all splats on edges: a mean number per edge, and a number that every mesh may have. They matter where
-/// edges reach far beyond the cubes of their leaves, as those of a fan do. A closed surface has about two an edge.
+/// Limits for the number of all splats on edges: a mean number per edge, and a number that every mesh may have. The
+/// limits matter if edges reach far beyond the cubes of their leaves, as in a fan. A watertight surface has about two
+/// per edge.
 const MOST_ON_EDGE: u64 = 8;
 const FEW: u64 = 16_384;
 
-/// A splat to be.
+/// Splat on an edge between two leaves.
 #[derive(Clone, Copy)]
 pub(crate) struct EdgeSplat {
     pub(crate) center: DVec3,
@@ -25,15 +26,15 @@ pub(crate) struct EdgeSplat {
     pub(crate) color: [f32; 4],
 }
 
-/// The edges of a pair of leaves, and the splats on them.
+/// Edges shared by a pair of leaves, and the splats on them.
 #[derive(Default)]
 pub(crate) struct Shared {
     pub(crate) edges: Vec<[DVec3; 2]>,
     pub(crate) splats: Vec<EdgeSplat>,
 }
 
-/// Pairs of leaves, the lower first, and the edges that they share. `spacing_of` is the distance between a leaf's
-/// splats.
+/// Returns the shared edges for each pair of leaves, the lower leaf first. `spacing_of` is the distance between a
+/// leaf's splats.
 pub(crate) fn shared_edges(
     geometry: &Geometry,
     corner_normals: &[[DVec3; 3]],
@@ -102,7 +103,7 @@ pub(crate) fn shared_edges(
     shared
 }
 
-/// The largest number that no count may exceed for the sum of all to be at most `limit`; at least 1.
+/// Returns the largest limit per count for which the sum of the limited counts is at most `limit`; at least 1.
 fn most_each(counts: &[u64], limit: u64) -> u64 {
     let mut sorted = counts.to_vec();
     sorted.sort_unstable();
@@ -117,7 +118,7 @@ fn most_each(counts: &[u64], limit: u64) -> u64 {
     u64::MAX
 }
 
-/// Distance of a point from a segment.
+/// Returns the distance of a point from a segment.
 pub(crate) fn distance_to_segment(p: DVec3, [a, b]: [DVec3; 2]) -> f64 {
     let along = b - a;
     let t = ((p - a).dot(along) / along.length_squared().max(f64::MIN_POSITIVE)).clamp(0.0, 1.0);

@@ -1,4 +1,4 @@
-//! A mesh's vertices as points.
+//! Conversion of a mesh's vertices to points and splats.
 
 use super::closed::is_oriented;
 use super::geometry::{Geometry, SAME_NORMAL};
@@ -9,14 +9,14 @@ use glam::DVec3;
 use surfel_math::basis::unit;
 use surfel_model::{CloudData, Column3, Mesh, OnInvalid, PointCloud, Shape, SplatCloud};
 
-/// Cosine of the angle, 60°, up to which normals in one place are those of one surface.
+/// Cosine of the angle, 60°, up to which normals in one place belong to the same surface.
 const AGREE: f64 = 0.5;
-/// How many times as large a disk may become that closes the triangles about it: long ones would hang over borders.
+/// Largest growth of a disk to cover the triangles around it: disks of long triangles would reach over borders.
 const MOST_GROWN: f64 = 2.0;
 
-/// The vertices of a mesh as points, with its own normals or angle-weighted ones, and the colours of its texture and
-/// vertices. Vertices in the same place whose normals agree within 60° (texture seams) become one point; vertices
-/// of no triangle have normal zero (unknown). Vertices that their material cuts, or whose alpha is 0, are left out.
+/// Converts the vertices of a mesh to points, with stored or angle-weighted normals, and with the colours of the mesh's
+/// texture and vertices. Vertices in the same place whose normals agree within 60° (texture seams) become one point.
+/// Vertices of no triangle have normal zero (unknown). Vertices cut by their material, or with alpha 0, are dropped.
 ///
 /// # Errors
 /// [`SampleError::Empty`] without vertices, [`SampleError::Model`] for a mesh that isn't valid.
@@ -24,12 +24,12 @@ pub fn points_from_mesh(mesh: &Mesh) -> Result<PointCloud, SampleError> {
     Ok(vertices(mesh)?.points)
 }
 
-/// Vertices as points.
+/// Vertices of a mesh as points.
 struct Vertices {
     points: PointCloud,
-    /// The vertex that each point is.
+    /// Vertex of each point.
     sources: Vec<u32>,
-    /// For each vertex of the mesh the first vertex in the same place.
+    /// For each vertex of the mesh, the first vertex in the same place.
     weld: Vec<u32>,
 }
 
@@ -76,7 +76,7 @@ fn vertices(mesh: &Mesh) -> Result<Vertices, SampleError> {
 
 fn vertex_colors(geometry: &Geometry) -> Vec<[f32; 4]> {
     let mesh = geometry.mesh;
-    // A vertex belongs to one material, which any of its triangles tells.
+    // A vertex has one material, so any of its triangles can provide it.
     let mut face_of = vec![usize::MAX; mesh.positions.len()];
     for (face, t) in mesh.triangles.iter().enumerate() {
         t.iter().for_each(|i| face_of[*i as usize] = face);
@@ -103,7 +103,7 @@ pub(crate) fn splats(
     let point_options =
         PointOptions { radius_scale: options.radius_scale, lays_by_normals: true, ..PointOptions::default() };
     let geometry = Geometry::new(mesh);
-    // The mesh's own normals shade; where a splat lies and which side of it is seen is its faces' to decide.
+    // Stored normals are for shading; the faces determine the plane and the visible side of a splat.
     let shading = points.normals.clone().filter(|_| mesh.normals.is_some());
     if let Some(shading) = &shading {
         points.normals = Some(assemble::normals32(&plane_normals(&geometry, &weld, &sources, shading)));
@@ -134,9 +134,9 @@ pub(crate) fn splats(
     Ok((cloud, report))
 }
 
-/// Enlarges disks that leave holes in the triangles about their vertex: points alone don't say that large triangles
-/// beside small ones, or a face narrower than a neighbourhood, are surface. Each disk reaches past what is nearest to
-/// its vertex of every triangle there, so that a triangle's three cover it.
+/// Enlarges disks that leave holes in the triangles around their vertex. Points alone don't show that large triangles
+/// beside small ones, or a face narrower than a neighbourhood, are surface. Each disk reaches past the region nearest
+/// to its vertex in every triangle there, so that the three disks of a triangle cover it.
 fn cover_triangles(
     cloud: SplatCloud,
     geometry: &Geometry,
@@ -155,7 +155,7 @@ fn cover_triangles(
             let [p, q, r] = [k, (k + 1) % 3, (k + 2) % 3].map(|i| corners[i]);
             let Some(i) = point_of[t[k] as usize].or(point_of[weld[t[k] as usize] as usize]) else { continue };
             let (i, margin) = (i as usize, COVER * scale);
-            // What is nearest to a corner is no farther from it than the longer of its edges.
+            // The region nearest to a corner is within the longer of its edges.
             let may_grow = margin * margin * (q - p).length_squared().max((r - p).length_squared())
                 > cloud.radius_max(i) * cloud.radius_max(i);
             if may_grow && geometry.normals[face].dot(cloud.normal(i)) >= AGREE {
@@ -173,7 +173,7 @@ fn cover_triangles(
     Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
 }
 
-/// How far from a triangle's corner at the origin it goes on being the nearest of the corners.
+/// Returns the radius of the region of a triangle that is nearest to its corner at the origin.
 fn reach(a: DVec3, b: DVec3) -> f64 {
     let beyond = |x: DVec3, corner: DVec3| x.dot(corner) - 0.5 * corner.length_squared();
     let mut nearest = vec![DVec3::ZERO, a, b];
@@ -194,9 +194,9 @@ fn reach(a: DVec3, b: DVec3) -> f64 {
     nearest.iter().map(|x| x.length()).fold(0.0, f64::max)
 }
 
-/// Unit normals of the planes that splats at some vertices lie in: those of the faces that meet there, weighted by
-/// angle, as far as they agree with the vertex's own normal within 60°, so that hard edges stay hard. Where none does,
-/// all faces count; without any, the own normal stays.
+/// Returns unit normals of the splats' planes at some vertices. The normals of the adjacent faces that agree with the
+/// vertex's own normal within 60° are averaged by angle, so that hard edges stay hard. If none agrees, all faces count;
+/// without faces, the vertex's own normal is used.
 fn plane_normals(geometry: &Geometry, weld: &[u32], sources: &[u32], own: &Column3) -> Vec<DVec3> {
     let mut corners: Vec<(u32, u32)> = Vec::with_capacity(3 * geometry.areas.len());
     for (face, t) in geometry.mesh.triangles.iter().enumerate().filter(|(face, _)| geometry.areas[*face] > 0.0) {

@@ -1,4 +1,4 @@
-//! Clips the splat of a triangle by the ridges that its ellipse reaches over.
+//! Clipping of a triangle's splat by the ridges that its ellipse crosses.
 
 use super::conic::Conic;
 use super::surface::normal_of;
@@ -8,60 +8,62 @@ use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
-/// How much larger than the ellipse through the triangle's corners a splat is, so that its corners don't lie on its
+/// Size of a splat relative to the ellipse through the triangle's corners, so that the corners aren't on the splat's
 /// rim.
 pub(crate) const REACH: f64 = 1.1;
-/// Largest splat, over the ellipse through the corners, where a bulging ridge asks for more.
+/// Largest size of a splat, relative to the ellipse through the corners, if a bulging ridge requires it.
 const MOST_REACH: f64 = 1.6;
-/// Directions tried for a line between the triangle and a ridge beyond it.
+/// Number of directions tried for a line between the triangle and a ridge beyond it.
 const DIRECTIONS: u32 = 64;
-/// A ridge's points this near the rim, or this far over a line, are left as they are, in (u, v).
+/// Distance from the rim, or beyond a line, in (u, v), within which a ridge's points are ignored.
 const SLACK: f64 = 1e-4;
-/// Sizes tried for a cut to the triangle, over the triangle; a disk of [`REACH`] has no corner beyond twice its size.
+/// Sizes tried for a cut to the triangle, relative to the triangle. A disk of [`REACH`] has no corner beyond twice its
+/// size.
 const CUTS: [f64; 5] = [1.6, 1.4, 1.25, 1.1, 1.03];
-/// The smallest, but for what the splat has to cover beyond its triangle. Neighbours overlap by as much: a sliver seen
-/// from the side may hold a pixel that its own filtered footprint just misses, and a neighbour has to fill it.
+/// Smallest size of a cut, except for the area that the splat must cover beyond its triangle. Neighbours overlap by
+/// this margin. A sliver seen from the side may contain a pixel that its own filtered footprint just misses, and a
+/// neighbour must cover it.
 const LEAST_CUT: f64 = 1.01;
-/// Directions in which a splat is looked at for what stands off the surface.
+/// Number of directions in which a splat is tested for parts that protrude from the surface.
 const RING: u32 = 32;
-/// Slack of a line beyond the part to be kept, in (u, v), where both touch: many times the rounding of f32.
+/// Distance of a line from the part to be covered, in (u, v), if both touch: many times the rounding of f32.
 const HAIR: f64 = 2e-5;
-/// A curve that leaves its chord by less than this, in (u, v), is a line.
+/// Largest distance of a curve from its chord, in (u, v), at which it is replaced by a line.
 const STRAIGHT_UV: f64 = 1e-3;
-/// Points that stand for a piece of a ridge.
+/// Number of sample points per piece of a ridge.
 pub(crate) const PIECE_SAMPLES: usize = 9;
 
-/// A piece of a ridge as it is clipped against, seen from the surface on one of its sides.
+/// Piece of a ridge that clips splats, as part of the surface on one of its sides.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Border {
-    /// Runs with the surface on its left, seen from outside.
+    /// Curve in the direction that has the surface on its left, seen from outside.
     pub conic: Conic,
-    /// Which ridge it is part of.
+    /// Ridge that contains the piece.
     pub ridge: u32,
-    /// Smooth part of the surface that it borders.
+    /// Smooth region of the surface that the piece bounds.
     pub region: u32,
     /// Unit normal of the triangle on this side.
     pub normal: DVec3,
-    /// Its curve is its chord.
+    /// True if the curve is its chord.
     pub is_straight: bool,
-    /// How far both sides reach over it, because their planes don't meet in it exactly.
+    /// Overlap of the two sides across the piece, because their planes don't meet in it exactly.
     pub overlap: f64,
 }
 
-/// All borders, to be found by place.
+/// All borders, in a spatial index.
 pub(crate) struct Borders {
     pub all: Vec<Border>,
     regions: HashMap<u32, RegionBorders>,
 }
 
-/// The borders of one region as samples in a tree.
+/// Borders of one region, as samples in a tree.
 struct RegionBorders {
-    /// The border that each sample lies on.
+    /// Border of each sample.
     border_of: Vec<u32>,
     tree: KdTree,
     /// Bounds of the samples below each node.
     bounds: Vec<(DVec3, DVec3)>,
-    /// Largest distance of neighbouring samples of a piece.
+    /// Largest distance between neighbouring samples of a piece.
     spacing: f64,
 }
 
@@ -73,12 +75,12 @@ impl Borders {
         Self { all, regions }
     }
 
-    /// Borders of a region that come into a box about `p`, given by its half-axes, in ascending order. The box of a
-    /// sliver holds far fewer borders than the ball about it.
+    /// Returns the borders of a region, in ascending order, that enter a box around `p`; `half_axes` are those of the
+    /// box. The box of a sliver contains far fewer borders than the ball around it.
     fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
         let Some(own) = self.regions.get(&region) else { return found };
-        // Points between the samples are no farther from them.
+        // Points between the samples are within the spacing.
         let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + own.spacing));
         own.tree.in_box(p, sides, &own.bounds, &mut |slot| found.push(own.border_of[own.tree.index(slot)] as usize));
         found.sort_unstable();
@@ -88,8 +90,8 @@ impl Borders {
 }
 
 impl RegionBorders {
-    /// Samples the borders about evenly, each at [`PIECE_SAMPLES`] points or more: one long piece among short ones
-    /// would else make the boxes of all splats large. There are at most twice as many samples as pieces ask for.
+    /// Samples the borders about evenly, each at [`PIECE_SAMPLES`] points or more: otherwise one long piece among short
+    /// ones would enlarge the boxes of all splats. There are at most twice as many samples as the pieces require.
     fn new(all: &[Border], own: &[u32]) -> Self {
         let length = |line: &[DVec3]| line.windows(2).map(|w| w[0].distance(w[1])).sum::<f64>();
         let lines: Vec<Vec<DVec3>> = own.iter().map(|i| all[*i as usize].conic.even_points(PIECE_SAMPLES)).collect();
@@ -116,7 +118,8 @@ pub(crate) struct ClippedSplat {
     pub t: DVec3,
     pub curve: Option<ClipCurve>,
     pub lines: [ClipLine; 4],
-    /// One curve and four lines couldn't keep all that is beyond out: it is cut to about its triangle.
+    /// True if one curve and four lines couldn't exclude everything beyond, so that the splat is cut to about its
+    /// triangle.
     pub is_cut_back: bool,
 }
 
@@ -139,7 +142,7 @@ struct Clipper {
     t: DVec3,
     curve: Option<Conic>,
     lines: Vec<[f64; 3]>,
-    /// The triangle's edge that the curve belongs to.
+    /// Edge of the triangle to which the curve belongs.
     curved_edge: Option<usize>,
     is_cut_back: bool,
 }
@@ -154,13 +157,13 @@ impl Clipper {
         conic.map(|p| self.uv(p).extend(0.0))
     }
 
-    /// True if what there is so far keeps the point by more than the slack.
+    /// True if the present clip leaves the point visible with more than the slack.
     fn keeps(&self, q: DVec2) -> bool {
         let by_lines = self.lines.iter().all(|[a, b, c]| a * q.x + b * q.y + c > SLACK);
         by_lines && self.curve.is_none_or(|curve| keeps_inside(&curve, q, SLACK))
     }
 
-    /// A line with what is left of a→b kept.
+    /// Adds a line that clips everything right of a→b.
     fn add_line_left_of(&mut self, a: DVec2, b: DVec2) {
         let n = (b - a).perp().normalize_or_zero();
         if n != DVec2::ZERO {
@@ -169,9 +172,9 @@ impl Clipper {
     }
 }
 
-/// True if a point is kept by a flat curve (left of it) and at least `slack` from it.
+/// True if a point is left of a flat curve and more than `slack` away from it.
 fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
-    // The curve's nearest of 33 points and the side of its tangent there: enough for a decision with slack.
+    // The nearest of 33 points and the side of the tangent there are exact enough for a decision with slack.
     let at = |i: i32| curve.at(f64::from(i) / 32.0).truncate();
     let nearest = (0..=32).min_by(|&i, &j| at(i).distance_squared(q).total_cmp(&at(j).distance_squared(q)));
     let i = nearest.unwrap_or(0);
@@ -179,11 +182,12 @@ fn keeps_inside(curve: &Conic, q: DVec2, slack: f64) -> bool {
     tangent.perp_dot(q - at(i)) > slack * tangent.length()
 }
 
-/// The splat of a triangle: the ellipse through its corners, a little larger, and its clip.
+/// Makes the splat of a triangle: the ellipse through its corners, slightly enlarged, and its clip.
 ///
-/// A ridge that is the triangle's own edge clips exactly: as the curve that both of its sides share, projected into the
-/// splat's plane and lengthened along its own conic to the rim, or as a line. One that the ellipse only reaches over is
-/// kept out by a line between it and the triangle: what lies beyond belongs to other splats. All of them must keep.
+/// A ridge that is the triangle's own edge clips exactly. The clip is the curve shared by both sides, projected into
+/// the splat's plane and extended along its own conic to the rim, or a line. A ridge that the ellipse only reaches is
+/// excluded by a line between it and the triangle, because the area beyond belongs to other splats. All clips are
+/// combined by "and".
 pub(crate) fn clip(
     corners: [DVec3; 3],
     own: [Option<usize>; 3],
@@ -198,7 +202,7 @@ pub(crate) fn clip(
     let center = a + ((b - a) + (c - a)) / 3.0;
     let normal = normal_of(corners);
     let mut clipper = Clipper { center, s, t, curve: None, lines: Vec::new(), curved_edge: None, is_cut_back: false };
-    // Large enough for its own ridges' bulges.
+    // Large enough for the bulges of its own ridges.
     let own_borders = || own.iter().flatten().map(|i| &borders.all[*i]);
     let farthest = own_borders()
         .flat_map(|border| border.conic.even_points(PIECE_SAMPLES))
@@ -207,7 +211,7 @@ pub(crate) fn clip(
     let reach = (farthest * 1.05).clamp(REACH, MOST_REACH) * scale;
     (clipper.s, clipper.t) = (s * reach, t * reach);
 
-    // The most curved of its own ridges is the curve, the others are lines.
+    // The most curved of its own ridges becomes the curve, the others become lines.
     let mut mine: Vec<(f64, Conic, bool, usize)> = (0..3)
         .filter_map(|k| own[k].map(|i| (k, &borders.all[i])))
         .map(|(k, border)| {
@@ -226,7 +230,7 @@ pub(crate) fn clip(
                 continue;
             }
         }
-        // A line in a curve's place keeps all that the curve keeps: better too much than a hole.
+        // A line in place of a curve is moved out to contain the curve: too much is better than a hole.
         let chord = (conic.p3 - conic.p1).truncate();
         let out = -chord.perp().normalize_or_zero();
         let bulge = (1..8).map(|i| (conic.at(f64::from(i) / 8.0) - conic.p1).truncate().dot(out)).fold(0.0, f64::max);
@@ -236,7 +240,7 @@ pub(crate) fn clip(
 
     let own_lines = clipper.lines.len();
     let triangle: Vec<DVec2> = corners.iter().map(|p| clipper.uv(*p)).collect();
-    // To be kept: the triangle and its own ridges, where they bulge.
+    // The area to be covered: the triangle and the bulges of its own ridges.
     let bulges = own_borders().flat_map(|border| border.conic.even_points(PIECE_SAMPLES)).map(|p| clipper.uv(p));
     let kept: Vec<DVec2> = triangle.iter().copied().chain(bulges).collect();
     let radius = clipper.s.length();
@@ -251,7 +255,7 @@ pub(crate) fn clip(
         let is_near = |p: DVec3| (p - center).dot(normal).abs() < 0.5 * radius;
         let flat: Vec<DVec2> = samples.iter().map(|p| clipper.uv(*p)).collect();
         let is_over = |k: usize| is_near(samples[k]) && flat[k].length() < 1.0 - SLACK && clipper.keeps(flat[k]);
-        // The neighbours of what is kept as well: a line may meet the ridge between them.
+        // Neighbouring samples count as well: a line may meet the ridge between two samples.
         let over: Vec<bool> = (0..flat.len()).map(is_over).collect();
         let counts = |k: &usize| over[*k] || (*k > 0 && over[*k - 1]) || over.get(*k + 1).is_some_and(|o| *o);
         let points: Vec<DVec2> = (0..flat.len()).filter(counts).map(|k| flat[k]).collect();
@@ -264,7 +268,7 @@ pub(crate) fn clip(
         });
         beyond[place].1.extend(points);
     }
-    // Ridges that reach farthest in come first: a line for them may serve the next.
+    // Ridges that reach in farthest come first: a line for them may serve the next.
     beyond.sort_by(|x, y| nearest(&x.1).total_cmp(&nearest(&y.1)).then(x.0.cmp(&y.0)));
     let mut unwanted = Vec::new();
     for (_, points) in beyond {
@@ -284,7 +288,7 @@ pub(crate) fn clip(
     clipper.finish()
 }
 
-/// Points that the splat keeps beyond its triangle where it stands off the surface, which bends away there.
+/// Returns visible points of the splat beyond its triangle that protrude from the surface, which curves away there.
 fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bool) -> Vec<DVec2> {
     let is_stray = |q: &DVec2| {
         let beyond = (0..3).any(|k| (triangle[(k + 1) % 3] - triangle[k]).perp_dot(*q - triangle[k]) < -SLACK);
@@ -301,7 +305,7 @@ fn overhang(clipper: &Clipper, triangle: &[DVec2], outside: impl Fn(DVec3) -> bo
     rim.iter().copied().chain(inner).collect()
 }
 
-/// Points in the order of their angle about the splat's centre, which lies within the triangle, from the widest gap on.
+/// Sorts points by angle around the splat's centre, which is inside the triangle, starting after the widest gap.
 fn by_angle(mut points: Vec<DVec2>) -> Vec<DVec2> {
     points.sort_by(|p, q| p.to_angle().total_cmp(&q.to_angle()));
     let gap = |i: usize| {
@@ -322,12 +326,12 @@ fn nearest(points: &[DVec2]) -> f64 {
     points.iter().map(|q| q.length_squared()).fold(f64::INFINITY, f64::min)
 }
 
-/// A line that keeps `kept` and as little as possible of the points: among those that have the two on different sides,
-/// the one that keeps the most of the disk; where there is none, the one that comes closest, which keeps `kept`. Also
-/// the gap between the two, negative where they overlap.
+/// Returns a line that leaves `kept` visible and as few of the points as possible. Of the lines that separate both
+/// sets, it is the one that leaves the most of the disk. If no line separates them, it is the closest one that leaves
+/// `kept` visible. Also returns the gap between the sets, negative if they overlap.
 fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     let mut best = ([0.0, 0.0, 1.0], f64::NEG_INFINITY, f64::NEG_INFINITY);
-    // All around, and exactly along what is to be kept and what is not: both may touch in a corner.
+    // All directions around, and exactly those along either set: both may touch in a corner.
     let around =
         (0..DIRECTIONS).map(|k| DVec2::from_angle(std::f64::consts::TAU * f64::from(k) / f64::from(DIRECTIONS)));
     let sides = (0..3.min(kept.len())).map(|k| kept[(k + 1) % 3.min(kept.len())] - kept[k]);
@@ -337,7 +341,7 @@ fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
         let least = kept.iter().map(|p| n.dot(*p)).fold(f64::INFINITY, f64::min);
         let most = points.iter().map(|q| n.dot(*q)).fold(f64::NEG_INFINITY, f64::max);
         let gap = least - most;
-        // Keeps n·x ≥ offset; at a gap the points' own side of it.
+        // Keeps n·x ≥ offset; within a gap, the line is on the points' side.
         let offset = most.min(least - HAIR);
         let score = if gap >= -SLACK { -offset } else { -10.0 + gap };
         if score > best.1 {
@@ -347,16 +351,16 @@ fn between(kept: &[DVec2], points: &[DVec2]) -> ([f64; 3], f64) {
     (best.0, best.2)
 }
 
-/// A flat conic within the unit disk lengthened along itself to the rim, both ends exactly on it.
+/// Extends a flat conic within the unit disk along itself, so that both ends are exactly on the rim.
 fn lengthened(conic: &Conic) -> Option<Conic> {
     let start = 1.0 - to_rim(&conic.reversed())?;
     let end = to_rim(conic)?;
     let part = conic.part(start, end)?;
-    // The part's middle control point may be anywhere, but not where its weight lets it run away.
+    // The middle control point may be anywhere, but its weight must be bounded.
     (part.p2.is_finite() && part.w < 1e3).then_some(part)
 }
 
-/// The parameter beyond 1 at which a conic that ends within the unit disk leaves it.
+/// Returns the parameter beyond 1 at which a conic that ends within the unit disk leaves the disk.
 fn to_rim(conic: &Conic) -> Option<f64> {
     if conic.p3.length_squared() >= 1.0 {
         return None;
@@ -365,7 +369,8 @@ fn to_rim(conic: &Conic) -> Option<f64> {
         let p = conic.at(t);
         !p.is_finite() || p.length_squared() >= 1.0
     };
-    // Marches a tenth of its length at a time, to no more than its own length: beyond that it isn't the ridge any more.
+    // Marches by a tenth of the conic's length, at most by its own length: beyond that it no longer resembles the
+    // ridge.
     let first = (1..=10).map(|i| 1.0 + 0.1 * f64::from(i)).find(|t| outside(*t))?;
     let (mut lo, mut hi) = (first - 0.1, first);
     for _ in 0..60 {
@@ -376,7 +381,7 @@ fn to_rim(conic: &Conic) -> Option<f64> {
 }
 
 impl Clipper {
-    /// Adds lines that keep points (in order of angle) out and what is to be kept in: one where that does, else one for
+    /// Adds lines that exclude points (sorted by angle) and leave `kept` visible: one line if possible, else one for
     /// each half.
     fn keep_out(&mut self, kept: &[DVec2], points: &[DVec2]) {
         if points.is_empty() || points.iter().all(|q| !self.keeps(*q)) {
@@ -395,9 +400,9 @@ impl Clipper {
         }
     }
 
-    /// Cuts to the triangle enlarged about its middle, where one curve and four lines can't keep all points out: as
-    /// large as keeps them out, and `least` times at the least, which misses nothing. The first `own` lines, and the
-    /// curve, are edges of the triangle already.
+    /// Cuts to the triangle enlarged about its middle, if one curve and four lines can't exclude all points. The
+    /// enlargement is the largest that excludes them, and at least `least`, which leaves no gaps. The first `own` lines
+    /// and the curve are already edges of the triangle.
     fn cut_to(&mut self, triangle: &[DVec2], own: usize, least: f64, points: &[DVec2]) {
         self.lines.truncate(own);
         let on_line = |[x, y, c]: &[f64; 3], p: DVec2| (x * p.x + y * p.y + c).abs() < 1e-9;
@@ -437,8 +442,8 @@ impl Clipper {
 mod tests {
     use super::*;
 
-    /// Borders that the splats of a fan of so many slivers are compared with. The two spokes at its ends are far longer
-    /// than the pieces of its rim; with creases every spoke is a border, and every sliver a region.
+    /// Counts the borders that the splats of a fan of `count` slivers are compared with. The two spokes at its ends are
+    /// far longer than the pieces of its rim. With creases, every spoke is a border, and every sliver a region.
     fn work_of_fan(count: u32, with_creases: bool) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();

@@ -1,5 +1,6 @@
-//! Fewer, larger triangles by edge collapse (Garland and Heckbert 1997) with C12 §5.2's two rules: a collapse is
-//! refused when a splat of the new triangles couldn't be clipped to its ridges, and a curve's error joins the priority.
+//! Simplification of a mesh by edge collapse (Garland and Heckbert 1997) with the two rules of C12 §5.2. A collapse is
+//! rejected if a splat of the new triangles couldn't be clipped to its ridges, and a curve's error adds to the
+//! priority.
 
 use super::conic::{even_points, parabola_error};
 use super::surface::{Edge, Kind, Piece, Surface, edge, normal_of};
@@ -8,34 +9,35 @@ use glam::{DMat3, DVec3};
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Share of an edge's squared length that is added to its squared error in the order of collapses. Where the surface is
-/// flat it makes the triangles even; elsewhere it is small beside a chord's error.
+/// Fraction of an edge's squared length that is added to its squared error in the order of collapses. In flat areas it
+/// makes the triangles even; elsewhere it is small relative to a chord's error.
 const EVENNESS: f64 = 1e-5;
-/// Least cosine between a triangle's normal before and after.
+/// Smallest cosine between a triangle's normals before and after a collapse.
 const LEAST_TURN: f64 = 0.7;
-/// Height over the longest edge below which a triangle is a sliver.
+/// Height of a triangle, relative to its longest edge, below which it is a sliver.
 const SLIVER: f64 = 0.1;
-/// Longest edge, over that of an even triangulation of as many triangles: a large splat's depth tolerance is large.
+/// Longest edge, relative to that of an even triangulation with as many triangles: a large splat has a large depth
+/// tolerance.
 const LONGEST: f64 = 2.2;
-/// Largest error of a collapse, over the longest edge that is allowed then: before a curved part loses its shape, flat
-/// ones get longer edges.
+/// Largest error of a collapse, relative to the longest edge allowed at that time. Flat parts thus get longer edges
+/// before a curved part loses its shape.
 const DEAREST: f64 = 0.01;
-/// How often all edges are looked at.
+/// Maximum number of passes over all edges.
 const ROUNDS: usize = 8;
-/// Most that a ridge may leave the edge of its triangle, over the triangle's height: the splat reaches a third of it
-/// beyond the edge.
+/// Largest distance of a ridge from its triangle's edge, relative to the triangle's height: the splat reaches a third
+/// of the height beyond the edge.
 const MOST_BULGE: f64 = 0.28;
 
-/// When to stop.
+/// Limits at which the simplification stops.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Limits {
-    /// Triangles to be left, at most.
+    /// Number of triangles to reach.
     pub faces: usize,
     /// Largest error of a collapse, in units of the surface.
     pub error: f64,
-    /// How far a ridge may leave its chord and still count as straight.
+    /// Largest distance of a ridge from its chord at which it counts as straight.
     pub straight: f64,
-    /// Cosine of the angle that makes a crease.
+    /// Cosine of the crease angle.
     pub crease_cos: f64,
 }
 
@@ -61,13 +63,13 @@ impl Quadric {
         Self { a: self.a + o.a, b: self.b + o.b, c: self.c + o.c, area: self.area + o.area }
     }
 
-    /// Mean squared distance.
+    /// Returns the mean squared distance.
     fn error(&self, p: DVec3) -> f64 {
         let sum = p.dot(self.a * p) + 2.0 * self.b.dot(p) + self.c;
         if self.area > 0.0 { (sum / self.area).max(0.0) } else { 0.0 }
     }
 
-    /// Where the error is least, near `middle`: the pull toward it decides along flat directions.
+    /// Returns the position with the smallest error near `middle`, to which a weak pull decides along flat directions.
     fn best_near(&self, middle: DVec3) -> DVec3 {
         let pull = 1e-3 * self.area;
         let a = self.a + DMat3::from_diagonal(DVec3::splat(pull));
@@ -89,20 +91,20 @@ struct Candidate {
 struct Collapser<'a> {
     surface: &'a mut Surface,
     limits: Limits,
-    /// From a point to the mesh.
+    /// Returns the distance of a point from the mesh.
     distance: &'a dyn Fn(DVec3) -> f64,
     alive: Vec<bool>,
-    /// Triangles at each vertex, and some that are gone.
+    /// Triangles at each vertex, possibly with some that were removed.
     around: Vec<Vec<u32>>,
-    /// Number of those that aren't gone.
+    /// Number of remaining triangles at each vertex.
     valences: Vec<u32>,
     quadrics: Vec<Quadric>,
     longest: f64,
     heap: BinaryHeap<Reverse<(u64, u32, u32)>>,
 }
 
-/// Collapses edges of `surface`, cheapest first, until a limit is met. Returns the square root of the largest error
-/// that a collapse was taken for.
+/// Collapses edges of `surface`, cheapest first, until a limit is reached. Returns the square root of the largest error
+/// for which a collapse was accepted.
 pub(crate) fn collapse(
     surface: &mut Surface,
     limits: Limits,
@@ -146,7 +148,8 @@ impl Collapser<'_> {
         let mut left = self.surface.faces.len();
         progress.stage("edges", left.saturating_sub(self.limits.faces) as u64);
         let mut largest = 0.0f64;
-        // What was refused may have become possible. Longer edges come last: better a few large splats than too many.
+        // Rejected collapses may have become possible. Longer edges come last: a few large splats are better than too
+        // many.
         for round in 1..=ROUNDS {
             let before = left;
             self.offer_all();
@@ -174,13 +177,13 @@ impl Collapser<'_> {
         }
     }
 
-    /// Collapses, cheapest first, until nothing is left to try or the next one's error is above `dearest`; returns the
-    /// largest squared error, and whether `dearest` was met.
+    /// Collapses edges, cheapest first, until none is left or the next one's error is above `dearest`. Returns the
+    /// largest squared error, and true if `dearest` was reached.
     fn round(&mut self, dearest: f64, left: &mut usize, progress: &dyn Progress) -> (f64, bool) {
         let mut largest = 0.0f64;
         while *left > self.limits.faces {
             let Some(Reverse((bits, a, b))) = self.heap.pop() else { break };
-            // Entries aren't taken out when they change: what is popped is looked at again.
+            // Heap entries aren't removed when they change, so each popped entry is evaluated again.
             let Some(candidate) = self.candidate(a, b) else { continue };
             if candidate.cost > f64::from_bits(bits) * (1.0 + 1e-9) {
                 self.heap.push(Reverse((candidate.cost.to_bits(), a, b)));
@@ -189,7 +192,7 @@ impl Collapser<'_> {
             if candidate.error > self.limits.error * self.limits.error || !self.is_feasible(&candidate) {
                 continue;
             }
-            // Quadrics dilute what only a small part of their planes says: the new triangles' own distance decides.
+            // Quadrics dilute the error of a small part of their planes, so the new triangles' own distance decides.
             let measured = self.measured(&candidate);
             if measured.cost > f64::from_bits(bits) * (1.0 + 1e-9) {
                 if measured.error <= self.limits.error * self.limits.error {
@@ -221,12 +224,12 @@ impl Collapser<'_> {
         self.surface.pieces.get(&edge(a, b)).copied()
     }
 
-    /// Triangles at a vertex.
+    /// Returns the triangles at a vertex.
     fn faces_at(&self, v: u32) -> impl Iterator<Item = u32> {
         self.around[v as usize].iter().copied().filter(|face| self.alive[*face as usize])
     }
 
-    /// Vertices that share an edge with `v`, in ascending order.
+    /// Returns the vertices that share an edge with `v`, in ascending order.
     fn neighbours(&self, v: u32) -> Vec<u32> {
         let faces = self.faces_at(v).flat_map(|f| self.surface.faces[f as usize]);
         let mut all: Vec<u32> = faces.filter(|o| *o != v).collect();
@@ -235,7 +238,7 @@ impl Collapser<'_> {
         all
     }
 
-    /// Two vertices, first that of fewer triangles: the middle of a fan has as many as the fan.
+    /// Orders two vertices by their number of triangles: the middle of a fan has as many as the fan.
     fn by_triangles(&self, a: u32, b: u32) -> (u32, u32) {
         if self.valences[a as usize] <= self.valences[b as usize] { (a, b) } else { (b, a) }
     }
@@ -252,7 +255,7 @@ impl Collapser<'_> {
         }
     }
 
-    /// The best collapse of an edge, if it may be collapsed at all.
+    /// Returns the best collapse of an edge, if it may be collapsed at all.
     fn candidate(&self, a: u32, b: u32) -> Option<Candidate> {
         if !self.are_joined(a, b) {
             return None;
@@ -290,7 +293,8 @@ impl Collapser<'_> {
         }
     }
 
-    /// The ridge vertex beyond `remove` seen from `keep`, and the piece from `keep` to it once `remove` is gone.
+    /// Returns the ridge vertex after `remove`, coming from `keep`, and the piece from `keep` to that vertex once
+    /// `remove` is gone.
     fn merged(&self, keep: u32, remove: u32) -> Option<(u32, Piece)> {
         let first = self.piece(keep, remove)?;
         let beyond = self.neighbours(remove).into_iter().find(|o| *o != keep && self.piece(remove, *o).is_some())?;
@@ -303,7 +307,8 @@ impl Collapser<'_> {
         Some((beyond, piece))
     }
 
-    /// A candidate with the largest distance of the new triangles' middles and edges from the mesh.
+    /// Returns the candidate with the largest distance of the new triangles' middles and edges from the mesh as its
+    /// error.
     fn measured(&self, c: &Candidate) -> Candidate {
         let moves = c.target != self.position(c.keep);
         let moved = moves.then(|| self.faces_at(c.keep)).into_iter().flatten();
@@ -327,7 +332,7 @@ impl Collapser<'_> {
         let has = |face: &u32, v: u32| self.surface.faces[*face as usize].contains(&v);
         let shared = self.faces_at(few).filter(|f| has(f, other)).count();
         let common = self.neighbours(few).into_iter().filter(|v| *v != other && self.are_joined(*v, other)).count();
-        // Topology: every common neighbour is the third corner of a triangle that goes.
+        // Topology: every common neighbour must be the third corner of a removed triangle.
         if common != shared || shared == 0 || shared > 2 || valence(c.keep) + valence(c.remove) <= 2 * shared {
             return false;
         }
@@ -373,11 +378,11 @@ impl Collapser<'_> {
                 return false;
             }
         }
-        // One curve a splat; its other ridges are lines.
+        // A splat has one curve; its other ridges are clipped by lines.
         curved <= 1
     }
 
-    /// True if the triangle beyond edge (a, b), where it isn't changed itself, still meets this one smoothly.
+    /// True if the triangle beyond edge (a, b), unless it is changed too, still meets this one smoothly.
     fn stays_smooth(&self, c: &Candidate, face: u32, (a, b): Edge, normal: DVec3) -> bool {
         let other = self.faces_at(self.by_triangles(a, b).0).find(|f| {
             let t = self.surface.faces[*f as usize];
@@ -389,7 +394,7 @@ impl Collapser<'_> {
         })
     }
 
-    /// Collapses; returns how many triangles went.
+    /// Performs a collapse, and returns the number of removed triangles.
     fn apply(&mut self, c: &Candidate) -> usize {
         if let Some((beyond, piece)) = self.piece(c.keep, c.remove).and_then(|_| self.merged(c.keep, c.remove)) {
             self.surface.pieces.remove(&edge(c.keep, c.remove));
@@ -419,7 +424,7 @@ impl Collapser<'_> {
         self.valences[c.remove as usize] = 0;
         for other in self.neighbours(c.keep) {
             self.offer(c.keep, other);
-            // A ridge's next vertex now has another piece on this side.
+            // The next vertex of the ridge now has another piece on this side.
             if self.piece(c.keep, other).is_some() {
                 for further in self.neighbours(other).into_iter().filter(|f| *f != c.keep) {
                     self.offer(other, further);
@@ -429,8 +434,8 @@ impl Collapser<'_> {
         removed
     }
 
-    /// Counts a triangle less at a vertex. Those that are gone are taken out where they are most, so that the middle of
-    /// a fan isn't searched for each.
+    /// Decrements the number of triangles at a vertex. Once most of its triangles are removed, they are deleted from
+    /// the list, so that the middle of a fan isn't searched for each.
     fn forget_face(&mut self, v: u32) {
         let valence = &mut self.valences[v as usize];
         *valence = valence.saturating_sub(1);
@@ -446,7 +451,7 @@ impl Collapser<'_> {
     }
 }
 
-/// Height over the longest edge, and that edge.
+/// Returns a triangle's height relative to its longest edge, and the length of that edge.
 fn slenderness([a, b, c]: [DVec3; 3]) -> (f64, f64) {
     let longest = a.distance(b).max(b.distance(c)).max(c.distance(a));
     if longest <= 0.0 {

@@ -1,17 +1,17 @@
-//! Rational quadratic Bézier curves in space, and how one is fitted to a part of a ridge (C12 §4).
+//! Rational quadratic Bézier curves in space, and their fit to a part of a ridge (C12 §4).
 
 use glam::{DVec3, DVec4};
 
-/// Points that the error is averaged over (eq. 12).
+/// Number of points over which the error is averaged (eq. 12).
 const SAMPLES: usize = 24;
-/// Parameters in the table from parameter to arc length.
+/// Number of intervals in the table from parameter to arc length.
 const TABLE: usize = 48;
 /// Bounds of the weight.
 const WEIGHT: (f64, f64) = (0.05, 20.0);
-/// Steps of the minimisation: four variables settle in fewer.
+/// Number of steps of the minimisation: four variables converge in fewer.
 const STEPS: usize = 160;
 
-/// A rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
+/// Rational quadratic Bézier curve with end weights 1 (C12 eq. 3).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Conic {
     pub p1: DVec3,
@@ -21,7 +21,7 @@ pub(crate) struct Conic {
 }
 
 impl Conic {
-    /// The straight piece between two points.
+    /// Returns the straight segment between two points.
     pub(crate) fn straight(a: DVec3, b: DVec3) -> Self {
         Self { p1: a, p2: 0.5 * (a + b), p3: b, w: 1.0 }
     }
@@ -30,29 +30,29 @@ impl Conic {
         [(1.0 - t) * (1.0 - t), 2.0 * t * (1.0 - t) * self.w, t * t]
     }
 
-    /// The point at `t`; outside [0, 1] on the same conic, while that is finite.
+    /// Returns the point at `t`; outside [0, 1] the point on the same conic, as long as it is finite.
     pub(crate) fn at(&self, t: f64) -> DVec3 {
         let [a, b, c] = self.weights(t);
         // Relative to P1, so that nothing is lost far from the origin.
         self.p1 + ((self.p2 - self.p1) * b + (self.p3 - self.p1) * c) / (a + b + c)
     }
 
-    /// This curve from its other end.
+    /// Returns this curve in the opposite direction.
     pub(crate) fn reversed(&self) -> Self {
         Self { p1: self.p3, p3: self.p1, ..*self }
     }
 
-    /// Each control point moved by an affine map: the curve moves with them.
+    /// Applies an affine map to each control point, which maps the curve.
     pub(crate) fn map(&self, f: impl Fn(DVec3) -> DVec3) -> Self {
         Self { p1: f(self.p1), p2: f(self.p2), p3: f(self.p3), w: self.w }
     }
 
-    /// The part of the same conic between parameters `t0` and `t1`, which may lie outside [0, 1]; `None` where that
-    /// isn't a Bézier curve of positive weights.
+    /// Returns the part of the same conic between parameters `t0` and `t1`, which may be outside [0, 1]; `None` if the
+    /// part isn't a Bézier curve with positive weights.
     pub(crate) fn part(&self, t0: f64, t1: f64) -> Option<Self> {
         let homogeneous = |p: DVec3, w: f64| DVec4::from((p * w, w));
         let h = [homogeneous(self.p1, 1.0), homogeneous(self.p2, self.w), homogeneous(self.p3, 1.0)];
-        // The blossom: b(t, t) is the curve, b(t0, t1) the part's middle control point.
+        // The blossom: b(t, t) is the curve, and b(t0, t1) the part's middle control point.
         let blossom =
             |s: f64, t: f64| h[0] * ((1.0 - s) * (1.0 - t)) + h[1] * ((1.0 - s) * t + s * (1.0 - t)) + h[2] * (s * t);
         let [a, b, c] = [blossom(t0, t0), blossom(t0, t1), blossom(t1, t1)];
@@ -61,19 +61,20 @@ impl Conic {
         sound.then(|| Self { p1: point(a), p2: point(b), p3: point(c), w: b.w / (a.w * c.w).sqrt() })
     }
 
-    /// `count` points evenly spaced in arc length, both ends among them.
+    /// Returns `count` points evenly spaced in arc length, with both ends.
     pub(crate) fn even_points(&self, count: usize) -> Vec<DVec3> {
         let line: Vec<DVec3> = (0..=TABLE).map(|i| self.at(i as f64 / TABLE as f64)).collect();
         even_points(&line, count)
     }
 
-    /// C12 eq. 12: mean distance between points evenly spaced on both curves; `targets` are the ridge's.
+    /// Returns the error of C12 eq. 12: the mean distance between points evenly spaced on both curves; `targets` are
+    /// the ridge's.
     fn error(&self, targets: &[DVec3]) -> f64 {
         let own = self.even_points(targets.len());
         own.iter().zip(targets).map(|(a, b)| a.distance(*b)).sum::<f64>() / targets.len() as f64
     }
 
-    /// How far the curve leaves its chord.
+    /// Returns the largest distance of the curve from its chord.
     pub(crate) fn sagitta(&self) -> f64 {
         let chord = (self.p3 - self.p1).normalize_or_zero();
         let off = |p: DVec3| (p - self.p1).reject_from_normalized(chord).length();
@@ -81,7 +82,7 @@ impl Conic {
     }
 }
 
-/// `count` (at least 2) points evenly spaced in arc length on a polyline, both ends among them.
+/// Returns `count` (at least 2) points evenly spaced in arc length on a polyline, with both ends.
 pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     let total: f64 = line.windows(2).map(|w| w[0].distance(w[1])).sum();
     let (mut at, mut before) = (0, 0.0);
@@ -102,8 +103,8 @@ pub(crate) fn even_points(line: &[DVec3], count: usize) -> Vec<DVec3> {
     (0..count).map(point).collect()
 }
 
-/// Largest distance between a polyline and its own best parabola, by least squares over P2: the quick figure for what
-/// one curve costs, before it is fitted.
+/// Returns the largest distance between a polyline and its best parabola (least squares over P2): a quick estimate of
+/// the error of one curve, before it is fitted.
 pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     let (Some(&a), Some(&b)) = (line.first(), line.last()) else { return 0.0 };
     if line.len() < 3 {
@@ -121,18 +122,18 @@ pub(crate) fn parabola_error(line: &[DVec3]) -> f64 {
     points.iter().enumerate().map(|(i, p)| conic.at(t(i)).distance(*p)).fold(0.0, f64::max)
 }
 
-/// A curve fitted to a polyline.
+/// Curve fitted to a polyline.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Fit {
     pub conic: Conic,
-    /// Eq. 12 of the start, and of the fitted curve: at most the start's.
+    /// Error by eq. 12 of the start, and of the fitted curve, which is at most that of the start.
     pub errors: [f64; 2],
 }
 
-/// Fits a curve through the ends of a polyline (C12 §4): from the parabola through the bisector's point, P2 = 2I − M
-/// with w = 1 (the paper's eq. 10 prints 2I + M), downhill in P2 and ln w over eq. 12.
+/// Fits a curve through the ends of a polyline (C12 §4). The start is the parabola through the bisector's point, P2 =
+/// 2I − M with w = 1 (the paper's eq. 10 prints 2I + M). The fit minimises eq. 12 over P2 and ln w.
 ///
-/// Deterministic, bounded, and never worse than its start: the best curve met is the result.
+/// The fit is deterministic, bounded, and never worse than its start: the result is the best curve found.
 pub(crate) fn fit(line: &[DVec3]) -> Fit {
     let (a, b) = (line[0], line[line.len() - 1]);
     let chord = b - a;
@@ -154,7 +155,8 @@ pub(crate) fn fit(line: &[DVec3]) -> Fit {
     if last < first { Fit { conic, errors: [first, last] } } else { Fit { conic: start, errors: [first; 2] } }
 }
 
-/// Where the polyline meets the plane that bisects its ends: nearest to the middle of its length if several times.
+/// Returns the intersection of the polyline with the plane that bisects its ends; of several, the one nearest to the
+/// middle of its length.
 fn bisector_point(line: &[DVec3]) -> DVec3 {
     let (a, b) = (line[0], line[line.len() - 1]);
     let (middle, normal) = (0.5 * (a + b), b - a);
@@ -166,7 +168,8 @@ fn bisector_point(line: &[DVec3]) -> DVec3 {
     crossings.min_by(|p, q| p.distance_squared(half).total_cmp(&q.distance_squared(half))).unwrap_or(half)
 }
 
-/// Nelder and Mead 1965 from zero with the given first steps; the best point met.
+/// Minimises `cost` by the method of Nelder and Mead 1965, from zero with the given first steps; returns the best
+/// point.
 fn downhill(step: [f64; 4], cost: impl Fn(&[f64; 4]) -> f64) -> [f64; 4] {
     let mut simplex: Vec<([f64; 4], f64)> = (0..5)
         .map(|i| {
@@ -217,7 +220,7 @@ mod tests {
 
     #[test]
     fn fit_of_a_circular_arc_is_the_arc() {
-        // A conic holds it exactly: w = cos of half the angle, P2 where the tangents meet.
+        // A conic represents it exactly: w is the cosine of half the angle, and P2 the intersection of the tangents.
         let line = arc(2.0, 1.2, 400);
         let fit = fit(&line);
         let p2 = DVec3::new(2.0, 2.0 * 0.6f64.tan(), 0.3);
@@ -255,7 +258,7 @@ mod tests {
         for (t0, t1) in [(0.2, 0.9), (-0.15, 1.1)] {
             let part = conic.part(t0, t1).unwrap();
             assert!(part.p1.distance(conic.at(t0)) < 1e-14 && part.p3.distance(conic.at(t1)) < 1e-13);
-            // Each of its points is on the whole: the least distance to a fine sampling of it.
+            // Each point is on the whole curve: the distance is measured to a fine sampling of it.
             let fine: Vec<DVec3> = (0..=20_000).map(|i| conic.at(t0 + (t1 - t0) * f64::from(i) / 2e4)).collect();
             for i in 0..20 {
                 let p = part.at(f64::from(i) / 20.0);

@@ -1,4 +1,4 @@
-//! How far clipped splats and the mesh that they were made of are apart.
+//! Distances between clipped splats and the mesh from which they were made.
 
 use super::clip::ClippedSplat;
 use crate::boxes::Boxes;
@@ -8,27 +8,27 @@ use glam::DVec3;
 use surfel_math::V2;
 use surfel_math::clip::Clip;
 
-/// Points on the surface that distances to the splats are taken at, at most.
+/// Maximum number of points on the surface at which distances to the splats are measured.
 const MESH_SAMPLES: usize = 40_000;
-/// Points of a splat, along a spiral of even density, that distances to the mesh are taken at.
+/// Number of points per splat, along a spiral of even density, at which distances to the mesh are measured.
 const SPLAT_SAMPLES: usize = 24;
 
-/// Splats against their mesh. Distances in object units.
+/// Errors of splats relative to their mesh; distances are in object units.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SharpErrors {
-    /// From the kept parts of splats to the mesh: mean and largest.
+    /// Mean and largest distance from the visible parts of splats to the mesh.
     pub splats_to_mesh: [f64; 2],
-    /// From the mesh to the kept parts of splats: mean and largest.
+    /// Mean and largest distance from the mesh to the visible parts of splats.
     pub mesh_to_splats: [f64; 2],
-    /// Mean angle between a splat's normal and the mesh's where it is nearest, degrees.
+    /// Mean angle between a splat's normal and the normal of the nearest point of the mesh, in degrees.
     pub normal_deg: f64,
 }
 
 impl SharpErrors {
-    /// The beginning of the comment.
+    /// Prefix of the comment.
     pub const PREFIX: &str = "sharp errors: ";
 
-    /// The figures as a line for a file's header, which `surfel info` shows.
+    /// Formats the errors as a line for a file's header, which `surfel info` prints.
     pub fn comment(&self) -> String {
         let ([a, b], [c, d]) = (self.splats_to_mesh, self.mesh_to_splats);
         let distances = format!("splats to mesh {a:.3e} (largest {b:.3e}), mesh to splats {c:.3e} (largest {d:.3e})");
@@ -36,16 +36,16 @@ impl SharpErrors {
     }
 }
 
-/// The point of a mesh that is nearest to another point.
+/// Point of a mesh nearest to another point.
 struct Foot {
-    /// How far it is from the other.
+    /// Distance between the two points.
     distance: f64,
-    /// A triangle that it lies on; 0 where the mesh has none.
+    /// Triangle that contains the point; 0 if the mesh has none.
     face: usize,
     barycentric: [f64; 3],
 }
 
-/// How far sampled points of splats are from a mesh.
+/// Accumulated distances of sampled points of splats from a mesh.
 #[derive(Clone, Copy, Default)]
 struct Deviation {
     /// Sum of distances.
@@ -66,7 +66,7 @@ impl Deviation {
     }
 }
 
-/// The mesh's triangles, to be found by place.
+/// Spatial index of a mesh's triangles.
 pub(crate) struct MeshIndex<'a> {
     geometry: &'a Geometry<'a>,
     faces: Vec<usize>,
@@ -80,7 +80,7 @@ impl<'a> MeshIndex<'a> {
         Self { geometry, boxes: Boxes::new(&shapes), faces }
     }
 
-    /// The point of the mesh that is nearest to `p`.
+    /// Returns the point of the mesh nearest to `p`.
     fn nearest(&self, p: DVec3) -> Foot {
         let at = |i: usize| closest(p, self.geometry.corners(self.faces[i]));
         let (distance, i) = self.boxes.nearest(p, |i| at(i).0);
@@ -90,7 +90,7 @@ impl<'a> MeshIndex<'a> {
         }
     }
 
-    /// How far a point is from the mesh: positive outside of it.
+    /// Returns the distance of a point from the mesh, positive outside.
     pub(crate) fn signed_distance(&self, p: DVec3) -> f64 {
         let Foot { distance, face, barycentric: [a, b, c] } = self.nearest(p);
         let [x, y, z] = self.geometry.corners(face);
@@ -98,18 +98,18 @@ impl<'a> MeshIndex<'a> {
         distance.copysign(out)
     }
 
-    /// The triangle nearest to a point.
+    /// Returns the triangle nearest to a point.
     pub(crate) fn face(&self, p: DVec3) -> u32 {
         self.nearest(p).face as u32
     }
 
-    /// The mesh's colour nearest to a point.
+    /// Returns the mesh's colour nearest to a point.
     pub(crate) fn color(&self, geometry: &Geometry, p: DVec3) -> [f32; 4] {
         let foot = self.nearest(p);
         geometry.color(foot.face, foot.barycentric)
     }
 
-    /// Distances both ways and normals.
+    /// Measures distances in both directions, and angles between normals.
     pub(crate) fn errors(&self, splats: &[ClippedSplat]) -> SharpErrors {
         let clips: Vec<Option<Clip<f64>>> = splats.iter().map(clip_of).collect();
         let forward = map_tasks(splats.len(), |i| {
@@ -147,7 +147,7 @@ impl<'a> MeshIndex<'a> {
     }
 }
 
-/// Splats, to be found by place.
+/// Spatial index of splats.
 struct SplatIndex<'a> {
     splats: &'a [ClippedSplat],
     clips: Vec<Option<Clip<f64>>>,
@@ -156,7 +156,7 @@ struct SplatIndex<'a> {
 
 impl<'a> SplatIndex<'a> {
     fn new(splats: &'a [ClippedSplat]) -> Self {
-        // The corners of the rectangle about each ellipse.
+        // Corners of the rectangle around each ellipse.
         let around = |s: &ClippedSplat| {
             [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(u, v)| s.center + s.s * u + s.t * v)
         };
@@ -164,7 +164,7 @@ impl<'a> SplatIndex<'a> {
         Self { splats, clips: splats.iter().map(clip_of).collect(), boxes }
     }
 
-    /// Distance of a point to the nearest splat; each splat that it is compared with is `seen`.
+    /// Returns the distance of a point to the nearest splat; calls `seen` for each splat compared.
     fn distance(&self, p: DVec3, seen: &impl Fn()) -> f64 {
         let distance = |i: usize| {
             seen();
@@ -180,7 +180,7 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
     columns.clip(0, surfel_model::ClipPolicy::Exact)
 }
 
-/// Points of the unit disk, evenly spread (Vogel 1979).
+/// Returns points of the unit disk, evenly spread (Vogel 1979).
 fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
     (0..count).map(move |i| {
@@ -190,8 +190,9 @@ fn spiral(count: usize) -> impl Iterator<Item = V2<f64>> {
     })
 }
 
-/// Distance of a point to what a splat keeps: to its foot on the plane where that is kept; else an upper bound, to
-/// where the way from the foot to the nearest kept point of the spiral meets what is kept.
+/// Returns the distance of a point to the visible part of a splat. If the point's foot on the plane is visible, the
+/// result is exact. Otherwise it is an upper bound: the way from the nearest visible point of the spiral to the foot is
+/// followed as far as it is visible.
 fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 {
     let d = p - splat.center;
     let foot = V2::new(d.dot(splat.s) / splat.s.length_squared(), d.dot(splat.t) / splat.t.length_squared());
@@ -212,8 +213,8 @@ fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 
     (d - at(way(lo))).length()
 }
 
-/// Distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson, Real-Time Collision
-/// Detection, §5.1.5).
+/// Returns the distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson,
+/// Real-Time Collision Detection, §5.1.5).
 pub(crate) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
     let (ab, ac, ap) = (b - a, c - a, p - a);
     let (d1, d2) = (ab.dot(ap), ac.dot(ap));
@@ -249,7 +250,7 @@ mod tests {
     use std::cell::Cell;
     use surfel_model::{Column3, Mesh};
 
-    /// Splats that a point on each of a fan's slivers is compared with, altogether.
+    /// Counts the splats that a point on each of a fan's slivers is compared with, in total.
     fn work_of_fan(count: u32) -> usize {
         let rim = |i: u32| {
             let (sin, cos) = (6.2 * f64::from(i) / f64::from(count)).sin_cos();

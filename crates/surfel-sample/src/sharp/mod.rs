@@ -1,14 +1,15 @@
-//! Clipped splats that keep sharp features, of meshes (C12 §4, §5) and of points.
+//! Clipped splats with sharp features, from meshes (C12 §4, §5) and from points.
 //!
 //! From a mesh:
 //!
-//! 1. `surface`: creases by dihedral angle, and borders, chained into smooth ridges from corner to corner;
-//! 2. `collapse`: fewer triangles, no ridge lost and no splat that can't be clipped;
-//! 3. `conic`: one curve for each piece of a ridge, in space, so that both sides clip against the same;
-//! 4. `clip`: an ellipse a triangle, its own ridges clipped exactly and others kept out;
-//! 5. `measure`: how far splats and mesh are apart.
+//! 1. `surface`: detects creases by dihedral angle, and borders, and chains them into smooth ridges from corner to
+//!    corner;
+//! 2. `collapse`: simplifies the mesh without losing a ridge or making a splat that can't be clipped;
+//! 3. `conic`: fits one curve in space to each piece of a ridge, so that both sides are clipped by the same curve;
+//! 4. `clip`: makes an ellipse per triangle, clips it exactly by its own ridges, and excludes the area beyond others;
+//! 5. `measure`: measures the distances between splats and mesh.
 //!
-//! `points` does without a mesh: it clips the splats of a point cloud along the edges that the points show.
+//! `points` needs no mesh: it clips the splats of a point cloud along edges detected in the points.
 
 mod clip;
 mod collapse;
@@ -32,32 +33,32 @@ use surfel_model::{ClipColumns, ClipCurve, ClipMode, CloudData, Mesh, OnInvalid,
 pub use measure::SharpErrors;
 pub use points::{SharpPointsReport, sharpen_points};
 
-/// How far a ridge may leave its chord and still be clipped by a line, over the largest side of the bounds: a twentieth
-/// of a pixel of an image 1000 px wide.
+/// Largest distance of a ridge from its chord at which a line clips it, relative to the largest side of the bounds: a
+/// twentieth of a pixel in an image 1000 px wide.
 const STRAIGHT: f64 = 5e-5;
 
-/// How far both sides of a ridge reach over it at least, over the largest side of the bounds: 50 times the rounding of
+/// Smallest overlap of the two sides of a ridge, relative to the largest side of the bounds: 50 times the rounding of
 /// f32.
 const LEAST_OVERLAP: f64 = 5e-6;
 
-/// How far a splat may stand off the mesh beyond its own triangle before it is cut back, over the largest side of the
-/// bounds: a quarter of a pixel of an image 1000 px wide. What stands off is seen past silhouettes.
+/// Largest distance of a splat from the mesh beyond its own triangle before it is cut back, relative to the largest
+/// side of the bounds: a quarter of a pixel in an image 1000 px wide. Larger distances are visible past silhouettes.
 const STRAY: f64 = 2.5e-4;
 
-/// How far a splat may stand off the mesh, over its larger radius: where a surface is curved all over, splats have
-/// to overlap to blend. More than this covers too much of a silhouette, less shows facets.
+/// Largest distance of a splat from the mesh, relative to its larger radius. On a curved surface, splats must overlap
+/// to blend. A larger limit covers too much beyond a silhouette, a smaller one makes facets visible.
 const STRAY_SHARE: f64 = 0.035;
 
-/// How a mesh becomes clipped splats.
+/// Options of the conversion of a mesh to clipped splats.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SharpOptions {
-    /// Faces that meet at more than this angle, degrees, have a crease between them; 1 to 179, default 40.
+    /// Dihedral angle, in degrees, from which there is a crease between two faces; 1 to 179, default 40.
     pub crease_angle_deg: f64,
-    /// At most this many splats; `None`: one a triangle, unless `error` is given.
+    /// Maximum number of splats; `None` means one per triangle, unless `error` is given.
     pub splats: Option<usize>,
-    /// Largest distance that simplification may put between splats and mesh, object units; `None`: no bound.
+    /// Largest distance between splats and mesh due to simplification, in object units; `None` means no bound.
     pub error: Option<f64>,
-    /// Multiplies every radius; greater than 0, default 1.
+    /// Factor for every radius; greater than 0, default 1.
     pub radius_scale: f64,
 }
 
@@ -89,39 +90,39 @@ impl SharpOptions {
 /// Report of a conversion to clipped splats.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SharpReport {
-    /// Splats made.
+    /// Number of splats made.
     pub splats: usize,
-    /// Of them, clipped by a curve.
+    /// Number of splats clipped by a curve.
     pub with_curve: usize,
-    /// Of them, clipped by lines (and perhaps a curve).
+    /// Number of splats clipped by lines (and perhaps a curve).
     pub with_lines: usize,
-    /// Of them, cut back to about their triangle, because one curve and four lines couldn't keep the rest out.
+    /// Number of splats cut back to about their triangle, because one curve and four lines couldn't exclude the rest.
     pub cut_back: usize,
-    /// Ridges: smooth chains of creases and borders, and edges of the mesh that they consist of.
+    /// Number of ridges (smooth chains of creases and borders), and number of mesh edges in them.
     pub ridges: [usize; 2],
-    /// Mean distance between ridges and curves (C12 eq. 12) before and after fitting, object units.
+    /// Mean distance between ridges and curves (C12 eq. 12) before and after fitting, in object units.
     pub curve_errors: [f64; 2],
-    /// Mean distance of curved ridges from the planes of the splats on their two sides (C12 fig. 11), object units:
-    /// with each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as it is.
+    /// Mean distance of curved ridges from the planes of the splats on both sides (C12 fig. 11), in object units: with
+    /// each splat in its triangle's plane, and with the plane moved to the ridge's mean height, as in the result.
     pub mismatch: [f64; 2],
-    /// Splats against mesh.
+    /// Distances between splats and mesh.
     pub errors: SharpErrors,
     /// Median of the larger semi-axes, in object units.
     pub median_radius: f64,
-    /// The cloud's interior weight, as stored in it.
+    /// The cloud's interior weight, as stored in the cloud.
     pub interior_weight: Option<f64>,
 }
 
-/// Makes clipped splats of a mesh: an ellipse a triangle, clipped along creases and borders, so that a few large splats
-/// have the mesh's edges.
+/// Makes clipped splats of a mesh: one ellipse per triangle, clipped along creases and borders, so that a few large
+/// splats reproduce the mesh's edges.
 ///
-/// With [`SharpOptions::splats`] or [`SharpOptions::error`] the mesh is simplified first; where it has fewer than half
-/// as many triangles as splats are asked for, its triangles are cut into four as long as they stay at most that many.
-/// Colours are those of the mesh at the splats' centres. Origin, up and comments carry over, the errors are added as a
-/// comment, and the cloud's `interior_weight` is set.
+/// With [`SharpOptions::splats`] or [`SharpOptions::error`], the mesh is simplified first. If [`SharpOptions::splats`]
+/// is at least four times the number of triangles, the mesh is refined instead: each triangle is divided into four
+/// while the total stays within the requested number. Colours are sampled at the splats' centres. Origin, up axis and
+/// comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is set.
 ///
 /// # Errors
-/// As [`crate::splats_from_mesh`].
+/// Same as [`crate::splats_from_mesh`].
 pub fn sharp_splats_from_mesh(
     mesh: &Mesh,
     options: &SharpOptions,
@@ -206,19 +207,19 @@ pub fn sharp_splats_from_mesh(
     Ok((cloud, report))
 }
 
-/// The borders of a surface's smooth regions.
+/// Borders of a surface's smooth regions.
 struct Sides {
-    /// Two for each piece of a ridge: one for either side.
+    /// Two borders for each piece of a ridge, one for either side.
     borders: Borders,
-    /// The borders along the edges of each triangle.
+    /// Borders along the edges of each triangle, as indices.
     own: Vec<[Option<usize>; 3]>,
-    /// The smooth region that each triangle belongs to.
+    /// Smooth region of each triangle.
     regions: Vec<u32>,
     /// Mean errors of the curves before and after fitting.
     curve_errors: [f64; 2],
 }
 
-/// Fits one curve to each piece of a ridge and makes a border of either of its sides.
+/// Fits one curve to each piece of a ridge and makes a border for either of its sides.
 fn borders(surface: &Surface, straight: f64) -> Sides {
     let regions = regions(surface);
     let mut pieces: Vec<_> = surface.pieces.iter().map(|(e, p)| (*e, *p)).collect();
@@ -258,7 +259,7 @@ fn borders(surface: &Surface, straight: f64) -> Sides {
     Sides { borders: Borders::new(all), own, regions, curve_errors: errors }
 }
 
-/// Numbers the parts of the surface that no ridge divides.
+/// Numbers the smooth regions, which ridges separate, and returns the region of each triangle.
 fn regions(surface: &Surface) -> Vec<u32> {
     let mut beyond: HashMap<_, Vec<u32>> = HashMap::new();
     for (i, face) in surface.faces.iter().enumerate() {
@@ -293,10 +294,10 @@ fn regions(surface: &Surface) -> Vec<u32> {
     regions
 }
 
-/// How far each triangle's plane is moved along its normal toward its own curved borders, which bulge out of it where
-/// the surface is curved across the ridge, and the mean distance of those borders from the planes before and after (C12
-/// fig. 11). What is left opens a gap between the two sides of a ridge, so both overlap by as much there; everywhere by
-/// `least_overlap`, more than the rounding of f32 axes.
+/// Computes the distance by which each triangle's plane is moved along its normal toward its own curved borders. They
+/// bulge out of the plane where the surface is curved across the ridge. Also returns the mean distance of these borders
+/// from the planes before and after (C12 fig. 11). The remaining distance opens a gap between the two sides of a ridge,
+/// so both overlap by that distance. They overlap at least by `least_overlap`, which exceeds the rounding of f32 axes.
 fn lift(
     surface: &Surface,
     borders: &mut Borders,
@@ -323,7 +324,7 @@ fn lift(
         }
         for k in 0..3 {
             let Some(border) = own[k].map(|i| &borders.all[i]) else { continue };
-            // Also a straight border leaves a plane that is lifted for another one's sake.
+            // A straight border is also off a plane that was moved toward another border.
             let gap = heights(border).into_iter().map(|h| (h - lift).abs()).fold(0.0, f64::max);
             let entry = gaps.entry(edge(face[k], face[(k + 1) % 3])).or_default();
             *entry = entry.max(gap);

@@ -1,7 +1,8 @@
-//! Points to clipped splats: where a neighbourhood lies on two or three planes, splats are given one of them each and
-//! clipped by the others, so that both sides of an edge end at the same line (Z04: clip lines).
+//! Clipping of the splats of points along edges. Where a neighbourhood consists of two or three planes, each splat is
+//! assigned to one of them and clipped by the others. Both sides of an edge thus end at the same line (Z04: clip
+//! lines).
 //!
-//! Source: ours. Z04 and C12 clip, but take edges as given.
+//! The method is our own. Z04 and C12 clip, but take edges as given.
 
 use crate::eigen::symmetric3;
 use crate::nearest::Search;
@@ -13,58 +14,59 @@ use glam::DVec3;
 use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{ClipColumns, ClipLine, ClipMode, CloudData, Column3, NO_LINE, OnInvalid, SplatCloud};
 
-/// Neighbours that tell whether a point is amid a flat piece: few, so that pieces reach close to edges.
+/// Number of neighbours that decide if a point is in a flat patch: few, so that patches reach close to edges.
 const FLAT_NEIGHBOURS: usize = 12;
-/// Neighbours among which planes are looked for: enough that each of a corner's three faces has flat ones.
+/// Number of neighbours among which planes are searched: enough that each of a corner's three faces has flat patches.
 const WIDE: usize = 112;
-/// Flat neighbours that make a plane.
+/// Smallest number of flat neighbours in a plane.
 const LEAST_ON_PLANE: usize = 4;
-/// Residuals of a flat neighbourhood over the cloud's median one, so that noise counts as flat.
+/// Largest residual of a flat neighbourhood, relative to the cloud's median, so that noise counts as flat.
 const NOISE_MARGIN: f64 = 2.0;
-/// Residual of a flat neighbourhood over its extent, where there is no noise: the bow of a curved surface.
+/// Largest residual of a flat neighbourhood, relative to its extent, without noise: the bow of a curved surface.
 const BOW: f64 = 0.02;
-/// Normals that belong to one plane differ by at most this share of the crease angle.
+/// Largest angle between normals of one plane, relative to the crease angle.
 const SAME_SHARE: f64 = 0.625;
-/// An edge's jump over the spread of the normals on each of its sides, both in radians, at least. Two halves of a bend
-/// of any strength have 3.5, two caps of a sphere less; an edge of 45° between faces with 5° of noise has 9.
+/// Smallest ratio of an edge's angle to the spread of the normals on each of its sides, both in radians. Two halves of
+/// a bend of any strength have 3.5, and two caps of a sphere less. An edge of 45° between faces with 5° of noise has 9.
 const JUMP: f64 = 6.0;
-/// How much of an edge's jump is left at the edge itself where each side is taken to go on bending as it does, at
-/// least.
+/// Smallest fraction of an edge's angle that remains at the edge itself if each side is assumed to continue its bend.
 const AT_EDGE: f64 = 0.7;
-/// How purely a face lies on one side of another one's plane where they meet in an edge: 1 is all of it, 0 as much as
-/// not.
+/// Smallest fraction by which a face is on one side of another face's plane where they meet in an edge: 1 if all of it
+/// is on one side, 0 if both sides are equal.
 const ONE_SIDED: f64 = 0.5;
-/// Within so many spacings of a plane a patch counts for its side in part.
+/// Distance from a plane, in spacings, within which a patch counts only partly for its side.
 const SIDE_SPACINGS: f64 = 0.5;
-/// A point that lies farther than this from every plane belongs to none, in spacings.
+/// Distance from every plane, in spacings, from which a point belongs to none.
 const FAR_SPACINGS: f64 = 0.35;
-/// A point that lies farther than this from every plane belongs to none, in median residuals.
+/// Distance from every plane, in median residuals, from which a point belongs to none.
 const FAR_RESIDUALS: f64 = 4.0;
 
 /// Report of [`sharpen_points`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SharpPointsReport {
-    /// Splats clipped by a line.
+    /// Number of splats clipped by a line.
     pub clipped: usize,
-    /// Of them, by two lines: corners.
+    /// Number of splats clipped by two lines, at corners.
     pub corners: usize,
-    /// Splats that were turned into a plane beside an edge, and moved onto it.
+    /// Number of splats that were turned into a plane beside an edge, and moved onto it.
     pub turned: usize,
 }
 
-/// Clips splats made of points (by [`crate::splats_from_points`]) along the edges that the points show: where planes
-/// meet at more than `crease_angle_deg` (1 to 179 degrees). Disks become ellipses of equal axes.
+/// Clips splats made of points (by [`crate::splats_from_points`]) along edges detected in the points: where planes meet
+/// at more than `crease_angle_deg` (1 to 179 degrees). Disks become ellipses of equal axes.
 ///
-/// Planes are means of flat neighbourhoods' planes, weighted by nearness, in up to three clusters by normal; a point
-/// amid them takes the nearest, and its splat ends where that plane meets the others. Both sides intersect the same
-/// planes, up to the difference of their weights. Two planes meet in an edge only if their normals differ by several
-/// times what they spread on either side, and if most of that is left where either side is taken to go on bending as it
-/// does: a surface that bends has no edge, however thinly it is sampled. Where a face turns a reflex corner, one of the
-/// two half-planes is enough to keep. Limit: features narrower than about three spacings stay round.
+/// Planes are means of flat patches, weighted by nearness, in up to three clusters by normal. A point among them is
+/// assigned to the nearest plane, and its splat ends where that plane meets the others. Both sides intersect the same
+/// planes, up to the difference of their weights.
+///
+/// Two planes meet in an edge only if their normals differ by several times the spread on either side. Most of the
+/// difference must remain if either side is assumed to continue its bend: a curved surface has no edge, however
+/// sparsely it is sampled. Where a face turns around a reflex corner, its visible part is the union of two half-planes.
+/// Features narrower than about three spacings stay round.
 ///
 /// # Errors
-/// [`SampleError::Option`] for the angle, [`SampleError::TooMany`] above 268 million splats, [`SampleError::Model`]
-/// never for a valid cloud without clips.
+/// [`SampleError::Option`] for the angle, and [`SampleError::TooMany`] above 268 million splats. [`SampleError::Model`]
+/// doesn't occur for a valid cloud without clips.
 pub fn sharpen_points(
     cloud: &SplatCloud,
     crease_angle_deg: f64,
@@ -83,35 +85,35 @@ pub fn sharpen_points(
     assemble_cloud(cloud, &points, &sides, &positions)
 }
 
-/// The flat piece about a point, in working coordinates.
+/// Flat patch around a point, in working coordinates.
 #[derive(Clone, Copy, Default)]
 struct Patch {
     center: DVec3,
-    /// Unit, outward.
+    /// Unit normal, outward.
     normal: DVec3,
     is_flat: bool,
 }
 
-/// A plane fitted to a point and its neighbours, in working coordinates.
+/// Plane fitted to a point and its neighbours, in working coordinates.
 #[derive(Clone, Copy, Default)]
 struct PlaneFit {
     patch: Patch,
     /// Standard deviation of the points along the plane's normal.
     residual: f64,
-    /// Their largest standard deviation within the plane.
+    /// Largest standard deviation of the points within the plane.
     extent: f64,
     /// Mean distance of the nearest neighbours.
     spacing: f64,
 }
 
-/// A plane through `center`, the weighted mean of flat patches.
+/// Plane through `center`, the weighted mean of flat patches.
 #[derive(Clone)]
 struct Plane {
     center: DVec3,
     normal: DVec3,
-    /// Root mean square angle of the patches' normals from their mean, radians.
+    /// Root mean square angle between the patches' normals and their mean, in radians.
     spread: f64,
-    /// The patches.
+    /// Patches that belong to the plane.
     members: Vec<Patch>,
 }
 
@@ -120,14 +122,14 @@ impl Plane {
         self.normal.dot(p - self.center)
     }
 
-    /// On which side of another plane this one's patches lie: from −1, all behind it, to 1.
+    /// Returns the side of another plane on which this plane's patches are: from −1 (all behind it) to 1.
     fn side_of(&self, other: &Self, width: f64) -> f64 {
         let side = |patch: &Patch| (other.distance(patch.center) / width).clamp(-1.0, 1.0);
         self.members.iter().map(side).sum::<f64>() / self.members.len().max(1) as f64
     }
 
-    /// Angle in radians from `across` toward `away` of the patches' normals where this plane meets the edge through
-    /// `edge`, by a straight line through their angles over the distance from it along `outward`, in the plane.
+    /// Returns the angle, in radians from `across` toward `away`, of the patches' normals at the edge through `edge`.
+    /// The angle is extrapolated by a linear fit over the distance from the edge along `outward`, in the plane.
     fn angle_at_edge(&self, edge: DVec3, outward: DVec3, [across, away]: [DVec3; 2]) -> f64 {
         let count = self.members.len().max(1) as f64;
         let place = |patch: &Patch| (patch.center - edge).dot(outward);
@@ -141,13 +143,13 @@ impl Plane {
     }
 }
 
-/// A splat beside an edge, turned and clipped, in working coordinates.
+/// Splat beside an edge, turned and clipped, in working coordinates.
 #[derive(Clone, Debug)]
 struct Side {
     center: DVec3,
-    /// The plane's normal where the splat is turned.
+    /// Normal of the plane if the splat is turned.
     turned: Option<DVec3>,
-    /// Half-spaces that keep it: unit normals into them, and the signed distance of the centre.
+    /// Half-spaces that clip the splat: unit normals into them, and the signed distance of the centre.
     keeps: Vec<(DVec3, f64)>,
     mode: ClipMode,
 }
@@ -191,7 +193,7 @@ impl<'a> Patches<'a> {
         Self { points, patches, residual, spacing, crease_cos: crease.cos(), same_cos: (SAME_SHARE * crease).cos() }
     }
 
-    /// The planes about a point; none or one where nothing is sharp.
+    /// Returns the planes around a point; none or one if there is no edge.
     fn planes(&self, slot: usize, wide: &[u32]) -> Vec<Plane> {
         let p = self.points.point(slot);
         let flat: Vec<Patch> = std::iter::once(slot)
@@ -211,7 +213,7 @@ impl<'a> Patches<'a> {
         }
         let seed = |normal| Plane { center: p, normal, spread: 0.0, members: Vec::new() };
         let mut planes: Vec<Plane> = seeds.into_iter().map(seed).collect();
-        // Means of what is nearest to each, a few times over (Lloyd 1982).
+        // Means of the patches nearest to each plane, iterated a few times (Lloyd 1982).
         for _ in 0..4 {
             let mut sums = vec![(DVec3::ZERO, DVec3::ZERO, 0.0, Vec::<Patch>::new()); planes.len()];
             for patch in &flat {
@@ -232,7 +234,7 @@ impl<'a> Patches<'a> {
             let mean = |(normal, center, total, members): (DVec3, DVec3, f64, Vec<Patch>)| Plane {
                 center: p + center / total,
                 normal: unit(normal),
-                // Of unit vectors, 2 − 2·|mean| is the mean square distance from the mean's direction.
+                // For unit vectors, 2 − 2·|mean| is the mean squared distance from the mean's direction.
                 spread: (2.0 - 2.0 * normal.length() / total).max(0.0).sqrt(),
                 members,
             };
@@ -241,8 +243,8 @@ impl<'a> Patches<'a> {
         planes
     }
 
-    /// How two planes meet about here: −1 in a convex edge, each behind the other; 1 in a concave one; `None` if they
-    /// don't meet in an edge.
+    /// Returns the kind of edge in which two planes meet near the point: −1 for a convex edge (each is behind the
+    /// other), 1 for a concave one, `None` if there is no edge.
     fn meet(&self, a: &Plane, b: &Plane) -> Option<f64> {
         let jump = a.normal.dot(b.normal).clamp(-1.0, 1.0).acos();
         if jump.cos() >= self.same_cos || jump < JUMP * a.spread.max(b.spread) {
@@ -251,20 +253,21 @@ impl<'a> Patches<'a> {
         if self.turn_at_edge(a, b) < AT_EDGE * jump {
             return None;
         }
-        // A face that turns a reflex corner lies on both sides, but the other one doesn't.
+        // A face that turns around a reflex corner is on both sides of the other plane, but the other face is on one
+        // side only.
         let width = SIDE_SPACINGS * self.spacing;
         let sides = [a.side_of(b, width), b.side_of(a, width)];
         let purest = if sides[0].abs() > sides[1].abs() { sides[0] } else { sides[1] };
         (purest.abs() >= ONE_SIDED).then(|| purest.signum())
     }
 
-    /// By how much the surface turns at the line where two planes meet, radians, if on either side it goes on to turn
-    /// as it does there: all of the angle between the planes in an edge, nothing in an even bend.
+    /// Returns the angle, in radians, by which the surface turns at the line where two planes meet, if either side
+    /// continues its bend up to the line. In an edge it is the whole angle between the planes, in an even bend nothing.
     fn turn_at_edge(&self, a: &Plane, b: &Plane) -> f64 {
         let cosine = a.normal.dot(b.normal);
         let along = unit(a.normal.cross(b.normal));
         let (across, away) = (unit(a.normal + b.normal), unit(b.normal - a.normal));
-        // The point of the line that is nearest to the middle of the two planes' centres.
+        // The point of the line nearest to the middle of the two planes' centres.
         let middle = 0.5 * (a.center + b.center);
         let (d, e) = (a.distance(middle), b.distance(middle));
         let scale = 1.0 / (1.0 - cosine * cosine).max(f64::MIN_POSITIVE);
@@ -273,7 +276,7 @@ impl<'a> Patches<'a> {
         after - before
     }
 
-    /// The planes that cut one of the planes, with the sides that keep it, and whether all must.
+    /// Returns the planes that clip one of the planes, with their visible sides, and the mode that combines them.
     fn cuts<'b>(&self, planes: &'b [Plane], own: usize) -> (Vec<(&'b Plane, f64)>, ClipMode) {
         let meeting: Vec<(&Plane, f64)> = (0..planes.len())
             .filter(|i| *i != own)
@@ -285,13 +288,13 @@ impl<'a> Patches<'a> {
         {
             return (meeting, ClipMode::Or);
         }
-        // A face that runs on beyond another one's plane isn't cut by it.
+        // A face that continues beyond another plane isn't clipped by it.
         let width = SIDE_SPACINGS * self.spacing;
         let ends = |(plane, side): &(&Plane, f64)| side * planes[own].side_of(plane, width) >= ONE_SIDED;
         (meeting.into_iter().filter(ends).collect(), ClipMode::And)
     }
 
-    /// The splat of a point beside an edge; `None` where no edge is.
+    /// Returns the splat of a point beside an edge; `None` if there is no edge.
     fn side(&self, slot: usize, wide: &[u32]) -> Option<Side> {
         let planes = self.planes(slot, wide);
         if planes.len() < 2 {
@@ -304,7 +307,7 @@ impl<'a> Patches<'a> {
         let far = (FAR_RESIDUALS * self.residual).max(FAR_SPACINGS * self.spacing);
         let mut nearest: Vec<usize> = (0..planes.len()).collect();
         nearest.sort_by(|a, b| rank(&planes[*a]).total_cmp(&rank(&planes[*b])));
-        // The nearest plane that isn't cut away where the point is.
+        // The nearest plane that isn't clipped away at the point.
         let (own, (cuts, mode)) =
             nearest.into_iter().map(|i| (&planes[i], self.cuts(&planes, i))).find(|(_, (cuts, mode))| {
                 let keeps = |(plane, side): &(&Plane, f64)| side * plane.distance(p) > -far;
@@ -346,7 +349,8 @@ fn assemble_cloud(
             }
             let keeps = side.keeps.iter().map(|(into, d)| [s.dot(*into), t.dot(*into), d * points.points.step]);
             let keeps: Vec<[f64; 3]> = keeps.collect();
-            // Lines that miss the disk clip nothing, nor do any if one of those of which one is enough keeps all.
+            // Lines that miss the disk clip nothing. Under `Or`, no line clips anything if one of them leaves the whole
+            // disk visible.
             let is_whole = side.mode == ClipMode::Or && keeps.iter().any(|[a, b, c]| *c >= a.hypot(*b));
             let crossing = keeps.iter().filter(|[a, b, c]| !is_whole && c.abs() < a.hypot(*b));
             let mut count = 0;

@@ -4,28 +4,28 @@ use crate::mesh::geometry::Geometry;
 use glam::DVec3;
 use std::collections::HashMap;
 
-/// Cosine of 45°: a ridge that turns more than that has a corner there.
+/// Cosine of 45°: a ridge that turns by more has a corner there.
 const SHARP_TURN_COS: f64 = std::f64::consts::FRAC_1_SQRT_2;
 
-/// An edge, by its vertices in ascending order.
+/// Edge, as its two vertices in ascending order.
 pub(crate) type Edge = (u32, u32);
 
 pub(crate) fn edge(a: u32, b: u32) -> Edge {
     (a.min(b), a.max(b))
 }
 
-/// The feature that holds a vertex in place.
+/// Feature that constrains a vertex.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Kind {
-    /// Nothing: it may move over the surface.
+    /// No feature: the vertex may move over the surface.
     Smooth,
-    /// It lies within a ridge: it may go along it.
+    /// The vertex is inside a ridge, and may move along it.
     Ridge,
-    /// Ridges end or meet here, or turn sharply: it stays.
+    /// Ridges end or meet here, or turn sharply: the vertex is fixed.
     Corner,
 }
 
-/// Part of a ridge between two vertices: indices into the ridge's points, `from` < `to`.
+/// Part of a ridge between two vertices, as indices into the ridge's points, with `from` < `to`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Piece {
     pub ridge: u32,
@@ -40,20 +40,21 @@ pub(crate) struct Surface {
     pub kinds: Vec<Kind>,
     /// Every crease and border edge.
     pub pieces: HashMap<Edge, Piece>,
-    /// Smooth chains of such edges, from corner to corner, as vertices. A loop starts and ends at the same corner.
+    /// Smooth chains of creases and borders, from corner to corner, as vertices. A loop starts and ends at the same
+    /// corner.
     pub ridges: Vec<Vec<u32>>,
     /// Largest side of the bounds.
     pub extent: f64,
 }
 
-/// Unit normal of a triangle; zero without area.
+/// Returns the unit normal of a triangle; zero if it has no area.
 pub(crate) fn normal_of([a, b, c]: [DVec3; 3]) -> DVec3 {
     surfel_math::basis::unit((b - a).cross(c - a))
 }
 
 impl Surface {
-    /// Welds vertices in the same place, leaves out triangles without area, and finds the ridges: edges where faces
-    /// meet at more than the crease angle, and edges that don't have one face on either side, wound alike.
+    /// Welds vertices in the same place, drops triangles without area, and finds the ridges. These are edges at which
+    /// faces meet at more than the crease angle, and edges without exactly one face on either side, wound alike.
     pub(crate) fn new(geometry: &Geometry, crease_cos: f64) -> Self {
         let weld = geometry.weld();
         let mut index = HashMap::new();
@@ -86,13 +87,13 @@ impl Surface {
         face.map(|i| self.positions[i as usize])
     }
 
-    /// Points of a piece, in the ridge's order.
+    /// Returns the points of a piece, in the ridge's order.
     pub(crate) fn line(&self, piece: &Piece) -> Vec<DVec3> {
         let vertices = &self.ridges[piece.ridge as usize][piece.from as usize..=piece.to as usize];
         vertices.iter().map(|v| self.positions[*v as usize]).collect()
     }
 
-    /// Each triangle cut into four by the middles of its edges, `times` times. Ridges are found again.
+    /// Divides each triangle into four by the middles of its edges, `times` times, and finds the ridges again.
     pub(crate) fn subdivide(&mut self, times: usize, crease_cos: f64) {
         for _ in 0..times {
             let mut middles = HashMap::new();
@@ -145,7 +146,7 @@ impl Surface {
             };
             self.kinds[v as usize] = if is_straight { Kind::Ridge } else { Kind::Corner };
         }
-        // From corners first; what is left are loops, which get a corner where they begin.
+        // Chains from corners come first; the remaining ones are loops, which get a corner where they begin.
         let starts = |kinds: &[Kind]| -> Vec<Edge> {
             let from =
                 |&(a, b): &Edge| [(a, b), (b, a)].into_iter().filter(|(v, _)| kinds[*v as usize] == Kind::Corner);

@@ -5,7 +5,7 @@ use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::{Column3, PointCloud, SplatCloud};
 
-/// A linear congruential generator: the crate's own is not to be trusted here.
+/// A linear congruential generator: the tests don't rely on the crate's own.
 pub(crate) struct Lcg(pub(crate) u64);
 
 impl Lcg {
@@ -47,7 +47,7 @@ impl<'a> Index<'a> {
         (p / side).to_array().map(|x| x.floor() as i64)
     }
 
-    /// (splats, Σw) that the line through `x` along `n` meets on the same side of the surface.
+    /// Returns the number of splats, and Σw, that the line through `x` along `n` meets on the same side of the surface.
     pub(crate) fn over(&self, x: DVec3, n: DVec3) -> (usize, f64) {
         let [a, b, c] = Self::key(x, self.side);
         let (mut count, mut sum) = (0, 0.0);
@@ -83,14 +83,14 @@ impl<'a> Index<'a> {
     }
 }
 
-/// True if every line of splat `i` keeps a point, given in its half-axes.
+/// True if every line of splat `i` leaves a point, given in its half-axes, visible.
 pub(crate) fn keeps(cloud: &SplatCloud, i: usize, u: f64, v: f64) -> bool {
     let lines = cloud.data().clips.iter().flat_map(|clips| &clips.lines).flat_map(|lines| lines[i]);
     let mut lines = lines.filter(|line| !line.a.is_nan());
     lines.all(|line| f64::from(line.a) * u + f64::from(line.b) * v + f64::from(line.c) >= 0.0)
 }
 
-/// What share of `places` (position, normal) is under no splat and under at least two, and the median Σw.
+/// Shares of `places` (position, normal) under no splat and under at least two, and the median Σw.
 #[derive(Debug)]
 pub(crate) struct Coverage {
     pub(crate) holes: usize,

@@ -7,7 +7,7 @@ use crate::mesh::geometry::Geometry;
 use glam::Vec3;
 use surfel_model::{Column3, Mesh};
 
-/// A disc with a border of `n` edges, in rings.
+/// Returns a disc with a border of `n` edges, in rings.
 fn disc(n: u32, rings: u32) -> Mesh {
     let (mut positions, mut triangles) = (vec![Vec3::ZERO], Vec::new());
     for ring in 1..=rings {
@@ -53,11 +53,11 @@ fn collapse_leaves_each_triangle_one_curved_ridge_that_its_splat_reaches() {
         }
         assert!(curved <= 1);
     }
-    // The border is whole.
+    // The border is complete.
     assert_eq!(border, 64);
 }
 
-/// The disc as a lid on a wall `height` high, all along the border a crease.
+/// Returns the disc as a lid on a wall `height` high; the whole border is a crease.
 fn lidded(n: u32, rings: u32, height: f32) -> Mesh {
     let mut mesh = disc(n, rings);
     let mut positions = mesh.positions.high().to_vec();
@@ -76,7 +76,7 @@ fn lidded(n: u32, rings: u32, height: f32) -> Mesh {
 #[test]
 fn collapse_keeps_a_crease_between_two_faces() {
     let n = 64;
-    // A wall below the lid makes a convex crease, one above it a concave one.
+    // A wall below the lid makes a convex crease, a wall above it a concave one.
     for height in [1.0, -1.0] {
         let mesh = lidded(n, 6, height);
         let mut surface = Surface::new(&Geometry::new(&mesh), 0.766);
@@ -96,18 +96,18 @@ fn collapse_keeps_a_crease_between_two_faces() {
                     surface.faces.iter().filter(|f| *f != face && f.contains(&a) && f.contains(&b)).collect();
                 let is_crease = beyond.iter().any(|f| is_lid(f) != is_lid(face));
                 let piece = surface.pieces.get(&edge(a, b));
-                // Creases are where pieces say, and nowhere else; other pieces are the wall's border.
+                // Creases are exactly at the pieces; other pieces are the wall's border.
                 assert_eq!(is_crease, piece.is_some() && beyond.len() == 1, "{height}: {face:?} {k}");
                 let Some(piece) = piece.filter(|_| is_crease) else { continue };
                 kept += piece.to - piece.from;
-                // The polygon of n sides is up to 1 − cos(π/n) = 1.2e-3 within the circle; as much again is the
-                // curve's, and a hundredth of it what the search for the curve leaves the plane.
+                // The polygon of n sides is up to 1 − cos(π/n) = 1.2e-3 inside the circle, and the curve deviates as
+                // much. The search for the curve leaves the plane by a hundredth of that.
                 for p in conic::fit(&surface.line(piece)).conic.even_points(33) {
                     assert!((p.truncate().length() - 1.0).abs() < 2.4e-3 && p.z.abs() < 1.2e-5, "{height}: {p}");
                 }
             }
         }
-        // All of it, from either side.
+        // All of the crease, from either side.
         assert_eq!(kept, 2 * n, "{height}");
     }
 }

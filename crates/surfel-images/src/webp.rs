@@ -1,6 +1,6 @@
 //! Decoding of WebP, lossy or lossless; only the first frame of an animation is decoded.
 
-use super::decode::{Decoded, Samples, texels};
+use crate::decode::{Decoded, Samples, texels};
 use image_webp::WebPDecoder;
 use std::io::Cursor;
 

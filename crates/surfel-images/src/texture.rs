@@ -1,9 +1,9 @@
 //! Base-colour textures and matcaps: PNG, JPEG or WebP decoded to 8-bit texels.
 
-use super::decode::{can_hold, decode_reduced, is_cut_jpeg, size_of};
-use crate::error::{Fault, IoError, Problem, quote};
-use crate::files;
+use crate::decode::{can_hold, decode_reduced, is_cut_jpeg, size_of};
 use std::path::Path;
+use surfel_files::error::{Fault, IoError, Problem, quote};
+use surfel_files::input;
 use surfel_model::{Matcap, Texture};
 
 /// Maximum texture side, in texels.
@@ -15,7 +15,7 @@ const MAX_BYTES: usize = 1 << 30;
 
 /// Decoder of the PNG, JPEG or WebP images of one file, with a limit for all of them together.
 #[derive(Debug)]
-pub(crate) struct TextureDecoder {
+pub struct TextureDecoder {
     texels_left: u64,
     /// Maximum side of a texture that isn't reduced, in texels.
     max_side: u32,
@@ -27,13 +27,13 @@ pub(crate) struct TextureDecoder {
 
 impl TextureDecoder {
     /// Creates a decoder for one file's textures.
-    pub(crate) fn new(max_side: Option<u32>) -> Self {
+    pub fn new(max_side: Option<u32>) -> Self {
         let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
         Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
     }
 
     /// Returns notes about the decoded images.
-    pub(crate) fn told(&self) -> Vec<String> {
+    pub fn told(&self) -> Vec<String> {
         let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
             let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
             let limit = self.max_side;
@@ -47,7 +47,7 @@ impl TextureDecoder {
     }
 
     /// Decodes an image, or returns the reason why that fails; `name` is for notes.
-    pub(crate) fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
+    pub fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
         if !can_hold(bytes, width, height) {
@@ -72,7 +72,7 @@ impl TextureDecoder {
     }
 
     /// Counts the texels of a converted texture against the file's limit; returns false if they exceed it.
-    pub(crate) fn spend(&mut self, texels: u64) -> bool {
+    pub fn spend(&mut self, texels: u64) -> bool {
         let left = self.texels_left.checked_sub(texels);
         self.texels_left = left.unwrap_or(self.texels_left);
         left.is_some()
@@ -85,7 +85,7 @@ impl TextureDecoder {
 /// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't such an image, [`IoError::Model`] if
 /// it has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
-    let bytes = files::read(path, MAX_BYTES as u64)?;
+    let bytes = input::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {
         true => Err("it is cut off".to_owned()),
         false => Ok(image),
@@ -98,8 +98,7 @@ pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
 }
 
 /// Returns the note about a texture that isn't used.
-#[cfg_attr(not(any(feature = "gltf", feature = "obj")), allow(dead_code))]
-pub(crate) fn missing(name: &str, why: &str) -> String {
+pub fn missing(name: &str, why: &str) -> String {
     let why: String = why.chars().take(200).map(|c| if c.is_control() { ' ' } else { c }).collect();
     format!("left out the texture {}: {why}", quote(name))
 }

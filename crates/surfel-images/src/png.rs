@@ -1,12 +1,12 @@
 //! Writing of PNG: sRGB-encoded with straight alpha, 8 or 16 bits.
 
-use super::planes::PlanesView;
-use crate::atomic;
 use crate::color::nearest_16_bit;
-use crate::error::IoError;
+use crate::planes::PlanesView;
 use std::borrow::Cow;
 use std::io::{self, Write};
 use std::path::Path;
+use surfel_files::atomic;
+use surfel_files::error::IoError;
 use surfel_math::srgb::{encode_rgba8, straight};
 
 /// Number of bits of a PNG's samples.

@@ -1,6 +1,6 @@
 //! Decoding of JPEG, baseline and progressive, to 8-bit texels.
 
-use super::decode::{Decoded, Samples, texels};
+use crate::decode::{Decoded, Samples, texels};
 use zune_core::bytestream::ZCursor;
 use zune_core::colorspace::ColorSpace;
 use zune_core::options::DecoderOptions;

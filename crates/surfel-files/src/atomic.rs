@@ -79,8 +79,9 @@ fn unwritten(path: &Path, action: &'static str, source: io::Error) -> IoError {
 
 /// A file that is being written under a temporary name and appears when it is published. Dropping it removes the file.
 #[derive(Debug)]
-pub(crate) struct Pending {
-    pub(crate) sink: BufWriter<File>,
+pub struct Pending {
+    /// Sink of the content.
+    pub sink: BufWriter<File>,
     temporary: NamedTempFile,
     _registered: Registered,
     path: PathBuf,
@@ -91,7 +92,7 @@ pub(crate) struct Pending {
 
 impl Pending {
     /// Creates a temporary file that will become `path`, which must be a name for a regular file.
-    pub(crate) fn new(path: &Path, overwrite: bool) -> Result<Self, IoError> {
+    pub fn new(path: &Path, overwrite: bool) -> Result<Self, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
         let existing = fs::metadata(path).ok();
         match &existing {
@@ -109,7 +110,7 @@ impl Pending {
     }
 
     /// Makes the complete file appear.
-    pub(crate) fn publish(self) -> Result<(), IoError> {
+    pub fn publish(self) -> Result<(), IoError> {
         let Self { mut sink, temporary, _registered, path, target, existing, overwrite } = self;
         let system = |source| IoError::System { path: path.clone(), action: WRITE, source };
         sink.flush().map_err(system)?;

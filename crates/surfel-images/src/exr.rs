@@ -1,10 +1,8 @@
 //! OpenEXR: one part with unnamed R G B A, Z, normal.X/Y/Z, weight and a frame's other channels, with lossless ZIP
 //! compression.
 
-use super::planes::{Planes, PlanesView};
-use super::stitch::{ImageHeader, Samples, check_side, damaged};
-use crate::atomic;
-use crate::error::{IoError, Problem};
+use crate::planes::{Planes, PlanesView};
+use crate::stitch::{ImageHeader, Samples, check_side, damaged};
 use exr::block::writer::ChunksWriter;
 use exr::block::{UncompressedBlock, reader::AllChunksReader};
 use exr::math::Vec2;
@@ -19,6 +17,8 @@ use half::f16;
 use std::fs::File;
 use std::io::{self, BufReader, BufWriter, Cursor, Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use surfel_files::atomic;
+use surfel_files::error::{IoError, Problem};
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
 /// Channel names of world positions.

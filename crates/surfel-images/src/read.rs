@@ -1,28 +1,10 @@
-//! Images: reading and writing of a frame's planes as PNG, JPEG, EXR, NPZ or TIFF, and textures.
+//! Reading of images.
 
-mod decode;
-#[cfg(feature = "exr")]
-pub(crate) mod exr;
-#[cfg(feature = "jpeg")]
-mod jpeg;
-#[cfg(feature = "jpeg")]
-pub(crate) mod jpeg_writer;
-#[cfg(feature = "npy")]
-pub(crate) mod npz;
-pub(crate) mod planes;
-pub(crate) mod png;
-pub(crate) mod stitch;
-pub(crate) mod texture;
-#[cfg(feature = "geotiff")]
-mod tiff;
-#[cfg(feature = "webp")]
-mod webp;
-
-use crate::error::{Fault, IoError, Problem, quote};
-use crate::files;
-use decode::{Samples, can_hold, decode, size_of};
-use planes::Planes;
+use crate::decode::{self, Samples, can_hold, decode, size_of};
+use crate::planes::Planes;
 use std::path::Path;
+use surfel_files::error::{Fault, IoError, Problem, quote};
+use surfel_files::input;
 use surfel_model::{MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE};
 
 /// Maximum size of an image file, in bytes.
@@ -37,7 +19,7 @@ const MAX_DECODED_BYTES: usize = 8 << 30;
 /// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it is damaged, too large, or of another
 /// format.
 pub fn read_image(path: &Path) -> Result<Planes, IoError> {
-    read_image_bytes(&files::read(path, MAX_FILE_BYTES)?, path)
+    read_image_bytes(&input::read(path, MAX_FILE_BYTES)?, path)
 }
 
 /// Reads an image from memory, like [`read_image`]; `name` is for messages.
@@ -48,7 +30,7 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
     let read = || {
         if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {
             #[cfg(feature = "exr")]
-            return exr::read(bytes);
+            return crate::exr::read(bytes);
             #[cfg(not(feature = "exr"))]
             return Err(Problem::not_built("OpenEXR", "exr"));
         } else if decode::is_image(bytes) {

@@ -1,11 +1,11 @@
 //! Writing of NumPy archives: one array of height × width per plane, named as the EXR channels.
 
-use super::planes::PlanesView;
-use crate::atomic;
-use crate::error::IoError;
+use crate::planes::PlanesView;
 use flate2::Crc;
 use std::io::{self, Write};
 use std::path::Path;
+use surfel_files::atomic;
+use surfel_files::error::IoError;
 
 /// Writes all planes, uncompressed: colour, depth, normals and weights as `<f4`, positions as `<f8`, whole numbers as
 /// `<u4`. `numpy.load(file)["Z"]` has the shape (height, width). Equal planes give equal bytes.

@@ -9,7 +9,7 @@ use std::path::{Component, Path, PathBuf};
 use std::rc::Rc;
 
 /// Largest file that is loaded, in bytes.
-pub(crate) const MAX_BYTES: u64 = 64 << 30;
+pub const MAX_BYTES: u64 = 64 << 30;
 /// Maximum number of bytes that are read from a source without a size, such as a pipe.
 const MAX_STREAM_BYTES: u64 = 1 << 30;
 /// Limit of unpacked data: a number of bytes for any compressed file, plus a multiple of its size.
@@ -18,12 +18,12 @@ const UNPACKED_TIMES: u64 = 64;
 
 /// Returns the maximum number of bytes that a compressed file of `bytes` bytes may unpack to. Real files stay far below
 /// it.
-pub(crate) fn most_unpacked(bytes: usize) -> u64 {
+pub fn most_unpacked(bytes: usize) -> u64 {
     UNPACKED_BYTES + UNPACKED_TIMES * bytes as u64
 }
 
 /// Returns the limit of [`most_unpacked`] as text for messages.
-pub(crate) fn most_unpacked_in_words() -> String {
+pub fn most_unpacked_in_words() -> String {
     format!("at most {} MiB and {UNPACKED_TIMES} times the file's size", UNPACKED_BYTES >> 20)
 }
 
@@ -32,7 +32,7 @@ pub(crate) fn most_unpacked_in_words() -> String {
 ///
 /// # Errors
 /// [`Problem`] if `out` can't be written.
-pub(crate) fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, Option<io::Error>), Problem> {
+pub fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, Option<io::Error>), Problem> {
     let (mut reader, mut buffer, mut poured) = (reader.take(most), vec![0; 1 << 16], 0);
     loop {
         let count = match reader.read(&mut buffer) {
@@ -47,7 +47,7 @@ pub(crate) fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<
 }
 
 /// Reads a file of at most `limit` bytes, or a pipe, as a whole.
-pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
+pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
     let file = File::open(path).map_err(system)?;
     let metadata = file.metadata().map_err(system)?;
@@ -68,7 +68,7 @@ pub(crate) fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
 
 /// Access to the files that a file refers to: materials, textures, buffers.
 #[derive(Clone, Debug)]
-pub(crate) enum Siblings {
+pub enum Siblings {
     /// No access: the bytes have no path.
     None,
     /// Access to a folder.
@@ -102,7 +102,7 @@ fn leaves_folder(reference: &Path) -> bool {
 
 impl Siblings {
     /// Returns the access for the file at `path`: its folder and those below, or any folder if `allow_outside`.
-    pub(crate) fn of(path: &Path, allow_outside: bool) -> Self {
+    pub fn of(path: &Path, allow_outside: bool) -> Self {
         let folder = path.parent().map(Path::to_path_buf).unwrap_or_default();
         let here = if folder.as_os_str().is_empty() { Path::new(".") } else { &folder };
         let real = |path: &Path| std::fs::canonicalize(path).unwrap_or_else(|_| path.to_path_buf());
@@ -112,8 +112,7 @@ impl Siblings {
     }
 
     /// Returns the access for a file in a subfolder.
-    #[cfg(feature = "gltf")]
-    pub(crate) fn below(&self, folder: &str) -> Self {
+    pub fn below(&self, folder: &str) -> Self {
         let mut siblings = self.clone();
         if let Self::Folder { path, .. } = &mut siblings {
             path.push(folder);
@@ -122,7 +121,7 @@ impl Siblings {
     }
 
     /// Returns the files that were requested, whether they exist or not.
-    pub(crate) fn asked(&self) -> Vec<PathBuf> {
+    pub fn asked(&self) -> Vec<PathBuf> {
         match self {
             Self::None => Vec::new(),
             Self::Folder { asked, .. } => asked.borrow().iter().cloned().collect(),
@@ -130,14 +129,13 @@ impl Siblings {
     }
 
     /// True if the file exists and [`Self::read`] may read it.
-    #[cfg(feature = "obj")]
-    pub(crate) fn has(&self, reference: &str) -> bool {
+    pub fn has(&self, reference: &str) -> bool {
         self.locate(reference).is_ok_and(|path| path.is_file())
     }
 
     /// Reads a referenced file of at most 1 GiB; returns a reason if that is impossible. The file must be regular:
     /// reading a device would never end.
-    pub(crate) fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
+    pub fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
         let path = self.locate(reference)?;
         if let Self::Folder { asked, .. } = self {
             asked.borrow_mut().insert(path.clone());

@@ -4,19 +4,19 @@ use std::sync::OnceLock;
 use surfel_math::srgb::{self, nearest_8_bit};
 
 /// Linear values of the 256 sRGB-encoded 8-bit levels.
-pub(crate) fn linear_of_8_bit() -> &'static [f32; 256] {
+pub fn linear_of_8_bit() -> &'static [f32; 256] {
     static TABLE: OnceLock<[f32; 256]> = OnceLock::new();
     TABLE.get_or_init(|| std::array::from_fn(|i| srgb::decode(i as f64 / 255.0) as f32))
 }
 
 /// Linear values of the 65536 sRGB-encoded 16-bit levels.
-pub(crate) fn linear_of_16_bit() -> &'static [f32] {
+pub fn linear_of_16_bit() -> &'static [f32] {
     static TABLE: OnceLock<Vec<f32>> = OnceLock::new();
     TABLE.get_or_init(|| (0..=65_535_u32).map(|i| srgb::decode(f64::from(i) / 65_535.0) as f32).collect())
 }
 
 /// Converts an sRGB-encoded value to linear; clamps to [0, 1], and NaN stays NaN.
-pub(crate) fn linear_of_unit(encoded: f64) -> f32 {
+pub fn linear_of_unit(encoded: f64) -> f32 {
     if encoded.is_nan() {
         return f32::NAN;
     }
@@ -25,19 +25,19 @@ pub(crate) fn linear_of_unit(encoded: f64) -> f32 {
 
 /// Converts an sRGB-encoded level of a range up to `scale` to linear. Whole levels of range 255 have exactly the
 /// table's values.
-pub(crate) fn linear_of_level(level: f64, scale: f64) -> f32 {
+pub fn linear_of_level(level: f64, scale: f64) -> f32 {
     let is_whole = scale == 255.0 && level.fract() == 0.0 && (0.0..=255.0).contains(&level);
     if is_whole { linear_of_8_bit()[level as usize] } else { linear_of_unit(level / scale) }
 }
 
 /// Returns the 8-bit level that decodes to exactly `linear`, if there is one.
-pub(crate) fn exact_8_bit(linear: f32) -> Option<u8> {
+pub fn exact_8_bit(linear: f32) -> Option<u8> {
     let level = nearest_8_bit(linear);
     (linear_of_8_bit()[usize::from(level)] == linear).then_some(level)
 }
 
 /// Returns the nearest sRGB-encoded 16-bit level, clamped; 0 for NaN.
-pub(crate) fn nearest_16_bit(linear: f32) -> u16 {
+pub fn nearest_16_bit(linear: f32) -> u16 {
     if linear.is_nan() {
         return 0;
     }
@@ -46,7 +46,7 @@ pub(crate) fn nearest_16_bit(linear: f32) -> u16 {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use crate::*;
 
     #[test]
     fn every_level_survives_a_round_trip() {

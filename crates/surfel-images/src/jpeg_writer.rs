@@ -1,11 +1,11 @@
 //! Writing JPEG: baseline, sRGB-encoded, without chroma subsampling, blended onto a background.
 
-use super::planes::PlanesView;
-use crate::atomic;
-use crate::error::IoError;
+use crate::planes::PlanesView;
 use jpeg_encoder::{Encoder, ImageBuffer, JpegColorType, SamplingFactor, rgb_to_ycbcr};
 use std::io::{self, Write};
 use std::path::Path;
+use surfel_files::atomic;
+use surfel_files::error::IoError;
 use surfel_math::srgb::nearest_8_bit;
 
 /// Largest width or height of a JPEG, in pixels.

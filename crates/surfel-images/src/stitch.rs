@@ -1,12 +1,12 @@
 //! Stitching of image tiles to a whole image, with a band of rows in memory at a time.
 
-use super::png::{BitDepth, PngOptions, start_png};
-use crate::atomic;
-use crate::error::ShowPath as _;
-use crate::error::{Fault, IoError, Problem, READ};
+use crate::png::{BitDepth, PngOptions, start_png};
 use std::fs::File;
 use std::io::{self, BufReader, Read, Seek, Write};
 use std::path::{Path, PathBuf};
+use surfel_files::atomic;
+use surfel_files::error::ShowPath as _;
+use surfel_files::error::{Fault, IoError, Problem, READ};
 use surfel_model::MAX_IMAGE_SIDE;
 
 /// Properties of a PNG or EXR that are read without its pixels.
@@ -123,9 +123,9 @@ pub fn stitch(
             let problem = Problem::new("is a TIFF, but the tiles are EXRs").expected("a name in .exr");
             Err(Fault::from(problem).of(out))
         }
-        #[cfg(not(feature = "geotiff"))]
+        #[cfg(not(feature = "tiff"))]
         Samples::Png(_) if is_tiff => Err(Fault::from(Problem::not_built("TIFF", "geotiff")).of(out)),
-        #[cfg(feature = "geotiff")]
+        #[cfg(feature = "tiff")]
         Samples::Png(depth) if is_tiff => {
             let mut failed = None;
             let written = atomic::write_seekable(out, overwrite, |sink| {

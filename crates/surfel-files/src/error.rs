@@ -64,11 +64,11 @@ impl IoError {
 }
 
 /// Action of [`IoError::System`] when reading.
-pub(crate) const READ: &str = "read it";
+pub const READ: &str = "read it";
 /// Action of [`IoError::System`] when writing.
-pub(crate) const WRITE: &str = "write it";
+pub const WRITE: &str = "write it";
 /// Action of [`IoError::System`] when writing a temporary file to a folder.
-pub(crate) const WRITE_THERE: &str = "write a temporary file there";
+pub const WRITE_THERE: &str = "write a temporary file there";
 
 /// Display of paths in messages.
 pub trait ShowPath {
@@ -138,28 +138,31 @@ pub struct Problem {
 }
 
 impl Problem {
-    pub(crate) fn new(what: impl Into<String>) -> Self {
+    /// Creates a problem from a description that follows the file's name: "is no PLY file".
+    pub fn new(what: impl Into<String>) -> Self {
         Self { what: what.into(), location: None, expected: None, help: None }
     }
 
     /// Returns the problem of a supported format whose Cargo feature is missing in this build.
-    #[cfg_attr(feature = "default", allow(dead_code))]
-    pub(crate) fn not_built(format: &str, feature: &str) -> Self {
+    pub fn not_built(format: &str, feature: &str) -> Self {
         Self::new(format!("is a {format} file, and this build has no reader for {format}"))
             .help(format!("build with the Cargo feature \"{feature}\" of surfel-io"))
     }
 
-    pub(crate) fn at(mut self, location: Location) -> Self {
+    /// Adds the position in the file.
+    pub fn at(mut self, location: Location) -> Self {
         self.location = Some(location);
         self
     }
 
-    pub(crate) fn expected(mut self, expected: impl Into<String>) -> Self {
+    /// Adds the expected content.
+    pub fn expected(mut self, expected: impl Into<String>) -> Self {
         self.expected = Some(expected.into());
         self
     }
 
-    pub(crate) fn help(mut self, help: impl Into<String>) -> Self {
+    /// Adds advice for the user.
+    pub fn help(mut self, help: impl Into<String>) -> Self {
         self.help = Some(help.into());
         self
     }
@@ -183,8 +186,10 @@ impl fmt::Display for Problem {
 
 /// Error of a reader before the file's name is known: a problem of the content, or a violated rule of the model.
 #[derive(Debug)]
-pub(crate) enum Fault {
+pub enum Fault {
+    /// Problem of the content.
     Problem(Box<Problem>),
+    /// Violated rule of the model.
     Model(ModelError),
 }
 
@@ -195,8 +200,7 @@ impl From<Problem> for Fault {
 }
 
 /// Returns the problem of a temporary file that can't be written. (Writing to memory never fails.)
-#[cfg_attr(not(any(feature = "pcd", feature = "points", feature = "laz")), allow(dead_code))]
-pub(crate) fn unwritable(error: std::io::Error) -> Problem {
+pub fn unwritable(error: std::io::Error) -> Problem {
     Problem::new(format!("can't be unpacked to a temporary file: {error}"))
 }
 
@@ -208,8 +212,7 @@ impl From<ModelError> for Fault {
 
 impl Fault {
     /// Adds the name of the part, such as an archive's member, that the fault is in.
-    #[cfg(feature = "gltf")]
-    pub(crate) fn within(self, name: &str) -> Self {
+    pub fn within(self, name: &str) -> Self {
         let mut problem = match self {
             Self::Problem(problem) => problem,
             Self::Model(error) => Box::new(Problem::new(error.to_string())),
@@ -218,7 +221,8 @@ impl Fault {
         Self::Problem(problem)
     }
 
-    pub(crate) fn of(self, path: &Path) -> IoError {
+    /// Adds the file's name.
+    pub fn of(self, path: &Path) -> IoError {
         let path = path.to_path_buf();
         match self {
             Self::Problem(problem) => IoError::Invalid { path, problem },
@@ -228,7 +232,7 @@ impl Fault {
 }
 
 /// Quotes text from a file for a message: on one line, without control characters, at most 60 characters.
-pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
+pub fn quote(text: impl AsRef<[u8]>) -> String {
     let text = String::from_utf8_lossy(text.as_ref());
     let mut shown: String = text.chars().take(60).flat_map(char::escape_debug).collect();
     if text.chars().nth(60).is_some() {
@@ -238,7 +242,7 @@ pub(crate) fn quote(text: impl AsRef<[u8]>) -> String {
 }
 
 /// Lists names for a message, at most 24 of them.
-pub(crate) fn list<S: AsRef<str>>(names: &[S]) -> String {
+pub fn list<S: AsRef<str>>(names: &[S]) -> String {
     if names.is_empty() {
         return "nothing".into();
     }

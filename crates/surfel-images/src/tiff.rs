@@ -1,6 +1,6 @@
 //! Writing of RGBA TIFF images row by row: in strips, with deflate, and as BigTIFF if the file may exceed 4 GiB.
 
-use super::png::BitDepth;
+use crate::png::BitDepth;
 use flate2::Compression;
 use flate2::write::ZlibEncoder;
 use std::fs::File;
