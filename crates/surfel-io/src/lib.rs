@@ -10,12 +10,12 @@
 //!   [`LoadOptions`] say how, [`Format`] lists the formats.
 //! * [`save_splat_ply`] writes a splat cloud without loss; [`save_octree`] an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npy`) write the
-//!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]).
+//!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). They are those of `surfel-images`.
 //! * `write_geotiffs` (feature `geotiff`) writes georeferenced images, tile by tile.
 //! * [`scene_file`] reads and writes scene and camera files; [`cameras`] reads cameras of other programs.
 //! * `copc` (feature `laz`) reads parts of COPC files, and writes them.
-//! * [`atomic::write`] writes any file, complete or not at all.
-//! * [`IoError`] names the file, the place in it, and what was expected.
+//! * [`IoError`] names the file, the place in it, and what was expected; [`atomic::write`] writes any file, complete or
+//!   not at all. Both are those of `surfel-files`.
 //!
 //! Each function `save_…` has a twin `write_…` for sinks.
 //!
@@ -39,8 +39,8 @@
 //! file's size. Images, compressed files and meshes, and glTF instances have fixed limits instead.
 //!
 //! # Layer
-//! The crate depends on `surfel-model`, whose types it returns, and on `surfel-math`. It converts no points to splats:
-//! `surfel-sample` does, and the `surfel` crate combines the two.
+//! The crate depends on `surfel-model`, whose types it returns, and on `surfel-files` and `surfel-images`, which it
+//! re-exports. It converts no points to splats: `surfel-sample` does, and the `surfel` crate combines the two.
 //!
 //! # Features
 //! Each family of formats is a Cargo feature. PLY, octrees, PNG and scene files need none. A file of a format that
