@@ -619,6 +619,9 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
 ///
 /// Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x only with
 /// strong evidence. At most 20,000 splats or triangles are sampled, always the same ones.
+///
+/// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with our own evidence beside
+/// it.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
     upright::upright(Patches::of(objects), |all| all.one_of(objects), convention)
 }
@@ -635,6 +638,9 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 /// end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the opening.
 /// Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are sampled,
 /// always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
+///
+/// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
+/// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.
 pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
     choose_view(objects, up).angles
 }
