@@ -7,7 +7,7 @@
 //!   trained Gaussians: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF
 //!   and GLB, Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP points, NumPy arrays, rows
 //!   of numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these with gzip.
-//!   [`LoadOptions`] say how, [`Format`] lists the formats.
+//!   [`LoadOptions`] control how files are read; [`Format`] lists the formats.
 //! * [`save_splat_ply`] writes a splat cloud without loss; [`save_octree`] an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npy`) write the
 //!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). They are those of `surfel-images`.

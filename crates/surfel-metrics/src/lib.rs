@@ -24,8 +24,9 @@
 //! ```
 //!
 //! # Layer
-//! The crate is at the bottom of the workspace: it depends on `surfel-math` alone, for sRGB, and knows no splats. The
-//! `surfel` crate compares image files by it, and the conformance tests compare backends. It has no Cargo features.
+//! The crate is at the bottom of the workspace: it depends on `surfel-math` alone, for sRGB, and has no notion of
+//! splats. The `surfel` crate compares image files by it, and the conformance tests compare backends. It has no Cargo
+//! features.
 //!
 //! # Values that aren't finite
 //! [`abs_difference`] defines one rule for all metrics. Equal values differ by 0, equal infinities included: an empty

@@ -3,15 +3,15 @@
 //!
 //! Modules, in reading order:
 //!
-//! - `scene`: a loaded scene that is resident in a backend; `draw` parses its flags;
-//! - `frame`: a rendered image, whose planes become NumPy arrays;
-//! - `many`: images of many cameras, and turns;
-//! - `files`: `convert`, `info`, `compare`, `ortho` and `backends`;
-//! - `errors`, `interrupt`, `memory`, `pool`: exceptions, Ctrl-C, arrays without copies, threads.
+//! - `scene`: scenes in Python, and their arguments; `draw`: drawing of frames from a scene's files and options;
+//! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
+//! - `files`: the commands `convert`, `ortho`, `info`, `compare` and `backends`;
+//! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
+//!   memory that arguments require; `pool`: started backends, reused from frame to frame.
 //!
 //! ```python
 //! import surfel
-//! surfel.scene("scan.ply").render(size=(1024, 768)).save("scan.png")
+//! surfel.open("scan.ply").render(size=(1024, 768)).save("scan.png")
 //! ```
 //!
 //! # Layer
