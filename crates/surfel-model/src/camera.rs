@@ -60,20 +60,20 @@ pub enum Projection {
         /// Vertical field of view in degrees, in (0, 180).
         fov_y_deg: f64,
     },
-    /// Perspective projection of a calibrated camera, in pixels.
+    /// Perspective projection of a calibrated camera: pinhole intrinsics in pixels, without distortion and skew.
     Intrinsics {
-        /// Focal length along x.
+        /// Focal length along x, in pixels; greater than 0.
         fx: f64,
-        /// Focal length along y.
+        /// Focal length along y, in pixels; greater than 0.
         fy: f64,
-        /// Principal point, x.
+        /// Principal point: pixels from the image's left edge.
         cx: f64,
-        /// Principal point, y.
+        /// Principal point: pixels from the image's upper edge.
         cy: f64,
     },
     /// Parallel projection.
     Orthographic {
-        /// Height of the view in world units.
+        /// Height of the view in world units; greater than 0.
         height: f64,
     },
 }

@@ -9,16 +9,16 @@ use glam::{DVec3, Vec3};
 pub enum Shape {
     /// Circular disks.
     Disks {
-        /// Outward normals, of any length but zero.
+        /// Outward normals in object space, of any length but zero; one per splat.
         normals: Column3,
-        /// Radii in object units, greater than 0.
+        /// Radii in object units, greater than 0; one per splat.
         radii: Vec<f32>,
     },
     /// Elliptical disks p + u·s + v·t, u² + v² ≤ 1, with outward normal s × t.
     Ellipses {
-        /// Half-axes s of the ellipses; s and t may be any conjugate pair.
+        /// Half-axes s in object units, one per splat; s and t may be any conjugate pair of the ellipse.
         s: Column3,
-        /// Half-axes t.
+        /// Half-axes t in object units, one per splat.
         t: Column3,
     },
 }
@@ -28,19 +28,19 @@ pub enum Shape {
 pub struct CloudData {
     /// World offset of the centres, in object units (f64, to preserve the precision of georeferenced data).
     pub origin: DVec3,
-    /// Centres relative to `origin`.
+    /// Centres relative to `origin`, in object units; one per splat.
     pub centers: Column3,
     /// Extent and orientation of the splats.
     pub shape: Shape,
-    /// Linear RGB albedo; white when absent.
+    /// Linear RGB albedo, one per splat; white when absent.
     pub colors: Option<Vec<[f32; 3]>>,
-    /// Alpha in [0, 1]; opaque when absent.
+    /// Alpha in [0, 1], one per splat; opaque when absent.
     pub alphas: Option<Vec<f32>>,
-    /// Shading normals of any length but zero; the outward normal when absent.
+    /// Shading normals in object space, of any length but zero, one per splat; the outward normal when absent.
     pub shading_normals: Option<Column3>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
-    /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), if known.
+    /// Σw inside the cloud's own surface at cutoff 2, greater than 0 (rendering model §5, coverage); `None` if unknown.
     pub interior_weight: Option<f64>,
     /// True if all normals point to the outside of the same surface, so that front and back faces are blended
     /// separately (rendering model §5).

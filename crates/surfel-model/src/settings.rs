@@ -374,14 +374,14 @@ pub enum Transparency {
     Off,
     /// Depth peeling (Guennebaud 2006 §6).
     Peel {
-        /// Number of layers, the last one included.
+        /// Number of layers, the last one included; 1 to 64.
         layers: u32,
         /// True to omit the last layer, which blends everything that remains.
         drop_last: bool,
     },
     /// A-buffer (Zwicker 2001 §6).
     ABuffer {
-        /// Number of fragments per pixel.
+        /// Number of fragments per pixel, 1 to 64.
         layers: u32,
     },
 }
