@@ -4,7 +4,7 @@
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), `save_npz` (feature `npz`): a frame's
 //!   planes, whole or not at all. Each has a twin `write_…` for sinks.
 //! * [`stitch`](stitch::stitch): one image of its tiles, without all of it in memory.
-//! * [`TextureDecoder`](texture::TextureDecoder), [`load_matcap`](texture::load_matcap): textures of meshes, and matcaps.
+//! * [`TextureDecoder`](texture::TextureDecoder), [`load_matcap`](texture::load_matcap): textures of meshes, matcaps.
 //! * [`color`]: sRGB-encoded levels of files and linear values.
 //!
 //! Decoders accept hostile input: no panic, and no more memory than a fixed limit. An image of a format that isn't
