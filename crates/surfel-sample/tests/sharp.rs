@@ -195,8 +195,8 @@ fn sharp_ridges_between_faces_stay_where_they_are_convex_or_concave() {
         let (cloud, report) = convert(&mesh, &splats(count));
         assert!(cloud.len() <= count, "{} of {count}", cloud.len());
         assert_eq!(report.ridges, [18, 22 * 6]);
-        // As for the cube: no splat is visible beyond a crease, where it would protrude from the surface or be inside the
-        // solid.
+        // As for the cube: no splat is visible beyond a crease, where it would protrude from the surface or be inside
+        // the solid.
         for i in 0..cloud.len() {
             for p in kept(&cloud, i, 48) {
                 assert!(distance(p) < 3e-4, "splat {i} of {count} keeps {p}, {} off", distance(p));

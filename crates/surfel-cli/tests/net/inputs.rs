@@ -254,7 +254,7 @@ fn room() -> String {
 }
 
 /// Every input file: its name and its bytes.
-pub fn all() -> Vec<(&'static str, Vec<u8>)> {
+pub(super) fn all() -> Vec<(&'static str, Vec<u8>)> {
     let (small, large) = (sphere(400, 1), sphere(3000, 2));
     let text = |text: String| text.into_bytes();
     let normals = |_: usize, p: [f64; 3], n: [f64; 3]| [shown(p), shown(n)].concat();

@@ -109,10 +109,12 @@ fn put_run(text: &mut String, folder: &Folder, command: &str) {
     let shown = |line: &str| line.replace(&folder.path().display().to_string(), "FOLDER");
     // Other machines may have GPUs, and say so.
     let lines = err.lines().filter(|line| !line.starts_with("note: drawing with "));
-    lines.for_each(|line| drop(writeln!(text, "  | {}", shown(line))));
+    for line in lines {
+        let _ = writeln!(text, "  | {}", shown(line));
+    }
     match std::str::from_utf8(&out) {
-        Ok(lines) if out.len() < 4000 => lines.lines().for_each(|line| drop(writeln!(text, "  > {}", shown(line)))),
-        _ => drop(writeln!(text, "  > {} bytes {:016x}", out.len(), hash(&out))),
+        Ok(lines) if out.len() < 4000 => text.extend(lines.lines().map(|line| format!("  > {}\n", shown(line)))),
+        _ => text.push_str(&format!("  > {} bytes {:016x}\n", out.len(), hash(&out))),
     }
     for name in folder.names().iter().filter(|name| !before.contains(name)) {
         let path = folder.path().join(name);

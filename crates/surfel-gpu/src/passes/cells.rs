@@ -18,8 +18,8 @@ pub enum GpuPath {
     Auto,
     /// Raster hardware: quads, depth tests and additive blending.
     Raster,
-    /// Compute shaders for the frames that they can draw, raster hardware for all others. Today the same as
-    /// [`GpuPath::Auto`].
+    /// Compute shaders for the frames that they can draw, raster hardware for all others, whatever [`GpuPath::Auto`]
+    /// prefers.
     Compute,
 }
 
