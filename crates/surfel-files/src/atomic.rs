@@ -56,10 +56,10 @@ pub fn write(
     write_seekable(path, overwrite, |sink| content(sink))
 }
 
-/// Writes `path` like [`write`], for content that seeks; devices and pipes aren't supported.
+/// Writes `path` like [`write()`], for content that seeks; devices and pipes aren't supported.
 ///
 /// # Errors
-/// As [`write`]; also if `path` isn't a regular file.
+/// As [`write()`]; also if `path` isn't a regular file.
 pub fn write_seekable(
     path: &Path,
     overwrite: bool,

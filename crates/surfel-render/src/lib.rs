@@ -18,7 +18,8 @@
 //! use surfel_model::{Camera, Scene, Shader, SplatCloud};
 //! use surfel_render::{Capabilities, Pass, Planes, SceneSummary, Settings, View, plan};
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let scene = Scene::from(SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?);
+//! let disk = SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?.with_colors(&[[0.8, 0.2, 0.1]])?;
+//! let scene = Scene::from(disk);
 //! let view = View::new(&Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [64, 64]))?;
 //! let settings = Settings::default().with_shader(Shader::Unlit);
 //! let backend = Capabilities::everything("example");
