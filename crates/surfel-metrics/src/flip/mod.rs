@@ -1,8 +1,8 @@
 //! ꟻLIP, a measure of the difference between two images that alternate on one screen.
 //!
-//! - LDR ([`ldr`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild, *ꟻLIP: A
+//! - LDR ([`ldr()`]): P. Andersson, J. Nilsson, T. Akenine-Möller, M. Oskarsson, K. Åström, M. D. Fairchild, *ꟻLIP: A
 //!   Difference Evaluator for Alternating Images*, HPG 2020.
-//! - HDR ([`hdr`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered High
+//! - HDR ([`hdr()`]): P. Andersson, J. Nilsson, P. Shirley, T. Akenine-Möller, *Visualizing Errors in Rendered High
 //!   Dynamic Range Images*, Eurographics 2021.
 //!
 //! Deviation from the papers: filters run separably, in f64, which yields the same sums. A Gaussian is separable, and
