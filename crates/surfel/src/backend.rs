@@ -259,7 +259,7 @@ impl Backend {
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest one that works.
     ///
     /// # Errors
-    /// [`BackendError`] if the backend doesn't exist or isn't available.
+    /// [`BackendError::Unknown`], [`BackendError::NotBuilt`], [`BackendError::NoAdapter`] or [`BackendError::NoStart`].
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
             "auto" => Ok(Self::choose(options, |_| None)?.backend),
@@ -332,10 +332,12 @@ impl Backend {
         self.info().backend == "reference"
     }
 
-    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them.
+    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them. The region with all its samples
+    /// must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false.
+    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for the
+    /// planes `index`, `label` and `position`, which have no mean.
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     pub fn render_supersampled(
         &mut self,
