@@ -30,6 +30,7 @@ draw $generated/spot-scan.xyz --view 150,15 --frames 36 --turntable --frame-rang
 draw $village --classes '!7' --color-by classification --colorbar --size 480x320 -o $images/village-classes.png
 draw $village --classes '!7' --color-by height --colorbar --size 480x320 -o $images/village-height.png
 draw $village --size 480x320 -o $images/village-noise.png
+draw $village --classes 2,9 --size 480x320 -o $images/village-ground.png
 draw $village --classes '!7' --lod-error 8 --size 480x320 -o $images/lod-8.png
 draw $village --classes '!7' --lod-error 1 --size 480x320 -o $images/lod-1.png
 draw $generated/village.txt --columns x,y,z,_,_,_,_,_ --outliers drop --size 480x320 -o $images/village-plain.png
