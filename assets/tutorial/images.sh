@@ -52,8 +52,13 @@ draw $generated/spot-scan.xyz --shader normal --size 320x320 -o $images/scan-nor
 draw assets/spot/spot.obj --splats 3000 --size 320x320 -o $images/splats-3000.png
 draw assets/spot/spot.obj --size 320x320 -o $images/splats-500000.png
 
-# GeoTIFF files, shown as PNG.
 folder=$(mktemp -d)
+
+# The minimal splat file of docs/format.md.
+sed -n '/^ply$/,/^```$/p' docs/format.md | grep -v '```' > "$folder/two.ply"
+draw "$folder/two.ply" --view front --size 320x200 --no-metadata -o $images/two-disks.png
+
+# GeoTIFF files, shown as PNG.
 draw ortho $village --gsd 0.25 --crs EPSG:32633 -o "$folder/rgb.tif" --dsm "$folder/dsm.tif"
 draw ortho $village --gsd 0.25 --crs EPSG:32633 --classes 2,9 --dsm "$folder/open.tif"
 draw ortho $village --gsd 0.25 --crs EPSG:32633 --classes 2,9 --fill 8 --dsm "$folder/filled.tif"
