@@ -58,6 +58,13 @@ folder=$(mktemp -d)
 sed -n '/^ply$/,/^```$/p' docs/format.md | grep -v '```' > "$folder/two.ply"
 draw "$folder/two.ply" --view front --size 320x200 --no-metadata -o $images/two-disks.png
 
+# Flat Gaussians of Spot.
+draw convert assets/spot/spot.obj --splats 4000 --ascii -o "$folder/spot.ply"
+python3 assets/tutorial/gaussians.py "$folder/spot.ply" > $generated/spot-gaussians.ply
+draw $generated/spot-gaussians.ply --up +y --view 150,15 --size 320x320 -o $images/gaussians-over.png
+draw $generated/spot-gaussians.ply --up +y --view 150,15 --size 320x320 --composite surface \
+    -o $images/gaussians-surface.png
+
 # GeoTIFF files, shown as PNG.
 draw ortho $village --gsd 0.25 --crs EPSG:32633 -o "$folder/rgb.tif" --dsm "$folder/dsm.tif"
 draw ortho $village --gsd 0.25 --crs EPSG:32633 --classes 2,9 --dsm "$folder/open.tif"
