@@ -158,7 +158,7 @@ class Image:
 
     @property
     def scene_file(self) -> dict | None:
-        """The scene file (docs/pictures.md) that gives this image, as `--print-scene` writes it."""
+        """The scene file (docs/images.md) that gives this image, as `--print-scene` writes it."""
         text = self._native.scene_json()
         return None if text is None else json.loads(text)
 
