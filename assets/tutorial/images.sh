@@ -49,6 +49,9 @@ for shader in unlit phong normal depth; do
     draw assets/spot/spot.obj --shader $shader --size 256x256 -o $images/shader-$shader.png
 done
 draw $generated/spot-scan.xyz --shader normal --size 320x320 -o $images/scan-normal.png
+for scale in 0.4 1; do
+    draw $generated/spot-scan.xyz --radius-scale $scale --size 320x320 -o $images/radius-scale-$scale.png
+done
 draw assets/spot/spot.obj --splats 3000 --size 320x320 -o $images/splats-3000.png
 draw assets/spot/spot.obj --size 320x320 -o $images/splats-500000.png
 
