@@ -36,13 +36,15 @@ impl Renderer {
     /// Creates a renderer with its own threads.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if threads can't be started.
+    /// [`RenderError::Threads`] if threads can't be started.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
             .stack_size(STACK_BYTES)
             .build()
-            .map_err(|e| RenderError::Backend { backend: "reference", message: e.to_string() })?;
+            .map_err(|e| RenderError::Threads { backend: "reference", message: e.to_string() })?;
+        // Waits until each thread has run, so that callers can measure the memory that thread starts leave.
+        pool.broadcast(|_| ());
         let info = RendererInfo {
             backend: "reference",
             adapter: "f64, brute force".into(),

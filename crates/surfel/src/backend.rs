@@ -222,7 +222,7 @@ impl Backend {
     /// in software on the CPU is skipped, unless its adapter is asked for.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend tried.
+    /// [`BackendError`] of the last backend tried, or of the first whose threads can't be started.
     pub fn choose(
         options: &BackendOptions,
         mut refuses: impl FnMut(&Capabilities) -> Option<String>,
@@ -239,6 +239,8 @@ impl Backend {
                 continue;
             }
             let reason = match Self::by_name(name, options) {
+                // The reference would need the same threads, and draw for hours where they start a moment later.
+                Err(error @ BackendError::NoStart { source: RenderError::Threads { .. }, .. }) => return Err(error),
                 Err(error) => error.to_string(),
                 Ok(backend) => {
                     let info = backend.info();
