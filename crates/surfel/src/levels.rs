@@ -596,7 +596,7 @@ pub fn is_shard(output: &Path) -> bool {
 pub struct CopcRequest {
     /// True if an existing file is replaced.
     pub overwrite: bool,
-    /// Memory budget in bytes, approximately; `None`: [`memory::default_budget`](crate::memory::default_budget).
+    /// Memory budget in bytes, approximately; `None`: [`memory::default_budget`].
     pub memory: Option<u64>,
     /// True if progress is saved in the folder [`resume_folder`], and continued from there.
     pub resume: bool,

@@ -292,7 +292,7 @@ impl LoadedObjects {
 /// weights are estimated if the options ask for it, and if splats are mixed with meshes.
 ///
 /// # Errors
-/// As [`load`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
+/// As [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
 pub fn load_objects(
     objects: &[ObjectFile],
     base_dir: &Path,

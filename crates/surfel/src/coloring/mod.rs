@@ -1,8 +1,8 @@
 //! Colouring of splats by an attribute: a column of the file, their height, or their normals.
 //!
 //! Splats are coloured after conversion, when points, meshes and splats alike have heights and normals. Everything
-//! drawn together shares one scale per attribute: a [`tally::Tally`] of the values of all files determines it, and
-//! [`together`] applies it.
+//! drawn together shares one scale per attribute: a `tally::Tally` of the values of all files determines it, and
+//! `together` applies it.
 
 mod bar;
 mod maps;
