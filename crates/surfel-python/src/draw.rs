@@ -118,7 +118,7 @@ pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Sen
     let pool = pool.map_err(|e| memory::threads_error(threads, memory::STACK_BYTES, &e))?;
     // Once each thread has run, what their starts leave is known.
     pool.broadcast(|_| ());
-    memory::check_threads(1, 0)?;
+    memory::check_threads(threads, 0)?;
     Ok(pool.install(work))
 }
 
@@ -208,7 +208,7 @@ impl Input {
             _ => {
                 // Frees the old scene first.
                 *cache = Cache::default();
-                memory::check_splats(self.points, &options.splats)?;
+                memory::check_splats(self.points, &options.splats, threads)?;
                 let loaded = on_threads(threads, || request.load(self.bytes.clone(), progress))??;
                 cache.loaded = Some((key, loaded.clone()));
                 loaded
@@ -260,7 +260,7 @@ fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progr
     let backend = taken.backend()?;
     let (samples, name) = (options.samples.unwrap_or(1), backend.info().backend);
     let shadow_maps = file.lights.iter().flatten().filter(|light| light.casts_shadow()).count();
-    memory::check_image(&view, samples, shadow_maps, job.planes, name, options.splats.memory)?;
+    memory::check_image(&view, samples, shadow_maps, job.planes, (name, threads), options.splats.memory)?;
     let quantised = who.options.quantised;
     let resident = match &moved {
         Some(moved) => Arc::new(backend.upload(moved)?),

@@ -148,7 +148,7 @@ impl NativeFrame {
     /// Returns an error if `pixel_bytes` bytes per pixel of additional memory aren't available.
     pub(crate) fn check_memory(&self, py: Python<'_>, pixel_bytes: u64) -> PyResult<()> {
         let pixels = u64::from(self.width) * u64::from(self.height);
-        memory::check("image", pixels * pixel_bytes, None).map_err(|error| errors::raise(py, &error))
+        memory::check("image", pixels * pixel_bytes, 1, None).map_err(|error| errors::raise(py, &error))
     }
 
     fn png_options(&self, folder: &Path, sixteen: bool, metadata: bool) -> Result<PngOptions, Error> {

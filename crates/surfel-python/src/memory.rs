@@ -17,32 +17,43 @@ const PIXEL_BYTES: u64 = 40;
 const REFERENCE_PIXEL_BYTES: u64 = 640;
 /// Bytes per texel of a shadow map.
 const TEXEL_BYTES: u64 = 24;
-/// Free address space that a call needs beside what it asks for: for small allocations, which can't be refused. It is
-/// more than 64 MiB, the size of glibc's arena of a thread: a block of this size never comes from an arena that the
-/// calling thread has already, so that finding one shows what all threads may still allocate.
-const ROOM_BYTES: u64 = 72 << 20;
+/// Free address space that a call needs beside what it asks for: for small allocations, which can't be refused.
+const ROOM_BYTES: u64 = 24 << 20;
+/// Address space of glibc's arena of a thread, which a thread reserves at any time, as long as there is so much.
+const ARENA_BYTES: u64 = 64 << 20;
 /// Stack of a thread that Rust starts by default.
 pub(crate) const STACK_BYTES: u64 = 2 << 20;
 /// Stack of a backend's thread.
 pub(crate) const BACKEND_STACK_BYTES: u64 = 8 << 20;
 
 /// Returns an error if `bytes` exceed the budget of `--memory`, else that of the machine, or if they can't be
-/// allocated. `what` is the argument that requires them.
-pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), Error> {
+/// allocated beside what `threads` threads need (0: one per core). `what` is the argument that requires them.
+pub(crate) fn check(what: &str, bytes: u64, threads: usize, budget: Option<u64>) -> Result<(), Error> {
     let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
+    let kept_free = room_bytes(threads);
     let problem = if bytes > budget {
         format!("{} are needed, and {} may be used, or more by --memory", amount(bytes), amount(budget))
-    } else if is_free(bytes.saturating_add(ROOM_BYTES)) {
+    } else if is_free(bytes.saturating_add(kept_free)) {
         return Ok(());
     } else {
-        format!(
-            "{} are needed, beside {} that are kept free, and the system has less",
-            amount(bytes),
-            amount(ROOM_BYTES)
-        )
+        let (needed, kept_free) = (amount(bytes), amount(kept_free));
+        format!("{needed} are needed, beside {kept_free} of free address space, and the system has less")
     };
     let source = std::io::Error::new(ErrorKind::OutOfMemory, problem);
     Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
+}
+
+/// Returns the address space that `threads` threads, and the one that waits for them, need for small allocations.
+fn room_bytes(threads: usize) -> u64 {
+    let most = std::env::var("MALLOC_ARENA_MAX").ok().and_then(|text| text.trim().parse::<u64>().ok());
+    // The first arena is the heap; without a setting there are at most eight for each core.
+    let arenas = most.filter(|most| *most > 0).map_or(8 * count(0) as u64, |most| most - 1);
+    ROOM_BYTES + ARENA_BYTES.saturating_mul(arenas.min(count(threads) as u64 + 1))
+}
+
+/// Returns the number of threads; 0 stands for one per core.
+fn count(threads: usize) -> usize {
+    if threads == 0 { std::thread::available_parallelism().map_or(1, usize::from) } else { threads }
 }
 
 /// True if the system can allocate `bytes` bytes.
@@ -60,9 +71,7 @@ fn amount(bytes: u64) -> String {
 
 /// Checks the memory of the stacks of `threads` threads, `stack` bytes each; 0 threads are one per core.
 pub(crate) fn check_threads(threads: usize, stack: u64) -> Result<(), Error> {
-    let all = || std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = if threads == 0 { all() } else { threads };
-    check("threads", (threads as u64).saturating_mul(stack), Some(u64::MAX))
+    check("threads", (count(threads) as u64).saturating_mul(stack), threads, Some(u64::MAX))
 }
 
 /// Returns the error of threads that didn't start: that of [`check_threads`] if it fails now, too, else the system's
@@ -75,10 +84,10 @@ pub(crate) fn threads_error(threads: usize, stack: u64, problem: &dyn Display) -
 }
 
 /// Checks the memory of `points` points in arrays, and of the splats of a mesh that the options request.
-pub(crate) fn check_splats(points: u64, options: &SplatOptions) -> Result<(), Error> {
-    check("points", points.saturating_mul(POINT_BYTES), options.memory)?;
+pub(crate) fn check_splats(points: u64, options: &SplatOptions, threads: usize) -> Result<(), Error> {
+    check("points", points.saturating_mul(POINT_BYTES), threads, options.memory)?;
     let Some(SplatCount::Count(splats)) = options.convert.splats else { return Ok(()) };
-    check("splats", u64::from(splats).saturating_mul(POINT_BYTES), options.memory)
+    check("splats", u64::from(splats).saturating_mul(POINT_BYTES), threads, options.memory)
 }
 
 /// Checks the memory of an image with `samples` samples per pixel, and of its shadow maps.
@@ -87,7 +96,7 @@ pub(crate) fn check_image(
     samples: u32,
     shadow_maps: usize,
     planes: Planes,
-    backend: &str,
+    (backend, threads): (&str, usize),
     budget: Option<u64>,
 ) -> Result<(), Error> {
     let of_planes = [
@@ -106,5 +115,5 @@ pub(crate) fn check_image(
     let pixels = u64::from(view.region.width) * u64::from(view.region.height);
     let drawn = pixels.saturating_mul(u64::from(samples).pow(2)).saturating_mul(pixel_bytes);
     let texels = shadow_maps as u64 * u64::from(SHADOW_MAP_SIDE).pow(2);
-    check("size", drawn.saturating_add(texels.saturating_mul(TEXEL_BYTES)), budget)
+    check("size", drawn.saturating_add(texels.saturating_mul(TEXEL_BYTES)), threads, budget)
 }

@@ -177,7 +177,7 @@ impl NativeScene {
         notes: Vec<String>,
     ) -> PyResult<Self> {
         let bytes = bytes.as_ref().map(|bytes| bytes.as_slice()).transpose()?;
-        let fits = bytes.map(|bytes| memory::check("points", bytes.len() as u64, None)).transpose();
+        let fits = bytes.map(|bytes| memory::check("points", bytes.len() as u64, 1, None)).transpose();
         fits.map_err(|error| errors::raise(py, &error))?;
         Ok(Self { input: Arc::new(Input::new(paths, bytes.map(Arc::from), points, notes)) })
     }
