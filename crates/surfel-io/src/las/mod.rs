@@ -106,11 +106,14 @@ pub struct PointCount {
     pub row_bytes: u64,
 }
 
-/// Columns that LAS has of a point: intensity, classification, returns and time, and the low digits of its place.
-const LAS_COLUMN_BYTES: u64 = 25;
-/// Bytes of a point's part of the chunks that are decompressed at a time.
+/// Bytes that the columns of a point of LAS take beyond those of its record. They are at most intensity,
+/// classification, returns, time and others of the record, and the low digits of its place; columns that are zero
+/// everywhere take nothing, which no header tells. Points with few columns take 16 bytes less than is estimated, and
+/// those with all of them 17 more.
+const LAS_COLUMN_BYTES: u64 = 9;
+/// Bytes that they take beyond the compressed ones, with a point's part of the chunks that are decompressed at a time.
 #[cfg(feature = "laz")]
-const LAZ_BYTES: u64 = 15;
+const LAZ_COLUMN_BYTES: u64 = 40;
 
 /// The points of a file that can be written by levels, by its start; `None` for other files, and for those whose header
 /// can't be right. `columns` as [`crate::LoadOptions`] has them.
@@ -134,19 +137,19 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<Poin
         has_radii: has(RADIUS),
         has_normals: has("NormalX"),
         has_colors: records::has_colors(header.format),
-        row_bytes: stored + LAS_COLUMN_BYTES + extra_bytes as u64,
+        row_bytes: stored + extra_bytes as u64,
     };
     if !header.compressed {
         let points = header.count.min((header.end - header.start) / header.record_bytes as u64);
-        return Some(count(points, header.record_bytes as u64));
+        return Some(count(points, header.record_bytes as u64 + LAS_COLUMN_BYTES));
     }
     #[cfg(feature = "laz")]
     {
         laz::check_size(&header, header.count, file_bytes).ok()?;
-        Some(count(header.count, file_bytes / header.count.max(1) + LAZ_BYTES))
+        Some(count(header.count, file_bytes / header.count.max(1) + LAZ_COLUMN_BYTES))
     }
     #[cfg(not(feature = "laz"))]
-    Some(count(header.count, 0))
+    Some(count(header.count, LAS_COLUMN_BYTES))
 }
 
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {
