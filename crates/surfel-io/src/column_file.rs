@@ -133,11 +133,16 @@ fn survey_of(path: &Path, bytes: Bytes<'_>, [all, most]: [u64; 2], columns: Opti
         }
         #[cfg(feature = "npy")]
         Format::Npy => {
-            let (points, least_bytes) = crate::npy::survey(bytes)?;
-            (points, least_bytes, None)
+            let array = crate::npy::survey(bytes)?;
+            (has_normals, has_colors) = (array.has_normals, array.has_colors);
+            (array.points, array.bytes, None)
         }
         #[cfg(feature = "npy")]
-        Format::Npz => (crate::npy::Members::of(bytes).ok()?.survey()?, 0, None),
+        Format::Npz => {
+            let arrays = crate::npy::Members::of(bytes).ok()?.survey()?;
+            (has_normals, has_colors) = (arrays.has_normals, arrays.has_colors);
+            (arrays.points, 0, None)
+        }
         #[cfg(feature = "e57")]
         Format::E57 => (crate::e57::survey(&mut bytes.source()).ok()?, 0, None),
         Format::Raw => (all / columns?.row_bytes().max(1) as u64, 0, None),

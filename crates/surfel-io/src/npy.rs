@@ -122,14 +122,36 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, context: &mut Context<'_>) -> Res
     columns(&parse(bytes)?, context)
 }
 
-/// Returns the number of points and the bytes of an array, from the start of its file; `None` for splats.
+/// Returns the points of an array or an archive, from the start of its file; `None` for splats.
 #[cfg(feature = "laz")]
-pub(crate) fn survey(head: Bytes<'_>) -> Option<(u64, u64)> {
+pub(crate) struct Surveyed {
+    pub(crate) points: u64,
+    /// Bytes of the array; 0 for an archive.
+    pub(crate) bytes: u64,
+    pub(crate) has_normals: bool,
+    /// True if there are as many columns as places and colours take.
+    pub(crate) has_colors: bool,
+}
+
+#[cfg(feature = "laz")]
+impl Surveyed {
+    fn new<'a>(points: usize, bytes: u64, names: impl Iterator<Item = &'a str> + Clone) -> Self {
+        let has_normals = names.clone().any(|name| name == "nx");
+        // Three of the columns, if there are normals, are no colours.
+        let has_colors = names.count() >= if has_normals { 9 } else { 6 };
+        Self { points: points as u64, bytes, has_normals, has_colors }
+    }
+}
+
+/// The points of an array, by its file's start; `None` of splats.
+#[cfg(feature = "laz")]
+pub(crate) fn survey(head: Bytes<'_>) -> Option<Surveyed> {
     let array = header_of(head).ok()?;
     let (parts, by_axis) = parts("", &array).ok()?;
     let roles = Roles::by_name(parts.iter().map(|part| part.name.as_str()));
     let are_points = by_axis || roles.is_some_and(|roles| !roles.are_splats());
-    Some((parts.first()?.rows as u64, array.bytes()? as u64)).filter(|_| are_points)
+    let names = parts.iter().map(|part| part.name.as_str());
+    Some(Surveyed::new(parts.first()?.rows, array.bytes()? as u64, names)).filter(|_| are_points)
 }
 
 /// The arrays of an archive.
@@ -189,9 +211,9 @@ impl<'a> Members<'a> {
         Ok(triangles.is_none().then_some((columns, roles)))
     }
 
-    /// Returns the number of points, from the starts of the arrays; `None` for splats and meshes.
+    /// Returns the points, from the starts of the arrays; `None` for splats and meshes.
     #[cfg(feature = "laz")]
-    pub(crate) fn survey(&self) -> Option<u64> {
+    pub(crate) fn survey(&self) -> Option<Surveyed> {
         const HEAD_BYTES: usize = 1 << 12;
         const MOST_ARRAYS: usize = 1000;
         if self.0.len() > MOST_ARRAYS {
@@ -213,7 +235,9 @@ impl<'a> Members<'a> {
         let names: Vec<String> = ["x", "y", "z"].map(str::to_owned).into_iter().chain(others.map(|p| p.name)).collect();
         let are_splats = Roles::by_name(names.iter().map(String::as_str)).is_some_and(|roles| roles.are_splats());
         let is_mesh = arrays.iter().any(|(name, _)| is_triangles(name));
-        Some(main.first()?.rows as u64).filter(|_| !are_splats && !is_mesh)
+        // The first three names are those of the positions, which are among the arrays, too.
+        let surveyed = Surveyed::new(main.first()?.rows, 0, names[3..].iter().map(String::as_str));
+        Some(surveyed).filter(|_| !are_splats && !is_mesh)
     }
 }
 

@@ -127,6 +127,36 @@ fn npy_of_a_depth_camera_s_pixels_states_the_camera() {
     }
 }
 
+#[test]
+fn arrays_are_counted_with_their_normals_and_colours() {
+    let folder = std::env::temp_dir().join(format!("surfel-numpy-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let array = |descr: &str, width: usize, bytes: usize| {
+        npy(descr, "False", &format!("(10, {width})"), &vec![1; 10 * width * bytes])
+    };
+    let xyz = array("'<f4'", 3, 4);
+    let record = "[('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('nx', '<f4'), ('ny', '<f4'), ('nz', '<f4')]";
+    let colors = ("colors.npy", array("'|u1'", 3, 1));
+    let normals = ("normals.npy", array("'<f4'", 3, 4));
+    let points = || ("points.npy", xyz.clone());
+    for (name, bytes, has_normals, has_colors) in [
+        ("a.npy", xyz.clone(), false, false),
+        ("b.npy", array("'<f8'", 4, 8), false, false),
+        ("c.npy", array("'<f4'", 6, 4), false, true),
+        ("d.npy", npy(record, "False", "(10,)", &[1; 240]), true, false),
+        ("e.npz", zip(&[points()], false, b""), false, false),
+        ("f.npz", zip(&[points(), colors.clone()], true, b""), false, true),
+        ("g.npz", zip(&[points(), normals.clone()], false, b""), true, false),
+        ("h.npz", zip(&[points(), colors, normals], false, b""), true, true),
+    ] {
+        let path = folder.join(name);
+        std::fs::write(&path, bytes).unwrap();
+        let count = surfel_io::survey_points(&path, None).unwrap();
+        assert_eq!((count.points, count.has_normals, count.has_colors), (10, has_normals, has_colors), "{name}");
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 /// Builds a ZIP file, with deflated members if `deflate`.
 pub(crate) fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());

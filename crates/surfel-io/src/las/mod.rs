@@ -107,12 +107,13 @@ pub struct PointCount {
     pub row_bytes: u64,
 }
 
-/// Bytes per point of the columns that LAS adds: intensity, classification, returns, time, and the low digits of the
-/// position.
-const LAS_COLUMN_BYTES: u64 = 25;
-/// Bytes per point of the chunks that are decompressed at a time.
+/// Bytes per point of the columns of LAS beyond those of its record: at most intensity, classification, returns, time
+/// and others of the record, and the low digits of the position. Columns that are zero everywhere take nothing, which no
+/// header states. Points with few columns take 16 bytes less than the estimate, and those with all columns 17 more.
+const LAS_COLUMN_BYTES: u64 = 9;
+/// Bytes per point beyond the compressed ones: the columns, and the chunks that are decompressed at a time.
 #[cfg(feature = "laz")]
-const LAZ_BYTES: u64 = 15;
+const LAZ_COLUMN_BYTES: u64 = 40;
 
 /// Counts the points of a file that can be converted to COPC, from the start of the file. Returns `None` for other
 /// files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
@@ -136,19 +137,19 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<Poin
         has_radii: has(RADIUS),
         has_normals: has("NormalX"),
         has_colors: records::has_colors(header.format),
-        row_bytes: stored + LAS_COLUMN_BYTES + extra_bytes as u64,
+        row_bytes: stored + extra_bytes as u64,
     };
     if !header.compressed {
         let points = header.count.min((header.end - header.start) / header.record_bytes as u64);
-        return Some(count(points, header.record_bytes as u64));
+        return Some(count(points, header.record_bytes as u64 + LAS_COLUMN_BYTES));
     }
     #[cfg(feature = "laz")]
     {
         laz::check_size(&header, header.count, file_bytes).ok()?;
-        Some(count(header.count, file_bytes / header.count.max(1) + LAZ_BYTES))
+        Some(count(header.count, file_bytes / header.count.max(1) + LAZ_COLUMN_BYTES))
     }
     #[cfg(not(feature = "laz"))]
-    Some(count(header.count, 0))
+    Some(count(header.count, LAS_COLUMN_BYTES))
 }
 
 pub(crate) fn read(source: &mut dyn Source, format: Format, context: &mut Context<'_>) -> Result<Content, Fault> {
