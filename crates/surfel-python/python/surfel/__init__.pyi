@@ -4,7 +4,7 @@ from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
-from typing_extensions import Unpack
+from typing_extensions import Required, Unpack
 
 __version__: str
 
@@ -13,88 +13,12 @@ _Numbers = Sequence[float] | NDArray[Any]
 _Plane = Literal[
     "color", "depth", "normal", "weight", "index", "object", "label", "position", "alpha", "median_depth", "distortion"
 ]
-_Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 
-class _Splats(TypedDict, total=False):
-    repair: bool
-    texture: _Path | Literal["point", "ewa", "fit"]
-    colors: Literal["as-is", "fit"]
-    per_vertex: bool
-    per_face: bool
-    splats: int | Literal["auto"]
-    radius_scale: float
-    max_points: int
-    memory: int | str
-    cull: Literal["none", "back"]
-    sharp: bool
-    crease_angle: float
-    error: float
-    color_by: str
-    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
-    range: _Numbers
-    colorbar: _Path
-    crop: _Numbers
-    classes: Sequence[int] | str
-    returns: Literal["last", "first", "single"]
-    where: str | Sequence[str]
-    every: int
-    all_points: bool
-    outliers: Literal["keep", "drop"]
-    allow_outside: bool
-    max_texture: int
-    columns: str | Sequence[str | None]
+# Generated from the options table:
+# End of what is generated.
 
-class _Render(_Splats, total=False):
-    size: tuple[int, int]
-    camera: Camera | Mapping[str, Any] | _Path
+class _Render(_RenderFlags, total=False):
     lights: Iterable[Mapping[str, Any]] | Mapping[str, Any]
-    force: bool
-    view: str | tuple[float, float]
-    eye: _Numbers
-    target: _Numbers
-    camera_up: _Numbers
-    up: _Axis
-    region: tuple[int, int, int, int]
-    tile: tuple[int, int] | str
-    fov_y: float
-    ortho: bool
-    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
-    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
-    mapping: Literal["exact", "affine"]
-    cutoff: float
-    prefilter: float
-    depth_tolerance: float | str
-    accumulate: Literal["f32", "f16"]
-    transparency: str
-    composite: Literal["surface", "over"]
-    sort: Literal["center", "pixel"]
-    clip: Literal["exact", "paper", "line", "off"]
-    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
-    matcap: _Path
-    lod_error: float
-    all_levels: bool
-    shadows: bool
-    edge_aa: bool | Literal["on", "off", "samples"]
-    background: _Numbers | Literal["transparent"]
-    samples: int
-    label: str
-    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
-    adapter: str
-    storage: Literal[16, 32, "16", "32"]
-    threads: int
-
-class _Convert(_Splats, total=False):
-    threads: int
-    resume: bool
-    shard: str | tuple[int, int]
-
-class _Ortho(_Splats, total=False):
-    bounds: _Numbers
-    origin: _Numbers
-    size: tuple[int, int]
-    crs: str
-    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
-    threads: int
 
 class Error(Exception): ...
 class UsageError(Error, ValueError): ...
@@ -238,10 +162,6 @@ def ortho(
     inputs: _Path | Iterable[_Path] | Scene,
     output: _Path | None = ...,
     *,
-    gsd: float,
-    dsm: _Path | None = ...,
-    normals: _Path | None = ...,
-    fill: float | None = ...,
     force: bool = ...,
     **flags: Unpack[_Ortho],
 ) -> dict[str, Any]: ...
