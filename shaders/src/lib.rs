@@ -1,12 +1,29 @@
-//! Surfel's shaders, in WGSL: the only shader source of images.
+//! Surfel's shaders, in WGSL and SPIR-V: the only shader source of images.
 //!
-//! `wgsl/` contains the formulas. Each function is the twin of one in `surfel-math`: the same formula in the same order
-//! of operations, so that a difference between a GPU and the CPU is rounding and not algebra. [`TWINS`] lists the
-//! pairs. `passes/` contains the data, entry points and bindings that draw with these formulas.
+//! Main items, in reading order:
+//!
+//! 1. [`WGSL`]: the formulas, from the folder `wgsl/`. Each function is the twin of one in `surfel-math`: the same
+//!    formula in the same order of operations, so that a difference between a GPU and the CPU is rounding and not
+//!    algebra. [`TWINS`] lists the pairs;
+//! 2. [`PASSES`]: the formulas with the data, entry points and bindings that draw with them, from the folder `passes/`;
+//!    [`SPIRV`] is each entry point compiled for Vulkan;
+//! 3. [`ENTRIES`]: the entry points with their stages, workgroups and bindings;
+//! 4. [`layout`]: byte offsets of the structs in buffers.
+//!
+//! ```
+//! use surfel_shaders::{ENTRIES, FUNCTIONS, SPIRV, TWINS};
+//!
+//! // Every formula with a twin in Rust exists, and so does the SPIR-V of every entry point.
+//! assert!(TWINS.iter().all(|twin| FUNCTIONS.contains(&twin.wgsl)));
+//! assert!(ENTRIES.iter().all(|entry| SPIRV.iter().any(|(name, _)| *name == entry.name)));
+//! ```
+//!
+//! # Layer
+//! The crate lies below `surfel-gpu`, which fills buffers by [`layout`], and below the backends `surfel-wgpu` and
+//! `surfel-ash`. It depends on no other crate at run time and has no Cargo features.
 //!
 //! The build script concatenates the modules by their manifests, and naga parses and validates them, so a program that
-//! builds has valid shaders. Buffer layouts ([`layout`]) and the bindings of entry points ([`ENTRIES`]) are reflected,
-//! never written twice.
+//! builds has valid shaders. Buffer layouts and the bindings of entry points are reflected, never written twice.
 
 /// Formulas as one WGSL text without entry points, valid on its own.
 pub const WGSL: &str = include_str!(concat!(env!("OUT_DIR"), "/formulas.wgsl"));

@@ -1,7 +1,9 @@
 //! Conformance tests of every backend against the rendering model: scenes that catch one fault each, truths that don't
 //! come from a renderer, and the harness that compares a backend with the reference.
 //!
-//! - [`scenes`]: plain seeded functions, small images;
+//! Modules, in reading order:
+//!
+//! - [`scenes`]: plain seeded functions, small images; [`scenes::Case`] is one image to draw;
 //! - [`random_scenes`]: random scenes, one for each seed;
 //! - [`harness`]: [`harness::check_backend`] renders all scenes on a backend and on the reference and compares them;
 //! - [`expectations`]: known differences of backends, with reasons;
@@ -13,6 +15,27 @@
 //! - [`stability`]: sweeps of one number to its extreme, against exact arithmetic;
 //! - [`checkerboard`]: the error of each filter on a pattern that extends to the horizon (§5);
 //! - [`test_data`]: location of test data that isn't shipped.
+//!
+//! A new backend implements [`surfel_render::Renderer`] and is checked like this:
+//!
+//! ```
+//! use surfel_conformance::{build, harness, scenes::Case};
+//! use surfel_model::glam::DVec3;
+//! # fn main() -> Result<(), surfel_render::RenderError> {
+//! let disk = build::Splat::disk(DVec3::ZERO, DVec3::Z, 0.5, [0.8, 0.4, 0.1]);
+//! let case = Case::new("one disk", build::scene(&[disk]), build::camera(3.0, 45.0, [16, 16]));
+//!
+//! let mut backend = surfel_cpu::Renderer::new(Default::default())?;
+//! let mut reference = surfel_reference::Renderer::new(Default::default())?;
+//! let report = harness::check_case(&mut backend, &mut reference, &case);
+//! assert!(report.is_ok(), "{:?}", report.broken);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The package lies at the top of the workspace: it depends on all backends, and nothing depends on it. It has no Cargo
+//! features.
 //!
 //! Section numbers (§) refer to `docs/rendering-model.md`.
 

@@ -429,7 +429,7 @@ impl Renderer {
     /// compared with. Returns an empty list if the device has no timestamps.
     ///
     /// # Errors
-    /// The errors of [`surfel_render::Renderer::render`].
+    /// [`RenderError::Model`] if an image can't have this size; [`RenderError::Backend`] if the device fails.
     pub fn fill_rates(&mut self, side_px: u32) -> Result<Vec<FillRate>, RenderError> {
         let frame = FillRateFrame::new(side_px.min(self.limits.texture_side))?;
         let scene = surfel_render::Renderer::upload(self, &Scene::default())?;

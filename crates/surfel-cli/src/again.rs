@@ -14,7 +14,7 @@ use surfel::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSI
 use surfel::options::{Commands, Options, table};
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
-    let path = image(args);
+    let path = input(args);
     let name = path.shown();
     let image = surfel::io::read_image(path)?;
     let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
@@ -64,7 +64,7 @@ fn judge(
     console: &Console,
 ) -> Result<(), Failure> {
     let again = surfel::io::read_image(written)?;
-    let (name, written) = (image(args).shown(), written.shown());
+    let (name, written) = (input(args).shown(), written.shown());
     let planes = |p: &Planes| (bits(p.color.as_ref().map(|c| c.as_flattened())), bits(p.depth.as_deref()));
     if (again.width, again.height) == (image.width, image.height) && planes(&again) == planes(image) {
         console.note(&format!("{written}: the same image as {name}, to the bit"));
@@ -95,7 +95,7 @@ fn default_output(image: &Path) -> PathBuf {
 /// Parses a metadata entry as JSON; null if the entry is missing.
 fn json(args: &Options, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
-    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", image(args).shown())))
+    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", input(args).shown())))
 }
 
 /// Returns a description of each input that has changed since the image was drawn.
@@ -123,14 +123,14 @@ fn changed_inputs(args: &Options, inputs: &Value, base: &Path, stdin: &Stdin) ->
     Err(Failure::input(format!(
         "{}: is drawn of what is not there: {}\n  help: its paths are relative to it: put the files back, or the \
          image beside them",
-        image(args).shown(),
+        input(args).shown(),
         missing.join(", ")
     )))
 }
 
 /// Returns the options that draw the image.
 fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
-    let name = image(args).shown();
+    let name = input(args).shown();
     let mut options = Options::default();
     options.force = args.force;
     for (key, value) in drawn.as_object().into_iter().flatten() {
@@ -162,6 +162,6 @@ fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
 }
 
 /// Returns the image to draw again.
-fn image(args: &Options) -> &Path {
+fn input(args: &Options) -> &Path {
     args.inputs.first().map_or(Path::new(""), PathBuf::as_path)
 }

@@ -1,5 +1,32 @@
 //! The CPU backend: the reference's image by SIMD, on any number of threads.
 //!
+//! Main types, in reading order:
+//!
+//! 1. [`Renderer`]: uploads scenes and draws frames; implements [`surfel_render::Renderer`];
+//! 2. [`Options`]: threads, [`SimdLevel`] and [`Storage`] of a renderer;
+//! 3. [`ResidentScene`]: an uploaded scene.
+//!
+//! ```
+//! use surfel_model::{Camera, Scene, Settings, Shader, SplatCloud};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let disk = SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?.with_colors(&[[1.0, 0.5, 0.0]])?;
+//! let camera = Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [64, 64]);
+//!
+//! let mut renderer = surfel_cpu::Renderer::new(surfel_cpu::Options::default().with_threads(1))?;
+//! let resident = renderer.upload(&Scene::from(disk))?;
+//! let frame = renderer.render(&resident, &camera, &Settings::default().with_shader(Shader::Unlit))?;
+//! let [r, g, b, a] = frame.color()[32 * 64 + 32]; // linear, premultiplied
+//! assert!((r - 1.0).abs() < 1e-3 && (g - 0.5).abs() < 1e-3 && b == 0.0 && (a - 1.0).abs() < 1e-3);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The backend executes the plan of `surfel-render`. It calls the formulas of `surfel-math` over lanes of 16 numbers,
+//! and shares no rasterisation code with another backend. Feature `scalar` also draws on CPUs without AVX2, slowly; it
+//! doubles the time that the crate takes to build. The crate has no other features.
+//!
+//! # How a frame is drawn
 //! A frame passes through these folders in order, and each imports only from those above it:
 //!
 //! 1. `simd`: lanes of 16 numbers, and the CPU's instructions;
@@ -18,6 +45,7 @@
 //!
 //! `renderer` and `frame` drive all folders. A feature that a frame doesn't use costs it nothing.
 //!
+//! # Reproducibility
 //! Output is bit-identical for any number of threads and any SIMD level: every sum is in splat order, every operation
 //! is correctly rounded, and nothing depends on lane width.
 

@@ -32,13 +32,16 @@ impl Renderer {
     /// Creates a renderer with these options.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if threads can't be started, or if the CPU lacks the instructions.
+    /// [`RenderError::Threads`] if threads can't be started, [`RenderError::Backend`] if the CPU lacks the
+    /// instructions.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let threads = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
             .stack_size(STACK_BYTES)
             .build()
-            .map_err(|e| RenderError::Backend { backend: "cpu", message: e.to_string() })?;
+            .map_err(|e| RenderError::Threads { backend: "cpu", message: e.to_string() })?;
+        // Waits until each thread has run, so that callers can measure the memory that thread starts leave.
+        threads.broadcast(|_| ());
         let instructions = Instructions::new(options.simd).ok_or_else(|| RenderError::Backend {
             backend: "cpu",
             message: "this CPU has no AVX2; use the reference backend, or build with surfel-cpu's feature scalar"

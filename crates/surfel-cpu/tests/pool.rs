@@ -38,6 +38,30 @@ fn scene() -> Scene {
     Scene { objects, lights: Some(vec![sun]), ..Scene::default() }
 }
 
+/// Stack of the thread that calls the renderer, in bytes: the least that systems give.
+const LEAST_STACK: usize = 512 << 10;
+
+#[test]
+fn a_buffer_is_drawn_for_a_caller_with_little_stack() {
+    let drawn = || {
+        let mut renderer = Renderer::new(Options::default().with_threads(1)).unwrap();
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 4.0], [0.0, 1.0, 0.0], [96, 96]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let resident = renderer.upload(&scene()).unwrap();
+        let settings = Settings::default()
+            .with_shader(Shader::Phong)
+            .with_edge_aa(EdgeAa::Coverage)
+            .with_transparency(Transparency::ABuffer { layers: 8 });
+        let mut frame = Frame::default();
+        let planes = Planes::ALL.with_fragments(true);
+        renderer.render_into(&resident, &view, &settings, planes, &mut frame).unwrap();
+        frame.color().iter().filter(|pixel| pixel[3] > 0.0).count()
+    };
+    let thread = std::thread::Builder::new().stack_size(LEAST_STACK).spawn(drawn).unwrap();
+    assert!(thread.join().unwrap() > 1000);
+}
+
 #[test]
 fn renderer_has_its_own_threads_and_starts_no_others() {
     let mut renderer = Renderer::new(Options::default().with_threads(2)).unwrap();

@@ -92,6 +92,10 @@ pub struct Pending {
 
 impl Pending {
     /// Creates a temporary file that will become `path`, which must be a name for a regular file.
+    ///
+    /// # Errors
+    /// [`IoError::Exists`] if the file exists and `overwrite` is false; [`IoError::System`] if `path` is a folder, a
+    /// device or a pipe, or if its folder can't be written.
     pub fn new(path: &Path, overwrite: bool) -> Result<Self, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: WRITE, source };
         let existing = fs::metadata(path).ok();
@@ -110,6 +114,10 @@ impl Pending {
     }
 
     /// Makes the complete file appear.
+    ///
+    /// # Errors
+    /// [`IoError::Exists`] if the file appeared meanwhile and may not be overwritten; [`IoError::System`] if the
+    /// content can't be written.
     pub fn publish(self) -> Result<(), IoError> {
         let Self { mut sink, temporary, _registered, path, target, existing, overwrite } = self;
         let system = |source| IoError::System { path: path.clone(), action: WRITE, source };

@@ -46,7 +46,11 @@ pub fn pour(reader: impl Read, most: u64, out: &mut dyn Write) -> Result<(u64, O
     }
 }
 
-/// Reads a file of at most `limit` bytes, or a pipe, as a whole.
+/// Reads a file of at most `limit` bytes, or a pipe of at most 1 GiB, as a whole.
+///
+/// # Errors
+/// [`IoError::System`] if the file doesn't exist, is a folder, can't be read or doesn't fit into memory;
+/// [`IoError::Invalid`] if it is larger than the limit.
 pub fn read(path: &Path, limit: u64) -> Result<Vec<u8>, IoError> {
     let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
     let file = File::open(path).map_err(system)?;
@@ -133,8 +137,10 @@ impl Siblings {
         self.locate(reference).is_ok_and(|path| path.is_file())
     }
 
-    /// Reads a referenced file of at most 1 GiB; returns a reason if that is impossible. The file must be regular:
-    /// reading a device would never end.
+    /// Reads a referenced file of at most 1 GiB. The file must be regular: reading a device would never end.
+    ///
+    /// # Errors
+    /// A message with the reason, if the file may not or can't be read.
     pub fn read(&self, reference: &str) -> Result<Vec<u8>, String> {
         let path = self.locate(reference)?;
         if let Self::Folder { asked, .. } = self {

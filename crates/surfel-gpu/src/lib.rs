@@ -1,5 +1,39 @@
-//! Code that Surfel's GPU backends share, whatever their API: the scene's layout in buffers ([`Upload`]), the data that
-//! each frame uploads in addition ([`TileData`]), and the passes that draw it ([`schedule()`]).
+//! Code that Surfel's GPU backends share, whatever their API: the scene's layout in buffers, the data that each frame
+//! uploads in addition, and the passes that draw it.
+//!
+//! Main types, in reading order:
+//!
+//! 1. [`Upload`]: packs a scene into [`Segment`]s of splats and returns an [`UploadedScene`]; [`Limits`] are the
+//!    device's;
+//! 2. [`FrameTiles`]: the tiles of a frame, each within the device's limits;
+//! 3. [`FrameScene`] and [`TileData`]: the uniforms, visible chunks and near splats that a frame and a tile upload;
+//! 4. [`schedule()`]: the [`Step`]s of a tile, which a backend runs in this order; [`Draw`] and [`PixelPass`] are the
+//!    passes among them;
+//! 5. [`cell_stages`]: the steps that draw opaque splats by compute shaders in place of raster hardware ([`GpuPath`]);
+//! 6. [`binding_slots`]: the bindings of an entry point, as reflected from the shaders.
+//!
+//! ```
+//! use surfel_gpu::{Step, UNSUPPORTED, VisibleSegments, schedule};
+//! use surfel_model::{Camera, Scene, Settings, SplatCloud};
+//! use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Scene::from(SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?);
+//! let view = View::new(&Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [64, 64]))?;
+//! let capabilities = Capabilities { backend: "example", lacks: UNSUPPORTED };
+//! let plan = plan(&SceneSummary::of(&scene), &view, &Settings::default(), Planes::COLOR, &capabilities)?;
+//!
+//! // One segment of opaque splats is visible in the tile: splats are set up before they are drawn.
+//! let visible = VisibleSegments { opaque: vec![0], ..VisibleSegments::default() };
+//! let steps = schedule(&plan, &visible, false);
+//! assert!(matches!(&steps[0], Step::Setup { segments, first: true } if segments == &[0]));
+//! assert!(steps.iter().any(|step| matches!(step, Step::Draw { .. })));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate lies between `surfel-render`, whose plan it turns into steps, and the backends `surfel-wgpu` and
+//! `surfel-ash`, which run them. No GPU API is visible. It has no Cargo features.
 //!
 //! Everything that needs f64 happens here, on the CPU: chunk origins relative to the eye, culling of chunks, and setup
 //! of the few splats that reach the near plane. The GPU sets up all other splats, by the WGSL twins of surfel-math's

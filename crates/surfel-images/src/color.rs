@@ -46,7 +46,7 @@ pub fn nearest_16_bit(linear: f32) -> u16 {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     #[test]
     fn every_level_survives_a_round_trip() {

@@ -277,7 +277,7 @@ fn premultiply([r, g, b]: [f32; 3], a: f32) -> [f32; 4] {
 
 #[cfg(test)]
 mod tests {
-    use crate::*;
+    use super::*;
 
     fn png(width: u32, height: u32, texels: &[[u8; 4]]) -> Vec<u8> {
         let mut bytes = Vec::new();

@@ -1,14 +1,44 @@
-//! Still images: frames as PNG, JPEG, EXR, NPZ or TIFF, and textures.
+//! Readers and writers of still images: frames as PNG, JPEG, EXR, NPZ or TIFF, and textures.
 //!
-//! * [`read_image`]: an image's planes; [`Planes`] owns them, [`PlanesView`] borrows them from a frame.
-//! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), `save_npz` (feature `npz`): a frame's
-//!   planes, whole or not at all. Each has a twin `write_…` for sinks.
-//! * [`stitch`](stitch::stitch): one image of its tiles, without all of it in memory.
-//! * [`TextureDecoder`](texture::TextureDecoder), [`load_matcap`](texture::load_matcap): textures of meshes, matcaps.
-//! * [`color`]: sRGB-encoded levels of files and linear values.
+//! Main types and functions, in reading order:
 //!
+//! 1. [`Planes`] owns the planes of an image (colours, depths, normals, …), [`PlanesView`] borrows them from a frame;
+//! 2. [`read_image`] reads an image's planes, [`read_image_bytes`] from memory;
+//! 3. [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npz`) write
+//!    planes to a file, completely or not at all. Each has a twin `write_…` for sinks;
+//! 4. [`stitch()`](stitch::stitch) combines tiles to one image, of which only a few rows are in memory;
+//! 5. [`TextureDecoder`](texture::TextureDecoder) and [`load_matcap`](texture::load_matcap) read textures of meshes,
+//!    and matcaps;
+//! 6. [`color`] converts between the sRGB-encoded levels of files and linear values.
+//!
+//! ```
+//! use std::path::Path;
+//! use surfel_images::{PlanesView, PngOptions, read_image_bytes, write_png};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! // Linear premultiplied RGBA: an opaque red pixel, and a white one of half opacity.
+//! let color = [[1.0, 0.0, 0.0, 1.0], [0.5, 0.5, 0.5, 0.5]];
+//! let planes = PlanesView { width: 2, height: 1, color: Some(&color), ..PlanesView::default() };
+//! let mut png = Vec::new();
+//! write_png(&mut png, &planes, &PngOptions::default())?;
+//!
+//! let read = read_image_bytes(&png, Path::new("pixels.png"))?;
+//! assert_eq!((read.width, read.height), (2, 1));
+//! assert_eq!(read.color.map(|color| color[0]), Some([1.0, 0.0, 0.0, 1.0]));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Hostile input
 //! Decoders accept hostile input: no panic, and no more memory than a fixed limit. An image of a format that isn't
-//! built is refused with the name of its feature.
+//! built in is refused with the name of its feature.
+//!
+//! # Layer
+//! The crate lies between `surfel-files`, whose errors it returns, and `surfel-io`, which re-exports it. The frames of
+//! `surfel-render` are written by it, too.
+//!
+//! # Features
+//! All features are on by default: `jpeg` and `exr` (images, read and written), `webp` (images, read), `npz` (NumPy
+//! archives of planes, written) and `tiff` (stitched images, written). PNG needs none.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

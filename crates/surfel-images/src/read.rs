@@ -16,7 +16,8 @@ const MAX_DECODED_BYTES: usize = 8 << 30;
 /// of EXR attributes, or of PNG chunks before the pixels.
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, is damaged, too large, or of another format.
+/// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it is damaged, too large, or of another
+/// format.
 pub fn read_image(path: &Path) -> Result<Planes, IoError> {
     read_image_bytes(&input::read(path, MAX_FILE_BYTES)?, path)
 }

@@ -81,7 +81,8 @@ impl Tile {
 /// Reads the header of a PNG or EXR that Surfel wrote.
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, isn't a PNG or EXR, or is stored in a way that Surfel doesn't write.
+/// [`IoError::System`] if the file can't be read; [`IoError::Invalid`] if it isn't a PNG or EXR, or is stored in a way
+/// that Surfel doesn't write.
 pub fn read_image_header(path: &Path) -> Result<ImageHeader, IoError> {
     Rows::open(path).map(|(header, _)| header)
 }

@@ -26,7 +26,8 @@ pub struct TextureDecoder {
 }
 
 impl TextureDecoder {
-    /// Creates a decoder for one file's textures.
+    /// Creates a decoder for one file's textures. Textures whose longer side exceeds `max_side` texels (`None`: 8192)
+    /// are reduced.
     pub fn new(max_side: Option<u32>) -> Self {
         let max_side = max_side.unwrap_or(DEFAULT_MAX_SIDE).max(1);
         Self { texels_left: MAX_BYTES as u64 / 4, max_side, reduced: None, cut: None }
@@ -46,7 +47,11 @@ impl TextureDecoder {
         reduced.into_iter().chain(cut).collect()
     }
 
-    /// Decodes an image, or returns the reason why that fails; `name` is for notes.
+    /// Decodes a PNG, JPEG or WebP image; `name` is for notes. A texture larger than the limit is reduced.
+    ///
+    /// # Errors
+    /// A message with the reason, if the bytes are no such image, or the file's images exceed their common memory
+    /// limit.
     pub fn decode(&mut self, bytes: &[u8], name: &str) -> Result<Texture, String> {
         let (width, height) = size_of(bytes)?;
         let texels = u64::from(width) * u64::from(height);
@@ -82,7 +87,8 @@ impl TextureDecoder {
 /// Reads a matcap: an image (PNG, JPEG or WebP) of a lit sphere.
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, isn't such an image, or has no texels or more than 2048 per side.
+/// [`IoError::System`] if the file can't be read, [`IoError::Invalid`] if it isn't such an image, [`IoError::Model`] if
+/// it has no texels or more than 2048 per side.
 pub fn load_matcap(path: &Path) -> Result<Matcap, IoError> {
     let bytes = input::read(path, MAX_BYTES as u64)?;
     let image = TextureDecoder::new(None).decode(&bytes, "").and_then(|image| match is_cut_jpeg(&bytes) {

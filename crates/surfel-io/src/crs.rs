@@ -83,7 +83,8 @@ impl Crs {
         }
     }
 
-    /// Returns the EPSG code of the UTM zone (WGS 84) at a position in degrees.
+    /// Returns the EPSG code of the UTM zone (WGS 84) at a position: `longitude` from −180 to 180 degrees east,
+    /// `latitude` from −90 to 90 degrees north.
     pub fn utm_at(longitude: f64, latitude: f64) -> u32 {
         let zone = ((longitude + 180.0).rem_euclid(360.0) / 6.0).floor() as u32 + 1;
         let first = if latitude < 0.0 { 32_700 } else { 32_600 };

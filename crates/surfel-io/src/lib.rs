@@ -1,22 +1,62 @@
-//! Files of Surfel: splats, points and meshes are read, images and splats are written, scene files both.
+//! Readers and writers of Surfel's files: splats, points and meshes are read, images and splats are written, scene
+//! files both.
 //!
-//! * [`load`]: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF and GLB,
-//!   Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP points, NumPy arrays, rows of
-//!   numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these with gzip.
-//! * [`save_splat_ply`]: a splat cloud, without loss; [`save_octree`]: an octree of splats and polygons.
-//! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`), [`read_image`]: the planes of a frame.
-//! * `write_geotiffs` (feature `geotiff`): georeferenced images, tile by tile.
-//! * [`scene_file`]: scene and camera files; [`cameras`]: cameras of other programs.
-//! * [`atomic::write`]: any file, complete or not at all.
+//! Main functions and types, in reading order:
 //!
+//! * [`load()`] and [`load_bytes`] read a file as [`Loaded`], whose [`Content`] is splats, points, a mesh, an octree or
+//!   trained Gaussians: PLY (Surfel's splat profile, points, meshes, 2D and 3D Gaussian splats), OBJ, OFF, STL, glTF
+//!   and GLB, Draco, 3D Tiles of points, LAS, LAZ, COPC, E57, PCD, XYZ, PTS and PTX, COLMAP points, NumPy arrays, rows
+//!   of numbers without a header, Gaussian splats as SPLAT, SPZ and SOG, Surfel's octrees; and all of these with gzip.
+//!   [`LoadOptions`] control how files are read; [`Format`] lists the formats.
+//! * [`save_splat_ply`] writes a splat cloud without loss; [`save_octree`] an octree of splats and polygons.
+//! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npy`) write the
+//!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). They are those of `surfel-images`.
+//! * `write_geotiffs` (feature `geotiff`) writes georeferenced images, tile by tile.
+//! * [`scene_file`] reads and writes scene and camera files; [`cameras`] reads cameras of other programs.
+//! * `copc` (feature `laz`) reads parts of COPC files, and writes them.
+//! * [`IoError`] names the file, the place in it, and what was expected; [`atomic::write`] writes any file, complete or
+//!   not at all. Both are those of `surfel-files`.
+//!
+//! Each function `save_…` has a twin `write_…` for sinks.
+//!
+//! ```
+//! use std::path::Path;
+//! use surfel_io::{Content, LoadOptions, PlyEncoding, load_bytes, write_splat_ply};
+//! use surfel_model::SplatCloud;
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let cloud = SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?;
+//! let mut bytes = Vec::new();
+//! write_splat_ply(&mut bytes, &cloud, PlyEncoding::Ascii)?;
+//!
+//! let loaded = load_bytes(&bytes, None, Path::new("disk.ply"), &LoadOptions::default())?;
+//! assert!(matches!(loaded.content, Content::Splats(splats) if splats.len() == 1));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Hostile input
 //! Every reader accepts hostile input: no panic, no endless loop, and no more memory than a small multiple of the
-//! file's size. Images, compressed files and meshes, and glTF instances have fixed limits instead. Each function
-//! `save_…` has a twin `write_…` for sinks.
+//! file's size. Images, compressed files and meshes, and glTF instances have fixed limits instead.
 //!
-//! Each family of formats is a Cargo feature: `obj`, `off`, `stl`, `points`, `pcd`, `las`, `laz`, `e57`, `npy`, `gltf`,
-//! `draco`, `meshopt`, `gaussians`, `jpeg`, `webp`, `exr`, `geotiff`; all are on by default, `zstd` (SPZ of version 4)
-//! is not. PLY, octrees, PNG and scene files need no feature. A file of a format that isn't built is refused with the
-//! name of its feature.
+//! # Layer
+//! The crate depends on `surfel-model`, whose types it returns, and on `surfel-files` and `surfel-images`, which it
+//! re-exports. It converts no points to splats: `surfel-sample` does, and the `surfel` crate combines the two.
+//!
+//! # Features
+//! Each family of formats is a Cargo feature. PLY, octrees, PNG and scene files need none. A file of a format that
+//! isn't built in is refused with the name of its feature. All features but `zstd` are on by default.
+//!
+//! | feature | formats |
+//! | --- | --- |
+//! | `obj`, `off`, `stl` | meshes of the same names |
+//! | `gltf`, `draco`, `meshopt` | glTF, GLB and 3D Tiles; Draco files and glTF's Draco meshes; glTF's meshopt buffers |
+//! | `points` | points as text (XYZ, TXT, CSV, ASC, PTS, PTX) and COLMAP points |
+//! | `pcd`, `npy`, `e57` | PCD; NPY and NPZ, also as images; E57 |
+//! | `las`, `laz` | LAS; LAZ and COPC |
+//! | `gaussians` | SPLAT, SPZ and SOG (with `webp`) |
+//! | `zstd` | SPZ of version 4 |
+//! | `jpeg`, `webp`, `exr` | JPEG and EXR images, read and written; WebP images, read |
+//! | `geotiff` | GeoTIFF images, written |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -70,8 +70,9 @@ pub struct Loaded {
 /// and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
 ///
 /// # Errors
-/// [`IoError`] if the file can't be read, is damaged, is in a format that this build has no reader for, or contains
-/// splats that violate the rendering model (§10) and `options.repair` is false.
+/// [`IoError::System`] if the file can't be read. [`IoError::Invalid`] if it is damaged, or in a format that this build
+/// has no reader for. [`IoError::Model`] if it contains splats that violate the rendering model (§10) and
+/// `options.repair` is false.
 pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     if let Some((format, mut file)) = survey_file(path) {
         let read = |context: &mut Context<'_>| Ok((format, read_survey(format, &mut file, context)?));
@@ -93,9 +94,9 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
 pub struct PointSurvey {
     /// The file, with an empty cloud as content; `attributes` is empty.
     pub loaded: Loaded,
-    /// Bounds of the positions.
+    /// Bounds of the positions: the least and the largest coordinates, in the file's units; `None` without points.
     pub bounds: Option<(DVec3, DVec3)>,
-    /// Minimum and maximum of each colour component, in linear RGB.
+    /// Minimum and maximum of each colour component, in linear RGB; `None` without colours.
     pub colors: Option<([f32; 3], [f32; 3])>,
 }
 

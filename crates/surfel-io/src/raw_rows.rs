@@ -21,7 +21,7 @@ const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 /// Checks that columns include a position.
 ///
 /// # Errors
-/// Returns what was expected, as a sentence without a subject.
+/// A message that states what was expected, as a sentence without a subject.
 pub fn check_columns(columns: &TableColumns) -> Result<(), String> {
     check(columns).map_err(|problem| problem.to_string().replace('\n', ","))
 }

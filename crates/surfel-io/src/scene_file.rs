@@ -12,7 +12,8 @@ pub(crate) const MAX_BYTES: u64 = 64 << 20;
 /// Reads a scene file, without checking its numbers (`Scene::validate` and `Camera::validate` do that).
 ///
 /// # Errors
-/// [`IoError`] with line and column; for an unknown key, with the expected ones.
+/// [`IoError::System`] if the file can't be read. [`IoError::Invalid`] with line and column if it isn't a scene file;
+/// for an unknown key, with the expected ones.
 pub fn read(path: &Path) -> Result<SceneFile, IoError> {
     parse(&files::read(path, MAX_BYTES)?, path)
 }
@@ -20,7 +21,7 @@ pub fn read(path: &Path) -> Result<SceneFile, IoError> {
 /// Reads a scene file from bytes; `name` is for messages.
 ///
 /// # Errors
-/// As [`read`].
+/// [`IoError::Invalid`], as [`read`].
 pub fn parse(bytes: &[u8], name: &Path) -> Result<SceneFile, IoError> {
     let file: SceneFile = json(bytes).map_err(|fault| fault.of(name))?;
     for (i, object) in file.objects.iter().enumerate() {

@@ -98,6 +98,35 @@ fn npy_faults_are_errors() {
     refused("a", npy("'<f4'", "False", "(480, 640)", &[0; 480 * 640 * 4]), "480×640");
 }
 
+#[test]
+fn npy_of_a_depth_camera_s_pixels_states_the_camera() {
+    // A wall with a step in the space of a camera of 60 px focal length: x right, y down, z ahead. Some pixels have no
+    // depth.
+    let (columns, rows) = (64, 48);
+    let pixel = |i: usize| {
+        let (column, row) = ((i % columns) as f32, (i / columns) as f32);
+        let depth = if column > 40.0 { 1.2 } else { 2.0 + 0.1 * (0.3 * row).sin() };
+        let missing = if i.is_multiple_of(9) { f32::NAN } else { 1.0 };
+        [(column - 31.0) / 60.0 * depth, (row - 23.0) / 60.0 * depth, missing * depth]
+    };
+    let image: Vec<[f32; 3]> = (0..columns * rows).map(pixel).collect();
+    let read = |pixels: &[[f32; 3]], shape: &str| {
+        let loaded = load("a", npy("'<f4'", "False", shape, &le(pixels.as_flattened())));
+        let is_noted = loaded.notes.iter().any(|note| note.contains("a camera's depth image"));
+        let found = points(loaded);
+        (found.up, found.viewpoint, is_noted)
+    };
+    let at_origin = Some(DVec3::ZERO);
+    assert_eq!(read(&image, "(48, 64, 3)"), (Some(Up::MinusY), at_origin, true));
+    let opengl: Vec<[f32; 3]> = image.iter().map(|[x, y, z]| [*x, -y, -z]).collect();
+    assert_eq!(read(&opengl, "(48, 64, 3)"), (Some(Up::PlusY), at_origin, true));
+    // In the camera's axes turned by a quarter, without rows, and with rows and columns exchanged, it is none.
+    let turned: Vec<[f32; 3]> = image.iter().map(|[x, y, z]| [*z, -x, -y]).collect();
+    for (pixels, shape) in [(&turned, "(48, 64, 3)"), (&image, "(3072, 3)"), (&image, "(64, 48, 3)")] {
+        assert_eq!(read(pixels, shape), (None, None, false), "{shape}");
+    }
+}
+
 /// Builds a ZIP file, with deflated members if `deflate`.
 pub(crate) fn zip(members: &[(&str, Vec<u8>)], deflate: bool, comment: &[u8]) -> Vec<u8> {
     let (mut bytes, mut directory) = (Vec::new(), Vec::new());

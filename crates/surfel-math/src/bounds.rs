@@ -8,9 +8,9 @@ use crate::{Real, V2};
 /// A box of pixel offsets from an anchor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent<R> {
-    /// Minimum offset.
+    /// Minimum offset, in pixels.
     pub min: V2<R>,
-    /// Maximum offset.
+    /// Maximum offset, in pixels.
     pub max: V2<R>,
 }
 
@@ -24,13 +24,13 @@ impl<R: Real> Extent<R> {
         }
     }
 
-    /// Returns a box of half-width `half` around the anchor.
+    /// Returns a box of half-width `half`, in pixels, around the anchor.
     #[inline(always)]
     pub fn symmetric(half: V2<R>) -> Self {
         Self { min: -half, max: half }
     }
 
-    /// Returns the box, grown on every side.
+    /// Returns the box, grown by `by` pixels on every side.
     #[inline(always)]
     pub fn grow(self, by: R) -> Self {
         let g = V2::new(by, by);

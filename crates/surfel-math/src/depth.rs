@@ -7,15 +7,15 @@ use crate::{Real, V2, V3};
 /// The splat's own plane over pixels, clamped to the disk's own depth range (§3).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthPlane<R> {
-    /// Depth at the anchor (or the numerator of a plane through the near plane).
+    /// Depth at the anchor in world units (or the numerator of a plane through the near plane).
     pub scale: R,
     /// Gradient over pixels; see [`DepthForm`].
     pub gradient: V2<R>,
     /// Value of the form at the anchor for [`DepthForm::Reciprocal`]; 1 for an ordinary splat.
     pub at_anchor: R,
-    /// Nearest depth of the disk.
+    /// Nearest planar depth of the disk, in world units.
     pub z_min: R,
-    /// Farthest depth of the disk.
+    /// Farthest planar depth of the disk, in world units.
     pub z_max: R,
 }
 
@@ -49,17 +49,17 @@ impl<R: Real> DepthPlane<R> {
 /// The depth tolerance setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Tolerance {
-    /// Multiple of the larger radius.
+    /// Multiple of the larger radius, at least 0.
     Relative(f64),
-    /// Distance in world units.
+    /// Distance in world units, at least 0.
     Absolute(f64),
 }
 
 /// Pixels beyond the filter radius that the slope term allows for: half a pixel's diagonal.
 const SLOPE_MARGIN_PX: f64 = 0.7;
 
-/// Returns the change of planar depth per pixel to the right and down, on the plane through the view position `p` with
-/// unit view normal `n`. Steepness is limited as in ε (§5).
+/// Returns the change of planar depth per pixel to the right and down, in world units, on the plane through the view
+/// position `p` with unit view normal `n`. Steepness is limited as in ε (§5).
 #[inline(always)]
 pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V2<R> {
     let k = |value: f64| p.x.constant(value);
@@ -73,8 +73,8 @@ pub fn plane_gradient<R: Real>(p: V3<R>, n: V3<R>, projection: &Projection) -> V
     across * -(scale / steep)
 }
 
-/// Returns the distance by which a polygon's own surface may be behind its depth z within a texel, from the depth's
-/// gradient over texels (§5, shadow maps). It is the slope term of ε, with its cap.
+/// Returns the distance in world units by which a polygon's own surface may be behind its depth z within a texel, from
+/// the depth's gradient over texels (§5, shadow maps). It is the slope term of ε, with its cap.
 pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
         ProjectionKind::Perspective => z,
@@ -87,7 +87,8 @@ pub fn slope_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f6
 /// distance and some curvature.
 const STEP_PX: f64 = 2.0;
 
-/// Returns the distance by which a polygon's own surface may be behind its depth z in a neighbouring pixel, from the
+/// Returns the distance in world units by which a polygon's own surface may be behind its depth z in a neighbouring
+/// pixel, from the
 /// depth's gradient over pixels (§5, edges by samples).
 pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64 {
     let scale = match projection.kind {
@@ -100,8 +101,9 @@ pub fn step_allowance(z: f64, gradient: V2<f64>, projection: &Projection) -> f64
 
 /// Returns ε of a splat (§5), in world units: how much deeper than the splat a fragment may be and still blend with it.
 ///
-/// `h_px` is the filter radius, 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen
-/// at a grazing angle rejects half of its own filter.
+/// `radius_max` is the splat's larger radius in world units ([`crate::project::radius_max`]). `h_px` is the filter
+/// radius in pixels, 0 for a splat drawn without a filter. The slope term is ours: without it a surface seen at a
+/// grazing angle rejects half of its own filter.
 #[inline(always)]
 pub fn tolerance<R: Real>(
     splat: &ViewSplat<R>,

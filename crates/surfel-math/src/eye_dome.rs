@@ -37,8 +37,8 @@ pub fn rise_weight<R: Real>(offset: V2<R>, projection: &Projection) -> R {
     offset.x.constant(0.125) / apart
 }
 
-/// Returns the brightness of a pixel of depth `z`, from Σ weight·max(0, z − z of the neighbour). It is 1 if no
-/// neighbour is nearer, and approaches 0 the deeper the pixel is among its neighbours.
+/// Returns the brightness of a pixel of planar depth `z` (world units), in (0, 1], from Σ weight·max(0, z − z of the
+/// neighbour). It is 1 if no neighbour is nearer, and approaches 0 the deeper the pixel is among its neighbours.
 #[inline(always)]
 pub fn brightness<R: Real>(z: R, rise: R, projection: &Projection) -> R {
     let slope = match projection.kind {

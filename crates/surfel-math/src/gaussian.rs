@@ -41,14 +41,14 @@ pub fn near(projection: &Projection) -> f64 {
     if projection.is_perspective() { projection.near.max(NEAR) } else { projection.near }
 }
 
-/// A Gaussian in view space.
+/// A Gaussian in view space (x right, y down, z forward, eye at the origin).
 #[derive(Clone, Copy, Debug)]
 pub struct ViewGaussian {
-    /// Centre.
+    /// Centre, in world units.
     pub center: V3<f64>,
     /// Axes, of length 1 before the object's matrix. The first two axes of a flat Gaussian span its plane.
     pub axes: [V3<f64>; 3],
-    /// Standard deviations along the axes.
+    /// Standard deviations along the axes, in object units.
     pub sigmas: [f64; 3],
     /// True if the Gaussian is flat, false if it is solid.
     pub flat: bool,
@@ -65,16 +65,17 @@ pub struct ProjectedGaussian {
     pub forms: GaussianForms<f64>,
     /// Unit normal in view space, towards the eye; for a solid Gaussian the shortest axis of what is drawn.
     pub normal: V3<f64>,
-    /// Minimum and maximum offset from the centre beyond which α is less than [`MIN_ALPHA`]; `None` if unknown.
+    /// Minimum and maximum offset from the centre, in pixels, beyond which α is less than [`MIN_ALPHA`]; `None` if
+    /// unknown.
     pub bounds_px: Option<[V2<f64>; 2]>,
-    /// Depth at which the Gaussian begins to show.
+    /// Planar depth at which the Gaussian begins to show, in world units.
     pub nearest: f64,
     /// Factor of α: the fraction of a filtered footprint that the Gaussian covers, or 1 as trained.
     pub weight: f64,
 }
 
-/// Linear forms of an offset d from a projected centre: the ray meets the Gaussian's plane at (u, v)/w standard
-/// deviations and depth z/w.
+/// Linear forms of an offset d in pixels from a projected centre: the ray meets the Gaussian's plane at (u, v)/w
+/// standard deviations and depth z/w.
 #[derive(Clone, Copy, Debug)]
 pub struct GaussianForms<R> {
     /// Coefficients of d.
@@ -105,8 +106,8 @@ impl<R: Real> GaussianForms<R> {
 }
 
 impl ViewGaussian {
-    /// Projects the Gaussian to an image of this size. `None` if it is invisible: too near, too far, edge-on, without
-    /// area, or too transparent.
+    /// Projects the Gaussian to an image of `size_px` (width and height in pixels). `None` if it is invisible: too
+    /// near, too far, edge-on, without area, or too transparent.
     pub fn project(
         &self,
         projection: &Projection,
@@ -296,8 +297,8 @@ pub struct GaussianRules {
     pub principal_px: Option<f64>,
 }
 
-/// Rounds a positive depth to 17 bits, so that rounding rarely decides the order of Gaussians in one plane. Returns
-/// integers in the order of depths.
+/// Rounds a positive depth in world units to 17 bits, so that rounding rarely decides the order of Gaussians in one
+/// plane. Returns integers in the order of depths.
 pub fn depth_step(z: f64) -> u64 {
     (z.to_bits() + (1 << (DEPTH_BITS_F64 - 1))) >> DEPTH_BITS_F64
 }
@@ -312,7 +313,8 @@ pub fn depth_step_f32(z: f32) -> u32 {
 const DEPTH_BITS_F64: u32 = 52 - 16;
 const DEPTH_BITS_F32: u32 = 23 - 16;
 
-/// Returns the depth that the plane `distortion` compares: 0 at [`NEAR`], 1 at 100 units.
+/// Returns the depth that the plane `distortion` compares, from a planar depth in world units: 0 at [`NEAR`], 1 at 100
+/// units.
 #[inline(always)]
 pub fn distortion_depth<R: Real>(z: R) -> R {
     let scale = FAR / (FAR - NEAR);

@@ -29,7 +29,10 @@ impl<R: Real> Linear<R> {
     }
 }
 
-/// A splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)).
+/// A splat's plane over pixels: at offset d from the anchor, (u·w, v·w, w) = (U(d), V(d), W(d)). (u, v) is the position
+/// on the splat's unit disk.
+///
+/// Source: §3 after G06 §3.
 ///
 /// Inside ⇔ W > 0 and U² + V² ≤ W² (no division). W ≡ 1 for an affine footprint. The forms are scaled so that W = 1 at
 /// the anchor of an ordinary splat.

@@ -6,7 +6,7 @@ use crate::{Real, V2, V3, projection::Projection};
 /// Maximum |n·p|/|p| of an edge-on splat (§2), which is drawn in no pass.
 pub const EDGE_ON: f64 = 1e-5;
 
-/// A splat in view space (x right, y down, z forward, eye at the origin).
+/// A splat in view space (x right, y down, z forward, eye at the origin), in world units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewSplat<R> {
     /// Centre.

@@ -11,9 +11,9 @@ pub struct Projection {
     pub kind: ProjectionKind,
     /// Pixels per unit of slope (perspective) or per world unit (orthographic), in x and y.
     pub focal_px: [f64; 2],
-    /// Pixel coordinates of the optical axis.
+    /// Pixel coordinates of the optical axis, from the image's upper left corner.
     pub principal_px: [f64; 2],
-    /// Minimum planar depth that is drawn.
+    /// Minimum planar depth that is drawn, in world units; greater than 0.
     pub near: f64,
 }
 
@@ -26,7 +26,7 @@ pub enum ProjectionKind {
     Orthographic {
         /// Height of the view in world units.
         height: f64,
-        /// Maximum planar depth that is drawn.
+        /// Maximum planar depth that is drawn, in world units.
         far: f64,
     },
 }
@@ -38,7 +38,7 @@ impl Projection {
         self.kind == ProjectionKind::Perspective
     }
 
-    /// Returns the maximum planar depth that is drawn: infinite in perspective.
+    /// Returns the maximum planar depth that is drawn, in world units: infinite in perspective.
     pub fn far(&self) -> f64 {
         match self.kind {
             ProjectionKind::Perspective => f64::INFINITY,

@@ -26,7 +26,7 @@ pub fn quantised(value: f32, scale: f32) -> f32 {
     steps(to_step(value / scale)) * (scale / STEPS)
 }
 
-/// Encodes a direction as two coordinates between −1 and 1.
+/// Encodes a direction of any length but zero as two coordinates between −1 and 1 on an octahedron.
 pub fn folded(v: V3<f32>) -> [f32; 2] {
     let length = v.x.abs() + v.y.abs() + v.z.abs();
     let (x, y) = (v.x / length, v.y / length);

@@ -61,7 +61,7 @@ pub fn straight([r, g, b, a]: [f32; 4]) -> [f32; 4] {
     if a > 0.0 { [r / a, g / a, b / a, a.min(1.0)] } else { [0.0; 4] }
 }
 
-/// Encodes a linear premultiplied colour for an 8-bit PNG: sRGB, straight alpha. NaN becomes 0.
+/// Encodes linear premultiplied RGBA for an 8-bit PNG: sRGB, straight alpha. NaN becomes 0.
 pub fn encode_rgba8(color: [f32; 4]) -> [u8; 4] {
     let [r, g, b, a] = straight(color);
     [nearest_8_bit(r), nearest_8_bit(g), nearest_8_bit(b), (a * 255.0 + 0.5) as u8]

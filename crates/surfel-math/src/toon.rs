@@ -20,8 +20,8 @@ const DEPTH_STEP: f64 = 0.02;
 /// Number of pixels over which the surface's own slope is added to the minimum step.
 const SLOPE_PX: f64 = 2.0;
 
-/// Returns the depth beyond which a pixel's neighbour is another surface, so that this pixel is part of a line.
-/// `gradient` is that of the pixel's own plane ([`crate::depth::plane_gradient`]).
+/// Returns the planar depth in world units beyond which a pixel's neighbour is another surface, so that this pixel is
+/// part of a line. `gradient` is that of the pixel's own plane ([`crate::depth::plane_gradient`]).
 #[inline(always)]
 pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) -> R {
     let scale = match projection.kind {
@@ -32,7 +32,8 @@ pub fn step_back_limit<R: Real>(z: R, gradient: V2<R>, projection: &Projection) 
     z + (z.constant(DEPTH_STEP) * scale + slope)
 }
 
-/// Returns 0 up to `low`, 1 from `high` on, and 3x² − 2x³ between.
+/// Returns 0 up to `low`, 1 from `high` on, and between them 3t² − 2t³, where t is the position of `x` from `low` to
+/// `high`.
 #[inline(always)]
 pub fn smoothstep<R: Real>(x: R, low: f64, high: f64) -> R {
     let share = (x - x.constant(low)) / x.constant(high - low);
@@ -47,8 +48,8 @@ pub fn ramp<R: Real>(light: R) -> R {
     (step(STEPS[0]) + step(STEPS[1]) + step(STEPS[2])) * light.constant(1.0 / 3.0)
 }
 
-/// Returns a highlight as a spot with an edge. `strength` is max(0, r·v)^shininess times the fraction of the light that
-/// reaches the point.
+/// Returns a highlight in [0, 1] as a spot with an edge. `strength` is max(0, r·v)^shininess times the fraction of the
+/// light that reaches the point.
 #[inline(always)]
 pub fn highlight<R: Real>(strength: R) -> R {
     smoothstep(strength, HIGHLIGHT - HALF_WIDTH, HIGHLIGHT + HALF_WIDTH)

@@ -47,7 +47,7 @@ pub struct Triangle<R> {
     /// Forms of the edges opposite each vertex: the vertex's barycentric coordinate times a common positive factor that
     /// varies over the image like 1/z. All are positive inside.
     pub edges: [Linear<R>; 3],
-    /// Depths of the vertices.
+    /// Planar depths of the vertices, in world units.
     pub z: [R; 3],
 }
 

@@ -1,8 +1,32 @@
-//! Measures of the difference between two images.
+//! Measures of the difference between two images: maximum error, RMSE, PSNR and FLIP.
 //!
-//! [`compare`] measures two linear premultiplied RGBA images, [`compare_plane`] a single plane (depth, a normal
-//! component, a weight). [`flip`] has the perceptual metric on its own, and [`colormap`] converts an error map to an
-//! image.
+//! Main types, in reading order:
+//!
+//! 1. [`Image`]: a borrowed image of linear premultiplied RGBA;
+//! 2. [`compare()`]: compares two images as [`CompareOptions`] state, and returns a [`Comparison`];
+//! 3. [`compare_plane`]: compares two planes of numbers, such as depths or weights, and returns a [`PlaneComparison`];
+//! 4. [`flip`]: the perceptual metric FLIP on its own; [`colormap`] converts an error map to an image.
+//!
+//! ```
+//! use surfel_metrics::{CompareOptions, Image, compare};
+//! # fn main() -> Result<(), surfel_metrics::MetricsError> {
+//! let reference = [0.5_f32, 0.5, 0.5, 1.0].repeat(16 * 16);
+//! let mut test = reference.clone();
+//! test[0] = 0.6; // red of the first pixel
+//!
+//! let images = [Image::new(16, 16, &reference)?, Image::new(16, 16, &test)?];
+//! let difference = compare(&images[0], &images[1], &CompareOptions::default())?;
+//! assert_eq!(difference.max_abs_at, Some((0, 0)));
+//! assert!((difference.max_abs - 0.1).abs() < 1e-6);
+//! assert_eq!(difference.differing, 1);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate is at the bottom of the workspace: it depends on `surfel-math` alone, for sRGB, and has no notion of
+//! splats. The `surfel` crate compares image files by it, and the conformance tests compare backends. It has no Cargo
+//! features.
 //!
 //! # Values that aren't finite
 //! [`abs_difference`] defines one rule for all metrics. Equal values differ by 0, equal infinities included: an empty

@@ -21,22 +21,23 @@ const DEFAULT_NEAR: f64 = 0.01;
 #[derive(Clone, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields))]
 pub struct Camera {
-    /// Position of the eye.
+    /// Position of the eye in world space.
     pub eye: [f64; 3],
-    /// Point that the camera looks at; differs from `eye`.
+    /// Point in world space that the camera looks at; differs from `eye`.
     pub target: [f64; 3],
-    /// Direction that appears upward; not parallel to the viewing direction.
+    /// Direction in world space that appears upward, of any length but zero; not parallel to the viewing direction.
     #[cfg_attr(feature = "serde", serde(default = "default_up"))]
     pub up: [f64; 3],
     /// Projection.
     pub projection: Projection,
-    /// Planar depth before which nothing is drawn; greater than 0.
+    /// Planar depth before which nothing is drawn, in world units; greater than 0.
     #[cfg_attr(feature = "serde", serde(default = "default_near"))]
     pub near: f64,
-    /// Planar depth beyond which an orthographic view draws nothing. A perspective view has no far plane.
+    /// Planar depth beyond which an orthographic view draws nothing, in world units. A perspective view has no far
+    /// plane.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub far: Option<f64>,
-    /// Image width and height in pixels.
+    /// Image width and height in pixels, each from 1 to [`MAX_IMAGE_SIDE`].
     pub size: [u32; 2],
 }
 
@@ -59,20 +60,20 @@ pub enum Projection {
         /// Vertical field of view in degrees, in (0, 180).
         fov_y_deg: f64,
     },
-    /// Perspective projection of a calibrated camera, in pixels.
+    /// Perspective projection of a calibrated camera: pinhole intrinsics in pixels, without distortion and skew.
     Intrinsics {
-        /// Focal length along x.
+        /// Focal length along x, in pixels; greater than 0.
         fx: f64,
-        /// Focal length along y.
+        /// Focal length along y, in pixels; greater than 0.
         fy: f64,
-        /// Principal point, x.
+        /// Principal point: pixels from the image's left edge.
         cx: f64,
-        /// Principal point, y.
+        /// Principal point: pixels from the image's upper edge.
         cy: f64,
     },
     /// Parallel projection.
     Orthographic {
-        /// Height of the view in world units.
+        /// Height of the view in world units; greater than 0.
         height: f64,
     },
 }
@@ -112,7 +113,8 @@ impl Camera {
     /// Validates every number, and that the camera has a direction.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field as in the scene file.
+    /// [`ModelError::OutOfRange`] naming the field as in the scene file. [`ModelError::Conflict`] for equal `eye` and
+    /// `target`, for `up` along the viewing direction, and for an orthographic camera without `far`.
     pub fn validate(&self) -> Result<(), ModelError> {
         finite("camera.eye", &self.eye)?;
         finite("camera.target", &self.target)?;

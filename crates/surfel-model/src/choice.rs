@@ -111,7 +111,8 @@ pub struct Chosen {
     pub left: Vec<(&'static str, usize)>,
 }
 
-/// Applies `crop`, `classes`, `returns`, `where` and `every`, in this order, to `count` points at `position(i)`.
+/// Applies `crop`, `classes`, `returns`, `where` and `every`, in this order, to `count` points at `position(i)`, in the
+/// file's coordinates.
 ///
 /// # Errors
 /// A message about a missing attribute, with the available ones, or about a condition that can't be parsed.

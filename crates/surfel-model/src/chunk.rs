@@ -43,11 +43,11 @@ const MAX_RADII: f64 = 16.0;
 pub struct ChunkSpace {
     /// Object-space origin of the centres.
     pub origin: DVec3,
-    /// Largest coordinate of a centre relative to `origin`.
+    /// Largest absolute coordinate of a centre relative to `origin`, in object units.
     pub center: f32,
-    /// Largest colour component.
+    /// Largest absolute colour component, linear.
     pub color: f32,
-    /// Largest radius.
+    /// Largest radius, in object units.
     pub radius: f32,
 }
 
@@ -138,13 +138,13 @@ pub fn stored_axes(cloud: &SplatCloud, i: usize) -> (Vec3, Vec3) {
 pub struct StoredSplat {
     /// Centre in object space.
     pub center: DVec3,
-    /// Half-axes.
+    /// Half-axes in object space.
     pub axes: (DVec3, DVec3),
-    /// Outward normal, of any length.
+    /// Outward normal in object space, of any length.
     pub normal: DVec3,
-    /// Shading normal, of any length.
+    /// Shading normal in object space, of any length.
     pub shading_normal: DVec3,
-    /// Linear albedo.
+    /// Linear RGB albedo.
     pub color: [f32; 3],
 }
 

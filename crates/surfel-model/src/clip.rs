@@ -19,7 +19,8 @@ pub struct ClipCurve {
     pub w: f32,
 }
 
-/// Clip line; the part with a·u + b·v + c ≥ 0 is visible. NaN means that the line is absent.
+/// Clip line over the splat's own (u, v); the part with a·u + b·v + c ≥ 0 is visible. NaN means that the line is
+/// absent.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[expect(missing_docs, reason = "the coefficients of the type's own formula")]
 pub struct ClipLine {

@@ -9,16 +9,16 @@ use glam::{DVec3, Vec3};
 pub enum Shape {
     /// Circular disks.
     Disks {
-        /// Outward normals, of any length but zero.
+        /// Outward normals in object space, of any length but zero; one per splat.
         normals: Column3,
-        /// Radii in object units, greater than 0.
+        /// Radii in object units, greater than 0; one per splat.
         radii: Vec<f32>,
     },
     /// Elliptical disks p + u·s + v·t, u² + v² ≤ 1, with outward normal s × t.
     Ellipses {
-        /// Half-axes s of the ellipses; s and t may be any conjugate pair.
+        /// Half-axes s in object units, one per splat; s and t may be any conjugate pair of the ellipse.
         s: Column3,
-        /// Half-axes t.
+        /// Half-axes t in object units, one per splat.
         t: Column3,
     },
 }
@@ -28,19 +28,19 @@ pub enum Shape {
 pub struct CloudData {
     /// World offset of the centres, in object units (f64, to preserve the precision of georeferenced data).
     pub origin: DVec3,
-    /// Centres relative to `origin`.
+    /// Centres relative to `origin`, in object units; one per splat.
     pub centers: Column3,
     /// Extent and orientation of the splats.
     pub shape: Shape,
-    /// Linear RGB albedo; white when absent.
+    /// Linear RGB albedo, one per splat; white when absent.
     pub colors: Option<Vec<[f32; 3]>>,
-    /// Alpha in [0, 1]; opaque when absent.
+    /// Alpha in [0, 1], one per splat; opaque when absent.
     pub alphas: Option<Vec<f32>>,
-    /// Shading normals of any length but zero; the outward normal when absent.
+    /// Shading normals in object space, of any length but zero, one per splat; the outward normal when absent.
     pub shading_normals: Option<Column3>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
-    /// Σw inside the cloud's own surface at cutoff 2 (rendering model §5, coverage), if known.
+    /// Σw inside the cloud's own surface at cutoff 2, greater than 0 (rendering model §5, coverage); `None` if unknown.
     pub interior_weight: Option<f64>,
     /// True if all normals point to the outside of the same surface, so that front and back faces are blended
     /// separately (rendering model §5).
@@ -283,8 +283,8 @@ impl SplatCloud {
     /// but zero. Vectors are `[f32; 3]`, [`glam::Vec3`], or any other type that converts to arrays.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat and their number, or the column whose length differs from
-    /// `centers`.
+    /// [`ModelError::InvalidElements`] naming the first invalid splat and their number, [`ModelError::ColumnLength`]
+    /// naming the column whose length differs from `centers`.
     pub fn disks<C: Copy + Into<[f32; 3]>, N: Copy + Into<[f32; 3]>>(
         centers: &[C],
         normals: &[N],
@@ -298,8 +298,9 @@ impl SplatCloud {
     /// outward normal s × t.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat (half-axes are parallel or zero, or a number isn't finite) and
-    /// their number, or the column whose length differs from `centers`.
+    /// [`ModelError::InvalidElements`] naming the first invalid splat (half-axes are parallel or zero, or a number
+    /// isn't finite) and their number, [`ModelError::ColumnLength`] naming the column whose length differs from
+    /// `centers`.
     pub fn ellipses<C: Copy + Into<[f32; 3]>, A: Copy + Into<[f32; 3]>>(
         centers: &[C],
         s: &[A],
@@ -312,7 +313,8 @@ impl SplatCloud {
     /// Sets the linear RGB albedo of each splat.
     ///
     /// # Errors
-    /// [`ModelError`] if the number of colours isn't the number of splats, or if a number isn't finite.
+    /// [`ModelError::ColumnLength`] if the number of colours isn't the number of splats,
+    /// [`ModelError::InvalidElements`] if a number isn't finite.
     pub fn with_colors<C: Copy + Into<[f32; 3]>>(mut self, colors: &[C]) -> Result<Self, ModelError> {
         self.data.colors = Some(colors.iter().map(|c| (*c).into()).collect());
         Self::checked(self.data)
@@ -321,7 +323,8 @@ impl SplatCloud {
     /// Sets the alpha of each splat, in [0, 1].
     ///
     /// # Errors
-    /// [`ModelError`] if the number of alphas isn't the number of splats, or if an alpha is out of range.
+    /// [`ModelError::ColumnLength`] if the number of alphas isn't the number of splats, [`ModelError::InvalidElements`]
+    /// if an alpha is out of range.
     pub fn with_alphas(mut self, alphas: &[f32]) -> Result<Self, ModelError> {
         self.data.alphas = Some(alphas.to_vec());
         Self::checked(self.data)
@@ -330,7 +333,8 @@ impl SplatCloud {
     /// Sets the shading normal of each splat, of any length but zero.
     ///
     /// # Errors
-    /// [`ModelError`] if the number of normals isn't the number of splats, or if a normal is zero or not finite.
+    /// [`ModelError::ColumnLength`] if the number of normals isn't the number of splats,
+    /// [`ModelError::InvalidElements`] if a normal is zero or not finite.
     pub fn with_shading_normals<N: Copy + Into<[f32; 3]>>(mut self, normals: &[N]) -> Result<Self, ModelError> {
         self.data.shading_normals = Some(column(normals));
         Self::checked(self.data)
@@ -339,7 +343,8 @@ impl SplatCloud {
     /// Sets clip curves and lines, in the splats' half-axes; only ellipses can have them.
     ///
     /// # Errors
-    /// [`ModelError`] if a column's length isn't the number of splats, for disks, and for numbers out of range.
+    /// [`ModelError::ColumnLength`] if a column's length isn't the number of splats, [`ModelError::Conflict`] for
+    /// disks, [`ModelError::InvalidElements`] for numbers out of range.
     pub fn with_clips(mut self, clips: ClipColumns) -> Result<Self, ModelError> {
         self.data.clips = Some(clips);
         Self::checked(self.data)
@@ -348,7 +353,7 @@ impl SplatCloud {
     /// Sets the origin of the centres, in object units (f64, to preserve the precision of georeferenced data).
     ///
     /// # Errors
-    /// [`ModelError`] if a coordinate isn't finite.
+    /// [`ModelError::OutOfRange`] if a coordinate isn't finite.
     pub fn with_origin(mut self, origin: impl Into<DVec3>) -> Result<Self, ModelError> {
         self.data.origin = origin.into();
         Self::checked(self.data)
@@ -358,7 +363,7 @@ impl SplatCloud {
     /// [`Self::number_rows`].
     ///
     /// # Errors
-    /// [`ModelError`] if the number of rows isn't the number of splats.
+    /// [`ModelError::ColumnLength`] if the number of rows isn't the number of splats.
     pub fn with_rows(mut self, rows: &[u32]) -> Result<Self, ModelError> {
         self.data.rows = Some(rows.to_vec());
         Self::checked(self.data)
@@ -367,7 +372,7 @@ impl SplatCloud {
     /// Sets the label of each splat, shown in the plane `label`; [`NO_LABEL`] for none.
     ///
     /// # Errors
-    /// [`ModelError`] if the number of labels isn't the number of splats.
+    /// [`ModelError::ColumnLength`] if the number of labels isn't the number of splats.
     pub fn with_labels(mut self, labels: &[u32]) -> Result<Self, ModelError> {
         self.data.labels = Some(labels.to_vec());
         Self::checked(self.data)
@@ -406,7 +411,9 @@ impl SplatCloud {
     /// Validates `data` (rendering model §10) and creates a cloud.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid splat and their number, or a column of the wrong length.
+    /// [`ModelError::InvalidElements`] naming the first invalid splat and their number, [`ModelError::ColumnLength`]
+    /// for a column of the wrong length, [`ModelError::OutOfRange`] for a number of the whole cloud, and
+    /// [`ModelError::Conflict`] for clipped disks.
     pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if data.clips.is_some() && matches!(data.shape, Shape::Disks { .. }) {
@@ -538,7 +545,8 @@ impl SplatCloud {
         self.data.alphas.as_ref().map_or(1.0, |a| a[i])
     }
 
-    /// Returns the larger semi-axis of splat `i`: the largest singular value of [s t].
+    /// Returns the larger semi-axis of splat `i` in object units: the largest singular value of [s t] (rendering model
+    /// §2).
     #[inline]
     pub fn radius_max(&self, i: usize) -> f64 {
         match &self.data.shape {

@@ -75,7 +75,7 @@ impl Condition {
     /// `and`, then `or`.
     ///
     /// # Errors
-    /// What was found, at which character (counted from 1), and what is expected.
+    /// A message that states what was found, at which character (counted from 1), and what is expected.
     pub fn parse(text: &str) -> Result<Self, String> {
         let mut parser = Parser { text, at: 0, terms: Vec::new() };
         let root = parser.any(0)?;
@@ -93,7 +93,7 @@ impl Condition {
         }
     }
 
-    /// The comparisons, in the order of the text.
+    /// Returns the comparisons, in the order of the text.
     pub fn terms(&self) -> &[ConditionTerm] {
         &self.terms
     }

@@ -54,7 +54,7 @@ pub struct ConvertOptions {
     /// Colours of the splats made of points.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colors: Option<PointColors>,
-    /// Box of the selected points: smallest x, y, z, then largest.
+    /// Box of the selected points, in the file's coordinates: smallest x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
     /// Classes of the selected points; `None` selects all classes.
@@ -313,7 +313,7 @@ impl ConvertOptions {
     /// Validates the numbers, and that no two options exclude each other; `i` is the object's index.
     ///
     /// # Errors
-    /// [`ModelError`] naming the key as in the scene file.
+    /// [`ModelError::OutOfRange`] or [`ModelError::Conflict`], naming the key as in the scene file.
     pub fn validate(&self, i: usize) -> Result<(), ModelError> {
         let field = |name: &str| format!("objects[{i}].convert.{name}");
         let methods = [

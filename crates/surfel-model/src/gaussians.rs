@@ -116,7 +116,8 @@ impl GaussianCloud {
     /// Validates `data` and creates a cloud.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid Gaussian and their number, or a column of the wrong length.
+    /// [`ModelError::InvalidElements`] naming the first invalid Gaussian and their number, [`ModelError::ColumnLength`]
+    /// for a column of the wrong length, [`ModelError::OutOfRange`] for an origin or a degree that is out of range.
     pub fn new(mut data: GaussianData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
         if !data.origin.is_finite() {

@@ -1,10 +1,43 @@
-//! The data model of Surfel: splat clouds, point clouds, meshes, materials, cameras, lights, scenes
-//! and render settings.
+//! The data model of Surfel: splat clouds, point clouds, meshes, materials, cameras, lights, scenes and render
+//! settings.
+//!
+//! Main types, in reading order:
+//!
+//! 1. [`SplatCloud`]: validated splats, made by [`SplatCloud::disks`], [`SplatCloud::ellipses`] or, from all columns
+//!    ([`CloudData`]), by [`SplatCloud::new`];
+//! 2. [`PointCloud`] and [`Mesh`]: points without extent and triangles, which `surfel-sample` converts to splats;
+//!    [`GaussianCloud`] and [`Octree`]: trained Gaussians, and splats and polygons at several levels of detail;
+//! 3. [`Scene`]: [`Object`]s with [`Geometry`] and [`Material`], [`Light`]s and a background;
+//! 4. [`Camera`]: eye, target, [`Projection`] and image size;
+//! 5. [`Settings`]: filter, shader, transparency and other choices of how a frame is drawn;
+//! 6. [`SceneFile`]: all of these as a file describes them; [`ConvertOptions`]: how a file's geometry becomes splats;
+//! 7. [`ModelError`]: the rule that data violate.
 //!
 //! Data is validated once, where it is built ([`SplatCloud::new`], [`Scene::validate`]), and everything downstream
-//! relies on that. This crate reads no files and draws nothing.
+//! relies on that.
 //!
-//! The feature `serde` makes the scene file's types serialisable; the feature `rayon` sorts on all threads.
+//! ```
+//! use surfel_model::{Light, Scene, SplatCloud};
+//! # fn main() -> Result<(), surfel_model::ModelError> {
+//! let centers = [[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0]];
+//! let (normals, radii) = ([[0.0, 0.0, 1.0]; 2], [0.6; 2]);
+//! let colors = [[0.8, 0.2, 0.1], [0.1, 0.3, 0.8]]; // linear RGB
+//! let cloud = SplatCloud::disks(&centers, &normals, &radii)?.with_colors(&colors)?;
+//! let scene = Scene { lights: Some(vec![Light::directional([0.0, -1.0, -1.0])]), ..Scene::from(cloud) };
+//! scene.validate()?;
+//!
+//! // A cloud with an invalid splat can't be constructed.
+//! assert!(SplatCloud::disks(&centers, &normals, &[0.6, -1.0]).is_err());
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate lies above the formulas of `surfel-math` and below everything else: readers, samplers and renderers
+//! exchange its types. It reads no files and draws nothing.
+//!
+//! # Features
+//! `serde` makes the types of scene files serialisable. `rayon` checks and sorts splats on all threads.
 
 mod camera;
 mod choice;

@@ -75,9 +75,9 @@ pub struct Mesh {
     pub origin: DVec3,
     /// Vertex positions relative to `origin`.
     pub positions: Column3,
-    /// Corners of the triangles, counter-clockwise when seen from outside.
+    /// Corners of the triangles as indices of vertices, counter-clockwise when seen from outside.
     pub triangles: Vec<[u32; 3]>,
-    /// Vertex normals.
+    /// Normals in object space, of any length, one per vertex.
     pub normals: Option<Vec<[f32; 3]>>,
     /// Linear RGB, one per vertex.
     pub colors: Option<Vec<[f32; 3]>>,
@@ -103,7 +103,8 @@ impl Mesh {
     /// Validates column lengths and indices, and that positions and colours are finite.
     ///
     /// # Errors
-    /// [`ModelError`] naming the first invalid element.
+    /// [`ModelError::InvalidElements`] naming the first invalid element, [`ModelError::ColumnLength`] for a column of
+    /// the wrong length.
     pub fn validate(&self) -> Result<(), ModelError> {
         let expected = self.positions.len();
         let columns = [

@@ -10,11 +10,13 @@ use std::sync::Arc;
 pub struct OctreeNode {
     /// Centre of a sphere around the node's splats and polygons, relative to the mesh's origin, in object units.
     pub center: [f64; 3],
-    /// Radius of the sphere.
+    /// Radius of the sphere, in object units.
     pub radius: f64,
-    /// Larger semi-axis of the node's splats: the largest error of drawing them instead of the surface.
+    /// Larger semi-axis of the node's splats, in object units: the largest error of drawing them instead of the
+    /// surface.
     pub splat_radius: f64,
-    /// Axis of a cone that contains the outward normals of the node's splats and polygons; a unit vector.
+    /// Axis of a cone that contains the outward normals of the node's splats and polygons; a unit vector in object
+    /// space.
     pub cone_axis: [f64; 3],
     /// Cosine of the cone's half-angle; −1 for all directions.
     pub cone_cosine: f64,
@@ -187,7 +189,7 @@ impl Octree {
     /// Returns some of the splats as a cloud of their own; ranges out of bounds are cut off.
     ///
     /// # Errors
-    /// None in practice: parts of a valid cloud are valid.
+    /// [`ModelError`] never occurs in practice, because parts of a valid cloud are valid.
     pub fn cloud_of(&self, splats: &[Range<u32>]) -> Result<SplatCloud, ModelError> {
         let count = self.cloud.len() as u32;
         let indices: Vec<u32> = splats.iter().flat_map(|r| r.start..r.end.min(count)).collect();

@@ -13,15 +13,15 @@ use std::collections::HashMap;
 pub struct PointCloud {
     /// World offset of the positions, in object units.
     pub origin: DVec3,
-    /// Positions relative to `origin`.
+    /// Positions relative to `origin`, in object units.
     pub positions: Column3,
-    /// Normals, not necessarily of unit length; zero or non-finite means unknown.
+    /// Normals, one per point, not necessarily of unit length; zero or non-finite means unknown.
     pub normals: Option<Column3>,
-    /// Linear RGB.
+    /// Linear RGB, one per point.
     pub colors: Option<Vec<[f32; 3]>>,
-    /// Alpha in [0, 1].
+    /// Alpha in [0, 1], one per point.
     pub alphas: Option<Vec<f32>>,
-    /// Radii stored in the file; values that aren't positive and finite mean unknown.
+    /// Radii stored in the file, in object units, one per point; values that aren't positive and finite mean unknown.
     pub radii: Option<Vec<f32>>,
     /// Row of each point in the input, before points were dropped; `None` if none was dropped.
     pub rows: Option<Vec<u32>>,

@@ -23,11 +23,11 @@ pub enum Cull {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "serde", derive(Serialize, Deserialize), serde(deny_unknown_fields, default))]
 pub struct Material {
-    /// Ambient factor k_a.
+    /// Ambient factor k_a; finite.
     pub ambient: f64,
-    /// Diffuse factor k_d.
+    /// Diffuse factor k_d; finite.
     pub diffuse: f64,
-    /// Specular factor k_s.
+    /// Specular factor k_s; finite.
     pub specular: f64,
     /// Specular exponent, at least 0.
     pub shininess: f64,
@@ -35,7 +35,7 @@ pub struct Material {
     pub cull: Cull,
     /// True if back-facing splats are shaded with their shading normal reversed.
     pub two_sided: bool,
-    /// Σw inside the object's surface at cutoff 2; overrides the cloud's own value.
+    /// Σw inside the object's surface at cutoff 2, greater than 0; overrides the cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub interior_weight: Option<f64>,
     /// True if the normals of all splats point to the outside of the same surface (rendering model §5); overrides the
@@ -115,7 +115,7 @@ pub struct Object {
 pub struct Scene {
     /// Up axis, if known.
     pub up: Option<Up>,
-    /// Background colour: linear RGB and straight alpha.
+    /// Background colour: linear RGB, and straight alpha in [0, 1].
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.
     pub ambient: [f64; 3],
@@ -131,7 +131,7 @@ impl Scene {
     /// Validates every number of the scene.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field as in the scene file.
+    /// [`ModelError::OutOfRange`] naming the field as in the scene file.
     pub fn validate(&self) -> Result<(), ModelError> {
         finite("background", &self.background)?;
         if !(0.0..=1.0).contains(&self.background[3]) {
@@ -223,8 +223,8 @@ pub struct SceneFile {
     pub up: Option<Up>,
     /// The camera.
     pub camera: Camera,
-    /// Background colour: linear RGB and straight alpha; transparent black by default. Scene files may also use
-    /// `"transparent"`.
+    /// Background colour: linear RGB, and straight alpha in [0, 1]; transparent black by default. Scene files may also
+    /// use `"transparent"`.
     #[cfg_attr(feature = "serde", serde(default, deserialize_with = "background"))]
     pub background: [f64; 4],
     /// Linear RGB of the ambient light.

@@ -15,9 +15,9 @@ use serde::{Deserialize, Serialize};
 pub struct Settings {
     /// Screen-space filter.
     pub filter: Filter,
-    /// Kernel cutoff c in the weight exp(−c·ρ²); greater than 0.
+    /// Kernel cutoff c in the weight exp(−c·ρ²); in (0, 50].
     pub cutoff: f64,
-    /// Smallest half-width h of a filtered footprint, in pixels. At least 0; 0 disables the filter.
+    /// Smallest half-width h of a filtered footprint, in pixels, from 0 to 10,000; 0 disables the filter.
     pub prefilter_radius_px: f64,
     /// Mapping of a splat to the screen.
     pub mapping: Mapping,
@@ -43,7 +43,7 @@ pub struct Settings {
     /// `principal` is described at [`Self::filter`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_clamp"))]
     pub gaussian_filter: Filter,
-    /// Largest radius, in pixels, of the splats selected from an octree; greater than 0.
+    /// Largest radius, in pixels, of the splats selected from an octree; greater than 0, at most [`MOST_LOD_ERROR_PX`].
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "is_default_lod_error"))]
     pub lod_error_px: f64,
 }
@@ -275,9 +275,9 @@ pub enum Mapping {
     serde(rename_all = "lowercase", from = "DepthToleranceKey")
 )]
 pub enum DepthTolerance {
-    /// Multiple of the splat's larger radius.
+    /// Multiple of the splat's larger radius; finite, at least 0.
     Relative(f64),
-    /// Distance in world units.
+    /// Distance in world units; finite, at least 0.
     Absolute(f64),
 }
 
@@ -374,14 +374,14 @@ pub enum Transparency {
     Off,
     /// Depth peeling (Guennebaud 2006 §6).
     Peel {
-        /// Number of layers, the last one included.
+        /// Number of layers, the last one included; 1 to 64.
         layers: u32,
         /// True to omit the last layer, which blends everything that remains.
         drop_last: bool,
     },
     /// A-buffer (Zwicker 2001 §6).
     ABuffer {
-        /// Number of fragments per pixel.
+        /// Number of fragments per pixel, 1 to 64.
         layers: u32,
     },
 }

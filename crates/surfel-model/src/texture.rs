@@ -14,12 +14,13 @@ pub struct Texture {
     pub width: u32,
     /// Height in texels.
     pub height: u32,
-    /// Texels as in the file (sRGB-encoded), row by row from the top.
+    /// Texels as in the file (sRGB-encoded RGBA, straight alpha), row by row from the top: `width`·`height` of them.
     pub srgba8: Vec<[u8; 4]>,
 }
 
 impl Texture {
-    /// Returns a bilinear sample at `uv` with repeat addressing: linear RGB and alpha.
+    /// Returns a bilinear sample at `uv` with repeat addressing: linear RGB and alpha. (0, 0) is the texture's top left
+    /// corner, (1, 1) its bottom right one.
     pub fn sample(&self, uv: [f32; 2]) -> [f32; 4] {
         if self.width == 0 || self.height == 0 || self.srgba8.len() < self.width as usize * self.height as usize {
             return [1.0; 4];
@@ -70,7 +71,7 @@ impl SeeThroughTextures {
         })
     }
 
-    /// Number of textures whose texels were read.
+    /// Returns the number of textures whose texels were read.
     pub fn examined(&self) -> usize {
         self.examined
     }

@@ -113,8 +113,12 @@ fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 
 /// Runs `work` in a pool of `threads` threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> Result<T, Error> {
+    memory::check_threads(threads, memory::STACK_BYTES)?;
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
-    let pool = pool.map_err(|e| Error::Usage(format!("can't start {threads} threads: {e}")))?;
+    let pool = pool.map_err(|e| memory::threads_error(threads, memory::STACK_BYTES, &e))?;
+    // Once each thread has run, what their starts leave is known.
+    pool.broadcast(|_| ());
+    memory::check_threads(1, 0)?;
     Ok(pool.install(work))
 }
 

@@ -1,7 +1,7 @@
 //! Conversion of errors to Python exceptions, with Python's argument names.
 
 use crate::interrupt;
-use pyo3::exceptions::PyRuntimeError;
+use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 use std::io::ErrorKind;
 use std::path::PathBuf;
@@ -85,6 +85,7 @@ pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     let made = py.import("surfel._errors").and_then(|module| module.getattr(class)?.call1((in_python(message),)));
     match made {
         Ok(value) => PyErr::from_value(value),
+        Err(failed) if failed.is_instance_of::<PyMemoryError>(py) => failed,
         Err(_) => PyRuntimeError::new_err(message.to_owned()),
     }
 }
@@ -104,7 +105,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
                 ErrorKind::PermissionDenied => pyo3::exceptions::PyPermissionError::new_err(message),
                 ErrorKind::IsADirectory => pyo3::exceptions::PyIsADirectoryError::new_err(message),
                 ErrorKind::NotADirectory => pyo3::exceptions::PyNotADirectoryError::new_err(message),
-                ErrorKind::OutOfMemory => pyo3::exceptions::PyMemoryError::new_err(in_python(&message)),
+                ErrorKind::OutOfMemory => PyMemoryError::new_err(in_python(&message)),
                 _ => pyo3::exceptions::PyOSError::new_err(message),
             };
         }

@@ -194,7 +194,9 @@ pub(crate) fn info(
     let mut facts = interrupt::run(py, move |_| {
         let input = of_arrays;
         let bytes = input.as_ref().and_then(|input| input.bytes.clone());
-        named(input.as_ref(), &SplatOptions::default(), || surfel::info::info(&path, &options, bytes.as_deref()))
+        let read = || surfel::info::info(&path, &options, bytes.as_deref());
+        // On threads of its own: a forked process has none of the global pool's.
+        named(input.as_ref(), &SplatOptions::default(), || on_threads(0, read)?)
     })?;
     if let Some(input) = input {
         let notes = facts["notes"].as_array().into_iter().flatten().filter_map(|note| note.as_str());
@@ -203,6 +205,11 @@ pub(crate) fn info(
     }
     Ok(facts.to_string())
 }
+
+/// Bytes per pixel of the copies of an image's planes.
+const COPIED_BYTES: u64 = 80;
+/// Bytes per pixel of a comparison; 95 were measured.
+const COMPARED_BYTES: u64 = 128;
 
 /// An image file, or a drawn image.
 #[derive(FromPyObject)]
@@ -218,20 +225,22 @@ impl ImageOrPath<'_> {
                 let read = py.detach(|| surfel::io::read_image(path));
                 read.map_err(|error| errors::raise(py, &error.into()))
             }
-            Self::Frame(frame) => frame.with_planes(py, |planes| Planes {
-                width: planes.width,
-                height: planes.height,
-                color: planes.color.map(<[_]>::to_vec),
-                depth: planes.depth.map(<[_]>::to_vec),
-                normal: planes.normal.map(<[_]>::to_vec),
-                weight: planes.weight.map(<[_]>::to_vec),
-                whole: planes.whole.iter().map(|(name, plane)| ((*name).to_owned(), plane.to_vec())).collect(),
-                // Planes as in an EXR file.
-                other: planes.position.map_or_else(Vec::new, |position| {
-                    let axis = |i: usize| position.iter().map(|p| p[i] as f32).collect();
-                    ["X", "Y", "Z"].iter().enumerate().map(|(i, n)| (format!("position.{n}"), axis(i))).collect()
-                }),
-                ..Planes::default()
+            Self::Frame(frame) => frame.check_memory(py, COPIED_BYTES).and_then(|()| {
+                frame.with_planes(py, |planes| Planes {
+                    width: planes.width,
+                    height: planes.height,
+                    color: planes.color.map(<[_]>::to_vec),
+                    depth: planes.depth.map(<[_]>::to_vec),
+                    normal: planes.normal.map(<[_]>::to_vec),
+                    weight: planes.weight.map(<[_]>::to_vec),
+                    whole: planes.whole.iter().map(|(name, plane)| ((*name).to_owned(), plane.to_vec())).collect(),
+                    // Planes as in an EXR file.
+                    other: planes.position.map_or_else(Vec::new, |position| {
+                        let axis = |i: usize| position.iter().map(|p| p[i] as f32).collect();
+                        ["X", "Y", "Z"].iter().enumerate().map(|(i, n)| (format!("position.{n}"), axis(i))).collect()
+                    }),
+                    ..Planes::default()
+                })
             }),
         }
     }
@@ -256,6 +265,7 @@ pub(crate) fn compare(
     }
     let (a, b) = (a.planes(py)?, b.planes(py)?);
     let json = interrupt::run(py, move |_| {
+        memory::check("a and b", u64::from(a.width) * u64::from(a.height) * COMPARED_BYTES, None)?;
         let compared = surfel::compare::compare(&a, &b, [&names[0], &names[1]])?;
         if let Some(diff) = &diff {
             save_diff(diff, force, &compared)?;

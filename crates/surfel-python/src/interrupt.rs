@@ -1,6 +1,6 @@
 //! Running of work on its own thread while Python waits: other Python threads run, Ctrl-C works, and progress is shown.
 
-use crate::errors;
+use crate::{errors, memory};
 use pyo3::prelude::*;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -60,12 +60,12 @@ pub(crate) fn run<T: Send + 'static>(
     let (sender, mut receiver) = channel();
     let shared = reporter.clone();
     let start = Instant::now();
-    let thread = std::thread::Builder::new().name("surfel".to_owned()).spawn(move || {
+    let started = spawn(move || {
         let result = catch_unwind(AssertUnwindSafe(|| work(&shared))).unwrap_or_else(|_| Err(defect()));
         // After Ctrl-C there is no receiver.
         let _ = sender.send(result);
     });
-    thread.map_err(|e| errors::exception(py, "Error", &format!("can't start a thread: {e}")))?;
+    started.map_err(|error| errors::raise(py, &error))?;
     let mut shown = false;
     let result = loop {
         let received;
@@ -86,6 +86,13 @@ pub(crate) fn run<T: Send + 'static>(
     };
     clear(py, shown)?;
     result.map_err(|error| errors::raise(py, &error))
+}
+
+/// Starts a thread for `work`, or refuses it where its stack doesn't fit into memory.
+pub(crate) fn spawn(work: impl FnOnce() + Send + 'static) -> Result<(), Error> {
+    memory::check_threads(1, memory::STACK_BYTES)?;
+    let thread = std::thread::Builder::new().name("surfel".to_owned());
+    thread.spawn(work).map(drop).map_err(|e| memory::threads_error(1, memory::STACK_BYTES, &e))
 }
 
 fn clear(py: Python<'_>, shown: bool) -> PyResult<()> {

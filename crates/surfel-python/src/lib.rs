@@ -1,5 +1,22 @@
 //! The native half of the Python package `surfel`: scenes, frames and files. Arguments are command-line flags as text,
 //! which the package's Python half creates.
+//!
+//! Modules, in reading order:
+//!
+//! - `scene`: scenes in Python, and their arguments; `draw`: drawing of frames from a scene's files and options;
+//! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
+//! - `files`: the commands `convert`, `ortho`, `info`, `compare` and `backends`;
+//! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
+//!   memory that arguments require; `pool`: started backends, reused from frame to frame.
+//!
+//! ```python
+//! import surfel
+//! surfel.open("scan.ply").render(size=(1024, 768)).save("scan.png")
+//! ```
+//!
+//! # Layer
+//! The package lies above the facade `surfel`, as the command line does, and draws the same bits. Its Cargo features
+//! `cpu`, `reference`, `sharp` (all on by default), `zstd` and `gpu` are those of the facade.
 
 mod draw;
 mod errors;

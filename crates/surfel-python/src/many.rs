@@ -142,17 +142,17 @@ impl NativeFrames {
         let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || job.options.turntable;
         let workers = if alone { 1 } else { threads.min(MOST).min(views.len()).max(1) };
         let shared = Shared { state: Mutex::default(), changed: Condvar::new(), views, ahead: workers + 1 };
-        let shared = Arc::new(shared);
+        // Dropped where a thread doesn't start, which ends those that did.
+        let frames = Self(Arc::new(shared));
         for _ in 0..workers {
-            let (shared, input, mut job) = (shared.clone(), input.clone(), job.clone());
+            let (shared, input, mut job) = (frames.0.clone(), input.clone(), job.clone());
             if !alone {
                 job.who.options.threads = (threads / workers).max(1);
             }
-            let thread = std::thread::Builder::new().name("surfel".to_owned());
-            let started = thread.spawn(move || shared.work(&input, &job));
-            started.map_err(|e| errors::exception(py, "Error", &format!("can't start a thread: {e}")))?;
+            let started = interrupt::spawn(move || shared.work(&input, &job));
+            started.map_err(|error| errors::raise(py, &error))?;
         }
-        Ok(Self(shared))
+        Ok(frames)
     }
 }
 

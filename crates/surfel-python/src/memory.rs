@@ -1,6 +1,7 @@
 //! Checks of the memory that arguments require. A failed allocation would end the process, and Python with it, so an
 //! error that becomes a `MemoryError` is returned before.
 
+use std::fmt::Display;
 use std::io::ErrorKind;
 use surfel::io::IoError;
 use surfel::memory::default_budget;
@@ -16,23 +17,61 @@ const PIXEL_BYTES: u64 = 40;
 const REFERENCE_PIXEL_BYTES: u64 = 640;
 /// Bytes per texel of a shadow map.
 const TEXEL_BYTES: u64 = 24;
+/// Free address space that a call needs beside what it asks for: for small allocations, which can't be refused. It is
+/// more than 64 MiB, the size of glibc's arena of a thread: a block of this size never comes from an arena that the
+/// calling thread has already, so that finding one shows what all threads may still allocate.
+const ROOM_BYTES: u64 = 72 << 20;
+/// Stack of a thread that Rust starts by default.
+pub(crate) const STACK_BYTES: u64 = 2 << 20;
+/// Stack of a backend's thread.
+pub(crate) const BACKEND_STACK_BYTES: u64 = 8 << 20;
 
 /// Returns an error if `bytes` exceed the budget of `--memory`, else that of the machine, or if they can't be
 /// allocated. `what` is the argument that requires them.
 pub(crate) fn check(what: &str, bytes: u64, budget: Option<u64>) -> Result<(), Error> {
     let budget = budget.or_else(default_budget).unwrap_or(u64::MAX);
-    let gives = || usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok());
-    if bytes <= budget && gives() {
-        return Ok(());
-    }
-    let gigabytes = |bytes: u64| format!("{:.1} GB", bytes as f64 / 1e9);
     let problem = if bytes > budget {
-        format!("{} are needed, and {} may be used, or more by --memory", gigabytes(bytes), gigabytes(budget))
+        format!("{} are needed, and {} may be used, or more by --memory", amount(bytes), amount(budget))
+    } else if is_free(bytes.saturating_add(ROOM_BYTES)) {
+        return Ok(());
     } else {
-        format!("{} are needed, which the system doesn't give", gigabytes(bytes))
+        format!(
+            "{} are needed, beside {} that are kept free, and the system has less",
+            amount(bytes),
+            amount(ROOM_BYTES)
+        )
     };
     let source = std::io::Error::new(ErrorKind::OutOfMemory, problem);
     Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
+}
+
+/// True if the system can allocate `bytes` bytes.
+fn is_free(bytes: u64) -> bool {
+    usize::try_from(bytes).is_ok_and(|bytes| Vec::<u8>::new().try_reserve_exact(bytes).is_ok())
+}
+
+fn amount(bytes: u64) -> String {
+    if bytes < 1_000_000_000 {
+        format!("{} MB", bytes.div_ceil(1_000_000))
+    } else {
+        format!("{:.1} GB", bytes as f64 / 1e9)
+    }
+}
+
+/// Checks the memory of the stacks of `threads` threads, `stack` bytes each; 0 threads are one per core.
+pub(crate) fn check_threads(threads: usize, stack: u64) -> Result<(), Error> {
+    let all = || std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = if threads == 0 { all() } else { threads };
+    check("threads", (threads as u64).saturating_mul(stack), Some(u64::MAX))
+}
+
+/// Returns the error of threads that didn't start: that of [`check_threads`] if it fails now, too, else the system's
+/// `problem`, which then is a limit on their number.
+pub(crate) fn threads_error(threads: usize, stack: u64, problem: &dyn Display) -> Error {
+    check_threads(threads, stack).err().unwrap_or_else(|| {
+        let source = std::io::Error::other(problem.to_string());
+        IoError::System { path: "threads".into(), action: "start", source }.into()
+    })
 }
 
 /// Checks the memory of `points` points in arrays, and of the splats of a mesh that the options request.

@@ -1,8 +1,9 @@
 //! Pool of backends: each is started once and reused, by one frame at a time.
 
+use crate::memory::{self, BACKEND_STACK_BYTES};
 use std::sync::{Mutex, PoisonError};
-use surfel::backend::Chosen;
-use surfel::render::Capabilities;
+use surfel::backend::{BackendError, Chosen};
+use surfel::render::{Capabilities, RenderError};
 use surfel::{Backend, BackendOptions, Error, Renderer};
 
 /// The requested backend.
@@ -62,12 +63,12 @@ impl Taken {
         if who.name != "auto" {
             let backend = match idle(&key) {
                 Some(backend) => backend,
-                None => Backend::by_name(&who.name, &who.options)?,
+                None => start(who, || Backend::by_name(&who.name, &who.options))?,
             };
             return Ok(Self { key, backend: Some(backend) });
         }
         let choose = |refuses: &dyn Fn(&Capabilities) -> Option<String>| {
-            Backend::choose(&who.options, refuses).map(|Chosen { backend, .. }| backend)
+            start(who, || Backend::choose(&who.options, refuses).map(|Chosen { backend, .. }| backend))
         };
         let fastest = Self { backend: Some(idle(&key).map_or_else(|| choose(&|_| None), Ok)?), key: key.clone() };
         let Some(reason) = fastest.backend.as_ref().and_then(|b| refuses(&b.info().capabilities)) else {
@@ -81,6 +82,20 @@ impl Taken {
     pub(crate) fn backend(&mut self) -> Result<&mut Backend, Error> {
         self.backend.as_mut().ok_or_else(crate::interrupt::defect)
     }
+}
+
+/// Starts a backend, or refuses threads for which there is no memory.
+fn start(who: &Who, start: impl FnOnce() -> Result<Backend, BackendError>) -> Result<Backend, Error> {
+    let threads = who.options.threads;
+    if !matches!(who.name.as_str(), "ash" | "wgpu") {
+        memory::check_threads(threads, BACKEND_STACK_BYTES)?;
+    }
+    start().map_err(|error| match error {
+        BackendError::NoStart { source: RenderError::Threads { .. }, .. } => {
+            memory::check_threads(threads, BACKEND_STACK_BYTES).err().unwrap_or_else(|| error.into())
+        }
+        _ => error.into(),
+    })
 }
 
 fn idle(key: &Key) -> Option<Backend> {

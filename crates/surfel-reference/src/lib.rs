@@ -1,6 +1,35 @@
 //! The rendering model (`docs/rendering-model.md` §1–§8) in f64 by brute force: the executable definition of a correct
 //! image. Every other backend is compared with it.
 //!
+//! Main types, in reading order:
+//!
+//! 1. [`Renderer`]: uploads scenes and draws frames, also supersampled; implements [`surfel_render::Renderer`];
+//! 2. [`Options`]: threads of a renderer;
+//! 3. [`ResidentScene`]: an uploaded scene.
+//!
+//! ```
+//! use surfel_model::{Camera, Scene, Settings, SplatCloud};
+//! use surfel_render::{Frame, Planes, Renderer as _, View};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let disk = SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?;
+//! let camera = Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [32, 32]);
+//!
+//! let mut renderer = surfel_reference::Renderer::new(Default::default())?;
+//! let resident = renderer.upload(&Scene::from(disk))?;
+//! // The plane `margin`, which no other backend has, marks pixels that rounding could change.
+//! let (planes, mut frame) = (Planes::COLOR.with_depth(true).with_margin(true), Frame::default());
+//! renderer.render_into(&resident, &View::new(&camera)?, &Settings::default(), planes, &mut frame)?;
+//! assert_eq!(frame.depth()[16 * 32 + 16], 3.0); // the disk lies 3 units before the eye
+//! assert_eq!(frame.depth()[0], f32::INFINITY); // nothing is visible in the corner
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The backend executes the plan of `surfel-render` with the formulas of `surfel-math`. It has no tiles, no culling
+//! beyond the model's, and shares no rasterisation code with another backend. It has no Cargo features.
+//!
+//! # How a frame is drawn
 //! The backend draws one splat after another, in index order, and culls only what the model culls. Rows are rendered in
 //! parallel, which changes nothing: every pixel sums its fragments in the same order.
 //!

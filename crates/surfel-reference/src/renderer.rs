@@ -36,13 +36,15 @@ impl Renderer {
     /// Creates a renderer with its own threads.
     ///
     /// # Errors
-    /// [`RenderError::Backend`] if threads can't be started.
+    /// [`RenderError::Threads`] if threads can't be started.
     pub fn new(options: Options) -> Result<Self, RenderError> {
         let pool = rayon::ThreadPoolBuilder::new()
             .num_threads(options.threads)
             .stack_size(STACK_BYTES)
             .build()
-            .map_err(|e| RenderError::Backend { backend: "reference", message: e.to_string() })?;
+            .map_err(|e| RenderError::Threads { backend: "reference", message: e.to_string() })?;
+        // Waits until each thread has run, so that callers can measure the memory that thread starts leave.
+        pool.broadcast(|_| ());
         let info = RendererInfo {
             backend: "reference",
             adapter: "f64, brute force".into(),
@@ -57,7 +59,9 @@ impl Renderer {
     /// truth that filters approximate.
     ///
     /// # Errors
-    /// The errors of [`surfel_render::Renderer::render_into`], also for more samples than fit into memory.
+    /// As [`surfel_render::Renderer::render_into`]; also [`RenderError::Model`] for more samples than an image may have
+    /// ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label` and
+    /// `position`, which have no mean.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,

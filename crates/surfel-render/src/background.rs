@@ -21,7 +21,8 @@ struct Of {
 }
 
 impl Background {
-    /// Returns one flag per square of a view's region, true if the square contains only the background of this colour.
+    /// Returns one flag per square of a view's region, true if the square contains only the background of this colour
+    /// (linear premultiplied RGBA).
     /// `columns` and `rows` are the numbers of squares, and `side_px` is their side. All flags are false if a parameter
     /// changed.
     pub fn squares(

@@ -61,6 +61,14 @@ pub enum RenderError {
         /// Number of bytes that may be used, or that were in use when the memory was exhausted.
         available: u64,
     },
+    /// The system gives no more threads, or no memory for their stacks.
+    #[error("{backend}: can't start threads: {message}")]
+    Threads {
+        /// The backend's name.
+        backend: &'static str,
+        /// The system's message.
+        message: String,
+    },
     /// The backend failed.
     #[error("{backend}: {message}")]
     Backend {

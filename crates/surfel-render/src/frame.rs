@@ -14,13 +14,13 @@ use surfel_model::NO_LABEL;
 pub struct Planes {
     /// Premultiplied linear RGBA.
     pub color: bool,
-    /// Colours as stored in an 8-bit PNG.
+    /// Colours as stored in an 8-bit PNG: sRGB-encoded RGBA with straight alpha.
     pub rgba8: bool,
-    /// Planar view-space depth.
+    /// Planar view-space depth, in world units.
     pub depth: bool,
-    /// World normals.
+    /// Unit normals in world space.
     pub normal: bool,
-    /// Σw.
+    /// Σw, the sum of splat weights.
     pub weight: bool,
     /// Number of fragments that contributed to each pixel.
     pub fragments: bool,
@@ -33,7 +33,7 @@ pub struct Planes {
     pub position: bool,
     /// Σw of Gaussians: the opacity that they accumulate.
     pub alpha: bool,
-    /// Depth at which half of the light of Gaussians is absorbed.
+    /// Planar depth at which half of the light of Gaussians is absorbed, in world units.
     pub median_depth: bool,
     /// Spread of the depths of a pixel's Gaussians.
     pub distortion: bool,
@@ -144,19 +144,19 @@ pub struct FramePlanes {
     pub first: usize,
     /// sRGB-encoded RGBA of 8 bits, straight alpha.
     pub rgba8: Vec<[u8; 4]>,
-    /// Planar view-space depth.
+    /// Planar view-space depth in world units; +∞ where nothing is visible.
     pub depth: Vec<f32>,
-    /// World normals.
+    /// Unit normals in world space; zero where nothing is visible.
     pub normal: Vec<[f32; 3]>,
     /// Σw.
     pub weight: Vec<f32>,
-    /// Rows of the nearest splats.
+    /// Rows of the nearest splats; [`NO_LABEL`] for none.
     pub index: Vec<u32>,
-    /// Indices of the nearest objects.
+    /// Indices of the nearest objects; [`NO_LABEL`] for none.
     pub object: Vec<u32>,
-    /// Labels of the nearest splats.
+    /// Labels of the nearest splats; [`NO_LABEL`] for none.
     pub label: Vec<u32>,
-    /// World positions.
+    /// Positions in world space; +∞ where nothing is visible.
     pub position: Vec<[f64; 3]>,
     /// Σw of Gaussians.
     pub alpha: Vec<f32>,
@@ -173,9 +173,9 @@ pub struct PlanesMut<'a> {
     pub color: &'a mut [[f32; 4]],
     /// sRGB-encoded RGBA of 8 bits, straight alpha.
     pub rgba8: &'a mut [[u8; 4]],
-    /// Planar view-space depth.
+    /// Planar view-space depth in world units; +∞ where nothing is visible.
     pub depth: &'a mut [f32],
-    /// World normals.
+    /// Unit normals in world space; zero where nothing is visible.
     pub normal: &'a mut [[f32; 3]],
     /// Σw.
     pub weight: &'a mut [f32],

@@ -44,7 +44,7 @@ impl<'a> GaussianView<'a> {
         }
     }
 
-    /// Returns the depth of a centre, with the same bits for all callers.
+    /// Returns the planar depth of a centre in world units, with the same bits for all callers.
     pub fn depth(&self, i: usize) -> f64 {
         self.view_from_object.transform_point3(self.cloud.center(i)).z
     }

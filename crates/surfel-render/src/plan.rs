@@ -198,8 +198,11 @@ impl FramePlan {
 /// Plans a frame.
 ///
 /// # Errors
-/// [`RenderError`] for settings out of range, and for features that this version doesn't support yet: they are rejected
-/// rather than drawn incorrectly.
+/// - [`RenderError::Model`] for settings out of range;
+/// - [`RenderError::Unsupported`] for features that the backend doesn't support: they are rejected rather than drawn
+///   incorrectly;
+/// - [`RenderError::NoInteriorWeight`] and [`RenderError::NoRows`] for objects without the data that the settings or
+///   planes need.
 pub fn plan(
     summary: &SceneSummary,
     view: &View,

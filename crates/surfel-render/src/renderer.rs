@@ -101,7 +101,7 @@ macro_rules! renderer_methods {
         /// Uploads a scene, which stays resident in the backend's memory.
         ///
         /// # Errors
-        /// [`RenderError`]($crate::RenderError) if the scene is invalid or can't be drawn by this backend.
+        /// As [`Renderer::upload`]($crate::Renderer::upload).
         pub fn upload(&mut self, scene: &surfel_model::Scene) -> Result<$scene, $crate::RenderError> {
             $crate::Renderer::upload(self, scene)
         }
@@ -110,8 +110,7 @@ macro_rules! renderer_methods {
         /// also renders other planes, regions and statistics, and reuses a frame's memory.
         ///
         /// # Errors
-        /// [`RenderError`]($crate::RenderError) if the camera or settings are out of range or need a feature that this
-        /// backend doesn't support.
+        /// As [`Renderer::render`]($crate::Renderer::render).
         pub fn render(
             &mut self,
             scene: &$scene,
@@ -134,7 +133,8 @@ pub trait Renderer {
     /// Uploads a scene, which stays resident in the backend's memory.
     ///
     /// # Errors
-    /// [`RenderError`] if the scene is invalid or can't be drawn by this backend.
+    /// [`RenderError::Model`] if the scene is invalid, [`RenderError::SceneTooLarge`] if it exceeds the device's
+    /// memory, [`RenderError::Backend`] if the device fails.
     fn upload(&mut self, scene: &Scene) -> Result<Self::Scene, RenderError>;
 
     /// Uploads like [`Renderer::upload`], and backends that copy to a device report their progress from time to time.
@@ -153,7 +153,7 @@ pub trait Renderer {
     /// and statistics, and reuses a frame's memory.
     ///
     /// # Errors
-    /// [`RenderError`] if the camera or settings are out of range or need a feature that this backend doesn't support.
+    /// [`RenderError::Model`] if the camera is out of range; otherwise as [`Renderer::render_into`].
     fn render(&mut self, scene: &Self::Scene, camera: &Camera, settings: &Settings) -> Result<Frame, RenderError> {
         let mut frame = Frame::default();
         self.render_into(scene, &View::new(camera)?, settings, Planes::COLOR, &mut frame)?;
@@ -163,7 +163,11 @@ pub trait Renderer {
     /// Renders `planes` of the view's region into `frame`, whose memory is reused.
     ///
     /// # Errors
-    /// [`RenderError`] if settings are out of range or need a feature that this backend doesn't support.
+    /// - [`RenderError::Model`] for settings out of range;
+    /// - [`RenderError::Unsupported`] for a feature that this backend doesn't support;
+    /// - [`RenderError::NoInteriorWeight`] and [`RenderError::NoRows`] for clouds without the data that the settings or
+    ///   planes need;
+    /// - [`RenderError::Backend`] if the device fails.
     fn render_into(
         &mut self,
         scene: &Self::Scene,

@@ -10,7 +10,7 @@ impl Frame {
     /// appears whole or not at all. [`surfel_images::save_png`] also writes 16 bits and metadata.
     ///
     /// # Errors
-    /// [`IoError`] if there is no colour plane or the file can't be written.
+    /// [`IoError::System`] if there is no colour plane or the file can't be written.
     pub fn save_png(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
         surfel_images::save_png(path.as_ref(), true, &self.planes(), &PngOptions::default())
     }
@@ -20,7 +20,7 @@ impl Frame {
     /// metadata, and colour in 32 bits.
     ///
     /// # Errors
-    /// [`IoError`] if the frame has no plane or the file can't be written.
+    /// [`IoError::System`] if the frame has no plane or the file can't be written.
     pub fn save_exr(&self, path: impl AsRef<Path>) -> Result<(), IoError> {
         surfel_images::save_exr(path.as_ref(), true, &self.planes(), &ExrOptions::default())
     }

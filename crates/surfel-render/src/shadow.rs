@@ -31,7 +31,7 @@ pub struct ShadowScene {
     pub lights: Vec<(usize, Light)>,
     /// Centre of a sphere around every splat and polygon, world space.
     pub center: DVec3,
-    /// Radius of the sphere, greater than 0.
+    /// Radius of the sphere in world units, greater than 0.
     pub radius: f64,
 }
 
@@ -62,7 +62,7 @@ impl ShadowScene {
         (radius > 0.0 && radius.is_finite()).then_some(Self { lights, center, radius })
     }
 
-    /// Returns the maps of all lights.
+    /// Returns the maps of all lights, for splats with the kernel cutoff `cutoff`, in (0, 50].
     pub fn maps(&self, cutoff: f64) -> Vec<ShadowMap> {
         self.lights.iter().flat_map(|(i, light)| self.maps_of(*i, light, cutoff)).collect()
     }

@@ -14,9 +14,9 @@ pub struct Region {
     pub x: u32,
     /// Top row.
     pub y: u32,
-    /// Columns.
+    /// Number of columns.
     pub width: u32,
-    /// Rows.
+    /// Number of rows.
     pub height: u32,
 }
 
@@ -68,7 +68,7 @@ impl View {
     /// Creates the view of a camera, with the whole image as its region.
     ///
     /// # Errors
-    /// [`ModelError`] naming the field of the camera that is out of range, or for an image of more than 2^28 pixels.
+    /// As [`Camera::validate`]; also [`ModelError::OutOfRange`] for an image of more than [`MAX_IMAGE_PIXELS`].
     pub fn new(camera: &Camera) -> Result<Self, ModelError> {
         let view = Self::of_region(camera, None)?;
         Ok(view)
@@ -77,7 +77,8 @@ impl View {
     /// Creates the view of a camera, cropped to `region` (the whole image if `None`).
     ///
     /// # Errors
-    /// Same as [`View::new`]; also for a region that is empty or extends beyond the image.
+    /// As [`Camera::validate`]; also [`ModelError::OutOfRange`] for a region that is empty, extends beyond the image,
+    /// or has more than [`MAX_IMAGE_PIXELS`].
     pub fn of_region(camera: &Camera, region: Option<Region>) -> Result<Self, ModelError> {
         camera.validate()?;
         let [width, height] = camera.size;
@@ -126,7 +127,7 @@ impl View {
         })
     }
 
-    /// Returns the viewing direction in world space.
+    /// Returns the viewing direction, a unit vector in world space.
     pub fn forward(&self) -> DVec3 {
         self.view_from_world.row(2)
     }
@@ -139,7 +140,7 @@ impl View {
     /// Returns the view at `factor` times the resolution, for supersampling.
     ///
     /// # Errors
-    /// [`ModelError::OutOfRange`] if the result is too large.
+    /// [`ModelError::OutOfRange`] if the result has more than [`MAX_IMAGE_PIXELS`].
     pub fn supersampled(&self, factor: u32) -> Result<Self, ModelError> {
         let k = f64::from(factor);
         let size = self.size.map(|s| s.checked_mul(factor));

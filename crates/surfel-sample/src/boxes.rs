@@ -11,18 +11,37 @@ use std::ops::Range;
 const LEAF: usize = 4;
 /// Tolerance for rounding, relative to the size of all shapes.
 const SLACK: f64 = 1e-9;
+/// Shapes of a node that may have a hub, at least.
+const LEAST_AT_HUB: usize = 16;
 
-/// A box around some of the shapes.
-struct Node {
+/// An oriented box around some points.
+struct OrientedBox {
     center: DVec3,
     /// Unit vectors at right angles.
     axes: [DVec3; 3],
     /// Half the box's size along each axis.
     half: [f64; 3],
+}
+
+/// A box around some of the shapes.
+struct Node {
+    bounds: OrientedBox,
     /// Range of the node's shapes in [`Boxes::order`].
     shapes: Range<usize>,
     /// Index of the second child; the first child follows its node. 0 for a leaf.
     second: usize,
+    /// The corner that all shapes share, if there are many and they do.
+    hub: Option<Box<Hub>>,
+}
+
+/// A corner that all shapes of a node share, as the slivers of a cone do. The boxes of slivers say little about points
+/// beyond the corner, to which all of them are equally near.
+struct Hub {
+    corner: DVec3,
+    /// A box about the unit vectors from the corner to all others.
+    directions: OrientedBox,
+    /// The first of the shapes.
+    first: u32,
 }
 
 /// A hierarchy of boxes.
@@ -40,15 +59,17 @@ impl Boxes {
         if !shapes.is_empty() {
             boxes.build(shapes, 0..shapes.len());
         }
-        boxes.slack = boxes.nodes.first().map_or(0.0, |root| SLACK * DVec3::from(root.half).length());
+        boxes.slack = boxes.nodes.first().map_or(0.0, |root| SLACK * DVec3::from(root.bounds.half).length());
         boxes
     }
 
     fn build<const N: usize>(&mut self, shapes: &[[DVec3; N]], range: Range<usize>) {
-        let node = Node::about(self.order[range.clone()].iter().flat_map(|i| shapes[*i as usize]), range.clone());
-        let axes = node.axes;
+        let order = &self.order[range.clone()];
+        let bounds = OrientedBox::about(order.iter().flat_map(|i| shapes[*i as usize]));
+        let hub = if order.len() >= LEAST_AT_HUB { Hub::of(shapes, order).map(Box::new) } else { None };
+        let axes = bounds.axes;
         let index = self.nodes.len();
-        self.nodes.push(node);
+        self.nodes.push(Node { bounds, shapes: range.clone(), second: 0, hub });
         if range.len() <= LEAF {
             return;
         }
@@ -86,23 +107,28 @@ impl Boxes {
                 break;
             }
             let node = &self.nodes[index];
-            if node.second == 0 {
-                for i in &self.order[node.shapes.clone()] {
-                    let found = (distance(*i as usize), *i as usize);
-                    if found < best {
-                        best = found;
-                    }
+            let hub = node.hub.as_deref().filter(|hub| hub.is_nearest(p));
+            let asked = match hub {
+                Some(hub) => std::slice::from_ref(&hub.first),
+                None if node.second == 0 => &self.order[node.shapes.clone()],
+                None => {
+                    open.extend([index + 1, node.second].map(entry));
+                    continue;
                 }
-            } else {
-                open.extend([index + 1, node.second].map(entry));
+            };
+            for i in asked {
+                let found = (distance(*i as usize), *i as usize);
+                if found < best {
+                    best = found;
+                }
             }
         }
         best
     }
 }
 
-impl Node {
-    fn about(points: impl Iterator<Item = DVec3> + Clone, shapes: Range<usize>) -> Self {
+impl OrientedBox {
+    fn about(points: impl Iterator<Item = DVec3> + Clone) -> Self {
         let count = points.clone().count().max(1) as f64;
         let mean = points.clone().sum::<DVec3>() / count;
         let mut moments = [0.0; 6];
@@ -119,7 +145,7 @@ impl Node {
             }
         }
         let center = mean + (0..3).map(|k| axes[k] * (0.5 * (ends[k][0] + ends[k][1]))).sum::<DVec3>();
-        Self { center, axes, half: ends.map(|[from, to]| 0.5 * (to - from)), shapes, second: 0 }
+        Self { center, axes, half: ends.map(|[from, to]| 0.5 * (to - from)) }
     }
 
     /// Returns the distance of a point to the box; 0 inside.
@@ -127,6 +153,53 @@ impl Node {
         let d = p - self.center;
         let beyond = |k: usize| (d.dot(self.axes[k]).abs() - self.half[k]).max(0.0);
         DVec3::new(beyond(0), beyond(1), beyond(2)).length()
+    }
+
+    /// The largest product of a vector with a point of the box.
+    fn support(&self, d: DVec3) -> f64 {
+        self.center.dot(d) + (0..3).map(|k| (self.axes[k].dot(d) * self.half[k]).abs()).sum::<f64>()
+    }
+}
+
+impl Node {
+    /// A lower bound of the distance between a point and the shapes.
+    fn distance(&self, p: DVec3) -> f64 {
+        let to_box = self.bounds.distance(p);
+        self.hub.as_ref().map_or(to_box, |hub| to_box.max(hub.distance(p)))
+    }
+}
+
+impl Hub {
+    /// The hub of some of the shapes, if all share a corner.
+    fn of<const N: usize>(shapes: &[[DVec3; N]], order: &[u32]) -> Option<Self> {
+        let mut shared: Vec<DVec3> = shapes[*order.first()? as usize].to_vec();
+        for i in order {
+            shared.retain(|p| shapes[*i as usize].contains(p));
+            if shared.is_empty() {
+                return None;
+            }
+        }
+        let corner = shared[0];
+        let others = order.iter().flat_map(|i| shapes[*i as usize]).filter(|p| *p != corner);
+        let directions = OrientedBox::about(others.map(|p| (p - corner).normalize_or_zero()));
+        Some(Self { corner, directions, first: *order.iter().min()? })
+    }
+
+    /// The cosine of the angle at the corner between the way to a point and the nearest of the shapes, or more.
+    fn cosine(&self, p: DVec3) -> f64 {
+        self.directions.support((p - self.corner).normalize_or_zero())
+    }
+
+    /// True if the corner is the nearest point of every shape.
+    fn is_nearest(&self, p: DVec3) -> bool {
+        // To within rounding, where the distance has its largest value and hardly changes.
+        self.cosine(p) <= SLACK
+    }
+
+    /// A lower bound of the distance between a point and the shapes.
+    fn distance(&self, p: DVec3) -> f64 {
+        let cosine = self.cosine(p).clamp(0.0, 1.0);
+        p.distance(self.corner) * (1.0 - cosine * cosine).sqrt()
     }
 }
 
@@ -191,5 +264,45 @@ mod tests {
         let work = [1000, 2000, 4000].map(work_of_fan);
         assert!(work[1] as f64 <= 2.3 * work[0] as f64 && work[2] as f64 <= 2.3 * work[1] as f64, "{work:?}");
         assert!(work[2] < 60 * 4000, "{work:?}");
+    }
+
+    /// Slivers of a cone of this height over a unit circle, with its bottom or without, and distances that points
+    /// beyond its apex ask for: for each sliver one where the sliver would go on, at a tenth of its length.
+    fn work_of_cone(count: u32, height: f64, has_bottom: bool) -> usize {
+        let rim = |i: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
+            DVec3::new(cos, sin, 0.0)
+        };
+        let apex = DVec3::Z * height;
+        let mut shapes: Vec<[DVec3; 3]> = (0..count).map(|i| [apex, rim(i), rim((i + 1) % count)]).collect();
+        if has_bottom {
+            shapes.extend((0..count).map(|i| [DVec3::ZERO, rim((i + 1) % count), rim(i)]));
+        }
+        let boxes = Boxes::new(&shapes);
+        let mut asked = 0;
+        for i in 0..count {
+            let p = apex + 0.1 * (apex - rim(i));
+            let (found, _) = boxes.nearest(p, |i| {
+                asked += 1;
+                closest(p, shapes[i]).0
+            });
+            let all = shapes.iter().step_by(1 + count as usize / 50).map(|shape| closest(p, *shape).0);
+            assert!(found <= all.fold(f64::INFINITY, f64::min) + 1e-12, "{i} of {count}");
+        }
+        asked
+    }
+
+    #[test]
+    fn work_beyond_the_apex_of_a_cone_is_linear() {
+        // Needles, cones of 45°, where the nearest slivers are across, and flat ones.
+        for height in [20.0, 2.0, 1.0, 0.5, 0.05] {
+            for has_bottom in [false, true] {
+                for count in [1000, 4000] {
+                    let work = work_of_cone(count, height, has_bottom);
+                    let each = work / count as usize;
+                    assert!(each < 200, "{count} of height {height}, bottom {has_bottom}: {each} each");
+                }
+            }
+        }
     }
 }

@@ -1,18 +1,45 @@
 //! Conversion of point clouds and triangle meshes to splats: normals, local spacing, radii, surface sampling.
 //!
+//! Main functions, in reading order:
+//!
 //! - [`splats_from_points`]: estimates missing normals by PCA, with consistent signs, and computes radii from each
-//!   point's Voronoi cell in its tangent plane, so that the surface has no holes.
+//!   point's Voronoi cell in its tangent plane, so that the surface has no holes ([`PointOptions`], [`PointReport`]).
+//!   [`PointClass`] lists the classes of points: surface, foliage, lines, isolated points and others.
 //! - [`outliers`]: finds isolated points by statistics.
-//! - [`splats_from_mesh`]: makes one splat per face, one per vertex, or blue-noise samples.
+//! - [`splats_from_mesh`]: makes one splat per face, one per vertex, or blue-noise samples ([`MeshOptions`],
+//!   [`MeshReport`]).
 //! - [`octree_from_mesh`]: makes an octree with splats of every size and the polygons themselves.
-//! - [`sharp_splats_from_mesh`]: makes few, large splats clipped along the mesh's creases and borders.
-//! - [`sharpen_points`]: clips the splats of points along edges detected in the points.
+//! - [`sharp_splats_from_mesh`] (feature `sharp`): makes few, large splats clipped along the mesh's creases and
+//!   borders.
+//! - [`sharpen_points`] (feature `sharp`): clips the splats of points along edges detected in the points.
 //! - [`fit_to_mesh`], [`fit_point_colors`]: fit colours and normals so that their blend equals the surface's
 //!   (docs/textures.md).
 //! - [`interior_weight`]: computes the Σw of a cloud inside its own surface (rendering model §5, coverage).
 //!
-//! Work runs in the rayon pool that the caller installed; results don't depend on the number of threads.
+//! ```
+//! use surfel_model::glam::Vec3;
+//! use surfel_model::{Column3, Mesh};
+//! use surfel_sample::{MeshMethod, MeshOptions, NoProgress, splats_from_mesh};
+//! # fn main() -> Result<(), surfel_sample::SampleError> {
+//! let corners = vec![Vec3::new(0.0, 0.0, 0.0), Vec3::new(1.0, 0.0, 0.0), Vec3::new(0.0, 1.0, 0.0)];
+//! let mesh = Mesh { positions: Column3::from_f32(corners), triangles: vec![[0, 1, 2]], ..Mesh::default() };
 //!
+//! let options = MeshOptions::new(MeshMethod::PerFace);
+//! let (cloud, _report) = splats_from_mesh(&mesh, &options, &NoProgress)?;
+//! assert_eq!(cloud.len(), 1); // one ellipse per triangle
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate lies above `surfel-model` and `surfel-math`; the facade `surfel` calls it between `surfel-io` and the
+//! backends. It opens no file. Work runs in the rayon pool that the caller installed; results don't depend on the
+//! number of threads.
+//!
+//! # Features
+//! `sharp`, on by default: splats clipped along creases and edges.
+//!
+//! # Neighbour search
 //! Points are sorted along a Morton curve and processed in blocks. A search gathers the points near a leaf of 16 points
 //! once for all queries from that leaf. It replaces a crate's search because it never allocates in a query and breaks
 //! ties of equal distance in a fixed order. It also accepts any number of coincident points, and is several times as

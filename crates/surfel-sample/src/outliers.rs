@@ -41,6 +41,9 @@ const SAMPLE: usize = 1 << 20;
 ///
 /// Nine strays in one place are not found. In clouds of fewer than 16 distinct points, rules 1 and 2 find no outliers.
 ///
+/// Sources: rule 1 is statistical outlier removal (Rusu et al. 2008, §3.1.1) with median and median absolute deviation
+/// in place of mean and σ; rule 2 follows local outlier factors (Breunig et al. 2000); rule 3 is our own.
+///
 /// # Errors
 /// [`SampleError::NotFinite`] and [`SampleError::TooMany`], as [`crate::splats_from_points`].
 pub fn outliers(points: &PointCloud, progress: &dyn Progress) -> Result<Vec<bool>, SampleError> {

@@ -39,6 +39,9 @@ pub const MOST_SPACINGS: f64 = 5.0;
 ///
 /// Coincident points get the same splat. A single point, or points that all coincide, get a radius of 1.
 ///
+/// Sources: normals by principal component analysis (Hoppe et al. 1992, §3.2); signs by votes between neighbours, whose
+/// relation is that of König and Gumhold 2009; radii and classes are our own.
+///
 /// # Errors
 /// [`SampleError::Empty`] without points, [`SampleError::NotFinite`] if [`PointCloud::drop_non_finite`] was not called,
 /// [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million points, and

@@ -32,12 +32,12 @@ impl Renderer {
     /// to back, but blending with the host's image is back to front.
     ///
     /// Records into `encoder`, which the host submits to the renderer's queue before the next call on this renderer.
-    /// Nothing is read back, and no times are measured.
+    /// Nothing is read back, and no times are measured. `target` must have the size of the view's region.
     ///
     /// # Errors
-    ///
-    /// The errors of [`surfel_render::Renderer::render`]; also edges by samples, A-buffers, trained Gaussians, a region
-    /// larger than the largest texture, and targets that wgpu refuses.
+    /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] for clouds that lack one;
+    /// - [`RenderError::Unsupported`] for edges by samples, A-buffers and trained Gaussians;
+    /// - [`RenderError::Backend`] for a region larger than the largest texture, and for targets that wgpu refuses.
     pub fn render_to_view(
         &mut self,
         encoder: &mut wgpu::CommandEncoder,

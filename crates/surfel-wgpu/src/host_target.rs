@@ -1,6 +1,7 @@
 //! Render target of a host, into which a scene is composited.
 
-/// Mapping from planar depth z to the values in a host's depth buffer, and the comparison of two values.
+/// Mapping from planar depth z (in world units) to the values in a host's depth buffer, and the comparison of two
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HostDepth {
     /// Constant of the mapping. In a perspective projection the value is `offset` + `scale`/z, in an orthographic one
@@ -13,12 +14,13 @@ pub struct HostDepth {
 }
 
 impl HostDepth {
-    /// Returns the mapping of a reversed depth without a far plane, z_near/z: 1 at z_near, 0 infinitely far.
+    /// Returns the mapping of a reversed depth without a far plane, `near`/z in a perspective projection: 1 at `near`
+    /// world units, 0 infinitely far.
     pub fn reversed(near: f32) -> Self {
         Self { offset: 0.0, scale: near, compare: wgpu::CompareFunction::Greater }
     }
 
-    /// Returns the usual mapping of a perspective projection: 0 at `near`, 1 at `far`.
+    /// Returns the usual mapping of a perspective projection: 0 at `near`, 1 at `far`, both in world units.
     pub fn usual(near: f32, far: f32) -> Self {
         let offset = far / (far - near);
         Self { offset, scale: -near * offset, compare: wgpu::CompareFunction::Less }

@@ -1,19 +1,76 @@
-//! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU.
+//! Surfel's backend on wgpu: Vulkan, Metal, DX12, GL and WebGPU. It draws into frames, or into the render target of a
+//! program that draws by wgpu itself.
 //!
-//! `surfel-gpu` schedules the passes of a frame. A compute shader sets up records of splats. Their quads are drawn
-//! twice: visibility into a depth buffer, then attributes into float targets with additive blending. A compute shader
-//! shades the pixels into an array that is read back. The shaders are those of `surfel-shaders`.
+//! Main types, in reading order:
 //!
+//! 1. [`Renderer`]: uploads scenes and draws frames; implements [`surfel_render::Renderer`]. [`Renderer::new`] opens a
+//!    device, [`Renderer::from_device`] uses a program's own;
+//! 2. [`Options`]: adapter, validation, [`Limits`], [`Storage`] and [`GpuPath`] of a renderer; [`adapters`] lists what
+//!    there is;
+//! 3. [`ResidentScene`]: an uploaded scene;
+//! 4. [`Renderer::render_to_view`], [`HostTarget`] and [`HostDepth`]: drawing into a host's textures.
+//!
+//! # A frame
 //! ```no_run
-//! use surfel_render::Settings;
-//! # fn main() -> Result<(), surfel_render::RenderError> {
-//! # let (scene, camera): (surfel_model::Scene, surfel_model::Camera) = unreachable!();
+//! use surfel_model::{Camera, Scene, Settings, SplatCloud};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Scene::from(SplatCloud::disks(&[[0.0, 0.0, 0.0]], &[[0.0, 0.0, 1.0]], &[0.5])?);
+//! let camera = Camera::perspective([0.0, 0.0, 3.0], [0.0; 3], 45.0, [800, 600]);
+//!
 //! let mut renderer = surfel_wgpu::Renderer::new(Default::default())?;
 //! let resident = renderer.upload(&scene)?;
 //! let frame = renderer.render(&resident, &camera, &Settings::default())?;
+//! assert_eq!(frame.color().len(), 800 * 600);
 //! # Ok(())
 //! # }
 //! ```
+//!
+//! # A host's image
+//! A program that owns a wgpu device passes it to [`Renderer::from_device`]. [`Renderer::render_to_view`] then records
+//! the scene into the program's command encoder: the splats are tested against the program's depth buffer, and write
+//! it. `examples/among_triangles.rs` is a complete host: `cargo run -p surfel-wgpu --example among_triangles --
+//! image.png`.
+//!
+//! ```no_run
+//! use surfel_model::{Camera, Scene, Settings};
+//! use surfel_render::{RenderError, View};
+//! use surfel_wgpu::{HostDepth, HostTarget, Renderer};
+//!
+//! /// Draws a scene over what the host has drawn. The depth buffer stores near/z; the splats' near plane is the same.
+//! fn draw(
+//!     (device, queue): (&wgpu::Device, &wgpu::Queue),
+//!     (color, depth): (&wgpu::TextureView, &wgpu::TextureView),
+//!     scene: &Scene,
+//!     camera: &Camera,
+//! ) -> Result<(), RenderError> {
+//!     // Once per program and per scene:
+//!     let mut renderer = Renderer::from_device(device.clone(), queue.clone())?;
+//!     let resident = renderer.upload(scene)?;
+//!
+//!     // Once per frame:
+//!     let target = HostTarget {
+//!         color,
+//!         color_format: wgpu::TextureFormat::Rgba8UnormSrgb,
+//!         depth,
+//!         depth_format: wgpu::TextureFormat::Depth32Float,
+//!         mapping: HostDepth::reversed(camera.near as f32),
+//!     };
+//!     let mut encoder = device.create_command_encoder(&Default::default());
+//!     renderer.render_to_view(&mut encoder, &resident, &View::new(camera)?, &Settings::default(), &target)?;
+//!     queue.submit([encoder.finish()]);
+//!     Ok(())
+//! }
+//! ```
+//!
+//! # Layer
+//! `surfel-gpu` schedules the passes of a frame, and this crate executes them with the shaders of `surfel-shaders`. A
+//! compute shader sets up records of splats. Opaque splats are drawn by compute shaders, or as quads by raster
+//! hardware: visibility into a depth buffer, then attributes into float targets with additive blending ([`GpuPath`]). A
+//! compute shader shades the pixels into an array that is read back. The crate contains no `unsafe` code.
+//!
+//! # Features
+//! Graphics APIs, each on the platforms that have it: `vulkan`, `metal` and `dx12` (on by default), `gles` and
+//! `webgpu`.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -46,8 +46,8 @@ pub struct AutoOptions {
     pub size: [u32; 2],
     /// Camera to use instead of a framed one.
     pub camera: Option<Camera>,
-    /// Background, linear RGB and straight alpha. `None`: white, or grey if most of the scene is white and drawn by
-    /// `unlit` or `edl`.
+    /// Background, linear RGB and straight alpha in [0, 1]. `None`: white, or grey if most of the scene is white and
+    /// drawn by `unlit` or `edl`.
     pub background: Option<[f64; 4]>,
     /// Settings of the renderer.
     pub settings: Settings,
@@ -127,7 +127,8 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
 /// Creates the scene file of objects without one, with suitable camera, lights and materials.
 ///
 /// # Errors
-/// [`Error::Model`] for objects without an extent that can be framed, and for options out of range.
+/// [`Error::Model`] for objects without a finite extent that can be framed. The camera and settings of the options are
+/// checked when they are used, not here.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
     let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
@@ -255,7 +256,10 @@ pub struct LoadedScene {
 /// Opens one scene file (`.json`), or any number of geometry files as one scene that is framed and lit automatically.
 ///
 /// # Errors
-/// As [`load_scene`]; [`Error::Unsuitable`] if no path is given.
+/// - [`Error::Io`] for a file that can't be read or is damaged;
+/// - [`Error::Sample`] and [`Error::Unsuitable`] for content that can't be converted to splats, and if no path is
+///   given;
+/// - [`Error::Model`] for numbers of a scene file that are out of range, and for geometry without a finite extent.
 pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Error> {
     let options = LoadOptions::default();
     match paths {

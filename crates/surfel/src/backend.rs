@@ -222,7 +222,7 @@ impl Backend {
     /// in software on the CPU is skipped, unless its adapter is asked for.
     ///
     /// # Errors
-    /// [`BackendError`] of the last backend tried.
+    /// [`BackendError`] of the last backend tried, or of the first whose threads can't be started.
     pub fn choose(
         options: &BackendOptions,
         mut refuses: impl FnMut(&Capabilities) -> Option<String>,
@@ -239,6 +239,8 @@ impl Backend {
                 continue;
             }
             let reason = match Self::by_name(name, options) {
+                // The reference would need the same threads, and draw for hours where they start a moment later.
+                Err(error @ BackendError::NoStart { source: RenderError::Threads { .. }, .. }) => return Err(error),
                 Err(error) => error.to_string(),
                 Ok(backend) => {
                     let info = backend.info();
@@ -259,7 +261,7 @@ impl Backend {
     /// Starts the backend `name`: `cpu`, `wgpu`, `ash`, `reference`, or `auto` for the fastest one that works.
     ///
     /// # Errors
-    /// [`BackendError`] if the backend doesn't exist or isn't available.
+    /// [`BackendError::Unknown`], [`BackendError::NotBuilt`], [`BackendError::NoAdapter`] or [`BackendError::NoStart`].
     pub fn by_name(name: &str, options: &BackendOptions) -> Result<Self, BackendError> {
         match name {
             "auto" => Ok(Self::choose(options, |_| None)?.backend),
@@ -332,10 +334,12 @@ impl Backend {
         self.info().backend == "reference"
     }
 
-    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them.
+    /// Renders with `samples`×`samples` unfiltered samples per pixel and averages them. The region with all its samples
+    /// must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false.
+    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for the
+    /// planes `index`, `label` and `position`, which have no mean.
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     pub fn render_supersampled(
         &mut self,

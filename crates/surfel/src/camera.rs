@@ -137,10 +137,13 @@ fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
     }
 }
 
-/// Reads the cameras of another program for images of `size`, with their names.
+/// Reads the cameras of another program for images of `size` (width and height in pixels), with their names. `None`
+/// uses the size that the file states.
 ///
 /// # Errors
-/// [`Error::Io`] and [`Error::Unsuitable`] describing what is wrong with the file.
+/// [`Error::Io`] for a file that can't be read or has unsupported content, such as lens distortion.
+/// [`Error::Unsuitable`] for equal names, cameras out of range, and an image size that neither the file nor `size`
+/// states.
 pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
     let cameras = surfel_io::cameras::read(path)?;
     with_names(cameras, path, size)
@@ -186,8 +189,8 @@ pub struct Turntable {
 }
 
 impl Turntable {
-    /// Returns camera and lights after the fraction `turn` of a revolution. The scene appears to turn, so camera and
-    /// lights move the other way.
+    /// Returns camera and lights after the fraction `turn` of a revolution, 0 to 1. The scene appears to turn, so
+    /// camera and lights move the other way.
     pub fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
         let rotation = DQuat::from_axis_angle(self.axis, -std::f64::consts::TAU * turn);
         let direction = |v: [f64; 3]| -> [f64; 3] { (rotation * DVec3::from(v)).into() };

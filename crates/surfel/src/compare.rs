@@ -54,10 +54,10 @@ pub fn check_diff(diff: &Path, images: [&Path; 2], force: bool) -> Result<(), Er
     Ok(())
 }
 
-/// Writes FLIP's error map as a PNG.
+/// Writes FLIP's error map as a PNG in the colours of magma; does nothing if FLIP was skipped.
 ///
 /// # Errors
-/// [`Error::Io`] if it can't be written.
+/// [`Error::Io`] if the file can't be written, or if it exists and `force` is false.
 pub fn save_diff(path: &Path, force: bool, comparison: &ImageComparison) -> Result<(), Error> {
     let Some(map) = &comparison.colors.flip else { return Ok(()) };
     let linear = |c: u8| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
@@ -111,7 +111,8 @@ fn value(colors: &Comparison, metric: &str) -> f64 {
 }
 
 impl ImageComparison {
-    /// Returns a metric of the colours by name: `max_abs`, `rmse`, `psnr` or `flip`.
+    /// Returns a metric of the colours by name: `max_abs` and `rmse` (linear), `psnr` (dB), or for any other name the
+    /// mean FLIP error, in [0, 1]; +∞ if FLIP was skipped.
     pub fn metric(&self, name: &str) -> f64 {
         value(&self.colors, name)
     }

@@ -38,9 +38,10 @@ pub enum NamedView {
 /// Direction from which a scene is viewed, as two angles; both are 0 for [`NamedView::Front`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ViewAngles {
-    /// Azimuth about the up axis toward the right of the front view, in degrees: 90 is [`NamedView::Right`].
+    /// Azimuth about the up axis toward the right of the front view, in degrees from −360 to 360: 90 is
+    /// [`NamedView::Right`].
     pub azimuth_deg: f64,
-    /// Elevation above the horizon, in degrees: 90 is [`NamedView::Top`].
+    /// Elevation above the horizon, in degrees from −90 to 90: 90 is [`NamedView::Top`].
     pub elevation_deg: f64,
 }
 
@@ -187,7 +188,7 @@ fn front(up: Up) -> DVec3 {
 /// Projection of a framed view.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum FrameProjection {
-    /// Perspective projection with this vertical field of view, in degrees.
+    /// Perspective projection with this vertical field of view, in degrees between 0 and 180.
     Perspective(f64),
     /// Parallel projection; framing chooses the view's height.
     Orthographic,
@@ -204,8 +205,8 @@ pub struct FrameOptions {
     pub size: [u32; 2],
     /// Fraction of the image's width or height that the scene fills, in (0, 1].
     pub fill: f64,
-    /// Axis through the scene's middle; the scene also fits the image while it turns about this axis. `None`: it
-    /// doesn't turn.
+    /// Axis through the scene's middle, a unit vector in world space. The scene also fits the image while it turns
+    /// about this axis. `None`: it doesn't turn.
     pub turning: Option<DVec3>,
 }
 
@@ -600,8 +601,8 @@ pub fn scene_center(scene: &Scene) -> Option<DVec3> {
     kept.map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
-/// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`; `None` without
-/// objects.
+/// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.
+/// `None` without objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
     let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
     let (first, last) = (support.least[0], -support.least[1]);
@@ -618,6 +619,9 @@ pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f6
 ///
 /// Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x only with
 /// strong evidence. At most 20,000 splats or triangles are sampled, always the same ones.
+///
+/// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with our own evidence beside
+/// it.
 pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
     upright::upright(Patches::of(objects), |all| all.one_of(objects), convention)
 }
@@ -634,6 +638,9 @@ pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
 /// end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the opening.
 /// Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are sampled,
 /// always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
+///
+/// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
+/// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.
 pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
     choose_view(objects, up).angles
 }

@@ -59,7 +59,7 @@ pub enum Levels {
         views: Arc<[View]>,
         /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
-        /// Largest projected splat size in pixels; finer points are skipped.
+        /// Largest projected splat size in pixels, more than 0; finer points are skipped.
         error_px: f64,
         /// Margin in pixels around the view frustum; points whose splats are farther outside are skipped. This applies
         /// only if the file states radii and normals and only their image is asked for. `None` skips no points.
@@ -724,7 +724,8 @@ fn by_stages<T>(progress: &dyn Progress, write: impl FnOnce(&dyn Fn(&'static str
     write(&tell)
 }
 
-/// Returns a selection of levels for views of an object with this transformation.
+/// Returns a selection of levels for views of an object with this transformation. Projected splats are at most
+/// `error_px` pixels large.
 pub fn views_of(views: &[View], world_from_object: DAffine3, error_px: f64) -> Levels {
     Seen { views, error_px, sight_px: None }.levels(world_from_object)
 }

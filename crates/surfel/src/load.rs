@@ -38,8 +38,8 @@ pub struct LoadOptions {
     pub method: Option<MeshMethod>,
     /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
     pub radius_scale: f64,
-    /// Largest number of points of a point cloud that become splats ([`surfel_model::PointCloud::thin`]); `None`: no
-    /// limit.
+    /// Largest number of points of a point cloud that become splats, at least 1 ([`surfel_model::PointCloud::thin`]);
+    /// `None`: no limit.
     pub max_points: Option<usize>,
     /// True if splats are clipped along the creases of meshes and points (Cargo feature `sharp`). A mesh then gets at
     /// most [`MeshMethod::Count`] splats.
@@ -57,7 +57,8 @@ pub struct LoadOptions {
     /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
     /// distinct values, grey for intensity, and viridis for the rest.
     pub colormap: Option<Colormap>,
-    /// Attribute values at the ends of the colour map; `None`: the 2nd and the 98th percentile.
+    /// Attribute values at the ends of the colour map, the first less than the second; `None`: the 2nd and the 98th
+    /// percentile.
     pub range: Option<[f64; 2]>,
     /// True if all properties of a mesh's vertices and faces are transferred to its splats, not only those needed for
     /// colours and labels.
@@ -70,7 +71,7 @@ pub struct LoadOptions {
     pub label: Option<String>,
     /// Axis along which `height` is measured; `None`: as the file states, else estimated from the shape.
     pub up: Option<Up>,
-    /// Box of points and splats that are read: least x, y, z, then largest.
+    /// Box of points and splats that are read, in the file's coordinates: least x, y, z, then largest.
     pub crop: Option<[f64; 6]>,
     /// Classes of points that are read; `None`: all.
     pub classes: Option<Classes>,
@@ -78,7 +79,7 @@ pub struct LoadOptions {
     pub returns: Option<Returns>,
     /// Condition on points that are read ([`surfel_model::Condition`]).
     pub condition: Option<String>,
-    /// Step of decimation: every n-th point is used, after all other selections. `None`: every point.
+    /// Step of decimation, at least 1: every n-th point is used, after all other selections. `None`: every point.
     pub every: Option<u32>,
     /// True if points are used that are otherwise dropped: more than 16 at exactly (0, 0, 0), and more than 16 at one
     /// place.

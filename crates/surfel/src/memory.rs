@@ -23,7 +23,8 @@ pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
 const SHARE: f64 = 0.6;
 
 /// Returns the default memory budget in bytes: 60 % of the machine's memory, or of the limit of the process's control
-/// groups (of a container or batch job). `None` if neither is known.
+/// groups (of a container or batch job), or of the address space that its limit (`ulimit -v`) leaves. `None` if none of
+/// them is known.
 pub fn default_budget() -> Option<u64> {
     let machine = std::fs::read_to_string("/proc/meminfo").ok().and_then(|text| {
         let kib = text.lines().find_map(|line| line.strip_prefix("MemTotal:"))?;
@@ -31,8 +32,21 @@ pub fn default_budget() -> Option<u64> {
     });
     let groups = std::fs::read_to_string("/proc/self/cgroup").unwrap_or_default();
     let group = group_limit(Path::new("/sys/fs/cgroup"), &groups);
-    let bytes = machine.into_iter().chain(group).min()?;
+    let own = |file: &str| std::fs::read_to_string(Path::new("/proc/self").join(file)).unwrap_or_default();
+    let space = address_space_left(&own("limits"), || own("status"));
+    let bytes = machine.into_iter().chain(group).chain(space).min()?;
     Some((bytes as f64 * SHARE) as u64)
+}
+
+/// Returns the bytes between the address space in use (`/proc/self/status`) and its soft limit (`/proc/self/limits`);
+/// `None` without a limit.
+fn address_space_left(limits: &str, status: impl FnOnce() -> String) -> Option<u64> {
+    let limit = limits.lines().find_map(|line| line.strip_prefix("Max address space"))?;
+    let limit: u64 = limit.split_whitespace().next()?.parse().ok()?;
+    let status = status();
+    let used = status.lines().find_map(|line| line.strip_prefix("VmSize:"))?;
+    let used: u64 = used.split_whitespace().next()?.parse().ok()?;
+    Some(limit.saturating_sub(used << 10))
 }
 
 /// Returns the smallest memory limit of these control groups, in the format of `/proc/self/cgroup`, and of their
@@ -170,6 +184,23 @@ mod tests {
         assert_eq!(limit("4:memory:/other\n"), Some(9_223_372_036_854_771_712));
         assert_eq!((limit(""), limit("::")), (None, Some(2000)));
         std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn limits_of_address_space_leave_what_is_not_in_use() {
+        let limits = |soft: &str| {
+            format!(
+                "Limit                     Soft Limit           Hard Limit           Units     \n\
+                 Max resident set          1000                 unlimited            bytes     \n\
+                 Max address space         {soft:<20} unlimited            bytes     \n"
+            )
+        };
+        let left = |soft: &str, status: &str| address_space_left(&limits(soft), || status.to_owned());
+        let status = "Name:\tsurfel\nVmPeak:\t   9000 kB\nVmSize:\t   1000 kB\nVmRSS:\t     500 kB\n";
+        assert_eq!(left("unlimited", status), None);
+        assert_eq!(left("3024000", status), Some(2_000_000));
+        assert_eq!(left("1000", status), Some(0));
+        assert_eq!((left("3024000", ""), address_space_left("", || status.to_owned())), (None, None));
     }
 
     #[cfg(target_os = "linux")]

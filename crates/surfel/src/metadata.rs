@@ -165,7 +165,7 @@ pub fn drawn(
 /// Returns `None` if a path isn't UTF-8, since JSON must be UTF-8.
 ///
 /// # Errors
-/// Never fails at present.
+/// [`Error`] never occurs at present.
 pub fn entries(
     folder: &Path,
     scene: &SceneFile,

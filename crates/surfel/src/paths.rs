@@ -30,7 +30,7 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
 /// Calls `change` with every path of a scene file except the name of stdin.
 ///
 /// # Errors
-/// The first error of `change`.
+/// The first [`Error`] that `change` returns.
 pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Result<(), Error>) -> Result<(), Error> {
     let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture.file]);
     let paths = objects.chain([&mut file.matcap]).flatten();
@@ -40,7 +40,7 @@ pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Re
 /// Returns a scene file with its absolute paths made relative to `folder`, which must exist.
 ///
 /// # Errors
-/// Never fails at present.
+/// [`Error`] never occurs at present.
 pub fn relative_to(folder: &Path, file: &SceneFile) -> Result<SceneFile, Error> {
     let mut file = file.clone();
     for_each(&mut file, |path| {

@@ -40,11 +40,11 @@ pub struct RenderOptions {
     pub cameras: bool,
     /// Side from which the scene is viewed.
     pub view: Option<ViewChoice>,
-    /// Position of the eye in world units.
+    /// Position of the eye in world space.
     pub eye: Option<[f64; 3]>,
-    /// Point that the camera is aimed at, in world units.
+    /// Point that the camera is aimed at, in world space.
     pub target: Option<[f64; 3]>,
-    /// Direction that appears upward in the image; not zero.
+    /// Direction in world space that appears upward in the image; not zero.
     pub camera_up: Option<[f64; 3]>,
     /// Up axis of the scene; `Some(None)`: as the file or its format states, else estimated from the shape.
     pub up: Option<Option<Up>>,
@@ -64,7 +64,7 @@ pub struct RenderOptions {
     pub mapping: Option<Mapping>,
     /// Kernel cutoff: more than 0, at most 50.
     pub cutoff: Option<f64>,
-    /// Least half-width of a filtered splat in pixels.
+    /// Least half-width of a filtered splat in pixels, 0 to 10,000.
     pub prefilter: Option<f64>,
     /// Depth range behind the nearest surface in which splats are blended with it.
     pub depth_tolerance: Option<DepthTolerance>,
@@ -83,7 +83,7 @@ pub struct RenderOptions {
     pub shader: Option<Shader>,
     /// Image of a lit sphere, which selects the shader matcap; `builtin` is the built-in image.
     pub matcap: Option<PathBuf>,
-    /// Largest projected splat size in pixels, for octrees and COPC files.
+    /// Largest projected splat size in pixels, more than 0, for octrees and COPC files.
     pub lod_error: Option<f64>,
     /// True if all points of COPC files are drawn, not only those that the view needs.
     pub all_levels: bool,
@@ -91,9 +91,9 @@ pub struct RenderOptions {
     pub shadows: bool,
     /// Antialiasing of edges.
     pub edge_aa: Option<EdgeAa>,
-    /// Background colour: linear RGB and straight alpha.
+    /// Background colour: linear RGB, and straight alpha in [0, 1].
     pub background: Option<[f64; 4]>,
-    /// Number of unfiltered samples along a pixel's side (backend reference only).
+    /// Number of unfiltered samples along a pixel's side, 1 to 64 (backend reference only).
     pub samples: Option<u32>,
     /// Additional planes, from [`RenderOptions::MORE_PLANES`].
     pub planes: Vec<String>,
@@ -133,7 +133,7 @@ impl SplatOptions {
     /// Returns false if no such option exists here.
     ///
     /// # Errors
-    /// A description of the expected value.
+    /// A message that states the expected values, if the text isn't a valid value of the flag.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
         if options::table().find(Commands::CONVERT, flag).is_none_or(|row| !row.is_image) {
             return Ok(false);
@@ -173,7 +173,7 @@ impl SplatOptions {
     /// Sets a value of `--texture`: the name of a sampling method, or else a texture file.
     ///
     /// # Errors
-    /// What was expected, if a value of the same kind was given before.
+    /// A message that states what was expected, if a value of the same kind was given before.
     pub fn add_texture(&mut self, value: PathBuf) -> Result<(), String> {
         let option = &mut self.convert.texture;
         let is_first = match value.to_str().and_then(TextureSampling::from_name) {
@@ -282,8 +282,8 @@ impl RenderOptions {
     /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`.
     ///
     /// # Errors
-    /// What was expected, if the text isn't a valid value of the flag, or no such flag exists here. Flags for backends
-    /// and output files are handled by the caller.
+    /// A message that states the expected values, if the text isn't a valid value of the flag, or no such flag exists
+    /// here. Flags for backends and output files are handled by the caller.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<(), String> {
         let row = options::table().find(Commands::RENDER, flag).filter(|row| row.is_image);
         let row = row.ok_or_else(|| "there is no such flag here".to_owned())?;

@@ -121,7 +121,8 @@ impl Resolved {
         camera
     }
 
-    /// Returns the camera of frame `index` of a turn of `frames` frames, and the scene if its lights move.
+    /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turn of `frames` frames, and the scene if its
+    /// lights move.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
         if index == 0 {
             return (self.file.camera.clone(), None);

@@ -508,7 +508,7 @@ pub fn load_matcap(file: &SceneFile, base_dir: &Path) -> Result<Option<Arc<Matca
 /// ([`load_matcap`]).
 ///
 /// # Errors
-/// [`Error::Model`] naming the number that is out of range.
+/// [`Error::Model`] naming the first number that is out of range.
 pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> {
     let mut scene = Scene {
         up: file.up,
@@ -528,7 +528,7 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
 /// Loads everything that a scene file names. Interior weights are estimated only if its settings need them.
 ///
 /// # Errors
-/// As [`load_objects`] and [`assemble`].
+/// As [`load_objects`], [`load_matcap`] and [`assemble`].
 pub fn load_scene(
     file: &SceneFile,
     base_dir: &Path,

@@ -1,4 +1,9 @@
-//! Parsers for the values of flags. Errors state what was expected.
+//! Parsers for the values of flags, from text to typed values.
+//! [`RenderOptions::set`](crate::request::RenderOptions::set) and the command line use them.
+//!
+//! # Errors
+//! All parsers fail alike: the error is a message that states the expected values, such as "expected a number more than
+//! 0, at most 50". It doesn't name the flag, which the caller prefixes.
 
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
@@ -94,7 +99,7 @@ impl Part {
     }
 }
 
-/// Parses I/N, part I of N.
+/// Parses `I/N`, part I of N: N from 1 to 1,000,000, I from 0 to N.
 pub fn part(text: &str) -> Result<Part, String> {
     let number = |text: &str| text.trim().parse::<u64>().ok();
     let part = text.split_once('/').and_then(|(index, count)| Part::new(number(index)?, number(count)?));
@@ -149,7 +154,7 @@ pub fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, St
     text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
 }
 
-/// Parses on or off.
+/// Parses `on` as true and `off` as false.
 pub fn switch(text: &str) -> Result<bool, String> {
     match text {
         "on" => Ok(true),
@@ -170,7 +175,8 @@ pub const VIEWS: [(&str, ViewChoice); 8] = [
     ("bottom", ViewChoice::Named(NamedView::Bottom)),
 ];
 
-/// Parses a view's name, or two angles in degrees: azimuth to the right of the front, and elevation.
+/// Parses a view's name ([`VIEWS`]), or `AZIMUTH,ELEVATION` in degrees: the azimuth to the right of the front, from
+/// −360 to 360, and the elevation above the horizon, from −90 to 90.
 pub fn view(text: &str) -> Result<ViewChoice, String> {
     if let Some((_, choice)) = VIEWS.iter().find(|(name, _)| *name == text) {
         return Ok(*choice);
@@ -198,17 +204,18 @@ fn number(text: &str, expected: &str, ok: impl Fn(f64) -> bool) -> Result<f64, S
     }
 }
 
-/// Parses three finite numbers separated by commas.
+/// Parses a point `X,Y,Z`: three finite numbers separated by commas.
 pub fn point(text: &str) -> Result<[f64; 3], String> {
     list(text, "X,Y,Z")
 }
 
-/// Parses the value of `--origin`: a place in the plane.
+/// Parses the value of `--origin`: a point `X,Y` of the plane, in the units of the files.
 pub fn place(text: &str) -> Result<[f64; 2], String> {
     list(text, "X,Y")
 }
 
-/// Parses the value of `--bounds`: a rectangle in the plane.
+/// Parses the value of `--bounds`: a rectangle `X0,Y0,X1,Y1` of the plane with X0 < X1 and Y0 < Y1, in the units of the
+/// files.
 pub fn bounds(text: &str) -> Result<[f64; 4], String> {
     let bounds = list(text, "X0,Y0,X1,Y1")?;
     if bounds[0] < bounds[2] && bounds[1] < bounds[3] {
@@ -217,7 +224,7 @@ pub fn bounds(text: &str) -> Result<[f64; 4], String> {
     Err("expected the least x and y first, then the largest: X0,Y0,X1,Y1 with X0 < X1 and Y0 < Y1".into())
 }
 
-/// Parses the code of a coordinate reference system that GeoTIFF can store.
+/// Parses the code of a coordinate reference system that GeoTIFF can store: `EPSG:N`, N from 1024 to 32,766.
 pub fn epsg(text: &str) -> Result<u16, String> {
     let digits = text.get(..5).filter(|p| p.eq_ignore_ascii_case("EPSG:")).map_or("", |_| &text[5..]);
     match digits.parse() {
@@ -226,7 +233,7 @@ pub fn epsg(text: &str) -> Result<u16, String> {
     }
 }
 
-/// Parses three finite numbers, not all 0.
+/// Parses a direction `X,Y,Z` of any length: three finite numbers, not all 0.
 pub fn direction(text: &str) -> Result<[f64; 3], String> {
     match point(text)? {
         [0.0, 0.0, 0.0] => Err("expected a direction that is not zero".into()),
@@ -234,7 +241,7 @@ pub fn direction(text: &str) -> Result<[f64; 3], String> {
     }
 }
 
-/// Parses `LO,HI`, the first less than the second.
+/// Parses a range of values `LO,HI`: finite numbers, LO less than HI.
 pub fn range(text: &str) -> Result<[f64; 2], String> {
     match list(text, "LO,HI")? {
         [lo, hi] if lo < hi => Ok([lo, hi]),
@@ -247,7 +254,7 @@ pub fn range(text: &str) -> Result<[f64; 2], String> {
 pub enum RangeChoice {
     /// One range over all inputs, even if each has its own image.
     Shared,
-    /// Values at the ends of the colour map.
+    /// Values at the ends of the colour map, the first less than the second.
     Values([f64; 2]),
 }
 
@@ -259,7 +266,7 @@ pub fn range_choice(text: &str) -> Result<RangeChoice, String> {
     }
 }
 
-/// Parses `X0,Y0,Z0,X1,Y1,Z1`, two corners of a box.
+/// Parses `X0,Y0,Z0,X1,Y1,Z1`, the least and the largest corner of a box in the file's coordinates.
 pub fn crop(text: &str) -> Result<[f64; 6], String> {
     let c: [f64; 6] = list(text, "X0,Y0,Z0,X1,Y1,Z1")?;
     let ordered = (0..3).all(|k| c[k] <= c[k + 3]);
@@ -286,7 +293,7 @@ pub fn columns(text: &str) -> Result<TableColumns, String> {
     surfel_io::check_columns(&columns).map(|()| columns)
 }
 
-/// Parses the value of `--splats`.
+/// Parses the value of `--splats`: `auto`, or a number of splats from 1 to 200,000,000.
 pub fn splat_count(text: &str) -> Result<SplatCount, String> {
     if text == "auto" {
         return Ok(SplatCount::Auto);
@@ -295,7 +302,7 @@ pub fn splat_count(text: &str) -> Result<SplatCount, String> {
     count.map(SplatCount::Count).ok_or_else(|| "expected auto, or a whole number from 1 to 200000000".to_owned())
 }
 
-/// Parses `WxH` in pixels.
+/// Parses an image size `WxH` in pixels, each side from 1 to [`MAX_IMAGE_SIDE`].
 pub fn size(text: &str) -> Result<[u32; 2], String> {
     let wrong = || format!("expected WxH in pixels, 1 to {MAX_IMAGE_SIDE} a side, such as 1024x768");
     let (w, h) = text.split_once(['x', 'X']).ok_or_else(wrong)?;
@@ -303,7 +310,8 @@ pub fn size(text: &str) -> Result<[u32; 2], String> {
     Ok([side(w)?, side(h)?])
 }
 
-/// Parses the value of `--memory`: bytes, or a number with the unit K, M, G or T, each 1024 times the one before.
+/// Parses the value of `--memory` in bytes, from 1 to 2⁶⁰: a number, alone or with the unit K, M, G or T. K is 1024
+/// bytes, and each further unit is 1024 times the one before.
 pub fn memory(text: &str) -> Result<u64, String> {
     let upper = text.trim().to_ascii_uppercase();
     let text = ["IB", "B"].into_iter().find_map(|word| upper.strip_suffix(word)).unwrap_or(&upper);
@@ -315,7 +323,7 @@ pub fn memory(text: &str) -> Result<u64, String> {
     ok.map(|bytes| bytes as u64).ok_or_else(|| "expected bytes, such as 4G or 512M".to_owned())
 }
 
-/// Parses `X,Y,W,H` in pixels.
+/// Parses a region `X,Y,W,H` in pixels: left column, top row, width and height, which are at least 1.
 pub fn region(text: &str) -> Result<Region, String> {
     let wrong = || "expected X,Y,W,H: four whole numbers of pixels, W and H at least 1".to_owned();
     let values: Result<Vec<u32>, _> = text.split(',').map(|v| v.trim().parse::<u32>()).collect();
@@ -325,7 +333,7 @@ pub fn region(text: &str) -> Result<Region, String> {
     }
 }
 
-/// Parses the name of an up axis; `None` for `auto`.
+/// Parses the name of an up axis: `+x`, `-x`, `+y`, `-y`, `+z`, `-z`, or `auto` for `None`.
 pub fn up(text: &str) -> Result<Option<Up>, String> {
     if text == "auto" {
         return Ok(None);
@@ -333,7 +341,7 @@ pub fn up(text: &str) -> Result<Option<Up>, String> {
     text.parse().map(Some).map_err(|_| "expected auto, +x, -x, +y, -y, +z or -z".to_owned())
 }
 
-/// Parses degrees between 0 and 180.
+/// Parses a field of view in degrees, more than 0 and less than 180.
 pub fn fov(text: &str) -> Result<f64, String> {
     number(text, "degrees, more than 0 and less than 180", |v| v > 0.0 && v < 180.0)
 }
@@ -343,7 +351,7 @@ pub fn cutoff(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 50", |v| v > 0.0 && v <= 50.0)
 }
 
-/// Parses a number of pixels from 0 to 10,000.
+/// Parses a prefilter radius in pixels, from 0 to 10,000.
 pub fn prefilter(text: &str) -> Result<f64, String> {
     number(text, "a number of pixels from 0 to 10000", |v| (0.0..=1e4).contains(&v))
 }
@@ -353,12 +361,12 @@ pub fn positive(text: &str) -> Result<f64, String> {
     number(text, "a number more than 0, at most 1000000", |v| v > 0.0 && v <= 1e6)
 }
 
-/// Parses degrees from 0 to 180.
+/// Parses an angle in degrees, from 0 to 180.
 pub fn angle(text: &str) -> Result<f64, String> {
     number(text, "degrees from 0 to 180", |v| (0.0..=180.0).contains(&v))
 }
 
-/// Parses a depth tolerance: `K` radii, or `abs:D` in world units.
+/// Parses a depth tolerance: `K` splat radii, or `abs:D` world units; both are finite and at least 0.
 pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
     let expected = "K (times the splat's radius) or abs:D (world units), at least 0";
     let ok = |v: f64| v >= 0.0 && v.is_finite();
@@ -368,12 +376,12 @@ pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
     }
 }
 
-/// Parses a transparency method: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`.
+/// Parses a transparency method: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`, with N and L from 1 to 64.
 pub fn transparency(text: &str) -> Result<Transparency, String> {
     text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
 }
 
-/// Parses `R,G,B[,A]` (linear, straight alpha) or `transparent`.
+/// Parses a background `R,G,B[,A]` (finite linear RGB, straight alpha from 0 to 1) or `transparent`.
 pub fn background(text: &str) -> Result<[f64; 4], String> {
     if text == "transparent" {
         return Ok([0.0; 4]);

@@ -8,6 +8,7 @@ mod level_pops;
 mod orientation;
 mod ortho;
 mod out_of_sight;
+mod refined;
 mod rooms;
 mod swap;
 mod whites;

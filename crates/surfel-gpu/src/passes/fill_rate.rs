@@ -34,7 +34,7 @@ impl FillRateFrame {
     /// Creates a frame with square targets of `side_px` pixels a side.
     ///
     /// # Errors
-    /// [`RenderError`] if an image can't have this size.
+    /// [`RenderError::Model`] if an image can't have this size.
     pub fn new(side_px: u32) -> Result<Self, RenderError> {
         let projection = Projection::Perspective { fov_y_deg: 45.0 };
         let (eye, up, size) = ([0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [side_px; 2]);

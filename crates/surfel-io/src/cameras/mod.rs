@@ -47,8 +47,8 @@ enum Lens {
 }
 
 impl NamedCamera {
-    /// Returns the camera for images of a size, by default the stated one. Focal lengths and principal point scale with
-    /// the image. The near plane is 0.01 world units.
+    /// Returns the camera for images of a size (width and height in pixels), by default the stated one. Focal lengths
+    /// and principal point scale with the image. The near plane is 0.01 world units.
     ///
     /// # Errors
     /// [`Problem`] if neither the file nor the caller states a size.
@@ -93,8 +93,8 @@ fn reach(eye: DVec3) -> f64 {
 /// KITTI's world is that of the laser scanner if its calibration is available, else that of the first rectified camera.
 ///
 /// # Errors
-/// [`IoError`] for missing files and unsupported content, for cameras with distortion or skew, and for poses that
-/// aren't rotations.
+/// [`IoError::System`] for missing files. [`IoError::Invalid`] for unsupported content, for cameras with distortion or
+/// skew, and for poses that aren't rotations.
 pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
     let (path, kind) = find(path)?;
     let bytes = files::read(&path, MAX_BYTES)?;

@@ -58,7 +58,7 @@ pub struct GeoImage {
     pub bands: Vec<&'static str>,
     /// True if an additional last band marks interpolated pixels: 255 in 8 bits or 1 as f32, else 0.
     pub has_marks: bool,
-    /// x of the image's left edge and y of its upper edge.
+    /// x of the image's left edge and y of its upper edge, in the units of x and y.
     pub left_top: [f64; 2],
     /// Side of a pixel, in the units of x and y.
     pub pixel: f64,
@@ -123,7 +123,7 @@ type Finished = ((u32, u32), Vec<u8>);
 ///
 /// # Errors
 /// [`IoError::Exists`] if a file exists and `overwrite` is false, before anything is drawn; [`IoError::System`] if a
-/// file can't be written; errors of `draw`.
+/// file can't be written; any error of `draw`.
 pub fn write_geotiffs<E: From<IoError>>(
     images: &[GeoImage],
     overwrite: bool,

@@ -19,8 +19,8 @@ pub struct HdrFlip {
     pub exposures: usize,
 }
 
-/// Computes HDR-FLIP between two images of opaque linear RGB pixels, row by row from the top. The exposure range is the
-/// reference's, and the tone mapper is ACES (Narkowicz's fit, pre-exposure 0.6 removed).
+/// Computes HDR-FLIP (Andersson et al. 2021) between two images of opaque linear RGB pixels, row by row from the top.
+/// The exposure range is the reference's, and the tone mapper is ACES (Narkowicz's fit, pre-exposure 0.6 removed).
 ///
 /// Negative values count as 0, infinite ones as the largest f32.
 ///

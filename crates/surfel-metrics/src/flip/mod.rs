@@ -73,7 +73,8 @@ impl FlipMap {
     }
 }
 
-/// Computes LDR-FLIP between two images of opaque RGB pixels, row by row from the top, with values in [0, 1].
+/// Computes LDR-FLIP (Andersson et al. 2020) between two images of opaque RGB pixels, row by row from the top, with
+/// values in [0, 1]. Each image has `width`·`height` pixels, without padding.
 ///
 /// # Errors
 /// [`MetricsError::Length`] if an image doesn't have `width`·`height` pixels, [`MetricsError::OutOfRange`] for pixels

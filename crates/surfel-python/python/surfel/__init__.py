@@ -1,13 +1,15 @@
-"""Surfel draws a surface from points: scans, point clouds, meshes and splats, without a GPU or a window.
+"""Surfel draws surfaces from points: scans, point clouds, meshes and splats, without a GPU or a window.
 
 >>> import surfel
 >>> image = surfel.scene(points, colors=colors).render(size=(1024, 768))
 >>> image.save("scan.png"); image.depth
 
-Every keyword of `Scene.render` is a flag of the program `surfel`, `-` as `_`, with the same default and the same bits:
-`surfel render --help` and docs/python.md say what they mean. Arguments that make no sense raise `UsageError`, files and
-arrays that are wrong `InputError`, both `ValueError`; backends that aren't here raise `BackendError`. Files raise
-Python's own OSErrors, such as FileNotFoundError and FileExistsError; what doesn't fit into memory MemoryError.
+Every keyword of `Scene.render` is a flag of the program `surfel`, with `_` in place of `-`. Defaults and images are the
+same to the bit. `surfel render --help` and docs/python.md explain the flags.
+
+Invalid arguments raise `UsageError`; invalid files and arrays raise `InputError`. Both are `ValueError`s. An
+unavailable backend raises `BackendError`. File errors are Python's own `OSError`s, such as `FileNotFoundError` and
+`FileExistsError`. Data that doesn't fit into memory raises `MemoryError`.
 """
 
 from __future__ import annotations

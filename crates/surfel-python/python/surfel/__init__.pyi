@@ -15,6 +15,141 @@ _Plane = Literal[
 ]
 
 # Generated from the options table:
+class _RenderFlags(TypedDict, total=False):
+    force: bool
+    label: str
+    size: tuple[int, int]
+    view: str | tuple[float, float]
+    up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+    ortho: bool
+    fov_y: float
+    eye: _Numbers
+    target: _Numbers
+    camera_up: _Numbers
+    camera: Camera | Mapping[str, Any] | _Path
+    region: tuple[int, int, int, int]
+    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
+    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
+    shadows: bool
+    edge_aa: bool | Literal["on", "off", "samples"]
+    background: _Numbers | Literal["transparent"]
+    matcap: _Path
+    transparency: str
+    composite: Literal["surface", "over"]
+    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
+    depth_tolerance: float | str
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    lod_error: float
+    all_levels: bool
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
+    tile: tuple[int, int] | str
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
+    adapter: str
+    threads: int
+    mapping: Literal["exact", "affine"]
+    cutoff: float
+    prefilter: float
+    accumulate: Literal["f32", "f16"]
+    clip: Literal["exact", "paper", "line", "off"]
+    sort: Literal["center", "pixel"]
+    samples: int
+    storage: Literal[16, 32, "16", "32"]
+
+class _Convert(TypedDict, total=False):
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
+    shard: str | tuple[int, int]
+    resume: bool
+    threads: int
+
+class _Ortho(TypedDict, total=False):
+    gsd: Required[float]
+    dsm: _Path | None
+    normals: _Path | None
+    bounds: _Numbers
+    origin: _Numbers
+    size: tuple[int, int]
+    fill: float | None
+    crs: str
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
+    threads: int
+
 # End of what is generated.
 
 class _Render(_RenderFlags, total=False):

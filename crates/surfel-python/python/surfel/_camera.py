@@ -31,7 +31,7 @@ def _matrix(what: str, value, shapes):
 
 
 def opencv(K, world_from_camera, size, name=None) -> dict:
-    """A camera of OpenCV's axes as the JSON that `--cameras` reads."""
+    """Returns a camera with OpenCV's axes in the JSON format of `--cameras`."""
     K = _matrix("K", K, [(3, 3)])
     T = _matrix("world_from_camera", world_from_camera, [(4, 4), (3, 4)])
     R = T[:3, :3].T
@@ -44,7 +44,7 @@ def opencv(K, world_from_camera, size, name=None) -> dict:
 
 
 def whole_size(size) -> list[int]:
-    """Width and height of an image, or UsageError."""
+    """Returns width and height in pixels. Raises UsageError for other values."""
     try:
         sides = list(size)
         if len(sides) == 2 and all(isinstance(side, numbers.Real) and side == int(side) > 0 for side in sides):
@@ -55,16 +55,34 @@ def whole_size(size) -> list[int]:
 
 
 class Camera:
-    """A camera, as a scene file has it: `image.camera` is one, and `Scene.render(camera=...)` takes it, so that several
-    scenes are seen alike. It can be compared and pickled, and doesn't change.
+    """A camera, as in a scene file. `image.camera` is one, and `Scene.render(camera=...)` accepts one, so that several
+    scenes can share it. Cameras are immutable, and can be compared and pickled.
 
-    eye, target: positions in world units. size: (width, height) in pixels. up: the direction that appears upward.
-    One of three says how it projects: fov_y, the vertical field of view in degrees; height, of a parallel projection in
-    world units; or focal and principal, (fx, fy) and (cx, cy) in pixels from the image's upper left corner.
-    near: the depth before which nothing is drawn; far: the one beyond which a parallel projection draws nothing. None
-    leaves both to each scene, so that all of it is drawn.
+    Exactly one of `fov_y`, `height` and `focal` is needed.
 
-    Raises UsageError for numbers that are no camera's.
+    Parameters
+    ----------
+    eye, target : sequence of 3 floats
+        Position of the eye and the point that it looks at, in world units.
+    size : tuple of int
+        Width and height in pixels.
+    up : sequence of 3 floats
+        Direction that appears upward in the image.
+    fov_y : float, optional
+        Vertical field of view in degrees.
+    height : float, optional
+        Height of the visible region of a parallel projection, in world units.
+    focal, principal : tuple of float, optional
+        Focal lengths (fx, fy), and the principal point (cx, cy) from the upper left corner of the image, in pixels.
+    near : float, optional
+        Depth in front of which nothing is drawn, in world units. None fits the plane to each scene.
+    far : float, optional
+        Depth behind which a parallel projection draws nothing, in world units. None fits the plane to each scene.
+
+    Raises
+    ------
+    UsageError
+        A number is out of range, or the projection is missing or ambiguous.
     """
 
     def __init__(
@@ -100,7 +118,7 @@ class Camera:
 
     @classmethod
     def from_dict(cls, camera) -> Camera:
-        """The camera of a scene file's `camera` object."""
+        """Creates a camera from the `camera` object of a scene file."""
         data = dict(camera)
         try:
             eye, target, size, projection = (data.pop(key) for key in ("eye", "target", "size", "projection"))
@@ -125,7 +143,24 @@ class Camera:
 
     @classmethod
     def from_matrices(cls, K, world_from_camera, size, *, near=None) -> Camera:
-        """The camera of a matrix K and a pose, as `Scene.render` takes them."""
+        """Creates a camera from a matrix K and a pose, as in `Scene.render`.
+
+        Parameters
+        ----------
+        K : array of shape (3, 3)
+            Focal lengths and principal point, in pixels from the centre of the first pixel.
+        world_from_camera : array of shape (4, 4) or (3, 4)
+            Pose of a camera that looks along its +z with y down.
+        size : tuple of int
+            Width and height in pixels.
+        near : float, optional
+            Depth in front of which nothing is drawn, in world units.
+
+        Raises
+        ------
+        InputError
+            K has a skew, or the pose isn't a rotation and a translation.
+        """
         import numpy as np
 
         K = _matrix("K", K, [(3, 3)])
@@ -142,17 +177,17 @@ class Camera:
 
     @property
     def eye(self) -> tuple[float, float, float]:
-        """Position of the eye, world units."""
+        """Position of the eye, in world units."""
         return self._data["eye"]
 
     @property
     def target(self) -> tuple[float, float, float]:
-        """The point looked at, world units."""
+        """Point that the camera looks at, in world units."""
         return self._data["target"]
 
     @property
     def up(self) -> tuple[float, float, float]:
-        """The direction that appears upward."""
+        """Direction that appears upward in the image."""
         return self._data["up"]
 
     @property
@@ -162,23 +197,25 @@ class Camera:
 
     @property
     def projection(self) -> dict:
-        """The projection, as in a scene file."""
+        """Projection, as in a scene file."""
         return {kind: dict(lens) for kind, lens in self._data["projection"].items()}
 
     @property
     def near(self) -> float | None:
-        """Depth before which nothing is drawn; None: each scene's own."""
+        """Depth in front of which nothing is drawn, in world units; None fits it to each scene."""
         return self._data.get("near")
 
     @property
     def far(self) -> float | None:
-        """Depth beyond which a parallel projection draws nothing; None: each scene's own."""
+        """Depth behind which a parallel projection draws nothing, in world units; None fits it to each scene."""
         return self._data.get("far")
 
     @property
     def K(self):
-        """Focal lengths and principal point, (3, 3), in pixels from the first pixel's centre; None of a parallel
-        projection."""
+        """Focal lengths and principal point, of shape (3, 3), in pixels from the centre of the first pixel.
+
+        None for a parallel projection.
+        """
         import numpy as np
 
         (kind, lens), = self._data["projection"].items()
@@ -192,7 +229,7 @@ class Camera:
 
     @property
     def world_from_camera(self):
-        """The pose, (4, 4), of a camera that looks along its +z with y down, as OpenCV's."""
+        """Pose of shape (4, 4) of a camera that looks along its +z with y down, as in OpenCV."""
         import numpy as np
 
         unit = lambda v: v / np.linalg.norm(v)  # noqa: E731
@@ -204,12 +241,14 @@ class Camera:
         return pose
 
     def to_dict(self) -> dict:
-        """The `camera` object of a scene file; without near, and far, where these are left to each scene."""
+        """Returns the `camera` object of a scene file. It omits near and far planes that are fitted to each scene."""
         return json.loads(json.dumps(self._data))
 
     def with_size(self, width: int, height: int) -> Camera:
-        """The same camera for images of another size; of focal lengths in pixels these and the principal point are
-        scaled with the height."""
+        """Returns the same camera for images of another size, in pixels.
+
+        Focal lengths and the principal point in pixels scale with the height.
+        """
         data = self.to_dict()
         lens = data["projection"].get("intrinsics")
         if lens is not None:

@@ -1,17 +1,18 @@
-"""What surfel raises, besides Python's own FileNotFoundError, FileExistsError, PermissionError and TypeError."""
+"""Exceptions of Surfel. Python's own FileNotFoundError, FileExistsError, PermissionError and TypeError are raised, too.
+"""
 
 
 class Error(Exception):
-    """Anything that went wrong."""
+    """Base class of Surfel's exceptions."""
 
 
 class UsageError(Error, ValueError):
-    """An argument is out of range, contradicts another, or has nothing to act on."""
+    """An argument is out of range, contradicts another, or has no effect."""
 
 
 class InputError(Error, ValueError):
-    """A file or an array is damaged, or isn't what it is used as."""
+    """A file or an array is damaged, or has the wrong kind of content."""
 
 
 class BackendError(Error, RuntimeError):
-    """The backend isn't here, or doesn't draw what is asked of it."""
+    """The backend is unavailable, or doesn't draw what is requested."""

@@ -1,4 +1,4 @@
-"""What the commands `convert`, `ortho`, `info`, `compare` and `backends` do."""
+"""The commands `convert`, `ortho`, `info`, `compare` and `backends`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ._image import Image
 
 
 def _paths(things) -> list[str]:
-    """Names of files: of one, of several, or of a Scene's."""
+    """Returns file names: of one file, of several, or of a Scene."""
     paths = getattr(things, "_paths", None)
     if paths is None:
         paths = [os.fspath(path) for path in ([things] if isinstance(things, (str, os.PathLike)) else things)]
@@ -21,7 +21,7 @@ def _paths(things) -> list[str]:
 
 
 def _source(thing) -> tuple:
-    """The path of a file, and the scene that has its bytes where the path is `-`."""
+    """Returns a file's path and the scene that holds its bytes (if the path is `-`)."""
     paths = _paths(thing)
     if len(paths) != 1:
         raise UsageError(f"a scene of {len(paths)} files, expected one")
@@ -29,14 +29,40 @@ def _source(thing) -> tuple:
 
 
 def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -> list[str]:
-    """Makes splats of points or a mesh and writes them to a .ply, with `hybrid` an octree to a .surfel, or sorts points
-    of any number of LAZ files by levels into a .copc.laz: the bytes that `surfel convert` writes.
+    """Converts points or a mesh to splats and writes them, as `surfel convert` does.
 
-    input: a file, a list of files for a .copc.laz, or a Scene. Other keywords as in `open` that say how files become
-    splats, and `threads`. For a .copc.laz `resume=True` keeps what is done in a folder beside it until it is there, and
-    goes on with what an interrupted call left; `shard=(i, n)` writes share i of n to a .shard file, and a list of all n
-    is put together. Gives what there is to say about it. Raises FileExistsError without `force`, UsageError,
-    InputError.
+    Parameters
+    ----------
+    input : path-like, list of path-like, or Scene
+        A file or a scene. For a .copc.laz output also a list of files; for shards, the list of all .shard files.
+    output : path-like
+        A name that ends in .ply (splats), .surfel (an octree, with `hybrid`), .copc.laz or .shard (points by level of
+        detail).
+    hybrid : bool
+        True writes an octree.
+    ascii : bool
+        True writes a PLY as text.
+    force : bool
+        True overwrites an existing file.
+    threads : int
+        Number of threads; all cores by default.
+    resume : bool
+        For a .copc.laz: True keeps finished work in a folder beside the output, and continues an interrupted call.
+    shard : tuple of int
+        For a .shard: (i, n) writes shard i of n.
+    **flags
+        The keywords of `open` that control how files become splats.
+
+    Returns
+    -------
+    list of str
+        Notes, as the program prints them.
+
+    Raises
+    ------
+    FileExistsError
+        The output exists and `force` is False.
+    UsageError, InputError
     """
     output = os.fspath(output)
     base = getattr(input, "_base", {})
@@ -50,16 +76,39 @@ def convert(input, output, *, hybrid=False, ascii=False, force=False, **flags) -
 
 
 def ortho(inputs, output=None, *, gsd, dsm=None, normals=None, fill=None, force=False, **flags) -> dict:
-    """Draws files, or a Scene, from above, north up, to GeoTIFFs: the bytes that `surfel ortho` writes.
+    """Draws files or a scene from above, north up, to GeoTIFFs, as `surfel ortho` does.
 
-    inputs: a file, a list of files of one ground, or a Scene; z is up. output: a .tif of colours. gsd: side of a pixel
-    in the units of x and y. dsm, normals: .tif files of heights and of unit normals. At least one of the three files is
-    needed. fill: radius of the largest circle that fits into gaps that are closed by interpolation; a last band marks
-    the pixels of these.
-    Other keywords are flags of `surfel ortho`: `bounds=(x0, y0, x1, y1)`, `origin=(x, y)`, `size=(width, height)`,
-    `crs="EPSG:25832"`, `backend`, `threads`, and those of `open` that say how files become splats.
+    At least one of `output`, `dsm` and `normals` is needed.
 
-    Gives what `--stats` prints, and `notes`. Raises FileExistsError without `force`, UsageError, InputError.
+    Parameters
+    ----------
+    inputs : path-like, list of path-like, or Scene
+        Files of the same area, or a scene; z is up.
+    output : path-like, optional
+        A .tif for colours.
+    gsd : float
+        Side of a pixel, in the units of x and y.
+    dsm, normals : path-like, optional
+        A .tif for heights, and one for unit normals.
+    fill : float, optional
+        Radius, in the units of x and y, of the largest circle that fits into a gap that is interpolated. The last
+        band of a file marks interpolated pixels.
+    force : bool
+        True overwrites existing files.
+    **flags
+        Flags of `surfel ortho`: `bounds=(x0, y0, x1, y1)`, `origin=(x, y)`, `size=(width, height)`, `crs="EPSG:25832"`,
+        `backend`, `threads`, and the keywords of `open` that control how files become splats.
+
+    Returns
+    -------
+    dict
+        Statistics, as `--stats` prints them, and `notes`.
+
+    Raises
+    ------
+    FileExistsError
+        A file exists and `force` is False.
+    UsageError, InputError
     """
     base = getattr(inputs, "_base", {})
     given = {name: value for name, value in base.items() if name in _flags.SPLATS & _flags.ORTHO}
@@ -71,9 +120,20 @@ def ortho(inputs, output=None, *, gsd, dsm=None, normals=None, fill=None, force=
 
 
 def info(input, *, repair=False, allow_outside=False, max_texture=None, columns=None) -> dict:
-    """What a file, or a Scene of one or of arrays, holds: the object that `surfel info --json` prints.
+    """Describes the content of a file or a scene, as `surfel info --json` does.
 
-    columns: names of a table's columns, as in `open`; those of a Scene where they aren't given.
+    Parameters
+    ----------
+    input : path-like or Scene
+        A file, or a scene of one file or of arrays.
+    repair, allow_outside, max_texture
+        As in `open`.
+    columns : str or list of str, optional
+        Names of a table's columns, as in `open`; those of the scene by default.
+
+    Returns
+    -------
+    dict
     """
     path, scene = _source(input)
     columns = _flags.columns_text(getattr(input, "_base", {}).get("columns") if columns is None else columns)
@@ -99,13 +159,28 @@ def _image(name: str, thing):
 
 
 def compare(a, b, *, diff=None, force=False) -> dict:
-    """How far image `b` is from the reference `a`: the object that `surfel compare --json` prints, with `max_abs`,
-    `rmse`, `psnr`, `flip`, and `planes` that both have.
+    """Compares image `b` with the reference `a`, as `surfel compare --json` does.
 
-    a, b: files, Images (positions rounded to float32, as in an EXR), or arrays of linear premultiplied colours, floats
-    of shape (height, width, 3 or 4). diff: a .png to write FLIP's error map to. Infinite numbers are float("inf").
+    Parameters
+    ----------
+    a, b : path-like, Image or array
+        Images, files, or floats of shape (height, width, 3 or 4): linear colours, premultiplied by alpha. Positions
+        of an Image are rounded to float32, as in an EXR.
+    diff : path-like, optional
+        A .png for FLIP's error map.
+    force : bool
+        True overwrites an existing error map.
 
-    Raises InputError for images of different sizes.
+    Returns
+    -------
+    dict
+        `max_abs`, `rmse`, `psnr` (dB), `flip`, and `planes` with the planes of both images. Infinite values are
+        float("inf").
+
+    Raises
+    ------
+    InputError
+        The sizes differ, or a file isn't an image.
     """
     diff = None if diff is None else os.fspath(diff)
     found = json.loads(_native.compare(_image("a", a), _image("b", b), diff, force))
@@ -119,5 +194,5 @@ def compare(a, b, *, diff=None, force=False) -> dict:
 
 
 def backends() -> list[dict]:
-    """What this machine can run: the list that `surfel backends --json` prints."""
+    """Lists the backends and whether this machine can run them, as `surfel backends --json` does."""
     return json.loads(_native.backends())

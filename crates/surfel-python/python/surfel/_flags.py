@@ -1,4 +1,4 @@
-"""From keyword arguments to the texts of the command line's flags."""
+"""Conversion of keyword arguments to the texts of command-line flags."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def _text(name: str, value) -> str:
 
 
 def columns_text(value) -> str | None:
-    """Names of a table's columns, as text or one by one; None in a list leaves a column out."""
+    """Returns the names of a table's columns as one text. None in a list skips a column."""
     if value is None or isinstance(value, str):
         return value
     try:
@@ -62,7 +62,7 @@ def _near(name: str, known: frozenset) -> str | None:
 
 
 def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
-    """Pairs of a flag's name and its text; None says nothing."""
+    """Returns pairs of a flag's name and its text. Arguments that are None are omitted."""
     for name in given:
         if name not in known:
             near = _near(name, known)
@@ -86,7 +86,7 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
 
 
 def _lights(lights) -> str:
-    """Lights as the JSON of a scene file's `lights`."""
+    """Returns lights in the JSON format of a scene file."""
     def plain(value):
         if hasattr(value, "tolist"):  # NumPy
             return value.tolist()
@@ -103,7 +103,7 @@ def _lights(lights) -> str:
 
 
 def planes_of(planes) -> list[str]:
-    """Names of planes; None is all but those of what is nearest and of Gaussians."""
+    """Returns names of planes. None means all planes but those of the nearest surface and of Gaussians."""
     if planes is None:
         return list(PLANES)
     names = [planes] if isinstance(planes, str) else list(planes)

@@ -1,4 +1,4 @@
-"""An image and its planes."""
+"""Rendered images and their planes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,13 @@ def _made(planes: dict, stats: str, recipe: str | None, name: str) -> Image:
 
 
 def joined(bands: list[Image]) -> Image:
-    """The image of which these are all tiles, from the top."""
+    """Joins the tiles of one image.
+
+    Parameters
+    ----------
+    bands : list of Image
+        All tiles of the image, from top to bottom.
+    """
     import numpy as np
 
     def planes(image):
@@ -41,10 +47,15 @@ def joined(bands: list[Image]) -> Image:
 
 
 class Image:
-    """An image that was drawn, and what it was drawn by.
+    """A rendered image, with the scene and flags that it was drawn by.
 
-    Its planes are read-only arrays of NumPy, rows from the top; `numpy.array(image.depth)` is a copy to write to. A
-    plane that wasn't asked for (`planes=`) raises `UsageError`. A notebook shows the image. It can be pickled.
+    Planes are read-only NumPy arrays, with rows from the top. `numpy.array(image.depth)` is a writable copy. Reading a
+    plane that wasn't requested by `planes=` raises `UsageError`. Notebooks display the image. Images can be pickled.
+
+    Attributes
+    ----------
+    name : str
+        Name of the camera, for images of `Scene.render_many`; otherwise empty.
     """
 
     def __init__(self, native, name: str = ""):
@@ -67,12 +78,12 @@ class Image:
 
     @property
     def linear(self):
-        """Colours: float32 of shape (height, width, 4), linear RGBA, premultiplied by alpha."""
+        """Linear RGBA, premultiplied by alpha: float32 of shape (height, width, 4)."""
         return self._plane("linear")
 
     @property
     def rgba(self):
-        """Colours as a PNG holds them: uint8 of shape (height, width, 4), sRGB-encoded RGB and straight alpha."""
+        """Colours as in a PNG: uint8 of shape (height, width, 4). RGB is sRGB-encoded, alpha is straight."""
         self._plane("linear")
         if self._rgba is None:
             self._rgba = self._native.rgba()
@@ -80,101 +91,148 @@ class Image:
 
     @property
     def depth(self):
-        """Distance along the view, not along the ray: float32 of shape (height, width), world units; inf where nothing
-        is."""
+        """Distance along the view direction (not along the ray), in world units: float32 of shape (height, width).
+
+        Pixels without a surface are inf.
+        """
         return self._plane("depth")
 
     @property
     def normal(self):
-        """Unit normals in world space: float32 of shape (height, width, 3); 0 where nothing is."""
+        """Unit normals in world space: float32 of shape (height, width, 3). Pixels without a surface are 0."""
         return self._plane("normal")
 
     @property
     def weight(self):
-        """Sum of the splats' kernels: float32 of shape (height, width); 0 where nothing is."""
+        """Sum of the kernel weights of the splats: float32 of shape (height, width). Pixels without a surface are 0."""
         return self._plane("weight")
 
     @property
     def index(self):
-        """Rows of the nearest splats in their files: uint32 of shape (height, width); 4294967295 where there is none."""
+        """Row of the nearest splat in its file: uint32 of shape (height, width). Pixels without a surface are
+        4294967295.
+        """
         return self._plane("index")
 
     @property
     def object(self):
-        """Numbers of the nearest objects of the scene: uint32 of shape (height, width); 4294967295 where nothing is."""
+        """Index of the nearest object in the scene: uint32 of shape (height, width). Pixels without a surface are
+        4294967295.
+        """
         return self._plane("object")
 
     @property
     def label(self):
-        """Labels of the nearest splats, by the attribute `label=`: uint32 of shape (height, width); 4294967295 where
-        there is none."""
+        """Label of the nearest splat: uint32 of shape (height, width). The flag `label=` names the attribute.
+
+        Pixels without a surface or a label are 4294967295.
+        """
         return self._plane("label")
 
     @property
     def position(self):
-        """World positions of what is seen: float64 of shape (height, width, 3); inf where nothing is."""
+        """World position of the visible surface: float64 of shape (height, width, 3). Pixels without a surface are inf.
+        """
         return self._plane("position")
 
     @property
     def alpha(self):
-        """What trained Gaussians cover: float32 of shape (height, width), 0 to 1."""
+        """Opacity of trained Gaussians, from 0 to 1: float32 of shape (height, width)."""
         return self._plane("alpha")
 
     @property
     def median_depth(self):
-        """Depth at which half of the light of trained Gaussians is gone: float32 of shape (height, width); inf where
-        nothing is."""
+        """Depth at which trained Gaussians absorb half of the light, in world units: float32 of shape (height, width).
+
+        Pixels without Gaussians are inf.
+        """
         return self._plane("median_depth")
 
     @property
     def distortion(self):
-        """How far the depths of a pixel's trained Gaussians are spread, as 2DGS measures it: float32 of shape (height,
-        width)."""
+        """Depth distortion of trained Gaussians, as 2DGS defines it: float32 of shape (height, width)."""
         return self._plane("distortion")
 
     @property
     def notes(self) -> list[str]:
-        """What the program would say on stderr: what was dropped, assumed or estimated."""
+        """Notes that the program prints on stderr: dropped points, assumptions and estimates."""
         return self._native.notes
 
     @property
     def stats(self) -> dict:
-        """What `--stats` prints of a frame: `frame_ms`, `passes` (name to ms), `splats`, `drawn`, `threads`,
-        `backend`."""
+        """Statistics of the frame, as `--stats` prints them.
+
+        Keys are `frame_ms`, `passes` (milliseconds by name), `splats`, `drawn`, `bytes_per_splat`, `threads` and
+        `backend`.
+        """
         return json.loads(self._native.stats)
 
     @property
     def camera(self) -> Camera | None:
-        """The camera that the image is from, for `Scene.render(camera=...)` of any scene. Near and far planes that were
-        made for this scene are left out of it. None of an image of arrays (`compare`)."""
+        """Camera of the image, for `Scene.render(camera=...)` of any scene. None for an image made of arrays.
+
+        Near and far planes that were fitted to this scene are omitted.
+        """
         text = self._native.camera_json()
         return None if text is None else Camera.from_dict(json.loads(text))
 
     @property
     def lights(self) -> list[dict] | None:
-        """The lights of the image, for `Scene.render(lights=...)` of any scene. None: one shines along the view."""
+        """Lights of the image, for `Scene.render(lights=...)` of any scene. None for a single light along the view
+        direction.
+        """
         scene = self.scene_file
         return None if scene is None else scene.get("lights")
 
     @property
     def scene_file(self) -> dict | None:
-        """The scene file (docs/pictures.md) that gives this image, as `--print-scene` writes it."""
+        """Scene file (docs/images.md) that reproduces the image, as `--print-scene` writes it."""
         text = self._native.scene_json()
         return None if text is None else json.loads(text)
 
     def save(self, path, *, force: bool = False, png16: bool = False, exr_f32: bool = False, metadata: bool = True):
-        """Writes a .png, .exr (all planes), .npz (all planes, for `numpy.load`) or .jpg that appears whole or not at
-        all; a .png and an .exr with the scene that it is of, so that `surfel again` repeats it.
+        """Writes the image to a file. The file appears whole or not at all.
 
-        force: overwrites a file. png16: 16 bits a sample. exr_f32: colours as 32-bit floats. metadata: False leaves
-        the scene out.
+        Parameters
+        ----------
+        path : path-like
+            A name that ends in .png, .exr (all planes), .npz (all planes, for `numpy.load`) or .jpg.
+        force : bool
+            True overwrites an existing file.
+        png16 : bool
+            True writes 16 bits a sample to a PNG.
+        exr_f32 : bool
+            True writes 32-bit floats as the colours of an EXR.
+        metadata : bool
+            False omits the scene, which `surfel again` needs to draw a PNG or an EXR again.
 
-        Raises FileExistsError, UsageError (another format) and OSError.
+        Raises
+        ------
+        FileExistsError
+            The file exists and `force` is False.
+        UsageError
+            The name has another ending.
+        OSError
+            The file can't be written.
+        MemoryError
+            The encoded image doesn't fit into memory.
         """
         self._native.save(os.fspath(path), force, png16, exr_f32, metadata)
 
     def png(self, *, png16: bool = False, metadata: bool = True) -> bytes:
-        """The bytes of a PNG, paths in its scene relative to the current folder."""
+        """Encodes the image as a PNG. Paths in its scene are relative to the current folder.
+
+        Parameters
+        ----------
+        png16 : bool
+            True writes 16 bits a sample.
+        metadata : bool
+            False omits the scene.
+
+        Returns
+        -------
+        bytes
+        """
         self._plane("linear")
         return self._native.png(png16, metadata)
 
@@ -187,7 +245,7 @@ class Image:
         return _made, (planes, self._native.stats, self._native.recipe(), self.name)
 
     def __array__(self, dtype=None, copy=None):
-        """`rgba`, so that matplotlib and Pillow take an image as it is."""
+        """Returns `rgba`, so that matplotlib and Pillow accept an image."""
         import numpy as np
 
         if dtype is None and not copy:

@@ -1,8 +1,9 @@
-"""How far long work has come: one line of a terminal or of a notebook's cell, taken away at the end."""
+"""Progress of long work: one line of a terminal or of a notebook's cell, erased at the end."""
 
 import sys
 
-_width = 0
+# The line that is shown.
+_line = ""
 
 
 def _shown() -> bool:
@@ -11,19 +12,20 @@ def _shown() -> bool:
 
 
 def show(stage: str, share: float) -> None:
-    """Says the stage and its share, from 0 to 1."""
-    global _width
-    if _shown():
-        line = f"surfel: {stage or 'drawing'} {share:4.0%}"
-        sys.stderr.write("\r" + line.ljust(_width))
+    """Writes the stage and its progress, from 0 to 1, if the line changes."""
+    global _line
+    line = f"surfel: {stage or 'drawing'} {share:4.0%}"
+    # A notebook that is executed to a file keeps every line that is written.
+    if line != _line and _shown():
+        sys.stderr.write("\r" + line.ljust(len(_line)))
         sys.stderr.flush()
-        _width = len(line)
+        _line = line
 
 
 def clear() -> None:
-    """Takes the line away."""
-    global _width
-    if _shown() and _width:
-        sys.stderr.write("\r" + " " * _width + "\r")
+    """Erases the line."""
+    global _line
+    if _shown() and _line:
+        sys.stderr.write("\r" + " " * len(_line) + "\r")
         sys.stderr.flush()
-    _width = 0
+    _line = ""

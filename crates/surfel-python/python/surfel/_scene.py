@@ -1,4 +1,4 @@
-"""Scenes, and how they are drawn."""
+"""Scenes and rendering."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _MOST_FRAMES = 1_000_000
 
 
 def _listed(cameras, size) -> list[dict]:
-    """A list of cameras as the JSON that `--cameras` reads."""
+    """Returns a list of cameras in the JSON format of `--cameras`."""
     listed = []
     for i, camera in enumerate(cameras):
         if isinstance(camera, Camera):
@@ -41,10 +41,11 @@ def _listed(cameras, size) -> list[dict]:
 
 
 class Scene:
-    """Files, or arrays, that make one scene; made by `scene` and `open`.
+    """Files or arrays that form one scene. `scene` and `open` create scenes.
 
-    What was loaded, estimated and uploaded for an image serves the next. Threads of Python may draw it at once. Pickled
-    for another process it is its files' names, which that process loads, or its arrays.
+    Everything that is loaded, estimated and uploaded for an image is reused by the next. Several Python threads may
+    render a scene at the same time. A pickled scene holds the names of its files, which the other process loads, or
+    its arrays.
     """
 
     def __init__(self, native, paths: list[str], flags: dict):
@@ -56,30 +57,51 @@ class Scene:
         return _flags.texts({**self._base, **flags}, _flags.RENDER, where)
 
     def render(self, *, K=None, world_from_camera=None, planes=None, **flags) -> Image:
-        """Draws one image.
+        """Renders one image.
 
-        Keywords are the flags of `surfel render`, with its defaults: `size=(width, height)` (1024x1024), `view="auto"`
-        or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`, `tile=(i, n)` (band
-        i of n of the rows), `fov_y`, `ortho`, `camera` (a Camera, a dict, or a file), `lights`, `preset="balanced"`,
-        `filter`, `mapping`, `cutoff`, `prefilter`, `depth_tolerance`, `accumulate`, `transparency`, `composite`,
-        `sort`, `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`, `background`, `samples`, `label`,
-        `backend`, `adapter`, `storage`, `threads`, and those on how files become splats (`open`).
+        Parameters
+        ----------
+        K : array of shape (3, 3), optional
+            Focal lengths and principal point in pixels. Coordinates start at the centre of the first pixel, as in
+            OpenCV. `size` is required with it.
+        world_from_camera : array of shape (4, 4) or (3, 4), optional
+            Pose of a camera that looks along its +z with y down, as in COLMAP and OpenCV. K and the pose need each
+            other.
+        planes : str or list of str, optional
+            Planes to compute: "color", "depth", "normal" and "weight" (the default), "index", "object", "label" and
+            "position" of the nearest surface, and "alpha", "median_depth" and "distortion" of trained Gaussians.
+            Fewer planes are faster.
+        camera : Camera, dict or path-like, optional
+            A camera as in a scene file, such as another image's `camera`.
+        lights : list of dict, optional
+            Lights as in a scene file, such as `{"directional": {"direction": (0, 0, -1), "color": (1, 1, 1),
+            "shadow": True}}`, `{"point": ...}` and `{"spot": ...}`. They replace the lights that follow the camera.
+            An empty list leaves only ambient light.
+        force : bool
+            True overwrites the file that `colorbar` names.
+        **flags
+            Other flags of `surfel render`, with its defaults: `size=(width, height)` in pixels (1024x1024),
+            `view="auto"` or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`,
+            `tile=(i, n)` (tile i of n, from the top), `fov_y` in degrees, `ortho`, `preset="balanced"`, `filter`,
+            `mapping`, `cutoff`, `prefilter`, `depth_tolerance`, `accumulate`, `transparency`, `composite`, `sort`,
+            `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`, `background`, `samples`,
+            `label`, `backend`, `adapter`, `storage`, `threads`, and the keywords of `open` that control how files
+            become splats.
 
-        K: (3, 3), focal lengths and principal point in pixels, counted from the first pixel's centre as OpenCV does;
-        it is for images of `size`, which must be given. world_from_camera: (4, 4) or (3, 4), the pose of a camera that
-        looks along its +z with y down, as COLMAP's and OpenCV's.
+        Returns
+        -------
+        Image
 
-        camera: as a scene file has it, such as another image's `camera`. lights: a list of dicts as in a scene file,
-        such as `{"directional": {"direction": (0, 0, -1), "color": (1, 1, 1), "shadow": True}}`, `{"point": ...}` and
-        `{"spot": ...}`, in place of those that stay with the camera; an empty list leaves the ambient light alone.
-
-        force: overwrites the file that `colorbar` names.
-
-        planes: some of "color", "depth", "normal", "weight"; all of these by default. Fewer are faster. "index",
-            "object", "label" and "position" are planes of what is nearest.
-
-        Raises UsageError, InputError, BackendError, OSError (FileNotFoundError and FileExistsError among them),
-        TypeError (an unknown keyword), MemoryError.
+        Raises
+        ------
+        UsageError, InputError, BackendError
+        OSError
+            A file can't be read or written; also as FileNotFoundError and FileExistsError. Or the system allows no more
+            threads.
+        TypeError
+            A keyword is unknown.
+        MemoryError
+            The scene, the image or the threads' stacks don't fit into memory.
         """
         camera = None
         if (K is None) != (world_from_camera is None):
@@ -92,13 +114,29 @@ class Scene:
         return Image(self._native.render(self._texts(flags, "render"), _flags.planes_of(planes), camera))
 
     def render_many(self, cameras=None, *, frames=None, planes=None, **flags):
-        """Draws an image from each camera, some at once, and gives them in order; a scene is uploaded once.
+        """Renders an image from each camera, and yields images in order. The scene is uploaded once.
 
-        cameras: a file or folder that `--cameras` reads (COLMAP, transforms.json, KITTI, ...), or a list of pairs
-        (K, world_from_camera), of dicts with these, `size` and `name`, or of Cameras. Or frames: so many of one turn of
-        the scene about its up axis (`--turntable`). Other keywords as in `render`. Images have the cameras' names (`.name`).
+        Parameters
+        ----------
+        cameras : path-like or list, optional
+            A file or folder that `--cameras` reads (COLMAP, transforms.json, KITTI, ...), or a list of Cameras, of
+            pairs (K, world_from_camera), or of dicts with K, world_from_camera and optionally `size` and `name`.
+        frames : int, optional
+            Number of frames of one turn about the scene's up axis (`--turntable`), in place of `cameras`.
+        planes, **flags
+            As in `render`.
 
-        Raises what `render` raises; of cameras in files InputError.
+        Yields
+        ------
+        Image
+            Its `name` is the camera's name.
+
+        Raises
+        ------
+        InputError
+            A file of cameras is damaged, or a camera is invalid.
+        Exception
+            As in `render`.
         """
         frames = self._many(cameras, frames, planes, flags).start()
         try:
@@ -109,7 +147,7 @@ class Scene:
             frames.close()
 
     def _many(self, cameras, frames, planes, flags):
-        """The pictures of `render_many`, none drawn yet."""
+        """Prepares the images of `render_many` without drawing any."""
         if (cameras is None) == (frames is None):
             raise UsageError("cameras or frames: expected one of them")
         path, text = None, None
@@ -125,18 +163,23 @@ class Scene:
         return self._native.many(self._texts(flags, "render_many"), _flags.planes_of(planes), path, text, frames)
 
     def prepare(self, **flags) -> list[str]:
-        """Loads the files and makes splats of them, which the first `render` of these flags would do; what there is to
-        say about it."""
+        """Loads the files and converts them to splats, as the first `render` with these flags would do.
+
+        Returns
+        -------
+        list of str
+            Notes, as the program prints them.
+        """
         return self._native.prepare(self._texts(flags, "prepare"))
 
     def info(self) -> dict:
-        """`info` of its only file, or of its arrays."""
+        """Describes the scene's only file or its arrays, as `surfel.info` does."""
         from ._files import info
 
         return info(self)
 
     def save(self, output, **flags) -> list[str]:
-        """Writes its splats: `convert` of its only file, or of its arrays."""
+        """Writes the scene's splats, as `surfel.convert` does."""
         from ._files import convert
 
         return convert(self, output, **flags)
@@ -161,26 +204,47 @@ def _unpickled(paths, data, points, notes, flags) -> Scene:
 def scene(
     points, normals=None, colors=None, radii=None, *, attributes=None, faces=None, linear=False, **flags
 ) -> Scene:
-    """A scene of points, a mesh, or disks; what is missing is estimated. Arrays are copied.
+    """Creates a scene from arrays of points, a mesh, or disks. Missing normals and radii are estimated. Arrays are
+    copied.
 
-    points: (n, 3), any real dtype and strides; float64 keeps its precision. Or an object that holds points or a mesh:
-    of trimesh (Trimesh, PointCloud, Scene), PyVista (any data set, MultiBlock), Open3D (legacy and tensor), laspy
-    (LasData), or a table with columns x, y and z (pandas, Polars, Arrow, structured arrays of NumPy). Its arrays of
-    values are attributes, and arrays that are given besides take the place of its own.
-    normals: (n, 3). colors: (n, 3) or (n, 4) with alpha; as displayed (sRGB): uint8, uint16, or floats from 0 to 1.
-    linear: True for colours that are floats of linear light, which may exceed 1.
-    radii: (n,) or a number, world units: with normals each point is a disk as it is. Without them normals are estimated,
-    and radii whose median exceeds five spacings of the points are an attribute instead, which a note says.
-    attributes: names to values of each point, (n,), or of each face, (m,), which `color_by`, `where`, `label` and
-    `classes` use; NaN is no value. Of vectors, (n, k), the name is their length, and name_0, ... (of three name_x,
-    name_y, name_z) are their components.
-    faces: (m, 3) or (m, 4) whole numbers: a mesh.
-    Other keywords as in `open`.
+    Parameters
+    ----------
+    points : array of shape (n, 3), or object
+        Positions of any real dtype and strides, in world units; float64 keeps its precision. Also accepted are
+        objects of trimesh (Trimesh, PointCloud, Scene), PyVista (any data set, MultiBlock), Open3D (legacy and
+        tensor) and laspy (LasData), and tables with columns x, y and z (pandas, Polars, Arrow, structured arrays of
+        NumPy). Values of an object become attributes. Other arguments replace the object's own arrays.
+    normals : array of shape (n, 3), optional
+        Directions of any length.
+    colors : array of shape (n, 3) or (n, 4), optional
+        sRGB colours as uint8, uint16, or floats from 0 to 1, optionally with alpha.
+    radii : array of shape (n,), or float, optional
+        Radii in world units. With normals, each point is drawn as a disk of its radius. Without normals, normals are
+        estimated; if the median radius exceeds five point spacings, the radii become an attribute and a note says so.
+    attributes : dict, optional
+        Values by name, of shape (n,) for points or (m,) for faces, for `color_by`, `where`, `label` and `classes`.
+        NaN means no value. Of vectors, of shape (n, k), the name is the length, and name_0, ... are components
+        (name_x, name_y and name_z for k = 3).
+    faces : int array of shape (m, 3) or (m, 4), optional
+        Rows of `points`, which then form a mesh.
+    linear : bool
+        True if colours are floats of linear light, which may exceed 1.
+    **flags
+        As in `open`.
 
-    Points that are NaN, infinite or masked are left out, which a note says; such colours, radii and corners are
-    refused.
+    Returns
+    -------
+    Scene
 
-    Raises InputError (shape, values) and TypeError (dtype), naming the argument; MemoryError.
+    Raises
+    ------
+    InputError
+        An array has the wrong shape or invalid values. NaN, infinite or masked points are dropped with a note; such
+        colours, radii and face corners are refused.
+    TypeError
+        An array has the wrong dtype, or a keyword is unknown.
+    MemoryError
+        The arrays don't fit into memory.
     """
     _flags.texts(flags, _flags.RENDER, "scene")
     given = {"normals": normals, "colors": colors, "radii": radii, "attributes": attributes, "faces": faces}
@@ -201,10 +265,23 @@ def scene(
 
 
 def again(picture) -> Image:
-    """Draws an image again from the scene that it carries, as `surfel again` does; `compare` says whether it is the
-    same.
+    """Draws an image again from the scene that its file carries, as `surfel again` does. `compare` shows any
+    difference.
 
-    picture: a PNG or EXR that surfel drew with metadata. Raises InputError for one without, FileNotFoundError.
+    Parameters
+    ----------
+    picture : path-like
+        A PNG or EXR that Surfel wrote with metadata.
+
+    Returns
+    -------
+    Image
+
+    Raises
+    ------
+    InputError
+        The file carries no scene.
+    FileNotFoundError
     """
     path = os.fspath(picture)
     native, flags = _native.Scene.of_picture(path)
@@ -212,15 +289,31 @@ def again(picture) -> Image:
 
 
 def open(*paths, **flags) -> Scene:
-    """A scene of one scene file, or of any number of files of splats, points and meshes (docs/inputs.md).
+    """Creates a scene from one scene file, or from any number of files of splats, points and meshes (docs/inputs.md).
 
-    Keywords are flags of `surfel render`, for all images; those on how files become splats are `repair`, `texture`,
-    `per_vertex`, `per_face`, `splats`, `radius_scale`, `max_points`, `cull`, `sharp`, `crease_angle`, `error`,
-    `color_by`, `colormap`, `range`, `colorbar`, `crop`, `classes`, `returns`, `where`, `every`, `all_points`,
-    `outliers`, `allow_outside`, `max_texture`, `columns` (names of a table's columns: text such as "x,y,z,_,r,g,b", or a
-    list of names) and `memory`. Files are read by the first image.
+    The first image reads the files.
 
-    Raises FileNotFoundError, TypeError (an unknown keyword).
+    Parameters
+    ----------
+    *paths : path-like
+        One scene file, or other files.
+    columns : str or list of str, optional
+        Names of a table's columns, such as "x,y,z,_,r,g,b".
+    **flags
+        Flags of `surfel render`, for all images of the scene. These control how files become splats: `repair`,
+        `texture`, `colors`, `per_vertex`, `per_face`, `splats`, `radius_scale`, `max_points`, `cull`, `sharp`,
+        `crease_angle`, `error`, `color_by`, `colormap`, `range`, `colorbar`, `crop`, `classes`, `returns`, `where`,
+        `every`, `all_points`, `outliers`, `allow_outside`, `max_texture`, `columns` and `memory`.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    FileNotFoundError
+    TypeError
+        A keyword is unknown.
     """
     _flags.texts(flags, _flags.RENDER, "open")
     if not paths:

@@ -1,4 +1,4 @@
-"""What runs in the worker processes of Ray and Dask: the same pictures and files as in one process, to the bit."""
+"""Jobs of the worker processes of Ray and Dask. Results are identical to those of one process."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST = 1_000_000
 
 
 class Frames:
-    """A scene that stays loaded, and pictures of it by cameras or frames. Pickled it is what it is made of."""
+    """Images of one scene from several cameras or frames. A pickled job holds the scene's inputs."""
 
     def __init__(self, scene: Scene, cameras, frames, planes, output, flags: dict):
         if cameras is not None and not isinstance(cameras, (str, os.PathLike)):
@@ -34,7 +34,7 @@ class Frames:
         return len(self._many)
 
     def draw(self, i: int):
-        """Picture i, or the name of its file."""
+        """Draws image i. Returns the image, or the name of its file."""
         name = self._many.name(i)
         path = None if self._output is None else self._output.replace("{name}", name)
         # A task that a lost worker had ended is begun anew.
@@ -47,7 +47,7 @@ class Frames:
 
 
 class Tiles:
-    """A scene that stays loaded, and bands of rows of one picture of it. Pickled it is what it is made of."""
+    """Tiles of one image of a scene. A pickled job holds the scene's inputs."""
 
     def __init__(self, scene: Scene, tiles: int, flags: dict):
         if not isinstance(tiles, int) or not 1 <= tiles <= MOST:
@@ -69,7 +69,7 @@ class Tiles:
 
 
 class Files:
-    """Files of which each is converted by itself."""
+    """Files that are converted independently."""
 
     def __init__(self, inputs, output: str, flags: dict):
         self._flags = flags
@@ -92,7 +92,7 @@ class Files:
 
 
 class Shares:
-    """Shares of one conversion, and the file that they are together: files beside it, which it is made of."""
+    """Shards of one conversion, as files beside the output, and their merge."""
 
     def __init__(self, inputs, output: str, shares: int, flags: dict):
         if not isinstance(shares, int) or not 1 <= shares <= MOST:
@@ -123,7 +123,7 @@ class Shares:
 
 
 def conversion(inputs, output, shares: int, flags: dict):
-    """One file of all inputs where that is what the name says, else a file of each."""
+    """Returns a job that writes one file of all inputs (a .copc.laz without {stem}), or one file for each input."""
     output = os.fspath(output)
     if output.lower().endswith(COPC) and "{stem}" not in output:
         return Shares(inputs, output, shares, flags)
@@ -131,8 +131,10 @@ def conversion(inputs, output, shares: int, flags: dict):
 
 
 def in_order(job, ahead: int, start, start_join, wait):
-    """Starts task after task, so many ahead of the one that is given next, and gives what they gave; of a job with
-    `join` only what that gives, which starts when all tasks are done."""
+    """Starts tasks, up to `ahead` more than are finished, and yields their results in order.
+
+    For a job with `join`, which starts after all tasks, only its result is yielded.
+    """
     def each():
         for i in range(len(job)):
             start(i)

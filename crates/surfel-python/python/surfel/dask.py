@@ -1,7 +1,7 @@
-"""Pictures and files by the workers of Dask, which `pip install surfel[dask]` installs.
+"""Rendering and conversion on workers of Dask, which `pip install surfel[dask]` installs.
 
-Workers hold a scene, which each loads once. What they give are the bits of one process; Dask gives the tasks of a lost
-worker to others. All give their results in order, some tasks ahead of what is taken.
+Each worker loads the scene once. Results are identical to those of one process. Dask gives the tasks of a lost
+worker to others. Results are yielded in order; workers run a few tasks ahead of the result that is read.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _join(job):
 
 
 def _done(job, client):
-    """What the job's tasks give."""
+    """Yields the results of the job's tasks."""
     client = get_client() if client is None else client
     # It goes to a worker with the first task there, and stays until it is let go.
     held = client.submit(_held, job, pure=False)
@@ -42,28 +42,85 @@ def _done(job, client):
 
 
 def render_many(scene, cameras=None, *, frames=None, planes=None, output=None, client=None, threads=1, **flags):
-    """`Scene.render_many` by the workers of `client` (the current one), with `threads` cores for each of their threads.
+    """Renders images as `Scene.render_many` does, on workers of Dask. Yields images in order, identical to those of one
+    process.
 
-    output: a name with {name} of files that workers write, in a folder that they share; then the files' names are
-    given, and files that exist are left as they are. Raises what `Scene.render_many` raises, and ValueError without a
-    client.
+    Parameters
+    ----------
+    scene, cameras, frames, planes, **flags
+        As in `Scene.render_many`.
+    output : path-like, optional
+        A file name with {name}, in a folder that all workers share. Workers write the files, whose names are yielded in
+        place of images. Existing files are kept.
+    client : distributed.Client, optional
+        The current client by default.
+    threads : int
+        Cores of each thread of a worker.
+
+    Raises
+    ------
+    ValueError
+        There is no client.
+    Exception
+        As in `Scene.render_many`.
     """
     job = _workers.Frames(scene, cameras, frames, planes, output, {**flags, "threads": threads})
     return _done(job, client)
 
 
 def render(scene, *, tiles=16, client=None, threads=1, **flags) -> Image:
-    """`Scene.render`, in so many bands of rows by the workers of `client` (the current one); `stats["frame_ms"]` is
-    what they took together. Raises what `Scene.render` raises, and ValueError without a client."""
+    """Renders one image as `Scene.render` does, in tiles, on workers of Dask.
+
+    Parameters
+    ----------
+    tiles : int
+        Number of tiles.
+    scene, **flags
+        As in `Scene.render`.
+    client : distributed.Client, optional
+        The current client by default.
+    threads : int
+        Cores of each thread of a worker.
+
+    Returns
+    -------
+    Image
+        Its `stats["frame_ms"]` is the sum over all tiles.
+
+    Raises
+    ------
+    ValueError
+        There is no client.
+    Exception
+        As in `Scene.render`.
+    """
     return joined(list(_done(_workers.Tiles(scene, tiles, {**flags, "threads": threads}), client)))
 
 
 def convert(inputs, output, *, shares=16, client=None, threads=1, **flags):
-    """`surfel.convert` of each of the files, by itself; gives the names of what was written.
+    """Converts files as `surfel.convert` does, on workers of Dask. Yields the names of the written files.
 
-    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. A name without
-    it that ends in .copc.laz is one file of all inputs, the bytes of one process: so many shares of it are written
-    beside it, and put together. Files that exist are left as they are, and unfinished shares gone on with. Raises what
-    `surfel.convert` raises, and ValueError without a client.
+    Parameters
+    ----------
+    inputs : list of path-like
+    output : path-like
+        A file name in a folder that all workers share. {stem} stands for the input's name without folder and
+        extension. A name without {stem} that ends in .copc.laz is one file of all inputs, identical to that of one
+        process. Existing files are kept, and unfinished shards are continued.
+    shares : int
+        Number of shards of a .copc.laz, which are written beside it and merged.
+    client : distributed.Client, optional
+        The current client by default.
+    threads : int
+        Cores of each thread of a worker.
+    **flags
+        As in `surfel.convert`.
+
+    Raises
+    ------
+    ValueError
+        There is no client.
+    Exception
+        As in `surfel.convert`.
     """
     return _done(_workers.conversion(inputs, output, shares, {**flags, "threads": threads}), client)

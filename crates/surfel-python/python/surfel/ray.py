@@ -1,7 +1,7 @@
-"""Pictures and files by the workers of Ray, which `pip install surfel[ray]` installs.
+"""Rendering and conversion on workers of Ray, which `pip install surfel[ray]` installs.
 
-Actors hold a scene, which each loads once. What they give are the bits of one process; Ray starts a lost one again, and
-its task with it. All give their results in order, some tasks ahead of what is taken.
+Each actor loads the scene once. Results are identical to those of one process. Ray restarts a lost actor and its task.
+Results are yielded in order; workers run a few tasks ahead of the result that is read.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class _Actor:
 
 
 def _done(job, workers, threads):
-    """What the job's tasks give, by so many actors."""
+    """Yields the results of the job's tasks."""
     if not ray.is_initialized():
         ray.init()
     cpus = int(ray.cluster_resources().get("CPU", 1)) // threads
@@ -44,29 +44,81 @@ def _done(job, workers, threads):
 
 
 def render_many(scene, cameras=None, *, frames=None, planes=None, output=None, workers=None, threads=1, **flags):
-    """`Scene.render_many` by `workers` actors (as many as fit) of `threads` cores each.
+    """Renders images as `Scene.render_many` does, on workers of Ray. Yields images in order, identical to those of one
+    process.
 
-    output: a name with {name} of files that workers write, in a folder that they share; then the files' names are
-    given, and files that exist are left as they are. Raises what `Scene.render_many` raises.
+    Parameters
+    ----------
+    scene, cameras, frames, planes, **flags
+        As in `Scene.render_many`.
+    output : path-like, optional
+        A file name with {name}, in a folder that all workers share. Workers write the files, whose names are yielded in
+        place of images. Existing files are kept.
+    workers : int, optional
+        Number of actors; as many as the cluster has cores for by default.
+    threads : int
+        Cores of each actor.
+
+    Raises
+    ------
+    Exception
+        As in `Scene.render_many`.
     """
     job = _workers.Frames(scene, cameras, frames, planes, output, {**flags, "threads": threads})
     return _done(job, workers, threads)
 
 
 def render(scene, *, tiles=16, workers=None, threads=1, **flags) -> Image:
-    """`Scene.render`, in so many bands of rows by `workers` actors of `threads` cores each; `stats["frame_ms"]` is what
-    they took together. Raises what `Scene.render` raises."""
+    """Renders one image as `Scene.render` does, in tiles, on workers of Ray.
+
+    Parameters
+    ----------
+    tiles : int
+        Number of tiles.
+    scene, **flags
+        As in `Scene.render`.
+    workers : int, optional
+        Number of actors; as many as the cluster has cores for by default.
+    threads : int
+        Cores of each actor.
+
+    Returns
+    -------
+    Image
+        Its `stats["frame_ms"]` is the sum over all tiles.
+
+    Raises
+    ------
+    Exception
+        As in `Scene.render`.
+    """
     job = _workers.Tiles(scene, tiles, {**flags, "threads": threads})
     return joined(list(_done(job, workers, threads)))
 
 
 def convert(inputs, output, *, shares=16, workers=None, threads=1, **flags):
-    """`surfel.convert` of each of the files, by itself; gives the names of what was written.
+    """Converts files as `surfel.convert` does, on workers of Ray. Yields the names of the written files.
 
-    output: a name with {stem}, the input's without folder and endings, in a folder that workers share. A name without
-    it that ends in .copc.laz is one file of all inputs, the bytes of one process: so many shares of it are written
-    beside it, and put together. Files that exist are left as they are, and unfinished shares gone on with. Raises what
-    `surfel.convert` raises.
+    Parameters
+    ----------
+    inputs : list of path-like
+    output : path-like
+        A file name in a folder that all workers share. {stem} stands for the input's name without folder and
+        extension. A name without {stem} that ends in .copc.laz is one file of all inputs, identical to that of one
+        process. Existing files are kept, and unfinished shards are continued.
+    shares : int
+        Number of shards of a .copc.laz, which are written beside it and merged.
+    workers : int, optional
+        Number of actors; as many as the cluster has cores for by default.
+    threads : int
+        Cores of each actor.
+    **flags
+        As in `surfel.convert`.
+
+    Raises
+    ------
+    Exception
+        As in `surfel.convert`.
     """
     job = _workers.conversion(inputs, output, shares, {**flags, "threads": threads})
     return _done(job, workers, threads)

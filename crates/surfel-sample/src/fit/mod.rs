@@ -56,7 +56,7 @@ pub struct FitReport {
     pub samples: usize,
     /// Number of solver steps; 0 for [`TextureSampling::Ewa`].
     pub steps: usize,
-    /// KKT residual: the largest change of a value by a further step.
+    /// KKT residual: the largest change of a value (linear colour or normal component) by a further step.
     pub residual: f64,
     /// Root mean square error of the blend in linear light, before and after, over the surface and channels.
     pub color_rms: [f64; 2],
@@ -73,6 +73,9 @@ pub struct FitReport {
 /// limited to 0 to 1 (or to the mesh's largest value) and to near the colours under the splat. Splats on no part of the
 /// mesh don't change. A surface of one colour gets exactly this colour. The result doesn't depend on the number of
 /// threads.
+///
+/// Source: Z01 §5 (texture acquisition), with the splats' shares of the blend in place of their weights, and with
+/// bounds.
 ///
 /// # Errors
 /// [`SampleError::Model`] for a mesh that isn't valid, [`SampleError::Empty`] for one without triangles,

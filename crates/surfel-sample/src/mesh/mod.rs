@@ -58,6 +58,8 @@ pub use vertices::points_from_mesh;
 /// - [`MeshMethod::Adaptive`]: that many samples if the mesh is nearly flat; samples are closer together on thin parts.
 /// - [`MeshMethod::Detail`]: the number of samples in [`Detail`], closer where colours vary if that saves samples.
 ///
+/// Sources: C12 §5.1 (one ellipse per triangle); weighted sample elimination (Yuksel 2015); Z04 (clip lines).
+///
 /// # Errors
 /// [`SampleError::Empty`] without vertices or triangles, [`SampleError::NoArea`] if no triangle has any,
 /// [`SampleError::Option`] for options out of range, [`SampleError::TooMany`] above 268 million elements, and

@@ -54,6 +54,9 @@ impl Default for OctreeOptions {
 /// textures and vertices as in [`super::splats_from_mesh`], or are fitted level by level, so that a far view is the
 /// filtered near view (Z01 §8). The interior weight is that of the leaves' splats. Polygons have one texture: a mesh
 /// with several shows them by its vertices' colours ([`Mesh::with_one_material`]). The result is deterministic.
+///
+/// Source: rendering model §6, after G06 §5.2.
+///
 /// # Errors
 /// Same as [`super::splats_from_mesh`] with [`MeshMethod::Count`]; [`SampleError::Option`] for an option of 0.
 pub fn octree_from_mesh(mesh: &Mesh, options: &OctreeOptions, progress: &dyn Progress) -> Result<Octree, SampleError> {

@@ -121,6 +121,8 @@ pub struct SharpReport {
 /// while the total stays within the requested number. Colours are sampled at the splats' centres. Origin, up axis and
 /// comments are copied, the errors are added as a comment, and the cloud's `interior_weight` is set.
 ///
+/// Sources: C12 §4 and §5; edge collapse by quadrics (Garland and Heckbert 1997).
+///
 /// # Errors
 /// Same as [`crate::splats_from_mesh`].
 pub fn sharp_splats_from_mesh(

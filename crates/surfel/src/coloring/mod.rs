@@ -38,7 +38,7 @@ pub enum ColorScale {
     Range {
         /// The colour map.
         map: Colormap,
-        /// Values at the ends of the map.
+        /// Values at the ends of the map, in the attribute's units.
         range: [f64; 2],
     },
     /// One colour per value, in ascending order of values.

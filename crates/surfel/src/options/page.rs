@@ -16,8 +16,8 @@ day, in **bold** here, and `surfel COMMAND --help` lists all of them.
 - A file for `--config` has the flags' names as keys: `color-by = \"height\"`.
 - *Files* are the kinds of files that an option has an effect on. If no input is of such a kind, the program stops and
   says so.
-- *Scene key* is the option's key in a scene file, as `--print-scene` writes it; keys that begin with `convert` and
-  `material` belong to an object.
+- *Scene key* is the option's key in a [scene file](scenes.md); keys that begin with `convert` and `material` belong to
+  an object.
 ";
 
 impl Table {

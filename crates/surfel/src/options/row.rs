@@ -551,7 +551,6 @@ pub(super) fn put<T>(slot: &mut Option<T>, value: Result<T, String>) -> Result<(
 }
 
 /// Stores a path.
-#[expect(clippy::unnecessary_wraps, reason = "the form of setters")]
 pub(super) fn put_path(slot: &mut Option<PathBuf>, path: PathBuf) -> Result<(), String> {
     *slot = Some(path);
     Ok(())

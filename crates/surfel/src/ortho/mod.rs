@@ -52,16 +52,17 @@ const VIEWPOINT_SIDES: f64 = 1e3;
 pub struct OrthoOptions {
     /// Ground sampling distance: side of a pixel in the units of x and y; greater than 0.
     pub gsd: f64,
-    /// Point at which a corner of pixels lies.
+    /// Point (x, y) at which a corner of pixels lies, in the units of x and y.
     pub origin: [f64; 2],
-    /// Bounds of the image, least x and y, then largest; enlarged to whole pixels. `None`: bounds of the points.
+    /// Bounds of the image in the units of x and y: least x and y, then largest; enlarged to whole pixels. `None`:
+    /// bounds of the points.
     pub bounds: Option<[f64; 4]>,
-    /// Number of columns and rows, as an alternative to bounds; the lower left corner is then `origin`.
+    /// Number of columns and rows, at least 1, as an alternative to bounds; the lower left corner is then `origin`.
     pub size: Option<[u32; 2]>,
-    /// EPSG code of the coordinate reference system; `None`: as the files state.
+    /// EPSG code of the coordinate reference system, 1024 to 32,766; `None`: as the files state.
     pub epsg: Option<u16>,
-    /// Radius of the largest circle that fits into gaps to be filled by interpolation, in the units of x and y. `None`:
-    /// gaps aren't filled.
+    /// Radius of the largest circle that fits into gaps to be filled by interpolation, in the units of x and y: more
+    /// than 0, at most 512 pixels. `None`: gaps aren't filled.
     pub fill: Option<f64>,
     /// True if points that are isolated in height, such as birds and reflections, are drawn.
     pub lone: bool,
@@ -232,7 +233,8 @@ impl Ortho {
     /// Draws the images; `software` is the program name stored in them. The files appear when all are complete.
     ///
     /// # Errors
-    /// [`Error::Io`] if a file exists already or can't be written, and errors of loading and drawing.
+    /// [`Error::Usage`] if `files` names no image, [`Error::Io`] if a file exists already or can't be written. Files
+    /// are loaded again, which fails as in [`Ortho::open`]; [`Error::Render`] if a block can't be drawn.
     pub fn draw(
         &mut self,
         files: &OrthoFiles,
