@@ -1,5 +1,5 @@
-//! The command line's grammar: commands and their options. Options of `render`, `convert`, `ortho`, `serve`, `again` and
-//! `info` come from the table in [`surfel::options`].
+//! The command line's grammar: commands and their options. Options of `render`, `convert`, `ortho`, `serve`, `again`
+//! and `info` come from the table in [`surfel::options`].
 
 use crate::values::{self, Threshold};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
@@ -38,8 +38,8 @@ pub(crate) enum Command {
 }
 
 /// Help of the inputs of `render` and `serve`.
-const SCENE: &str = "A scene file (.json), or splats, points or meshes that form one scene; - is stdin. With {input} in \
-                     OUT, each INPUT gets its own image";
+const SCENE: &str = "A scene file (.json), or splats, points or meshes that form one scene; - is stdin. With {input} \
+                     in OUT, each INPUT gets its own image";
 
 /// Returns the command-line grammar.
 pub(crate) fn command() -> clap::Command {
@@ -55,8 +55,8 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         .version(env!("CARGO_PKG_VERSION"))
         .about("Renders splats, scans, point clouds and meshes by surface splatting")
         .long_about(
-            "Renders splats, scans, point clouds and meshes by surface splatting.\n\n`surfel INPUT -o OUT` is short for \
-             `surfel render INPUT -o OUT`.",
+            "Renders splats, scans, point clouds and meshes by surface splatting.\n\n`surfel INPUT -o OUT` is short \
+             for `surfel render INPUT -o OUT`.",
         )
         .arg_required_else_help(true)
         .subcommand_required(true)
@@ -68,8 +68,8 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         )
         .subcommand(of("convert", "Convert points or a mesh to splats").arg(inputs(
             "INPUT",
-            "Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of point files (LAS, LAZ, COPC, PLY, \
-             PCD, NPY, XYZ), or all shards that --shard wrote",
+            "Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of point files (LAS, LAZ, COPC, \
+             PLY, PCD, NPY, XYZ), or all shards that --shard wrote",
             1..,
         )))
         .subcommand(
