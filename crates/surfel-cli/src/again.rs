@@ -1,23 +1,22 @@
 //! `surfel again`: draws an image again from the scene stored in its metadata.
 
-use crate::args::{AgainArgs, Cli, Command, RenderArgs, command};
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::output::{Format, Output};
 use crate::render::Session;
 use crate::resolve::{SceneSource, Source};
 use crate::stdin::{self, Stdin, is_stdin};
-use clap::FromArgMatches;
 use serde_json::Value;
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 use surfel::io::Planes;
 use surfel::io::ShowPath as _;
 use surfel::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
+use surfel::options::{Commands, Options, table};
 
-pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result<(), Failure> {
-    let name = args.image.shown();
-    let image = surfel::io::read_image(&args.image)?;
+pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
+    let path = input(args);
+    let name = path.shown();
+    let image = surfel::io::read_image(path)?;
     let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
     let Some(scene) = text(SCENE_KEY) else {
         return Err(Failure::input(format!(
@@ -25,8 +24,8 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
              that edit images often leave such text out: take the file as it was drawn"
         )));
     };
-    let (file, keys) = surfel::scene::parse_scene_file(scene.as_bytes(), &args.image)?;
-    let base = args.image.parent().unwrap_or(Path::new("")).to_path_buf();
+    let (file, keys) = surfel::scene::parse_scene_file(scene.as_bytes(), path)?;
+    let base = path.parent().unwrap_or(Path::new("")).to_path_buf();
     let stdin = Stdin::default();
 
     let mut changed = Vec::new();
@@ -36,9 +35,10 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
     changed.extend(changed_inputs(args, &json(args, INPUTS_KEY, text(INPUTS_KEY))?, &base, &stdin)?);
     changed.iter().for_each(|what| console.note(&format!("{name}: {what}")));
 
-    let output = args.output.clone().unwrap_or_else(|| default_output(&args.image));
+    let output = args.output.clone().unwrap_or_else(|| default_output(path));
     let drawn = json(args, DRAWN_KEY, text(DRAWN_KEY))?;
-    let render = render_args(args, &drawn, &output)?;
+    let mut render = render_options(args, &drawn)?;
+    render.inputs.push(path.to_path_buf());
     let target = Output::new(&output, args.force, render.png16, render.exr_f32)?;
     let is_exr = image.depth.is_some() || image.weight.is_some();
     if is_exr != matches!(target.format, Format::Exr { .. }) || target.format == Format::Jpeg {
@@ -46,9 +46,9 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
         return Err(Failure::usage(format!("-o {}: {name} is {format}, expected a name for another", output.shown())));
     }
     let mut session = Session::start(&render, Some(target), stdin, threads, console)?;
-    session.check_names(&args.image)?;
-    let source = SceneSource { file, keys, name: args.image.clone(), base };
-    let files = session.draw(Source::Scene(Box::new(source)), &args.image)?.files;
+    session.check_names(path)?;
+    let source = SceneSource { file, keys, name: path.to_path_buf(), base };
+    let files = session.draw(Source::Scene(Box::new(source)), path)?.files;
     let Some(written) = files.first() else { return Ok(()) };
     judge(args, &image, written, &changed, &drawn, console)
 }
@@ -56,7 +56,7 @@ pub(crate) fn run(args: &AgainArgs, threads: usize, console: &Console) -> Result
 /// Reports whether the image is identical to the original. Fails with exit code 5 if it differs although nothing is
 /// known to have changed.
 fn judge(
-    args: &AgainArgs,
+    args: &Options,
     image: &Planes,
     written: &Path,
     changed: &[String],
@@ -64,7 +64,7 @@ fn judge(
     console: &Console,
 ) -> Result<(), Failure> {
     let again = surfel::io::read_image(written)?;
-    let (name, written) = (args.image.shown(), written.shown());
+    let (name, written) = (input(args).shown(), written.shown());
     let planes = |p: &Planes| (bits(p.color.as_ref().map(|c| c.as_flattened())), bits(p.depth.as_deref()));
     if (again.width, again.height) == (image.width, image.height) && planes(&again) == planes(image) {
         console.note(&format!("{written}: the same image as {name}, to the bit"));
@@ -93,15 +93,15 @@ fn default_output(image: &Path) -> PathBuf {
 }
 
 /// Parses a metadata entry as JSON; null if the entry is missing.
-fn json(args: &AgainArgs, key: &str, text: Option<&str>) -> Result<Value, Failure> {
+fn json(args: &Options, key: &str, text: Option<&str>) -> Result<Value, Failure> {
     let Some(text) = text else { return Ok(Value::Null) };
-    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", args.image.shown())))
+    serde_json::from_str(text).map_err(|e| Failure::input(format!("{}: {key} is damaged: {e}", input(args).shown())))
 }
 
 /// Returns a description of each input that has changed since the image was drawn.
 ///
 /// Fails if inputs are missing; all of them are named before anything is loaded.
-fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) -> Result<Vec<String>, Failure> {
+fn changed_inputs(args: &Options, inputs: &Value, base: &Path, stdin: &Stdin) -> Result<Vec<String>, Failure> {
     let (mut missing, mut changed) = (Vec::new(), Vec::new());
     for input in inputs.as_array().into_iter().flatten() {
         let Some(path) = input["path"].as_str().map(Path::new) else { continue };
@@ -123,46 +123,45 @@ fn changed_inputs(args: &AgainArgs, inputs: &Value, base: &Path, stdin: &Stdin) 
     Err(Failure::input(format!(
         "{}: is drawn of what is not there: {}\n  help: its paths are relative to it: put the files back, or the \
          image beside them",
-        args.image.shown(),
+        input(args).shown(),
         missing.join(", ")
     )))
 }
 
-/// Returns the flags that draw the image, parsed by the command line's own parser.
-fn render_args(args: &AgainArgs, drawn: &Value, output: &Path) -> Result<RenderArgs, Failure> {
-    let mut to = OsString::from("--output=");
-    to.push(output);
-    // The scene is already known, so the input's name has no effect.
-    let mut words: Vec<OsString> = vec!["surfel".into(), "render".into(), "scene".into(), to];
-    if args.force {
-        words.push("--force".into());
-    }
+/// Returns the options that draw the image.
+fn render_options(args: &Options, drawn: &Value) -> Result<Options, Failure> {
+    let name = input(args).shown();
+    let mut options = Options::default();
+    options.force = args.force;
     for (key, value) in drawn.as_object().into_iter().flatten() {
         let text = match value {
             Value::String(text) => text.clone(),
+            Value::Bool(on) => (if *on { "on" } else { "off" }).to_owned(),
             other => other.to_string(),
         };
-        match key.as_str() {
-            "backend" if args.backend.is_some() => {}
-            "backend" | "region" | "samples" | "storage" | "planes" | "label" => {
-                words.push(format!("--{key}={text}").into());
+        match table().find(Commands::RENDER, key).filter(|row| row.is_drawn) {
+            Some(row) => {
+                let damaged =
+                    |problem| Failure::input(format!("{name}: {DRAWN_KEY} is damaged: {key}={text}: {problem}"));
+                let is_named = row.names.is_none() || row.is_list || row.has_name(&text);
+                let known = if is_named { Ok(()) } else { Err("is no name of it".to_owned()) };
+                known.and_then(|()| row.set(&mut options, text.as_ref())).map_err(damaged)?;
             }
-            "png16" | "exr-f32" if text == "true" => words.push(format!("--{key}").into()),
-            "adapter" => {}
-            _ => {
-                let message = format!("{}: {DRAWN_KEY} has the unknown key '{key}'", args.image.shown());
+            // The adapter explains differences, but another one may draw the image, too.
+            None if key == "adapter" => {}
+            None => {
+                let message = format!("{name}: {DRAWN_KEY} has the unknown key '{key}'");
                 return Err(Failure::input(format!("{message}: a later version of surfel drew it")));
             }
         }
     }
-    words.extend(args.backend.iter().map(|name| format!("--backend={name}").into()));
-    let damaged = |e: clap::Error| {
-        let line = e.to_string().lines().next().unwrap_or_default().to_owned();
-        Failure::input(format!("{}: {DRAWN_KEY} is damaged: {line}", args.image.shown()))
-    };
-    let matches = command().try_get_matches_from(words).map_err(damaged)?;
-    match Cli::from_arg_matches(&matches).map_err(damaged)?.command {
-        Command::Render(render) => Ok(*render),
-        _ => Err(Failure::input(format!("{}: {DRAWN_KEY} is damaged", args.image.shown()))),
+    if args.backend.is_some() {
+        options.backend.clone_from(&args.backend);
     }
+    Ok(options)
+}
+
+/// Returns the image to draw again.
+fn input(args: &Options) -> &Path {
+    args.inputs.first().map_or(Path::new(""), PathBuf::as_path)
 }

@@ -7,18 +7,20 @@ use clap::parser::ValueSource;
 use std::ffi::OsString;
 use std::path::Path;
 use surfel::io::ShowPath as _;
+use surfel::options::{Commands, Row, table};
 use toml::Value;
 
-/// Flags that exclude each other: one on the command line overrides the others in the file.
-const GROUPS: [&[&str]; 7] = [
-    &["region", "tile"],
-    &["force", "skip-existing"],
-    &["progressive", "skip-existing"],
-    &["ortho", "fov-y"],
-    &["view", "camera", "eye", "target"],
-    &["per-vertex", "per-face", "splats"],
-    &["stats", "print-scene"],
-];
+/// Ways to place the camera: one on the command line overrides the others in the file.
+const CAMERAS: [&str; 4] = ["view", "camera", "eye", "target"];
+
+/// Returns the options of a command that exclude `key`.
+fn excluding(command: Commands, key: &str) -> Vec<&'static str> {
+    let conflicts = |row: &&Row| row.conflicts.contains(&key);
+    let by_others = table().of(command).filter(conflicts).map(|row| row.name);
+    let own = table().find(command, key).into_iter().flat_map(|row| row.conflicts.iter().copied());
+    let of_camera = CAMERAS.into_iter().filter(|_| CAMERAS.contains(&key));
+    by_others.chain(own).chain(of_camera).collect()
+}
 
 /// Returns the file's flags as arguments, except flags given on the command line and flags of other commands.
 pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsString>, Failure> {
@@ -45,8 +47,7 @@ pub(crate) fn arguments(path: &Path, matches: &ArgMatches) -> Result<Vec<OsStrin
     let mut extra: Vec<OsString> = Vec::new();
     for (key, value) in &table {
         let key = key.replace('_', "-");
-        let silenced = on_command_line(&key)
-            || GROUPS.iter().any(|g| g.contains(&key.as_str()) && g.iter().any(|other| on_command_line(other)));
+        let silenced = on_command_line(&key) || excluding(Commands::named(name), &key).into_iter().any(on_command_line);
         match find(command, &key).or_else(|| find(&grammar, &key)) {
             Some(_) if silenced => {}
             Some((_, Kind::Several)) => match value {

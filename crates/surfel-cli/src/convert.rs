@@ -1,10 +1,9 @@
 //! `surfel convert`: converts points and meshes to splats.
 
-use crate::args::ConvertArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
-use crate::{options, pieces, stdout};
+use crate::{pieces, stdout};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel::SplatCloud;
@@ -12,12 +11,13 @@ use surfel::io::ShowPath as _;
 use surfel::io::atomic::target;
 use surfel::io::{IoError, PlyEncoding};
 use surfel::levels::{self, CopcRequest};
+use surfel::options::Options;
 use surfel::splat_file::ConvertRequest;
 use surfel::values::Part;
 
-pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
     let shard = shard(args, console)?;
-    let output = pieces::with_shard(&args.output, shard);
+    let output = pieces::with_shard(output(args), shard);
     check_output(args, &output)?;
     if levels::is_copc(&output) || levels::is_shard(&output) {
         return copc(args, &output, shard, console);
@@ -26,7 +26,7 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     if args.resume {
         return Err(Failure::usage(format!("-o {}: --resume is of OUT.copc.laz and of NAME.shard", output.shown())));
     }
-    if let Some(second) = args.more.first() {
+    if let Some(second) = args.inputs.get(1) {
         let what = "is a second input, expected one (any number with -o OUT.copc.laz)";
         return Err(Failure::usage(format!("{}: {what}", second.shown())));
     }
@@ -36,63 +36,73 @@ pub(crate) fn run(args: &ConvertArgs, console: &Console) -> Result<(), Failure> 
     save(args, &converted(args, console)?, console)
 }
 
-/// Checks the options of a shard that are wrong for any input.
-pub(crate) fn check(args: &ConvertArgs) -> Result<(), Failure> {
-    let output = pieces::with_shard(&args.output, args.shard);
-    check_output(args, &output)?;
-    Ok(levels::check_copc(&output, &options::splats(&args.splats, args.force)?, args.ascii, args.shard)?)
+/// Returns the first input.
+fn input(args: &Options) -> &Path {
+    args.inputs.first().map_or(Path::new(""), PathBuf::as_path)
 }
 
-fn converted(args: &ConvertArgs, console: &Console) -> Result<SplatCloud, Failure> {
+/// Returns the file to write.
+fn output(args: &Options) -> &Path {
+    args.output.as_deref().unwrap_or(Path::new(""))
+}
+
+/// Checks the options of a shard that are wrong for any input.
+pub(crate) fn check(args: &Options) -> Result<(), Failure> {
+    let output = pieces::with_shard(output(args), args.shard);
+    check_output(args, &output)?;
+    Ok(levels::check_copc(&output, &args.render.splats, args.ascii, args.shard)?)
+}
+
+fn converted(args: &Options, console: &Console) -> Result<SplatCloud, Failure> {
     let progress = console.progress();
-    let options = options::splats(&args.splats, args.force)?;
-    let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
+    let options = &args.render.splats;
+    let request = ConvertRequest { path: input(args), options, stdin: bytes(args)? };
     let loaded = request.load(&progress)?;
     drop(progress);
     Ok(request.convert(loaded, &mut |note| console.note(&note))?)
 }
 
 /// Returns the content of stdin, if it is the input.
-fn bytes(args: &ConvertArgs) -> Result<Option<Arc<[u8]>>, Failure> {
-    Ok(if is_stdin(&args.input) { Some(Stdin::default().bytes()?) } else { None })
+fn bytes(args: &Options) -> Result<Option<Arc<[u8]>>, Failure> {
+    Ok(if is_stdin(input(args)) { Some(Stdin::default().bytes()?) } else { None })
 }
 
-fn save(args: &ConvertArgs, cloud: &SplatCloud, console: &Console) -> Result<(), Failure> {
+fn save(args: &Options, cloud: &SplatCloud, console: &Console) -> Result<(), Failure> {
     let encoding = if args.ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
-    if args.output.as_os_str() == "-" {
+    if output(args).as_os_str() == "-" {
         let mut bytes = Vec::new();
         let written = surfel::io::write_splat_ply(&mut bytes, cloud, encoding);
         written.map_err(|e| Failure::other(format!("can't encode the splats: {e}")))?;
         stdout::result(&bytes)?;
     } else {
-        surfel::io::save_splat_ply(&args.output, args.force, cloud, encoding)?;
+        surfel::io::save_splat_ply(output(args), args.force, cloud, encoding)?;
     }
-    console.note(&format!("{}: {}", args.output.shown(), surfel::splat_file::summary(cloud)));
+    console.note(&format!("{}: {}", output(args).shown(), surfel::splat_file::summary(cloud)));
     Ok(())
 }
 
 /// Converts a mesh to an octree of splats and polygons.
-fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
+fn hybrid(args: &Options, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
-    let options = options::splats(&args.splats, args.force)?;
-    let request = ConvertRequest { path: &args.input, options: &options, stdin: bytes(args)? };
-    let (octree, notes) = surfel::load_octree(&args.input, &request.load_options()?, &progress)?;
+    let options = &args.render.splats;
+    let request = ConvertRequest { path: input(args), options, stdin: bytes(args)? };
+    let (octree, notes) = surfel::load_octree(input(args), &request.load_options()?, &progress)?;
     drop(progress);
     for note in &notes {
-        console.note(&format!("{}: {note}", stdin::display(&args.input)));
+        console.note(&format!("{}: {note}", stdin::display(input(args))));
     }
-    if args.output.as_os_str() == "-" {
+    if output(args).as_os_str() == "-" {
         let mut bytes = Vec::new();
         let written = surfel::io::write_octree(&mut bytes, &octree);
         written.map_err(|e| Failure::other(format!("can't encode the octree: {e}")))?;
         stdout::result(&bytes)?;
     } else {
-        surfel::io::save_octree(&args.output, args.force, &octree)?;
+        surfel::io::save_octree(output(args), args.force, &octree)?;
     }
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).count();
     console.note(&format!(
         "{}: {} nodes, {leaves} of them leaves with {} triangles; {} splats, {} of them on edges between leaves",
-        args.output.shown(),
+        output(args).shown(),
         octree.nodes().len(),
         octree.mesh().triangles.len(),
         octree.cloud().len(),
@@ -102,8 +112,8 @@ fn hybrid(args: &ConvertArgs, console: &Console) -> Result<(), Failure> {
 }
 
 /// Returns the shard for this run: from the flag, or from a cluster's variables if the output is named like a shard.
-fn shard(args: &ConvertArgs, console: &Console) -> Result<Option<Part>, Failure> {
-    if args.shard.is_some() || !levels::is_shard(&args.output) {
+fn shard(args: &Options, console: &Console) -> Result<Option<Part>, Failure> {
+    if args.shard.is_some() || !levels::is_shard(output(args)) {
         return Ok(args.shard);
     }
     let said = pieces::from_environment(|name| std::env::var(name).ok()).map_err(Failure::usage)?;
@@ -114,14 +124,13 @@ fn shard(args: &ConvertArgs, console: &Console) -> Result<Option<Part>, Failure>
 }
 
 /// Writes points as a COPC file, or a shard of one.
-fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
-    let options = options::splats(&args.splats, args.force)?;
-    levels::check_copc(output, &options, args.ascii, shard)?;
-    let inputs: Vec<PathBuf> = std::iter::once(&args.input).chain(&args.more).cloned().collect();
+fn copc(args: &Options, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
+    let options = &args.render.splats;
+    levels::check_copc(output, options, args.ascii, shard)?;
     let progress = console.progress();
     let columns = options.convert.columns.clone();
     let request = CopcRequest { overwrite: args.force, memory: options.memory, resume: args.resume, shard, columns };
-    let saved = levels::save_copc(&inputs, output, &request, &progress);
+    let saved = levels::save_copc(&args.inputs, output, &request, &progress);
     drop(progress);
     let folder = levels::resume_folder(output);
     let report = match saved {
@@ -142,7 +151,7 @@ fn copc(args: &ConvertArgs, output: &Path, shard: Option<Part>, console: &Consol
     Ok(())
 }
 
-fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
+fn check_output(args: &Options, output: &Path) -> Result<(), Failure> {
     let name = output.shown();
     let extension = output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match extension.as_deref() {
@@ -163,7 +172,7 @@ fn check_output(args: &ConvertArgs, output: &Path) -> Result<(), Failure> {
             )));
         }
     }
-    if let Some(Some(bar)) = &args.splats.colorbar
+    if let Some(bar) = &args.render.splats.colorbar
         && target(bar) == target(output)
     {
         return Err(Failure::usage(format!("--colorbar {}: is the name of -o's file, too", bar.shown())));

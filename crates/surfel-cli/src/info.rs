@@ -1,22 +1,24 @@
 //! `surfel info`: describes a file's content without converting all of it.
 
-use crate::args::InfoArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use serde_json::Value;
+use std::path::{Path, PathBuf};
+use surfel::options::Options;
 use surfel::words::{self, counted, shortest};
 
-pub(crate) fn run(args: &InfoArgs, console: &Console) -> Result<(), Failure> {
-    let path = &args.input;
+pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
+    let path = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
+    let convert = &args.render.splats.convert;
     let options = surfel::io::LoadOptions {
         gaussians: false,
-        repair: args.repair,
+        repair: convert.repair,
         texture: None,
-        allow_outside: args.allow_outside,
-        max_texture: args.max_texture,
-        columns: args.columns.clone(),
+        allow_outside: convert.allow_outside,
+        max_texture: convert.max_texture,
+        columns: convert.columns.clone(),
         ..surfel::io::LoadOptions::default()
     };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };

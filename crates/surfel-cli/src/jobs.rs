@@ -3,23 +3,20 @@
 //! Tasks run in the folder in which the job was created, so that relative paths keep their meaning; workers must share
 //! it. Job files that are usually YAML are written as JSON, a subset of YAML, so that no name is mistaken for syntax.
 
-use crate::args::{Cli, Command, JobsArgs, command};
+use crate::args::{self, Command, JobsArgs, command};
 use crate::console::Console;
 use crate::convert;
 use crate::failure::Failure;
-use crate::options;
 use crate::parse::{color_bar_beside, join_values};
 use crate::pieces;
 use crate::stdin::is_stdin;
 use crate::stdout;
-use clap::FromArgMatches;
 use serde_json::json;
 use std::ffi::OsString;
 use std::path::Path;
 use surfel::coloring::save_color_bar;
 use surfel::io::ShowPath as _;
 use surfel::request::{self, Source, SplatOptions};
-use surfel::values::RangeChoice;
 use surfel::{camera, levels};
 
 /// Default number of tasks.
@@ -359,7 +356,7 @@ fn parsed(words: &[String]) -> Result<Command, Failure> {
         Failure::usage(format!("tasks can't run so: {}", line.strip_prefix("error: ").unwrap_or(line)))
     };
     let matches = command().try_get_matches_from(words).map_err(wrong)?;
-    Ok(Cli::from_arg_matches(&matches).map_err(wrong)?.command)
+    Ok(args::parsed(&matches).map_err(wrong)?.command)
 }
 
 /// Refuses options that every task would refuse.
@@ -393,15 +390,15 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
     let words = ["surfel", "render"].map(str::to_owned).into_iter().chain(flags.iter().cloned());
     let words = words.chain([format!("--output={output}"), "--".to_owned(), "INPUT".to_owned()]);
     let Command::Render(render) = parsed(&words.collect::<Vec<_>>())? else { return Ok(flags) };
-    let splats = &render.splats;
-    let is_shared = splats.range == Some(RangeChoice::Shared);
-    if splats.color_by.is_none() || (splats.range.is_some() && !is_shared) || (apart && !is_shared) {
+    let splats = &render.render.splats;
+    let is_shared = splats.shared_range;
+    if splats.convert.color_by.is_none() || splats.convert.range.is_some() || (apart && !is_shared) {
         return Ok(flags);
     }
     let of_each = || args.inputs.iter().map(|input| Source::of(std::slice::from_ref(input), None)).collect::<Vec<_>>();
     let sources = if apart { of_each() } else { vec![Source::of(&args.inputs, None)] };
     let progress = console.progress();
-    let found = request::shared_coloring(sources, &options::render(&render)?, None, &progress);
+    let found = request::shared_coloring(sources, &render.render, None, &progress);
     drop(progress);
     let found = found.map_err(|error| {
         let failure = Failure::from(error);
@@ -409,8 +406,8 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
         Failure::with_code(failure.code(), format!("{}\n  help: {help}", failure.message()))
     })?;
     let Some(coloring) = found else { return Ok(flags) };
-    if let Some(bar) = &splats.colorbar {
-        let bar = bar.clone().unwrap_or_else(|| color_bar_beside(Path::new(output)));
+    let beside = render.names_colorbar.then(|| color_bar_beside(Path::new(output)));
+    if let Some(bar) = splats.colorbar.clone().or(beside) {
         save_color_bar(&bar, render.force, &coloring)?;
         console.note(&format!("{}: the colour bar of all tasks", bar.display()));
     }
@@ -421,12 +418,12 @@ fn flags_with_range(args: &JobsArgs, output: &str, apart: bool, console: &Consol
     }
     flags.retain(|flag| !flag.starts_with("--range=") && flag != "--colorbar" && !flag.starts_with("--colorbar="));
     let mut fixed = SplatOptions::default();
-    fixed.convert.colormap = splats.colormap;
+    fixed.convert.colormap = splats.convert.colormap;
     fixed.set_coloring(coloring);
     if let Some([lo, hi]) = fixed.convert.range {
         flags.push(format!("--range={lo},{hi}"));
     }
-    if let Some(map) = fixed.convert.colormap.filter(|_| splats.colormap.is_none()) {
+    if let Some(map) = fixed.convert.colormap.filter(|_| splats.convert.colormap.is_none()) {
         flags.push(format!("--colormap={}", map.name()));
     }
     Ok(flags)
@@ -456,7 +453,7 @@ mod tests {
 
     fn job(line: &str) -> Result<Job, Failure> {
         let matches = command().try_get_matches_from(line.split(' ')).unwrap();
-        let Command::Jobs(args) = Cli::from_arg_matches(&matches).unwrap().command else { panic!("{line}") };
+        let Command::Jobs(args) = args::parsed(&matches).unwrap().command else { panic!("{line}") };
         Job::of(&args, "/data/my scans", &Console::new(true, false))
     }
 

@@ -13,7 +13,6 @@ mod convert;
 mod failure;
 mod info;
 mod jobs;
-mod options;
 mod ortho;
 mod output;
 mod pages;
@@ -67,8 +66,8 @@ fn run(arguments: Vec<OsString>) -> ExitCode {
         Ok(parsed) => parsed,
         Err(code) => return ExitCode::from(code),
     };
-    let console = Console::new(cli.quiet, cli.verbose);
-    let threads = cli.threads.unwrap_or(0);
+    let console = Console::new(cli.program.quiet, cli.program.verbose);
+    let threads = cli.program.threads.unwrap_or(0);
     // Conversions use as many threads as rendering does.
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
     let result = match pool {
@@ -98,7 +97,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
-        Command::View(_) => {
+        Command::View => {
             Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes an image"))
         }
         Command::Completions(args) => pages::completions(args.shell),

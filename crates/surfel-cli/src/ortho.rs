@@ -1,11 +1,11 @@
 //! `surfel ortho`: orthoimages and surface models.
 
-use crate::args::OrthoArgs;
 use crate::console::Console;
 use crate::failure::Failure;
+use surfel::options::Options;
 
 #[cfg(not(feature = "ortho"))]
-pub(crate) fn run(_: &OrthoArgs, _: usize, _: &Console) -> Result<(), Failure> {
+pub(crate) fn run(_: &Options, _: usize, _: &Console) -> Result<(), Failure> {
     let what = "surfel ortho is not built into this program: build it with Cargo's feature 'ortho', as in cargo build \
                 --release --features ortho";
     Err(Failure::usage(what))
@@ -16,15 +16,15 @@ pub(crate) use with_ortho::run;
 
 #[cfg(feature = "ortho")]
 mod with_ortho {
-    use super::{Console, Failure, OrthoArgs};
+    use super::{Console, Failure, Options};
     use crate::stdin::{Stdin, is_stdin};
-    use crate::{options, stdout};
+    use crate::stdout;
     use surfel::io::ShowPath as _;
     use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
     use surfel::render::Renderer;
     use surfel::{Backend, BackendOptions};
 
-    pub(crate) fn run(args: &OrthoArgs, threads: usize, console: &Console) -> Result<(), Failure> {
+    pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
         let files = OrthoFiles {
             color: args.output.clone(),
             dsm: args.dsm.clone(),
@@ -32,13 +32,13 @@ mod with_ortho {
             overwrite: args.force,
         };
         let stdin = if args.inputs.iter().any(|path| is_stdin(path)) { Some(Stdin::default().bytes()?) } else { None };
-        let options = OrthoOptions::new(args.gsd)
-            .with_origin(args.origin)
+        let options = OrthoOptions::new(args.gsd.unwrap_or_default())
+            .with_origin(args.origin.unwrap_or_default())
             .with_bounds(args.bounds)
-            .with_size(args.size)
+            .with_size(args.render.size)
             .with_epsg(args.crs)
             .with_fill(args.fill);
-        let splats = &options::splats(&args.splats, args.force)?;
+        let splats = &args.render.splats;
         let request = OrthoRequest { inputs: &args.inputs, options, splats, files: &files, stdin };
         let (progress, mut notes) = (console.progress(), Vec::new());
         let opened = request.open(&progress, &mut |note| notes.push(note));
@@ -46,7 +46,7 @@ mod with_ortho {
         notes.iter().for_each(|note| console.note(note));
         let mut ortho = opened?;
         let drawer = BackendOptions::default().with_threads(threads);
-        let mut backend = match args.backend.as_str() {
+        let mut backend = match args.backend_name() {
             "auto" => Backend::choose(&drawer, |_| None)?.backend,
             name => Backend::by_name(name, &drawer)?,
         };
@@ -66,7 +66,7 @@ mod with_ortho {
         console.note(&format!(
             "{}: {width} x {height} pixels of {}, {x0},{y0},{x1},{y1}, {crs}, {covered:.1} % covered{filled}",
             first.map_or_else(String::new, |path| path.shown().to_string()),
-            args.gsd
+            args.gsd.unwrap_or_default()
         ));
         if args.stats {
             stdout::json_result(&ortho.stats_json(&stats, backend.info().backend))?;

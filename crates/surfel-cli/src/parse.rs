@@ -1,12 +1,12 @@
 //! Parsing of the command line and the configuration file.
 
-use crate::args::{Cli, Command, command};
+use crate::args::{self, Cli, Command, command};
 use crate::failure::Failure;
 use crate::{config, console, render};
-use clap::FromArgMatches;
-use clap::error::ErrorKind;
-use std::ffi::OsString;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
+use surfel::options::{Commands, Near, Row, Setter, table};
 
 /// Parses a command line. Inserts `render` into the bare form, and the flags of the configuration file.
 ///
@@ -15,21 +15,21 @@ pub(crate) fn parse(mut arguments: Vec<OsString>) -> Result<Cli, u8> {
     join_values(&mut arguments);
     let words: Vec<String> = arguments.iter().skip(1).map(|a| a.to_string_lossy().into_owned()).collect();
     let bare = insert_render(&mut arguments, &words);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
-    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
-    let Some(path) = &cli.config else { return completed(cli, bare) };
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e, &arguments))?;
+    let cli = args::parsed(&matches).map_err(|e| complain(&e, &arguments))?;
+    let Some(path) = &cli.program.config else { return completed(cli, bare) };
     let extra = config::arguments(path, &matches).map_err(|failure| tell(&failure))?;
     let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
     arguments.splice(end..end, extra);
-    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e))?;
-    let cli = Cli::from_arg_matches(&matches).map_err(|e| complain(&e))?;
+    let matches = command().try_get_matches_from(&arguments).map_err(|e| complain(&e, &arguments))?;
+    let cli = args::parsed(&matches).map_err(|e| complain(&e, &arguments))?;
     completed(cli, bare)
 }
 
 /// Records whether the command line omitted `render`, and assigns default file names.
 fn completed(mut cli: Cli, bare: bool) -> Result<Cli, u8> {
     if let Command::Render(args) = &mut cli.command {
-        args.bare = bare;
+        args.names_output = bare;
     }
     name_color_bar(&mut cli).map_err(|failure| tell(&failure))?;
     Ok(cli)
@@ -40,16 +40,18 @@ fn tell(failure: &Failure) -> u8 {
     failure.code()
 }
 
-/// Joins `--edge-aa samples` to `--edge-aa=samples`, and `--colorbar BAR.png` to `--colorbar=BAR.png`. The values of
-/// these flags are optional, so any other word after them is an input.
+/// Joins flags whose value is optional to the word after them, if it is a value: `--edge-aa samples` becomes
+/// `--edge-aa=samples`, and `--colorbar BAR.png` `--colorbar=BAR.png`. Any other word is an input.
 pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
-    for flag in ["--edge-aa", "--colorbar"] {
-        let is_value = |word: &OsString| match flag {
-            "--edge-aa" => ["on", "off", "samples"].iter().any(|value| word == value),
-            _ => Path::new(word).extension().is_some_and(|extension| extension.eq_ignore_ascii_case("png")),
+    for row in table().rows().filter(|row| row.missing.is_some()) {
+        let flag = format!("--{}", row.name);
+        let extension = Path::new(row.example).extension();
+        let is_value = |word: &OsString| match row.set {
+            Setter::Path(_) => Path::new(word).extension().map(OsStr::to_ascii_lowercase).as_deref() == extension,
+            _ => word.to_str().is_some_and(|word| row.has_name(word)),
         };
         let end = arguments.iter().position(|a| a == "--").unwrap_or(arguments.len());
-        if let Some(at) = arguments[..end].windows(2).position(|pair| pair[0] == flag && is_value(&pair[1])) {
+        if let Some(at) = arguments[..end].windows(2).position(|pair| pair[0] == *flag && is_value(&pair[1])) {
             let value = arguments.remove(at + 1);
             arguments[at].push("=");
             arguments[at].push(value);
@@ -59,23 +61,16 @@ pub(crate) fn join_values(arguments: &mut Vec<OsString>) {
 
 /// Names a colour bar without a name after OUT: for OUT.png it is OUT-colorbar.png.
 fn name_color_bar(cli: &mut Cli) -> Result<(), Failure> {
-    let (splats, output) = match &mut cli.command {
-        Command::Render(args) => {
-            let drawn = args.output.clone().or_else(|| render::default_output(args));
-            (&mut args.splats, drawn)
-        }
-        Command::Convert(args) => (&mut args.splats, Some(args.output.clone())),
-        Command::Ortho(args) => {
-            let first = [&args.output, &args.dsm, &args.normals].into_iter().flatten().next().cloned();
-            (&mut args.splats, first)
-        }
+    let args = match &mut cli.command {
+        Command::Render(args) | Command::Convert(args) | Command::Ortho(args) if args.names_colorbar => args,
         _ => return Ok(()),
     };
-    let Some(name) = splats.colorbar.as_mut().filter(|name| name.is_none()) else { return Ok(()) };
+    let first = [&args.output, &args.dsm, &args.normals].into_iter().flatten().next();
+    let output = first.cloned().or_else(|| render::default_output(args));
     let Some(output) = output.filter(|output| output.as_os_str() != "-") else {
         return Err(Failure::usage("--colorbar: there is no OUT to name it after, expected --colorbar=FILE.png"));
     };
-    *name = Some(color_bar_beside(&output));
+    args.render.splats.colorbar.get_or_insert_with(|| color_bar_beside(&output));
     Ok(())
 }
 
@@ -108,8 +103,25 @@ fn insert_render(arguments: &mut Vec<OsString>, words: &[String]) -> bool {
     !words.is_empty()
 }
 
+/// Returns the message about a flag that a command of the options table doesn't have.
+fn unknown(error: &clap::Error, arguments: &[OsString]) -> Option<String> {
+    let Some(ContextValue::String(flag)) = error.get(ContextKind::InvalidArg) else { return None };
+    let mut words = arguments.iter().skip(1).filter_map(|word| word.to_str());
+    let name = words.find(|word| Commands::named(word) != Commands::NONE)?;
+    let help = format!("  help: surfel {name} --help");
+    let usage = |row: &Row| format!("{}: {}", row.usage(), row.help.trim_end_matches('.'));
+    Some(match table().near(Commands::named(name), flag.trim_start_matches('-')) {
+        Some(Near::Here(row)) => format!("unexpected argument '{flag}' found\n  tip: {}\n{help}", usage(row)),
+        Some(Near::Elsewhere(row)) => {
+            let others: Vec<String> = row.commands.names().map(|name| format!("surfel {name}")).collect();
+            format!("{flag} is not for surfel {name}, but for {}\n{help}", others.join(", "))
+        }
+        None => format!("unexpected argument '{flag}' found\n{help}"),
+    })
+}
+
 /// Prints clap's error in at most four lines (help and version completely) and returns the exit code.
-fn complain(error: &clap::Error) -> u8 {
+fn complain(error: &clap::Error, arguments: &[OsString]) -> u8 {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => {
             // A closed pipe isn't an error.
@@ -118,6 +130,10 @@ fn complain(error: &clap::Error) -> u8 {
         }
         ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand => {
             let _ = error.print();
+            2
+        }
+        ErrorKind::UnknownArgument if unknown(error, arguments).is_some() => {
+            console::error(&unknown(error, arguments).unwrap_or_default());
             2
         }
         _ => {

@@ -3,54 +3,12 @@
 //! A job is a list of images: all frames or cameras, in order, of each input in order. A shard is a contiguous range of
 //! the list, so that few inputs are loaded twice.
 
-use crate::args::RenderArgs;
 use crate::console::Console;
 use crate::failure::Failure;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
+use surfel::options::Options;
 use surfel::values::Part;
-
-/// Frames from A to B, inclusive, with a step: `A-B[:STEP]`.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct FrameRange {
-    first: u32,
-    last: u32,
-    step: u32,
-}
-
-impl FrameRange {
-    /// Returns the frames, if all of them are less than `frames`.
-    pub(crate) fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
-        if self.last as usize >= frames {
-            return Err(format!(
-                "--frame-range goes to {}, expected at most {}: there are {frames} frames or cameras",
-                self.last,
-                frames.saturating_sub(1)
-            ));
-        }
-        Ok((self.first..=self.last).step_by(self.step as usize))
-    }
-}
-
-impl std::fmt::Display for FrameRange {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        write!(f, "{}-{}:{}", self.first, self.last, self.step)
-    }
-}
-
-/// Parses `--frame-range`.
-pub(crate) fn frame_range(text: &str) -> Result<FrameRange, String> {
-    let parse = || {
-        let (range, step) = text.split_once(':').unwrap_or((text, "1"));
-        let (first, last) = range.split_once('-').unwrap_or((range, range));
-        let number = |text: &str| text.trim().parse::<u32>().ok();
-        let range = FrameRange { first: number(first)?, last: number(last)?, step: number(step)? };
-        (range.first <= range.last && range.step > 0).then_some(range)
-    };
-    parse().ok_or_else(|| {
-        "expected A-B or A-B:STEP: frames that count from 0, A at most B, STEP at least 1, as in 0-99:10".to_owned()
-    })
-}
 
 /// Images that this run draws.
 #[derive(Clone, Debug, Default)]
@@ -63,7 +21,7 @@ pub(crate) struct Pictures {
 
 impl Pictures {
     /// Selects this run's shard of the images of `inputs` inputs, each with `frames` frames.
-    pub(crate) fn of(args: &RenderArgs, inputs: usize, frames: u32, console: &Console) -> Result<Self, Failure> {
+    pub(crate) fn of(args: &Options, inputs: usize, frames: u32, console: &Console) -> Result<Self, Failure> {
         let frames: Vec<u32> = match args.frame_range {
             None => (0..frames).collect(),
             Some(range) => range.checked(frames as usize).map_err(Failure::usage)?.collect(),
@@ -146,8 +104,8 @@ fn place_in_array(id: u64, count: u64, min: u64, max: u64) -> Option<u64> {
 }
 
 /// Returns an image's name with `{tile}` replaced by its tile's number.
-pub(crate) fn with_tile(output: &Path, args: &RenderArgs) -> PathBuf {
-    match (args.tile, output.to_str()) {
+pub(crate) fn with_tile(output: &Path, args: &Options) -> PathBuf {
+    match (args.render.tile, output.to_str()) {
         (Some(part), Some(name)) => name.replace("{tile}", &format!("{:04}", part.index())).into(),
         _ => output.to_path_buf(),
     }
@@ -162,7 +120,7 @@ pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
 }
 
 /// Refuses combinations of flags that make no sense.
-pub(crate) fn check(args: &RenderArgs, to_files: bool) -> Result<(), Failure> {
+pub(crate) fn check(args: &Options, to_files: bool) -> Result<(), Failure> {
     if args.frame_range.is_some() && args.frames.is_none() && args.cameras.is_none() {
         return Err(Failure::usage("--frame-range is of several frames: give --turntable --frames N, or --cameras"));
     }
@@ -170,7 +128,7 @@ pub(crate) fn check(args: &RenderArgs, to_files: bool) -> Result<(), Failure> {
         return Err(Failure::usage("--skip-existing is for images in files: give -o a file name"));
     }
     let named = args.output.as_ref().is_some_and(|name| name.to_string_lossy().contains("{tile}"));
-    if named && args.tile.is_none() {
+    if named && args.render.tile.is_none() {
         return Err(Failure::usage("-o has {tile}, the number of a tile: give --tile I/N"));
     }
     Ok(())
@@ -179,17 +137,6 @@ pub(crate) fn check(args: &RenderArgs, to_files: bool) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn frame_ranges_have_both_ends() {
-        let range = |first, last, step| Ok(FrameRange { first, last, step });
-        assert_eq!(frame_range("0-9"), range(0, 9, 1));
-        assert_eq!(frame_range("5-5:3"), range(5, 5, 3));
-        assert_eq!(frame_range("7"), range(7, 7, 1));
-        for bad in ["", "-", "9-0", "0-9:0", "0-9:", "a-b", "0..9", "-1-3", "0-99999999999"] {
-            assert!(frame_range(bad).is_err(), "{bad}");
-        }
-    }
 
     fn environment(text: &str) -> Result<Option<Part>, String> {
         let get = |name: &str| {

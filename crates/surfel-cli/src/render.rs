@@ -1,9 +1,7 @@
 //! `surfel render`.
 
-use crate::args::RenderArgs;
 use crate::console::{self, Console};
 use crate::failure::Failure;
-use crate::options;
 use crate::output::{self, Format, Output};
 use crate::pieces::{self, Pictures};
 use crate::resolve::{self, Resolved, Source, resolve, resolve_progressively};
@@ -19,16 +17,16 @@ use surfel::backend::Chosen;
 use surfel::io::ShowPath as _;
 use surfel::io::atomic::target;
 use surfel::model::SceneFile;
+use surfel::options::Options;
 use surfel::progressive::Detail;
 use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
 use surfel::request::{self, RenderOptions};
-use surfel::values::RangeChoice;
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
 };
 use surfel::{camera, metadata, paths, unseen};
 
-pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Result<(), Failure> {
+pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     let default = default_output(args);
     let output = args.output.as_deref().or(default.as_deref());
     let output =
@@ -36,7 +34,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
     check(args, output.as_ref())?;
     let apart = args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
     let shared;
-    let args = if apart && args.splats.range == Some(RangeChoice::Shared) {
+    let args = if apart && args.render.splats.shared_range {
         shared = with_shared_range(args, console)?;
         &shared
     } else {
@@ -49,7 +47,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
     let label = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
     session.check_names(label)?;
     let drawn = session.draw(resolve::source(&args.inputs, &session.stdin)?, label)?;
-    if args.bare && args.output.is_none() {
+    if args.names_output && args.output.is_none() {
         drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.shown())));
     }
     if let Some(stats) = &drawn.stats {
@@ -61,7 +59,7 @@ pub(crate) fn run(args: &RenderArgs, threads: usize, console: &Console) -> Resul
 }
 
 /// Returns the arguments with the value range over all inputs, whichever of them this run draws.
-fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs, Failure> {
+fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failure> {
     let sources = args.inputs.iter().map(|input| match is_stdin(input) {
         true => {
             Err(surfel::Error::Usage("--range shared reads all inputs first, which stdin can't be: give files".into()))
@@ -69,12 +67,12 @@ fn with_shared_range(args: &RenderArgs, console: &Console) -> Result<RenderArgs,
         false => Source::of(std::slice::from_ref(input), None),
     });
     let progress = console.progress();
-    let found = request::shared_coloring(sources, &options::render(args)?, None, &progress)?;
+    let found = request::shared_coloring(sources, &args.render, None, &progress)?;
     drop(progress);
     let mut args = args.clone();
-    args.splats.range = None;
+    args.render.splats.shared_range = false;
     if let Some(coloring) = found {
-        args.splats.take(coloring);
+        args.render.splats.set_coloring(coloring);
     }
     Ok(args)
 }
@@ -100,14 +98,14 @@ fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
 }
 
 /// Returns the output of `surfel INPUT` without -o: INPUT's name with .png, in the current folder.
-pub(crate) fn default_output(args: &RenderArgs) -> Option<PathBuf> {
-    let wanted = args.bare && !args.print_scene && !args.stats && !args.verify;
+pub(crate) fn default_output(args: &Options) -> Option<PathBuf> {
+    let wanted = args.names_output && !args.print_scene && !args.stats && !args.render.verify;
     (wanted && args.inputs.len() == 1).then(|| "{input}.png".into())
 }
 
 /// State of a command that draws one image, or one for each input.
 pub(crate) struct Session<'a> {
-    args: &'a RenderArgs,
+    args: &'a Options,
     output: Option<Output>,
     stdin: Rc<Stdin>,
     threads: usize,
@@ -136,14 +134,15 @@ pub(crate) struct Drawn {
 impl<'a> Session<'a> {
     /// Starts the backend, if anything is drawn.
     pub(crate) fn start(
-        args: &'a RenderArgs,
+        args: &'a Options,
         output: Option<Output>,
         stdin: Stdin,
         threads: usize,
         console: &'a Console,
     ) -> Result<Self, Failure> {
-        let draws = output.is_some() || args.stats || args.verify;
-        let cameras = args.cameras.as_ref().map(|path| camera::named(path, args.size)).transpose()?.unwrap_or_default();
+        let draws = output.is_some() || args.stats || args.render.verify;
+        let cameras =
+            args.cameras.as_ref().map(|path| camera::named(path, args.render.size)).transpose()?.unwrap_or_default();
         if cameras.len() > 1 && output.as_ref().is_some_and(|o| !o.names_cameras()) {
             return Err(Failure::usage(format!(
                 "--cameras has {} cameras, expected {{name}} in the name, as in -o out/{{name}}.png",
@@ -188,7 +187,7 @@ impl<'a> Session<'a> {
     /// Refuses two files with one name, and an output that is an input, also through links: one file would be lost.
     fn check_apart(&self, labels: &[&Path]) -> Result<(), Failure> {
         let Some(backend) = &self.backend else { return Ok(()) };
-        let bar = self.args.splats.colorbar.as_ref().and_then(Option::as_ref);
+        let bar = self.args.render.splats.colorbar.as_ref();
         let inputs: HashSet<PathBuf> =
             labels.iter().filter(|label| !is_stdin(label)).map(|label| target(label)).collect();
         let mut owners: HashMap<PathBuf, (&Path, PathBuf)> = HashMap::new();
@@ -318,17 +317,17 @@ impl<'a> Session<'a> {
     /// Draws all frames of a loaded scene.
     fn draw_scene(&mut self, resolved: Resolved, detail: Detail, label: &Path) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
-        camera::view(&resolved.file.camera, &options::render(args)?)?;
+        camera::view(&resolved.file.camera, &args.render)?;
         if args.print_scene && detail == Detail::Full {
             print_scene(&resolved.file)?;
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
-        let planes = planes(&options::render(args)?, args.verify, self.output.as_ref());
+        let planes = planes(&args.render, args.render.verify, self.output.as_ref());
         let summary = SceneSummary::of(&resolved.scene);
         let settings = &resolved.file.settings;
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
         let mut other = None;
-        if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
+        if args.backend_name() == "auto" && refuses(&backend.info().capabilities).is_some() {
             other = Some(choose(args, self.threads, console, refuses)?);
         }
         let result = self.draw_by(other.as_mut().unwrap_or(&mut backend), resolved, detail, planes, label);
@@ -360,7 +359,7 @@ impl<'a> Session<'a> {
         if let Some(output) = &self.output {
             pictures.iter().try_for_each(|(_, path)| output.check(*path))?;
         }
-        let last_upload = pictures.len() == 1 && !args.verify;
+        let last_upload = pictures.len() == 1 && !args.render.verify;
         let (runs, frame) = (Vec::new(), Frame::default());
         let mut job = Job { args, console, planes, last_upload, runs, frame, scene: None, why_blank: None };
         let (mut carried, mut files, mut blank) = (None, Vec::new(), 0);
@@ -403,13 +402,13 @@ impl<'a> Session<'a> {
             return Ok(Drawn::default());
         }
         // A part of an image may well be blank.
-        if blank > 0 && args.tile.is_none() && args.region.is_none() {
+        if blank > 0 && args.render.tile.is_none() && args.render.region.is_none() {
             let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
             let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
             console.note(&format!("nothing is seen{of_all}: {why}"));
         }
-        let verified = if args.verify {
-            let view = camera::view(&resolved.file.camera, &options::render(args)?)?;
+        let verified = if args.render.verify {
+            let view = camera::view(&resolved.file.camera, &args.render)?;
             let drawn = (backend.info().backend, &job.frame);
             let promised = promised(args, &resolved);
             Some(verify(&resolved.file.settings, promised, &resolved.scene, &view, self.threads, drawn)?)
@@ -448,7 +447,7 @@ impl<'a> Session<'a> {
                 metadata::inputs(scene, beside, bytes.as_deref())?
             }
         };
-        let drawn = drawn(self.args, &options::render(self.args)?, &scene.camera, backend.info(), output.format)?;
+        let drawn = drawn(self.args, &self.args.render, &scene.camera, backend.info(), output.format)?;
         let is_exr = matches!(output.format, Format::Exr { .. });
         let entries = metadata::entries(Output::folder(path), scene, &inputs, &drawn, is_exr)?;
         *carried = Some(inputs);
@@ -473,13 +472,13 @@ impl<'a> Session<'a> {
 
 /// Returns the drawing options of an image, besides its scene.
 pub(crate) fn drawn(
-    args: &RenderArgs,
+    args: &Options,
     options: &RenderOptions,
     camera: &Camera,
     info: &RendererInfo,
     format: Format,
 ) -> Result<Map<String, Value>, Failure> {
-    let mut drawn = metadata::drawn(options, camera, args.storage == "16", info)?;
+    let mut drawn = metadata::drawn(options, camera, args.quantised, info)?;
     match format {
         Format::Png { sixteen: true } => drawn.insert("png16".to_owned(), json!(true)),
         Format::Exr { f32_color: true } => drawn.insert("exr-f32".to_owned(), json!(true)),
@@ -489,13 +488,13 @@ pub(crate) fn drawn(
 }
 
 /// Returns the preset whose promise applies; `None` with 16-bit storage.
-fn promised(args: &RenderArgs, resolved: &Resolved) -> Option<Preset> {
-    Preset::of(&resolved.file.settings).filter(|_| args.storage != "16")
+fn promised(args: &Options, resolved: &Resolved) -> Option<Preset> {
+    Preset::of(&resolved.file.settings).filter(|_| !args.quantised)
 }
 
 /// True if the options ask for planes that files of planes don't always have.
-fn asks_for_planes(args: &RenderArgs) -> bool {
-    !args.planes.is_empty() || args.label.is_some()
+fn asks_for_planes(args: &Options) -> bool {
+    !args.render.planes.is_empty() || args.render.label.is_some()
 }
 
 /// Returns the planes to draw.
@@ -508,10 +507,10 @@ fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> P
 }
 
 /// Refuses combinations of flags that make no sense.
-fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
+fn check(args: &Options, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
-    if output.is_none() && !args.print_scene && !args.stats && !args.verify {
+    if output.is_none() && !args.print_scene && !args.stats && !args.render.verify {
         let expected = match args.inputs.len() {
             1 => "expected -o OUT.png, .jpg, .exr or .npz (or --print-scene, --stats, --verify)",
             _ => "expected -o OUT.png for one image of all inputs, or -o {input}.png for an image of each",
@@ -527,8 +526,8 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     if args.print_scene && args.inputs.len() > 1 && output.is_some_and(Output::names_inputs) {
         return Err(Failure::usage("--print-scene is for one scene, but -o has {input}: an image of each input"));
     }
-    if stdout && (args.stats || args.print_scene || args.verify) {
-        let flag = match (args.stats, args.verify) {
+    if stdout && (args.stats || args.print_scene || args.render.verify) {
+        let flag = match (args.stats, args.render.verify) {
             (true, _) => "--stats",
             (_, true) => "--verify",
             _ => "--print-scene",
@@ -540,18 +539,18 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
             "--frames writes several files, expected {frame} in the name, as in -o f_{frame}.png",
         ));
     }
-    if args.samples.is_some() && !matches!(args.backend.as_str(), "auto" | "reference") {
-        return Err(Failure::usage(format!("--samples needs --backend reference, found {}", args.backend)));
+    if args.render.samples.is_some() && !matches!(args.backend_name(), "auto" | "reference") {
+        return Err(Failure::usage(format!("--samples needs --backend reference, found {}", args.backend_name())));
     }
     if let Some(format) = output.map(|o| o.format).filter(|format| !format.has_planes())
         && asks_for_planes(args)
     {
         let found = if format == Format::Jpeg { "a JPEG" } else { "a PNG" };
-        let flag = if args.planes.is_empty() { "--label" } else { "--planes" };
+        let flag = if args.render.planes.is_empty() { "--label" } else { "--planes" };
         let message = format!("{flag} is for EXR and NPZ, but -o names {found}, which holds colour alone");
         return Err(Failure::usage(message));
     }
-    if args.samples.is_some() && asks_for_planes(args) {
+    if args.render.samples.is_some() && asks_for_planes(args) {
         return Err(Failure::usage("--samples averages, and planes of what is nearest have no mean: leave out one"));
     }
     match output.map(|o| o.format) {
@@ -565,24 +564,24 @@ fn check(args: &RenderArgs, output: Option<&Output>) -> Result<(), Failure> {
     }
 }
 
-pub(crate) fn start(args: &RenderArgs, threads: usize, console: &Console) -> Result<Backend, Failure> {
-    let name = if args.samples.is_some() { "reference" } else { args.backend.as_str() };
+pub(crate) fn start(args: &Options, threads: usize, console: &Console) -> Result<Backend, Failure> {
+    let name = if args.render.samples.is_some() { "reference" } else { args.backend_name() };
     if name == "auto" {
         return choose(args, threads, console, |_| None);
     }
-    let backend = Backend::by_name(name, &options(args, threads))?;
+    let backend = Backend::by_name(name, &backend_options(args, threads))?;
     introduce(&backend, console);
     Ok(backend)
 }
 
 /// Starts the fastest backend that isn't refused, and notes why faster ones weren't used.
 pub(crate) fn choose(
-    args: &RenderArgs,
+    args: &Options,
     threads: usize,
     console: &Console,
     refuses: impl FnMut(&Capabilities) -> Option<String>,
 ) -> Result<Backend, Failure> {
-    let Chosen { backend, rejected } = Backend::choose(&options(args, threads), refuses)?;
+    let Chosen { backend, rejected } = Backend::choose(&backend_options(args, threads), refuses)?;
     let slow = if backend.info().backend == "reference" { ", which is exact and slow" } else { "" };
     if !rejected.is_empty() {
         let reasons = rejected.join("; ");
@@ -594,8 +593,8 @@ pub(crate) fn choose(
     Ok(backend)
 }
 
-fn options(args: &RenderArgs, threads: usize) -> BackendOptions {
-    let options = BackendOptions::default().with_threads(threads).with_quantised(args.storage == "16");
+fn backend_options(args: &Options, threads: usize) -> BackendOptions {
+    let options = BackendOptions::default().with_threads(threads).with_quantised(args.quantised);
     options.with_adapter(args.adapter.clone())
 }
 
@@ -617,7 +616,7 @@ fn print_scene(file: &SceneFile) -> Result<(), Failure> {
 
 /// State shared by the frames of a scene.
 struct Job<'a> {
-    args: &'a RenderArgs,
+    args: &'a Options,
     console: &'a Console,
     planes: Planes,
     /// True if only the backend needs the scene after the upload.
@@ -650,7 +649,7 @@ impl Job<'_> {
         camera: &Camera,
         moved: Option<&Scene>,
     ) -> Result<(), Failure> {
-        let view = camera::view(camera, &options::render(self.args)?)?;
+        let view = camera::view(camera, &self.args.render)?;
         let resident = match (self.scene.take(), moved) {
             (_, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,
@@ -666,7 +665,7 @@ impl Job<'_> {
         let settings = &resolved.file.settings;
         let bar = self.console.progress();
         bar.stage("drawing", 0);
-        let mut once = |planes| match self.args.samples {
+        let mut once = |planes| match self.args.render.samples {
             Some(n) => backend.render_supersampled(&resident, &view, settings, planes, n, &mut self.frame),
             None => backend.render_into(&resident, &view, settings, planes, &mut self.frame),
         };

@@ -1,12 +1,12 @@
 //! Resolution of inputs and flags into one scene.
 
-use crate::args::RenderArgs;
 use crate::console::Console;
 use crate::failure::Failure;
+use crate::output;
 use crate::stdin::{Stdin, is_stdin};
-use crate::{options, output};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use surfel::options::Options;
 use surfel::progressive::{self, Detail};
 use surfel::request::{Pictures, Request};
 pub(crate) use surfel::request::{Resolved, SceneSource, Source};
@@ -21,7 +21,7 @@ pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failur
 pub(crate) fn resolve(
     source: Source,
     pictures: &Pictures,
-    args: &RenderArgs,
+    args: &Options,
     stdin: &Stdin,
     console: &Console,
 ) -> Result<Resolved, Failure> {
@@ -39,7 +39,7 @@ pub(crate) fn resolve(
 pub(crate) fn resolve_progressively(
     source: Source,
     pictures: &Pictures,
-    args: &RenderArgs,
+    args: &Options,
     stdin: &Stdin,
     console: &Console,
     each: &mut dyn FnMut(Resolved, Detail) -> Result<(), Failure>,
@@ -69,8 +69,8 @@ pub(crate) fn resolve_progressively(
 type Asked = (Request, Option<Arc<[u8]>>);
 
 /// Creates the request.
-pub(crate) fn request(source: Source, pictures: &Pictures, args: &RenderArgs, stdin: &Stdin) -> Result<Asked, Failure> {
-    let mut said = options::render(args)?;
+pub(crate) fn request(source: Source, pictures: &Pictures, args: &Options, stdin: &Stdin) -> Result<Asked, Failure> {
+    let mut said = args.render.clone();
     if let (Some(bar), Source::Geometry(paths)) = (&mut said.splats.colorbar, &source) {
         *bar = output::of_input(bar, paths.first().map_or(Path::new(""), PathBuf::as_path));
     }

@@ -3,10 +3,8 @@
 //! A request is a line of JSON on stdin, and its answer a line of JSON on stdout, in order. A request that fails is
 //! answered by an error, and the next one is read.
 
-use crate::args::{RenderArgs, ServeArgs};
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::options;
 use crate::output::{Format, Output};
 use crate::render::{choose, drawn, start};
 use crate::resolve::{self, Resolved, Source, resolve};
@@ -18,6 +16,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
+use surfel::options::Options;
 use surfel::render::{Capabilities, SceneSummary, unsupported};
 use surfel::request::{Pictures, Request as Loading};
 use surfel::scene::LoadedObjects;
@@ -33,9 +32,9 @@ const MAX_PIXELS: usize = 1 << 26;
 /// Largest number of pixels of an image whose memory is reused for the next one. The memory of larger images is freed.
 const KEPT_PIXELS: usize = 1 << 22;
 
-pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result<(), Failure> {
-    check(&args.render)?;
-    let mut server = Server::start(&args.render, threads, console)?;
+pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
+    check(args)?;
+    let mut server = Server::start(args, threads, console)?;
     let mut input = io::stdin().lock();
     let mut line = Vec::new();
     loop {
@@ -53,29 +52,8 @@ pub(crate) fn run(args: &ServeArgs, threads: usize, console: &Console) -> Result
     }
 }
 
-/// Refuses flags of `render` that requests state themselves.
-fn check(args: &RenderArgs) -> Result<(), Failure> {
-    let given = [
-        ("-o", args.output.is_some()),
-        ("--print-scene", args.print_scene),
-        ("--stats", args.stats),
-        ("--verify", args.verify),
-        ("--turntable", args.turntable),
-        ("--cameras", args.cameras.is_some()),
-        ("--region", args.region.is_some()),
-        ("--repeat", args.repeat.is_some()),
-        ("--samples", args.samples.is_some()),
-        ("--frame-range", args.frame_range.is_some()),
-        ("--shard", args.shard.is_some()),
-        ("--tile", args.tile.is_some()),
-        ("--skip-existing", args.skip_existing),
-        ("--progressive", args.progressive),
-    ];
-    if let Some((flag, _)) = given.into_iter().find(|(_, given)| *given) {
-        return Err(Failure::usage(format!(
-            "{flag} is not for surfel serve: requests say what is drawn, and where to"
-        )));
-    }
+/// Refuses stdin as an input.
+fn check(args: &Options) -> Result<(), Failure> {
     if args.inputs.iter().any(|path| is_stdin(path)) {
         return Err(Failure::usage("-: stdin has the requests, expected a scene file, splats, points or meshes"));
     }
@@ -194,7 +172,7 @@ fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
 
 /// A scene in memory, and its backend.
 struct Server<'a> {
-    args: &'a RenderArgs,
+    args: &'a Options,
     resolved: Resolved,
     /// Metadata about the inputs, stored in every image.
     inputs: Vec<Input>,
@@ -228,13 +206,13 @@ impl ByLevels {
 }
 
 impl<'a> Server<'a> {
-    fn start(args: &'a RenderArgs, threads: usize, console: &Console) -> Result<Self, Failure> {
+    fn start(args: &'a Options, threads: usize, console: &Console) -> Result<Self, Failure> {
         let mut backend = start(args, threads, console)?;
         let stdin = Stdin::default();
         let source = resolve::source(&args.inputs, &stdin)?;
         let bare = matches!(source, Source::Geometry(_));
         let (loading, _) = resolve::request(resolve::source(&args.inputs, &stdin)?, &Pictures::Any, args, &stdin)?;
-        let (mut resolved, levels) = match loading.exceeds_memory() && !args.all_levels {
+        let (mut resolved, levels) = match loading.exceeds_memory() && !args.render.all_levels {
             false => (resolve(source, &Pictures::Any, args, &stdin, console)?, None),
             true => {
                 let store = Arc::new(LevelStore::keeping_nodes());
@@ -257,7 +235,7 @@ impl<'a> Server<'a> {
         let summary = SceneSummary::of(&resolved.scene);
         let settings = resolved.file.settings;
         let refuses = |c: &Capabilities| unsupported(&summary, &settings, Planes::ALL, c).map(|e| e.to_string());
-        if args.backend == "auto" && refuses(&backend.info().capabilities).is_some() {
+        if args.backend_name() == "auto" && refuses(&backend.info().capabilities).is_some() {
             backend = choose(args, threads, console, refuses)?;
         }
         let scene = if levels.is_none() { Some(backend.upload(&resolved.scene)?) } else { None };
@@ -293,7 +271,7 @@ impl<'a> Server<'a> {
         let output = Output::new(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
         output.check(Some(path))?;
         // The scene's camera already includes the flags for it; the request's fields act like such flags.
-        let mut said = options::render(self.args)?;
+        let mut said = self.args.render.clone();
         (said.view, said.size, said.region) = (request.view, request.size, request.region);
         (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);
         let file = &self.resolved.file;

@@ -1,10 +1,10 @@
 //! `render --verify`: measures an image's errors, and checks its preset's promise.
 
 use crate::failure::Failure;
-use crate::values::json_number;
 use serde_json::{Value, json};
 use std::fmt::Write;
 use surfel::render::{Promise, SceneSummary, inside_surfaces};
+use surfel::values::json_number;
 use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
 use surfel_metrics::{CompareOptions, Comparison, Image};
 

@@ -10,6 +10,7 @@ mod interface;
 mod levels;
 mod losses;
 mod net;
+mod options;
 mod ortho;
 mod output_images;
 mod pieces;

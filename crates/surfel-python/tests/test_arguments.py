@@ -83,6 +83,7 @@ POINTS, COLORS = sphere(60)
         (lambda: surfel.scene(POINTS).render(where="z>0 and"), surfel.UsageError, "where=.*ends after character 7"),
         (lambda: surfel.scene(POINTS, faces=[[0, 1, 60]]), surfel.InputError, "faces: from 0 to 60"),
         (lambda: surfel.scene(POINTS, sise=3), TypeError, "'sise': did you mean size"),
+        (lambda: surfel.scene(POINTS).render(cmap="turbo"), TypeError, "'cmap': did you mean colormap"),
         (lambda: surfel.scene(POINTS).render(size=(0, 5)), surfel.UsageError, "size=0x5: expected WxH"),
         (lambda: surfel.scene(POINTS).render(size={}), surfel.UsageError, "size"),
         (lambda: surfel.scene(POINTS).render(preset="best"), surfel.UsageError, "preset=best: expected fastest"),
@@ -162,7 +163,7 @@ def test_tensors_are_taken_by_their_protocol():
 
 
 def test_stubs_know_every_flag():
-    from surfel._flags import ORTHO, RENDER, SPLATS
+    from surfel._flags import CONVERT, ORTHO, RENDER, SPLATS
 
     stub = pathlib.Path(surfel.__file__).with_name("__init__.pyi")
     tree = ast.parse(stub.read_text())
@@ -170,8 +171,8 @@ def test_stubs_know_every_flag():
     for node in tree.body:
         if isinstance(node, ast.ClassDef):
             flags[node.name] = {item.target.id for item in node.body if isinstance(item, ast.AnnAssign)}
-    assert flags["_Splats"] == SPLATS
-    assert flags["_Splats"] | flags["_Render"] == RENDER
-    assert flags["_Splats"] | flags["_Ortho"] | {"gsd", "dsm", "normals", "fill"} == ORTHO
+    assert flags["_RenderFlags"] | flags["_Render"] == RENDER
+    assert flags["_Convert"] == CONVERT and flags["_Ortho"] == ORTHO
+    assert SPLATS < RENDER & CONVERT
     defined = {n.name for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef))} | {"__version__"}
     assert set(surfel.__all__) <= defined

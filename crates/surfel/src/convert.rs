@@ -2,6 +2,7 @@
 
 use crate::load::{Conversion, UnusedOption};
 use crate::noise::{no_surface, water};
+use crate::options::{self, Inputs, Row};
 use crate::words::{counted, number};
 use crate::{Error, LoadOptions, levels, memory};
 use glam::DVec3;
@@ -15,42 +16,19 @@ use surfel_sample::{MeshMethod, MeshOptions, MeshReport, PointOptions, PointRepo
 
 /// Returns the options that have no effect on a file's content.
 pub(crate) fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOption> {
-    let holds = match content {
-        Content::Splats(_) => "splats",
-        Content::Points(_) => "points",
-        Content::Mesh(_) => "a mesh",
-        Content::Octree(_) => "an octree",
-        Content::Gaussians(_) => "Gaussians",
+    let (holds, kind) = match content {
+        Content::Splats(_) => ("splats", Inputs::SPLATS),
+        Content::Points(_) => ("points", Inputs::POINTS),
+        Content::Mesh(_) => ("a mesh", Inputs::MESHES),
+        Content::Octree(_) => ("an octree", Inputs::OCTREES),
+        Content::Gaussians(_) => ("Gaussians", Inputs::GAUSSIANS),
     };
-    let whole = ["an octree", "Gaussians"].contains(&holds);
-    let (points, mesh) = (holds == "points", holds == "a mesh");
-    let rows = points || holds == "splats";
-    // One splat per vertex of a mesh corresponds to one splat per point.
-    let (method, fits) = match options.method {
-        Some(MeshMethod::PerFace) => ("per_face", mesh),
-        Some(MeshMethod::PerVertex) => ("per_vertex", mesh || points),
-        Some(_) => ("splats", mesh),
-        None => ("", true),
+    let unused = |row: &&Row| !row.inputs.has(kind) && row.given.is_some_and(|given| given(options));
+    let described = |row: &Row| {
+        let option = row.convert_key()?;
+        Some(UnusedOption { option, holds: holds.into(), expected: row.inputs.words().into() })
     };
-    let given = [
-        (method, fits, "a mesh"),
-        ("texture", options.texture_sampling.is_none() || mesh || holds == "an octree", "a mesh"),
-        ("colors", options.colors == PointColors::AsIs || points, "points"),
-        ("max_points", options.max_points.is_none() || points, "points"),
-        ("radius_scale", options.radius_scale == 1.0 || !whole, "splats, points or a mesh"),
-        ("sharp", !options.sharp || points || mesh, "points or a mesh"),
-        ("error", options.sharp_error.is_none() || mesh, "a mesh"),
-        ("color_by", options.color_by.is_none() || !whole, "splats, points or a mesh"),
-        ("crop", options.crop.is_none() || rows, "points or splats"),
-        ("classes", options.classes.is_none() || rows, "points or splats"),
-        ("returns", options.returns.is_none() || rows, "points or splats"),
-        ("where", options.condition.is_none() || rows, "points or splats"),
-        ("every", options.every.is_none() || rows, "points or splats"),
-        ("all_points", !options.all_points || points, "points"),
-        ("outliers", options.outliers == Outliers::Keep || points, "points"),
-    ];
-    let unused = given.into_iter().filter(|(_, fits, _)| !fits);
-    unused.map(|(option, _, expected)| UnusedOption { option, holds: holds.into(), expected }).collect()
+    options::table().rows().filter(unused).filter_map(described).collect()
 }
 
 /// Scales the radii of splats, and estimates their interior weight again.

@@ -137,6 +137,7 @@ mod mesh_columns;
 pub mod metadata;
 mod noise;
 mod octree;
+pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho;
 mod patches;

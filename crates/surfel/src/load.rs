@@ -317,7 +317,7 @@ pub struct UnusedOption {
     /// Content of the file: "splats", "points", "a mesh" or "an octree"; or its attributes.
     pub holds: Cow<'static, str>,
     /// Content that the option applies to.
-    pub expected: &'static str,
+    pub expected: Cow<'static, str>,
 }
 
 /// Returns the options that readers use.
@@ -374,7 +374,7 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
 /// Describes a file that lacks the attribute it is to be coloured by.
 pub(crate) fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
-    UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these" }
+    UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these".into() }
 }
 
 /// Reads a file, or the selected levels of a file with levels of detail. The report is `None` if all points were read.

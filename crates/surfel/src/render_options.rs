@@ -4,7 +4,8 @@ use crate::Error;
 use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
-use crate::values::{self, Part, RangeChoice, switch};
+use crate::options::{self, Commands, Options};
+use crate::values::{Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{
@@ -127,54 +128,20 @@ pub struct SplatOptions {
 /// Filters for trained Gaussians.
 const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 
-fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
-    let wrong = || format!("expected a whole number from {} to {}", range.start(), range.end());
-    text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
-}
-
-fn file(text: &str) -> Result<PathBuf, String> {
-    if text.is_empty() { Err("expected a file's name".to_owned()) } else { Ok(text.into()) }
-}
-
 impl SplatOptions {
-    /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`. Returns false if no
-    /// such flag exists here.
+    /// Sets an option of `surfel convert` by its long name without dashes, from its text; a switch from `on` or `off`.
+    /// Returns false if no such option exists here.
     ///
     /// # Errors
     /// A message that states the expected values, if the text isn't a valid value of the flag.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
-        let convert = &mut self.convert;
-        match flag {
-            "repair" => convert.repair = switch(text)?,
-            "texture" => self.add_texture(file(text)?)?,
-            "per-vertex" => convert.per_vertex = switch(text)?,
-            "per-face" => convert.per_face = switch(text)?,
-            "colors" => convert.colors = Some(values::point_colors(text)?),
-            "splats" => convert.splats = Some(values::splat_count(text)?),
-            "radius-scale" => convert.radius_scale = Some(values::positive(text)?),
-            "max-points" => convert.max_points = Some(whole(text, 1..=u32::MAX)?),
-            "memory" => self.memory = Some(values::memory(text)?),
-            "cull" => self.cull = Some(values::cull(text)?),
-            "sharp" => convert.sharp = switch(text)?,
-            "crease-angle" => convert.crease_angle = Some(values::angle(text)?),
-            "error" => convert.error = Some(values::positive(text)?),
-            "color-by" => convert.color_by = Some(text.to_owned()),
-            "colormap" => convert.colormap = Some(values::colormap(text)?),
-            "range" => self.set_range(values::range_choice(text)?),
-            "colorbar" => self.colorbar = Some(file(text)?),
-            "crop" => convert.crop = Some(values::crop(text)?),
-            "classes" => convert.classes = Some(values::classes(text)?),
-            "returns" => convert.returns = Some(values::returns(text)?),
-            "where" => self.add_condition(values::condition(text)?),
-            "every" => convert.every = Some(whole(text, 1..=u32::MAX)?),
-            "all-points" => convert.all_points = switch(text)?,
-            "outliers" => convert.outliers = Some(values::outliers(text)?),
-            "allow-outside" => convert.allow_outside = switch(text)?,
-            "max-texture" => convert.max_texture = Some(whole(text, 1..=32_768)?),
-            "columns" => convert.columns = Some(values::columns(text)?),
-            _ => return Ok(false),
+        if options::table().find(Commands::CONVERT, flag).is_none_or(|row| !row.is_image) {
+            return Ok(false);
         }
-        Ok(true)
+        let mut render = RenderOptions { splats: std::mem::take(self), ..RenderOptions::default() };
+        let set = render.set(flag, text);
+        *self = render.splats;
+        set.map(|()| true)
     }
 
     /// Sets the value of `--range`.
@@ -318,51 +285,15 @@ impl RenderOptions {
     /// A message that states the expected values, if the text isn't a valid value of the flag, or no such flag exists
     /// here. Flags for backends and output files are handled by the caller.
     pub fn set(&mut self, flag: &str, text: &str) -> Result<(), String> {
-        if self.splats.set(flag, text)? {
-            return Ok(());
+        let row = options::table().find(Commands::RENDER, flag).filter(|row| row.is_image);
+        let row = row.ok_or_else(|| "there is no such flag here".to_owned())?;
+        if text.is_empty() && row.missing.is_some() {
+            return Err("expected a value".to_owned());
         }
-        match flag {
-            "size" => self.size = Some(values::size(text)?),
-            "camera" => self.camera = Some(CameraSource::File(file(text)?)),
-            "view" => self.view = Some(values::view(text)?),
-            "eye" => self.eye = Some(values::point(text)?),
-            "target" => self.target = Some(values::point(text)?),
-            "camera-up" => self.camera_up = Some(values::direction(text)?),
-            "up" => self.up = Some(values::up(text)?),
-            "region" => self.region = Some(values::region(text)?),
-            "tile" => self.tile = Some(values::part(text)?),
-            "fov-y" => self.fov_y = Some(values::fov(text)?),
-            "ortho" => self.ortho = switch(text)?,
-            "preset" => self.preset = Some(values::preset(text)?),
-            "filter" => self.filter = Some(values::filter(text)?),
-            "mapping" => self.mapping = Some(values::mapping(text)?),
-            "cutoff" => self.cutoff = Some(values::cutoff(text)?),
-            "prefilter" => self.prefilter = Some(values::prefilter(text)?),
-            "depth-tolerance" => self.depth_tolerance = Some(values::depth_tolerance(text)?),
-            "accumulate" => self.accumulate = Some(values::accumulate(text)?),
-            "transparency" => self.transparency = Some(values::transparency(text)?),
-            "composite" => self.composite = Some(values::composite(text)?),
-            "sort" => self.sort = Some(values::sort(text)?),
-            "clip" => self.clip = Some(values::clip(text)?),
-            "shader" => self.shader = Some(values::shader(text)?),
-            "matcap" => self.matcap = Some(file(text)?),
-            "lod-error" => self.lod_error = Some(values::positive(text)?),
-            "all-levels" => self.all_levels = switch(text)?,
-            "shadows" => self.shadows = switch(text)?,
-            "edge-aa" => self.edge_aa = Some(values::edge_aa(text)?),
-            "background" => self.background = Some(values::background(text)?),
-            "samples" => self.samples = Some(whole(text, 1..=64)?),
-            "planes" => {
-                let planes: Vec<String> = text.split(',').map(|plane| plane.trim().to_owned()).collect();
-                if planes.iter().any(|plane| !Self::MORE_PLANES.contains(&plane.as_str())) {
-                    return Err(format!("expected some of {}", Self::MORE_PLANES.join(", ")));
-                }
-                self.planes = planes;
-            }
-            "label" => self.label = Some(text.to_owned()),
-            _ => return Err("there is no such flag here".to_owned()),
-        }
-        Ok(())
+        let mut all = Options { render: std::mem::take(self), ..Options::default() };
+        let set = row.set(&mut all, text.as_ref());
+        *self = all.render;
+        set
     }
 
     /// Refuses flags that contradict each other or need another flag.

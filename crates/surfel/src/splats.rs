@@ -1,13 +1,14 @@
 //! Options for converting files to splats: merging with scene files, and checks against the files' content.
 
-use crate::Error;
 use crate::coloring::{ColorScale, Coloring, save_color_bar};
+use crate::options::table;
 use crate::paths::display;
 use crate::render_options::SplatOptions;
 use crate::scene::UnusedOption;
+use crate::{Error, LoadOptions};
 use std::path::{Path, PathBuf};
 use surfel_io::ShowPath as _;
-use surfel_model::{ConvertOptions, Outliers, PointColors, SplatCount};
+use surfel_model::{ConvertOptions, SplatCount};
 
 /// Merges the options into a scene file's conversion options; options take precedence.
 ///
@@ -85,31 +86,14 @@ pub fn check_used(
     unused: &[(PathBuf, UnusedOption)],
     note: &mut dyn FnMut(String),
 ) -> Result<(), Error> {
-    let said = &options.convert;
+    let said = LoadOptions::default().with_convert(&options.convert, Path::new(""));
+    let is_flag = |option: &str| {
+        let rows = table().rows().filter(|row| row.convert_key() == Some(option));
+        rows.filter_map(|row| row.given).any(|given| given(&said))
+    };
     for (path, UnusedOption { option, holds, expected }) in unused {
-        let flagged = match *option {
-            "splats" => said.splats.is_some(),
-            "per_face" => said.per_face,
-            "per_vertex" => said.per_vertex,
-            "max_points" => said.max_points.is_some(),
-            "radius_scale" => said.radius_scale.is_some(),
-            "sharp" => said.sharp,
-            "error" => said.error.is_some(),
-            "texture" => said.texture.sampling.is_some(),
-            "colors" => said.colors == Some(PointColors::Fit),
-            "color_by" => said.color_by.is_some(),
-            "crop" => said.crop.is_some(),
-            "classes" => said.classes.is_some(),
-            "returns" => said.returns.is_some(),
-            "where" => said.condition.is_some(),
-            "every" => said.every.is_some(),
-            "all_points" => said.all_points,
-            "outliers" => said.outliers == Some(Outliers::Drop),
-            "columns" => said.columns.is_some(),
-            _ => false,
-        };
         let name = display(path);
-        if flagged {
+        if is_flag(option) {
             let flag = option.replace('_', "-");
             return Err(Error::Usage(format!("{name}: holds {holds}, expected {expected} for --{flag}")));
         }

@@ -106,6 +106,54 @@ pub fn part(text: &str) -> Result<Part, String> {
     part.ok_or_else(|| format!("expected I/N: part I of N, I from 0 to N, N from 1 to {MAX_PARTS}, as in 3/16"))
 }
 
+/// Frames from A to B, inclusive, with a step: `A-B[:STEP]`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct FrameRange {
+    first: u32,
+    last: u32,
+    step: u32,
+}
+
+impl FrameRange {
+    /// Returns the frames, if all of them are less than `frames`.
+    pub fn checked(self, frames: usize) -> Result<impl Iterator<Item = u32>, String> {
+        if self.last as usize >= frames {
+            return Err(format!(
+                "--frame-range goes to {}, expected at most {}: there are {frames} frames or cameras",
+                self.last,
+                frames.saturating_sub(1)
+            ));
+        }
+        Ok((self.first..=self.last).step_by(self.step as usize))
+    }
+}
+
+impl std::fmt::Display for FrameRange {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{}-{}:{}", self.first, self.last, self.step)
+    }
+}
+
+/// Parses `--frame-range`.
+pub fn frame_range(text: &str) -> Result<FrameRange, String> {
+    let parse = || {
+        let (range, step) = text.split_once(':').unwrap_or((text, "1"));
+        let (first, last) = range.split_once('-').unwrap_or((range, range));
+        let number = |text: &str| text.trim().parse::<u32>().ok();
+        let range = FrameRange { first: number(first)?, last: number(last)?, step: number(step)? };
+        (range.first <= range.last && range.step > 0).then_some(range)
+    };
+    parse().ok_or_else(|| {
+        "expected A-B or A-B:STEP: frames that count from 0, A at most B, STEP at least 1, as in 0-99:10".to_owned()
+    })
+}
+
+/// Parses a whole number within a range.
+pub fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
+    let wrong = || format!("expected a whole number from {} to {}", range.start(), range.end());
+    text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
+}
+
 /// Parses `on` as true and `off` as false.
 pub fn switch(text: &str) -> Result<bool, String> {
     match text {
@@ -358,6 +406,17 @@ pub fn json_number(value: f64) -> Value {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn frame_ranges_have_both_ends() {
+        let range = |first, last, step| Ok(FrameRange { first, last, step });
+        assert_eq!(frame_range("0-9"), range(0, 9, 1));
+        assert_eq!(frame_range("5-5:3"), range(5, 5, 3));
+        assert_eq!(frame_range("7"), range(7, 7, 1));
+        for bad in ["", "-", "9-0", "0-9:0", "0-9:", "a-b", "0..9", "-1-3", "0-99999999999"] {
+            assert!(frame_range(bad).is_err(), "{bad}");
+        }
+    }
 
     #[test]
     fn memory_is_bytes_with_or_without_a_unit() {

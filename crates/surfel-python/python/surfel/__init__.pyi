@@ -4,7 +4,7 @@ from typing import Any, Literal, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
-from typing_extensions import Unpack
+from typing_extensions import Required, Unpack
 
 __version__: str
 
@@ -13,88 +13,147 @@ _Numbers = Sequence[float] | NDArray[Any]
 _Plane = Literal[
     "color", "depth", "normal", "weight", "index", "object", "label", "position", "alpha", "median_depth", "distortion"
 ]
-_Axis = Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
 
-class _Splats(TypedDict, total=False):
-    repair: bool
-    texture: _Path | Literal["point", "ewa", "fit"]
-    colors: Literal["as-is", "fit"]
-    per_vertex: bool
-    per_face: bool
-    splats: int | Literal["auto"]
-    radius_scale: float
-    max_points: int
-    memory: int | str
-    cull: Literal["none", "back"]
-    sharp: bool
-    crease_angle: float
-    error: float
+# Generated from the options table:
+class _RenderFlags(TypedDict, total=False):
+    force: bool
+    label: str
+    size: tuple[int, int]
+    view: str | tuple[float, float]
+    up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+    ortho: bool
+    fov_y: float
+    eye: _Numbers
+    target: _Numbers
+    camera_up: _Numbers
+    camera: Camera | Mapping[str, Any] | _Path
+    region: tuple[int, int, int, int]
+    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
+    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
+    shadows: bool
+    edge_aa: bool | Literal["on", "off", "samples"]
+    background: _Numbers | Literal["transparent"]
+    matcap: _Path
+    transparency: str
+    composite: Literal["surface", "over"]
+    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
+    depth_tolerance: float | str
     color_by: str
     colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
     range: _Numbers
     colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
     crop: _Numbers
     classes: Sequence[int] | str
     returns: Literal["last", "first", "single"]
     where: str | Sequence[str]
     every: int
+    max_points: int
     all_points: bool
     outliers: Literal["keep", "drop"]
+    lod_error: float
+    all_levels: bool
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
     allow_outside: bool
     max_texture: int
-    columns: str | Sequence[str | None]
-
-class _Render(_Splats, total=False):
-    size: tuple[int, int]
-    camera: Camera | Mapping[str, Any] | _Path
-    lights: Iterable[Mapping[str, Any]] | Mapping[str, Any]
-    force: bool
-    view: str | tuple[float, float]
-    eye: _Numbers
-    target: _Numbers
-    camera_up: _Numbers
-    up: _Axis
-    region: tuple[int, int, int, int]
+    memory: int | str
     tile: tuple[int, int] | str
-    fov_y: float
-    ortho: bool
-    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
-    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
+    adapter: str
+    threads: int
     mapping: Literal["exact", "affine"]
     cutoff: float
     prefilter: float
-    depth_tolerance: float | str
     accumulate: Literal["f32", "f16"]
-    transparency: str
-    composite: Literal["surface", "over"]
-    sort: Literal["center", "pixel"]
     clip: Literal["exact", "paper", "line", "off"]
-    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
-    matcap: _Path
-    lod_error: float
-    all_levels: bool
-    shadows: bool
-    edge_aa: bool | Literal["on", "off", "samples"]
-    background: _Numbers | Literal["transparent"]
+    sort: Literal["center", "pixel"]
     samples: int
-    label: str
-    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
-    adapter: str
     storage: Literal[16, 32, "16", "32"]
-    threads: int
 
-class _Convert(_Splats, total=False):
-    threads: int
-    resume: bool
+class _Convert(TypedDict, total=False):
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
     shard: str | tuple[int, int]
+    resume: bool
+    threads: int
 
-class _Ortho(_Splats, total=False):
+class _Ortho(TypedDict, total=False):
+    gsd: Required[float]
+    dsm: _Path | None
+    normals: _Path | None
     bounds: _Numbers
     origin: _Numbers
     size: tuple[int, int]
+    fill: float | None
     crs: str
+    color_by: str
+    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    range: _Numbers
+    colorbar: _Path
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
     backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
     threads: int
+
+# End of what is generated.
+
+class _Render(_RenderFlags, total=False):
+    lights: Iterable[Mapping[str, Any]] | Mapping[str, Any]
 
 class Error(Exception): ...
 class UsageError(Error, ValueError): ...
@@ -238,10 +297,6 @@ def ortho(
     inputs: _Path | Iterable[_Path] | Scene,
     output: _Path | None = ...,
     *,
-    gsd: float,
-    dsm: _Path | None = ...,
-    normals: _Path | None = ...,
-    fill: float | None = ...,
     force: bool = ...,
     **flags: Unpack[_Ortho],
 ) -> dict[str, Any]: ...

@@ -111,7 +111,7 @@ def ortho(inputs, output=None, *, gsd, dsm=None, normals=None, fill=None, force=
     UsageError, InputError
     """
     base = getattr(inputs, "_base", {})
-    given = {name: value for name, value in base.items() if name in _flags.SPLATS}
+    given = {name: value for name, value in base.items() if name in _flags.SPLATS & _flags.ORTHO}
     given.update(flags, gsd=gsd, dsm=dsm, normals=normals, fill=fill)
     given = _flags.texts(given, _flags.ORTHO, "ortho")
     output = None if output is None else os.fspath(output)

@@ -6,22 +6,14 @@ import json
 import numbers
 import os
 
+from . import _table
 from ._camera import Camera
 from ._errors import UsageError
 
-SPLATS = frozenset(
-    "repair texture colors per_vertex per_face splats radius_scale max_points cull sharp crease_angle error color_by"
-    " colormap range colorbar crop classes returns where every all_points outliers allow_outside max_texture columns"
-    " memory".split()
-)
-RENDER = SPLATS | frozenset(
-    "size camera view eye target camera_up up region tile fov_y ortho preset filter mapping cutoff prefilter"
-    " depth_tolerance accumulate transparency composite sort clip shader matcap lod_error all_levels shadows edge_aa"
-    " background samples label backend"
-    " adapter storage threads lights force".split()
-)
-CONVERT = SPLATS | {"threads", "resume", "shard"}
-ORTHO = SPLATS | frozenset("gsd dsm normals fill bounds origin size crs backend threads".split())
+SPLATS = _table.SPLATS
+RENDER = _table.RENDER | {"lights"}
+CONVERT = _table.CONVERT
+ORTHO = _table.ORTHO
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
 GAUSSIANS = ("alpha", "median_depth", "distortion")
@@ -46,7 +38,7 @@ def _text(name: str, value) -> str:
     try:
         if isinstance(value, numbers.Real) or getattr(value, "ndim", None) == 0:
             return _number(value)
-        return {"size": "x", "tile": "/", "shard": "/"}.get(name, ",").join(_number(part) for part in value)
+        return _table.SEPARATORS.get(name, ",").join(_number(part) for part in value)
     except (TypeError, ValueError):
         raise TypeError(f"{name}: a {type(value).__name__}, expected text, a number or numbers") from None
 
@@ -61,14 +53,20 @@ def columns_text(value) -> str | None:
         raise TypeError(f"columns: a {type(value).__name__}, expected text such as 'x,y,z,_,r,g,b', or names") from None
 
 
+def _near(name: str, known: frozenset) -> str | None:
+    """Keyword of similar meaning, else of similar spelling."""
+    import difflib
+
+    meant = (keyword for synonym, keyword in _table.SYNONYMS if synonym == name and keyword in known)
+    return next(meant, None) or next(iter(difflib.get_close_matches(name, known, 1)), None)
+
+
 def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
     """Returns pairs of a flag's name and its text. Arguments that are None are omitted."""
     for name in given:
         if name not in known:
-            import difflib
-
-            near = difflib.get_close_matches(name, known, 1)
-            help = f": did you mean {near[0]}?" if near else f", expected some of {', '.join(sorted(known))}"
+            near = _near(name, known)
+            help = f": did you mean {near}?" if near else f", expected some of {', '.join(sorted(known))}"
             raise TypeError(f"{where}() got an unexpected keyword argument '{name}'{help}")
     pairs = []
     for name, value in given.items():

@@ -1,0 +1,83 @@
+//! Options for the backend and for the program itself.
+
+use crate::options::row::{Commands, Group, Row, put, put_path};
+use crate::values;
+
+/// Names of the backends, as `--backend` has them.
+const BACKENDS: [&str; 5] = ["auto", "cpu", "wgpu", "ash", "reference"];
+
+const fn backend(row: Row) -> Row {
+    row.of(Group::Backend, Commands::IMAGES).keyword(Commands::RENDER)
+}
+
+const fn backend_of(commands: Commands) -> Row {
+    Row::text("backend", "BACKEND", |o, text| put(&mut o.backend, Ok(text.to_owned())))
+        .of(Group::Backend, commands)
+        .names(|| BACKENDS.to_vec())
+        .drawn()
+        .synonyms(&["renderer", "engine", "device", "gpu", "api"])
+}
+
+const fn program(row: Row) -> Row {
+    row.of(Group::Program, Commands::ALL)
+}
+
+pub(super) const ROWS: &[Row] = &[
+    backend_of(Commands::IMAGES.and(Commands::ORTHO))
+        .keyword(Commands::RENDER.and(Commands::ORTHO))
+        .default_value("auto")
+        .help("Rendering backend.", "")
+        .everyday(),
+    backend_of(Commands::AGAIN).help("Rendering backend, instead of the one that drew IMAGE.", "").everyday(),
+    backend(Row::text("adapter", "NAME", |o, text| put(&mut o.adapter, Ok(text.to_owned()))))
+        .help("Part of the adapter's name, in any case.", "")
+        .python("str")
+        .example("radeon")
+        .synonyms(&["gpu-name", "card"]),
+    backend(Row::text("storage", "BITS", |o, text| {
+        o.quantised = match text {
+            "32" => false,
+            "16" => true,
+            _ => return Err("expected 32 or 16".to_owned()),
+        };
+        Ok(())
+    }))
+    .names(|| vec!["32", "16"])
+    .default_value("32")
+    .drawn()
+    .help("Bits per stored number: 16 takes about half the memory, with a small error.", "")
+    .expert()
+    .python(r#"Literal[16, 32, "16", "32"]"#)
+    .synonyms(&["precision", "half", "quantize", "quantise"]),
+    Row::switch("stdio", |_, _| {})
+        .of(Group::Program, Commands::SERVE)
+        .required(&[])
+        .help(
+            "Read a request from each line of stdin and answer with a line on stdout, both JSON; stop at the end of \
+             stdin.",
+            "",
+        )
+        .everyday(),
+    program(Row::switch("quiet", |o, on| o.quiet = on))
+        .letter('q')
+        .help("Print errors only.", "")
+        .everyday()
+        .synonyms(&["silent"]),
+    program(Row::switch("verbose", |o, on| o.verbose = on))
+        .letter('v')
+        .help("Print additional information on stderr.", "")
+        .everyday()
+        .synonyms(&["debug", "log"]),
+    program(Row::text("threads", "N", |o, text| {
+        put(&mut o.threads, values::whole(text, 1..=1024).map(|count| count as usize))
+    }))
+    .keyword(Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO))
+    .help("Number of threads; by default one per CPU.", "")
+    .python("int")
+    .example("7")
+    .synonyms(&["jobs", "cpus", "cores", "workers"]),
+    program(Row::path("config", "FILE", |o, path| put_path(&mut o.config, path)))
+        .help("TOML file with flags; its keys are long flag names.", "Flags on the command line take precedence.")
+        .example("surfel.toml")
+        .synonyms(&["settings", "options"]),
+];
