@@ -62,10 +62,11 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         .subcommand_required(true)
         .args(global.map(|row| argument(row, &[]).global(true)))
         .subcommand(of("render", "Render an image").arg(inputs("INPUT", SCENE, 1..)))
-        .subcommand(
-            of("again", "Draw an image again from the scene stored in its metadata")
-                .arg(inputs("IMAGE", "A PNG or EXR drawn by surfel, with its metadata", 1..2)),
-        )
+        .subcommand(of("again", "Draw an image again from the scene stored in its metadata").arg(inputs(
+            "IMAGE",
+            "A PNG or EXR drawn by surfel, with its metadata",
+            1..2,
+        )))
         .subcommand(of("convert", "Convert points or a mesh to splats").arg(inputs(
             "INPUT",
             "Points, a mesh or splats; - is stdin. With -o OUT.copc.laz: any number of point files (LAS, LAZ, COPC, \
@@ -77,26 +78,28 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
                 .hide(!cfg!(feature = "ortho"))
                 .arg(inputs("INPUT", "Points, splats or meshes with z up, all of one area; - is stdin", 1..)),
         )
-        .subcommand(
-            of("info", "Describe the content of a file")
-                .arg(inputs("INPUT", "Splats, points or a mesh; - is stdin", 1..2)),
-        )
+        .subcommand(of("info", "Describe the content of a file").arg(inputs(
+            "INPUT",
+            "Splats, points or a mesh; - is stdin",
+            1..2,
+        )))
         .subcommand(StitchArgs::augment_args(plain("stitch", "Merge the tiles of an image")))
-        .subcommand(
-            of("serve", "Draw images of one scene, kept in memory, as requested on stdin")
-                .arg(inputs("INPUT", SCENE, 1..)),
-        )
+        .subcommand(of("serve", "Draw images of one scene, kept in memory, as requested on stdin").arg(inputs(
+            "INPUT",
+            SCENE,
+            1..,
+        )))
         .subcommand(JobsArgs::augment_args(plain(
             "jobs",
             "Print a job for a cluster or render farm that draws a scene, or converts points, in shards",
         )))
         .subcommand(CompareArgs::augment_args(plain("compare", "Measure the difference between two images")))
         .subcommand(BackendsArgs::augment_args(plain("backends", "List the backends available on this machine")))
-        .subcommand(
-            plain("view", "Show in a window (not in this version)")
-                .hide(true)
-                .arg(inputs("INPUT", "A scene file, splats, points or meshes", 1..)),
-        )
+        .subcommand(plain("view", "Show in a window (not in this version)").hide(true).arg(inputs(
+            "INPUT",
+            "A scene file, splats, points or meshes",
+            1..,
+        )))
         .subcommand(CompletionsArgs::augment_args(plain("completions", "Print a completion script for a shell")))
         .subcommand(plain("man", "Print the manual page"))
 }
