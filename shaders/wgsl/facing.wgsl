@@ -12,6 +12,11 @@ fn nearness(z: f32, epsilon: f32, back_facing: bool) -> f32 {
     return select(z, fma(BACK_FACING_LAG, epsilon, z), back_facing);
 }
 
+// The depth behind which nothing blends with the side that a pixel shows, from how near either side comes.
+fn sheet_limit(shown: f32, other: f32) -> f32 {
+    return (shown + other) * 0.5;
+}
+
 // The shading normal of a back-facing splat of an oriented two-sided surface: turned about, or near the contour
 // mirrored in the plane across the ray.
 fn back_normal(shading: vec3f, cosine: f32, to_eye: vec3f) -> vec3f {

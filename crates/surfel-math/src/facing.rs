@@ -16,6 +16,13 @@ pub fn nearness<R: Real>(z: R, epsilon: R, back_facing: bool) -> R {
     if back_facing { z.constant(BACK_FACING_LAG).mul_add(epsilon, z) } else { z }
 }
 
+/// Returns the depth behind which nothing blends with the side that a pixel shows: midway between how near either side
+/// comes, so that a surface's underside separates its top from what lies below.
+#[inline(always)]
+pub fn sheet_limit<R: Real>(shown: R, other: R) -> R {
+    (shown + other) * shown.constant(0.5)
+}
+
 /// The shading normal of a back-facing splat of an oriented two-sided surface, `cosine` that of its geometric normal
 /// to the unit direction `to_eye`: turned about, or near the contour, where it only reaches past the front, mirrored
 /// in the plane across the ray. Both have the same angle to the ray, but the mirrored one goes on from the front side.
@@ -42,6 +49,12 @@ mod tests {
         assert!(close(shown(11.0), -at(11.0)));
         // One that leans toward the eye, whatever the splat's plane does, stays.
         assert!(close(back_normal(at(-5.0), -0.1, to_eye), at(-5.0)));
+    }
+
+    #[test]
+    fn a_sheet_ends_midway_between_its_sides() {
+        assert_eq!(sheet_limit(2.0, 2.5), 2.25);
+        assert_eq!(sheet_limit(2.0, f64::INFINITY), f64::INFINITY);
     }
 
     #[test]

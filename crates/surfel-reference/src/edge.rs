@@ -65,12 +65,12 @@ impl Edges<'_> {
 
 /// How far a pixel's own surface reaches.
 fn limit(own: Threshold) -> f64 {
-    own.depth + own.epsilon
+    own.writer_depth + own.epsilon
 }
 
 /// Where a neighbour's surface begins.
 fn step(neighbour: Threshold) -> f64 {
-    neighbour.depth - neighbour.epsilon
+    neighbour.writer_depth - neighbour.epsilon
 }
 
 #[cfg(test)]
@@ -85,8 +85,8 @@ mod tests {
 
     /// A row of pixels of these depths, for sure, with ε = 0.1.
     fn row(depths: &[f64]) -> (Passes, Region) {
-        let thresholds: Vec<Threshold> =
-            depths.iter().map(|&z| Threshold { depth: z + 0.1, epsilon: 0.1, ..Threshold::NONE }).collect();
+        let at = |depth: f64| Threshold { depth, writer_depth: depth, epsilon: 0.1, ..Threshold::NONE };
+        let thresholds: Vec<Threshold> = depths.iter().map(|&z| at(z + 0.1)).collect();
         let possible =
             thresholds.iter().map(|&k| PossibleThresholds { nearest: k, farthest: k, tie: Threshold::NONE }).collect();
         let sums = vec![Sums::default(); depths.len()];
