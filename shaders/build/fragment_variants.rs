@@ -54,12 +54,16 @@ pub(crate) fn entry_points() -> Result<String, std::fmt::Error> {
             writeln!(text, "    if !({layer}_is_visible(in, z){visible}) {{\n        discard;\n    }}")?;
             writeln!(text, "    return {value};\n}}\n")
         };
+        // The other side of oriented splats has a limit of its own.
+        let limit = |layer: &str| if layer == "shown" { "shown_limit(in, z)" } else { "z + in.anchor.w" };
         for layer in ["front", "shown", "peeled"] {
-            visibility(layer, "threshold", "ThresholdOutput", "threshold_output(in, z)")?;
+            let value = format!("threshold_output(in, z, {})", limit(layer));
+            visibility(layer, "threshold", "ThresholdOutput", &value)?;
         }
         visibility("facing", "visibility", "FacingOutput", "facing_output(in, z)")?;
         for layer in THRESHOLD_LAYERS {
-            visibility(layer, "visibility", "@builtin(frag_depth) f32", "reversed_depth(z + in.anchor.w)")?;
+            let value = format!("reversed_depth({})", limit(layer));
+            visibility(layer, "visibility", "@builtin(frag_depth) f32", &value)?;
         }
         for LayerSums { layer, sums } in LAYERS {
             for &sums in sums {

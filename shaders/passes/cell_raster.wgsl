@@ -387,6 +387,11 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
         } else if back_nearness > 0.0 {
             limit = CellLimit(max(limit.threshold, back), RECORD_BACK);
         }
+        if front_nearness > 0.0 && back_nearness > 0.0 {
+            let near = frame.projection.near;
+            let sheet = reversed_depth(sheet_limit(near / front_nearness, near / back_nearness));
+            limit.threshold = max(limit.threshold, sheet);
+        }
         atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
         atomicStore(&sides[i], limit.side);
     }

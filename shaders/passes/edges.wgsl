@@ -1,6 +1,5 @@
 // Edge detection (rendering model §5): a pixel is an edge if a neighbour steps back by more than both tolerances.
 
-@group(1) @binding(0) var edge_pass_threshold: texture_depth_2d;
 @group(1) @binding(1) var edge_pass_tolerance: texture_2d<f32>;
 
 // A triangle that covers the whole target.
@@ -43,5 +42,5 @@ fn edges_fragment(@builtin(position) position: vec4f) -> @location(0) f32 {
             edge = edge || (is_other && steps_back(own.x + own.y, vec2i(x, y)));
         }
     }
-    return select(0.0, textureLoad(edge_pass_threshold, pixel, 0), edge);
+    return select(0.0, reversed_depth(own.x), edge);
 }

@@ -1,35 +1,51 @@
 // Separation of front- and back-facing splats of oriented clouds (rendering model §5). A separate pass finds the side
-// that each pixel shows: that of its nearest fragment. The other side then contributes neither to visibility nor to
-// sums.
+// that each pixel shows: that of its nearest fragment. The other side then contributes nothing to sums, and to
+// visibility only the end of what blends.
 
 const RECORD_FACING: u32 = 24u;
 
-// RECORD_FRONT, RECORD_BACK, or 0 where a pixel has no oriented fragment.
+// Nearness of the shown side: less than 0 where it is the back, 0 where a pixel has no oriented fragment.
 @group(2) @binding(4) var shown_facing: texture_2d<f32>;
 
 struct FacingOutput {
     @builtin(frag_depth) depth: f32,
-    @location(0) facing: f32,
+    @location(0) shown: f32,
+}
+
+fn fragment_nearness(in: VisibilityVertex, z: f32) -> f32 {
+    return nearness(z, in.anchor.w, (in.flags & RECORD_FACING) == RECORD_BACK);
 }
 
 fn facing_output(in: VisibilityVertex, z: f32) -> FacingOutput {
-    let facing = in.flags & RECORD_FACING;
-    return FacingOutput(reversed_depth(nearness(z, in.anchor.w, facing == RECORD_BACK)), f32(facing));
+    let near = fragment_nearness(in, z);
+    return FacingOutput(reversed_depth(near), select(near, -near, (in.flags & RECORD_FACING) == RECORD_BACK));
 }
 
 fn facing_is_visible(in: VisibilityVertex, z: f32) -> bool {
     return z > 0.0 && (in.flags & RECORD_FACING) != 0u;
 }
 
+fn shown_nearness(position: vec4f) -> f32 {
+    return textureLoad(shown_facing, vec2i(floor(position.xy)), 0).r;
+}
+
 // True if a pixel shows the side of a splat. Splats of clouds that aren't oriented have no side and always show.
 fn shows(position: vec4f, flags: u32) -> bool {
     let own = flags & RECORD_FACING;
-    let shown = u32(textureLoad(shown_facing, vec2i(floor(position.xy)), 0).r);
-    return own == 0u || shown == 0u || own == shown;
+    let shown = shown_nearness(position);
+    return own == 0u || shown == 0.0 || (own == RECORD_BACK) == (shown < 0.0);
 }
 
 fn shown_is_visible(in: VisibilityVertex, z: f32) -> bool {
-    return z > 0.0 && shows(in.position, in.flags);
+    return z > 0.0;
+}
+
+// The depth at which a fragment ends what blends with the side that its pixel shows.
+fn shown_limit(in: VisibilityVertex, z: f32) -> f32 {
+    if shows(in.position, in.flags) {
+        return z + in.anchor.w;
+    }
+    return sheet_limit(abs(shown_nearness(in.position)), fragment_nearness(in, z));
 }
 
 fn shown_accumulates(in: AttributeVertex, z: f32) -> bool {

@@ -93,14 +93,14 @@ fn visible_depth(in: VisibilityVertex) -> f32 {
 
 struct ThresholdOutput {
     @builtin(frag_depth) depth: f32,
-    // The threshold z + ε, and the ε of the splat that defines it, for edge detection. Of equal thresholds the first
-    // one drawn remains, in the order of the buffers, not of the cloud.
+    // The z + ε and the ε of the threshold's writer, for edge detection. Of equal thresholds the first one drawn remains,
+    // in the order of the buffers, not of the cloud.
     @location(0) threshold_tolerance: vec2f,
 }
 
-fn threshold_output(in: VisibilityVertex, z: f32) -> ThresholdOutput {
-    let threshold_z = z + in.anchor.w;
-    return ThresholdOutput(reversed_depth(threshold_z), vec2f(threshold_z, in.anchor.w));
+// The threshold of a fragment at depth z that ends what blends at the depth `limit`.
+fn threshold_output(in: VisibilityVertex, z: f32, limit: f32) -> ThresholdOutput {
+    return ThresholdOutput(reversed_depth(limit), vec2f(z + in.anchor.w, in.anchor.w));
 }
 
 fn front_is_visible(in: VisibilityVertex, z: f32) -> bool {

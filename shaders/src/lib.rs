@@ -155,6 +155,7 @@ pub const TWINS: &[Twin] = &[
     twin("tolerance", "depth::tolerance"),
     twin("plane_gradient", "depth::plane_gradient"),
     twin("nearness", "facing::nearness"),
+    twin("sheet_limit", "facing::sheet_limit"),
     twin("back_normal", "facing::back_normal"),
     twin("triangle_contains", "triangle::Triangle::contains"),
     twin("triangle_barycentric", "triangle::Triangle::barycentric"),

@@ -17,6 +17,13 @@ pub fn nearness<R: Real>(z: R, epsilon: R, back_facing: bool) -> R {
     if back_facing { z.constant(BACK_FACING_LAG).mul_add(epsilon, z) } else { z }
 }
 
+/// Returns the depth behind which nothing blends with the side that a pixel shows: midway between the nearest depths of
+/// both sides, so that a surface's underside separates its top from what is below (rendering model §5, sheets).
+#[inline(always)]
+pub fn sheet_limit<R: Real>(shown: R, other: R) -> R {
+    (shown + other) * shown.constant(0.5)
+}
+
 /// Returns the shading normal of a back-facing splat of an oriented two-sided surface. `cosine` is that of its
 /// geometric normal to the unit direction `to_eye`. The normal is reversed. Near the contour, where the splat only
 /// reaches past the front, it is mirrored in the plane perpendicular to the ray instead. Both have the same angle to
@@ -44,6 +51,12 @@ mod tests {
         assert!(close(shown(11.0), -at(11.0)));
         // A normal tilted towards the eye is unchanged, whatever the splat's plane.
         assert!(close(back_normal(at(-5.0), -0.1, to_eye), at(-5.0)));
+    }
+
+    #[test]
+    fn a_sheet_ends_midway_between_its_sides() {
+        assert_eq!(sheet_limit(2.0, 2.5), 2.25);
+        assert_eq!(sheet_limit(2.0, f64::INFINITY), f64::INFINITY);
     }
 
     #[test]

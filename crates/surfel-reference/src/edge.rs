@@ -67,12 +67,12 @@ impl Edges<'_> {
 
 /// Returns the depth up to which a pixel's own surface reaches.
 fn limit(own: Threshold) -> f64 {
-    own.depth + own.epsilon
+    own.writer_depth + own.epsilon
 }
 
 /// Returns the depth at which a neighbour's surface begins.
 fn step(neighbour: Threshold) -> f64 {
-    neighbour.depth - neighbour.epsilon
+    neighbour.writer_depth - neighbour.epsilon
 }
 
 #[cfg(test)]
@@ -87,8 +87,8 @@ mod tests {
 
     /// Returns a row of pixels with these depths, all certain, with ε = 0.1.
     fn row(depths: &[f64]) -> (Passes, Region) {
-        let thresholds: Vec<Threshold> =
-            depths.iter().map(|&z| Threshold { depth: z + 0.1, epsilon: 0.1, ..Threshold::NONE }).collect();
+        let at = |depth: f64| Threshold { depth, writer_depth: depth, epsilon: 0.1, ..Threshold::NONE };
+        let thresholds: Vec<Threshold> = depths.iter().map(|&z| at(z + 0.1)).collect();
         let possible =
             thresholds.iter().map(|&k| PossibleThresholds { nearest: k, farthest: k, tie: Threshold::NONE }).collect();
         let sums = vec![Sums::default(); depths.len()];

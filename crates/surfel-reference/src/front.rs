@@ -86,8 +86,12 @@ impl<'a> Front<'a> {
             edges.iter_mut().zip(&meshes.depth).for_each(|(edge, z)| *edge &= z.is_infinite());
         }
         // Where there is no threshold, nothing is behind either.
-        let limit: Vec<f64> =
-            front.thresholds.iter().zip(&edges).map(|(t, &edge)| if edge { t.depth } else { f64::INFINITY }).collect();
+        let limit: Vec<f64> = front
+            .thresholds
+            .iter()
+            .zip(&edges)
+            .map(|(t, &edge)| if edge { t.writer_depth } else { f64::INFINITY })
+            .collect();
         let limits = DepthLimits { beyond: Some(&limit), ..DepthLimits::default() };
         let run = Run { limits, ..Run::new(&self.opaque, &self.bands, lighting.view, lighting.plan) };
         (run.accumulate(run.thresholds()), edges)

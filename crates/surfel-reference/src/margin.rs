@@ -74,13 +74,13 @@ pub(crate) fn on_step(near: f64, far: f64) -> bool {
 /// change the side that it shows. `nearest` is the result if every open fragment exists, `farthest` if none does.
 pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleThresholds, bool) {
     let surely_before = |side: usize, other: usize| {
-        let (far, near) = (farthest.nearest[side], nearest.nearest[other]);
+        let (far, near) = (farthest.nearness()[side], nearest.nearness()[other]);
         far < near && !on_depth(far, near)
     };
-    let without_any = nearest.nearest == [f64::INFINITY; 2];
+    let without_any = nearest.nearness() == [f64::INFINITY; 2];
     let of = |side: usize| PossibleThresholds {
-        nearest: nearest.thresholds[side],
-        farthest: farthest.thresholds[side],
+        nearest: nearest.limited(side),
+        farthest: farthest.limited(side),
         tie: Threshold::NONE,
     };
     match (surely_before(0, 1) || without_any, surely_before(1, 0)) {

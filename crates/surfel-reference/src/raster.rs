@@ -350,14 +350,16 @@ impl BandPass<'_> {
             if !admitted && !near_limit {
                 return;
             }
-            let own = Threshold::of(splat, z);
+            let own = thresholds[at].by(splat, z);
             let rim = margin::is_visibility_marginal(splat, pixel);
             let visible = splat.is_visible_at(pixel);
             let turning = keeps_facings && splat.facing_margin <= margin::RELATIVE;
             let open = rim || ((near_limit || turning) && visible);
             let (best, tie) = (thresholds[at], &mut possible[at].tie);
-            let differs = |other: Threshold| (other.epsilon - best.epsilon).abs();
-            let is_near = best.shows(splat.facing) && margin::on_depth(own.depth, best.depth) && differs(own) > 0.0;
+            let differs = |other: Threshold| {
+                (other.epsilon - best.epsilon).abs().max((other.writer_depth - best.writer_depth).abs())
+            };
+            let is_near = margin::on_depth(own.depth, best.depth) && differs(own) > 0.0;
             if is_near && (visible || open) && (tie.depth.is_infinite() || differs(own) > differs(*tie)) {
                 *tie = own;
             }
@@ -369,7 +371,7 @@ impl BandPass<'_> {
                         farthest.add(splat, facing, z);
                     }
                 }
-                sums[at].marginal |= open && thresholds[at].shows(splat.facing) && own.depth <= thresholds[at].depth;
+                sums[at].marginal |= open && own.depth <= thresholds[at].depth;
                 return;
             }
             sums[at].marginal |= open && own.depth <= thresholds[at].depth;
@@ -391,7 +393,9 @@ impl BandPass<'_> {
         for (at, [nearest, farthest]) in sides.iter().enumerate() {
             let (thresholds, open) = margin::possible_of_sides(nearest, farthest);
             possible[at] = PossibleThresholds { tie: possible[at].tie, ..thresholds };
-            sums[at].marginal |= open;
+            let ends = [thresholds.nearest, thresholds.farthest];
+            let open_end = ends.iter().any(Threshold::ends_sheet) && ends[0].depth != ends[1].depth;
+            sums[at].marginal |= open || open_end;
         }
     }
 }

@@ -21,7 +21,7 @@ impl Reach {
     const NONE: Self = Self { begin: f64::INFINITY, end: f64::INFINITY };
 
     fn of(threshold: Threshold) -> Self {
-        Self { begin: threshold.depth - threshold.epsilon, end: threshold.depth + threshold.epsilon }
+        Self { begin: threshold.writer_depth - threshold.epsilon, end: threshold.writer_depth + threshold.epsilon }
     }
 
     /// True if there is a step between the two ranges.
@@ -125,7 +125,7 @@ impl Steps<'_> {
                 opaque.push(self.opaque(at, threshold, false));
             }
             // Equally near: either surface may be the nearest.
-            if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.depth - threshold.epsilon)) {
+            if polygon.is_some_and(|hit| margin::on_depth(hit.z, threshold.writer_depth - threshold.epsilon)) {
                 opaque.push(Reach::of(threshold));
             }
         }

@@ -7,13 +7,13 @@ use crate::lights::lights_of;
 use crate::patches::Patches;
 use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
-use crate::{Error, LoadOptions};
+use crate::{Error, LoadOptions, sheets};
 use std::path::Path;
 use surfel_model::{
     Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, Scene, SceneFile,
     Settings, Shader, Transparency, Up,
 };
-use surfel_render::Preset;
+use surfel_render::{Preset, View};
 use surfel_sample::Progress;
 
 /// Size of an automatic image, in pixels.
@@ -150,9 +150,10 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         }
     };
     let mut objects = objects;
-    let whites = Whites::of(loaded);
+    let (whites, view) = (Whites::of(loaded), View::new(&camera)?);
     for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
-        object.material = material(facts, hides_its_back(facts, drawn), whites.exposure());
+        let is_culled = hides_its_back(facts, drawn) && !sheets::covers_other_surfaces(drawn, &view);
+        object.material = material(facts, is_culled, whites.exposure());
     }
     Ok(SceneFile {
         up: Some(up),
@@ -232,6 +233,7 @@ fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
 /// without colours appear as light grey clay, which leaves room for highlights.
 ///
 /// The backs of watertight objects are culled: their splats extend slightly past the silhouette and would fringe it.
+/// Backs are drawn only where thin sheets lie over other surfaces, which would shine through without them.
 fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
     let cull = if hides_its_back { Cull::Back } else { Cull::None };
     if facts.colored {

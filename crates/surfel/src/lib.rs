@@ -146,6 +146,7 @@ pub mod progressive;
 mod render_options;
 pub mod request;
 pub mod scene;
+mod sheets;
 pub mod splat_file;
 pub mod splats;
 mod survey;

@@ -67,12 +67,22 @@ fn count(geometry: &Geometry) -> usize {
     }
 }
 
+/// Factor by which the axes of a sample's patches are grown.
+fn growth(total: usize) -> f64 {
+    (total as f64 / total.clamp(1, MOST) as f64).sqrt()
+}
+
 impl Patches {
+    /// Returns the factor by which the axes of a sample of one object are grown.
+    pub(crate) fn growth(object: &Object) -> f64 {
+        growth(count(&object.geometry))
+    }
+
     /// Samples these objects; `None` if there are too few splats to estimate a shape, or their extent isn't finite.
     pub(crate) fn of(objects: &[Object]) -> Option<Self> {
         let total: usize = objects.iter().map(|o| count(&o.geometry)).sum();
         let wanted = total.min(MOST);
-        let growth = (total as f64 / wanted.max(1) as f64).sqrt();
+        let growth = growth(total);
         let mut all = Vec::with_capacity(wanted);
         let mut first = 0;
         for object in objects {

@@ -4,7 +4,7 @@ use super::Case;
 use crate::build::{Clipped, Splat, camera, clipped_cloud, cloud, confetti, object, scene, sheet, sphere, with_alpha};
 use crate::polygons::{mesh_object, quad};
 use crate::random::Random;
-use glam::{DAffine3, DMat3, DVec3};
+use glam::{DAffine3, DMat3, DVec3, Vec3Swizzles};
 use surfel_model::{
     ClipLine, ClipMode, Cull, DepthTolerance, EdgeAa, Filter, Light, Mapping, Object, Scene, Shader, Transparency,
 };
@@ -44,6 +44,31 @@ pub(super) fn facing_cases() -> Vec<Case> {
         cases.push(bowl.with(filter.name(), |s| (s.filter, s.prefilter_radius_px) = (filter, 1.5)));
     }
     cases.extend([shell, bowl]);
+    cases.extend(sheet_cases());
+    cases
+}
+
+/// Sheets that separate what lies above them from what lies below.
+fn sheet_cases() -> Vec<Case> {
+    let (roof, thin) = (roof_over_walls(20.0), thin_box());
+    let peel = Transparency::Peel { layers: 3, drop_last: false };
+    let mut cases = vec![
+        roof.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        roof.sampled(),
+        roof.with("affine", |s| s.mapping = Mapping::Affine),
+        roof.with("absolute", |s| s.depth_tolerance = DepthTolerance::Absolute(0.15)),
+        roof.with("orthographic", |_| ()).in_orthographic(2.3, 8.0),
+        roof.with("toon", |s| s.shader = Shader::Toon),
+        roof.with("peel", |s| s.transparency = peel),
+        roof_over_walls(60.0),
+        roof_over_polygons(),
+        roof_over_polygons().with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        thin.with("edge-aa", |s| s.edge_aa = EdgeAa::Coverage),
+        thin.sampled(),
+        grazing_ground(true),
+    ];
+    cases.extend(Filter::ALL.map(|filter| roof.with(filter.name(), |s| s.filter = filter)));
+    cases.extend([roof, thin]);
     cases
 }
 
@@ -196,6 +221,80 @@ pub fn inside_a_shell() -> Case {
     });
     case.settings.shader = Shader::Phong;
     case
+}
+
+/// Returns a closed box around the origin, with a splat every 0.05.
+fn closed_box(half: DVec3, radius: f64, mut color: impl FnMut(DVec3) -> [f32; 3]) -> Vec<Splat> {
+    let outward = [DVec3::X, DVec3::Y, DVec3::Z].into_iter().flat_map(|n| [n, -n]);
+    let side = |out: DVec3| {
+        let across = out.abs().zxy() * half;
+        let along = out.cross(out.abs().zxy()) * half;
+        let count = |axis: DVec3| (axis.length() / 0.025).round().max(1.0) as usize;
+        sheet(out * half, [across, along], [count(across), count(along)], radius, |_, _| color(out))
+    };
+    outward.flat_map(side).collect()
+}
+
+/// Colour of the top of [`roof_over_walls`].
+pub const ROOF: [f32; 3] = FRONT;
+
+/// Returns splats of a closed roof, 0.03 thick, and of the boxes of four walls that end at its underside.
+fn roof_and_walls() -> [Vec<Splat>; 2] {
+    let roof = closed_box(DVec3::new(0.9, 0.015, 0.7), 0.07, |out| if out.y > 0.0 { ROOF } else { BACK });
+    let mut random = Random::new(191);
+    let mut wall = |half: DVec3, at: DVec3| {
+        let splats = closed_box(half, 0.05, |_| random.color());
+        splats.into_iter().map(move |splat| Splat { p: splat.p + at - DVec3::Y * (half.y + 0.015), ..splat })
+    };
+    let mut walls = Vec::new();
+    for at in [-0.4, 0.4] {
+        walls.extend(wall(DVec3::new(0.7, 0.2, 0.05), DVec3::Z * at));
+        walls.extend(wall(DVec3::new(0.05, 0.2, 0.3), DVec3::X * at));
+    }
+    [roof, walls]
+}
+
+/// Returns a thin roof over walls that end at its underside, seen from an elevation in degrees: no wall shows.
+pub fn roof_over_walls(elevation_deg: f64) -> Case {
+    let mut house = oriented(object(cloud(&roof_and_walls().concat())), 4.0);
+    house.world_from_object = DAffine3::from_rotation_x(elevation_deg.to_radians()) * DAffine3::from_rotation_y(0.4);
+    let scene = Scene { lights: two_lights(), objects: vec![house], ..scene(&[]) };
+    let name = format!("roof-over-walls-{elevation_deg}");
+    Case::new(&name, scene, camera(3.0, 45.0, [72, 64]))
+}
+
+/// Returns the roof over polygons that it hides, and over walls of splats that aren't oriented.
+pub fn roof_over_polygons() -> Case {
+    let place = DAffine3::from_rotation_x(0.35) * DAffine3::from_rotation_y(0.4);
+    let [roof, walls] = roof_and_walls();
+    let mut ceiling =
+        mesh_object(quad(DVec3::new(0.0, -0.02, 0.0), [DVec3::Z * 0.5, DVec3::new(0.6, 0.005, 0.0)], 1.0));
+    let (mut roof, mut walls) = (oriented(object(cloud(&roof)), 4.0), object(cloud(&walls)));
+    walls.material.interior_weight = Some(3.0);
+    for object in [&mut roof, &mut walls, &mut ceiling] {
+        object.world_from_object = place;
+    }
+    let scene = Scene { lights: two_lights(), objects: vec![walls, roof, ceiling], ..scene(&[]) };
+    Case::new("roof-over-polygons", scene, camera(3.0, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// Returns a closed box that is thinner than its splats' tolerance, with nothing near it.
+pub fn thin_box() -> Case {
+    let mut random = Random::new(193);
+    let splats = closed_box(DVec3::new(0.8, 0.02, 0.6), 0.06, |_| random.color());
+    let mut object = oriented(object(cloud(&splats)), 3.0);
+    object.world_from_object = DAffine3::from_rotation_x(0.5) * DAffine3::from_rotation_y(-0.6);
+    let scene = Scene { lights: two_lights(), objects: vec![object], ..scene(&[]) };
+    Case::new("thin-box", scene, camera(2.8, 45.0, [72, 64])).with("lit", |s| s.shader = Shader::Phong)
+}
+
+/// Returns ground without an underside, seen at 5 degrees: nothing ends its filter, oriented or not.
+pub fn grazing_ground(is_oriented: bool) -> Case {
+    let mut random = Random::new(197);
+    let ground = sheet(DVec3::Y * -0.3, [DVec3::Z * 3.0, DVec3::X * 1.5], [90, 46], 0.07, |_, _| random.color());
+    let mut object = oriented(object(cloud(&ground)), 4.0);
+    object.material.oriented = Some(is_oriented);
+    Case::new("grazing-ground", Scene { objects: vec![object], ..scene(&[]) }, camera(3.4, 45.0, [72, 64]))
 }
 
 /// Returns an oriented shell of glass around an opaque one: layers don't separate sides.

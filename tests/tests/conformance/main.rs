@@ -4,7 +4,7 @@
 //! - the rendering model: [`closed_forms`], [`clip_closed_forms`], [`extreme_closed_forms`],
 //!   [`transparency_closed_forms`], [`meshes_among_splats`], [`shadow_maps`], [`octree_levels`], [`image_invariants`],
 //!   [`decision_margin`], [`checkerboard_filter_errors`], [`textured_meshes`], [`nearest_planes`],
-//!   [`trained_gaussians`];
+//!   [`thin_sheets`], [`trained_gaussians`];
 //! - backends: [`cpu_backend`], [`gpu_backends`], [`compute_path`], [`gpu_frame_costs`], [`gpu_scene_storage`],
 //!   [`feature_costs`], [`golden_scenes`], [`stability_sweeps`], [`preset_promises`], [`random_scene_features`],
 //!   [`own_images`];
@@ -49,6 +49,7 @@ mod splats_of_meshes;
 mod stability_sweeps;
 mod texture_acquisition;
 mod textured_meshes;
+mod thin_sheets;
 mod trained_gaussians;
 mod transparency_closed_forms;
 mod validated_gpu;

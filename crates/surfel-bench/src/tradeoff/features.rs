@@ -65,6 +65,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case::new("nothing: white disks, unlit", plain()?, unlit),
         Case::new("colours", with(colors)?, unlit),
         Case::new("ellipses", with(ellipses)?, unlit),
+        Case::new("front and back of an oriented cloud", with(|data| data.oriented = true)?, unlit),
         Case { quantised: true, ..Case::new("16-bit storage", plain()?, unlit) },
         Case { planes: Planes::RGBA8, ..Case::new("colours in 8 bits in place of floats", plain()?, unlit) },
         Case { planes: Planes::ALL, ..Case::new("depth, normal and weight planes", plain()?, unlit) },

@@ -173,14 +173,15 @@ fn loops<S: Simd, L: FragmentFilter<S>, const EPSILON: bool, const COUNT: bool, 
     // No bound: a splat behind all depth thresholds matters in neither loop.
     sums.tested = for_each_batch(simd, list, f32::INFINITY, &pixels, inputs, &mut first);
     let FirstLoop { mut threshold, mut threshold_epsilon, sides, inside, count, scratch, .. } = first;
+    let mut writer_depth = threshold;
     if L::KEEPS_FACINGS {
         let shown = sides.shown();
-        (threshold, threshold_epsilon) = (shown.threshold, shown.epsilon);
+        (threshold, writer_depth, threshold_epsilon) = (shown.threshold, shown.writer_depth, shown.epsilon);
         filter.show(&shown);
     }
     (sums.threshold, sums.inside) = (threshold, inside);
     if EPSILON {
-        sums.threshold_epsilon = threshold_epsilon;
+        (sums.writer_depth, sums.threshold_epsilon) = (writer_depth, threshold_epsilon);
     }
     filter.settle(sums.threshold);
     if L::TRACKS {

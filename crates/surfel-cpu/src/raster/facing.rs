@@ -6,7 +6,7 @@ use crate::setup::record::Record;
 use crate::simd::lanes::Lanes;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::Real;
-use surfel_math::facing::BACK_FACING_LAG;
+use surfel_math::facing::{BACK_FACING_LAG, sheet_limit};
 
 const FAR: f32 = f32::INFINITY;
 
@@ -28,8 +28,9 @@ struct Side<S: Simd> {
     /// min(z + ε), and the ε of the splat that set it.
     threshold: Lanes<S>,
     epsilon: Lanes<S>,
-    /// Nearest depth of the side's fragments.
+    /// Nearest depth of the side's fragments, and the ε of the nearest.
     nearest: Lanes<S>,
+    nearest_epsilon: Lanes<S>,
 }
 
 impl<S: Simd> Side<S> {
@@ -37,6 +38,7 @@ impl<S: Simd> Side<S> {
     fn lower<const EPSILON: bool>(&mut self, threshold: Lanes<S>, epsilon: Lanes<S>, nearest: Lanes<S>) {
         if EPSILON {
             self.epsilon = Lanes::select(threshold.lt(self.threshold), epsilon, self.epsilon);
+            self.nearest_epsilon = Lanes::select(nearest.lt(self.nearest), epsilon, self.nearest_epsilon);
         }
         self.threshold = self.threshold.min(threshold);
         self.nearest = self.nearest.min(nearest);
@@ -47,6 +49,8 @@ impl<S: Simd> Side<S> {
 #[derive(Clone, Copy)]
 pub(crate) struct Shown<S: Simd> {
     pub threshold: Lanes<S>,
+    /// z + ε and ε of the threshold's writer.
+    pub writer_depth: Lanes<S>,
     pub epsilon: Lanes<S>,
     /// Limit per facing: +∞ if the pixel shows the facing, else −∞.
     limits: [Lanes<S>; 3],
@@ -56,7 +60,8 @@ impl<S: Simd> Sides<S> {
     #[inline(always)]
     pub(crate) fn new(simd: S) -> Self {
         let far = Lanes::splat(simd, FAR);
-        let side = Side { threshold: far, epsilon: Lanes::splat(simd, 0.0), nearest: far };
+        let none = Lanes::splat(simd, 0.0);
+        let side = Side { threshold: far, epsilon: none, nearest: far, nearest_epsilon: none };
         Self { front: side, back: side }
     }
 
@@ -90,12 +95,21 @@ impl<S: Simd> Sides<S> {
     pub(crate) fn shown(&self) -> Shown<S> {
         let Self { front, back } = *self;
         let shows_back = back.nearest.lt(front.nearest);
+        let choose = |if_back, if_front| Lanes::select(shows_back, if_back, if_front);
         let far = front.nearest.constant(f64::INFINITY);
         // A pixel without an oriented visibility fragment shows the filtered fragments of both sides.
         let shows_any = far.le(front.nearest.min(back.nearest));
+        let (threshold, epsilon) = (choose(back.threshold, front.threshold), choose(back.epsilon, front.epsilon));
+        // The other side ends what blends: its nearest fragment may be what sets the threshold.
+        let limit = sheet_limit(front.nearest, back.nearest);
+        let is_limited = limit.lt(threshold);
+        let other_epsilon = choose(front.nearest_epsilon, back.nearest_epsilon);
+        let other_depth = choose(front.nearest, back.nearest)
+            + other_epsilon * choose(far.constant(1.0), far.constant(1.0 - BACK_FACING_LAG));
         Shown {
-            threshold: Lanes::select(shows_back, back.threshold, front.threshold),
-            epsilon: Lanes::select(shows_back, back.epsilon, front.epsilon),
+            threshold: limit.min(threshold),
+            writer_depth: Lanes::select(is_limited, other_depth, threshold),
+            epsilon: Lanes::select(is_limited, other_epsilon, epsilon),
             limits: [far, Lanes::select(shows_back, -far, far), Lanes::select(shows_back | shows_any, far, -far)],
         }
     }

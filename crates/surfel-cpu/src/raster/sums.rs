@@ -14,9 +14,11 @@ const LEAST_WEIGHT: f32 = 1e-36;
 /// Sums of a block. Quantities that the plan doesn't need stay zero.
 #[derive(Clone, Copy)]
 pub(crate) struct Sums<S: Simd> {
-    /// Depth thresholds min(z + ε), +∞ in empty pixels. Fragments up to the threshold add their attributes.
+    /// Depth thresholds, +∞ in empty pixels. Fragments up to the threshold add their attributes.
     pub threshold: Lanes<S>,
-    /// The ε of the splats that set the thresholds.
+    /// The z + ε of the fragments that set the thresholds: the thresholds, unless the other side of a sheet sets them.
+    pub writer_depth: Lanes<S>,
+    /// The ε of these fragments.
     pub threshold_epsilon: Lanes<S>,
     pub weight: Lanes<S>,
     pub fragments: Lanes<S>,
@@ -36,6 +38,7 @@ impl<S: Simd> Sums<S> {
         let zero = Lanes::splat(simd, 0.0);
         Self {
             threshold: Lanes::splat(simd, f32::INFINITY),
+            writer_depth: Lanes::splat(simd, f32::INFINITY),
             threshold_epsilon: zero,
             weight: zero,
             fragments: zero,
@@ -53,8 +56,8 @@ impl<S: Simd> Sums<S> {
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         let none = Self::new(self.threshold.0.simd);
-        let Self { threshold, threshold_epsilon, tested, inside, .. } = *self;
-        *self = Self { threshold, threshold_epsilon, tested, inside, ..none };
+        let Self { threshold, writer_depth, threshold_epsilon, tested, inside, .. } = *self;
+        *self = Self { threshold, writer_depth, threshold_epsilon, tested, inside, ..none };
     }
 
     /// Returns a mask of the pixels that aren't empty.

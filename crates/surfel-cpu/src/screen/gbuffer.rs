@@ -36,7 +36,7 @@ impl<S: Simd> Reach<S> {
     /// Returns the range of splats, or of the nearest polygons where they begin first.
     #[inline(always)]
     fn of(sums: &Sums<S>, polygon: Option<Self>) -> Self {
-        let (begin, end) = (sums.threshold - sums.threshold_epsilon, sums.threshold + sums.threshold_epsilon);
+        let (begin, end) = (sums.writer_depth - sums.threshold_epsilon, sums.writer_depth + sums.threshold_epsilon);
         let infinite = begin.constant(f64::INFINITY);
         let (seen, there) = (begin.lt(infinite), sums.has_weight());
         let alone = (seen | there) & !(seen & there);
@@ -155,18 +155,21 @@ impl GBufferTile<'_> {
             all.begin[tile].put(block, reach.begin);
             all.reach[tile].put(block, reach.end);
         } else if all.wanted.edges {
-            let begin = sums.threshold - sums.threshold_epsilon;
+            let begin = sums.writer_depth - sums.threshold_epsilon;
             let q = sums.coverage;
             let (never, always) = (q.constant(f64::INFINITY), q.constant(f64::NEG_INFINITY));
             let without_threshold = Lanes::select(q.zero().lt(q), always, never);
-            let reach =
-                Lanes::select(sums.threshold.lt(never), sums.threshold + sums.threshold_epsilon, without_threshold);
+            let reach = Lanes::select(
+                sums.writer_depth.lt(never),
+                sums.writer_depth + sums.threshold_epsilon,
+                without_threshold,
+            );
             let reach = Lanes::select(q.lt(q.one()), reach, never);
             all.marks[tile].touched |= 1 << block;
             all.marks[tile].thin |= u64::from(any_below(reach, never)) << block;
             all.begin[tile].put(block, polygon.map_or(begin, |polygon| begin.min(polygon.begin)));
             all.reach[tile].put(block, reach);
-            all.threshold[tile].put(block, sums.threshold);
+            all.threshold[tile].put(block, sums.writer_depth);
             all.coverage[tile].put(block, q);
         }
     }

@@ -293,7 +293,7 @@ impl Draw {
                 &[(0, Target::DepthThreshold), (2, Target::Polygons), (4, Target::Facing)]
             }
             Self::Sums(Layer::EdgeBackground, _) => &[(0, Target::EdgeBackgroundThreshold), (1, Target::EdgeThreshold)],
-            Self::Edges => &[(0, Target::DepthThreshold), (1, Target::ThresholdTolerance), (2, Target::Polygons)],
+            Self::Edges => &[(1, Target::ThresholdTolerance), (2, Target::Polygons)],
         }
     }
 

@@ -42,6 +42,9 @@ fn gradient_orthographic<R: Real>(x: &[R]) -> Vec<R> {
 fn nearness<R: Real>(x: &[R]) -> Vec<R> {
     [false, true].map(|back_facing| facing::nearness(x[0], x[1], back_facing)).to_vec()
 }
+fn sheet_limit<R: Real>(x: &[R]) -> Vec<R> {
+    vec![facing::sheet_limit(x[0], x[1])]
+}
 fn back_normal<R: Real>(x: &[R]) -> Vec<R> {
     let V3 { x, y, z } = facing::back_normal(v3(x), x[3], v3(&x[4..]));
     vec![x, y, z]
@@ -252,6 +255,8 @@ pub(crate) const KERNELS: &[Kernel] = &[
          Projection(vec2f(700.0, 650.0), vec2f(320.5, 240.25), 0.01, 100.0, 4.0, ORTHOGRAPHIC));", "g.x; g.y",
         point_and_normal, wild_point_and_normal, None),
     kernel!("nearness", 2 => &[1, 1], nearness, "", "nearness(x0, x1, false); nearness(x0, x1, true)",
+        inputs::numbers::<2>, inputs::wild::<2>, Some(nearness_terms)),
+    kernel!("sheet_limit", 2 => &[1], sheet_limit, "", "sheet_limit(x0, x1)",
         inputs::numbers::<2>, inputs::wild::<2>, Some(nearness_terms)),
     kernel!("back_normal", 7 => &[3], back_normal,
         "let n = back_normal(vec3f(x0, x1, x2), x3, vec3f(x4, x5, x6));", "n.x; n.y; n.z", at_a_rim, at_a_rim, None),
