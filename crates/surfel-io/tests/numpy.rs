@@ -100,7 +100,7 @@ fn npy_faults_are_errors() {
 
 #[test]
 fn npy_of_a_depth_camera_s_pixels_states_the_camera() {
-    // A wall with a step, as a camera of 60 px focal length has it: x right, y down, z ahead. Some pixels have no depth.
+    // A wall with a step, as a camera of 60 px focal length has it: x right, y down, z ahead. Some have no depth.
     let (columns, rows) = (64, 48);
     let pixel = |i: usize| {
         let (column, row) = ((i % columns) as f32, (i / columns) as f32);
