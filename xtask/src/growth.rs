@@ -18,10 +18,10 @@ const TITLES: &str = "\
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |";
 
 /// Resources that a program used.
-struct Cost {
+pub(crate) struct Cost {
     wall_s: f64,
-    cpu_s: f64,
-    peak_mb: f64,
+    pub(crate) cpu_s: f64,
+    pub(crate) peak_mb: f64,
 }
 
 impl Cost {
@@ -35,7 +35,7 @@ pub(crate) fn run(root: &Path, words: &[&str]) -> bool {
         eprintln!("{HELP}");
         return false;
     };
-    let done = build(root).and_then(|()| {
+    let done = build(root, &[&["surfel-cli"], &["surfel-io", "--example", "tiles"]]).and_then(|()| {
         println!("{TITLES}");
         counts.iter().try_for_each(|count| {
             let millions = count.parse().map_err(|_| format!("'{count}': expected a number of millions of points"))?;
@@ -46,9 +46,10 @@ pub(crate) fn run(root: &Path, words: &[&str]) -> bool {
     done.map_err(|problem: String| eprintln!("error: {problem}")).is_ok()
 }
 
-fn build(root: &Path) -> Result<(), String> {
-    for of in [&["surfel-cli"][..], &["surfel-io", "--example", "tiles"]] {
-        let status = cargo(root).args(["build", "--release", "--locked", "--quiet", "-p"]).args(of).status();
+/// Builds packages for release.
+pub(crate) fn build(root: &Path, packages: &[&[&str]]) -> Result<(), String> {
+    for of in packages {
+        let status = cargo(root).args(["build", "--release", "--locked", "--quiet", "-p"]).args(*of).status();
         if !status.is_ok_and(|status| status.success()) {
             return Err("the release build fails".into());
         }
@@ -88,13 +89,21 @@ fn row(root: &Path, folder: &Path, millions: u32) -> Result<String, String> {
     Ok(format!("| {sizes} | {converted} | {:.1} | {warm} | {near} |", cold.wall_s))
 }
 
-/// Runs a program under GNU time, and returns its cost.
+/// Runs a program under GNU time, and returns its cost. The program must succeed.
 fn measured(program: &mut Command) -> Result<Cost, String> {
+    measured_with_code(program, 0)
+}
+
+/// Runs a program under GNU time, which must end with this code.
+pub(crate) fn measured_with_code(program: &mut Command, code: i32) -> Result<Cost, String> {
     let mut timed = Command::new("/usr/bin/time");
     timed.args(["-f", "cost %e %U %S %M"]).arg(program.get_program()).args(program.get_args());
+    if let Some(folder) = program.get_current_dir() {
+        timed.current_dir(folder);
+    }
     let output = timed.stdout(Stdio::null()).stderr(Stdio::piped()).output().map_err(|e| format!("GNU time: {e}"))?;
     let text = String::from_utf8_lossy(&output.stderr);
-    if !output.status.success() {
+    if output.status.code() != Some(code) {
         return Err(text.into_owned());
     }
     let cost = text.lines().rev().find_map(|line| line.strip_prefix("cost ")).unwrap_or_default();

@@ -10,6 +10,7 @@ mod gallery;
 mod gpu_kit;
 mod growth;
 mod python;
+mod scaling;
 mod suites;
 mod tidy;
 mod vulkan;
@@ -54,6 +55,9 @@ Commands:
           --help says more
   growth FOLDER MILLIONS...
           Convert so many million generated points to levels, and draw them: time, memory and disk
+  scaling [OPTIONS] [NAME...]
+          Time the program on hostile inputs of some 90 shapes at n, 2n, 4n and 8n, and fail where
+          the exponent is above 1.2; --markdown docs/data/scaling.md keeps the table
   tradeoff [OPTIONS]
           Measure what every setting costs in time and in error, and write a page; --quick takes two
           minutes, --backend all measures GPU backends too, --markdown docs/data/tradeoff.md keeps
@@ -92,6 +96,7 @@ fn main() -> ExitCode {
         ["gpu-kit"] => gpu_kit::run(&root),
         ["gpu-report", out] => gpu_kit::report_page(&root, out),
         ["growth", ref rest @ ..] => growth::run(&root, rest),
+        ["scaling", ref rest @ ..] => scaling::run(&root, rest),
         ["tradeoff", ..] => bench::run(&root, &words),
         [] => {
             eprintln!("{HELP}");
