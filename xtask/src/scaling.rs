@@ -57,7 +57,7 @@ impl Shape {
     }
 }
 
-/// What a shape took at its four sizes.
+/// Costs of a shape at its four sizes.
 struct Row {
     shape: Shape,
     seconds: [f64; 4],

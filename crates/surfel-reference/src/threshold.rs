@@ -14,7 +14,7 @@ pub(crate) struct Threshold {
     pub epsilon: f64,
     /// Side of oriented surfaces that the pixel shows; undeclared if it shows both.
     pub facing: Facing,
-    /// How near that side comes; +∞ where no sides are kept apart.
+    /// Nearest depth of that side; +∞ where sides aren't separated.
     pub nearest: f64,
 }
 
