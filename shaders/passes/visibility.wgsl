@@ -93,8 +93,8 @@ fn visible_depth(in: VisibilityVertex) -> f32 {
 
 struct ThresholdOutput {
     @builtin(frag_depth) depth: f32,
-    // The z + ε and the ε of the threshold's writer, for edge detection. Of equal thresholds the first one drawn remains,
-    // in the order of the buffers, not of the cloud.
+    // The z + ε and the ε of the threshold's writer, for edge detection. Of equal thresholds the first one drawn
+    // remains, in the order of the buffers, not of the cloud.
     @location(0) threshold_tolerance: vec2f,
 }
 

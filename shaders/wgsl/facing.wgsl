@@ -12,7 +12,8 @@ fn nearness(z: f32, epsilon: f32, back_facing: bool) -> f32 {
     return select(z, fma(BACK_FACING_LAG, epsilon, z), back_facing);
 }
 
-// Returns the depth behind which nothing blends with the side that a pixel shows, from the nearest depths of both sides.
+// Returns the depth behind which nothing blends with the side that a pixel shows, from the nearest depths of both
+// sides.
 fn sheet_limit(shown: f32, other: f32) -> f32 {
     return (shown + other) * 0.5;
 }

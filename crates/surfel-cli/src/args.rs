@@ -83,25 +83,30 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
             "Splats, points or a mesh; - is stdin",
             1..2,
         )))
-        .subcommand(StitchArgs::augment_args(plain("stitch", "Merge the tiles of an image")))
+        .subcommand(derived::<StitchArgs>("stitch", "Merge the tiles of an image"))
         .subcommand(of("serve", "Draw images of one scene, kept in memory, as requested on stdin").arg(inputs(
             "INPUT",
             SCENE,
             1..,
         )))
-        .subcommand(JobsArgs::augment_args(plain(
+        .subcommand(derived::<JobsArgs>(
             "jobs",
             "Print a job for a cluster or render farm that draws a scene, or converts points, in shards",
-        )))
-        .subcommand(CompareArgs::augment_args(plain("compare", "Measure the difference between two images")))
-        .subcommand(BackendsArgs::augment_args(plain("backends", "List the backends available on this machine")))
+        ))
+        .subcommand(derived::<CompareArgs>("compare", "Measure the difference between two images"))
+        .subcommand(derived::<BackendsArgs>("backends", "List the backends available on this machine"))
         .subcommand(plain("view", "Show in a window (not in this version)").hide(true).arg(inputs(
             "INPUT",
             "A scene file, splats, points or meshes",
             1..,
         )))
-        .subcommand(CompletionsArgs::augment_args(plain("completions", "Print a completion script for a shell")))
+        .subcommand(derived::<CompletionsArgs>("completions", "Print a completion script for a shell"))
         .subcommand(plain("man", "Print the manual page"))
+}
+
+/// Returns a command with derived arguments. Doc comments of flattened arguments would replace `about`.
+fn derived<A: Args>(name: &'static str, about: &'static str) -> clap::Command {
+    A::augment_args(clap::Command::new(name)).about(about)
 }
 
 /// Adds the table's options to a command.

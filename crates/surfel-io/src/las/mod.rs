@@ -109,7 +109,7 @@ pub struct PointCount {
 
 /// Bytes per point of the columns of LAS beyond those of its record: at most intensity, classification, returns, time
 /// and others of the record, and the low digits of the position. Columns that are zero everywhere take nothing, but no
-/// header states them. Points with few columns take 16 bytes less than the estimate, and those with all columns 17 more.
+/// header states them. Points with few columns take 16 bytes less than the estimate, those with all columns 17 more.
 const LAS_COLUMN_BYTES: u64 = 9;
 /// Bytes per point beyond the compressed ones: the columns, and the chunks that are decompressed at a time.
 #[cfg(feature = "laz")]
