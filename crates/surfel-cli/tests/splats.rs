@@ -122,8 +122,8 @@ fn textures_are_taken_as_the_flag_or_the_scene_says() {
     assert!(said.contains("colours"), "{said}");
     for (words, part) in [
         ("convert m.obj --texture fit --texture ewa -o x.ply", "--texture is given twice"),
-        ("convert p.xyz --texture fit -o x.ply", "expected a mesh for --texture"),
-        ("convert a.ply --texture ewa -o x.ply", "expected a mesh for --texture"),
+        ("convert p.xyz --texture fit -o x.ply", "expected a mesh or an octree for --texture"),
+        ("convert a.ply --texture ewa -o x.ply", "expected a mesh or an octree for --texture"),
         ("convert m.obj --colors fit -o x.ply", "expected points for --colors"),
         ("convert m.obj --splats none -o x.ply", "expected auto, or a whole number"),
         ("convert m.obj --sharp --splats auto -o x.ply", "auto"),

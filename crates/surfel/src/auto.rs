@@ -150,9 +150,11 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         }
     };
     let mut objects = objects;
-    let (whites, view) = (Whites::of(loaded), View::new(&camera)?);
+    // A camera that can't be drawn is refused where it is.
+    let (whites, view) = (Whites::of(loaded), View::new(&camera).ok());
     for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
-        let is_culled = hides_its_back(facts, drawn) && !sheets::covers_other_surfaces(drawn, &view);
+        let covers = |view| sheets::covers_other_surfaces(drawn, view);
+        let is_culled = hides_its_back(facts, drawn) && !view.as_ref().is_some_and(covers);
         object.material = material(facts, is_culled, whites.exposure());
     }
     Ok(SceneFile {
