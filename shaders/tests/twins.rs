@@ -65,6 +65,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         depth::tolerance;
         depth::plane_gradient;
         facing::nearness;
+        facing::sheet_limit;
         facing::back_normal;
         depth::slope_allowance, as depth::slope_allowance;
         depth::step_allowance, as depth::step_allowance;
