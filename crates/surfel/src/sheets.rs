@@ -2,7 +2,7 @@
 //! a sheet separates its top from what lies below (rendering model §5).
 
 use crate::patches::{Patch, Patches};
-use glam::{DVec3, IVec3};
+use glam::DVec3;
 use std::collections::HashMap;
 use surfel_model::Object;
 use surfel_render::View;
@@ -34,19 +34,24 @@ fn radius(patch: &Patch) -> f64 {
     patch.axes[0].length().max(patch.axes[1].length())
 }
 
+/// Returns the cell of a grid that a position is in.
+fn cell_of(position: DVec3, cell: f64) -> [i32; 3] {
+    (position / cell).floor().to_array().map(|index| index as i32)
+}
+
 /// Patches by the cell of a grid.
 struct Grid<'a> {
     cell: f64,
-    cells: HashMap<IVec3, Vec<&'a Patch>>,
+    cells: HashMap<[i32; 3], Vec<&'a Patch>>,
 }
 
 impl<'a> Grid<'a> {
     fn new(patches: &'a Patches) -> Self {
         // About as large as the patches are on average.
         let cell = 2.0 * (patches.area / patches.all.len() as f64).sqrt();
-        let mut cells: HashMap<IVec3, Vec<&Patch>> = HashMap::new();
+        let mut cells: HashMap<[i32; 3], Vec<&Patch>> = HashMap::new();
         for patch in &patches.all {
-            cells.entry((patch.position / cell).floor().as_ivec3()).or_default().push(patch);
+            cells.entry(cell_of(patch.position, cell)).or_default().push(patch);
         }
         Self { cell, cells }
     }
@@ -56,12 +61,11 @@ impl<'a> Grid<'a> {
         let lateral = radius(patch);
         let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);
         let extent = DVec3::splat(lateral.max(reach).min(2.0 * self.cell));
-        let [low, high] =
-            [patch.position - extent, patch.position + extent].map(|p| (p / self.cell).floor().as_ivec3());
-        for x in low.x..=high.x {
-            for y in low.y..=high.y {
-                for z in low.z..=high.z {
-                    for below in self.cells.get(&IVec3::new(x, y, z)).into_iter().flatten() {
+        let [low, high] = [patch.position - extent, patch.position + extent].map(|p| cell_of(p, self.cell));
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    for below in self.cells.get(&[x, y, z]).into_iter().flatten() {
                         let offset = below.position - patch.position;
                         let depth = -patch.normal.dot(offset);
                         let is_below = depth > 0.0 && depth <= reach;
