@@ -59,7 +59,7 @@ pub fn write(
 /// Writes `path` like [`write()`], for content that seeks; devices and pipes aren't supported.
 ///
 /// # Errors
-/// As [`write()`]; also if `path` isn't a regular file.
+/// Errors of [`write()`]; also if `path` isn't a regular file.
 pub fn write_seekable(
     path: &Path,
     overwrite: bool,

@@ -25,7 +25,7 @@ pub fn read_image(path: &Path) -> Result<Planes, IoError> {
 /// Reads an image from memory, like [`read_image`]; `name` is for messages.
 ///
 /// # Errors
-/// As [`read_image`].
+/// Errors of [`read_image`].
 pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
     let read = || {
         if bytes.starts_with(&[0x76, 0x2f, 0x31, 0x01]) {

@@ -104,7 +104,7 @@ pub struct PointSurvey {
 /// column if all its values are zero. Memory doesn't grow with the number of points. Returns `None` for other files.
 ///
 /// # Errors
-/// As [`load`].
+/// Errors of [`load`].
 #[cfg_attr(not(feature = "las"), expect(unused_variables, unused_mut, reason = "there are no other such formats"))]
 pub fn survey(
     path: &Path,
@@ -172,7 +172,7 @@ pub fn names_geometry(path: &Path) -> bool {
 /// to aren't read.
 ///
 /// # Errors
-/// As [`load`].
+/// Errors of [`load`].
 pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
     run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
 }

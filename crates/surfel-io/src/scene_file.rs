@@ -39,7 +39,7 @@ pub fn parse(bytes: &[u8], name: &Path) -> Result<SceneFile, IoError> {
 /// Reads a camera file: the `camera` object of a scene file, alone.
 ///
 /// # Errors
-/// As [`read`].
+/// Errors of [`read`].
 pub fn read_camera(path: &Path) -> Result<Camera, IoError> {
     json(&files::read(path, MAX_BYTES)?).map_err(|fault| fault.of(path))
 }

@@ -59,9 +59,9 @@ impl Renderer {
     /// truth that filters approximate.
     ///
     /// # Errors
-    /// As [`surfel_render::Renderer::render_into`]; also [`RenderError::Model`] for more samples than an image may have
-    /// ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label` and
-    /// `position`, which have no mean.
+    /// Errors of [`surfel_render::Renderer::render_into`]; also [`RenderError::Model`] for more samples than an image
+    /// may have ([`surfel_model::MAX_IMAGE_PIXELS`]), and [`RenderError::Unsupported`] for the planes `index`, `label`
+    /// and `position`, which have no mean.
     pub fn render_supersampled(
         &mut self,
         scene: &ResidentScene,

@@ -101,7 +101,7 @@ macro_rules! renderer_methods {
         /// Uploads a scene, which stays resident in the backend's memory.
         ///
         /// # Errors
-        /// As [`Renderer::upload`]($crate::Renderer::upload).
+        /// Errors of [`Renderer::upload`]($crate::Renderer::upload).
         pub fn upload(&mut self, scene: &surfel_model::Scene) -> Result<$scene, $crate::RenderError> {
             $crate::Renderer::upload(self, scene)
         }
@@ -110,7 +110,7 @@ macro_rules! renderer_methods {
         /// also renders other planes, regions and statistics, and reuses a frame's memory.
         ///
         /// # Errors
-        /// As [`Renderer::render`]($crate::Renderer::render).
+        /// Errors of [`Renderer::render`]($crate::Renderer::render).
         pub fn render(
             &mut self,
             scene: &$scene,

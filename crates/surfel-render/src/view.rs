@@ -68,7 +68,7 @@ impl View {
     /// Creates the view of a camera, with the whole image as its region.
     ///
     /// # Errors
-    /// As [`Camera::validate`]; also [`ModelError::OutOfRange`] for an image of more than [`MAX_IMAGE_PIXELS`].
+    /// Errors of [`Camera::validate`]; also [`ModelError::OutOfRange`] for an image of more than [`MAX_IMAGE_PIXELS`].
     pub fn new(camera: &Camera) -> Result<Self, ModelError> {
         let view = Self::of_region(camera, None)?;
         Ok(view)
@@ -77,8 +77,8 @@ impl View {
     /// Creates the view of a camera, cropped to `region` (the whole image if `None`).
     ///
     /// # Errors
-    /// As [`Camera::validate`]; also [`ModelError::OutOfRange`] for a region that is empty, extends beyond the image,
-    /// or has more than [`MAX_IMAGE_PIXELS`].
+    /// Errors of [`Camera::validate`]; also [`ModelError::OutOfRange`] for a region that is empty, extends beyond the
+    /// image, or has more than [`MAX_IMAGE_PIXELS`].
     pub fn of_region(camera: &Camera, region: Option<Region>) -> Result<Self, ModelError> {
         camera.validate()?;
         let [width, height] = camera.size;

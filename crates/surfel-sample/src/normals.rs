@@ -57,8 +57,8 @@ pub(crate) fn estimate(search: &mut Search, points: &SortedPoints, slot: usize, 
 /// neighbours, else the normal of the neighbours' plane on the same side. Neighbours whose stored normals disagree are
 /// ignored, because they are beyond a crease or on the back of a thin sheet.
 ///
-/// Where a surface curves, the neighbours to one side of a point form another plane than the point's own. Stored
-/// normals reveal curvature: on a circle, the line between two points is at right angles to the mean of their normals.
+/// On a curved surface, the neighbours to one side of a point form another plane than the point's own. Stored normals
+/// reveal curvature: on a circle, the line between two points is at right angles to the mean of their normals.
 pub(crate) fn laid(
     points: &SortedPoints,
     slot: usize,

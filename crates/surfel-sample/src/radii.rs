@@ -6,7 +6,7 @@
 //! uneven: a splat reaches past the farthest corner of its own Voronoi cell in the tangent plane, because a plane whose
 //! cells are all covered has no holes.
 //!
-//! Where the surface turns within the density radius, only the covering rule applies, because a larger disk would stick
+//! The covering rule alone applies if the surface turns within the density radius, because a larger disk would stick
 //! out. Points in no surface have small disks: [`crate::class`] lists the rule of each class. Where cells are stretched
 //! alike over a neighbourhood (scan lines), the splat is an ellipse. The same rules then apply after the affine map
 //! that makes the cells round. Finally, [`crate::largest`] limits all disks.

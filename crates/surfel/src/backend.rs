@@ -338,8 +338,8 @@ impl Backend {
     /// must be within the limits of an image ([`surfel_model::MAX_IMAGE_PIXELS`]).
     ///
     /// # Errors
-    /// As [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for the
-    /// planes `index`, `label` and `position`, which have no mean.
+    /// Errors of [`Renderer::render`]; [`RenderError::Unsupported`] if [`Backend::can_supersample`] is false, and for
+    /// the planes `index`, `label` and `position`, which have no mean.
     #[cfg_attr(not(feature = "reference"), expect(unused_variables, reason = "no other backend supersamples"))]
     pub fn render_supersampled(
         &mut self,

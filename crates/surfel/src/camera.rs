@@ -152,7 +152,7 @@ pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)
 /// Reads cameras like [`named`], from JSON text.
 ///
 /// # Errors
-/// As [`named`].
+/// Errors of [`named`].
 pub fn named_in_json(json: &[u8], name: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
     with_names(surfel_io::cameras::read_json(json, name)?, name, size)
 }

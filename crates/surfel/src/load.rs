@@ -582,7 +582,7 @@ pub(crate) struct LoadedMesh {
 /// Loads a file that is drawn as polygons. Adds the files it refers to to `beside`.
 ///
 /// # Errors
-/// As [`load`]; also [`Error::Unsuitable`] if the file holds no triangles.
+/// Errors of [`load`]; also [`Error::Unsuitable`] if the file holds no triangles.
 pub(crate) fn load_mesh(
     path: &Path,
     options: &LoadOptions,

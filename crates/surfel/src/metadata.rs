@@ -129,7 +129,7 @@ fn digits(hash: Sha256) -> String {
 /// of the file format are added by the caller.
 ///
 /// # Errors
-/// As [`RenderOptions::region_of`].
+/// Errors of [`RenderOptions::region_of`].
 pub fn drawn(
     options: &RenderOptions,
     camera: &Camera,

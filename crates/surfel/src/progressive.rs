@@ -45,7 +45,7 @@ pub enum Detail {
 /// ```
 ///
 /// # Errors
-/// As [`Request::load`] and [`Request::resolve`]; an error of `each` ends the loading.
+/// Errors of [`Request::load`] and [`Request::resolve`]; an error of `each` ends the loading.
 pub fn resolve<E: From<Error>>(
     request: Request,
     stdin: Option<Arc<[u8]>>,

@@ -330,7 +330,7 @@ impl Request {
     /// Loads the objects.
     ///
     /// # Errors
-    /// As [`load_objects`].
+    /// Errors of [`load_objects`].
     pub fn load(&self, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
         let options = self.load_options(stdin);
         let bare = self.tells_composite();

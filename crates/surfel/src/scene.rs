@@ -146,7 +146,7 @@ pub fn read_scene_file(path: &Path) -> Result<(SceneFile, BTreeSet<String>), Err
 /// Parses a scene file like [`read_scene_file`], from memory; `name` is used in messages.
 ///
 /// # Errors
-/// As [`read_scene_file`].
+/// Errors of [`read_scene_file`].
 pub fn parse_scene_file(bytes: &[u8], name: &Path) -> Result<(SceneFile, BTreeSet<String>), Error> {
     let scene = surfel_io::scene_file::parse(bytes, name)?;
     let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
@@ -185,7 +185,7 @@ fn gaussians(
 /// contain them; otherwise all files become surfaces.
 ///
 /// # Errors
-/// As [`load_objects`].
+/// Errors of [`load_objects`].
 pub fn load_bare_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -292,7 +292,7 @@ impl LoadedObjects {
 /// weights are estimated if the options ask for it, and if splats are mixed with meshes.
 ///
 /// # Errors
-/// As [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
+/// Errors of [`crate::load()`], and [`Error::Model`] for a matrix that isn't an invertible affine map.
 pub fn load_objects(
     objects: &[ObjectFile],
     base_dir: &Path,
@@ -449,7 +449,7 @@ fn load_uncolored(
 /// Reads the levels that views need for the objects of which only [`crate::levels::Levels::Overview`] was read.
 ///
 /// # Errors
-/// As [`load_objects`].
+/// Errors of [`load_objects`].
 pub fn refine_objects(
     loaded: &mut LoadedObjects,
     objects: &[ObjectFile],
@@ -528,7 +528,7 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
 /// Loads everything that a scene file names. Interior weights are estimated only if its settings need them.
 ///
 /// # Errors
-/// As [`load_objects`], [`load_matcap`] and [`assemble`].
+/// Errors of [`load_objects`], [`load_matcap`] and [`assemble`].
 pub fn load_scene(
     file: &SceneFile,
     base_dir: &Path,

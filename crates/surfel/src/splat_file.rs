@@ -40,7 +40,7 @@ impl ConvertRequest<'_> {
     /// Loads the file, and estimates its interior weight.
     ///
     /// # Errors
-    /// As [`load`] and [`ConvertRequest::load_options`].
+    /// Errors of [`load`] and [`ConvertRequest::load_options`].
     pub fn load(&self, progress: &dyn Progress) -> Result<LoadedCloud, Error> {
         load(self.path, &self.load_options()?.with_interior_weight(true), progress)
     }

@@ -126,7 +126,7 @@ pub fn read(path: &Path) -> Result<Vec<NamedCamera>, IoError> {
 /// Reads cameras from the contents of a JSON file that [`read`] supports; `name` is for messages.
 ///
 /// # Errors
-/// As [`read`].
+/// Errors of [`read`].
 pub fn read_json(bytes: &[u8], name: &Path) -> Result<Vec<NamedCamera>, IoError> {
     let mut cameras = json::parse(bytes).map_err(|fault| fault.of(name))?;
     name_all(&mut cameras);

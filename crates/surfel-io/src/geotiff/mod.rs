@@ -234,7 +234,7 @@ impl<'a> GeoTiles<'a> {
     /// are consecutive.
     ///
     /// # Errors
-    /// As [`GeoTiles::write_color`].
+    /// Errors of [`GeoTiles::write_color`].
     pub fn write_f32(&mut self, at: [u32; 2], width: u32, numbers: &[f32], marked: &[bool]) -> Result<(), IoError> {
         if !self.image.has_marks {
             let bytes: Vec<u8> = numbers.iter().flat_map(|v| v.to_be_bytes()).collect();

@@ -96,8 +96,8 @@ impl<'a> Scatter<'a> {
     /// constructions in the triangle", §3). The sequence is cut off at triangles with one place each, and places are
     /// random within them.
     ///
-    /// Where two regular sequences meet, places coincide in some spots and leave gaps in others: between the halves of
-    /// R₂'s square, or beside an edge. Elimination would leave holes of two spacings there.
+    /// Two regular sequences that meet, between the halves of R₂'s square or beside an edge, coincide in some spots and
+    /// leave gaps in others. Elimination would leave holes of two spacings there.
     fn irregular_place(&self, i: usize, part: usize, mut random: Random) -> PartPlace {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();

@@ -162,8 +162,8 @@ impl Ortho {
     /// Loads files of points, splats and meshes; z is up.
     ///
     /// # Errors
-    /// As [`crate::load`]; also [`Error::Model`] for a grid that is out of range, and [`Error::Unsuitable`] for files
-    /// in degrees, files with different coordinate reference systems, and bounds without data.
+    /// Errors of [`crate::load`]; also [`Error::Model`] for a grid that is out of range, and [`Error::Unsuitable`] for
+    /// files in degrees, files with different coordinate reference systems, and bounds without data.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
         let asked = asked(&options)?;

@@ -3,7 +3,7 @@
 //! The lower of two surfaces may continue beneath the upper one, as a road under a bridge or ground under a tree. Its
 //! points then don't show where the upper surface ends, and the upper points have random gaps.
 //!
-//! So every edge that the surface may have in a window around the place is weighted: parabolas of 32 directions, 5
+//! The module weights every edge that the surface may have in a window around the place: parabolas of 32 directions, 5
 //! curvatures and any offset. An edge is possible if all upper points are inside it. The points form a Poisson process,
 //! so the likelihood of an edge is exp(−density × area inside), in proportion to exp(density × rest of the window). The
 //! result is the weighted fraction of edges that have the place inside. As a mean over all possible edges it has the

@@ -4,7 +4,7 @@
 //! better. Each point is on the upper or the lower surface, and has the value +1 or −1. The linear function of x and y
 //! that fits these values best around a pixel is zero at the edge. It is fitted by moving least squares (Lancaster and
 //! Šalkauskas 1981) with Gaussian weights. Wide weights locate a straight edge more precisely but lose small details.
-//! So the widest scale is used at which the points are on their own sides of the function.
+//! The chosen scale is the widest at which the points are on their own sides of the function.
 //!
 //! Points beneath a surface, such as a road under a bridge, carry no information about its edges. There the upper
 //! points alone locate the edge (`outline.rs`).

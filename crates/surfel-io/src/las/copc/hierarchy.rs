@@ -237,7 +237,7 @@ impl Copc {
     /// returned points.
     ///
     /// # Errors
-    /// As [`Self::points_of`].
+    /// Errors of [`Self::points_of`].
     pub fn kept_points_of(
         &self,
         nodes: &[u32],

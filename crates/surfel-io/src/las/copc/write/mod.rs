@@ -183,7 +183,7 @@ pub fn resume_folder(output: &Path) -> PathBuf {
 /// [`Temporary`].
 ///
 /// # Errors
-/// As [`save_copc`].
+/// Errors of [`save_copc`].
 pub fn save_temporary_copc(
     (inputs, columns): (&[PathBuf], Option<&TableColumns>),
     folder: &Path,
