@@ -470,7 +470,7 @@ fn pts_of_seven_columns_have_an_intensity_and_colors() {
     let linear = ((98.0_f64 / 255.0 + 0.055) / 1.055).powf(2.4);
     assert!((f64::from(colors[7][1]) - linear).abs() < 1e-6);
     // Columns that can't be colours are judged as in other tables.
-    let other = points(load("a.pts", &text.replace(" 91 ", " 91.5 ")));
+    let other = points(load("a.pts", text.replace(" 91 ", " 91.5 ")));
     assert!(other.colors.is_none());
 }
 

@@ -92,7 +92,7 @@ fn with<'a>(first: &[(&'a str, &'a str)], more: &[(&'a str, &'a str)]) -> Vec<(&
 
 #[test]
 fn ply_names_are_those_that_text_files_know() {
-    let sets: [(&str, [&str; 3], [&str; 3], [&str; 3]); 4] = [
+    let sets = [
         ("vertex", ["x", "y", "z"], ["r", "g", "b"], ["normal_x", "normal_y", "normal_z"]),
         ("point", ["X", "Y", "Z"], ["Red", "Green", "Blue"], ["normalx", "normaly", "normalz"]),
         ("points", ["pos_x", "pos_y", "pos_z"], ["diffuse_red", "diffuse_green", "diffuse_blue"], ["NX", "NY", "NZ"]),

@@ -107,7 +107,7 @@ pub fn shortest_axis(axes: [V3<f64>; 3], sigmas: [f64; 3]) -> V3<f64> {
             break;
         }
     }
-    let lengths = if is_turned { half_axes.map(|axis| axis.length()) } else { lengths };
+    let lengths = if is_turned { half_axes.map(V3::length) } else { lengths };
     let is_shorter = |b: usize, a: usize| lengths[b] < lengths[a] * (1.0 - EQUAL_AXES);
     let least = (0..3).reduce(|a, b| if is_shorter(b, a) { b } else { a }).unwrap_or(2);
     // The other two axes are exact even if this one has no length.

@@ -222,7 +222,7 @@ mod tests {
         };
         // Three places, with 5,000, 300 and 16 points, among other, single points; zeros of both signs are one place.
         let place = |i: usize| match i % 10 {
-            0..5 => DVec3::new(0.0, 1.0, if i % 2 == 0 { 0.0 } else { -0.0 }),
+            0..5 => DVec3::new(0.0, 1.0, if i.is_multiple_of(2) { 0.0 } else { -0.0 }),
             5 if i / 10 < 300 => DVec3::splat(7.5),
             6 if i / 10 < 16 => DVec3::splat(1e-30),
             _ => DVec3::new(i as f64, -1.0, 0.5),

@@ -273,7 +273,7 @@ fn face_outside(
     };
     let found = map_each(slots.len(), &NoProgress, || Search::new(sorted), normal);
     for (slot, normal) in slots.iter().zip(found) {
-        oriented[*slot].normal = normal.map_or(oriented[*slot].normal, |normal| normal.as_vec3());
+        oriented[*slot].normal = normal.map_or(oriented[*slot].normal, DVec3::as_vec3);
     }
 }
 

@@ -205,7 +205,8 @@ fn leaning(side: usize, axes: DMat3, lean: &mut dyn FnMut() -> (f64, f64)) -> (V
 fn layout_lays_disks_whose_stored_normals_lean_from_it() {
     let mut random = Lcg(14);
     let turned = DMat3::from_quat(DQuat::from_axis_angle(DVec3::new(0.6, 0.64, 0.48), 2.0));
-    let cases: [(&str, DMat3, &mut dyn FnMut() -> (f64, f64)); 6] = [
+    type Lean<'a> = &'a mut dyn FnMut() -> (f64, f64);
+    let cases: [(&str, DMat3, Lean<'_>); 6] = [
         ("30", DMat3::IDENTITY, &mut || (30.0, 90.0)),
         ("30, turned", turned, &mut || (30.0, 90.0)),
         ("45, far", DMat3::IDENTITY * 1e6, &mut || (45.0, 200.0)),
@@ -241,7 +242,7 @@ fn normals_that_fit_stay_as_they_are_on_bodies_creases_limbs_and_thin_sheets() {
     let mut random = Lcg(15);
     let ball: Vec<(DVec3, DVec3)> = (0..3000).map(|_| random.sphere()).map(|p| (p, p * 3.0)).collect();
     let mut face = |i: usize| {
-        let (axis, sign) = (i % 3, if i % 2 == 0 { 1.0 } else { -1.0 });
+        let (axis, sign) = (i % 3, if i.is_multiple_of(2) { 1.0 } else { -1.0 });
         let mut p = DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
         p[axis] = sign;
         (p, DVec3::AXES[axis] * sign)
@@ -254,7 +255,7 @@ fn normals_that_fit_stay_as_they_are_on_bodies_creases_limbs_and_thin_sheets() {
         })
         .collect();
     let mut side = |i: usize| {
-        let sign = if i % 2 == 0 { 1.0 } else { -1.0 };
+        let sign = if i.is_multiple_of(2) { 1.0 } else { -1.0 };
         (DVec3::new(random.unit(), random.unit(), 0.002 * sign), DVec3::Z * sign)
     };
     let sheet: Vec<(DVec3, DVec3)> = (0..6000).map(&mut side).collect();

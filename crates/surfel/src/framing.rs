@@ -427,7 +427,7 @@ fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
             index += len;
         } else {
             for_each_of(object, 0..len, &mut |p, _| {
-                if index % step == 0 {
+                if index.is_multiple_of(step) {
                     add(p);
                 }
                 index += 1;

@@ -81,7 +81,7 @@ fn coil(i: usize, n: usize) -> [f64; 3] {
 
 fn ball_in_a_field(i: usize, _: usize) -> [f64; 3] {
     let [x, y, z] = random_point(i);
-    if i % 10 == 0 { [1e4 * x, 1e4 * y, z] } else { [5e3 + x, 5e3 + y, z] }
+    if i.is_multiple_of(10) { [1e4 * x, 1e4 * y, z] } else { [5e3 + x, 5e3 + y, z] }
 }
 
 /// Points that come ever closer to the origin.

@@ -189,7 +189,8 @@ mod tests {
         let shape = Shape::Ellipses { s: column(Vec3::X), t: column(Vec3::Y) };
         let line = |i: usize| ClipLine { a: 1.0, b: 0.1 * i as f32, c: 0.5 };
         // Every other splat has lines: one, two, three and four.
-        let lines = |i: usize| std::array::from_fn(|k| if i % 2 == 0 && k <= i / 2 { line(i + k) } else { NO_LINE });
+        let lines =
+            |i: usize| std::array::from_fn(|k| if i.is_multiple_of(2) && k <= i / 2 { line(i + k) } else { NO_LINE });
         let clips = ClipColumns { lines: Some((0..7).map(lines).collect()), ..ClipColumns::default() };
         let data = CloudData { clips: Some(clips), ..CloudData::new(DVec3::ZERO, column(Vec3::ZERO), shape) };
         let cloud = SplatCloud::new(data, OnInvalid::Refuse).unwrap().0;

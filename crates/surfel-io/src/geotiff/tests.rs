@@ -178,16 +178,16 @@ fn overviews_are_means_of_what_is_data() {
     let rgb = GeoImage { path: file("overviews-rgb"), samples: GeoSamples::Rgba8, ..dsm.clone() };
     let normals = GeoImage { path: file("overviews-n"), samples: GeoSamples::F32(3), ..dsm.clone() };
     // Half of every four pixels is no data.
-    let is_data = |x: u32, y: u32| (x + y) % 2 == 0;
+    let is_data = |x: u32, y: u32| (x + y).is_multiple_of(2);
     let number = |x: u32, y: u32| if is_data(x, y) { (x * 3 + y * 7) as f32 } else { GeoSamples::NODATA };
     let of = |i: u32| (i % 515, i / 515);
     let done: Result<(), IoError> = write_geotiffs(&[dsm.clone(), rgb.clone(), normals.clone()], true, |tiles| {
         let numbers: Vec<f32> = (0..515 * 301).map(|i| number(of(i).0, of(i).1)).collect();
         tiles[0].write_f32([0, 0], 515, &numbers, &[])?;
-        let light = |x: u32| if x % 2 == 0 { [1.0, 0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0, 1.0] };
+        let light = |x: u32| if x.is_multiple_of(2) { [1.0, 0.0, 0.0, 1.0] } else { [0.0, 1.0, 0.0, 1.0] };
         let colors: Vec<[f32; 4]> = (0..515 * 301).map(|i| light(of(i).0)).collect();
         tiles[1].write_color([0, 0], 515, &colors, &[])?;
-        let lean = |x: u32| if x % 2 == 0 { [0.6, 0.0, 0.8] } else { [-0.6, 0.0, 0.8] };
+        let lean = |x: u32| if x.is_multiple_of(2) { [0.6, 0.0, 0.8] } else { [-0.6, 0.0, 0.8] };
         let leaning: Vec<f32> = (0..515 * 301).flat_map(|i| lean(of(i).0)).collect();
         tiles[2].write_f32([0, 0], 515, &leaning, &[])
     });

@@ -219,7 +219,7 @@ impl Obj {
     fn points(self, context: &mut Context<'_>) -> Result<Content, Fault> {
         let (origin, positions) = measured_positions(&self.positions);
         let n = positions.len();
-        let colors = (!self.colors.is_empty()).then(|| self.colors);
+        let colors = (!self.colors.is_empty()).then_some(self.colors);
         // Without faces, normals belong to vertices in order, as point exporters write them.
         let normals = (self.normals.len() == n)
             .then(|| surfel_model::Column3::from_f32(self.normals.iter().map(|&n| n.into()).collect()));

@@ -6,7 +6,7 @@ use crate::NoProgress;
 use crate::mesh::random::Random;
 use glam::Vec3;
 use std::sync::Arc;
-use surfel_model::{CloudData, Texture};
+use surfel_model::{CloudData, OctreeNode, Texture};
 
 /// Number of texels per splat along each side.
 const TEXELS: usize = 6;
@@ -228,9 +228,9 @@ fn dense(n: usize, gram: impl Fn(usize, usize) -> f64, b: impl Fn(usize) -> f64)
     for i in (0..n).rev() {
         x[i] = (x[i] - (i + 1..n).map(|k| lower[k][i] * x[k]).sum::<f64>()) / lower[i][i];
     }
-    for i in 0..n {
-        let residual = (0..n).map(|k| gram(i, k) * x[k]).sum::<f64>() - right[i];
-        assert!(residual.abs() <= 1e-12 * (1.0 + right[i].abs()), "row {i} of the dense solver: {residual:e}");
+    for (i, right) in right.iter().enumerate() {
+        let residual = (0..n).map(|k| gram(i, k) * x[k]).sum::<f64>() - right;
+        assert!(residual.abs() <= 1e-12 * (1.0 + right.abs()), "row {i} of the dense solver: {residual:e}");
     }
     x
 }
@@ -525,7 +525,7 @@ fn every_level_of_an_octree_is_nearer_to_the_mesh() {
         let end = end.unwrap_or(point.nodes().len());
         let nodes = &point.nodes()[first..end];
         let mut ranges: Vec<_> = nodes.iter().map(|n| n.splats.clone()).collect();
-        if nodes.iter().all(|node| node.is_leaf()) {
+        if nodes.iter().all(OctreeNode::is_leaf) {
             // Splats drawn in place of the leaves' splats along their edges.
             ranges.extend(point.transitions().iter().map(|t| t.splats.clone()));
         }

@@ -26,6 +26,19 @@ pub(crate) struct EdgeSplat {
     pub(crate) color: [f32; 4],
 }
 
+/// Edge between two leaves.
+struct LeafEdge {
+    /// The leaves, the lower one first.
+    leaves: [u32; 2],
+    face: u32,
+    /// Corner of the face at which the edge starts.
+    corner: usize,
+    /// Distance between the edge's splats.
+    spacing: f64,
+    /// Unit normal of the edge's splats, between those of its two faces.
+    between: DVec3,
+}
+
 /// Edges shared by a pair of leaves, and the splats on them.
 #[derive(Default)]
 pub(crate) struct Shared {
@@ -53,8 +66,7 @@ pub(crate) fn shared_edges(
         }
     }
     sides.sort_unstable();
-    // Edges between leaves: leaves, face and corner at which the edge starts, spacing.
-    let (mut edges, mut between): (Vec<([u32; 2], u32, usize, f64)>, Vec<DVec3>) = Default::default();
+    let mut edges = Vec::new();
     for edge in sides.chunk_by(|a, b| a.0 == b.0) {
         let (_, face, corner) = edge[0];
         let leaf = |face: u32| leaf_of_face[face as usize];
@@ -65,21 +77,21 @@ pub(crate) fn shared_edges(
         }
         let leaves = [leaf(face).min(leaf(*other)), leaf(face).max(leaf(*other))];
         let spacing = spacing_of(leaves[0]).min(spacing_of(leaves[1]));
-        edges.push((leaves, face, usize::from(corner), spacing));
-        between.push(unit(normals[0] + normals[1]));
+        let between = unit(normals[0] + normals[1]);
+        edges.push(LeafEdge { leaves, face, corner: usize::from(corner), spacing, between });
     }
     let ends = |face: u32, k: usize| {
         let corners = geometry.corners(face as usize);
         [corners[k], corners[(k + 1) % 3]]
     };
-    let count_of = |(_, face, k, spacing): &([u32; 2], u32, usize, f64)| {
-        let [a, b] = ends(*face, *k);
-        ((b - a).length() / spacing).ceil().max(1.0) as u64
+    let count_of = |edge: &LeafEdge| {
+        let [a, b] = ends(edge.face, edge.corner);
+        ((b - a).length() / edge.spacing).ceil().max(1.0) as u64
     };
     let counts: Vec<u64> = edges.iter().map(count_of).collect();
     let most = most_each(&counts, FEW.max(MOST_ON_EDGE * counts.len() as u64));
     let mut shared: BTreeMap<[u32; 2], Shared> = BTreeMap::new();
-    for (((leaves, face, k, spacing), between), count) in edges.into_iter().zip(between).zip(counts) {
+    for (LeafEdge { leaves, face, corner: k, spacing, between }, count) in edges.into_iter().zip(counts) {
         let [a, b] = ends(face, k);
         // Fewer splats are larger.
         let (count, spacing) = if count > most { (most, (b - a).length() / most as f64) } else { (count, spacing) };

@@ -221,7 +221,7 @@ mod tests {
             let scale = ColorScale::Range { map: Colormap::Viridis, range: [0.0, hi] };
             save_color_bar(&path, false, &Coloring { attribute: "a".into(), scale })
         };
-        let written = [bar(1.0), bar(1.0)].map(|result| result.ok());
+        let written = [bar(1.0), bar(1.0)].map(Result::ok);
         let refused = bar(2.0);
         std::fs::remove_file(&path).unwrap();
         assert_eq!(written, [Some(true); 2]);

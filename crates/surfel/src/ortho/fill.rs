@@ -145,7 +145,7 @@ impl BlockStore {
                     let first = (north - y) as usize * width + (from - west) as usize;
                     for (i, pixel) in run.chunks_exact(numbers * 4).enumerate() {
                         let number = |k: usize| f32::from_le_bytes([0, 1, 2, 3].map(|b| pixel[4 * k + b]));
-                        planes.height[first + i] = number(0);
+                        planes.height[first + i] = f32::from_le_bytes([0, 1, 2, 3].map(|b| pixel[b]));
                         if has.color {
                             planes.color[first + i] = [1, 2, 3, 4].map(number);
                         }
@@ -328,13 +328,13 @@ mod tests {
             let is_set: Vec<bool> =
                 (0..37 * 23).map(|i| (i as u64 * 2_654_435_761 + seed * 97) % 1009 < seed * 3).collect();
             let found = distances(&is_set, width);
-            for i in 0..is_set.len() {
+            for (i, found) in found.into_iter().enumerate() {
                 let squared = |j: usize| {
                     let (dx, dy) = ((i % width) as f64 - (j % width) as f64, (i / width) as f64 - (j / width) as f64);
                     dx * dx + dy * dy
                 };
                 let exact = (0..is_set.len()).filter(|j| is_set[*j]).map(squared).fold(f64::INFINITY, f64::min);
-                assert_eq!(found[i], exact, "{seed} {i}");
+                assert_eq!(found, exact, "{seed} {i}");
             }
         }
     }

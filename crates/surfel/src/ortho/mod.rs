@@ -144,6 +144,9 @@ pub struct Ortho {
     pub coloring: Option<(PathBuf, Coloring)>,
 }
 
+/// Colours of all files of an orthoimage, and their legend with the file that it is named after.
+type SharedColors = (Option<FixedColor>, Option<(PathBuf, Coloring)>);
+
 /// A colouring shared by all files and blocks.
 struct FixedColor {
     attribute: String,
@@ -497,7 +500,7 @@ impl ColorChoice {
         load: &LoadOptions,
         notes: &mut Notes,
         unused: &mut Unused,
-    ) -> Result<(Option<FixedColor>, Option<(PathBuf, Coloring)>), Error> {
+    ) -> Result<SharedColors, Error> {
         let own = || OWN_COLORS[usize::from(self.lacks_intensity)].to_owned();
         let Some(attribute) = load.color_by.clone().or_else(|| self.has_uncolored.then(own)) else {
             return Ok((None, None));

@@ -36,6 +36,9 @@ pub(crate) struct Source {
     pub(crate) is_named_degrees: bool,
 }
 
+/// Function that returns the position of a point or splat by its index.
+pub(crate) type PositionOf<'a> = Box<dyn Fn(usize) -> DVec3 + 'a>;
+
 /// Content of a file.
 pub(crate) enum Holds {
     /// Points, which are converted per block.
@@ -117,7 +120,7 @@ impl Source {
     }
 
     /// Returns the number of points or splats in memory, and a function for their positions.
-    pub(crate) fn positions(&self) -> Option<(usize, Box<dyn Fn(usize) -> DVec3 + '_>)> {
+    pub(crate) fn positions(&self) -> Option<(usize, PositionOf<'_>)> {
         match &self.holds {
             Holds::Points(points) => {
                 let cloud = points.cloud.as_ref()?;

@@ -71,17 +71,17 @@ fn las(returns: &[Return]) -> Vec<u8> {
     bytes[104] = 6;
     bytes[105..107].copy_from_slice(&30_u16.to_le_bytes());
     let offset = [CORNER[0], CORNER[1], 0.0];
-    for k in 0..3 {
+    for (k, offset) in offset.into_iter().enumerate() {
         let mut put = |at: usize, v: f64| bytes[at..at + 8].copy_from_slice(&v.to_le_bytes());
         put(131 + 8 * k, 0.001);
-        put(155 + 8 * k, offset[k]);
+        put(155 + 8 * k, offset);
         put(179 + 16 * k, returns.iter().map(|p| p.at[k]).fold(f64::NEG_INFINITY, f64::max));
         put(187 + 16 * k, returns.iter().map(|p| p.at[k]).fold(f64::INFINITY, f64::min));
     }
     bytes[247..255].copy_from_slice(&(returns.len() as u64).to_le_bytes());
     for p in returns {
-        for k in 0..3 {
-            bytes.extend((((p.at[k] - offset[k]) * 1000.0).round() as i32).to_le_bytes());
+        for (at, offset) in p.at.into_iter().zip(offset) {
+            bytes.extend((((at - offset) * 1000.0).round() as i32).to_le_bytes());
         }
         // Intensity; return 1 of 1; flags; class.
         bytes.extend([0, 0, 0x11, if p.is_withheld { 4 } else { 0 }, p.class]);

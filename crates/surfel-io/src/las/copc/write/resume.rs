@@ -137,7 +137,7 @@ impl Kept {
     /// Converts a conversion's error: reports the folder as damaged if its files have changed since they were written.
     pub(super) fn blamed(&self, error: IoError) -> IoError {
         match error {
-            IoError::System { source, .. } if source.get_ref().is_some_and(|e| e.is::<Changed>()) => {
+            IoError::System { source, .. } if source.get_ref().and_then(|e| e.downcast_ref::<Changed>()).is_some() => {
                 self.damaged(format!("has changed: {source}"))
             }
             error => error,
