@@ -21,6 +21,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     if let Err(problem) = &driver {
         eprintln!("error: {problem}");
     }
+    let program_ok = checks_default_program(root);
     let must_run = must_run(gpu, driver.as_ref().ok());
     let (summary, exit_ok) = match run_cargo(root, must_run, full) {
         Ok(result) => result,
@@ -61,11 +62,22 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         };
         println!("GPU kit: {verdict}");
     }
+    if !program_ok {
+        println!("program with default features: FAILED, see above");
+    }
     if !exit_ok && total.failed == 0 {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && python_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && program_ok && python_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+}
+
+/// Checks that the program of README.md's first command compiles: with default features only. The tests' features turn
+/// on features of dependencies that the program alone lacks.
+fn checks_default_program(root: &Path) -> bool {
+    let mut command = cargo_for_tests(root);
+    command.args(["check", "--package", "surfel-cli", "--locked", "--quiet"]);
+    command.status().is_ok_and(|status| status.success())
 }
 
 /// Returns the tests that may not be skipped, in the format of `SURFEL_REQUIRE`.

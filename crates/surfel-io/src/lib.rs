@@ -67,7 +67,6 @@ pub mod cameras;
 mod colmap_points;
 #[cfg(feature = "laz")]
 mod column_file;
-#[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 mod column_roles;
 mod columns;
 mod content;

@@ -192,6 +192,7 @@ impl KdTree {
     /// Visits the slots whose item is in an oriented box about `center`. Each side is a direction (unit vectors at
     /// right angles, or zero for no limit) with the box's half-extent along it. `bounds` are [`KdTree::bounds_below`].
     /// They prune the many cells of the tree that a long box crosses although they have no items near it.
+    #[cfg(any(test, feature = "sharp"))]
     pub(crate) fn in_box(
         &self,
         center: DVec3,

@@ -198,6 +198,7 @@ impl Backend {
     /// ones.
     pub fn release_memory(&mut self) {
         #[cfg(feature = "cpu")]
+        #[allow(irrefutable_let_patterns, reason = "the only backend of the smallest build")]
         if let Self::Cpu(renderer) = self {
             renderer.release_memory();
         }
