@@ -227,7 +227,7 @@ struct Disk {
 
 /// Returns two sheets of unevenly spaced disks, 0.85 radii apart, with edges antialiased by the cloud's own interior
 /// weight. The weight depends on a disk's pair of half-axes, and on r_max counting from the sampled point. Backends
-/// don't measure it, so the scene sets what [`interior_weight`] computes.
+/// don't measure it, so the scene sets what `interior_weight` computes.
 pub fn disks_by_their_own_weight() -> Case {
     let disks = uneven_sheets();
     let mut scene = Scene { objects: vec![object(cloud_of(&disks))], ..scene(&[]) };
