@@ -133,6 +133,7 @@ pub(crate) fn unpack(
     let (dialect, kept) = (plan.dialect, plan.kept.as_deref());
     let (mut said, mut before) = (0_u64, 0_u64);
     let (mut incomplete, mut first_incomplete) = (0_usize, 0);
+    let (mut others, mut first_other) = (0_u64, 0);
     let mut table = Table::default();
     // Number of cells in a row, the same in all rows; only some are read.
     let mut cells = kept.map_or(0, <[bool]>::len);
@@ -151,6 +152,11 @@ pub(crate) fn unpack(
                     table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
             }
+            return Ok(());
+        }
+        if plan.is_other_record(line) {
+            first_other = if others == 0 { line_number } else { first_other };
+            others += 1;
             return Ok(());
         }
         let at = Location::Line(line_number);
@@ -249,6 +255,10 @@ pub(crate) fn unpack(
     if incomplete > 0 {
         let rows = counted(incomplete as u64, "rows");
         context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
+    }
+    if let Some(word) = plan.point_word.filter(|_| others > 0) {
+        let (rows, word) = (counted(others, "lines"), quote(word));
+        context.note(format!("left out {rows} that don't begin with {word}, the first in line {first_other}"));
     }
     if said > 0 && said != table.rows as u64 {
         context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows));

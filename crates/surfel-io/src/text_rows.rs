@@ -14,6 +14,9 @@ pub(crate) const MAX_COLUMNS: usize = 128;
 const JUDGED_LINES: usize = 100;
 /// Maximum number of lines for choosing the separator and detecting columns of words.
 const PLANNED_LINES: usize = 1000;
+/// Words that begin the lines of points in files that also have lines of other kinds, such as `p x y z` beside
+/// `d 1 1 1`. Capital letters are chemical elements.
+const POINT_WORDS: [&[u8]; 7] = [b"p", b"v", b"pt", b"pnt", b"point", b"vertex", b"vtx"];
 
 /// Separator of the cells of a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -150,6 +153,8 @@ pub(crate) struct Plan {
     /// Numbers, from 1, of columns that are dropped because they contain words, or because they are empty.
     pub(crate) words: Vec<usize>,
     pub(crate) empty: Vec<usize>,
+    /// Word that begins every line of a point, one of [`POINT_WORDS`]; lines that begin with another word are none.
+    pub(crate) point_word: Option<&'static [u8]>,
 }
 
 /// A candidate dialect, applied to the start of a file.
@@ -195,7 +200,7 @@ impl Trial {
         let is_empty = |i: &usize| self.empty[*i] * 2 > self.rows;
         let words = left().filter(|i| !is_empty(i)).map(|i| i + 1).collect();
         let empty = left().filter(is_empty).map(|i| i + 1).collect();
-        Plan { dialect: self.dialect, words, empty, kept: Some(kept) }
+        Plan { dialect: self.dialect, words, empty, kept: Some(kept), point_word: None }
     }
 }
 
@@ -208,7 +213,7 @@ impl Plan {
     /// [`Problem`] if lines don't have as many cells as `columns` states.
     pub(crate) fn of(head: &[u8], is_whole: bool, columns: Option<&TableColumns>) -> Result<Self, Problem> {
         let dialect = Dialect::of(head);
-        let plain = Self { dialect, kept: None, words: Vec::new(), empty: Vec::new() };
+        let plain = Self { dialect, kept: None, words: Vec::new(), empty: Vec::new(), point_word: None };
         let mut lines: Vec<&[u8]> = Lines::new(head).map(|(_, line)| line).filter(|l| !is_comment(l)).collect();
         if !is_whole && head.last() != Some(&b'\n') {
             lines.pop();
@@ -241,7 +246,7 @@ impl Plan {
                 |line: &&[u8]| decimal.words(line).any(|w| w.contains(&b',') && decimal.number(w).is_some());
             let trial = Trial::of(decimal, body, None).filter(fits);
             if let Some(trial) = trial.filter(|_| body.iter().any(has_comma)) {
-                return Ok(trial.plan());
+                return Ok(trial.plan().with_point_word(&rows));
             }
         }
         // A single separator has priority: words may contain blanks.
@@ -251,7 +256,31 @@ impl Plan {
             let is_any = !matches!(trial.dialect.divider, Divider::Each(_));
             (std::cmp::Reverse(trial.kept().iter().filter(|kept| **kept).count()), is_any)
         });
-        Ok(fitting.first().map_or(plain, Trial::plan))
+        Ok(fitting.first().map_or(plain, |trial| trial.plan().with_point_word(&rows)))
+    }
+
+    /// Detects the word that begins the lines of points, from `rows` at the start of a file. If a line names the
+    /// columns, a word says something about its point, and no word is chosen.
+    fn with_point_word(mut self, rows: &[&[u8]]) -> Self {
+        let is_left_out = self.kept.as_ref().is_some_and(|kept| kept.first() == Some(&false));
+        let is_named = rows.first().is_some_and(|line| names(line, self.dialect).is_some());
+        let is_usual = |word: &[u8]| {
+            let begins = |row: &&&[u8]| self.first_word(row) == Some(word);
+            rows.iter().filter(begins).count() * 2 > rows.len()
+        };
+        self.point_word = POINT_WORDS.into_iter().find(|word| is_left_out && !is_named && is_usual(word));
+        self
+    }
+
+    /// Returns the word that a line begins with; `None` if the line begins with a number.
+    fn first_word<'a>(&self, line: &'a [u8]) -> Option<&'a [u8]> {
+        self.dialect.words(line).next().filter(|word| self.dialect.number(word).is_none())
+    }
+
+    /// True if a line begins with another word than lines of points do.
+    pub(crate) fn is_other_record(&self, line: &[u8]) -> bool {
+        let Some(expected) = self.point_word else { return false };
+        self.first_word(line).is_some_and(|word| word != expected)
     }
 
     fn of_columns(columns: &TableColumns, dialects: &[Dialect], rows: &[&[u8]]) -> Result<Self, Problem> {
@@ -265,7 +294,8 @@ impl Plan {
         let best = trials.max_by_key(|trial| (trial.rows, numbers(trial)));
         match best {
             Some(trial) if trial.rows * 2 >= rows.len() => {
-                Ok(Self { dialect: trial.dialect, kept: Some(kept), words: Vec::new(), empty: Vec::new() })
+                let plan = Self { kept: Some(kept), words: Vec::new(), empty: Vec::new(), ..trial.plan() };
+                Ok(plan.with_point_word(rows))
             }
             _ => {
                 let found = dialects.iter().filter_map(|dialect| Trial::of(*dialect, rows, None));

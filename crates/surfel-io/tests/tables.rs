@@ -348,6 +348,31 @@ fn columns_of_words_are_left_out() {
 }
 
 #[test]
+fn lines_of_other_kinds_beside_lines_of_points_are_left_out() {
+    let expected = [DVec3::new(1.5, 2.5, 3.5), DVec3::new(2.0, 3.0, 4.0), DVec3::new(3.0, 4.0, 5.0)];
+    let note = |word, line| format!("left out 2 lines that don't begin with '{word}', the first in line {line}");
+    for (text, note) in [
+        ("p 1.5 2.5 3.5\np 2 3 4\np 3 4 5\nd 1 1 1\ns 1 1 1\n", note("p", 4)),
+        ("d 1 1 1\np 1.5 2.5 3.5\np 2 3 4\ng 1 0 0\np 3 4 5\n", note("p", 1)),
+        // Lines of other lengths, and a comma between cells.
+        ("v,1.5,2.5,3.5\nf,1,2,3\nv,2,3,4\nv,3,4,5\nend\n", note("v", 2)),
+        ("point 1.5 2.5 3.5\ncamera 0 0 0\npoint 2 3 4\npoint 3 4 5\ncamera 1 1 1\n", note("point", 2)),
+    ] {
+        let loaded = load("a.txt", text);
+        assert!(loaded.notes.contains(&note), "{text}{:?}", loaded.notes);
+        assert_eq!(places(&points(loaded)), expected, "{text}");
+    }
+    // Words of a named column, elements, and other words say something about their point.
+    for text in [
+        "kind x y z\np 1.5 2.5 3.5\np 2 3 4\nq 3 4 5\n",
+        "P 1.5 2.5 3.5\nP 2 3 4\nV 3 4 5\n",
+        "oak 1.5 2.5 3.5\noak 2 3 4\nash 3 4 5\n",
+    ] {
+        assert_eq!(places(&points(load("a.txt", text))), expected, "{text}");
+    }
+}
+
+#[test]
 fn names_of_other_programs_are_known() {
     let row = "0.6,0,0.8,1.5,2.5,3.5,10,20,30\n";
     for header in [

@@ -34,6 +34,8 @@ pub enum UpReason {
     Lying,
     /// The shape is mirror-symmetric from left to right, and the up axis lies in its mirror plane.
     Mirrored,
+    /// The points are those that a depth camera at the origin sees, in its own coordinates.
+    Camera,
     /// No evidence favours an axis, so the most common one is used: +y for meshes and splats, +z for points.
     Convention,
 }
@@ -49,6 +51,7 @@ impl fmt::Display for UpReason {
             Self::Floor => "by its normals a floor faces that way",
             Self::Lying => "otherwise it would fall over",
             Self::Mirrored => "its left and right sides are alike",
+            Self::Camera => "a camera at 0,0,0 sees it so",
             Self::Convention => "nothing in the data says it, this is most common",
         })
     }
@@ -174,6 +177,20 @@ const MIDDLE: std::ops::Range<usize> = 2..8;
 /// Largest cross-section of a tapered end, as a fraction of the middle's. The ends of a post are as thick as its
 /// middle, apart from an arm or a lamp.
 const TAPERED: f64 = 0.5;
+/// Weight of what a depth camera sees. It exceeds that of a floor, which a depth camera may see as well.
+const CAMERA_WEIGHT: f64 = 1.6;
+/// Largest tangents of the angles between a depth camera's axis and its points, to the sides and up or down: those of
+/// 75°×65°, the widest usual one, and a margin.
+const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
+/// Least extent of the points of a depth camera, as a tangent: further away, any shape is within the field of view.
+const CAMERA_EXTENT: f64 = 0.1;
+/// Patches per cell that the grid of directions aims at.
+const PATCHES_OF_DIRECTIONS: f64 = 8.0;
+/// Distance between two surfaces in one direction, in widths of its cell of the grid.
+const LAYERS_APART: f64 = 5.0;
+/// Fraction of directions in which the eye sees two surfaces: up to the first value a depth camera fully counts, from
+/// the second on not at all. Each outline of a depth image has a few such directions.
+const LAYERED: (f64, f64) = (0.25, 0.45);
 /// Largest [`Standing::rest`] of a shape that topples.
 const FALLS: f64 = 0.15;
 /// Least [`Standing::rest`] on both faces of a plate that lies flat.
@@ -189,12 +206,13 @@ struct Piece {
 }
 
 /// All evidence, strongest kind first. An axis scores the sum of the measurements times their weights.
-const EVIDENCE: [Piece; 5] = [
+const EVIDENCE: [Piece; 6] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
     Piece { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
     Piece { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
     Piece { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
+    Piece { reason: UpReason::Camera, weight: CAMERA_WEIGHT, measure: Shape::camera_up, decides: 0.25 },
 ];
 
 impl Piece {
@@ -290,6 +308,8 @@ struct Shape {
     ground: [bool; 3],
     /// Evidence of a floor with each of [`Up::ALL`] up, 0 to 1; zero unless points have stored normals.
     floors: [f64; 6],
+    /// Evidence of a depth camera at the origin whose up axis is −y and +y, 0 to 1; zero for other files than points.
+    camera: [f64; 2],
     /// Mean normal; a component is negative if the surface mostly faces down that axis.
     facing: DVec3,
     /// True if a shape with two large faces counts as lying, as 3D printers and mills make it. In other formats a plate
@@ -307,6 +327,10 @@ impl Shape {
             tapers: [0, 1, 2].map(|k| tapers(patches, k)),
             ground: [0, 1, 2].map(|k| is_ground(patches, k)),
             floors: if convention == UpConvention::Points { floors(patches) } else { [0.0; 6] },
+            camera: [1.0, -1.0].map(|ahead| match convention {
+                UpConvention::Points => depth_camera(patches, ahead),
+                _ => 0.0,
+            }),
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
@@ -333,6 +357,15 @@ impl Shape {
     /// Returns the evidence of a floor that faces this direction, 0 to 1.
     fn floor(&self, up: Up) -> f64 {
         self.floors[up as usize]
+    }
+
+    /// Returns the evidence of a depth camera that has this direction up, 0 to 1.
+    fn camera_up(&self, up: Up) -> f64 {
+        match up {
+            Up::MinusY => self.camera[0],
+            Up::PlusY => self.camera[1],
+            _ => 0.0,
+        }
     }
 
     /// Returns 1 if this axis is perpendicular to the best mirror plane, so that it isn't up.
@@ -470,6 +503,40 @@ fn floors(patches: &Patches) -> [f64; 6] {
     let found = Up::ALL.map(|up| if matches!(up, Up::PlusY | Up::MinusY | Up::PlusZ) { of(up) } else { 0.0 });
     let sum: f64 = found.iter().sum();
     found.map(|one| (2.0 * one - sum).max(0.0))
+}
+
+/// Scores the evidence, 0 to 1, that the points are those of a depth camera at the origin that looks along the z axis,
+/// in the direction of the sign `ahead`. All of them then lie within its field of view, and nearly each direction shows
+/// one surface. With z ahead y points down; with −z ahead, as in OpenGL, y points up.
+pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
+    let at = |p: &Patch| p.position * patches.scale + patches.middle;
+    let is_ahead = patches.all.iter().all(|p| at(p).z * ahead > 0.0);
+    let seen: Vec<(DVec2, f64)> = if is_ahead {
+        let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z.abs());
+        patches.all.iter().map(|p| ray(at(p))).collect()
+    } else {
+        return 0.0;
+    };
+    let bounds = |f: fn(DVec2, DVec2) -> DVec2| seen.iter().map(|(ray, _)| *ray).reduce(f).unwrap_or_default();
+    let (lo, hi) = (bounds(DVec2::min), bounds(DVec2::max));
+    let is_within = lo.abs().max(hi.abs()).cmple(DVec2::from(CAMERA_TANGENTS)).all();
+    if !is_within || (hi - lo).max_element() < CAMERA_EXTENT {
+        return 0.0;
+    }
+    let cells = (seen.len() as f64 / PATCHES_OF_DIRECTIONS).sqrt().max(1.0);
+    let width = (hi - lo).max_element() / cells;
+    let mut directions = std::collections::BTreeMap::<[u64; 2], Vec<f64>>::new();
+    for (ray, depth) in &seen {
+        directions.entry(((*ray - lo) / width).to_array().map(|c| c as u64)).or_default().push(*depth);
+    }
+    directions.retain(|_, depths| depths.len() > 2);
+    let is_layered = |depths: &mut Vec<f64>| {
+        depths.sort_unstable_by(f64::total_cmp);
+        depths.windows(2).any(|pair| pair[1] - pair[0] > LAYERS_APART * width * pair[0])
+    };
+    let all = directions.len().max(1) as f64;
+    let layered = directions.values_mut().filter_map(|depths| is_layered(depths).then_some(())).count() as f64;
+    1.0 - smoothstep(LAYERED.0, LAYERED.1, layered / all)
 }
 
 /// True if the surface is a thin height field over this axis, or over an axis tilted from it as on a hillside, and

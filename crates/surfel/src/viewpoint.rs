@@ -16,7 +16,7 @@
 use crate::framing::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use crate::front::front;
 use crate::patches::{Patch, Patches};
-use crate::upright::{axis_of, others};
+use crate::upright::{axis_of, depth_camera, others};
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 
@@ -182,7 +182,8 @@ pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> 
         Up::PlusY => DVec3::NEG_Z,
         _ => DVec3::ZERO,
     };
-    if is_seen_along(ahead, patches) {
+    let is_captured = ahead != DVec3::ZERO && depth_camera(patches, ahead.z) > 0.5;
+    if is_captured || is_seen_along(ahead, patches) {
         return ChosenView { angles: level, reason: ViewReason::Camera };
     }
     let judge = Judge::new(patches);

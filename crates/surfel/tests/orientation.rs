@@ -561,6 +561,48 @@ fn depth_images_are_seen_from_their_camera() {
     assert_eq!(broken.up_reason, None);
 }
 
+/// Returns what a depth camera at the origin sees of a floor, a wall and a ball: x to the right, y down, z ahead.
+fn seen_by_camera() -> Vec<DVec3> {
+    let (center, radius) = (DVec3::new(0.15, 0.2, 1.5), 0.35);
+    let depth = |ray: DVec3| {
+        let along = ray.dot(center) / ray.length_squared();
+        let half = (radius * radius - (ray * along - center).length_squared()).max(-1.0) / ray.length_squared();
+        let ball = if half > 0.0 { along - half.sqrt() } else { f64::INFINITY };
+        let floor = if ray.y > 0.0 { 0.55 / ray.y } else { f64::INFINITY };
+        ball.min(floor).min(2.2)
+    };
+    let ray = |i: usize| DVec3::new((i % 80) as f64 / 80.0 - 0.5, 0.75 * ((i / 80) as f64 / 60.0 - 0.5), 1.0);
+    (0..80 * 60).map(ray).map(|ray| ray * depth(ray)).collect()
+}
+
+#[test]
+fn points_that_a_camera_at_the_origin_sees_have_its_axes() {
+    let found = |name: &str, points: &[DVec3]| {
+        let text: String = points.iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
+        let loaded = surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap();
+        let objects = [object(loaded.cloud)];
+        let up = upright(&objects, POINTS);
+        (up, best_view(&objects, up.up))
+    };
+    let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
+    let seen = seen_by_camera();
+    let camera = Upright { up: Up::MinusY, reason: UpReason::Camera };
+    assert_eq!(found("camera.txt", &seen), (camera, level));
+    // With y up, the wall is also seen to stand on the floor.
+    let opengl: Vec<DVec3> = seen.iter().map(|p| *p * DVec3::new(1.0, -1.0, -1.0)).collect();
+    let (up, view) = found("opengl.txt", &opengl);
+    assert_eq!((up.up, view), (Up::PlusY, level));
+    // From elsewhere a direction has several surfaces, and a whole ball has two in each.
+    let beside: Vec<DVec3> = seen.iter().map(|p| DVec3::new(p.z - 1.0, p.y, 3.0 - p.x)).collect();
+    let ball: Vec<DVec3> = Shape::default().ball([0.0, 0.0, 3.0], [1.0, 1.0, 1.0]).positions;
+    // Terrain whose heights are above sea level.
+    let hills = Shape::hills().positions.into_iter().map(|p| DVec3::new(50.0 * p.x, -50.0 * p.z, 300.0 + 50.0 * p.y));
+    let terrain: Vec<DVec3> = hills.collect();
+    for (name, points) in [("beside.txt", beside), ("whole_ball.txt", ball), ("terrain.txt", terrain)] {
+        assert_ne!(found(name, &points).0.reason, UpReason::Camera, "{name}");
+    }
+}
+
 #[test]
 fn meshes_that_are_wound_inside_out_are_turned_around() {
     let ball = Shape::default().ball([0.0; 3], [1.0; 3]);
