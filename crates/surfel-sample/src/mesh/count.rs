@@ -8,7 +8,7 @@ use super::geometry::{Geometry, Kind, SAME_NORMAL, Smooth};
 use super::options::MeshReport;
 use super::parts::Sample;
 use super::placed::{Bordered, Placed};
-use super::scatter::{PartPlace, Scatter};
+use super::scatter::{PartPlace, Scatter, slender};
 use super::see_through;
 use crate::orient::Oriented;
 use crate::parallel::map_each;
@@ -184,7 +184,8 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
         return samples(Scatter::new(weights, count, total).even(progress));
     }
     let scatter = Scatter::new(weights, count * OVERSAMPLING, total);
-    let mut candidates = scatter.irregular(progress, &|(part, b)| {
+    let slender = |part: usize| slender(geometry.corners(parts.face(part)));
+    let mut candidates = scatter.irregular(&slender, progress, &|(part, b)| {
         let position = parts.place(part as usize, b).place(geometry);
         Candidate { position, part, number: 0 }
     });
@@ -196,7 +197,7 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
         PartFacts { normal: geometry.normals[parts.face(part)], reach }
     };
     let left = eliminate(candidates, &of_part, count, progress);
-    samples(scatter.some_irregular(&left, progress))
+    samples(scatter.some_irregular(&slender, &left, progress))
 }
 
 /// Returns triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`

@@ -3,15 +3,29 @@
 use super::random::Random;
 use crate::parallel::map_each;
 use crate::progress::Progress;
+use glam::DVec3;
 
 /// Place: the index of a part, and barycentric coordinates in the part.
 pub(crate) type PartPlace = (u32, [f64; 3]);
+
+/// Returns the corners of a part if it is [`slender`].
+pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize) -> Option<[DVec3; 3]> + Sync);
 
 /// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and their sizes. The size of the
 /// middle quarter is negative, because it is rotated by half a turn.
 const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), ([0.5, 0.0], 0.5), ([0.0, 0.5], 0.5)];
 /// Maximum number of base-4 digits of an index that select a quarter.
 const MOST_DIGITS: u32 = 16;
+/// Length of a triangle over its width from which it is halved instead of quartered.
+const SLENDER: f64 = 8.0;
+
+/// Corners of a slender triangle; `None` for others.
+pub(crate) fn slender(corners: [DVec3; 3]) -> Option<[DVec3; 3]> {
+    let [a, b, c] = corners;
+    let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
+    // The width is the height over the longest side.
+    (longest > SLENDER * (b - a).cross(c - a).length()).then_some(corners)
+}
 
 /// Numbered places, stratified by each part's share of the sum of weights in the order of the parts. Place i of n is in
 /// the i-th of n equal intervals of the sum.
@@ -52,16 +66,22 @@ impl<'a> Scatter<'a> {
     /// Returns the result of `of` for all places of [`Self::irregular_place`].
     pub(crate) fn irregular<T: Clone + Default + Send>(
         &self,
+        slender: SlenderParts<'_>,
         progress: &dyn Progress,
         of: &(dyn Fn(PartPlace) -> T + Sync),
     ) -> Vec<T> {
-        self.map(self.count, &|k| k, progress, &|i, part, random| of(self.irregular_place(i, part, random)))
+        self.map(self.count, &|k| k, progress, &|i, part, random| of(self.irregular_place(i, part, slender, random)))
     }
 
     /// Returns some of the places of [`Self::irregular`]; their numbers must ascend.
-    pub(crate) fn some_irregular(&self, numbers: &[u32], progress: &dyn Progress) -> Vec<PartPlace> {
+    pub(crate) fn some_irregular(
+        &self,
+        slender: SlenderParts<'_>,
+        numbers: &[u32],
+        progress: &dyn Progress,
+    ) -> Vec<PartPlace> {
         let number = |k: usize| numbers[k] as usize;
-        self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, random))
+        self.map(numbers.len(), &number, progress, &|i, part, random| self.irregular_place(i, part, slender, random))
     }
 
     /// Returns the results of `of` for `count` ascending numbers, computed in parallel and in order. The arguments of
@@ -98,9 +118,15 @@ impl<'a> Scatter<'a> {
     ///
     /// Two regular sequences that meet, between the halves of R₂'s square or beside an edge, coincide in some spots and
     /// leave gaps in others. Elimination would leave holes of two spacings there.
-    fn irregular_place(&self, i: usize, part: usize, mut random: Random) -> PartPlace {
+    ///
+    /// The quarters of a slender triangle are as slender, so that places would be uneven along it. Its longest side is
+    /// halved instead, by the binary digits of `i`.
+    fn irregular_place(&self, i: usize, part: usize, slender: SlenderParts<'_>, mut random: Random) -> PartPlace {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();
+        if let Some(corners) = slender(part) {
+            return (part as u32, halved_place(corners, bits.min(2 * MOST_DIGITS), i, random));
+        }
         let ([mut v, mut w], mut scale) = ([0.0, 0.0], 1.0);
         for digit in (0..bits.div_ceil(2).min(MOST_DIGITS)).map(|k| i >> (2 * k) & 3) {
             let (start, factor) = QUARTERS[digit];
@@ -111,6 +137,22 @@ impl<'a> Scatter<'a> {
         (v, w) = (v + scale * b, w + scale * c);
         (part as u32, [1.0 - v - w, v, w])
     }
+}
+
+/// Returns barycentric coordinates of a random place in the part of a triangle that remains after halving the longest
+/// side `bits` times. The lowest binary digits of `i` select the halves.
+fn halved_place(mut corners: [DVec3; 3], bits: u32, i: usize, mut random: Random) -> [f64; 3] {
+    let mut barycentric = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+    for bit in 0..bits {
+        let length = |k: usize| (corners[(k + 1) % 3] - corners[k]).length_squared();
+        let longest = (1..3).fold(0, |best, k| if length(k) > length(best) { k } else { best });
+        let [from, to] = [longest, (longest + 1) % 3];
+        let replaced = if i >> bit & 1 == 0 { to } else { from };
+        corners[replaced] = corners[from].midpoint(corners[to]);
+        barycentric[replaced] = std::array::from_fn(|k| 0.5 * (barycentric[from][k] + barycentric[to][k]));
+    }
+    let of_part = folded(random.unit(), random.unit());
+    std::array::from_fn(|k| barycentric.iter().zip(of_part).map(|(corner, b)| corner[k] * b).sum())
 }
 
 /// Maps a point of the unit square to barycentric coordinates; the farther half of the square is rotated onto the
@@ -130,14 +172,14 @@ mod tests {
         // 4096 places in the middle part: one in each of its 4⁶ triangles, except for the offset of the first.
         let weights = [0.0, 1.0, 16.0, 0.0, 0.1, 0.0];
         let scatter = Scatter::new(&weights, 4378, 17.1);
-        for places in [scatter.even(&NoProgress), scatter.irregular(&NoProgress, &|place| place)] {
+        for places in [scatter.even(&NoProgress), scatter.irregular(&|_| None, &NoProgress, &|place| place)] {
             for (part, weight) in weights.iter().enumerate() {
                 let count = places.iter().filter(|place| place.0 as usize == part).count() as f64;
                 assert!((count - weight * 4378.0 / 17.1).abs() <= 1.0, "{part}: {count}");
             }
             assert!(places.iter().all(|(_, b)| b.iter().all(|b| (-1e-15..=1.0).contains(b))));
         }
-        let places = scatter.irregular(&NoProgress, &|place| place);
+        let places = scatter.irregular(&|_| None, &NoProgress, &|place| place);
         let mut cells = std::collections::HashSet::new();
         for (_, b) in places.iter().filter(|place| place.0 == 2) {
             // Two triangles per cell of a grid of 64.
@@ -147,7 +189,27 @@ mod tests {
         assert!(cells.len() > 4000, "{}", cells.len());
         // A selection of numbers gives the same places.
         let numbers = [0, 17, 18, 900, 4377];
-        let some = scatter.some_irregular(&numbers, &NoProgress);
+        let some = scatter.some_irregular(&|_| None, &numbers, &NoProgress);
         assert!(numbers.iter().zip(some).all(|(i, place)| places[*i as usize] == place));
+    }
+
+    #[test]
+    fn places_in_a_slender_triangle_lie_evenly_along_it() {
+        let corners = [DVec3::ZERO, DVec3::X * 80.0, DVec3::Y];
+        assert!(slender(corners).is_some() && slender([DVec3::ZERO, DVec3::X * 7.0, DVec3::Y]).is_none());
+        // Any run of places has its share in each stretch of the triangle; the area up to x is 1 − (1 − x/80)².
+        for (weights, total) in [(&[1.0, 0.0][..], 1.0), (&[0.37, 1.0][..], 1.37)] {
+            let scatter = Scatter::new(weights, 4096, total);
+            let places = scatter.irregular(&|_| Some(corners), &NoProgress, &|place| place);
+            let mut along: Vec<f64> =
+                places.iter().filter(|p| p.0 == 0).map(|p| 1.0 - (1.0 - p.1[1]).powi(2)).collect();
+            assert!(places.iter().all(|(_, b)| b.iter().all(|b| (-1e-15..=1.0).contains(b))));
+            along.sort_unstable_by(f64::total_cmp);
+            let count = along.len() as f64;
+            let worst =
+                along.iter().zip(0..).map(|(a, i)| (a - (f64::from(i) + 0.5) / count).abs()).fold(0.0, f64::max);
+            // Random places would deviate by some 0.8/√n.
+            assert!(worst * count < 6.0, "{} of {count}", worst * count);
+        }
     }
 }
