@@ -213,6 +213,30 @@ fn no_crate_has_a_large_circle_of_files() {
     assert!(problems.is_empty(), "\n{}\n", problems.join("\n"));
 }
 
+/// Returns the types of glam that only its default features have, and a source names. A build of all tests has these
+/// features, because a crate for tests turns them on; the program alone doesn't.
+fn integer_vectors(source: &str) -> Vec<String> {
+    let source = without_tests(source);
+    let words = source.split(|c: char| !c.is_alphanumeric() && c != '_');
+    let is_integer = |word: &&str| {
+        let base = word.trim_end_matches(|c: char| c.is_ascii_digit());
+        base.ends_with("Vec") && ["I", "U"].contains(&base.trim_end_matches("Vec").trim_end_matches(char::is_numeric))
+            || base == "USizeVec"
+    };
+    words.filter(is_integer).map(str::to_owned).collect()
+}
+
+#[test]
+fn program_uses_no_type_that_glam_lacks_without_its_default_features() {
+    for folder in source_folders().iter().filter(|folder| folder.starts_with("crates/")) {
+        for (file, source) in sources(folder) {
+            assert_eq!(integer_vectors(&source), Vec::<String>::new(), "{folder}/{file}");
+        }
+    }
+    let source = "use glam::{IVec3, DVec3, U64Vec2};\nlet v = Vec::new(); // UVec2\nlet w = USizeVec3::ONE;";
+    assert_eq!(integer_vectors(source), ["IVec3", "U64Vec2", "USizeVec3"]);
+}
+
 fn made(files: &[(&str, &str)]) -> Imports {
     imports(&files.iter().map(|(file, source)| ((*file).to_string(), (*source).to_string())).collect::<Vec<_>>())
 }

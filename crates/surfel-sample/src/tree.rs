@@ -188,32 +188,6 @@ impl KdTree {
             self.walk_below((node + 1 + half, half), (mid, hi), enters, visit);
         }
     }
-
-    /// Visits the slots whose item is in an oriented box about `center`. Each side is a direction (unit vectors at
-    /// right angles, or zero for no limit) with the box's half-extent along it. `bounds` are [`KdTree::bounds_below`].
-    /// They prune the many cells of the tree that a long box crosses although they have no items near it.
-    #[cfg(any(test, feature = "sharp"))]
-    pub(crate) fn in_box(
-        &self,
-        center: DVec3,
-        sides: [(DVec3, f64); 3],
-        bounds: &[(DVec3, DVec3)],
-        visit: &mut impl FnMut(usize),
-    ) {
-        let is_in = |p: DVec3| sides.iter().all(|(n, reach)| (p - center).dot(*n).abs() <= *reach);
-        let meets = |node: usize| {
-            let (low, high) = bounds[node];
-            let (middle, half) = (0.5 * (low + high) - center, 0.5 * (high - low));
-            // Tolerance for rounding.
-            let hair = 1e-14 * low.abs().max(high.abs()).max(center.abs()).max_element();
-            sides.iter().all(|(n, reach)| middle.dot(*n).abs() - half.dot(n.abs()) <= reach + hair)
-        };
-        self.visit_below(&meets, &mut |slot| {
-            if is_in(self.items[slot].point) {
-                visit(slot);
-            }
-        });
-    }
 }
 
 fn build(items: &mut [Item], nodes: &mut [Node]) {
@@ -313,22 +287,6 @@ mod tests {
                 all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
                 all.truncate(10);
                 assert_eq!(found.items(), all, "{count} points, {levels} levels");
-            }
-        }
-    }
-
-    #[test]
-    fn box_visits_what_is_in_it_and_little_more() {
-        let points = scattered(2000, 1e9);
-        let tree = KdTree::new(&points);
-        let bounds = tree.bounds_below();
-        let (u, v) = (DVec3::new(0.6, 0.8, 0.0), DVec3::new(-0.8, 0.6, 0.0));
-        for q in scattered(30, 11.0) {
-            for sides in [[(u, 0.5), (v, 0.02), (DVec3::Z, 0.1)], [(u, 2.0), (v, 2.0), (DVec3::ZERO, 0.0)]] {
-                let mut visited = vec![false; 2000];
-                tree.in_box(q, sides, &bounds, &mut |s| visited[tree.index(s)] = true);
-                let is_in = |p: DVec3| sides.iter().all(|(n, reach)| (p - q).dot(*n).abs() <= *reach);
-                assert!((0..2000).all(|i| visited[i] == is_in(points[i])));
             }
         }
     }

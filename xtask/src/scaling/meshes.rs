@@ -231,7 +231,7 @@ pub(super) fn shapes() -> Vec<Shape> {
         Shape::new("cone, hybrid", triangles(8000), convert("--hybrid", |n| cone(n, 1.0))),
         Shape::new("needle-like cone, sharp", triangles(2000), convert("--sharp", |n| cone(n, 20.0))),
         Shape::new("flat cone, sharp", triangles(2000), convert("--sharp", |n| cone(n, 0.05))),
-        Shape::new("star, sharp", triangles(250), convert("--sharp", star)),
+        Shape::new("star, sharp", triangles(500), convert("--sharp", star)),
         Shape::new("star, hybrid", triangles(2000), convert("--hybrid", star)),
         Shape::new("one-vertex hub, sharp", triangles(1000), convert("--sharp", urchin)),
         Shape::new("one-vertex hub, spread splats", triangles(4000), convert("", urchin)),

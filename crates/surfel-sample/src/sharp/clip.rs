@@ -3,9 +3,9 @@
 use super::conic::Conic;
 use super::surface::normal_of;
 use crate::mesh::per_face::steiner_axes;
-use crate::tree::KdTree;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
+use std::ops::Range;
 use surfel_model::{ClipCurve, ClipLine, NO_LINE};
 
 /// Size of a splat relative to the ellipse through the triangle's corners, so that the corners aren't on the splat's
@@ -32,6 +32,8 @@ const HAIR: f64 = 2e-5;
 const STRAIGHT_UV: f64 = 1e-3;
 /// Number of sample points per piece of a ridge.
 pub(crate) const PIECE_SAMPLES: usize = 9;
+/// Maximum number of pieces in a leaf of a region's tree.
+const LEAF: usize = 4;
 
 /// Piece of a ridge that clips splats, as part of the surface on one of its sides.
 #[derive(Clone, Copy, Debug)]
@@ -50,21 +52,61 @@ pub(crate) struct Border {
     pub overlap: f64,
 }
 
-/// All borders, in a spatial index.
+/// All borders, with a tree for each region.
 pub(crate) struct Borders {
     pub all: Vec<Border>,
     regions: HashMap<u32, RegionBorders>,
 }
 
-/// Borders of one region, as samples in a tree.
+/// Borders of one region, as pieces in a balanced binary tree. Node k has the children 2k + 1 and 2k + 2, each with half
+/// of the pieces.
 struct RegionBorders {
-    /// Border of each sample.
-    border_of: Vec<u32>,
-    tree: KdTree,
-    /// Bounds of the samples below each node.
-    bounds: Vec<(DVec3, DVec3)>,
-    /// Largest distance between neighbouring samples of a piece.
-    spacing: f64,
+    pieces: Vec<Piece>,
+    nodes: Vec<Ends>,
+}
+
+/// Straight piece of a border, or a part of a curve near its chord.
+#[derive(Clone, Copy, Debug)]
+struct Piece {
+    ends: [DVec3; 2],
+    /// Largest distance of the border from the chord.
+    margin: f64,
+    border: u32,
+}
+
+impl Piece {
+    /// Returns one of the six coordinates of the ends.
+    fn coordinate(&self, k: usize) -> f64 {
+        self.ends[k / 3][k % 3]
+    }
+}
+
+/// Bounds of the two ends of some pieces, each by itself: the spokes of a star share a small box at one end and are far
+/// apart at the other. The hull of both boxes contains the pieces.
+#[derive(Clone, Copy, Debug)]
+struct Ends {
+    lo: [DVec3; 2],
+    hi: [DVec3; 2],
+}
+
+impl Ends {
+    fn of(pieces: &[Piece]) -> Self {
+        let none = Self { lo: [DVec3::INFINITY; 2], hi: [DVec3::NEG_INFINITY; 2] };
+        pieces.iter().fold(none, |bounds, piece| Self {
+            lo: [0, 1].map(|k| bounds.lo[k].min(piece.ends[k] - piece.margin)),
+            hi: [0, 1].map(|k| bounds.hi[k].max(piece.ends[k] + piece.margin)),
+        })
+    }
+
+    /// True if the hull of the boxes may enter a slab about `p`, given by its unit normal and half of its width.
+    fn may_enter(&self, p: DVec3, (axis, half): (DVec3, f64)) -> bool {
+        let side = |k: usize| {
+            let (middle, size) = (self.lo[k].midpoint(self.hi[k]), 0.5 * (self.hi[k] - self.lo[k]));
+            ((middle - p).dot(axis), size.dot(axis.abs()))
+        };
+        let [(a, a_size), (b, b_size)] = [side(0), side(1)];
+        (a - a_size).min(b - b_size) <= half && (a + a_size).max(b + b_size) >= -half
+    }
 }
 
 impl Borders {
@@ -75,14 +117,13 @@ impl Borders {
         Self { all, regions }
     }
 
-    /// Returns the borders of a region, in ascending order, that enter a box around `p`; `half_axes` are those of the
-    /// box. The box of a sliver contains far fewer borders than the ball around it.
+    /// Returns the borders of a region, in ascending order, that may enter a box around `p`; `half_axes` are those of
+    /// the box. The box of a sliver contains far fewer borders than the ball around it.
     fn near(&self, p: DVec3, half_axes: [DVec3; 3], region: u32) -> Vec<usize> {
         let mut found = Vec::new();
         let Some(own) = self.regions.get(&region) else { return found };
-        // Points between the samples are within the spacing.
-        let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length() + own.spacing));
-        own.tree.in_box(p, sides, &own.bounds, &mut |slot| found.push(own.border_of[own.tree.index(slot)] as usize));
+        let sides = half_axes.map(|axis| (axis.normalize_or_zero(), axis.length()));
+        own.in_box(p, sides, 0, 0..own.pieces.len(), &mut found);
         found.sort_unstable();
         found.dedup();
         found
@@ -90,24 +131,60 @@ impl Borders {
 }
 
 impl RegionBorders {
-    /// Samples the borders about evenly, each at [`PIECE_SAMPLES`] points or more: otherwise one long piece among short
-    /// ones would enlarge the boxes of all splats. There are at most twice as many samples as the pieces require.
     fn new(all: &[Border], own: &[u32]) -> Self {
-        let length = |line: &[DVec3]| line.windows(2).map(|w| w[0].distance(w[1])).sum::<f64>();
-        let lines: Vec<Vec<DVec3>> = own.iter().map(|i| all[*i as usize].conic.even_points(PIECE_SAMPLES)).collect();
-        let steps = PIECE_SAMPLES - 1;
-        let step = lines.iter().map(|line| length(line)).sum::<f64>() / (steps * own.len().max(1)) as f64;
-        let (mut border_of, mut samples, mut spacing) = (Vec::new(), Vec::new(), 0.0_f64);
-        for (i, line) in own.iter().zip(lines) {
-            let count = (length(&line) / step).ceil() as usize + 1;
-            let line = if count > line.len() { all[*i as usize].conic.even_points(count) } else { line };
-            spacing = line.windows(2).map(|w| w[0].distance(w[1])).fold(spacing, f64::max);
-            border_of.resize(border_of.len() + line.len(), *i);
-            samples.extend(line);
+        let mut pieces = Vec::new();
+        for border in own {
+            let conic = &all[*border as usize].conic;
+            if all[*border as usize].is_straight {
+                pieces.push(Piece { ends: [conic.p1, conic.p3], margin: 0.0, border: *border });
+                continue;
+            }
+            let line = conic.even_points(PIECE_SAMPLES);
+            // Points are evenly spaced along the curve, so a piece of it bulges by less than half of its length.
+            let longest = line.windows(2).map(|w| w[0].distance(w[1])).fold(0.0, f64::max);
+            pieces.extend(line.windows(2).map(|w| Piece { ends: [w[0], w[1]], margin: longest, border: *border }));
         }
-        let tree = KdTree::new(&samples);
-        Self { border_of, bounds: tree.bounds_below(), tree, spacing }
+        let mut nodes = Vec::new();
+        divide(&mut pieces, 0, &mut nodes);
+        Self { pieces, nodes }
     }
+
+    /// Appends the borders of the pieces of `range`, which are those of `node`, that may enter a box.
+    fn in_box(&self, p: DVec3, sides: [(DVec3, f64); 3], node: usize, range: Range<usize>, found: &mut Vec<usize>) {
+        if !sides.iter().all(|side| self.nodes[node].may_enter(p, *side)) {
+            return;
+        }
+        if range.len() <= LEAF {
+            let enters = |piece: &&Piece| {
+                let ends = Ends::of(std::slice::from_ref(*piece));
+                sides.iter().all(|side| ends.may_enter(p, *side))
+            };
+            found.extend(self.pieces[range].iter().filter(enters).map(|piece| piece.border as usize));
+            return;
+        }
+        let middle = range.start + range.len() / 2;
+        self.in_box(p, sides, 2 * node + 1, range.start..middle, found);
+        self.in_box(p, sides, 2 * node + 2, middle..range.end, found);
+    }
+}
+
+/// Orders pieces for a tree: halves them along the coordinate of their ends that varies most.
+fn divide(pieces: &mut [Piece], node: usize, nodes: &mut Vec<Ends>) {
+    let bounds = Ends::of(pieces);
+    if nodes.len() <= node {
+        nodes.resize(node + 1, bounds);
+    }
+    nodes[node] = bounds;
+    if pieces.len() <= LEAF {
+        return;
+    }
+    let extent = |k: usize| bounds.hi[k / 3][k % 3] - bounds.lo[k / 3][k % 3];
+    let widest = (1..6).fold(0, |best, k| if extent(k) > extent(best) { k } else { best });
+    let middle = pieces.len() / 2;
+    pieces.select_nth_unstable_by(middle, |a, b| a.coordinate(widest).total_cmp(&b.coordinate(widest)));
+    let (before, after) = pieces.split_at_mut(middle);
+    divide(before, 2 * node + 1, nodes);
+    divide(after, 2 * node + 2, nodes);
 }
 
 /// A splat and its clip.
@@ -477,6 +554,40 @@ mod tests {
             found.len()
         };
         (0..count).map(near).sum()
+    }
+
+    /// Counts the borders that the slivers of a star are compared with. All of them are in one region, and all borders are
+    /// as long as the star's arms.
+    fn work_of_star(count: u32) -> usize {
+        let corner = |i: u32| {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
+            DVec3::new(cos, sin, 0.0) * if i % 2 == 0 { 1.0 } else { 0.1 }
+        };
+        let border = |i: u32| Border {
+            conic: Conic::straight(corner(i), corner(i + 1)),
+            ridge: 0,
+            region: 0,
+            normal: DVec3::Z,
+            is_straight: true,
+            overlap: 0.0,
+        };
+        let borders = Borders::new((0..count).map(border).collect());
+        let near = |i: u32| {
+            let corners = [DVec3::ZERO, corner(i), corner(i + 1)];
+            let ((s, t), center) = (steiner_axes(corners), corners.iter().sum::<DVec3>() / 3.0);
+            let axes = [s * REACH, t * REACH, DVec3::Z * (0.5 * REACH * s.length())];
+            let found = borders.near(center, axes, 0);
+            assert!(found.contains(&(i as usize)), "{i} of {count}");
+            found.len()
+        };
+        (0..count).map(near).sum()
+    }
+
+    #[test]
+    fn work_of_a_star_is_linear() {
+        let work = [500, 1000, 2000].map(work_of_star);
+        assert!(work[1] as f64 <= 2.2 * work[0] as f64 && work[2] as f64 <= 2.2 * work[1] as f64, "{work:?}");
+        assert!(work[2] < 20 * 2000, "{work:?}");
     }
 
     #[test]
