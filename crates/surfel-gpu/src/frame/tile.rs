@@ -107,7 +107,7 @@ impl TileData {
     }
 
     /// Returns the data of a tile that the compute path draws.
-    pub fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+    pub(crate) fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
         let mut data = Self::by(scene, frame, view, plan, tile, true);
         let mut cells = CellCounts {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),
@@ -134,10 +134,23 @@ impl TileData {
         data
     }
 
-    /// Sets the capacity of the buffers of records and pairs in the uniform.
-    pub fn put_room(&mut self, room: CellRoom) {
+    /// Sets the capacity of the compute path's buffers in the uniform.
+    pub(crate) fn put_room(&mut self, room: CellRoom) {
         use layout::frame as at;
-        self.put_frame_words(&[(at::CELL_RECORD_ROOM, room.records), (at::CELL_PAIR_ROOM, room.pairs)]);
+        let Some(cells) = &self.cells else { return };
+        let words = [
+            (at::CELL_RECORD_ROOM, room.records),
+            (at::CELL_PAIR_ROOM, room.pairs),
+            (at::CELL_ACTIVE_ROOM, if cells.is_of_samples { room.active } else { 0 }),
+            (at::CELL_HEADER, cells.header(room)),
+        ];
+        self.put_frame_words(&words);
+    }
+
+    /// Makes this tile, which the compute path draws, the n-th after the tile of pixels that its samples belong to.
+    pub(crate) fn put_part(&mut self, n: u32) {
+        self.put_frame_words(&[(layout::frame::CELL_PART, n)]);
+        self.cells.iter_mut().for_each(|cells| cells.is_of_samples = true);
     }
 
     fn put_frame_words(&mut self, words: &[(usize, u32)]) {
@@ -159,8 +172,8 @@ impl TileData {
         let of_tile = if plan.has(Pass::Gaussians) { PlaneLayout::of_gaussians } else { PlaneLayout::new };
         let mut planes = of_tile(plan.planes, tile.width * tile.height);
         let targets = targets_of(tile, view, plan);
-        if by_cells && plan.reach_px() > 0 {
-            planes = planes.with_surfaces(targets.width * targets.height);
+        if by_cells {
+            planes = planes.with_neighbours(plan, targets.width * targets.height);
         }
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
@@ -254,7 +267,13 @@ impl TileData {
             (at::PIXELS_SIZE_PX, [targets.width, targets.height]),
             (at::FIRST_PIXEL, first),
         ];
-        let numbers = [(at::IS_OF_SAMPLES, 1), (at::COLOR_AT, pixels.planes.color_at)];
+        let planes = &pixels.planes;
+        let numbers = [
+            (at::IS_OF_SAMPLES, 1),
+            (at::COLOR_AT, planes.color_at),
+            (at::SURFACES_AT, planes.surfaces_at),
+            (at::EDGES_AT, planes.edges_at),
+        ];
         let words = pairs.into_iter().flat_map(|(at, [x, y])| [(at, x), (at + 4, y)]).chain(numbers);
         for (offset, value) in words {
             if let Some(word) = self.frame.get_mut(offset / 4) {

@@ -199,7 +199,7 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
     words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
-    words.u32(at::SURFACES_AT, planes.surfaces_at);
+    words.u32(at::SURFACES_AT, planes.surfaces_at).u32(at::EDGES_AT, planes.edges_at);
     words.u32(at::NEAREST_AT, planes.nearest_at).u32(at::ALPHA_AT, planes.alpha_at);
     words.u32(at::MEDIAN_DEPTH_AT, planes.median_depth_at).u32(at::DISTORTION_AT, planes.distortion_at);
     if plan.has(Pass::Gaussians) {

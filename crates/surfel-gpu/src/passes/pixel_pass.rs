@@ -28,8 +28,6 @@ pub enum PixelPass {
     Shade,
     /// Shades an image that has opaque splats alone, without shadows and screen-space passes.
     ShadeSplats,
-    /// Applies outlines and eye-dome lighting, which read neighbouring pixels, after the compute path's cells.
-    CellNeighbours,
     /// Shades samples and replaces the colours of sampled pixels by the means of their samples.
     ResolveSamples,
     /// Draws trained Gaussians, sorted by their centres.
@@ -94,7 +92,6 @@ impl PixelPass {
             Self::Nearest => "nearest",
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
-            Self::CellNeighbours => "cell_neighbours",
             Self::ResolveSamples => "resolve_samples",
             Self::Gaussians => "gaussians",
             Self::GaussiansByPixel => "gaussians_by_pixel",
@@ -110,12 +107,7 @@ impl PixelPass {
     /// shaded tile.
     pub fn size(self, targets: [u32; 2], shaded: [u32; 2]) -> [u32; 2] {
         match self {
-            Self::Shade
-            | Self::ShadeSplats
-            | Self::CellNeighbours
-            | Self::Nearest
-            | Self::Gaussians
-            | Self::GaussiansByPixel => shaded,
+            Self::Shade | Self::ShadeSplats | Self::Nearest | Self::Gaussians | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
             Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
@@ -138,7 +130,7 @@ impl PixelPass {
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Nearest => "nearest",
-            Self::Shade | Self::ShadeSplats | Self::CellNeighbours => "shade",
+            Self::Shade | Self::ShadeSplats => "shade",
             Self::ResolveSamples => EDGE_SAMPLES,
             Self::Gaussians | Self::GaussiansByPixel => "gaussians",
         }
