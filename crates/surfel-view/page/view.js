@@ -41,6 +41,7 @@ let welcome = null;      // first message of the server
 let camera = null;       // camera of the newest image, or of the input after it
 let scene = null;        // description of the scene
 let picks = [];
+let wholeBounds = null;  // bounds of the scene without a clip box
 
 /** Returns the state of the fragment; null if there is none. */
 function fragment() {
@@ -561,7 +562,8 @@ function showMarks() {
 // ---------------------------------------------------------------- controls
 const controls = new Map(); // control of each option, with a function that shows a value
 
-const label = (name) => (name[0].toUpperCase() + name.slice(1)).replaceAll('-', ' ');
+const NAMES = { 'edge-aa': 'Edge antialiasing', colormap: 'Colour map', 'lod-error': 'Level of detail (pixels)', cull: 'Culling' };
+const label = (name) => NAMES[name] ?? (name[0].toUpperCase() + name.slice(1)).replaceAll('-', ' ').replace('olor', 'olour');
 
 /** Makes the control of an option. `change` gets the new value, or undefined for the default. */
 function control(row, change) {
@@ -577,7 +579,7 @@ function control(row, change) {
     select.onchange = () => change(select.value || undefined);
     return { element: make('label', help, `${label(row.name)} `, select), show: (value) => { select.value = value ?? ''; } };
   }
-  const input = make('input', { placeholder: row.value, spellcheck: false, ...help });
+  const input = make('input', { placeholder: row.value.replace('|shared', ''), spellcheck: false, ...help });
   input.onchange = () => change(input.value.trim() || undefined);
   return { element: make('label', help, `${label(row.name)} `, input), show: (value) => { input.value = [value ?? ''].flat().join(' and '); } };
 }
@@ -636,7 +638,11 @@ function makeColourSelect() {
 function makeClip() {
   const sides = ['least', 'greatest'].flatMap((side) => ['x', 'y', 'z'].map((axis) => `${label(side)} ${axis}`));
   const inputs = sides.map((name) => make('input', { type: 'number', step: 'any', name }));
-  const whole = () => scene?.bounds?.flat() ?? [0, 0, 0, 1, 1, 1];
+  // Bounds of the whole scene, also while a part is shown.
+  const whole = () => {
+    if (scene?.bounds && !state.crop) wholeBounds = scene.bounds.flat();
+    return [...(wholeBounds ?? scene?.bounds?.flat() ?? [0, 0, 0, 1, 1, 1])];
+  };
   const apply = () => {
     const box = inputs.map((input, i) => (input.value === '' ? whole()[i] : Number(input.value)));
     set({ crop: inputs.every((input) => input.value === '') ? undefined : text(box) });

@@ -14,6 +14,7 @@ export const launch = () => chromium.launch({
 export async function serve(program, folder, words) {
   const started = performance.now();
   const child = spawn(program, ['view', '--no-open', '--backend', 'cpu', ...words], { cwd: folder, stdio: ['ignore', 'pipe', 'ignore'] });
+  process.once('exit', () => child.kill());
   const [url] = await new Promise((resolve, reject) => {
     child.once('exit', (code) => reject(new Error(`surfel view ended with ${code}`)));
     createInterface(child.stdout).once('line', (line) => resolve([line]));

@@ -136,7 +136,10 @@ async function run(browser) {
     assert.deepEqual(await state(page), before);
   });
   await step('everything by keyboard', async () => {
-    await exactAfter(page, () => page.goto(`${page.url().split('#')[0]}#${encodeURIComponent('{}')}`));
+    const base = page.url().split('#')[0];
+    await page.goto('about:blank');
+    await page.goto(`${base}#${encodeURIComponent('{}')}`);
+    await until(page, 'an exact image', () => window.surfelStats?.exact);
     await page.keyboard.press('Tab');
     assert.equal(await page.evaluate(() => document.activeElement.id), 'image');
     await exactAfter(page, () => page.keyboard.press('ArrowLeft'));
@@ -156,7 +159,7 @@ async function run(browser) {
     assert.notEqual(await page.evaluate(() => document.activeElement.tagName), 'BODY');
   });
   await step('axe-core finds nothing, in light and dark', async () => {
-    for (const details of await page.locator('details:not([open]) > summary').all()) await details.click();
+    await page.evaluate(() => document.querySelectorAll('details').forEach((details) => { details.open = true; }));
     for (const colorScheme of ['light', 'dark']) {
       await page.emulateMedia({ colorScheme });
       await checkAccess(page, colorScheme);
@@ -177,7 +180,8 @@ async function run(browser) {
     await until(page, 'the message', () => document.getElementById('status').textContent.includes('gone'));
     server = await serve(program, folder, ['hill.txt', '--port', port]);
     await until(page, 'the advice', () => document.getElementById('status').textContent.includes('new address'));
-    await exactAfter(page, () => page.goto(server.url));
+    await page.goto(server.url);
+    await until(page, 'an exact image', () => window.surfelStats?.exact);
   });
   await step('memory of the page', async () => {
     const session = await context.newCDPSession(page);
