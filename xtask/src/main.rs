@@ -9,6 +9,7 @@ mod front_page;
 mod gallery;
 mod gpu_kit;
 mod growth;
+mod page;
 mod python;
 mod scaling;
 mod suites;
@@ -32,8 +33,10 @@ Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where Vulkan's loader, a driver or the validation layer is missing, install it (as root,
           with apt-get) or say what is skipped. The Python package is tested where python3 has venv
-          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too, and
-          builds the GPU kit and the program of README.md as a crate of its own, and runs both
+          and pip finds its packages, and the page of surfel view where node, Chromium and the packages
+          in target/page-tests are installed; --full installs those and runs the Python package's
+          notebooks, Ray, Dask and rivals, too, and builds the GPU kit and the program of README.md as a
+          crate of its own, and runs both
   wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
           for x86-64, and for aarch64 where rustup has the target
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
@@ -70,7 +73,7 @@ Commands:
 
 Environment:
   SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
-                    validation, test-data, cargo-deny, python
+                    validation, test-data, cargo-deny, python, page
   SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
                     'shared' beside the workspace, where there is one
 

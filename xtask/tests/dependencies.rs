@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 20] = [
+const LAYERS: [(&str, u32); 21] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -25,10 +25,11 @@ const LAYERS: [(&str, u32); 20] = [
     ("surfel-wgpu", 7),
     ("surfel-ash", 7),
     ("surfel", 8),
-    ("surfel-cli", 9),
+    ("surfel-view", 9),
     ("surfel-python", 9),
     ("surfel-bench", 9),
-    ("surfel-conformance", 10),
+    ("surfel-cli", 10),
+    ("surfel-conformance", 11),
 ];
 
 /// Packages whose direct and indirect dependencies include no GPU crate.

@@ -4,6 +4,7 @@
 use crate::values::{self, Threshold};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::error::ErrorKind;
+use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, FromArgMatches as _, ValueHint};
 use clap_complete::Shell;
 use std::ffi::{OsStr, OsString};
@@ -32,7 +33,8 @@ pub(crate) enum Command {
     Jobs(JobsArgs),
     Compare(CompareArgs),
     Backends(BackendsArgs),
-    View,
+    /// Options, and names and texts of those that were given.
+    View(Box<Options>, Vec<(String, String)>),
     Completions(CompletionsArgs),
     Man,
 }
@@ -95,9 +97,9 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         ))
         .subcommand(derived::<CompareArgs>("compare", "Measure the difference between two images"))
         .subcommand(derived::<BackendsArgs>("backends", "List the backends available on this machine"))
-        .subcommand(plain("view", "Show in a window (not in this version)").hide(true).arg(inputs(
+        .subcommand(of("view", "Show a scene on a page in the browser").hide(!cfg!(feature = "view")).arg(inputs(
             "INPUT",
-            "A scene file, splats, points or meshes",
+            "A scene file (.json), or splats, points or meshes that form one scene; - is stdin",
             1..,
         )))
         .subcommand(derived::<CompletionsArgs>("completions", "Print a completion script for a shell"))
@@ -244,6 +246,25 @@ fn options(table: &Table, command: Commands, matches: &ArgMatches) -> Result<Opt
     Ok(options)
 }
 
+/// Returns names and texts of a command's own options that aren't defaults, in the table's order.
+fn given(table: &Table, command: Commands, matches: &ArgMatches) -> Vec<(String, String)> {
+    let mut given = Vec::new();
+    for row in table.of(command).filter(|row| row.commands != Commands::ALL) {
+        if matches.value_source(row.name).is_none_or(|source| source == ValueSource::DefaultValue) {
+            continue;
+        }
+        let mut add = |text: String| given.push((row.name.to_owned(), text));
+        if row.is_switch() {
+            add("on".to_owned());
+        } else {
+            let values = matches.get_many::<OsString>(row.name).into_iter().flatten();
+            let texts: Vec<String> = values.map(|value| value.to_string_lossy().into_owned()).collect();
+            if row.is_list { add(texts.join(",")) } else { texts.into_iter().for_each(add) }
+        }
+    }
+    given
+}
+
 /// Returns the command line that clap has parsed.
 pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
     let (name, of) = matches.subcommand().ok_or_else(|| clap::Error::new(ErrorKind::MissingSubcommand))?;
@@ -259,7 +280,7 @@ pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
         "jobs" => Command::Jobs(JobsArgs::from_arg_matches(of)?),
         "compare" => Command::Compare(CompareArgs::from_arg_matches(of)?),
         "backends" => Command::Backends(BackendsArgs::from_arg_matches(of)?),
-        "view" => Command::View,
+        "view" => Command::View(options(Commands::VIEW)?, given(table(), Commands::VIEW, of)),
         "completions" => Command::Completions(CompletionsArgs::from_arg_matches(of)?),
         _ => Command::Man,
     };

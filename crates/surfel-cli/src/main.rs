@@ -29,6 +29,7 @@ mod stdout;
 mod stitch;
 mod values;
 mod verify;
+mod view;
 #[cfg(all(target_os = "linux", feature = "wgpu"))]
 mod wayland;
 
@@ -97,9 +98,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
-        Command::View => {
-            Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes an image"))
-        }
+        Command::View(args, given) => view::run(&args, given, threads, console),
         Command::Completions(args) => pages::completions(args.shell),
         Command::Man => pages::man(),
     }

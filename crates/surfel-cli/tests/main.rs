@@ -20,3 +20,5 @@ mod splats;
 mod strangers;
 mod tables;
 mod tools;
+#[cfg(feature = "view")]
+mod view;

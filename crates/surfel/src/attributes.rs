@@ -38,7 +38,7 @@ fn class_name(class: usize) -> &'static str {
 }
 
 /// Describes type and range of a column.
-fn column(extra: &ExtraColumn) -> Value {
+pub(crate) fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }

@@ -1,9 +1,9 @@
 //! Automatic scenes for files without a scene file: camera, lights, materials and settings that suit their data.
 
 use crate::closed;
-use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
+use crate::estimates::Estimates;
+use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice};
 use crate::framing::{UpConvention, UpReason, Upright, upright};
-use crate::lights::lights_of;
 use crate::patches::Patches;
 use crate::scene::ObjectFacts;
 use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
@@ -130,6 +130,16 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
 /// [`Error::Model`] for objects without a finite extent that can be framed. The camera and settings of the options are
 /// checked when they are used, not here.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
+    scene_by(&Estimates::default(), objects, loaded, options)
+}
+
+/// Creates a scene file like [`auto_scene`], by cached estimates of the loaded objects.
+pub(crate) fn scene_by(
+    estimates: &Estimates,
+    objects: Vec<ObjectFile>,
+    loaded: &LoadedObjects,
+    options: &AutoOptions,
+) -> Result<SceneFile, Error> {
     let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     let camera = match &options.camera {
@@ -146,20 +156,22 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
                 let problem = "the objects have no finite extent to look at: give a camera (--camera, --eye)";
                 Error::Model(surfel_model::ModelError::Conflict(problem.to_owned()))
             };
-            frame_camera(&scene, &framing).ok_or_else(nothing)?
+            estimates.camera(&scene, framing).ok_or_else(nothing)?
         }
     };
     let mut objects = objects;
     // A camera that can't be drawn is refused where it is.
-    let (whites, view) = (Whites::of(loaded), View::new(&camera).ok());
-    for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
+    let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
+    let all = || loaded.facts.iter().zip(&loaded.objects);
+    let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
+    for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
         let covers = |view| sheets::covers_other_surfaces(drawn, view);
-        let is_culled = hides_its_back(facts, drawn) && !view.as_ref().is_some_and(covers);
+        let is_culled = *is_closed && !view.as_ref().is_some_and(covers);
         object.material = material(facts, is_culled, whites.exposure());
     }
     Ok(SceneFile {
         up: Some(up),
-        lights: Some(lights_of(&camera, loaded, up)),
+        lights: Some(estimates.lighting(loaded, up).lights(&camera)),
         camera,
         background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,
@@ -183,7 +195,8 @@ const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
 const GREY: f64 = 0.18;
 
 /// Brightness statistics of objects.
-struct Whites {
+#[derive(Debug)]
+pub(crate) struct Whites {
     /// Largest albedo of the coloured surfaces, in their largest channel and without stray highlights.
     brightest: f64,
     /// Fraction of all surface that is white; surfaces without colours are white.
@@ -191,7 +204,7 @@ struct Whites {
 }
 
 impl Whites {
-    fn of(loaded: &LoadedObjects) -> Self {
+    pub(crate) fn of(loaded: &LoadedObjects) -> Self {
         let Some(patches) = Patches::of(&loaded.objects) else {
             return Self { brightest: 1.0, share: 0.0 };
         };

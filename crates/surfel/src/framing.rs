@@ -601,6 +601,11 @@ pub fn scene_center(scene: &Scene) -> Option<DVec3> {
     kept.map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
+/// Returns the least and largest coordinates of the scene's splats; `None` without objects.
+pub(crate) fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
+    bounds(scene, |_| true)
+}
+
 /// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.
 /// `None` without objects.
 pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {

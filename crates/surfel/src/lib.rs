@@ -84,6 +84,7 @@
 //! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`load_octree`] |
 //! | Load a scene file | [`load_scene`], [`scene`] |
 //! | Apply the flags of `surfel render` | [`request`], [`values`] |
+//! | Draw a scene many times with changing options; pick | [`session`] |
 //! | Place a camera; estimate the up axis and the best view | [`framing`], [`camera`] |
 //! | Colour splats by an attribute; label them | [`coloring`], [`labels`] |
 //! | Draw more points than fit into memory; show a coarse image first | [`levels`], [`memory`], [`progressive`] |
@@ -124,6 +125,7 @@ pub mod compare;
 mod convert;
 mod equal;
 mod error;
+mod estimates;
 pub mod framing;
 mod front;
 pub mod info;
@@ -146,6 +148,7 @@ pub mod progressive;
 mod render_options;
 pub mod request;
 pub mod scene;
+pub mod session;
 mod sheets;
 pub mod splat_file;
 pub mod splats;
@@ -171,7 +174,9 @@ pub use error::Error;
 pub use level_store::LevelStore;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
 pub use octree::load_octree;
+pub use render_options::RenderOptions;
 pub use scene::load_scene;
+pub use session::Session;
 pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};
 pub use surfel_render::{Frame, Planes, Preset, Region, Renderer, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};

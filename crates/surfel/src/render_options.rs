@@ -56,6 +56,8 @@ pub struct RenderOptions {
     pub fov_y: Option<f64>,
     /// True for parallel projection.
     pub ortho: bool,
+    /// Height of the view in world units, with parallel projection; `None`: chosen by framing.
+    pub ortho_height: Option<f64>,
     /// Named trade-off between speed and accuracy.
     pub preset: Option<Preset>,
     /// Screen-space filter.

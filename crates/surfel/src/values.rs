@@ -154,6 +154,12 @@ pub fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, St
     text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
 }
 
+/// Parses a port, 1 to 65535.
+pub fn port(text: &str) -> Result<u16, String> {
+    let wrong = || "expected a port from 1 to 65535".to_owned();
+    text.trim().parse().ok().filter(|port| *port > 0).ok_or_else(wrong)
+}
+
 /// Parses `on` as true and `off` as false.
 pub fn switch(text: &str) -> Result<bool, String> {
     match text {

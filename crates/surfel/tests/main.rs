@@ -10,5 +10,6 @@ mod ortho;
 mod out_of_sight;
 mod refined;
 mod rooms;
+mod session;
 mod swap;
 mod whites;

@@ -148,6 +148,13 @@ impl StoredObject {
         }
     }
 
+    /// Replaces the material, of which two fields follow.
+    pub(crate) fn set_material(&mut self, material: Material, cloud: &SplatCloud) {
+        self.material = material;
+        self.interior_weight = material.interior_weight.or(cloud.data().interior_weight).unwrap_or(0.0);
+        self.oriented = material.is_oriented(cloud);
+    }
+
     /// Stores a cloud's splats in this order. No chunk crosses the boundary of two parts.
     fn ordered(
         cloud: &SplatCloud,

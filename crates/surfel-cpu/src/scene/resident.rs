@@ -69,18 +69,48 @@ impl ResidentScene {
             stored.source = index;
             meshes.push(stored);
         }
-        let [r, g, b, a] = scene.background;
-        Ok(Self {
+        let mut resident = Self {
             summary: SceneSummary::of(scene),
             clouds,
             meshes,
             gaussians,
-            material: scene.objects.first().map_or(Material::default(), |object| object.material),
-            lights: scene.lights.clone(),
-            ambient: scene.ambient,
-            matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a].map(limit_color),
-        })
+            material: Material::default(),
+            lights: None,
+            ambient: [0.0; 3],
+            matcap: None,
+            background: [0.0; 4],
+        };
+        resident.light(scene);
+        Ok(resident)
+    }
+
+    /// Stores the parts of a scene that aren't geometry.
+    fn light(&mut self, scene: &Scene) {
+        let [r, g, b, a] = scene.background;
+        self.material = scene.objects.first().map_or(Material::default(), |object| object.material);
+        self.lights.clone_from(&scene.lights);
+        self.ambient = scene.ambient;
+        self.matcap.clone_from(&scene.matcap);
+        self.background = [r * a, g * a, b * a, a].map(limit_color);
+    }
+
+    /// Replaces everything but the geometry by that of a scene with the same objects.
+    pub(crate) fn relight(&mut self, scene: &Scene) {
+        self.light(scene);
+        self.summary = SceneSummary::of(scene);
+        for stored in &mut self.clouds {
+            let Some(object) = scene.objects.get(stored.source) else { continue };
+            match &object.geometry {
+                Geometry::Splats(cloud) => stored.set_material(object.material, cloud),
+                Geometry::Octree(octree) => stored.set_material(object.material, octree.cloud()),
+                Geometry::Mesh(_) | Geometry::Gaussians(_) => {}
+            }
+        }
+        for stored in &mut self.meshes {
+            if let Some(object) = scene.objects.get(stored.source) {
+                stored.material = object.material;
+            }
+        }
     }
 
     /// Returns the row, object and label of a number in the plane of the nearest splat.

@@ -90,6 +90,12 @@ pub struct Options {
     pub quiet: bool,
     /// True if additional information is printed.
     pub verbose: bool,
+    /// True if no browser is opened.
+    pub no_open: bool,
+    /// Port of the page.
+    pub port: Option<u16>,
+    /// Address at which the page is served.
+    pub host: Option<String>,
     /// File with options.
     pub config: Option<PathBuf>,
     /// Side of an orthoimage's pixel in the units of x and y.

@@ -25,20 +25,25 @@ impl Commands {
     pub const AGAIN: Self = Self(16);
     /// `surfel info`.
     pub const INFO: Self = Self(32);
+    /// `surfel view`.
+    pub const VIEW: Self = Self(64);
     /// Every command, also those that have no rows of their own.
     pub const ALL: Self = Self(u16::MAX);
-    /// Commands that draw images of a scene: `render` and `serve`.
-    pub const IMAGES: Self = Self::RENDER.and(Self::SERVE);
-    /// Commands that make splats: `render`, `serve`, `convert` and `ortho`.
+    /// Commands that write images of a scene: `render` and `serve`.
+    pub const IMAGE_FILES: Self = Self::RENDER.and(Self::SERVE);
+    /// Commands that draw images of a scene: `render`, `serve` and `view`.
+    pub const IMAGES: Self = Self::IMAGE_FILES.and(Self::VIEW);
+    /// Commands that make splats: `render`, `serve`, `view`, `convert` and `ortho`.
     pub const SPLATS: Self = Self::IMAGES.and(Self::CONVERT).and(Self::ORTHO);
     /// Every command of the table, with its name.
-    pub const NAMED: [(&'static str, Self); 6] = [
+    pub const NAMED: [(&'static str, Self); 7] = [
         ("render", Self::RENDER),
         ("convert", Self::CONVERT),
         ("ortho", Self::ORTHO),
         ("serve", Self::SERVE),
         ("again", Self::AGAIN),
         ("info", Self::INFO),
+        ("view", Self::VIEW),
     ];
 
     /// Returns the union of two sets.

@@ -46,6 +46,13 @@ pub(super) const ROWS: &[Row] = &[
         .everyday()
         .scene("camera.projection")
         .synonyms(&["orthographic", "parallel", "orthogonal", "projection"]),
+    camera(Row::text("ortho-height", "UNITS", |o, text| put(&mut o.render.ortho_height, values::positive(text))))
+        .help("Height of the view in world units, with --ortho.", "")
+        .python("float")
+        .scene("camera.projection")
+        .example("7")
+        .requires(&["ortho"])
+        .synonyms(&["parallel-scale", "ortho-scale", "ortho-size"]),
     camera(Row::text("fov-y", "DEG", |o, text| put(&mut o.render.fov_y, values::fov(text))))
         .help("Vertical field of view in degrees.", "")
         .python("float")

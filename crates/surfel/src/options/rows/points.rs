@@ -65,6 +65,7 @@ pub(super) const ROWS: &[Row] = &[
         }
         put_path(&mut o.render.splats.colorbar, path)
     }))
+    .of(Group::Colors, Commands::SPLATS.without(Commands::VIEW))
     .missing("")
     .help("Write the colour bar of --color-by to an image file; the default name is OUT-colorbar.png.", "")
     .python("_Path")

@@ -22,6 +22,10 @@ const fn program(row: Row) -> Row {
     row.of(Group::Program, Commands::ALL)
 }
 
+const fn view(row: Row) -> Row {
+    row.of(Group::Program, Commands::VIEW)
+}
+
 pub(super) const ROWS: &[Row] = &[
     backend_of(Commands::IMAGES.and(Commands::ORTHO))
         .keyword(Commands::RENDER.and(Commands::ORTHO))
@@ -58,6 +62,20 @@ pub(super) const ROWS: &[Row] = &[
             "",
         )
         .everyday(),
+    view(Row::switch("no-open", |o, on| o.no_open = on))
+        .help("Don't open a browser; print the page's address only.", "")
+        .everyday()
+        .synonyms(&["headless", "no-browser"]),
+    view(Row::text("port", "PORT", |o, text| put(&mut o.port, values::port(text))))
+        .help("Port of the page; by default one that is free.", "")
+        .everyday()
+        .example("8080"),
+    view(Row::text("host", "HOST", |o, text| put(&mut o.host, Ok(text.to_owned()))))
+        .help(
+            "Address of this machine at which the page is served: 127.0.0.1 (default), localhost or ::1.",
+            "From another machine, `ssh -L 8080:127.0.0.1:PORT HOST` opens a tunnel to the page.",
+        )
+        .example("localhost"),
     program(Row::switch("quiet", |o, on| o.quiet = on))
         .letter('q')
         .help("Print errors only.", "")
