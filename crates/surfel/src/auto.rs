@@ -155,7 +155,8 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
         let covers = |view| sheets::covers_other_surfaces(drawn, view);
         let is_culled = hides_its_back(facts, drawn) && !view.as_ref().is_some_and(covers);
-        object.material = material(facts, is_culled, whites.exposure());
+        let color = object.material.color;
+        object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
     }
     Ok(SceneFile {
         up: Some(up),

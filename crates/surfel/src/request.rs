@@ -5,7 +5,7 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 
 use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
-use crate::coloring::{ColorScale, Coloring};
+use crate::coloring::{ColorScale, Coloring, Colorings};
 use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
@@ -109,6 +109,8 @@ pub struct Resolved {
     pub has_own_camera: bool,
     /// Absolute paths of files that the objects' files refer to, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
+    /// Colourings by attribute, if the options or the scene file ask for any.
+    pub colorings: Colorings,
 }
 
 impl Resolved {
@@ -204,6 +206,9 @@ impl Request {
     /// are out of range, [`Error::Io`] for a camera file that can't be read.
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
+        let mut styled = options.clone();
+        options.style.iter().for_each(|style| style.complete(&mut styled));
+        let options = &styled;
         let given = pictures.first_camera().cloned();
         let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
         match source {
@@ -437,14 +442,14 @@ impl Request {
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
         let has_own_camera = self.options.view.is_none();
-        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings })
     }
 
     fn scene_of_geometry(
@@ -515,12 +520,12 @@ impl Request {
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside, colorings })
     }
 }
 
@@ -551,6 +556,7 @@ pub fn shared_coloring(
 fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
     splats::apply(&options.splats, &mut object.convert)?;
     object.convert.all_levels |= options.all_levels;
+    object.material.color = options.color.or(object.material.color);
     Ok(())
 }
 

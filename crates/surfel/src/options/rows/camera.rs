@@ -5,7 +5,7 @@ use crate::options::row::{Commands, Group, Row, names_of, put};
 use crate::values;
 
 const fn camera(row: Row) -> Row {
-    row.of(Group::Camera, Commands::IMAGES).image()
+    row.of(Group::Camera, Commands::DRAWN).image()
 }
 
 pub(super) const ROWS: &[Row] = &[
