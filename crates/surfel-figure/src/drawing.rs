@@ -163,6 +163,11 @@ impl Drawing {
         self.items.iter().filter_map(|item| if let Item::Text(text) = item { Some(text) } else { None })
     }
 
+    /// Returns all images, from back to front.
+    pub fn pictures(&self) -> impl Iterator<Item = &Picture> {
+        self.items.iter().filter_map(|item| if let Item::Picture(_, picture) = item { Some(&**picture) } else { None })
+    }
+
     /// Returns the characters that the font lacks, each once.
     pub fn missing(&self) -> Vec<char> {
         font::missing(&self.texts().map(|text| text.text.as_str()).collect::<String>())

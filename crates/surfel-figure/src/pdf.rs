@@ -35,11 +35,7 @@ impl Drawing {
         let mut pdf = Pdf::new();
         pdf.catalog(CATALOG).pages(PAGES);
         pdf.pages(PAGES).kids([PAGE]).count(1);
-        let pictures: Vec<&Picture> = self
-            .items
-            .iter()
-            .filter_map(|item| if let Item::Picture(_, picture) = item { Some(&**picture) } else { None })
-            .collect();
+        let pictures: Vec<&Picture> = self.pictures().collect();
         let references = |i: usize| {
             let first = FIRST_IMAGE + 2 * i as i32;
             (Ref::new(first), Ref::new(first + 1))

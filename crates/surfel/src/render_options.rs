@@ -178,14 +178,16 @@ impl SplatOptions {
     /// Sets a value of `--colormap`: the name of a colour map, or else a file of colours.
     ///
     /// # Errors
-    /// Never; the signature is that of other options' setters.
+    /// The names of all colour maps, if the value is neither a name nor looks like a file's name.
     pub fn set_colormap(&mut self, value: PathBuf) -> Result<(), String> {
         let name = value.to_str().map(str::to_ascii_lowercase).unwrap_or_default();
-        let convert = &mut self.convert;
-        (convert.colormap, convert.colormap_file) = match values::colormap(&name) {
+        let is_file = || value.extension().is_some() || value.components().count() > 1 || value.is_file();
+        let (map, file) = match values::colormap(&name) {
             Ok(map) => (Some(map), None),
-            Err(_) => (None, Some(value)),
+            Err(_) if is_file() => (None, Some(value)),
+            Err(names) => return Err(format!("{names}, or a file with a colour in each line")),
         };
+        (self.convert.colormap, self.convert.colormap_file) = (map, file);
         Ok(())
     }
 

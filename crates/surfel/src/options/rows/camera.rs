@@ -10,6 +10,8 @@ const fn camera(row: Row) -> Row {
 
 pub(super) const ROWS: &[Row] = &[
     camera(Row::text("size", "WxH", |o, text| put(&mut o.render.size, values::size(text))))
+        .of(Group::Camera, Commands::IMAGES)
+        .image()
         .help("Image size in pixels (default 1024x1024).", "")
         .everyday()
         .python("tuple[int, int]")

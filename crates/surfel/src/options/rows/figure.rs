@@ -61,7 +61,7 @@ pub(super) const ROWS: &[Row] = &[
         .everyday()
         .python("str | bool")
         .example("inferno")
-        .synonyms(&["error", "difference", "diff", "distance", "error-map"]),
+        .synonyms(&["difference", "diff", "distance", "error-map"]),
     figure(Row::text("error-max", "D", |o, text| put(&mut o.figure.error_max, values::positive(text))))
         .help("Distance at the end of the error row's colour map; by default the 98th percentile.", "")
         .python("float")
@@ -118,6 +118,14 @@ pub(super) const ROWS: &[Row] = &[
         .python("int | str")
         .example("174mm")
         .synonyms(&["figure-width", "figsize"]),
+    figure(Row::text("size", "WxH", |o, text| put(&mut o.render.size, values::size(text))))
+        .image()
+        .help("Size of a panel in pixels (default 720x720), or with --width its proportions.", "")
+        .everyday()
+        .python("tuple[int, int]")
+        .separator("x")
+        .example("33x44")
+        .synonyms(&["panel-size", "resolution", "dimensions"]),
     figure(Row::text("dpi", "N", |o, text| put(&mut o.figure.dpi, values::positive(text))))
         .help("Pixels per inch (default 300).", "")
         .python("float")

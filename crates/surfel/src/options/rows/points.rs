@@ -40,7 +40,7 @@ pub(super) const ROWS: &[Row] = &[
              and other values viridis. tab10, tab20 and set1 are for categories.",
         )
         .everyday()
-        .python("str | os.PathLike[str]")
+        .python("_Path")
         .example("turbo")
         .scene("convert.colormap")
         .synonyms(&["cmap", "colourmap", "palette", "lut", "ramp", "gradient"]),
@@ -70,6 +70,7 @@ pub(super) const ROWS: &[Row] = &[
         .synonyms(&["class-names", "names", "legend-labels"]),
     color(Row::text("color", "COLOR", |o, text| put(&mut o.render.color, values::color(text))))
         .of(Group::Colors, Commands::DRAWN)
+        .image()
         .help("Colour all objects alike: #rrggbb, or a name of CSS such as steelblue.", "")
         .everyday()
         .python("str")
@@ -85,6 +86,7 @@ pub(super) const ROWS: &[Row] = &[
         put_path(&mut o.render.splats.colorbar, path)
     }))
     .of(Group::Colors, Commands::SPLATS.without(Commands::FIGURE))
+    .image()
     .missing("")
     .help("Write the colour bar of --color-by to an image file; the default name is OUT-colorbar.png.", "")
     .python("_Path")
