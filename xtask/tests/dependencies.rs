@@ -12,6 +12,7 @@ const LAYERS: [(&str, u32); 21] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
+    ("surfel-figure", 1),
     ("surfel-files", 2),
     ("surfel-sample", 2),
     ("surfel-images", 3),
@@ -33,13 +34,14 @@ const LAYERS: [(&str, u32); 21] = [
 ];
 
 /// Packages whose direct and indirect dependencies include no GPU crate.
-const GPU_FREE: [&str; 10] = [
+const GPU_FREE: [&str; 11] = [
     "surfel-math",
     "surfel-model",
     "surfel-metrics",
     "surfel-render",
     "surfel-cpu",
     "surfel-reference",
+    "surfel-figure",
     "surfel-files",
     "surfel-images",
     "surfel-io",

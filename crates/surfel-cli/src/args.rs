@@ -24,6 +24,7 @@ pub(crate) struct Cli {
 #[derive(Debug)]
 pub(crate) enum Command {
     Render(Box<Options>),
+    Figure(Box<Options>),
     Again(Box<Options>),
     Convert(Box<Options>),
     Ortho(Box<Options>),
@@ -64,6 +65,11 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         .subcommand_required(true)
         .args(global.map(|row| argument(row, &[]).global(true)))
         .subcommand(of("render", "Render an image").arg(inputs("INPUT", SCENE, 1..)))
+        .subcommand(of("figure", "Draw a figure: panels under one camera, with titles, legend and marks").arg(inputs(
+            "INPUT",
+            "Splats, points or meshes, a panel for each, or a scene file for one panel",
+            1..,
+        )))
         .subcommand(of("again", "Draw an image again from the scene stored in its metadata").arg(inputs(
             "IMAGE",
             "A PNG or EXR drawn by surfel, with its metadata",
@@ -271,6 +277,7 @@ pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
     let options = |command| options(table(), command, of).map(Box::new);
     let command = match name {
         "render" => Command::Render(options(Commands::RENDER)?),
+        "figure" => Command::Figure(options(Commands::FIGURE)?),
         "again" => Command::Again(options(Commands::AGAIN)?),
         "convert" => Command::Convert(options(Commands::CONVERT)?),
         "ortho" => Command::Ortho(options(Commands::ORTHO)?),

@@ -11,6 +11,7 @@ mod config;
 mod console;
 mod convert;
 mod failure;
+mod figure;
 mod info;
 mod jobs;
 mod ortho;
@@ -90,6 +91,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
     match command {
         Command::Render(args) => render::run(&args, threads, console),
         Command::Again(args) => again::run(&args, threads, console),
+        Command::Figure(args) => figure::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
         Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),

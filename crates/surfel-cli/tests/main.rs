@@ -5,6 +5,7 @@ mod attributes;
 mod colors;
 mod common;
 mod exit_codes;
+mod figure;
 mod gaussians;
 mod interface;
 mod levels;

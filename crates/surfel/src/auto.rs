@@ -167,7 +167,8 @@ pub(crate) fn scene_by(
     for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
         let covers = |view| sheets::covers_other_surfaces(drawn, view);
         let is_culled = *is_closed && !view.as_ref().is_some_and(covers);
-        object.material = material(facts, is_culled, whites.exposure());
+        let color = object.material.color;
+        object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
     }
     Ok(SceneFile {
         up: Some(up),

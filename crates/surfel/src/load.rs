@@ -1,6 +1,6 @@
 //! Loading of files as splats: splats are read directly, points and meshes are converted.
 
-use crate::coloring::together::{ColorJob, Lacking, Member};
+use crate::coloring::together::{ColorJob, Colors, Lacking, Member};
 use crate::coloring::{Coloring, Colorings};
 use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
@@ -57,6 +57,10 @@ pub struct LoadOptions {
     /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
     /// distinct values, grey for intensity, and viridis for the rest.
     pub colormap: Option<Colormap>,
+    /// File with the colours of a colour map, which takes precedence.
+    pub colormap_file: Option<PathBuf>,
+    /// File with the names, and optionally the colours, of categories.
+    pub labels: Option<PathBuf>,
     /// Attribute values at the ends of the colour map, the first less than the second; `None`: the 2nd and the 98th
     /// percentile.
     pub range: Option<[f64; 2]>,
@@ -127,6 +131,8 @@ impl LoadOptions {
         with_interior_weight interior_weight: bool,
         with_color_by color_by: Option<String>,
         with_colormap colormap: Option<Colormap>,
+        with_colormap_file colormap_file: Option<PathBuf>,
+        with_labels labels: Option<PathBuf>,
         with_range range: Option<[f64; 2]>,
         with_mesh_columns mesh_columns: bool,
         with_rows rows: bool,
@@ -173,6 +179,8 @@ impl LoadOptions {
         self.sharp_error = convert.error.or(self.sharp_error);
         if convert.color_by.is_some() {
             (self.color_by, self.colormap) = (convert.color_by.clone(), convert.colormap);
+            self.colormap_file = convert.colormap_file.as_ref().map(|file| base_dir.join(file));
+            self.labels = convert.labels.as_ref().map(|file| base_dir.join(file));
             self.range = convert.range;
         }
         self.crop = convert.crop.or(self.crop);
@@ -238,6 +246,8 @@ impl Default for LoadOptions {
             interior_weight: false,
             color_by: None,
             colormap: None,
+            colormap_file: None,
+            labels: None,
             range: None,
             mesh_columns: false,
             rows: false,
@@ -479,16 +489,16 @@ pub(crate) fn splats_of(
     } else {
         cloud.discard_rows();
     }
+    let colors = options.color_by.as_ref().map(|_| Colors::of(options)).transpose()?.unwrap_or_default();
     if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.color_by) {
-        cloud = columns.values(cloud, attribute, (options.colormap, options.range))?;
+        cloud = columns.values(cloud, attribute, &colors)?;
     }
     let is_of_points = matches!(conversion, Conversion::Points(_))
         || cloud.data().comments.iter().any(|comment| comment == surfel_sample::OF_POINTS);
     let job = options.color_by.as_ref().filter(|_| octree.is_none()).map(|attribute| ColorJob {
         path: path.to_path_buf(),
         attribute: attribute.clone(),
-        map: options.colormap,
-        range: options.range,
+        colors,
         up: options.up.or_else(|| up_reason.map(|_| loaded.up)),
         convention: UpConvention::of(is_of_points, loaded.up),
         others: of_mesh.clone(),

@@ -1,8 +1,9 @@
 //! Transfer of a mesh's vertex and face properties to columns of its splats.
 
 use crate::coloring::tally::Tally;
+use crate::coloring::together::Colors;
 use crate::coloring::{ColorScale, is_class};
-use surfel_model::{Colormap, ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
+use surfel_model::{ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
 /// A mesh with property columns, and the places of its splats on it, computed when needed.
@@ -48,14 +49,14 @@ impl MeshColumns {
         &mut self,
         cloud: SplatCloud,
         attribute: &str,
-        (map, range): (Option<Colormap>, Option<[f64; 2]>),
+        colors: &Colors,
     ) -> Result<SplatCloud, ModelError> {
         let Some(column) = ExtraColumn::find(&self.mesh.vertex_extras, attribute) else {
             return self.with_column(cloud, attribute, true);
         };
-        let mut tally = Tally::new(&column.name, map, range);
+        let mut tally = Tally::new(&column.name, colors);
         tally.add((0..column.values.len()).map(|i| column.values.get(i)));
-        let is_sure = column.values.is_integer() || is_class(&column.name) || map == Some(Colormap::Tab20);
+        let is_sure = column.values.is_integer() || is_class(&column.name) || colors.are_categories();
         let are_categories = matches!(tally.scale(None), ColorScale::Categories(_))
             && (is_sure || is_constant_over_most(&self.mesh, &column.values));
         self.with_column(cloud, attribute, are_categories)

@@ -5,12 +5,13 @@ use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::options::{self, Commands, Options};
-use crate::values::{Part, RangeChoice};
+use crate::style::Style;
+use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{
-    Accumulate, Camera, ClipPolicy, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance, EdgeAa,
-    Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
+    Accumulate, Camera, ClipPolicy, Color, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance,
+    EdgeAa, Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -91,6 +92,10 @@ pub struct RenderOptions {
     pub all_levels: bool,
     /// True if lights cast shadows.
     pub shadows: bool,
+    /// Choices that other options leave open.
+    pub style: Option<Style>,
+    /// Colour of all objects, instead of those of their files.
+    pub color: Option<Color>,
     /// Antialiasing of edges.
     pub edge_aa: Option<EdgeAa>,
     /// Background colour: linear RGB, and straight alpha in [0, 1].
@@ -170,6 +175,22 @@ impl SplatOptions {
     pub fn add_condition(&mut self, condition: String) {
         let known = self.convert.condition.take();
         self.convert.condition = Some(Condition::all(&known.into_iter().chain([condition]).collect::<Vec<_>>()));
+    }
+
+    /// Sets a value of `--colormap`: the name of a colour map, or else a file of colours.
+    ///
+    /// # Errors
+    /// The names of all colour maps, if the value is neither a name nor looks like a file's name.
+    pub fn set_colormap(&mut self, value: PathBuf) -> Result<(), String> {
+        let name = value.to_str().map(str::to_ascii_lowercase).unwrap_or_default();
+        let is_file = || value.extension().is_some() || value.components().count() > 1 || value.is_file();
+        let (map, file) = match values::colormap(&name) {
+            Ok(map) => (Some(map), None),
+            Err(_) if is_file() => (None, Some(value)),
+            Err(names) => return Err(format!("{names}, or a file with a colour in each line")),
+        };
+        (self.convert.colormap, self.convert.colormap_file) = (map, file);
+        Ok(())
     }
 
     /// Sets a value of `--texture`: the name of a sampling method, or else a texture file.

@@ -6,9 +6,9 @@ pub use crate::render_options::{RenderOptions, SplatOptions};
 use crate::auto::scene_by;
 use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
-use crate::coloring::{ColorScale, Coloring};
-use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
+use crate::coloring::{ColorScale, Coloring, Colorings};
 use crate::estimates::Estimates;
+use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
 use crate::lights::Lighting;
@@ -111,6 +111,8 @@ pub struct Resolved {
     pub has_own_camera: bool,
     /// Absolute paths of files that the objects' files refer to, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
+    /// Colourings by attribute, if the options or the scene file ask for any.
+    pub colorings: Colorings,
     /// Default lights, which follow the camera; `None` if the scene has lights of its own.
     pub(crate) lighting: Option<Lighting>,
 }
@@ -212,6 +214,9 @@ impl Request {
     /// are out of range, [`Error::Io`] for a camera file that can't be read.
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
+        let mut styled = options.clone();
+        options.style.iter().for_each(|style| style.complete(&mut styled));
+        let options = &styled;
         let given = pictures.first_camera().cloned();
         let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
         match source {
@@ -224,7 +229,19 @@ impl Request {
                 let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
                 let level_store = Arc::default();
                 let (scene, has_unused_lights) = (None, false);
-                Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store, has_rows: false, estimates: Arc::default() })
+                Ok(Self {
+                    options,
+                    pictures,
+                    camera,
+                    settings,
+                    objects,
+                    base,
+                    scene,
+                    has_unused_lights,
+                    level_store,
+                    has_rows: false,
+                    estimates: Arc::default(),
+                })
             }
         }
     }
@@ -257,7 +274,19 @@ impl Request {
         let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
         let level_store = Arc::default();
         let camera = given;
-        Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store, has_rows: false, estimates: Arc::default() })
+        Ok(Self {
+            options,
+            pictures,
+            camera,
+            settings,
+            objects,
+            base,
+            scene,
+            has_unused_lights,
+            level_store,
+            has_rows: false,
+            estimates: Arc::default(),
+        })
     }
 
     /// Shares a cache of files with levels of detail between successive requests.
@@ -461,14 +490,14 @@ impl Request {
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
         let has_own_camera = self.options.view.is_none();
-        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, lighting: None })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting: None })
     }
 
     fn scene_of_geometry(
@@ -541,12 +570,12 @@ impl Request {
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
         let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside, lighting })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside, colorings, lighting })
     }
 }
 
@@ -577,6 +606,7 @@ pub fn shared_coloring(
 fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
     splats::apply(&options.splats, &mut object.convert)?;
     object.convert.all_levels |= options.all_levels;
+    object.material.color = options.color.or(object.material.color);
     Ok(())
 }
 

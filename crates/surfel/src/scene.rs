@@ -7,8 +7,8 @@ pub use crate::auto::{
 pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
 
-use crate::coloring::Colorings;
 use crate::coloring::together::{ColorJob, Member, Tallies};
+use crate::coloring::{Colorings, linear};
 use crate::framing::UpReason;
 use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
@@ -20,7 +20,10 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, IoError, Loaded};
-use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, SplatCloud, Up};
+use surfel_model::{
+    CloudData, Color, GaussianCloud, Geometry, Matcap, Mesh, Object, ObjectFile, OnInvalid, Scene, SceneFile, Shader,
+    SplatCloud, Up,
+};
 use surfel_sample::Progress;
 
 /// Size limit of scene files in bytes, far above any real one.
@@ -316,6 +319,29 @@ fn is_colored(geometry: &Geometry) -> bool {
     }
 }
 
+/// Returns geometry of one colour.
+fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geometry, Error> {
+    let color = levels.map(|level| linear(f64::from(level) / 255.0));
+    let unsuitable = |holds: &str| {
+        let problem = format!("holds {holds}, expected splats, points or a mesh for --color and material.color");
+        Error::Unsuitable { path: path.to_path_buf(), problem }
+    };
+    match geometry {
+        Geometry::Splats(cloud) => {
+            let data = Arc::unwrap_or_clone(cloud).into_data();
+            let colors = Some(vec![color; data.centers.len()]);
+            Ok(SplatCloud::new(CloudData { colors, ..data }, OnInvalid::Refuse)?.0.into())
+        }
+        Geometry::Mesh(mesh) => {
+            let mesh = Arc::unwrap_or_clone(mesh);
+            let colors = Some(vec![color; mesh.positions.len()]);
+            Ok(Geometry::Mesh(Arc::new(Mesh { colors, texture: None, materials: None, ..mesh })))
+        }
+        Geometry::Octree(_) => Err(unsuitable("an octree")),
+        Geometry::Gaussians(_) => Err(unsuitable("trained Gaussians")),
+    }
+}
+
 /// Loads objects like [`load_objects`], but with the files' own colours.
 fn load_uncolored(
     objects: &[ObjectFile],
@@ -430,6 +456,10 @@ fn load_uncolored(
         }
         loaded.facts.push(facts);
         loaded.color_jobs.0.push(color_job);
+        let geometry = match object.material.color {
+            Some(color) => painted(geometry, color, &path)?,
+            None => geometry,
+        };
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
     drop(known);

@@ -212,7 +212,8 @@ impl Session {
             let is_bare = request.is_bare();
             let request = request.with_estimates(loaded.estimates.clone());
             let resolved = request.resolve(loaded.objects.clone(), progress, note)?;
-            if let Some(facts) = loaded.objects.facts.first_mut().filter(|_| is_bare && options.up.flatten().is_none()) {
+            if let Some(facts) = loaded.objects.facts.first_mut().filter(|_| is_bare && options.up.flatten().is_none())
+            {
                 // The estimate depends on nothing that changes from image to image.
                 let reason = framing::UpReason::Convention;
                 (facts.up, facts.up_reason) = (resolved.up, facts.up_reason.or(Some(reason)));
@@ -242,9 +243,7 @@ impl Session {
         let Some(loaded) = self.loaded.first_mut() else { return Err(nothing_shown()) };
         let before = loaded.shown.take().filter(|shown| !is_new && have_same_splats(&shown.resolved, &resolved));
         let kept = match before {
-            Some(mut shown) => {
-                self.backend.relight(&mut shown.resident, &resolved.scene)?.then_some(shown.resident)
-            }
+            Some(mut shown) => self.backend.relight(&mut shown.resident, &resolved.scene)?.then_some(shown.resident),
             None => None,
         };
         let resident = match kept {
@@ -369,11 +368,22 @@ impl LoadedScene {
         let scene = Scene { objects: objects.objects.clone(), ..Scene::default() };
         let (options, files) = (request.load_options(None), request.objects().to_vec());
         let corners = framing::scene_bounds(&scene).map_or_else(Vec::new, |(lo, hi)| {
-            let corner = |i: usize| DVec3::from_array(std::array::from_fn(|k| if i >> k & 1 == 0 { lo[k] } else { hi[k] }));
+            let corner =
+                |i: usize| DVec3::from_array(std::array::from_fn(|k| if i >> k & 1 == 0 { lo[k] } else { hi[k] }));
             (0..8).map(corner).collect()
         });
         let estimates = Arc::default();
-        Self { options, files, objects, estimates, is_coarse: false, corners, hashes: None, description: Value::Null, shown: None }
+        Self {
+            options,
+            files,
+            objects,
+            estimates,
+            is_coarse: false,
+            corners,
+            hashes: None,
+            description: Value::Null,
+            shown: None,
+        }
     }
 
     /// True if the request would load the same.
@@ -451,9 +461,7 @@ fn values_of(object: &Object, row: u32) -> Vec<(String, f64)> {
     let data = cloud.data();
     let slot = data.rows.as_ref().and_then(|rows| rows.iter().position(|r| *r == row));
     let Some(slot) = slot else { return Vec::new() };
-    let value = |extra: &ExtraColumn| {
-        (slot < extra.values.len()).then(|| (extra.name.clone(), extra.values.get(slot)))
-    };
+    let value = |extra: &ExtraColumn| (slot < extra.values.len()).then(|| (extra.name.clone(), extra.values.get(slot)));
     data.extras.iter().filter_map(value).collect()
 }
 
@@ -496,9 +504,7 @@ fn legend(Coloring { attribute, scale }: &Coloring) -> Option<Value> {
             Some(json!({ "attribute": attribute, "map": map.name(), "range": range, "colors": colors }))
         }
         ColorScale::Categories(all) => {
-            let entry = |c: &crate::coloring::Category| {
-                json!({ "value": c.value, "name": c.name, "color": hex(c.color), "count": c.count })
-            };
+            let entry = |c: &crate::coloring::Category| json!({ "value": c.value, "name": c.name.as_deref(), "color": hex(c.color), "count": c.count });
             Some(json!({ "attribute": attribute, "categories": all.iter().map(entry).collect::<Vec<_>>() }))
         }
     }

@@ -8,10 +8,12 @@
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
+use crate::style::Style;
 use serde_json::Value;
 use std::ops::Range;
+use surfel_math::srgb;
 use surfel_model::{
-    Accumulate, Classes, ClipPolicy, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
+    Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
     MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
@@ -41,11 +43,14 @@ named!(filter, FILTERS, Filter, [
 named!(cull, CULLS, Cull, ["none" => Cull::None, "back" => Cull::Back]);
 named!(colormap, COLORMAPS, Colormap, [
     "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
-    "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
+    "coolwarm" => Colormap::Coolwarm, "magma" => Colormap::Magma, "inferno" => Colormap::Inferno,
+    "plasma" => Colormap::Plasma, "rdbu" => Colormap::RdBu, "jet" => Colormap::Jet, "tab10" => Colormap::Tab10,
+    "tab20" => Colormap::Tab20, "set1" => Colormap::Set1, "grey" => Colormap::Grey,
 ]);
 named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
 named!(outliers, OUTLIERS, Outliers, ["keep" => Outliers::Keep, "drop" => Outliers::Drop]);
 named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
+named!(style, STYLES, Style, ["figure" => Style::Figure]);
 named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
 named!(clip, CLIPS, ClipPolicy, [
@@ -387,12 +392,24 @@ pub fn transparency(text: &str) -> Result<Transparency, String> {
     text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
 }
 
-/// Parses a background `R,G,B[,A]` (finite linear RGB, straight alpha from 0 to 1) or `transparent`.
+/// Parses a colour: `#rrggbb`, `#rgb`, or a name of CSS.
+pub fn color(text: &str) -> Result<Color, String> {
+    text.parse()
+}
+
+/// Parses a background: a colour, `R,G,B[,A]` (finite linear RGB, straight alpha from 0 to 1), or `transparent`.
 pub fn background(text: &str) -> Result<[f64; 4], String> {
     if text == "transparent" {
         return Ok([0.0; 4]);
     }
-    let wrong = |_| "expected R,G,B or R,G,B,A (linear numbers, A from 0 to 1), or transparent".to_owned();
+    if let Ok(Color(levels)) = color(text) {
+        let [r, g, b] = levels.map(|level| srgb::decode(f64::from(level) / 255.0));
+        return Ok([r, g, b, 1.0]);
+    }
+    let wrong = |_| {
+        let forms = "R,G,B or R,G,B,A (linear numbers, A from 0 to 1), or transparent";
+        format!("expected a colour such as white or #f0f0f0, {forms}")
+    };
     let [r, g, b, a] = match text.split(',').count() {
         3 => list::<3>(text, "").map(|[r, g, b]| [r, g, b, 1.0]).map_err(wrong)?,
         _ => list::<4>(text, "").map_err(wrong)?,

@@ -2,6 +2,7 @@
 
 mod closed;
 mod facades;
+mod figure;
 mod flat_faces;
 mod interface;
 mod level_pops;

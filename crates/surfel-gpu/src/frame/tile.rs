@@ -107,7 +107,13 @@ impl TileData {
     }
 
     /// Returns the data of a tile that the compute path draws.
-    pub(crate) fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+    pub(crate) fn of_cells(
+        scene: &UploadedScene,
+        frame: &FrameScene,
+        view: &View,
+        plan: &FramePlan,
+        tile: Region,
+    ) -> Self {
         let mut data = Self::by(scene, frame, view, plan, tile, true);
         let mut cells = CellCounts {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),

@@ -372,8 +372,7 @@ impl CellRoom {
     pub(crate) fn grown(self, counters: &[u32], all: &[CellCounts], limits: Limits) -> Option<Self> {
         let needs = CellNeeds::of(counters);
         let more = |count: u64| count + count / 4;
-        let ample =
-            CellNeeds { records: more(needs.records), pairs: more(needs.pairs), active: more(needs.active) };
+        let ample = CellNeeds { records: more(needs.records), pairs: more(needs.pairs), active: more(needs.active) };
         let ample = ample.max(CellNeeds::of_room(self));
         Self::within(ample, all, limits).or_else(|| Self::within(needs, all, limits))
     }

@@ -25,6 +25,7 @@ mod stub;
 pub use near::Near;
 pub use row::{Audience, Commands, EXPERT, Group, Inputs, Row, Setter};
 
+use crate::figure::FigureOptions;
 use crate::render_options::RenderOptions;
 use crate::values::{FrameRange, Part};
 use std::path::PathBuf;
@@ -112,6 +113,8 @@ pub struct Options {
     pub fill: Option<f64>,
     /// EPSG code of an orthoimage's coordinate reference system.
     pub crs: Option<u16>,
+    /// Panels and words of a figure.
+    pub figure: FigureOptions,
 }
 
 impl Options {

@@ -5,11 +5,13 @@ use crate::options::row::{Commands, Group, Row, names_of, put};
 use crate::values;
 
 const fn camera(row: Row) -> Row {
-    row.of(Group::Camera, Commands::IMAGES).image()
+    row.of(Group::Camera, Commands::DRAWN).image()
 }
 
 pub(super) const ROWS: &[Row] = &[
     camera(Row::text("size", "WxH", |o, text| put(&mut o.render.size, values::size(text))))
+        .of(Group::Camera, Commands::IMAGES)
+        .image()
         .help("Image size in pixels (default 1024x1024).", "")
         .everyday()
         .python("tuple[int, int]")

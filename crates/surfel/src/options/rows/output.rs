@@ -43,6 +43,9 @@ pub(super) const ROWS: &[Row] = &[
     output_of("RGB.tif", Commands::ORTHO)
         .help("Colour GeoTIFF to write; alpha is 0 at empty pixels.", "")
         .required(&["dsm", "normals"]),
+    output_of("FIG", Commands::FIGURE)
+        .help("Figure to write: .pdf or .svg, with words as text, or .png; - is PNG on stdout.", "")
+        .required(&[]),
     output(Row::switch("force", |o, on| {
         o.force = on;
         o.render.splats.force = on;

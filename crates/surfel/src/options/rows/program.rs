@@ -7,7 +7,7 @@ use crate::values;
 const BACKENDS: [&str; 5] = ["auto", "cpu", "wgpu", "ash", "reference"];
 
 const fn backend(row: Row) -> Row {
-    row.of(Group::Backend, Commands::IMAGES).keyword(Commands::RENDER)
+    row.of(Group::Backend, Commands::DRAWN).keyword(Commands::RENDER.and(Commands::FIGURE))
 }
 
 const fn backend_of(commands: Commands) -> Row {
@@ -27,8 +27,8 @@ const fn view(row: Row) -> Row {
 }
 
 pub(super) const ROWS: &[Row] = &[
-    backend_of(Commands::IMAGES.and(Commands::ORTHO))
-        .keyword(Commands::RENDER.and(Commands::ORTHO))
+    backend_of(Commands::DRAWN.and(Commands::ORTHO))
+        .keyword(Commands::RENDER.and(Commands::ORTHO).and(Commands::FIGURE))
         .default_value("auto")
         .help("Rendering backend.", "")
         .everyday(),
@@ -89,7 +89,7 @@ pub(super) const ROWS: &[Row] = &[
     program(Row::text("threads", "N", |o, text| {
         put(&mut o.threads, values::whole(text, 1..=1024).map(|count| count as usize))
     }))
-    .keyword(Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO))
+    .keyword(Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO).and(Commands::FIGURE))
     .help("Number of threads; by default one per CPU.", "")
     .python("int")
     .example("7")
