@@ -55,6 +55,7 @@ mod mesh;
 mod morton;
 mod octree;
 mod points;
+mod points_as;
 mod range;
 mod scene;
 mod setters;
@@ -79,6 +80,7 @@ pub use light::Light;
 pub use matcap::Matcap;
 pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, NormalMap, TriangleMaterials};
 pub use octree::{Octree, OctreeNode, Transition};
+pub use points_as::{DOT_PX, PointRadius, PointsAs};
 pub use points::PointCloud;
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{

@@ -36,7 +36,7 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     let mut data = cloud.into_data();
     let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
     match &mut data.shape {
-        Shape::Disks { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
+        Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
         Shape::Ellipses { s, t } => (*s, *t) = (column(s), column(t)),
     }
     data.interior_weight = None;

@@ -141,6 +141,7 @@ pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho;
 mod patches;
+mod points_as;
 pub mod paths;
 pub mod progressive;
 mod render_options;

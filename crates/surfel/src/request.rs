@@ -13,8 +13,8 @@ use crate::lights::lights_of;
 use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
-    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance, auto_scene,
-    auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
+    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance,
+    auto_points_as, auto_scene, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
     parse_scene_file, read_scene_file, refine_objects,
 };
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
@@ -436,9 +436,10 @@ impl Request {
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let beside = beside(&loaded)?;
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
+        loaded.draw_points(&file.objects).map_err(in_file)?;
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
@@ -453,7 +454,7 @@ impl Request {
         progress: &dyn Progress,
         note: &mut dyn FnMut(String),
     ) -> Result<Resolved, Error> {
-        let (mut settings, given_camera, objects) = (self.settings, self.camera.take(), self.objects.clone());
+        let (mut settings, given_camera, mut objects) = (self.settings, self.camera.take(), self.objects.clone());
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
@@ -466,6 +467,9 @@ impl Request {
             && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
         {
             settings.transparency = transparency;
+            note(format!("{}: {}", about.path.shown(), about.text));
+        }
+        for about in auto_points_as(&loaded, &mut objects) {
             note(format!("{}: {}", about.path.shown(), about.text));
         }
         if options.depth_tolerance.is_none()
@@ -514,8 +518,9 @@ impl Request {
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let beside = beside(&loaded)?;
+        loaded.draw_points(&file.objects)?;
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
