@@ -65,6 +65,8 @@ struct Frame {
     has_polygons: u32,
     has_outlines: u32,
     has_eye_dome: u32,
+    // 1 if the frame has balls.
+    has_balls: u32,
     // Coverage from which on splats occlude a polygon behind them.
     full_coverage: f32,
     // 1 if transparent splats are drawn in layers; their records then store alpha in place of the coverage. In an

@@ -1,7 +1,7 @@
 //! Conversion options: the key `convert` of an object in the scene file.
 
 use crate::range::positive;
-use crate::{Classes, Condition, ModelError, Returns, TableColumns};
+use crate::{Classes, Condition, ModelError, PointsAs, Returns, TableColumns};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -60,6 +60,9 @@ pub struct ConvertOptions {
     /// Colours of the splats made of points.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colors: Option<PointColors>,
+    /// Kind of splat that each point is drawn as; estimated from the points if absent.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub points_as: Option<PointsAs>,
     /// Box of the selected points, in the file's coordinates: smallest x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,

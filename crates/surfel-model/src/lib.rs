@@ -56,6 +56,7 @@ mod mesh;
 mod morton;
 mod octree;
 mod points;
+mod points_as;
 mod range;
 mod scene;
 mod setters;
@@ -82,6 +83,7 @@ pub use matcap::Matcap;
 pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, NormalMap, TriangleMaterials};
 pub use octree::{Octree, OctreeNode, Transition};
 pub use points::PointCloud;
+pub use points_as::{DOT_PX, PointRadius, PointsAs};
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{
     Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,

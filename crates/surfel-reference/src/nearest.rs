@@ -3,7 +3,7 @@
 use crate::front::{Front, MeshLayer};
 use crate::pixels::center_in;
 use crate::raster::{Bands, DepthLimits, Run};
-use crate::scene::ResidentScene;
+use crate::scene::{ResidentObject, ResidentScene};
 use crate::shade::Lighting;
 use crate::splat::ScreenSplat;
 use surfel_model::NO_LABEL;
@@ -24,6 +24,17 @@ pub(crate) struct Candidate {
 const POLYGON: u32 = u32::MAX;
 
 impl Candidate {
+    /// Returns a splat, given by its index over the whole scene, at a depth.
+    fn of_splat(scene: &ResidentScene, splat: u32, z: f64) -> Self {
+        let object = scene.objects.iter().rfind(|object| object.first_splat <= splat);
+        let row = |object: &ResidentObject| {
+            let i = splat - object.first_splat;
+            object.cloud.data().rows.as_ref().map_or(i, |rows| rows[i as usize])
+        };
+        let source = object.map_or(NO_LABEL, |object| object.source as u32);
+        Self { z, splat, object: source, row: object.map_or(NO_LABEL, row) }
+    }
+
     /// Compares by depth; among equal depths by object, then by row, with polygons last.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
         let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
@@ -56,6 +67,9 @@ pub(crate) fn candidates(
         } else if let Some(polygon) = front.meshes.as_ref().and_then(|meshes| polygon_of(scene, meshes, at)) {
             pixel.push(polygon);
         }
+        pixel.extend(front.balls.as_ref().into_iter().flat_map(|balls| {
+            balls.pixels[at].iter().filter(|f| f.is_solid).map(|f| Candidate::of_splat(scene, f.splat, f.z))
+        }));
         pixel.sort_by(Candidate::order);
         let farthest = pixel.first().map_or(0.0, |first| first.z * (1.0 + relative));
         pixel.retain(|candidate| candidate.z <= farthest);
@@ -117,10 +131,7 @@ fn gather(
         if !inside || !counts(at, splat, fragment.z) {
             return None;
         }
-        let object = scene.objects.iter().rfind(|object| object.first_splat <= splat.index)?;
-        let i = splat.index - object.first_splat;
-        let row = object.cloud.data().rows.as_ref().map_or(i, |rows| rows[i as usize]);
-        Some(Candidate { z: fragment.z, splat: splat.index, object: object.source as u32, row })
+        Some(Candidate::of_splat(scene, splat.index, fragment.z))
     };
     let of_pixel = |(at, fragments): (usize, &mut Vec<crate::raster::Fragment>)| {
         std::mem::take(fragments).into_iter().filter_map(|fragment| candidate(at, fragment)).collect()

@@ -42,6 +42,8 @@ features! {
     EyeDome,
     /// Trained Gaussians, drawn one over another (docs/gaussians.md).
     Gaussians,
+    /// Balls and dots (§11).
+    Balls,
     /// The decision margin plane.
     Margin,
 }

@@ -76,7 +76,7 @@ mod sharp;
 mod sorted;
 mod tree;
 
-pub use class::PointClass;
+pub use class::{DENSITY, PointClass};
 pub use distances::Distances;
 pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};

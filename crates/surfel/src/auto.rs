@@ -10,8 +10,8 @@ use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_
 use crate::{Error, LoadOptions, sheets};
 use std::path::Path;
 use surfel_model::{
-    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, Scene, SceneFile,
-    Settings, Shader, Transparency, Up,
+    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, PointsAs, Scene,
+    SceneFile, Settings, Shader, Transparency, Up,
 };
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
@@ -112,6 +112,23 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     });
     let largest = needed.reduce(|a, b| Some(a?.max(b?)));
     largest.flatten().map(DepthTolerance::Relative)
+}
+
+/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind of
+/// splat. Returns a note for each. `objects` are those of `loaded`, in order.
+pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
+    let mut notes = Vec::new();
+    for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
+        let Some(reason) = facts.no_surface.filter(|_| object.convert.points_as.is_none()) else { continue };
+        object.convert.points_as = Some(PointsAs::Balls(None));
+        let path = object.splats.clone().unwrap_or_default();
+        let text =
+            format!("its points are drawn as balls, because {} (--points-as surface draws a surface)", reason.words());
+        if !notes.iter().any(|note: &ObjectNote| note.path == path) {
+            notes.push(ObjectNote { path, text });
+        }
+    }
+    notes
 }
 
 /// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
@@ -289,8 +306,10 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
             Ok(LoadedScene { file, scene, notes })
         }
         paths => {
-            let objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
+            let mut objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
             let mut loaded = load_bare_objects(&objects, Path::new(""), &options, progress)?;
+            let about_points = auto_points_as(&loaded, &mut objects);
+            loaded.notes.extend(about_points);
             let mut auto = AutoOptions::default();
             if let Some((settings, note)) = auto_composite(&loaded, paths, auto.settings) {
                 auto.settings = settings;
@@ -304,6 +323,7 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
                 auto.settings.depth_tolerance = tolerance;
             }
             let file = auto_scene(objects, &loaded.framed(), &auto)?;
+            loaded.draw_points(&file.objects)?;
             let scene = assemble(&file, loaded.objects)?;
             Ok(LoadedScene { file, scene, notes: loaded.notes })
         }

@@ -307,7 +307,7 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             (m.transform_vector3(s), m.transform_vector3(t))
         };
         let reach = match &cloud.data().shape {
-            Shape::Disks { radii, .. } => f64::from(radii[i]),
+            Shape::Disks { .. } | Shape::Balls { .. } => cloud.radius_max(i),
             Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
         };
         match cloud.data().clips.as_ref().filter(|clips| clips.is_clipped(i)) {

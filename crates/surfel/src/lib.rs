@@ -145,6 +145,7 @@ pub mod options;
 pub mod ortho;
 mod patches;
 pub mod paths;
+mod points_as;
 pub mod progressive;
 mod render_options;
 pub mod request;

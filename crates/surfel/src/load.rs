@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
-    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings,
-    SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
+    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, PointsAs, Returns,
+    Settings, SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
@@ -34,6 +34,8 @@ pub struct LoadOptions {
     pub texture_sampling: Option<TextureSampling>,
     /// Colours of splats made from points: as they are, or fitted ([`surfel_sample::fit_point_colors`]).
     pub colors: PointColors,
+    /// Kind of splat that each point is drawn as, when a scene is assembled; `None` for the default.
+    pub points_as: Option<PointsAs>,
     /// Method for converting meshes to splats; `None`: chosen by mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
     /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
@@ -122,6 +124,7 @@ impl LoadOptions {
         with_texture texture: Option<PathBuf>,
         with_texture_sampling texture_sampling: Option<TextureSampling>,
         with_colors colors: PointColors,
+        with_points_as points_as: Option<PointsAs>,
         with_method method: Option<MeshMethod>,
         with_radius_scale radius_scale: f64,
         with_max_points max_points: Option<usize>,
@@ -171,6 +174,7 @@ impl LoadOptions {
         self.texture = convert.texture.file.as_ref().map(|file| base_dir.join(file)).or(self.texture);
         self.texture_sampling = convert.texture.sampling.or(self.texture_sampling);
         self.colors = convert.colors.unwrap_or(self.colors);
+        self.points_as = convert.points_as.or(self.points_as);
         self.method = method.or(self.method);
         self.radius_scale = convert.radius_scale.unwrap_or(self.radius_scale);
         self.max_points = convert.max_points.map(|n| n as usize).or(self.max_points);
@@ -237,6 +241,7 @@ impl Default for LoadOptions {
             texture: None,
             texture_sampling: None,
             colors: PointColors::AsIs,
+            points_as: None,
             method: None,
             radius_scale: 1.0,
             max_points: None,

@@ -16,8 +16,8 @@ use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance,
-    auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
-    parse_scene_file, read_scene_file, refine_objects,
+    auto_points_as, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap,
+    load_objects, parse_scene_file, read_scene_file, refine_objects,
 };
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -489,9 +489,10 @@ impl Request {
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
+        loaded.draw_points(&file.objects).map_err(in_file)?;
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
@@ -506,7 +507,7 @@ impl Request {
         progress: &dyn Progress,
         note: &mut dyn FnMut(String),
     ) -> Result<Resolved, Error> {
-        let (mut settings, given_camera, objects) = (self.settings, self.camera.take(), self.objects.clone());
+        let (mut settings, given_camera, mut objects) = (self.settings, self.camera.take(), self.objects.clone());
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
@@ -519,6 +520,9 @@ impl Request {
             && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
         {
             settings.transparency = transparency;
+            note(format!("{}: {}", about.path.shown(), about.text));
+        }
+        for about in auto_points_as(&loaded, &mut objects) {
             note(format!("{}: {}", about.path.shown(), about.text));
         }
         if options.depth_tolerance.is_none()
@@ -569,8 +573,9 @@ impl Request {
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
+        loaded.draw_points(&file.objects)?;
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;

@@ -1,18 +1,20 @@
 //! Steps from files to a scene: scene files, objects, and facts for automatic scenes.
 
 pub use crate::auto::{
-    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_scene, auto_transparency, auto_up,
-    bare_object, is_scene_file,
+    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_points_as, auto_scene, auto_transparency,
+    auto_up, bare_object, is_scene_file,
 };
 pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
+pub use crate::points_as::NoSurface;
 
 use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::coloring::{Colorings, linear};
 use crate::framing::UpReason;
 use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
-use crate::noise::{no_surface, surface_of};
+use crate::noise::{noise_points, surface_of};
+use crate::points_as;
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
@@ -76,6 +78,8 @@ pub struct ObjectFacts {
     pub up_reason: Option<UpReason>,
     /// True if the file held points, without extent or polygons.
     pub points: bool,
+    /// Reason why the file's points tell no surface, if they don't.
+    pub no_surface: Option<NoSurface>,
     /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
     /// comment.
     pub sides_known: bool,
@@ -105,6 +109,7 @@ impl Default for ObjectFacts {
             up: Up::PlusY,
             up_reason: None,
             points: false,
+            no_surface: None,
             sides_known: false,
             colored: false,
             closed: false,
@@ -265,6 +270,20 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
+    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up axis,
+    /// view and lights follow from the surface, so this comes last, before [`assemble`].
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a radius that is out of range.
+    pub fn draw_points(&mut self, objects: &[ObjectFile]) -> Result<(), Error> {
+        for ((object, facts), file) in self.objects.iter_mut().zip(&self.facts).zip(objects) {
+            if let Some(points_as) = file.convert.points_as.filter(|_| facts.points) {
+                points_as::redraw(object, points_as)?;
+            }
+        }
+        Ok(())
+    }
+
     /// True if some object consists of trained Gaussians.
     pub fn has_gaussians(&self) -> bool {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
@@ -403,6 +422,10 @@ fn load_uncolored(
                         } = made;
                         loaded.beside.extend(beside);
                         let is_of_points = matches!(conversion, Conversion::Points(_));
+                        let no_surface = match &conversion {
+                            Conversion::Points(report) => NoSurface::of(report),
+                            _ => None,
+                        };
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
                             Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
@@ -417,7 +440,7 @@ fn load_uncolored(
                         let of_mesh = !points && !matches!(conversion, Conversion::None);
                         let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
                         let noise = match &geometry {
-                            Geometry::Splats(cloud) => no_surface(&cloud.data().extras, cloud.len(), options),
+                            Geometry::Splats(cloud) => noise_points(&cloud.data().extras, cloud.len(), options),
                             _ => None,
                         };
                         if let Some(noise) = &noise {
@@ -430,6 +453,7 @@ fn load_uncolored(
                             up,
                             up_reason,
                             points,
+                            no_surface,
                             sides_known,
                             closed,
                             flat,
@@ -566,7 +590,8 @@ pub fn load_scene(
     progress: &dyn Progress,
 ) -> Result<(Scene, Vec<ObjectNote>), Error> {
     let options = options.clone().for_settings(&file.settings);
-    let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
+    let mut loaded = load_objects(&file.objects, base_dir, &options, progress)?;
+    loaded.draw_points(&file.objects)?;
     let scene = Scene { matcap: load_matcap(file, base_dir)?, ..assemble(file, loaded.objects)? };
     Ok((scene, loaded.notes))
 }

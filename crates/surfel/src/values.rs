@@ -14,7 +14,8 @@ use std::ops::Range;
 use surfel_math::srgb;
 use surfel_model::{
     Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
+    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
+    Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -390,6 +391,11 @@ pub fn depth_tolerance(text: &str) -> Result<DepthTolerance, String> {
 /// Parses a transparency method: `off`, `peel:N`, `peel:N:drop` or `abuffer:L`, with N and L from 1 to 64.
 pub fn transparency(text: &str) -> Result<Transparency, String> {
     text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
+}
+
+/// Parses the kind of splat of a point: `surface`, `balls`, `disks` or `dots`, the last three optionally with a radius.
+pub fn points_as(text: &str) -> Result<PointsAs, String> {
+    text.parse()
 }
 
 /// Parses a colour: `#rrggbb`, `#rgb`, or a name of CSS.

@@ -38,6 +38,7 @@ fn name(pass: Pass) -> &'static str {
     match pass {
         Pass::ShadowMap => "shadow map",
         Pass::Polygons => "polygons",
+        Pass::Balls => "balls",
         Pass::Visibility => "visibility",
         Pass::Attributes => "attributes",
         Pass::Shade => "shading",

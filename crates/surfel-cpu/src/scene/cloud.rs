@@ -128,7 +128,8 @@ impl StoredObject {
             groups: Vec::with_capacity(capacity / CHUNK),
             centers: Column3::new(storage, capacity),
             shape: match data.shape {
-                Shape::Disks { .. } => {
+                // Balls are stored elsewhere; octrees have none.
+                Shape::Disks { .. } | Shape::Balls { .. } => {
                     StoredShape::Disks { normals: Units::new(storage, capacity), radii: Column::new(storage, capacity) }
                 }
                 Shape::Ellipses { .. } => StoredShape::Ellipses {

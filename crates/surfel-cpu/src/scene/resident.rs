@@ -1,5 +1,6 @@
 //! A scene as this backend stores it.
 
+use crate::scene::balls::StoredBalls;
 use crate::scene::cloud::StoredObject;
 use crate::scene::mesh::StoredMesh;
 use crate::scene::numbers::SplatNumbers;
@@ -19,6 +20,7 @@ pub(crate) struct StoredGaussians {
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) clouds: Vec<StoredObject>,
+    pub(crate) balls: Vec<StoredBalls>,
     pub(crate) meshes: Vec<StoredMesh>,
     /// Objects of Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<StoredGaussians>,
@@ -36,9 +38,12 @@ impl ResidentScene {
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
         let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         // Among equally near polygons the first is visible; an octree's polygons follow all meshes.
-        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
+        let (mut octrees, mut gaussians, mut balls) = (Vec::new(), Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
+                Geometry::Splats(cloud) if cloud.is_balls() => {
+                    balls.extend(StoredBalls::new(cloud, object.world_from_object, object.material, index));
+                }
                 Geometry::Splats(cloud) => {
                     let mut stored = StoredObject::new(cloud, object.world_from_object, object.material, storage);
                     stored.source = index;
@@ -72,6 +77,7 @@ impl ResidentScene {
         let mut resident = Self {
             summary: SceneSummary::of(scene),
             clouds,
+            balls,
             meshes,
             gaussians,
             material: Material::default(),
@@ -123,10 +129,21 @@ impl ResidentScene {
             return Identity { object: mesh.map_or(NO_LABEL, |mesh| mesh.source as u32), ..Identity::NOTHING };
         }
         let (object, slot) = numbers.place(number);
-        let Some(object) = self.clouds.get(object) else { return Identity::NOTHING };
         let of = |column: Option<&[u32]>| column.and_then(|c| c.get(slot)).copied().unwrap_or(NO_LABEL);
-        let (row, label) = (of(object.rows.as_deref()), of(object.labels.as_deref()));
-        Identity { row, object: object.source as u32, label }
+        // Balls are numbered after clouds.
+        let (rows, labels, source) =
+            match (self.clouds.get(object), self.balls.get(object - self.clouds.len().min(object))) {
+                (Some(cloud), _) => (cloud.rows.as_deref(), cloud.labels.as_deref(), cloud.source),
+                (None, Some(balls)) => (balls.rows.as_deref(), balls.labels.as_deref(), balls.source),
+                (None, None) => return Identity::NOTHING,
+            };
+        Identity { row: of(rows), object: source as u32, label: of(labels) }
+    }
+
+    /// Numbers all slots: those of clouds, then those of balls.
+    pub(crate) fn numbers(&self) -> SplatNumbers {
+        let (clouds, balls) = (self.clouds.iter().map(|c| c.rows.clone()), self.balls.iter().map(|b| b.rows.clone()));
+        SplatNumbers::new(clouds.chain(balls))
     }
 
     /// Returns the background's linear colour with straight alpha.
@@ -139,6 +156,7 @@ impl ResidentScene {
     /// Returns the heap memory used by the splats, in bytes.
     pub fn bytes(&self) -> usize {
         let gaussians = self.gaussians.iter().map(|stored| stored.gaussians.bytes());
-        self.clouds.iter().map(StoredObject::bytes).chain(gaussians).sum()
+        let balls = self.balls.iter().map(StoredBalls::bytes);
+        self.clouds.iter().map(StoredObject::bytes).chain(balls).chain(gaussians).sum()
     }
 }

@@ -1,6 +1,7 @@
 //! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and the screen-space passes
 //! for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
 
+use crate::raster::balls::{BallList, list_balls};
 use crate::raster::block;
 use crate::raster::filter::BehindDepth;
 use crate::raster::layers::{TransparentBlock, TransparentItem};
@@ -13,8 +14,10 @@ use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::{BLOCKS, GBuffer, GBufferTile, Reach};
 use crate::screen::layer_steps::LayerSteps;
 use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::balls::BallSegment;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::triangles::TriangleSegment;
+use crate::shade::balls::{BallBlock, Composited};
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
@@ -37,6 +40,9 @@ pub(crate) struct Extras<'a> {
     pub triangles: &'a [TriangleSegment],
     pub transparent: &'a [TransparentSegment],
     pub layers: Layers,
+    pub balls: &'a BallSegment,
+    /// Ambient, diffuse, specular and shininess factors of each object of balls.
+    pub ball_factors: &'a [[f32; 4]],
 }
 
 /// Drawing of a cell's tiles.
@@ -64,6 +70,7 @@ impl<'a> CompositeJob<'a> {
         self.tiles.listing.is_empty(tile)
             && self.extras.triangles.iter().all(|s| s.lists.of(tile).is_empty())
             && self.extras.transparent.iter().all(|s| s.segment.lists.of(tile).is_empty())
+            && self.extras.balls.lists.of(tile).is_empty()
     }
 
     pub(super) fn list_transparent(&self, tile: usize, wanted: u64, lists: &mut ItemLists<TransparentItem<'a>>) -> u64 {
@@ -122,10 +129,11 @@ impl<'a> CompositeJob<'a> {
         let opaque = scratch.lists.splats.touched() | with_triangles;
         let transparent =
             if gbuffer.is_none() { self.list_transparent(tile, blocks, &mut scratch.transparent) } else { 0 };
+        let balls = if gbuffer.is_none() { list_balls(self.extras.balls, tile, blocks, &mut scratch.balls) } else { 0 };
         let mut contributing = i32x16::splat(simd, 0);
         for block in ones(blocks).map(|block| block as u32) {
             let at = self.tiles.listing.grid.block_px(tile, block);
-            if (opaque | transparent) >> block & 1 == 0 {
+            if (opaque | transparent | balls) >> block & 1 == 0 {
                 target.put_empty(self.tiles.listing.grid.block_px(tile, 0), 1 << block, background);
                 continue;
             }
@@ -139,10 +147,17 @@ impl<'a> CompositeJob<'a> {
             }
             if let Some(gbuffer) = &mut gbuffer {
                 self.put_gbuffer(simd, gbuffer, (block, at), &front);
-            } else if transparent >> block & 1 != 0 {
-                let layers = self.layers(simd, block, at, front.opaque_depth, scratch, &mut counters);
-                layers.put_index(target, at);
-                pixels = layers.over(&pixels);
+            } else if (transparent | balls) >> block & 1 != 0 {
+                let (opaque_depth, place) = (front.opaque_depth, (block, at));
+                if balls >> block & 1 == 0 {
+                    let layers = self.layers(simd, place, opaque_depth, scratch, &mut counters);
+                    layers.put_index(target, at);
+                    pixels = layers.over(&pixels);
+                } else {
+                    let is_transparent = transparent >> block & 1 != 0;
+                    let to = (Some(&mut *target), &mut counters);
+                    self.draw_balls(simd, place, (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                }
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
             contributing += counts * target.rect.lanes_inside(simd, at);
@@ -229,8 +244,7 @@ impl<'a> CompositeJob<'a> {
     pub(super) fn layers<S: Simd>(
         &self,
         simd: S,
-        block: u32,
-        at: (i32, i32),
+        (block, at): (u32, (i32, i32)),
         opaque_depth: Lanes<S>,
         scratch: &mut TileScratch<'a>,
         counters: &mut Counters,
@@ -238,10 +252,85 @@ impl<'a> CompositeJob<'a> {
         let TileScratch { transparent, layers, .. } = scratch;
         let block =
             TransparentBlock { simd, list: transparent.of(block), at, inputs: &self.tiles.inputs, opaque_depth };
-        let composited = composite(&block, self.extras.layers, self.tiles.lighting, layers);
+        let composited = composite(&block, self.extras.layers, self.tiles.lighting, layers, None);
         counters.block_pairs += u64::from(composited.tested);
         counters.inside += u64::from(composited.inside);
         composited
+    }
+
+    /// Composites a block's balls, and its transparent layers if it has any, over its pixels. `opaque_depth` is the
+    /// depth of the nearest surface that isn't a ball, and where it ends.
+    #[inline(never)]
+    pub(super) fn draw_balls<S: Simd>(
+        &self,
+        simd: S,
+        (block, at): (u32, (i32, i32)),
+        (opaque_depth, is_transparent): (Lanes<S>, bool),
+        pixels: &mut Pixels<S>,
+        (target, counters): (Option<&mut Target<'_>>, &mut Counters),
+        scratch: &mut TileScratch<'a>,
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let TileScratch { transparent, layers, balls, ball_fragments, .. } = scratch;
+                let lighting = self.tiles.lighting;
+                let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
+                ball_fragments.gather(simd, list, opaque_depth);
+                counters.block_pairs += u64::from(ball_fragments.tested);
+                let full = ball_fragments.full_depth(simd, list.balls);
+                let factors = self.extras.ball_factors;
+                let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
+                if is_transparent {
+                    let block = TransparentBlock {
+                        simd,
+                        list: transparent.of(block),
+                        at,
+                        inputs: &self.tiles.inputs,
+                        opaque_depth: opaque_depth.min(full),
+                    };
+                    let mut composited = composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
+                    counters.block_pairs += u64::from(composited.tested);
+                    counters.inside += u64::from(composited.inside);
+                    balls.composite(opaque_depth, &mut composited.colors);
+                    *pixels = composited.over(pixels);
+                    if let Some(target) = target {
+                        composited.put_index(target, at);
+                        balls.show(opaque_depth, pixels, target);
+                    }
+                    return;
+                }
+                let mut composited = Composited::nothing(simd);
+                balls.composite(opaque_depth, &mut composited);
+                pixels.color = composited.over(pixels.color);
+                pixels.fragments = pixels.fragments + composited.fragments;
+                if let Some(target) = target {
+                    balls.show(opaque_depth, pixels, target);
+                }
+            },
+        );
+    }
+
+    /// Composites a block's balls between two depths over colours.
+    #[inline(never)]
+    fn balls_behind<S: Simd>(
+        &self,
+        simd: S,
+        (block, at): (u32, (i32, i32)),
+        (from, until): (Lanes<S>, Lanes<S>),
+        color: [Lanes<S>; 4],
+        scratch: &mut TileScratch<'a>,
+    ) -> [Lanes<S>; 4] {
+        let TileScratch { balls, ball_fragments, .. } = scratch;
+        let lighting = self.tiles.lighting;
+        let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
+        ball_fragments.gather(simd, list, until);
+        let mut balls =
+            BallBlock { simd, list, lighting, factors: self.extras.ball_factors, fragments: ball_fragments };
+        balls.fragments.skip(&from.to_array());
+        let mut composited = Composited::nothing(simd);
+        balls.composite(until, &mut composited);
+        composited.over(color)
     }
 
     /// Calls [`Self::finish`] with these instructions.
@@ -279,28 +368,49 @@ impl<'a> CompositeJob<'a> {
         let (stepped, deep) = self.edges(simd, target, gbuffer, scratch, &mut edges);
         self.draw_over(simd, target, gbuffer, scratch);
         let transparent = self.list_transparent(tile, listing.grid.blocks(tile), &mut scratch.transparent);
+        let balls = list_balls(self.extras.balls, tile, listing.grid.blocks(tile), &mut scratch.balls);
         if stepped != 0 {
             listing.list_some(tile, deep, &mut scratch.lists.splats);
             list_triangles(self.extras.triangles, tile, stepped, &mut scratch.lists.triangles);
         }
         let mut added = i32x16::splat(simd, 0);
-        for block in ones(stepped | transparent).map(|block| block as u32) {
+        for block in ones(stepped | transparent | balls).map(|block| block as u32) {
             let at = listing.grid.block_px(tile, block);
             let mut color = target.color(simd, at);
+            let mut opaque_depth = gbuffer.opaque(simd, tile, block);
             if stepped >> block & 1 != 0 {
                 let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
-                let (behind, edge) = self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
+                let (shaded, mut behind, edge) =
+                    self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
+                if balls >> block & 1 != 0 {
+                    let infinite = Lanes::splat(simd, f32::INFINITY);
+                    let end = Lanes::select(shaded.covered, shaded.z, infinite);
+                    let nearest = Lanes::select(edge, opaque_depth.min(end), opaque_depth);
+                    let range = (opaque_depth.min(end), Lanes::select(edge, end, infinite.zero()));
+                    behind = self.balls_behind(simd, (block, at), range, behind, scratch);
+                    opaque_depth = nearest;
+                }
                 let q = gbuffer.coverage(simd, tile, block);
                 let q = q.min(q.one());
                 for (front, behind) in color.iter_mut().zip(behind) {
                     *front = Lanes::select(edge, q.mul_add(*front, (q.one() - q) * behind), *front);
                 }
             }
+            if balls >> block & 1 != 0 {
+                let mut pixels = Pixels { color, ..target.get(simd, at) };
+                let before = pixels.fragments;
+                let (to, is_transparent) = ((Some(&mut *target), &mut counters), transparent >> block & 1 != 0);
+                self.draw_balls(simd, (block, at), (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
+                added += counts * target.rect.lanes_inside(simd, at);
+                target.put(at, &pixels);
+                continue;
+            }
             if transparent >> block & 1 == 0 {
                 target.put_color(at, color);
                 continue;
             }
-            let layers = self.layers(simd, block, at, gbuffer.opaque(simd, tile, block), scratch, &mut counters);
+            let layers = self.layers(simd, (block, at), opaque_depth, scratch, &mut counters);
             if let Some(steps) = &mut layer_steps {
                 steps.put(tile, block, &layers);
             }
@@ -369,7 +479,7 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the colours of the surfaces behind a block's edges, and the mask of edge pixels. A pixel that a polygon
+    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A pixel that a polygon
     /// covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of candidate pixels, and true
     /// if one of them has a depth threshold.
     #[inline(always)]
@@ -381,7 +491,7 @@ impl<'a> CompositeJob<'a> {
         gbuffer: &GBuffer,
         scratch: &mut TileScratch<'a>,
         counters: &mut Counters,
-    ) -> ([Lanes<S>; 4], mask32x16<S>) {
+    ) -> (Shaded<S>, [Lanes<S>; 4], mask32x16<S>) {
         let (job, lighting) = (&self.tiles, self.tiles.lighting);
         let at = job.listing.grid.block_px(tile, block);
         let threshold = gbuffer.threshold(simd, tile, block);
@@ -421,6 +531,6 @@ impl<'a> CompositeJob<'a> {
             shaded.color = shaded.color * dome.of_block(simd, (at.0 - x, at.1 - y), shaded.z);
         }
         counters.edge_pixels += u64::from(edge.to_bitmask().count_ones());
-        (shaded.over_background(simd, lighting.background_color(), sums.fragments).color, edge)
+        (shaded, shaded.over_background(simd, lighting.background_color(), sums.fragments).color, edge)
     }
 }

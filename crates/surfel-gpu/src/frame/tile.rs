@@ -1,6 +1,7 @@
 //! Data of a frame's tile in addition to the resident scene: visible chunks, splats at the near plane, polygons,
 //! uniforms.
 
+use crate::frame::balls::{MOST_BALLS, TileBalls};
 use crate::frame::culling::{is_outside, may_reach_near};
 use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
@@ -16,7 +17,7 @@ use crate::scene::limits::Limits;
 use crate::scene::segment::{Segment, UploadedScene};
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_model::{ClipPolicy, NO_LABEL};
+use surfel_model::{ClipPolicy, CloudData, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
@@ -90,6 +91,10 @@ pub struct TileData {
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
+    /// Words of the shaders' `balls`, at least one.
+    pub balls: Vec<u32>,
+    /// Object and index of each ball that may touch the tile.
+    ball_members: Vec<[u32; 2]>,
     /// Trained Gaussians; `None` in frames of surfaces.
     pub gaussians: Option<GaussianLists>,
     /// Number of polygons of each mesh.
@@ -226,6 +231,7 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
+        let balls = TileBalls::new(&scene.balls, view, plan, targets);
         let gaussians = None;
         Self {
             targets,
@@ -235,6 +241,8 @@ impl TileData {
             near,
             polygons,
             polygon_count,
+            balls: balls.words,
+            ball_members: balls.members,
             gaussians,
             mesh_polygons,
             planes,
@@ -294,6 +302,14 @@ impl TileData {
     /// # Errors
     /// A message with cause and remedy, if they don't fit.
     pub fn check(&self, limits: Limits) -> Result<(), String> {
+        let balls = 4 * self.balls.len() as u64;
+        if balls > limits.buffer_bytes || self.ball_members.len() >= MOST_BALLS {
+            let (count, most) = (self.ball_members.len(), limits.buffer_bytes);
+            return Err(format!(
+                "{count} balls in view need {balls} bytes, expected at most {most} and {MOST_BALLS} balls; render by \
+                 --region, or choose --backend cpu"
+            ));
+        }
         let bytes = 4 * self.polygons.len() as u64;
         if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
             return Ok(());
@@ -317,20 +333,21 @@ impl TileData {
     /// Returns the splat or polygon of a draw and of its record.
     ///
     /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
-    /// polygons.
+    /// polygons, or −3 for balls.
     pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
         let splat = |[object, i]: [u32; 2]| {
             let uploaded = scene.objects.get(object as usize)?;
-            let data = uploaded.cloud.data();
-            let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
-            let (row, label) = (of(&data.rows).unwrap_or(i), of(&data.labels).unwrap_or(NO_LABEL));
-            Some(Identity { row, object: uploaded.source, label })
+            Some(identity_of(uploaded.cloud.data(), uploaded.source, i))
         };
         let found = match usize::try_from(draw) {
             Ok(draw) => match scene.segments.get(draw) {
                 Some(segment) => segment.members.get(record).and_then(|&i| splat([segment.object, i])),
                 None => self.near.get(draw - scene.segments.len()).and_then(|near| splat(*near.splats.get(record)?)),
             },
+            Err(_) if draw == -3 => self.ball_members.get(record).and_then(|&[object, i]| {
+                let uploaded = scene.balls.get(object as usize)?;
+                Some(identity_of(uploaded.cloud.data(), uploaded.source, i))
+            }),
             Err(_) => {
                 let mut last = 0;
                 let is_own = |count: &u32| {
@@ -356,7 +373,8 @@ impl TileData {
     /// Returns the number of records that the CPU has set up: splats at the near plane, and Gaussians.
     pub fn host_records(&self) -> u32 {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
-        self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians
+        let balls = self.ball_members.len() as u32;
+        self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians + balls
     }
 
     /// Returns the clip variants of the tile's splats. [`Variant::Whole`] is always included, so that every draw has a
@@ -366,6 +384,12 @@ impl TileData {
         let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
         if clipped { vec![Variant::Whole, Variant::Clipped] } else { vec![Variant::Whole] }
     }
+}
+
+/// Returns the identity of a splat of an object, by its index in the object's cloud.
+fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
+    let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
+    Identity { row: of(&data.rows).unwrap_or(i), object, label: of(&data.labels).unwrap_or(NO_LABEL) }
 }
 
 /// Largest gap between two runs that is drawn along with them, in splats: one more draw would cost more than these

@@ -15,6 +15,7 @@ SPLATS = frozenset((
     "max_points",
     "all_points",
     "outliers",
+    "points_as",
     "splats",
     "per_vertex",
     "per_face",

@@ -198,6 +198,22 @@ pub(super) const ROWS: &[Row] = &[
     .affects(Inputs::POINTS, |o| o.outliers != Outliers::Keep)
     .scene("convert.outliers")
     .synonyms(&["denoise", "noise", "remove-outliers", "sor"]),
+    point(Row::text("points-as", "surface|balls|disks|dots[:R]", |o, text| {
+        put(&mut o.render.splats.convert.points_as, values::points_as(text))
+    }))
+    .of(Group::Points, Commands::IMAGES)
+    .keyword(Commands::RENDER)
+    .help(
+        "Draw each point as part of a surface, or as a ball, a disk across its estimated normal or a dot, with radius \
+         R in the file's units or in pixels (balls:0.02, dots:2px).",
+        "By default the radius of balls and disks is half the spacing of the points, and that of dots 1.5px.",
+    )
+    .everyday()
+    .affects(Inputs::POINTS, |o| o.points_as.is_some())
+    .python("str")
+    .scene("convert.points_as")
+    .example("balls:0.02")
+    .synonyms(&["point-style", "points-style", "spheres", "balls", "point-size", "splat-shape"]),
     point(Row::text("lod-error", "PX", |o, text| put(&mut o.render.lod_error, values::positive(text))))
         .of(Group::Points, Commands::DRAWN)
         .help(
