@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 21] = [
+const LAYERS: [(&str, u32); 22] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
