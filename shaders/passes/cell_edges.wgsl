@@ -22,24 +22,30 @@ fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
     return edge;
 }
 
-// Draws the edges of a cell.
-fn draw_edges(cell: vec2u, i: u32, full: bool) {
-    let corner = cell * CELL_SIDE;
-    let own = corner + pixel_in_cell(i);
+// A pixel of the targets, as the pass over edges sees it.
+struct EdgePixel {
+    // Coverage decides how much of what lies behind shows.
+    is_edge: bool,
+    // Reversed depth of the nearest surface; 0 if nothing lies behind it or the pixel is no edge.
+    nearest: f32,
+}
+
+// Returns the edge at a pixel of the targets. Pixels outside of the shaded region have none.
+fn edge_at(own: vec2u) -> EdgePixel {
     let shaded = own - frame.shade_origin_px;
-    let is_shaded = all(frame.shade_origin_px <= own) && all(shaded < frame.shade_size_px);
-    // Reversed depth of the nearest surface of an edge pixel; 0 if nothing lies behind it.
-    var nearest = 0.0;
-    var is_edge = false;
-    if is_shaded {
-        let threshold = edge_threshold_of(own);
-        if threshold.x > 0.0 {
-            is_edge = is_cell_edge(own, threshold);
-            nearest = select(0.0, reversed_depth(threshold.x), is_edge);
-        } else {
-            is_edge = has_cell_surface(own);
-        }
+    if any(own < frame.shade_origin_px) || any(shaded >= frame.shade_size_px) {
+        return EdgePixel(false, 0.0);
     }
+    let threshold = edge_threshold_of(own);
+    if threshold.x <= 0.0 {
+        return EdgePixel(has_cell_surface(own), 0.0);
+    }
+    let is_edge = is_cell_edge(own, threshold);
+    return EdgePixel(is_edge, select(0.0, reversed_depth(threshold.x), is_edge));
+}
+
+// True if any pixel of a cell is an edge. All invocations of the workgroup have to call it.
+fn cell_has_edges(i: u32, is_edge: bool) -> bool {
     if i == 0u {
         atomicStore(&counted_edges, 0u);
     }
@@ -51,18 +57,11 @@ fn draw_edges(cell: vec2u, i: u32, full: bool) {
     if i == 0u {
         edges_of_cell = atomicLoad(&counted_edges);
     }
-    if workgroupUniformLoad(&edges_of_cell) == 0u {
-        return;
-    }
-    let range = pairs_of(cell);
-    clear_cell(i);
-    atomicStore(&sides[i], bitcast<u32>(nearest));
-    let drawn = CellPass(true, full, false, false, true);
-    let limit = find_limit(range, corner, i, drawn);
-    let sums = sum_pixel(range, corner, i, limit, drawn);
-    if !is_edge {
-        return;
-    }
+    return workgroupUniformLoad(&edges_of_cell) > 0u;
+}
+
+// Blends the colour of an edge pixel over what lies behind it.
+fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
     let point = point_of(sums.color, sums.surface, sums.material);
     var behind = frame.background;
     if point.is_there {
@@ -73,10 +72,33 @@ fn draw_edges(cell: vec2u, i: u32, full: bool) {
         behind = vec4f(color, 1.0);
     }
     let q = min(planes[edge_word(EDGE_COVERAGE, own)], 1.0);
+    let shaded = own - frame.shade_origin_px;
     let at = shaded.y * frame.shade_size_px.x + shaded.x;
     let to = frame.color_at + 4u * at;
     let front = vec4f(planes[to], planes[to + 1u], planes[to + 2u], planes[to + 3u]);
     write_color(at, front * q + behind * (1.0 - q));
+}
+
+// Draws the edges of a cell, unless it is dense.
+fn draw_edges(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x > DENSE_PAIRS {
+        return;
+    }
+    let corner = cell * CELL_SIDE;
+    let own = corner + pixel_in_cell(i);
+    let edge = edge_at(own);
+    if !cell_has_edges(i, edge.is_edge) {
+        return;
+    }
+    clear_cell(i);
+    atomicStore(&sides[i], bitcast<u32>(edge.nearest));
+    let drawn = CellPass(true, full, false, false, true);
+    let limit = find_limit(range, corner, i, drawn);
+    let sums = sum_pixel(range, corner, i, limit, drawn);
+    if edge.is_edge {
+        blend_edge(own, sums, full);
+    }
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -88,4 +110,34 @@ fn cell_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_inde
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
     draw_edges(cell.xy, i, true);
+}
+
+// The parts of dense cells, for what lies behind their edges.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, true));
+}
+
+// Draws the edges of a dense cell from its parts.
+fn combine_edges(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    let own = cell * CELL_SIDE + pixel_in_cell(i);
+    if range.y - range.x > DENSE_PAIRS && edge_at(own).is_edge {
+        blend_edge(own, sums_of_parts(range, i, CellPass(true, full, false, false, true)), full);
+    }
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_edges(cell.xy, i, false);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_edges(cell.xy, i, true);
 }

@@ -181,6 +181,9 @@ struct CellSums {
     fragments: f32,
     // Only summed for edges.
     coverage: f32,
+    // Depth and record of the nearest fragment; only found if a plane of indices is requested.
+    nearest_z: f32,
+    nearest: u32,
 }
 
 // Returns the depth of a record's unfiltered splat at a pixel; 0 if it has no fragment there.
@@ -282,8 +285,16 @@ fn is_behind(at: u32, z: f32) -> bool {
     return reversed_depth(z) < bitcast<f32>(atomicLoad(&sides[at]));
 }
 
-// Adds the contribution of record r to the pixel of invocation i.
-fn add_contribution(r: u32, pixel: vec2i, i: u32, limit: CellLimit, drawn: CellPass, sums: ptr<function, CellSums>) {
+// Adds the contribution of record r of the batch that begins with the pair `first` to the pixel of invocation i.
+fn add_contribution(
+    first: u32,
+    r: u32,
+    pixel: vec2i,
+    i: u32,
+    limit: CellLimit,
+    drawn: CellPass,
+    sums: ptr<function, CellSums>,
+) {
     let record = staged_record(r);
     let c = contribution_of(record, pixel);
     if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
@@ -304,6 +315,10 @@ fn add_contribution(r: u32, pixel: vec2i, i: u32, limit: CellLimit, drawn: CellP
         (*sums).material += objects[record.flags >> RECORD_OBJECT].material * c.weight;
     }
     (*sums).fragments += 1.0;
+    if frame.nearest_at != ABSENT && !drawn.behind && c.z < (*sums).nearest_z {
+        (*sums).nearest_z = c.z;
+        (*sums).nearest = pairs_in[first + r].record;
+    }
 }
 
 // Raises the thresholds of a small splat's pixels. Two invocations share the splat's rows.
@@ -564,7 +579,7 @@ fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
 
 fn no_cell_sums() -> CellSums {
     let none = vec4f(0.0, 0.0, 0.0, 0.0);
-    return CellSums(none, none, none, 0.0, 0.0);
+    return CellSums(none, none, none, 0.0, 0.0, frame.empty_depth, 0u);
 }
 
 // The second loop: returns the sums of the invocation's pixel up to its limit, among the pairs of a range.
@@ -591,7 +606,7 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellP
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    add_contribution(r, pixel, i, limit, drawn, &sums);
+                    add_contribution(first, r, pixel, i, limit, drawn, &sums);
                 }
             }
         }
@@ -651,6 +666,15 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) 
     write_planes(at, Surface(vec3f(0.0, 0.0, 0.0), point.normal, point.z, point.weight, point.is_there));
     if frame.fragments_at != ABSENT {
         planes[frame.fragments_at + at] = sums.fragments;
+    }
+    if frame.nearest_at != ABSENT {
+        var found = vec2f(0.0, 0.0);
+        if point.is_there {
+            let place = cell_records[part_at(RECORD_PLACE, sums.nearest)].x;
+            found = vec2f(f32(place / CELL_WORKGROUP + 1u), f32(place % CELL_WORKGROUP));
+        }
+        planes[frame.nearest_at + 2u * at] = found.x;
+        planes[frame.nearest_at + 2u * at + 1u] = found.y;
     }
 }
 
@@ -720,13 +744,13 @@ const DENSE_PAIRS: u32 = 4096u;
 // Maximum number of pairs of a part. Within this many pairs two parts may begin: the last of one dense cell and the
 // first of the next.
 const PART_PAIRS: u32 = 2048u;
-// Words of a part per pixel: its threshold and the threshold's writer, and sums of colours, surface, material, fragments
-// and coverage.
-const PART_WORDS: u32 = 17u;
+// Words of a part per pixel: its threshold and the threshold's writer, sums of colours, surface, material, fragments
+// and coverage, and its nearest fragment.
+const PART_WORDS: u32 = 19u;
 
 // Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
-@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<f32>;
-@group(1) @binding(55) var<storage, read> cell_parts: array<f32>;
+@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<u32>;
+@group(1) @binding(55) var<storage, read> cell_parts: array<u32>;
 
 // A part: its cell and its range of pairs, which is empty if the part doesn't exist.
 struct CellPart {
@@ -768,6 +792,14 @@ fn part_word(part: u32, k: u32, i: u32) -> u32 {
     return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
 }
 
+fn put_part_f32(part: u32, k: u32, i: u32, value: f32) {
+    cell_parts_out[part_word(part, k, i)] = bitcast<u32>(value);
+}
+
+fn part_f32(part: u32, k: u32, i: u32) -> f32 {
+    return bitcast<f32>(cell_parts[part_word(part, k, i)]);
+}
+
 fn corner_of_cell(cell: u32) -> vec2u {
     return vec2u(cell % frame.cell_columns, cell / frame.cell_columns) * CELL_SIDE;
 }
@@ -778,12 +810,23 @@ fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
     if part.range.x == part.range.y {
         return;
     }
+    var nearest = 0.0;
+    if drawn.behind {
+        let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
+        if !cell_has_edges(i, edge.is_edge) {
+            return;
+        }
+        nearest = edge.nearest;
+    }
     clear_cell(i);
+    if drawn.behind {
+        atomicStore(&sides[i], bitcast<u32>(nearest));
+    }
     let limit = limit_by(part.range, corner_of_cell(part.cell), i, drawn);
-    cell_parts_out[part_word(number, 0u, i)] = limit.threshold;
+    put_part_f32(number, 0u, i, limit.threshold);
     if drawn.edges {
-        cell_parts_out[part_word(number, 1u, i)] = limit.writer.x;
-        cell_parts_out[part_word(number, 2u, i)] = limit.writer.y;
+        put_part_f32(number, 1u, i, limit.writer.x);
+        put_part_f32(number, 2u, i, limit.writer.y);
     }
 }
 
@@ -806,20 +849,33 @@ fn sum_part(number: u32, i: u32, drawn: CellPass) {
     let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
     var threshold = 0.0;
     for (var k = 0u; k < parts_of(of_cell); k++) {
-        threshold = max(threshold, cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]);
+        threshold = max(threshold, bitcast<f32>(cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]));
+    }
+    var nearest = 0.0;
+    if drawn.behind {
+        let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
+        if !cell_has_edges(i, edge.is_edge) {
+            return;
+        }
+        nearest = edge.nearest;
     }
     clear_cell(i);
     workgroupBarrier();
+    if drawn.behind {
+        atomicStore(&sides[i], bitcast<u32>(nearest));
+    }
     atomicStore(&thresholds[i], bitcast<u32>(threshold));
     let limit = CellLimit(threshold, 0u, vec2f(0.0, 0.0));
     let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, limit, drawn);
     for (var k = 0u; k < 4u; k++) {
-        cell_parts_out[part_word(number, 3u + k, i)] = sums.color[k];
-        cell_parts_out[part_word(number, 7u + k, i)] = sums.surface[k];
-        cell_parts_out[part_word(number, 11u + k, i)] = sums.material[k];
+        put_part_f32(number, 3u + k, i, sums.color[k]);
+        put_part_f32(number, 7u + k, i, sums.surface[k]);
+        put_part_f32(number, 11u + k, i, sums.material[k]);
     }
-    cell_parts_out[part_word(number, 15u, i)] = sums.fragments;
-    cell_parts_out[part_word(number, 16u, i)] = sums.coverage;
+    put_part_f32(number, 15u, i, sums.fragments);
+    put_part_f32(number, 16u, i, sums.coverage);
+    put_part_f32(number, 17u, i, sums.nearest_z);
+    cell_parts_out[part_word(number, 18u, i)] = sums.nearest;
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
@@ -837,33 +893,50 @@ fn cell_part_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_
     sum_part(workgroup_number(group), i, CellPass(true, false, false, true, false));
 }
 
+// Returns the sums of all parts of a dense cell with the pairs `range`.
+fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
+    var sums = no_cell_sums();
+    for (var k = 0u; k < parts_of(range); k++) {
+        let part = part_number(range, k);
+        for (var c = 0u; c < 4u; c++) {
+            sums.color[c] += part_f32(part, 3u + c, i);
+            sums.surface[c] += part_f32(part, 7u + c, i);
+            sums.material[c] += part_f32(part, 11u + c, i);
+        }
+        sums.fragments += part_f32(part, 15u, i);
+        if drawn.edges {
+            sums.coverage += part_f32(part, 16u, i);
+        }
+        if frame.nearest_at != ABSENT && !drawn.behind {
+            let z = part_f32(part, 17u, i);
+            if z < sums.nearest_z {
+                sums.nearest_z = z;
+                sums.nearest = cell_parts[part_word(part, 18u, i)];
+            }
+        }
+    }
+    return sums;
+}
+
 // Draws a dense cell from its parts.
 fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
     if range.y - range.x <= DENSE_PAIRS {
         return;
     }
-    var sums = no_cell_sums();
     var threshold = 0.0;
     var writer = vec2f(0.0, 0.0);
-    for (var k = 0u; k < parts_of(range); k++) {
-        let part = part_number(range, k);
-        for (var c = 0u; c < 4u; c++) {
-            sums.color[c] += cell_parts[part_word(part, 3u + c, i)];
-            sums.surface[c] += cell_parts[part_word(part, 7u + c, i)];
-            sums.material[c] += cell_parts[part_word(part, 11u + c, i)];
-        }
-        sums.fragments += cell_parts[part_word(part, 15u, i)];
-        let own = cell_parts[part_word(part, 0u, i)];
-        if drawn.edges && own > threshold {
-            threshold = own;
-            writer = vec2f(cell_parts[part_word(part, 1u, i)], cell_parts[part_word(part, 2u, i)]);
-        }
-        if drawn.edges {
-            sums.coverage += cell_parts[part_word(part, 16u, i)];
+    if drawn.edges {
+        for (var k = 0u; k < parts_of(range); k++) {
+            let part = part_number(range, k);
+            let own = part_f32(part, 0u, i);
+            if own > threshold {
+                threshold = own;
+                writer = vec2f(part_f32(part, 1u, i), part_f32(part, 2u, i));
+            }
         }
     }
-    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums, writer, drawn);
+    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums_of_parts(range, i, drawn), writer, drawn);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)

@@ -17,8 +17,10 @@ const CELL_WORKGROUP: u32 = 256u;
 const CELL_ROW: u32 = 32768u;
 // Number of elements that a workgroup scans or sorts.
 const CELL_BLOCK: u32 = 2048u;
-// Size of a record in vec4u.
+// Size of a record in vec4u, and the part that follows if a plane of indices is requested: the splat's place among the
+// invocations of all groups.
 const RECORD_PARTS: u32 = 9u;
+const RECORD_PLACE: u32 = 9u;
 // Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
@@ -257,6 +259,9 @@ fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
         cell_records_out[part_at(6u, at)] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
         cell_records_out[part_at(7u, at)] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
         cell_records_out[part_at(8u, at)] = boxes;
+        if frame.nearest_at != ABSENT {
+            cell_records_out[part_at(RECORD_PLACE, at)] = vec4u(group * CELL_WORKGROUP + i, 0u, 0u, 0u);
+        }
     }
 }
 

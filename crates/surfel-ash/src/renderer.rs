@@ -25,9 +25,7 @@ use surfel_gpu::{
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// Existing Vulkan device of a program.
 pub struct RawDevice {
@@ -304,9 +302,9 @@ impl Renderer {
             }
             CellRoom::count(&counters, stats);
             let planes = targets.readback.words(pixels.planes.floats as usize)?;
-            let nothing = |_, _| Identity::NOTHING;
+            let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
             stats.fragments +=
-                pixels.planes.store(bytemuck::cast_slice(planes), pixels.tile, job.view.region, frame, nothing);
+                pixels.planes.store(bytemuck::cast_slice(planes), pixels.tile, job.view.region, frame, identity);
             count_frame_bytes(targets.key.bytes() + self.cells.bytes(), job.shadow_texels.bytes, stats);
             return Ok(true);
         }

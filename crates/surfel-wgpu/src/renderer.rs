@@ -19,9 +19,7 @@ use surfel_gpu::{
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// Renderer of the wgpu backend.
 pub struct Renderer {
@@ -274,9 +272,9 @@ impl Renderer {
                 }
                 pass_record.add(costs, stats);
                 CellRoom::count(counters, stats);
-                let nothing = |_, _| Identity::NOTHING;
+                let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
                 let planes = bytemuck::cast_slice(planes);
-                stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, nothing);
+                stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
                 None
             })?;
             self.readback = Some(readback);

@@ -5,7 +5,7 @@ use surfel::figure::{Drawing, FigureImage, FigureOptions, FigureRequest, Picture
 use surfel::glam::DVec3;
 use surfel::model::{Colormap, Scene};
 use surfel::request::RenderOptions;
-use surfel::{Backend, Error, NoProgress, Renderer};
+use surfel::{Backend, Error, NoProgress};
 
 /// A folder that is removed when dropped.
 struct Folder(PathBuf);

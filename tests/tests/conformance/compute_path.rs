@@ -9,7 +9,7 @@ use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::{Truth, check_all};
 use surfel_conformance::scenes::{self, Case};
 use surfel_gpu::{CELL_PAIRS, GpuPath};
-use surfel_model::{Cull, Storage};
+use surfel_model::{Cull, EdgeAa, Shader, Storage};
 use surfel_render::{Frame, Planes, Renderer, SceneSummary, Stats, plan};
 
 fn planes() -> Planes {
@@ -36,7 +36,9 @@ fn wall(count: usize, radius: f64, spread: f64, size: [u32; 2]) -> Case {
         Splat::disk(at - DVec3::Z * (0.001 * (i % 5) as f64), DVec3::Z, radius, color)
     };
     let splats: Vec<Splat> = (0..count).map(disk).collect();
-    Case::new("wall", scene(&splats), camera(4.0, 30.0, size))
+    let mut case = Case::new("wall", scene(&splats), camera(4.0, 30.0, size));
+    case.scene.objects[0].material.interior_weight = Some(2.0);
+    case
 }
 
 fn values(frame: &Frame) -> [&[f32]; 4] {
@@ -113,8 +115,60 @@ fn both_paths_draw_the_same_image() {
         let (ours, stats) = drawn_once(&mut cells, case, planes());
         let (theirs, of_raster) = drawn_once(&mut raster, case, planes());
         assert!(is_by_cells(&stats) && !is_by_cells(&of_raster), "{}", case.name);
-        assert_eq!((stats.drawn, stats.fragments), (of_raster.drawn, of_raster.fragments), "{}", case.name);
+        assert_eq!(stats.drawn, of_raster.drawn, "{}", case.name);
+        // Raster hardware also counts fragments behind edges and those of samples.
+        let is_plain = case.settings.edge_aa == EdgeAa::Off;
+        assert!(!is_plain || stats.fragments == of_raster.fragments, "{}", case.name);
         are_alike(&ours, &theirs, &case.name);
+    }
+}
+
+/// Returns a case with every kind of edges.
+fn by_every_edge(case: &Case) -> [Case; 3] {
+    [EdgeAa::Off, EdgeAa::Coverage, EdgeAa::Samples].map(|edge_aa| case.with("edges", |s| s.edge_aa = edge_aa))
+}
+
+/// Shaders that read neighbours do so before edges are blended, and for each sample.
+fn draws_edges_of_every_shader(renderer: &mut impl Renderer) {
+    let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
+    let plain = scenes::sphere_before_plane();
+    for shader in [Shader::Unlit, Shader::Phong, Shader::Toon, Shader::Edl] {
+        let [off, edges @ ..] = by_every_edge(&plain.with("shader", |s| s.shader = shader));
+        let without = drawn_once(renderer, &off, planes()).0;
+        for case in edges {
+            let name = format!("{shader:?} {:?}", case.settings.edge_aa);
+            let (ours, stats) = drawn_once(renderer, &case, planes());
+            assert!(is_by_cells(&stats) && ours.color() != without.color(), "{name}");
+            are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &name);
+        }
+    }
+}
+
+#[test]
+fn edges_of_every_shader_are_antialiased() {
+    with_each!(GpuPath::Compute, draws_edges_of_every_shader);
+}
+
+/// Nearly every cell of samples is active: more than there is room for at first.
+fn draws_again_where_active_cells_do_not_fit(renderer: &mut impl Renderer) {
+    let case = wall(20_000, 0.0016, 1.0, [1040, 1040]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
+    let (first, stats) = drawn_once(renderer, &case, Planes::COLOR);
+    assert!(is_by_cells(&stats));
+    let (again, _) = drawn_once(renderer, &case, Planes::COLOR);
+    assert_eq!(first, again);
+    let mut cpu = surfel_cpu::Renderer::new(Default::default()).unwrap();
+    let theirs = drawn_once(&mut cpu, &case, Planes::COLOR).0;
+    let sampled = |color: &&[f32; 4]| color[3] > 0.0 && color[3] < 1.0;
+    assert!(theirs.color().iter().filter(sampled).count() > 16 * 20_000 / 8);
+    for (a, b) in first.color().as_flattened().iter().zip(theirs.color().as_flattened()) {
+        assert!((a - b).abs() <= 0.07, "{a} {b}");
+    }
+}
+
+#[test]
+fn tile_whose_active_cells_do_not_fit_is_drawn_again() {
+    if let Some(mut ash) = validated_gpu::ash_by(GpuPath::Compute) {
+        draws_again_where_active_cells_do_not_fit(&mut ash);
     }
 }
 
@@ -131,14 +185,14 @@ fn every_run_and_both_backends_have_the_same_bits() {
     sides.scene.objects[0].material.oriented = Some(true);
     sides.scene.objects[0].material.cull = Cull::None;
     // The last case has dense cells.
-    let cases = [scenes::closed_sphere(), sides, wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])];
-    for case in cases {
-        let (first, stats) = drawn_once(&mut ash, &case, planes());
+    let plain = [scenes::closed_sphere(), sides, wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])];
+    for case in plain.iter().flat_map(by_every_edge) {
+        let (first, stats) = drawn_once(&mut ash, &case, planes().with_index(true));
         assert!(is_by_cells(&stats), "{}", case.name);
-        assert_eq!(first, drawn_once(&mut ash, &case, planes()).0, "{}", case.name);
-        let (other, stats) = drawn_once(&mut wgpu, &case, planes());
+        assert_eq!(first, drawn_once(&mut ash, &case, planes().with_index(true)).0, "{}", case.name);
+        let (other, stats) = drawn_once(&mut wgpu, &case, planes().with_index(true));
         assert!(is_by_cells(&stats), "{}", case.name);
-        assert_eq!(other, drawn_once(&mut wgpu, &case, planes()).0, "{}", case.name);
+        assert_eq!(other, drawn_once(&mut wgpu, &case, planes().with_index(true)).0, "{}", case.name);
         assert!(!is_same_device || first == other, "{}", case.name);
     }
     validated_gpu::no_messages();
@@ -148,10 +202,12 @@ fn every_run_and_both_backends_have_the_same_bits() {
 fn draws_dense_cells(renderer: &mut impl Renderer) {
     let Some(mut raster) = validated_gpu::ash_by(GpuPath::Raster) else { return };
     for (count, radius) in [(4000, 0.02), (9000, 0.02), (5000, 0.4)] {
-        let case = wall(count, radius, 0.1, [40, 40]);
-        let (ours, stats) = drawn_once(renderer, &case, planes());
-        assert!(is_by_cells(&stats), "{count}");
-        are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &format!("{count} of {radius}"));
+        for case in by_every_edge(&wall(count, radius, 0.1, [40, 40])) {
+            let (ours, stats) = drawn_once(renderer, &case, planes());
+            let name = format!("{count} of {radius}, {:?}", case.settings.edge_aa);
+            assert!(is_by_cells(&stats), "{name}");
+            are_alike(&ours, &drawn_once(&mut raster, &case, planes()).0, &name);
+        }
     }
 }
 

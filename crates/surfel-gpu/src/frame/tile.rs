@@ -123,6 +123,7 @@ impl TileData {
         let mut cells = CellCounts {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),
             near: data.near.iter().map(NearRecords::count).sum(),
+            has_places: plan.planes.index,
             ..CellCounts::default()
         };
         for segment in &mut data.segments {
@@ -359,6 +360,21 @@ impl TileData {
             }
         };
         found.unwrap_or(Identity::NOTHING)
+    }
+
+    /// Returns the splat of a pixel of the compute path: the n-th of a group of records.
+    pub fn cell_identity(&self, scene: &UploadedScene, group: i32, n: usize) -> Identity {
+        let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
+        let words = layout::cell_chunk::SIZE / 4;
+        for (draw, segment) in (0..).zip(&self.segments) {
+            let chunks = segment.chunks.len() / words;
+            if group < chunks {
+                let first = segment.chunks.get(group * words + layout::cell_chunk::FIRST / 4).copied().unwrap_or(0);
+                return self.identity(scene, draw, first as usize + n);
+            }
+            group -= chunks;
+        }
+        self.identity(scene, self.segments.len() as i32, group * layout::CELL_WORKGROUP as usize + n)
     }
 
     /// Returns the segments that may touch the tile.

@@ -56,8 +56,9 @@ struct RasterEntries {
     /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
     /// oriented splats are separated: their cells are drawn whole.
     of_parts: Option<[&'static str; 3]>,
-    /// Entry point that finds edges and blends them by coverage.
-    edges: Option<&'static str>,
+    /// Entry points that find edges and blend them by coverage: in cells, and for parts of dense cells thresholds, sums,
+    /// and combining the parts.
+    edges: Option<[&'static str; 4]>,
     /// Entry point that draws the samples of edge pixels.
     samples: Option<&'static str>,
 }
@@ -67,7 +68,11 @@ impl RasterEntries {
         let has_surface = plan.attributes.normal || plan.attributes.depth;
         let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
         let (by_coverage, by_samples) = (plan.has(Pass::EdgeAntialiasing), plan.has(Pass::EdgeSamples));
-        let edges = by_coverage.then_some(if is_full { "cell_shadowed_edges" } else { "cell_edges" });
+        let [whole, combined] = match is_full {
+            false => ["cell_edges", "cell_combine_edges"],
+            true => ["cell_shadowed_edges", "cell_combine_shadowed_edges"],
+        };
+        let edges = by_coverage.then_some([whole, "cell_part_edge_thresholds", "cell_part_edges", combined]);
         let samples = by_samples.then_some(match (plan.keeps_facings, is_full) {
             (false, false) => "cell_samples",
             (false, true) => "cell_shadowed_samples",
@@ -164,18 +169,22 @@ pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, 
     if cells.groups() > 0 {
         stages.push(CellStage { name: "sort", steps: sort(cells, room) });
     }
-    let mut raster = vec![CellStep::over_cells(entries.cells, cells)];
-    if let Some([thresholds, sums, combine]) = entries.of_parts.filter(|_| room.parts() > 0 && cells.groups() > 0) {
-        raster.extend([thresholds, sums].map(|entry| CellStep::of(entry, CellRound::Sorted, room.parts())));
-        raster.push(CellStep::over_cells(combine, cells));
-    }
-    stages.push(CellStage { name: "raster", steps: raster });
+    let parts = if cells.groups() > 0 { room.parts() } else { 0 };
+    let over = |whole, of_parts: Option<[&'static str; 3]>| {
+        let mut steps = vec![CellStep::over_cells(whole, cells)];
+        if let Some([thresholds, sums, combine]) = of_parts.filter(|_| parts > 0) {
+            steps.extend([thresholds, sums].map(|entry| CellStep::of(entry, CellRound::Sorted, parts)));
+            steps.push(CellStep::over_cells(combine, cells));
+        }
+        steps
+    };
+    stages.push(CellStage { name: "raster", steps: over(entries.cells, entries.of_parts) });
     if looks_at_neighbours(plan) {
         let steps = vec![CellStep::over_pixels("cell_neighbours", shaded)];
         stages.push(CellStage { name: "shade", steps });
     }
-    if let Some(entry) = entries.edges {
-        stages.push(CellStage { name: "edges", steps: vec![CellStep::over_cells(entry, cells)] });
+    if let Some([whole, thresholds, sums, combine]) = entries.edges {
+        stages.push(CellStage { name: "edges", steps: over(whole, Some([thresholds, sums, combine])) });
     }
     stages
 }
@@ -223,5 +232,113 @@ pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
     let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
     let neighbours = looks_at_neighbours(plan).then_some("cell_neighbours");
     let raster = [cells].into_iter().chain(of_parts.into_iter().flatten());
-    distinct(before.into_iter().chain(raster).chain(neighbours).chain(edges).chain(of_samples))
+    distinct(before.into_iter().chain(raster).chain(neighbours).chain(edges.into_iter().flatten()).chain(of_samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+
+    fn planned(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> FramePlan {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        plan(summary, &view, &settings, Planes::COLOR, &Capabilities::everything("test")).unwrap()
+    }
+
+    fn cells(chunks: &[u32], near: u32, is_of_samples: bool) -> CellCounts {
+        let splats = 256 * u64::from(chunks.iter().sum::<u32>());
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, is_of_samples, has_places: false }
+    }
+
+    fn room(pairs: u32) -> CellRoom {
+        CellRoom { records: 100, pairs, active: 9 }
+    }
+
+    fn names(stages: &[CellStage]) -> Vec<&str> {
+        stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
+    }
+
+    #[test]
+    fn plan_runs_what_it_asks_for_and_no_more() {
+        let plain = SceneSummary::default();
+        let of = |shader| {
+            let plan = planned(&plain, |s| s.shader = shader);
+            let stages = cell_stages(&plan, &cells(&[], 0, false), room(1), [8, 8]);
+            names(&stages)[1..].iter().map(|&name| name.to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(Shader::Unlit), ["cell_colors"]);
+        assert_eq!(of(Shader::Phong), ["cell_surfaces"]);
+        assert_eq!(of(Shader::Toon), ["cell_shadowed_surfaces", "cell_neighbours"]);
+        assert_eq!(of(Shader::Edl), ["cell_surfaces", "cell_neighbours"]);
+        let plan = planned(&plain, |s| s.shader = Shader::Unlit);
+        let of = |cells: &CellCounts, pairs| cell_stages(&plan, cells, room(pairs), [8, 8]);
+        // A tile that no splat touches is only cleared and shaded.
+        assert_eq!(names(&of(&cells(&[0, 0], 0, false), 9999)), ["cell_begin", "cell_colors"]);
+        // With few pairs no cell can be dense.
+        let few = of(&cells(&[3, 0], 0, false), layout::DENSE_PAIRS);
+        let few = names(&few);
+        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
+        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
+        let many = of(&cells(&[3, 2], 7, false), layout::DENSE_PAIRS + 1);
+        let many = names(&many);
+        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
+        assert_eq!(&many[many.len() - 3..], ["cell_part_thresholds", "cell_part_colors", "cell_combine"]);
+        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
+        // A plan without edges has no pass for them.
+        let is_of_edges = |name: &str| name.contains("edge") || name.contains("sample") || name.contains("active");
+        assert!(!cell_entries(&plan).into_iter().any(is_of_edges));
+        assert!(sample_stages(&plan, &cells(&[3], 0, true), room(1), [8, 8]).is_empty());
+    }
+
+    #[test]
+    fn sides_are_kept_apart_only_where_a_plan_does() {
+        let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
+        for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
+        {
+            let entries = cell_entries(&planned(&both, |s| s.shader = shader));
+            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
+            let plan = planned(&SceneSummary::default(), |s| s.shader = shader);
+            assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
+        }
+    }
+
+    #[test]
+    fn edges_add_a_pass_over_cells_and_samples_the_passes_of_a_finer_tile() {
+        let plain = SceneSummary::default();
+        let by = |edge_aa| planned(&plain, |s| s.edge_aa = edge_aa);
+        let (pixels, samples) = (cells(&[3], 0, false), cells(&[3], 0, true));
+        let pairs = layout::DENSE_PAIRS + 1;
+        let coverage = cell_stages(&by(EdgeAa::Coverage), &pixels, room(pairs), [8, 8]);
+        let raster =
+            ["cell_edged_surfaces", "cell_part_edged_thresholds", "cell_part_edged_surfaces", "cell_combine_edged"];
+        let edges = ["cell_edges", "cell_part_edge_thresholds", "cell_part_edges", "cell_combine_edges"];
+        assert_eq!(names(&coverage)[14..], [raster, edges].concat());
+        assert!(sample_stages(&by(EdgeAa::Coverage), &samples, room(pairs), [8, 8]).is_empty());
+        let plan = by(EdgeAa::Samples);
+        assert!(!names(&cell_stages(&plan, &pixels, room(pairs), [8, 8])).contains(&"cell_edges"));
+        let stages = sample_stages(&plan, &samples, room(pairs), [20, 12]);
+        let of_stages: Vec<&str> = stages.iter().map(|stage| stage.name).collect();
+        assert_eq!(of_stages, ["edges", "setup of samples", "sort of samples", EDGE_SAMPLES]);
+        assert_eq!(names(&stages).last(), Some(&"cell_samples"));
+        assert!(names(&stages).iter().all(|name| cell_entries(&plan).contains(name)));
+        // One invocation per pixel, and one workgroup per active cell.
+        assert_eq!(stages[0].steps[1].workgroups, [3, 2]);
+        assert_eq!(stages[3].steps[0].workgroups, [9, 1]);
+        // Samples of a tile that no splat touches are those of the background.
+        let none = sample_stages(&plan, &cells(&[], 0, true), room(pairs), [20, 12]);
+        assert_eq!(none.iter().map(|stage| stage.name).collect::<Vec<_>>(), ["edges", EDGE_SAMPLES]);
+    }
+
+    #[test]
+    fn workgroups_are_within_the_limits_of_a_dispatch() {
+        for count in [1, 32_768, 32_769, 10_000_000] {
+            let [x, y] = grid(count);
+            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
+        }
+    }
 }

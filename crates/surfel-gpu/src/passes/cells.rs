@@ -1,8 +1,9 @@
 //! Compute path: draws opaque splats by compute shaders, without raster hardware. This module decides which frames it
 //! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm.
 
+use crate::passes::memory::add_counter;
 use crate::scene::limits::Limits;
-use surfel_model::{Accumulate, ClipPolicy};
+use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
@@ -23,26 +24,28 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw a plan's frames. They draw frames of opaque, unclipped splats whose sums are f32.
+    /// True if compute shaders draw a plan's frames. They draw frames of opaque, unclipped splats, and always sum in f32.
     ///
-    /// Clipped or transparent splats, polygons, trained Gaussians, the plane of indices and the shadow maps themselves
-    /// need raster hardware.
+    /// Clipped or transparent splats, polygons, trained Gaussians and the shadow maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
-            use Pass::{Attributes, EdgeAntialiasing, EdgeSamples, EyeDome, Outlines, Shade, ShadowMap, Visibility};
-            let is_of_splats = matches!(pass, ShadowMap | Visibility | Attributes | Shade);
+            use Pass::{
+                Attributes, EdgeAntialiasing, EdgeSamples, EyeDome, Nearest, Outlines, Shade, ShadowMap, Visibility,
+            };
+            let is_of_splats = matches!(pass, ShadowMap | Visibility | Attributes | Nearest | Shade);
             is_of_splats || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
         let is_whole = plan.clip == ClipPolicy::Off && !plan.separates_transparent;
-        let is_exact = plan.accumulate == Accumulate::F32;
-        let has_only_these = plan.passes.iter().all(is_drawn) && !plan.planes.index;
-        self != Self::Raster && has_splats && is_whole && is_exact && has_only_these
+        self != Self::Raster && has_splats && is_whole && plan.passes.iter().all(is_drawn)
     }
 }
 
-/// Name of the counter of pairs of a splat and a cell that the compute path drew.
+/// Name of the counter of pairs of a splat and a cell that the compute path drew, without those of samples.
 pub const CELL_PAIRS: &str = "cell_pairs";
+
+/// Names of the counters of active cells of samples, and of the pairs of a splat and such a cell.
+const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 
 /// Round of the compute path. Some passes run several times in a tile; the round selects their bindings and uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -123,7 +126,7 @@ impl CellBuffer {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
         let digits = DIGITS * blocks(u64::from(room.pairs));
         match self {
-            Self::Records => room.record_bytes(),
+            Self::Records => room.record_bytes(cells),
             Self::Groups => 4 * u64::from(1 + layout::GROUP_WORDS) * u64::from(cells.groups()),
             Self::Counters => COUNTER_BYTES,
             Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
@@ -225,6 +228,8 @@ pub struct CellCounts {
     pub near: u32,
     /// True for a tile of samples: only its active cells have pairs.
     pub is_of_samples: bool,
+    /// True if records store their splat's place, for a plane of indices.
+    pub has_places: bool,
 }
 
 impl CellCounts {
@@ -352,11 +357,14 @@ impl CellRoom {
     /// Adds the records and pairs that were drawn to the statistics. `counters` are the words of
     /// [`CellBuffer::Counters`]. Records of samples don't count: their splats were drawn before.
     pub fn count(counters: &[u32], stats: &mut Stats) {
-        stats.drawn += of_tiles(counters).next().unwrap_or_default().records;
-        let pairs = of_tiles(counters).map(|needs| needs.pairs as f64).sum();
-        match stats.counters.iter_mut().find(|counter| counter.0 == CELL_PAIRS) {
-            Some(counter) => counter.1 += pairs,
-            None => stats.counters.push((CELL_PAIRS, pairs)),
+        let mut tiles = of_tiles(counters);
+        let pixels = tiles.next().unwrap_or_default();
+        stats.drawn += pixels.records;
+        add_counter(CELL_PAIRS, pixels.pairs as f64, stats);
+        for samples in tiles {
+            let [cells, pairs] = OF_SAMPLES;
+            add_counter(cells, samples.active as f64, stats);
+            add_counter(pairs, samples.pairs as f64, stats);
         }
     }
 
@@ -383,12 +391,13 @@ impl CellRoom {
         let (records, pairs) = (needs.records.try_into().ok()?, needs.pairs.try_into().ok()?);
         let room = Self { records, pairs, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
-        let of_pairs = all.iter().map(|cells| room.pair_bytes(cells)).max().unwrap_or(0);
-        (room.record_bytes().max(of_pairs).max(room.part_bytes()) <= most).then_some(room)
+        let of_tiles = all.iter().map(|cells| room.pair_bytes(cells).max(room.record_bytes(cells))).max();
+        (of_tiles.unwrap_or(0).max(room.part_bytes()) <= most).then_some(room)
     }
 
-    fn record_bytes(self) -> u64 {
-        layout::record::SIZE as u64 * u64::from(self.records)
+    fn record_bytes(self, cells: &CellCounts) -> u64 {
+        let place = if cells.has_places { 16 } else { 0 };
+        (layout::record::SIZE as u64 + place) * u64::from(self.records)
     }
 
     /// Returns the number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
@@ -409,7 +418,8 @@ impl CellRoom {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use crate::passes::cell_stages::is_cell_entry;
+    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Shader};
     use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
     use surfel_shaders::{BindingKind, ENTRIES};
 
@@ -423,7 +433,8 @@ mod tests {
     }
 
     fn cells(chunks: &[u32], near: u32) -> CellCounts {
-        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats: 256 * u64::from(chunks.iter().sum::<u32>()), near }
+        let splats = 256 * u64::from(chunks.iter().sum::<u32>());
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, ..CellCounts::default() }
     }
 
     #[test]
@@ -433,6 +444,10 @@ mod tests {
             let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
             let drawn = [GpuPath::Auto, GpuPath::Compute, GpuPath::Raster].map(|path| path.draws_cells(&plan));
             assert_eq!(drawn, [true, true, false], "{shader:?}");
+            for edge_aa in [EdgeAa::Coverage, EdgeAa::Samples] {
+                let plan = planned(&plain, Planes::ALL, |s| (s.shader, s.edge_aa) = (shader, edge_aa));
+                assert!(GpuPath::Auto.draws_cells(&plan), "{shader:?} {edge_aa:?}");
+            }
         }
         let with = |change: fn(&mut SceneSummary)| {
             let mut summary = SceneSummary::default();
@@ -446,14 +461,13 @@ mod tests {
             planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
                 s.transparency = "peel:2".parse().unwrap();
             }),
-            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Coverage),
-            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Samples),
-            planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16),
-            planned(&plain, Planes::COLOR.with_index(true), |_| ()),
         ];
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
         }
+        // Sums are in f32 whatever the settings permit.
+        assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16)));
+        assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::ALL.with_index(true), |_| ())));
         // With clipping and transparency disabled, all splats are opaque and unclipped.
         let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
             s.clip = ClipPolicy::Off;
@@ -463,89 +477,55 @@ mod tests {
     }
 
     #[test]
-    fn plan_runs_what_it_asks_for_and_no_more() {
-        let plain = SceneSummary::default();
-        let of = |shader| {
-            let plan = planned(&plain, Planes::COLOR, |s| s.shader = shader);
-            (RasterEntries::of(&plan).cells, pixel_passes_after_cells(&plan))
-        };
-        assert_eq!(of(Shader::Unlit), ("cell_colors", vec![]));
-        assert_eq!(of(Shader::Phong), ("cell_surfaces", vec![]));
-        assert_eq!(of(Shader::Toon), ("cell_shadowed_surfaces", vec![PixelPass::CellNeighbours]));
-        assert_eq!(of(Shader::Edl), ("cell_surfaces", vec![PixelPass::CellNeighbours]));
-        let plan = planned(&plain, Planes::COLOR, |s| s.shader = Shader::Unlit);
-        let names = |cells: &CellCounts, pairs| -> Vec<&str> {
-            let stages = cell_stages(&plan, cells, CellRoom { records: 100, pairs });
-            stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
-        };
-        // A tile that no splat touches is only cleared and shaded.
-        assert_eq!(names(&cells(&[0, 0], 0), 9999), ["cell_begin", "cell_colors"]);
-        // With few pairs no cell can be dense.
-        let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
-        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
-        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
-        let many = names(&cells(&[3, 2], 7), layout::DENSE_PAIRS + 1);
-        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
-        assert_eq!(&many[many.len() - 3..], ["cell_part_thresholds", "cell_part_colors", "cell_combine"]);
-        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
-    }
-
-    #[test]
-    fn sides_are_kept_apart_only_where_a_plan_does() {
-        let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
-        for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
-        {
-            let plan = planned(&both, Planes::COLOR, |s| s.shader = shader);
-            assert!(GpuPath::Auto.draws_cells(&plan));
-            let entries = cell_entries(&plan);
-            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
-            let plan = planned(&SceneSummary::default(), Planes::COLOR, |s| s.shader = shader);
-            assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
-        }
-    }
-
-    #[test]
     fn passes_bind_what_every_device_has() {
-        for entry in ENTRIES.iter().filter(|entry| entry.name.starts_with("cell_")) {
+        for entry in ENTRIES.iter().filter(|entry| is_cell_entry(entry.name)) {
             let storage = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
             let buffers = entry.bindings.iter().filter(|binding| storage(binding.kind)).count();
             assert!(buffers <= 8, "{} binds {buffers} storage buffers", entry.name);
             let invocations: u32 = entry.workgroup.iter().product();
             assert!(invocations <= 256, "{}", entry.name);
-            if entry.name == PixelPass::CellNeighbours.entry() {
-                continue;
-            }
             for binding in entry.bindings.iter().filter(|binding| binding.group == 1) {
                 for round in CellRound::ALL {
                     assert!(CellBinding::of(binding.binding, round).is_some(), "{} {binding:?}", entry.name);
                 }
             }
         }
-        for count in [1, 32_768, 32_769, 10_000_000] {
-            let [x, y] = grid(count);
-            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
-        }
     }
 
     #[test]
     fn digits_tell_all_cells_apart() {
+        let tell_apart = |counts: &CellCounts, room, cells: u32| {
+            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(counts, room));
+            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{counts:?}");
+            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(cells), "{counts:?}");
+            assert!(low[2].max(high[2]) <= DIGITS as u32, "{counts:?}");
+        };
         for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
             let counts = CellCounts { size, ..CellCounts::default() };
-            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(&counts));
-            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{size:?}");
-            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(counts.cells()), "{size:?}");
-            assert!(low[2].max(high[2]) <= DIGITS as u32, "{size:?}");
+            tell_apart(&counts, CellRoom { records: 1, pairs: 1, active: 0 }, counts.cells());
         }
         assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
+        // Only the active cells of samples are numbered.
+        let samples = CellCounts { size: [256, 256], is_of_samples: true, ..CellCounts::default() };
+        for active in [1, 100, 1 << 16] {
+            tell_apart(&samples, CellRoom { records: 1, pairs: 1, active }, active);
+        }
     }
 
     #[test]
     fn room_grows_to_what_is_needed_or_is_refused() {
-        let (counts, all) = (cells(&[4], 3), Limits::default());
-        let room = CellRoom::estimate(&counts, all).unwrap();
-        assert_eq!(room.records, 4 * 256 + 3);
-        assert!(room.holds(&[room.records, room.pairs]) && !room.holds(&[room.records + 1, 0]));
-        let needed = [room.records, 40_000_000];
+        let (counts, all) = ([cells(&[4], 3)], Limits::default());
+        let room = CellRoom::start(None, &counts, all).unwrap();
+        assert_eq!((room.records, room.active), (4 * 256 + 3, 0));
+        let counters = |records, pairs, active| {
+            let mut words = vec![0; layout::cell_counters::SIZE / 4];
+            words[layout::cell_counters::RECORDS / 4] = records;
+            words[layout::cell_counters::PAIRS / 4] = pairs;
+            words[layout::cell_counters::ACTIVE_CELLS / 4] = active;
+            words
+        };
+        assert!(room.holds(&counters(room.records, room.pairs, 0)) && !room.holds(&counters(room.records + 1, 0, 0)));
+        let needed = counters(room.records, 40_000_000, 0);
         assert!(!room.holds(&needed));
         let grown = room.grown(&needed, &counts, all).unwrap();
         assert!(grown.holds(&needed) && grown.records >= room.records);
@@ -554,12 +534,25 @@ mod tests {
         let little = Limits { cell_bytes: 1 << 20, ..all };
         assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
         assert_eq!(room.grown(&needed, &counts, little), None);
-        assert_eq!(CellRoom::estimate(&counts, Limits { cell_bytes: 1000, ..all }), None);
+        assert_eq!(CellRoom::start(None, &counts, Limits { cell_bytes: 1000, ..all }), None);
         // The count of pairs overflows.
-        assert_eq!(room.grown(&[1, u32::MAX], &counts, all), None);
+        assert_eq!(room.grown(&counters(1, u32::MAX, 0), &counts, all), None);
         for buffer in CellBuffer::ALL {
             let [less, more] = [room, grown].map(|room| buffer.bytes(&counts, room));
             assert!(less <= more, "{buffer:?}");
         }
+        // Samples need room for active cells: at first for some, later for as many as there are.
+        let samples = CellCounts { size: [256, 200], is_of_samples: true, ..cells(&[4], 3) };
+        let counts = [cells(&[4], 3), samples];
+        let room = CellRoom::start(Some(grown), &counts, all).unwrap();
+        assert_eq!(room, CellRoom { active: FIRST_ACTIVE, ..grown });
+        let needed = [counters(5, 6, 0), counters(7, 8, FIRST_ACTIVE + 1)].concat();
+        assert!(!room.holds(&needed));
+        let more = room.grown(&needed, &counts, all).unwrap();
+        assert!(more.holds(&needed) && more.active <= 256 * 200);
+        let mut stats = Stats::default();
+        CellRoom::count(&needed, &mut stats);
+        let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
+        assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
     }
 }
