@@ -32,7 +32,8 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         eprintln!("error: {} can't be written: {why}", folder.display());
         return Tested::Failed;
     }
-    if full && !runs(Command::new("npm").args(["install", "--silent", "--no-audit", "--no-fund"]).current_dir(&folder)) {
+    if full && !runs(Command::new("npm").args(["install", "--silent", "--no-audit", "--no-fund"]).current_dir(&folder))
+    {
         return Tested::Skipped("npm could not install playwright-core and axe-core".to_owned());
     }
     if !folder.join("node_modules").is_dir() {

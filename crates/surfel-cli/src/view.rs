@@ -30,14 +30,8 @@ pub(crate) fn run(
     }
     let bytes = if args.inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
     let flags = given.into_iter().filter(|(name, _)| !OF_SERVER.contains(&name.as_str())).collect();
-    let config = Config {
-        inputs: args.inputs.clone(),
-        stdin: bytes,
-        flags,
-        host: args.host.clone(),
-        port: args.port,
-        threads,
-    };
+    let config =
+        Config { inputs: args.inputs.clone(), stdin: bytes, flags, host: args.host.clone(), port: args.port, threads };
     let viewer = Viewer::bind(config).map_err(Failure::other)?;
     let url = viewer.url();
     stdout::result(format!("{url}\n").as_bytes())?;

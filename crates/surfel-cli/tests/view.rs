@@ -22,7 +22,10 @@ struct Server {
 impl Server {
     fn start(folder: &Folder, words: &str) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_surfel"));
-        command.current_dir(folder.path()).args(["view", "--no-open", "--backend", "cpu"]).args(words.split_whitespace());
+        command
+            .current_dir(folder.path())
+            .args(["view", "--no-open", "--backend", "cpu"])
+            .args(words.split_whitespace());
         let mut child = command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::null()).spawn().unwrap();
         let mut line = String::new();
         BufReader::new(child.stdout.take().unwrap()).read_line(&mut line).unwrap();
@@ -231,8 +234,7 @@ fn picks_name_the_row_and_compared_states_have_a_difference() {
     unlit["shader"] = json!("unlit");
     let (other, _) = client.ask(&compare(4, unlit));
     assert!(other["max_abs"].as_f64().unwrap() > 0.01 && other["frame_ms"][1].as_f64().unwrap() > 0.0, "{other}");
-    let (saved, png) =
-        client.ask(&json!({ "do": "save", "id": 5, "state": state, "size": [300, 200] }));
+    let (saved, png) = client.ask(&json!({ "do": "save", "id": 5, "state": state, "size": [300, 200] }));
     assert_eq!(saved["do"], "saved");
     f.write("saved.png", png);
     let image = f.image("saved.png");
@@ -291,7 +293,8 @@ fn only_own_pages_with_the_token_are_answered() {
     let opened = server.get(&format!("/?token={}", server.token), "");
     assert!(status(&opened) == "303" && opened.contains("HttpOnly; SameSite=Strict"), "{opened}");
     assert!(opened.contains("Location: /\r\n"), "{opened}");
-    for (target, headers) in [("/", ""), ("/view.js", ""), ("/?token=", ""), ("/?token=0123456789abcdef0123456789abcdef", "")]
+    for (target, headers) in
+        [("/", ""), ("/view.js", ""), ("/?token=", ""), ("/?token=0123456789abcdef0123456789abcdef", "")]
     {
         let response = server.get(target, headers);
         assert!(status(&response) == "403" && !response.contains(&server.token), "{target}: {response}");

@@ -107,7 +107,16 @@ impl Artist {
         let options = BackendOptions::default().with_threads(config.threads).with_adapter(flag("adapter"));
         let backend_options = options.with_quantised(flag("storage").as_deref() == Some("16"));
         let stdin = config.stdin.clone();
-        Self { hub, fixed, initial, stdin, backend_options, sessions: Vec::new(), bytes: Vec::new(), deferred: Vec::new() }
+        Self {
+            hub,
+            fixed,
+            initial,
+            stdin,
+            backend_options,
+            sessions: Vec::new(),
+            bytes: Vec::new(),
+            deferred: Vec::new(),
+        }
     }
 
     /// Loads the scene, and answers requests until the program ends.
@@ -279,7 +288,8 @@ impl Artist {
         let stats = session.draw(render, Planes::RGBA8).map_err(text)?;
         let metadata = if *no_metadata { Vec::new() } else { metadata_of(session, &asked.options, *quantised)? };
         let options = PngOptions { metadata, ..PngOptions::default() };
-        write_png(&mut bytes, &session.frame().planes(), &options).map_err(|e| format!("can't encode the image: {e}"))?;
+        write_png(&mut bytes, &session.frame().planes(), &options)
+            .map_err(|e| format!("can't encode the image: {e}"))?;
         let png = bytes.clone();
         self.bytes = bytes;
         Ok((png, stats))
@@ -300,7 +310,8 @@ impl Artist {
         bytes.clear();
         let options = JpegOptions { quality: JPEG_QUALITY, background: [r, g, b] };
         let session = self.session(&asked.key)?;
-        write_jpeg(&mut bytes, &session.frame().planes(), &options).map_err(|e| format!("can't encode the image: {e}"))?;
+        write_jpeg(&mut bytes, &session.frame().planes(), &options)
+            .map_err(|e| format!("can't encode the image: {e}"))?;
         let header = json!({
             "do": "image", "id": asked.id, "layer": asked.layer, "moving": true, "type": "image/jpeg",
             "size": asked.size, "camera": camera, "frame_ms": stats.frame_ms, "drawn": stats.drawn,
@@ -390,7 +401,8 @@ impl Artist {
             let linear = |c: u8| surfel::math::srgb::decode(f64::from(c) / 255.0) as f32;
             let colors: Vec<[f32; 4]> =
                 map.to_magma().into_iter().map(|[r, g, b]| [linear(r), linear(g), linear(b), 1.0]).collect();
-            let view = PlanesView { width: map.width, height: map.height, color: Some(&colors), ..PlanesView::default() };
+            let view =
+                PlanesView { width: map.width, height: map.height, color: Some(&colors), ..PlanesView::default() };
             write_png(&mut bytes, &view, &PngOptions::default()).map_err(|e| e.to_string())?;
         }
         let header = json!({

@@ -64,7 +64,8 @@ fn is_loopback_host(host: &str) -> bool {
         Some(_) if !host.ends_with(']') => return false,
         _ => host,
     };
-    name.eq_ignore_ascii_case("localhost") || loopback_address(name.trim_start_matches('[').trim_end_matches(']')).is_some()
+    name.eq_ignore_ascii_case("localhost")
+        || loopback_address(name.trim_start_matches('[').trim_end_matches(']')).is_some()
 }
 
 /// Returns the address that a host's name means, if it is this machine's own.
@@ -84,7 +85,9 @@ mod tests {
         for host in ["localhost", "LocalHost:1", "127.0.0.1:8080", "127.0.0.1", "[::1]", "[::1]:99"] {
             assert!(is_loopback_host(host), "{host}");
         }
-        for host in ["", "evil.example", "127.0.0.1.evil.example:80", "localhost.evil", "10.0.0.1:80", "0.0.0.0", "::1:x"] {
+        for host in
+            ["", "evil.example", "127.0.0.1.evil.example:80", "localhost.evil", "10.0.0.1:80", "0.0.0.0", "::1:x"]
+        {
             assert!(!is_loopback_host(host), "{host}");
         }
     }

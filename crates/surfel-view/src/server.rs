@@ -10,8 +10,8 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
-use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 use tungstenite::Message;
+use tungstenite::protocol::{Role, WebSocket, WebSocketConfig};
 
 /// Largest number of connections at once; others are refused.
 const MAX_CONNECTIONS: usize = 48;
@@ -214,7 +214,8 @@ fn read(stream: TcpStream, rest: Vec<u8>, shared: &Shared, (id, outbox): (u64, &
     let mut pace = Pace::new(MAX_MESSAGES);
     loop {
         pace.wait();
-        let refuse = |problem: &str| outbox.push(Outgoing::Text(json!({ "do": "error", "message": problem }).to_string()));
+        let refuse =
+            |problem: &str| outbox.push(Outgoing::Text(json!({ "do": "error", "message": problem }).to_string()));
         match socket.read() {
             Ok(Message::Text(text)) => match serde_json::from_str::<Value>(&text) {
                 Ok(request) if request.is_object() => {

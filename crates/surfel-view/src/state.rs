@@ -104,7 +104,11 @@ pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -
 /// Quotes a word for a POSIX shell if it needs quotes.
 fn quoted(word: &str) -> String {
     let is_plain = |c: char| c.is_ascii_alphanumeric() || "-_./,:+=@%".contains(c);
-    if !word.is_empty() && word.chars().all(is_plain) { word.to_owned() } else { format!("'{}'", word.replace('\'', r"'\''")) }
+    if !word.is_empty() && word.chars().all(is_plain) {
+        word.to_owned()
+    } else {
+        format!("'{}'", word.replace('\'', r"'\''"))
+    }
 }
 
 /// Returns the Python program that writes the image of a state.
@@ -190,8 +194,14 @@ mod tests {
                         --shadows --target 0,0,0 --where 'z<5' --where 'intensity>3' --size 64x48 -o view.png";
         assert_eq!(command, expected);
         let python = python(&fixed(), &state, [64, 48]).unwrap();
-        for line in ["surfel.open(\"a b.ply\").render(", "eye=(1,2,-3),", "shadows=True,", "cutoff=2.5,",
-                     "where=[\"z<5\", \"intensity>3\"],", "color_by=\"height\","] {
+        for line in [
+            "surfel.open(\"a b.ply\").render(",
+            "eye=(1,2,-3),",
+            "shadows=True,",
+            "cutoff=2.5,",
+            "where=[\"z<5\", \"intensity>3\"],",
+            "color_by=\"height\",",
+        ] {
             assert!(python.contains(line), "{line}: {python}");
         }
         assert!(!python.contains("view=") && !python.contains("ortho="));

@@ -7,8 +7,8 @@ use crate::auto::scene_by;
 use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
 use crate::coloring::{ColorScale, Coloring};
-use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::estimates::Estimates;
+use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
 use crate::lights::Lighting;
@@ -224,7 +224,19 @@ impl Request {
                 let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
                 let level_store = Arc::default();
                 let (scene, has_unused_lights) = (None, false);
-                Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store, has_rows: false, estimates: Arc::default() })
+                Ok(Self {
+                    options,
+                    pictures,
+                    camera,
+                    settings,
+                    objects,
+                    base,
+                    scene,
+                    has_unused_lights,
+                    level_store,
+                    has_rows: false,
+                    estimates: Arc::default(),
+                })
             }
         }
     }
@@ -257,7 +269,19 @@ impl Request {
         let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
         let level_store = Arc::default();
         let camera = given;
-        Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store, has_rows: false, estimates: Arc::default() })
+        Ok(Self {
+            options,
+            pictures,
+            camera,
+            settings,
+            objects,
+            base,
+            scene,
+            has_unused_lights,
+            level_store,
+            has_rows: false,
+            estimates: Arc::default(),
+        })
     }
 
     /// Shares a cache of files with levels of detail between successive requests.
