@@ -3,7 +3,7 @@
 use crate::attributes::{class_counts, classes, column};
 use crate::backend::Chosen;
 use crate::camera;
-use crate::coloring::{ColorScale, Coloring};
+use crate::coloring::{Category, ColorScale, Coloring};
 use crate::estimates::Estimates;
 use crate::framing::{self, ViewAxes};
 use crate::metadata::{self, Input};
@@ -206,8 +206,8 @@ impl Session {
         Ok(if has_levels { request } else { request.with_rows() })
     }
 
-    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points. Returns the loader of
-    /// all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown; [`Session::show`] then
+    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points. Returns the loader
+    /// of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown; [`Session::show`] then
     /// loads the files.
     ///
     /// # Errors
@@ -421,8 +421,8 @@ impl Session {
         Ok(loaded.hashes.clone().unwrap_or_default())
     }
 
-    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes, and
-    /// the legend of its colours. The value is the same until other files or points are loaded.
+    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes,
+    /// and the legend of its colours. The value is the same until other files or points are loaded.
     pub fn description(&mut self) -> Value {
         let Some(loaded) = self.loaded.first_mut() else { return Value::Null };
         if loaded.description.is_null() {
@@ -611,7 +611,10 @@ fn legend(Coloring { attribute, scale }: &Coloring) -> Option<Value> {
             Some(json!({ "attribute": attribute, "map": map.name(), "range": range, "colors": colors }))
         }
         ColorScale::Categories(all) => {
-            let entry = |c: &crate::coloring::Category| json!({ "value": c.value, "name": c.name, "color": hex(c.color), "count": c.count });
+            let entry = |c: &Category| {
+                let (value, name, color, count) = (c.value, c.name, hex(c.color), c.count);
+                json!({ "value": value, "name": name, "color": color, "count": count })
+            };
             Some(json!({ "attribute": attribute, "categories": all.iter().map(entry).collect::<Vec<_>>() }))
         }
     }
