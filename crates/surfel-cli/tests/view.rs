@@ -47,7 +47,8 @@ impl Server {
         stream
     }
 
-    /// Sends a request's head, and returns the whole response. A server that refuses a head may close before it is sent.
+    /// Sends a request's head, and returns the whole response. A server that refuses a head may close the connection
+    /// before all is sent.
     fn raw(&self, head: &str) -> String {
         let mut stream = self.connect();
         let _ = stream.write_all(head.as_bytes());
@@ -222,8 +223,8 @@ fn picks_name_the_row_and_compared_states_have_a_difference() {
     let position: Vec<f64> = serde_json::from_value(picked["position"].clone()).unwrap();
     let off = (position[0] - 3.0).abs().max((position[1] - 3.0).abs()).max((position[2] - z).abs());
     assert!(off < 0.02, "{picked}");
-    let nothing = json!({ "do": "pick", "id": 2, "state": { "eye": "0,0,99", "target": "0,0,100", "camera-up": "0,1,0" },
-                          "size": [161, 121], "at": [80, 60] });
+    let away = json!({ "eye": "0,0,99", "target": "0,0,100", "camera-up": "0,1,0" });
+    let nothing = json!({ "do": "pick", "id": 2, "state": away, "size": [161, 121], "at": [80, 60] });
     assert_eq!(client.ask(&nothing).0["picked"], Value::Null);
 
     let compare = |id: u64, b: Value| json!({ "do": "compare", "id": id, "a": state, "b": b, "size": [64, 48] });

@@ -25,6 +25,8 @@ const turned = (v, axis, angle) => {
 /** Ten digits are enough for map coordinates, and the same text gives the same image. */
 const text = (v) => v.map((x) => Number(x.toPrecision(10))).join(',');
 const short = (x) => Number(x.toPrecision(7)).toString();
+/** Coordinates of maps have seven digits before the point. */
+const coordinate = (x) => Number(x.toPrecision(11)).toString();
 
 // ---------------------------------------------------------------- state
 const VIEWS = ['auto', 'iso', 'front', 'back', 'left', 'right', 'top', 'bottom'];
@@ -386,7 +388,9 @@ function upright() {
 
 function toggleParallel() {
   const changes = Object.fromEntries(['fov-y', 'ortho-height'].map((key) => [key, undefined]));
-  if (state.ortho === 'on' || isParallel()) return set({ ...changes, ortho: undefined });
+  if (state.ortho === 'on') return set({ ...changes, ortho: undefined });
+  // The camera of a scene file has a parallel projection of its own.
+  if (isParallel()) return set({ ...changes, 'fov-y': '35' });
   const height = camera && unitsPerPixel() * $('stage').clientHeight;
   set({ ...changes, ortho: 'on', 'ortho-height': state.eye && height ? short(height) : undefined });
 }
@@ -526,7 +530,7 @@ async function pick(x, y) {
 function showPicks() {
   const list = (entries) => make('dl', {}, ...entries.flatMap(([name, value]) => [make('dt', {}, name), make('dd', {}, value)]));
   const blocks = picks.map((picked, i) => {
-    const entries = [[`Position ${'AB'[i]}`, picked.position.map(short).join(', ')], ['Normal', picked.normal.map((x) => x.toFixed(3)).join(', ')]];
+    const entries = [[`Position ${'AB'[i]}`, picked.position.map(coordinate).join(', ')], ['Normal', picked.normal.map((x) => x.toFixed(3)).join(', ')]];
     if (picked.input) entries.push(['File', picked.input]);
     if (picked.row !== null) entries.push(['Row', String(picked.row)]);
     return list([...entries, ...Object.entries(picked.values).map(([name, value]) => [name, short(value)])]);
@@ -688,8 +692,10 @@ function hiddenClasses() {
 let knownClasses = null; // classes of the whole file: those that are hidden aren't loaded
 function showClasses() {
   if (scene?.classes && !state.classes) knownClasses = scene.classes;
-  const all = knownClasses ?? scene?.classes ?? [];
+  const known = knownClasses ?? scene?.classes ?? [];
   const hidden = hiddenClasses();
+  const others = [...hidden].filter((number) => known.every((entry) => entry.class !== number));
+  const all = [...known, ...others.map((number) => ({ class: number, name: '', count: null }))].sort((a, b) => a.class - b.class);
   const boxes = all.map(({ class: number, name, count }) => {
     const box = make('input', { type: 'checkbox', checked: !hidden.has(number) });
     box.onchange = () => {
@@ -697,7 +703,7 @@ function showClasses() {
       if (box.checked) now.delete(number); else now.add(number);
       set({ classes: now.size ? `!${[...now].join(',')}` : undefined });
     };
-    return make('label', {}, box, `${number} ${name} (${count.toLocaleString('en')})`);
+    return make('label', {}, box, `${number} ${name} (${count === null ? 'hidden' : count.toLocaleString('en')})`);
   });
   const focused = [...$('classes').querySelectorAll('input')].indexOf(document.activeElement);
   $('classes').replaceChildren($('classes').firstElementChild, ...boxes);

@@ -114,7 +114,8 @@ const SAFETY: &str = "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff
 pub(crate) fn respond(stream: &mut TcpStream, status: &str, kind: &str, more: &str, body: &[u8]) -> io::Result<()> {
     let length = body.len();
     let head = format!(
-        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\nConnection: close\r\n{SAFETY}{more}\r\n"
+        "HTTP/1.1 {status}\r\nContent-Type: {kind}\r\nContent-Length: {length}\r\nConnection: close\r\n\
+         {SAFETY}{more}\r\n"
     );
     stream.set_write_timeout(Some(HEAD_TIME))?;
     stream.write_all(head.as_bytes())?;

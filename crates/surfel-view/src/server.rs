@@ -35,8 +35,8 @@ const FILES: [(&str, &str, &str); 4] = [
 ];
 
 /// Page for requests without the token.
-const CLOSED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Surfel</title><h1>This address is \
-                      closed</h1><p>Open the address that <code>surfel view</code> printed in the terminal: it has a \
+const CLOSED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Surfel</title><h1>This \
+                      address is closed</h1><p>Open the address that <code>surfel view</code> printed in the terminal: it has a \
                       token, and a shared address has none.</p></html>";
 
 /// State shared by all connections.
@@ -163,7 +163,8 @@ fn open_socket(mut stream: TcpStream, request: &Request, shared: &Arc<Shared>) {
         return refuse(&mut stream, "503 Service Unavailable", "too many viewers\n");
     };
     let head = format!(
-        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Accept: {key}\r\n\r\n"
+        "HTTP/1.1 101 Switching Protocols\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+         Sec-WebSocket-Accept: {key}\r\n\r\n"
     );
     if let Ok(writing) = stream.try_clone()
         && stream.write_all(head.as_bytes()).is_ok()

@@ -344,6 +344,9 @@ impl RenderOptions {
             let what = "--samples averages, and planes of what is nearest have no mean: leave out one";
             return Err(Error::Usage(what.to_owned()));
         }
+        if self.ortho_height.is_some() && !ortho {
+            return Err(Error::Usage("--ortho-height is for --ortho: give it, too".to_owned()));
+        }
         let over = if self.sort.is_some() { "sort" } else { "composite over" };
         if (self.composite == Some(Composite::Over) || self.sort.is_some())
             && let Some(flag) = self.of_surfaces()
@@ -396,6 +399,7 @@ mod tests {
             [("sharp", "on"), ("per-face", "on")],
             [("crease-angle", "30"), ("sharp", "off")],
             [("error", "0.1"), ("size", "9x9")],
+            [("ortho-height", "2"), ("size", "9x9")],
             [("view", "top"), ("eye", "1,2,3")],
             [("fov-y", "30"), ("ortho", "on")],
             [("region", "0,0,4,4"), ("tile", "1/2")],

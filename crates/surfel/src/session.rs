@@ -1,16 +1,21 @@
 //! Sessions: a scene in memory that is drawn many times, with options that change from image to image.
 
 use crate::attributes::{class_counts, classes, column};
+use crate::backend::Chosen;
 use crate::camera;
-use crate::coloring::{ColorScale, Coloring};
+use crate::coloring::{Category, ColorScale, Coloring};
 use crate::estimates::Estimates;
 use crate::framing::{self, ViewAxes};
 use crate::metadata::{self, Input};
 use crate::request::{Pictures, Request, Resolved, Source, with_shadows};
 use crate::scene::LoadedObjects;
-use crate::{Backend, BackendOptions, BackendScene, Error, LevelStore, LoadOptions, RenderOptions, progressive};
+use crate::{
+    Backend, BackendOptions, BackendScene, Error, LevelStore, LoadOptions, NoProgress, RenderOptions, levels,
+    progressive,
+};
 use glam::DVec3;
 use serde_json::{Map, Value, json};
+use std::cell::OnceCell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_math::srgb::nearest_8_bit;
@@ -51,6 +56,10 @@ pub struct Session {
     backend_name: String,
     backend_options: BackendOptions,
     level_store: Arc<LevelStore>,
+    /// True if images are drawn from cameras that aren't known when the scene is shown.
+    is_for_any_camera: bool,
+    /// True if some file has levels of detail, once it is known.
+    has_levels: OnceCell<bool>,
     /// Loaded scenes, the one shown last first.
     loaded: Vec<LoadedScene>,
     frame: Frame,
@@ -79,7 +88,10 @@ struct Shown {
     /// Options of the scene; `None` once its lights have followed another camera.
     options: Option<RenderOptions>,
     resolved: Resolved,
-    resident: BackendScene,
+    /// The resident scene; `None` until a camera selects its levels of detail.
+    resident: Option<BackendScene>,
+    /// Camera of the resident levels, if each camera has its own.
+    camera: Option<Camera>,
 }
 
 /// Loader of the files of a session, which runs on any thread.
@@ -131,9 +143,35 @@ impl Session {
         backend_options: BackendOptions,
     ) -> Result<Self, Error> {
         let backend = Backend::by_name(backend_name, &backend_options)?;
-        let level_store = Arc::new(LevelStore::keeping_nodes());
-        let (backend_name, loaded, frame) = (backend_name.to_owned(), Vec::new(), Frame::default());
-        Ok(Self { inputs, stdin, backend, backend_name, backend_options, level_store, loaded, frame })
+        Ok(Self::with_backend(inputs, stdin, backend, (backend_name, backend_options)))
+    }
+
+    /// Creates a session like [`Session::start`], with a backend that has been started by this name and these options.
+    pub fn with_backend(
+        inputs: Vec<PathBuf>,
+        stdin: Option<Arc<[u8]>>,
+        backend: Backend,
+        (backend_name, backend_options): (&str, BackendOptions),
+    ) -> Self {
+        Self {
+            inputs,
+            stdin,
+            backend,
+            backend_name: backend_name.to_owned(),
+            backend_options,
+            level_store: Arc::new(LevelStore::keeping_nodes()),
+            is_for_any_camera: false,
+            has_levels: OnceCell::new(),
+            loaded: Vec::new(),
+            frame: Frame::default(),
+        }
+    }
+
+    /// Prepares the session for [`Session::draw_from`]: scenes without a scene file are lit along the view, so that all
+    /// cameras share them, and all points are resident if they fit into memory.
+    #[must_use]
+    pub fn for_any_camera(self) -> Self {
+        Self { is_for_any_camera: true, ..self }
     }
 
     /// Returns the backend.
@@ -158,12 +196,18 @@ impl Session {
 
     fn request(&self, options: &RenderOptions) -> Result<Request, Error> {
         let source = Source::of(&self.inputs, self.stdin.as_deref())?;
-        let request = Request::new(source, &Pictures::One, options)?.with_rows();
-        Ok(request.with_level_store(self.level_store.clone()))
+        let request = Request::new(source, &Pictures::One, options)?.with_level_store(self.level_store.clone());
+        if self.is_for_any_camera {
+            let by_levels = request.exceeds_memory() && !options.all_levels;
+            return Ok(if by_levels { request } else { request.with_pictures(Pictures::Any) });
+        }
+        // With row numbers, points outside of the view would be read, too.
+        let has_levels = *self.has_levels.get_or_init(|| request.files().any(|path| levels::has_levels(&path)));
+        Ok(if has_levels { request } else { request.with_rows() })
     }
 
-    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points. Returns the loader of
-    /// all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown; [`Session::show`] then
+    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points. Returns the loader
+    /// of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown; [`Session::show`] then
     /// loads the files.
     ///
     /// # Errors
@@ -177,11 +221,11 @@ impl Session {
             return Ok(None);
         };
         let resolved = coarse.resolve(objects.clone(), progress, &mut |_| ())?;
-        self.settle_backend(&resolved)?;
-        let resident = self.backend.upload(&resolved.scene)?;
+        self.settle_backend(&resolved, &mut |_| ())?;
+        let resident = Some(self.backend.upload(&resolved.scene)?);
         let mut loaded = LoadedScene::new(&request, objects);
         loaded.is_coarse = true;
-        loaded.shown = Some(Shown { options: None, resolved, resident });
+        loaded.shown = Some(Shown { options: None, resolved, resident, camera: None });
         self.loaded.insert(0, loaded);
         Ok(Some(Loader { request, stdin: self.stdin.clone() }))
     }
@@ -210,15 +254,23 @@ impl Session {
         let is_shown = loaded.shown.as_ref().is_some_and(|shown| shown.options.as_ref() == Some(options));
         if !is_shown {
             let is_bare = request.is_bare();
+            let by_levels = self.is_for_any_camera && loaded.is_partial();
             let request = request.with_estimates(loaded.estimates.clone());
-            let resolved = request.resolve(loaded.objects.clone(), progress, note)?;
+            let request = if by_levels { request.with_pictures(Pictures::Any) } else { request };
+            let mut resolved = request.resolve(loaded.objects.clone(), progress, note)?;
+            if self.is_for_any_camera && is_bare {
+                (resolved.file.lights, resolved.scene.lights, resolved.lighting) = (None, None, None);
+            }
+            if by_levels {
+                note("not all points fit into memory (--memory): each picture is drawn by levels".to_owned());
+            }
             if let Some(facts) = loaded.objects.facts.first_mut().filter(|_| is_bare && options.up.flatten().is_none())
             {
                 // The estimate depends on nothing that changes from image to image.
                 let reason = framing::UpReason::Convention;
                 (facts.up, facts.up_reason) = (resolved.up, facts.up_reason.or(Some(reason)));
             }
-            self.upload(options, resolved)?;
+            self.upload(options, resolved, note)?;
         }
         self.shown().ok_or_else(nothing_shown)
     }
@@ -237,32 +289,43 @@ impl Session {
         Ok(())
     }
 
-    /// Makes a scene of the first loaded objects resident.
-    fn upload(&mut self, options: &RenderOptions, resolved: Resolved) -> Result<(), Error> {
-        let is_new = self.settle_backend(&resolved)?;
+    /// Makes a scene of the first loaded objects resident, unless each camera selects its own levels of detail.
+    fn upload(
+        &mut self,
+        options: &RenderOptions,
+        resolved: Resolved,
+        note: &mut dyn FnMut(String),
+    ) -> Result<(), Error> {
+        let is_new = self.settle_backend(&resolved, note)?;
         let Some(loaded) = self.loaded.first_mut() else { return Err(nothing_shown()) };
         let before = loaded.shown.take().filter(|shown| !is_new && have_same_splats(&shown.resolved, &resolved));
-        let kept = match before {
-            Some(mut shown) => self.backend.relight(&mut shown.resident, &resolved.scene)?.then_some(shown.resident),
-            None => None,
+        let mut kept = before.and_then(|shown| shown.resident);
+        if let Some(resident) = &mut kept
+            && !self.backend.relight(resident, &resolved.scene)?
+        {
+            kept = None;
+        }
+        let by_levels = self.is_for_any_camera && loaded.is_partial();
+        let resident = match kept.filter(|_| !by_levels) {
+            None if !by_levels => Some(self.backend.upload(&resolved.scene)?),
+            kept => kept,
         };
-        let resident = match kept {
-            Some(resident) => resident,
-            None => self.backend.upload(&resolved.scene)?,
-        };
-        loaded.shown = Some(Shown { options: Some(options.clone()), resolved, resident });
+        loaded.shown = Some(Shown { options: Some(options.clone()), resolved, resident, camera: None });
         Ok(())
     }
 
     /// Starts another backend if the current one was selected automatically and can't draw the scene. Returns true if
     /// the backend is new, which has no scenes.
-    fn settle_backend(&mut self, resolved: &Resolved) -> Result<bool, Error> {
+    fn settle_backend(&mut self, resolved: &Resolved, note: &mut dyn FnMut(String)) -> Result<bool, Error> {
         let (summary, settings) = (SceneSummary::of(&resolved.scene), &resolved.file.settings);
-        let refuses = |c: &Capabilities| unsupported(&summary, settings, Planes::COLOR, c).map(|e| e.to_string());
+        let planes = if self.is_for_any_camera { Planes::ALL } else { Planes::COLOR };
+        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
         if self.backend_name != "auto" || refuses(&self.backend.info().capabilities).is_none() {
             return Ok(false);
         }
-        self.backend = Backend::choose(&self.backend_options, refuses)?.backend;
+        let Chosen { backend, rejected } = Backend::choose(&self.backend_options, refuses)?;
+        note(format!("drawing with '{}' ({})", backend.info().backend, rejected.join("; ")));
+        self.backend = backend;
         self.loaded.iter_mut().for_each(|loaded| loaded.shown = None);
         Ok(true)
     }
@@ -272,12 +335,51 @@ impl Session {
     /// # Errors
     /// [`Error::Render`], and [`Error::Usage`] for a camera out of range.
     pub fn draw(&mut self, options: &RenderOptions, planes: Planes) -> Result<Stats, Error> {
-        let Some(shown) = self.loaded.first().and_then(|loaded| loaded.shown.as_ref()) else {
-            return Err(nothing_shown());
-        };
+        let shown = self.loaded.first().and_then(|loaded| loaded.shown.as_ref()).ok_or_else(nothing_shown)?;
         let view = camera::view(&shown.resolved.file.camera, options)?;
+        self.draw_view(&view, planes)
+    }
+
+    fn draw_view(&mut self, view: &View, planes: Planes) -> Result<Stats, Error> {
+        let shown = self.loaded.first().and_then(|loaded| loaded.shown.as_ref()).ok_or_else(nothing_shown)?;
+        let resident = shown.resident.as_ref().ok_or_else(nothing_shown)?;
         let settings = &shown.resolved.file.settings;
-        Ok(self.backend.render_into(&shown.resident, &view, settings, planes, &mut self.frame)?)
+        Ok(self.backend.render_into(resident, view, settings, planes, &mut self.frame)?)
+    }
+
+    /// Draws the scene shown last from another camera, with the region that the options state. If not all points fit
+    /// into memory, the camera's levels of detail are read first.
+    ///
+    /// # Errors
+    /// Errors of [`Session::show`] and [`Session::draw`].
+    pub fn draw_from(&mut self, camera: &Camera, options: &RenderOptions, planes: Planes) -> Result<Stats, Error> {
+        let view = camera::view(camera, options)?;
+        let loaded = self.loaded.first().ok_or_else(nothing_shown)?;
+        let shown = loaded.shown.as_ref().ok_or_else(nothing_shown)?;
+        if self.is_for_any_camera && loaded.is_partial() && shown.camera.as_ref() != Some(camera) {
+            let shown_with = shown.options.clone().unwrap_or_default();
+            let request = self.request(&shown_with)?.with_pictures(Pictures::Cameras(vec![camera.clone()]));
+            let (objects, is_bare) = (loaded.objects.clone(), request.is_bare());
+            // The old levels are freed before the new ones are read.
+            if let Some(shown) = self.loaded.first_mut().and_then(|loaded| loaded.shown.as_mut()) {
+                (shown.resident, shown.camera) = (None, None);
+            }
+            let mut scene = request.resolve(objects, &NoProgress, &mut |_| ())?.scene;
+            if is_bare {
+                scene.lights = None;
+            }
+            let resident = self.backend.upload(&scene)?;
+            if let Some(shown) = self.loaded.first_mut().and_then(|loaded| loaded.shown.as_mut()) {
+                (shown.resident, shown.camera) = (Some(resident), Some(camera.clone()));
+            }
+        }
+        self.draw_view(&view, planes)
+    }
+
+    /// Frees memory that is reused for later frames; useful after an image much larger than the next ones.
+    pub fn release_memory(&mut self) {
+        self.frame = Frame::default();
+        self.backend.release_memory();
     }
 
     /// Draws the scene shown last from the camera of these options, faster and less accurately than [`Session::draw`]:
@@ -288,6 +390,7 @@ impl Session {
     pub fn glance(&mut self, options: &RenderOptions) -> Result<(Camera, Stats), Error> {
         let Some(loaded) = self.loaded.first_mut() else { return Err(nothing_shown()) };
         let Some(shown) = loaded.shown.as_mut() else { return Err(nothing_shown()) };
+        let Some(resident) = &mut shown.resident else { return Err(nothing_shown()) };
         let camera = moved(&shown.resolved, options, &loaded.corners);
         let view = View::new(&camera).map_err(|e| Error::Usage(e.to_string()))?;
         if let Some(lighting) = shown.resolved.lighting {
@@ -295,12 +398,12 @@ impl Session {
             let has_shadows = shown.resolved.scene.lights.iter().flatten().any(Light::casts_shadow);
             let lights = if has_shadows { with_shadows(lights) } else { lights };
             let scene = Scene { lights: Some(lights), ..shown.resolved.scene.clone() };
-            if self.backend.relight(&mut shown.resident, &scene)? {
+            if self.backend.relight(resident, &scene)? {
                 shown.options = None;
             }
         }
         let settings = coarse_settings(shown.resolved.file.settings);
-        let stats = self.backend.render_into(&shown.resident, &view, &settings, Planes::COLOR, &mut self.frame)?;
+        let stats = self.backend.render_into(resident, &view, &settings, Planes::COLOR, &mut self.frame)?;
         Ok((camera, stats))
     }
 
@@ -318,8 +421,8 @@ impl Session {
         Ok(loaded.hashes.clone().unwrap_or_default())
     }
 
-    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes, and
-    /// the legend of its colours. The value is the same until other files or points are loaded.
+    /// Describes the scene shown last as JSON: number of splats, bounds, up axis, columns with their ranges, classes,
+    /// and the legend of its colours. The value is the same until other files or points are loaded.
     pub fn description(&mut self) -> Value {
         let Some(loaded) = self.loaded.first_mut() else { return Value::Null };
         if loaded.description.is_null() {
@@ -347,9 +450,8 @@ impl Session {
         let summary = SceneSummary::of(scene);
         let has_rows = summary.without_rows.is_none() && summary.gaussians.is_none();
         let planes = Planes::COLOR.with_depth(true).with_normal(true).with_position(true).with_index(has_rows);
-        // Gaussians drawn over one another have no nearest surface.
-        let settings = file.settings;
-        self.backend.render_into(&shown.resident, &view, &settings, planes, &mut self.frame)?;
+        let resident = shown.resident.as_ref().ok_or_else(nothing_shown)?;
+        self.backend.render_into(resident, &view, &file.settings, planes, &mut self.frame)?;
         let frame = &self.frame;
         let Some(position) = frame.position().first().copied().filter(|p| p.iter().all(|x| x.is_finite())) else {
             return Ok(None);
@@ -389,6 +491,11 @@ impl LoadedScene {
     /// True if the request would load the same.
     fn is_for(&self, request: &Request) -> bool {
         self.files == request.objects() && self.options == request.load_options(None)
+    }
+
+    /// True if only coarse levels of detail of some file are loaded.
+    fn is_partial(&self) -> bool {
+        self.objects.facts.iter().any(|facts| facts.partial)
     }
 
     fn splats(&self) -> u64 {
@@ -504,7 +611,10 @@ fn legend(Coloring { attribute, scale }: &Coloring) -> Option<Value> {
             Some(json!({ "attribute": attribute, "map": map.name(), "range": range, "colors": colors }))
         }
         ColorScale::Categories(all) => {
-            let entry = |c: &crate::coloring::Category| json!({ "value": c.value, "name": c.name.as_deref(), "color": hex(c.color), "count": c.count });
+            let entry = |c: &Category| {
+                let (value, name, color, count) = (c.value, c.name.as_deref(), hex(c.color), c.count);
+                json!({ "value": value, "name": name, "color": color, "count": count })
+            };
             Some(json!({ "attribute": attribute, "categories": all.iter().map(entry).collect::<Vec<_>>() }))
         }
     }
