@@ -80,8 +80,8 @@ pub use light::Light;
 pub use matcap::Matcap;
 pub use mesh::{AlphaMode, MaterialRef, Mesh, MeshMaterial, NormalMap, TriangleMaterials};
 pub use octree::{Octree, OctreeNode, Transition};
-pub use points_as::{DOT_PX, PointRadius, PointsAs};
 pub use points::PointCloud;
+pub use points_as::{DOT_PX, PointRadius, PointsAs};
 pub use scene::{Cull, Geometry, Material, Object, ObjectFile, Scene, SceneFile};
 pub use settings::{
     Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,

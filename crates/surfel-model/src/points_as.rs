@@ -68,11 +68,11 @@ impl std::str::FromStr for PointsAs {
         match (name, radius) {
             ("surface", None) => Ok(Self::Surface),
             ("balls", radius) => Ok(Self::Balls(radius)),
-            ("disks", Some(PointRadius::Pixels(_))) => {
-                Err("disks lie in space, so that their radius can't be in pixels: choose disks:R in the file's units, or \
+            ("disks", Some(PointRadius::Pixels(_))) => Err(
+                "disks lie in space, so that their radius can't be in pixels: choose disks:R in the file's units, or \
                      dots"
-                    .to_owned())
-            }
+                    .to_owned(),
+            ),
             ("disks", radius) => Ok(Self::Disks(radius)),
             ("dots", radius) => Ok(Self::Dots(radius)),
             _ => Err("expected surface, balls, disks or dots, the last three optionally with a radius in the file's \
@@ -121,7 +121,8 @@ mod tests {
 
     #[test]
     fn kinds_are_read_as_they_are_written() {
-        for text in ["surface", "balls", "balls:0.02", "balls:3px", "disks", "disks:1.5", "dots", "dots:2px", "dots:7"] {
+        for text in ["surface", "balls", "balls:0.02", "balls:3px", "disks", "disks:1.5", "dots", "dots:2px", "dots:7"]
+        {
             assert_eq!(text.parse::<PointsAs>().map(|kind| kind.to_string()).as_deref(), Ok(text));
         }
         for (text, part) in [

@@ -93,7 +93,14 @@ impl Lighting<'_> {
     }
 
     /// Lights a ball at a pixel.
-    pub(crate) fn shade_ball(&self, ball: &ScreenBall, pixel: V2<f64>, depth: f64, normal: DVec3, weight: f64) -> Surface {
+    pub(crate) fn shade_ball(
+        &self,
+        ball: &ScreenBall,
+        pixel: V2<f64>,
+        depth: f64,
+        normal: DVec3,
+        weight: f64,
+    ) -> Surface {
         let albedo = DVec3::from(ball.color);
         let point = Point { at: self.position(pixel, depth), depth, normal, albedo, material: ball.material };
         let (mut color, marginal) = self.color(&point);

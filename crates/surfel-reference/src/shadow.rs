@@ -83,12 +83,7 @@ fn draw_map<'a>(
 
 /// Lowers the thresholds of texels whose centres balls hide to the depths of the balls' centres: what is lit of a ball
 /// itself lies in front of it, what is behind the ball doesn't.
-fn cast_by_balls(
-    objects: &[ResidentObject],
-    plan: &FramePlan,
-    map: &ShadowMap,
-    texels: &mut [Texel],
-) {
+fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, texels: &mut [Texel]) {
     if !plan.has(Pass::Balls) {
         return;
     }

@@ -2,8 +2,8 @@
 
 use crate::needs::ShaderNeeds;
 use crate::{
-    BallPixel, Capabilities, Feature, GaussianColors, Planes, RenderError, SceneOctree, SceneSummary, Selection, ShadowMap, View,
-    select,
+    BallPixel, Capabilities, Feature, GaussianColors, Planes, RenderError, SceneOctree, SceneSummary, Selection,
+    ShadowMap, View, select,
 };
 use surfel_math::depth::Tolerance;
 use surfel_math::eye_dome;

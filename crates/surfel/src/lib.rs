@@ -141,8 +141,8 @@ pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho;
 mod patches;
-mod points_as;
 pub mod paths;
+mod points_as;
 pub mod progressive;
 mod render_options;
 pub mod request;

@@ -3,7 +3,7 @@
 //! The surface is always estimated first: up axis, view, sides and radii follow from it. Then every splat of a point is
 //! replaced by one of the chosen kind, with the same attributes.
 //!
-//! A bare file is drawn as balls where its points tell no surface. Each piece of [`EVIDENCE`] has a strength from 0 to 1,
+//! A bare file is drawn as balls where its points tell no surface. Each piece of `EVIDENCE` has a strength from 0 to 1,
 //! the score is their sum, and balls are chosen from a score of 1 on:
 //!
 //! | evidence | 0 | 1 |
@@ -15,9 +15,7 @@
 
 use crate::Error;
 use std::sync::Arc;
-use surfel_model::{
-    CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, PointRadius, PointsAs, Shape, SplatCloud,
-};
+use surfel_model::{CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, PointRadius, PointsAs, Shape, SplatCloud};
 use surfel_sample::{PointClass, PointReport};
 
 /// Radius of a ball or disk relative to the spacing of the points: neighbours touch.
@@ -166,7 +164,9 @@ mod tests {
             let Geometry::Splats(found) = &object.geometry else { panic!("{kind}") };
             assert_eq!((found.len(), found.color(3), found.is_balls()), (9, [0.5, 0.25, 1.0], is_balls), "{kind}");
             assert_eq!((&found.data().rows, found.center(5)), (&cloud.data().rows, cloud.center(5)));
-            let (Shape::Balls { radii, .. } | Shape::Disks { radii, .. }) = &found.data().shape else { panic!("{kind}") };
+            let (Shape::Balls { radii, .. } | Shape::Disks { radii, .. }) = &found.data().shape else {
+                panic!("{kind}")
+            };
             assert!(radii.iter().all(|r| (f64::from(*r) - radius).abs() < 1e-6), "{kind}: {radii:?}");
         }
     }

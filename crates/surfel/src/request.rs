@@ -14,8 +14,8 @@ use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
     AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance,
-    auto_points_as, auto_scene, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
-    parse_scene_file, read_scene_file, refine_objects,
+    auto_points_as, auto_scene, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap,
+    load_objects, parse_scene_file, read_scene_file, refine_objects,
 };
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;

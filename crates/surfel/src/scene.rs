@@ -5,8 +5,8 @@ pub use crate::auto::{
     auto_up, bare_object, is_scene_file,
 };
 pub use crate::lights::studio_lights;
-pub use crate::points_as::NoSurface;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
+pub use crate::points_as::NoSurface;
 
 use crate::coloring::Colorings;
 use crate::coloring::together::{ColorJob, Member, Tallies};
@@ -267,8 +267,8 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
-    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up axis,
-    /// view and lights follow from the surface, so this comes last, before [`assemble`].
+    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up
+    /// axis, view and lights follow from the surface, so this comes last, before [`assemble`].
     ///
     /// # Errors
     /// [`Error::Model`] for a radius that is out of range.

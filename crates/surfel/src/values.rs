@@ -12,7 +12,8 @@ use serde_json::Value;
 use std::ops::Range;
 use surfel_model::{
     Accumulate, Classes, ClipPolicy, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
+    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
+    Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 

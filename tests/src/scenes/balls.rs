@@ -138,7 +138,8 @@ fn placed_balls() -> Case {
 /// Catches balls that are drawn though they reach z_near or lie beyond z_far.
 fn balls_at_near_plane() -> Case {
     let balls: Vec<_> = points(120, [0.05, 0.3], 12).into_iter().map(|(p, r)| (p * 1.6, r)).collect();
-    let mut case = lit("balls_at_near_plane", vec![object(ball_cloud(&balls, false, false))], camera(1.9, 60.0, [72, 72]));
+    let mut case =
+        lit("balls_at_near_plane", vec![object(ball_cloud(&balls, false, false))], camera(1.9, 60.0, [72, 72]));
     case.camera.near = 0.8;
     case
 }
@@ -173,11 +174,20 @@ fn balls_among_glass() -> Case {
     let mut panes = Vec::new();
     for (i, z) in [-0.5, 0.0, 0.45].into_iter().enumerate() {
         let color = [[0.9, 0.2, 0.1], [0.1, 0.8, 0.2], [0.2, 0.3, 0.9]][i];
-        panes.extend(sheet(DVec3::new(0.1 * i as f64, 0.0, z), [DVec3::X * 0.6, DVec3::Y * 0.6], [14, 14], 0.1, |_, _| color));
+        panes.extend(sheet(
+            DVec3::new(0.1 * i as f64, 0.0, z),
+            [DVec3::X * 0.6, DVec3::Y * 0.6],
+            [14, 14],
+            0.1,
+            |_, _| color,
+        ));
     }
     let glass = with_alpha(cloud(&panes), |_| 0.4);
-    let mut case =
-        lit("balls_among_glass", vec![object(glass), object(balls), object(cloud(&floor(0.8, -0.8)))], camera(2.8, 50.0, [72, 72]));
+    let mut case = lit(
+        "balls_among_glass",
+        vec![object(glass), object(balls), object(cloud(&floor(0.8, -0.8)))],
+        camera(2.8, 50.0, [72, 72]),
+    );
     for i in [0, 2] {
         case.scene.objects[i].material.interior_weight = Some(1.3);
     }
@@ -186,8 +196,7 @@ fn balls_among_glass() -> Case {
 
 /// Catches shadows that balls don't cast or receive, or cast upon themselves.
 fn shadows_of_balls(scale: f64) -> Case {
-    let balls: Vec<_> =
-        points(40, [0.06, 0.2], 17).into_iter().map(|(p, r)| (p * 0.8, r * scale)).collect();
+    let balls: Vec<_> = points(40, [0.06, 0.2], 17).into_iter().map(|(p, r)| (p * 0.8, r * scale)).collect();
     let mut case = lit(
         if scale < 1.0 { "shadows_of_tiny_balls" } else { "shadows_of_balls" },
         vec![object(ball_cloud(&balls, false, false)), object(cloud(&floor(1.2, -1.0)))],

@@ -56,7 +56,8 @@ fn every_ball_scene_is_drawn_by_the_cpu_as_by_the_reference() {
 
 #[test]
 fn outlines_are_antialiased_as_by_8x8_samples() {
-    let balls = [(DVec3::new(0.2, -0.1, 0.0), 0.9), (DVec3::new(-1.6, 0.9, 0.3), 0.31), (DVec3::new(1.5, 1.0, -0.2), 0.1)];
+    let balls =
+        [(DVec3::new(0.2, -0.1, 0.0), 0.9), (DVec3::new(-1.6, 0.9, 0.3), 0.31), (DVec3::new(1.5, 1.0, -0.2), 0.1)];
     let camera = camera(3.2, 60.0, [200, 160]);
     let (mut reference, mut cpu) = both();
     for frame in [drawn(&mut reference, &white(&balls), &camera), drawn(&mut cpu, &white(&balls), &camera)] {
@@ -66,7 +67,9 @@ fn outlines_are_antialiased_as_by_8x8_samples() {
             let (x, y) = ((i % 200) as f64, (i / 200) as f64);
             let sampled = |side: usize| {
                 let at = |k: usize| (k as f64 + 0.5) / side as f64;
-                let hit = |k: &usize| balls.iter().any(|b| depth_on(&camera, *b, x + at(k % side), y + at(k / side)).is_some());
+                let hit = |k: &usize| {
+                    balls.iter().any(|b| depth_on(&camera, *b, x + at(k % side), y + at(k / side)).is_some())
+                };
                 (0..side * side).filter(hit).count() as f64 / (side * side) as f64
             };
             let by_64 = sampled(8);
@@ -87,7 +90,9 @@ fn depths_and_normals_are_those_of_the_sphere() {
     let balls = [(DVec3::new(0.2, -0.1, 0.0), 0.9), (DVec3::new(-1.6, 0.9, 0.3), 0.31)];
     let camera = camera(3.2, 60.0, [200, 160]);
     let (mut reference, mut cpu) = both();
-    for (frame, limit) in [(drawn(&mut reference, &white(&balls), &camera), 1e-7), (drawn(&mut cpu, &white(&balls), &camera), 1e-6)] {
+    for (frame, limit) in
+        [(drawn(&mut reference, &white(&balls), &camera), 1e-7), (drawn(&mut cpu, &white(&balls), &camera), 1e-6)]
+    {
         let (mut worst, mut count) = (0.0f64, 0);
         for (i, (color, z)) in frame.color().iter().zip(frame.depth()).enumerate() {
             let (x, y) = ((i % 200) as f64 + 0.5, (i / 200) as f64 + 0.5);

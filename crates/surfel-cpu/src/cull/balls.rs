@@ -32,12 +32,7 @@ pub(crate) struct BallView<'a> {
 
 impl<'a> BallView<'a> {
     /// Returns all objects of balls as seen in `view`: that of the image or, with a least radius, of a shadow map.
-    pub(crate) fn all(
-        balls: &'a [StoredBalls],
-        view: &'a View,
-        plan: &FramePlan,
-        least_px: f64,
-    ) -> Vec<Self> {
+    pub(crate) fn all(balls: &'a [StoredBalls], view: &'a View, plan: &FramePlan, least_px: f64) -> Vec<Self> {
         let of_object = |(index, balls): (usize, &'a StoredBalls)| {
             let m = balls.world_from_object;
             Self {

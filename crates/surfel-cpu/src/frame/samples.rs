@@ -1,9 +1,9 @@
 //! Drawing of the samples at a cell's edges: splats around sampled pixels are set up again, in a view whose pixels are
 //! samples.
 
+use crate::cull::balls::BallView;
 use crate::cull::cells::Cell;
 use crate::cull::chunks::VisibleChunk;
-use crate::cull::balls::BallView;
 use crate::cull::object::ObjectView;
 use crate::frame::totals::Totals;
 use crate::frame::{Drawing, FrameInputs, is_opaque_splats_only};

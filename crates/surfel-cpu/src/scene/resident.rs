@@ -101,11 +101,12 @@ impl ResidentScene {
         let (object, slot) = numbers.place(number);
         let of = |column: Option<&[u32]>| column.and_then(|c| c.get(slot)).copied().unwrap_or(NO_LABEL);
         // Balls are numbered after clouds.
-        let (rows, labels, source) = match (self.clouds.get(object), self.balls.get(object - self.clouds.len().min(object))) {
-            (Some(cloud), _) => (cloud.rows.as_deref(), cloud.labels.as_deref(), cloud.source),
-            (None, Some(balls)) => (balls.rows.as_deref(), balls.labels.as_deref(), balls.source),
-            (None, None) => return Identity::NOTHING,
-        };
+        let (rows, labels, source) =
+            match (self.clouds.get(object), self.balls.get(object - self.clouds.len().min(object))) {
+                (Some(cloud), _) => (cloud.rows.as_deref(), cloud.labels.as_deref(), cloud.source),
+                (None, Some(balls)) => (balls.rows.as_deref(), balls.labels.as_deref(), balls.source),
+                (None, None) => return Identity::NOTHING,
+            };
         Identity { row: of(rows), object: source as u32, label: of(labels) }
     }
 

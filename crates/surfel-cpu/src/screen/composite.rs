@@ -53,6 +53,15 @@ pub(crate) struct CompositeJob<'a> {
     pub opaque_splats_only: bool,
 }
 
+/// Depths of a block's nearest surfaces, +∞ for none, by which balls and layers are composited.
+#[derive(Clone, Copy)]
+pub(super) struct Ends<S: Simd> {
+    /// Depth beyond which balls are hidden: that of the surface that shows.
+    pub front: Lanes<S>,
+    /// Depth beyond which transparent layers are hidden; `None` if the block has none.
+    pub layers: Option<Lanes<S>>,
+}
+
 /// The opaque surfaces of a block.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
@@ -129,8 +138,7 @@ impl<'a> CompositeJob<'a> {
         let opaque = scratch.lists.splats.touched() | with_triangles;
         let transparent =
             if gbuffer.is_none() { self.list_transparent(tile, blocks, &mut scratch.transparent) } else { 0 };
-        let balls =
-            if gbuffer.is_none() { list_balls(self.extras.balls, tile, blocks, &mut scratch.balls) } else { 0 };
+        let balls = if gbuffer.is_none() { list_balls(self.extras.balls, tile, blocks, &mut scratch.balls) } else { 0 };
         let mut contributing = i32x16::splat(simd, 0);
         for block in ones(blocks).map(|block| block as u32) {
             let at = self.tiles.listing.grid.block_px(tile, block);
@@ -155,9 +163,9 @@ impl<'a> CompositeJob<'a> {
                     layers.put_index(target, at);
                     pixels = layers.over(&pixels);
                 } else {
-                    let is_transparent = transparent >> block & 1 != 0;
-                    let to = (Some(&mut *target), &mut counters);
-                    self.draw_balls(simd, place, (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                    let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                    let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                    self.draw_balls(simd, place, ends, &mut pixels, (Some(&mut *target), &mut counters), scratch);
                 }
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
@@ -259,14 +267,13 @@ impl<'a> CompositeJob<'a> {
         composited
     }
 
-    /// Composites a block's balls, and its transparent layers if it has any, over its pixels. `opaque_depth` is the
-    /// depth of the nearest surface that isn't a ball, and where it ends.
+    /// Composites a block's balls, and its transparent layers if it has any, over its pixels.
     #[inline(never)]
     pub(super) fn draw_balls<S: Simd>(
         &self,
         simd: S,
         (block, at): (u32, (i32, i32)),
-        (opaque_depth, is_transparent): (Lanes<S>, bool),
+        ends: Ends<S>,
         pixels: &mut Pixels<S>,
         (target, counters): (Option<&mut Target<'_>>, &mut Counters),
         scratch: &mut TileScratch<'a>,
@@ -277,12 +284,12 @@ impl<'a> CompositeJob<'a> {
                 let TileScratch { transparent, layers, balls, ball_fragments, .. } = scratch;
                 let lighting = self.tiles.lighting;
                 let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
-                ball_fragments.gather(simd, list, opaque_depth);
+                ball_fragments.gather(simd, list, ends.front);
                 counters.block_pairs += u64::from(ball_fragments.tested);
                 let full = ball_fragments.full_depth(simd, list.balls);
                 let factors = self.extras.ball_factors;
                 let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
-                if is_transparent {
+                if let Some(opaque_depth) = ends.layers {
                     let block = TransparentBlock {
                         simd,
                         list: transparent.of(block),
@@ -290,24 +297,23 @@ impl<'a> CompositeJob<'a> {
                         inputs: &self.tiles.inputs,
                         opaque_depth: opaque_depth.min(full),
                     };
-                    let mut composited =
-                        composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
+                    let mut composited = composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
                     counters.block_pairs += u64::from(composited.tested);
                     counters.inside += u64::from(composited.inside);
-                    balls.composite(opaque_depth, &mut composited.colors);
+                    balls.composite(ends.front, &mut composited.colors);
                     *pixels = composited.over(pixels);
                     if let Some(target) = target {
                         composited.put_index(target, at);
-                        balls.show(opaque_depth, pixels, target);
+                        balls.show(ends.front, pixels, target);
                     }
                     return;
                 }
                 let mut composited = Composited::nothing(simd);
-                balls.composite(opaque_depth, &mut composited);
+                balls.composite(ends.front, &mut composited);
                 pixels.color = composited.over(pixels.color);
                 pixels.fragments = pixels.fragments + composited.fragments;
                 if let Some(target) = target {
-                    balls.show(opaque_depth, pixels, target);
+                    balls.show(ends.front, pixels, target);
                 }
             },
         );
@@ -379,18 +385,17 @@ impl<'a> CompositeJob<'a> {
         for block in ones(stepped | transparent | balls).map(|block| block as u32) {
             let at = listing.grid.block_px(tile, block);
             let mut color = target.color(simd, at);
-            let mut opaque_depth = gbuffer.opaque(simd, tile, block);
+            let opaque_depth = gbuffer.opaque(simd, tile, block);
+            let mut front = gbuffer.front(simd, tile, block);
             if stepped >> block & 1 != 0 {
                 let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
                 let (shaded, mut behind, edge) =
                     self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
                 if balls >> block & 1 != 0 {
-                    let infinite = Lanes::splat(simd, f32::INFINITY);
-                    let end = Lanes::select(shaded.covered, shaded.z, infinite);
-                    let nearest = Lanes::select(edge, opaque_depth.min(end), opaque_depth);
-                    let range = (opaque_depth.min(end), Lanes::select(edge, end, infinite.zero()));
+                    let end = shaded.depth_or_infinite();
+                    let range = (front.min(end), Lanes::select(edge, end, end.zero()));
                     behind = self.balls_behind(simd, (block, at), range, behind, scratch);
-                    opaque_depth = nearest;
+                    front = Lanes::select(edge, front.min(end), front);
                 }
                 let q = gbuffer.coverage(simd, tile, block);
                 let q = q.min(q.one());
@@ -401,8 +406,9 @@ impl<'a> CompositeJob<'a> {
             if balls >> block & 1 != 0 {
                 let mut pixels = Pixels { color, ..target.get(simd, at) };
                 let before = pixels.fragments;
-                let (to, is_transparent) = ((Some(&mut *target), &mut counters), transparent >> block & 1 != 0);
-                self.draw_balls(simd, (block, at), (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                let to = (Some(&mut *target), &mut counters);
+                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, to, scratch);
                 let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
                 added += counts * target.rect.lanes_inside(simd, at);
                 target.put(at, &pixels);
@@ -481,9 +487,9 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A pixel that a polygon
-    /// covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of candidate pixels, and true
-    /// if one of them has a depth threshold.
+    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A
+    /// pixel that a polygon covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of
+    /// candidate pixels, and true if one of them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,

@@ -5,12 +5,12 @@ use crate::shade::lighting::Lighting;
 use crate::shade::resolve::shaded;
 use crate::shade::surface::Surface;
 use crate::shade::view_ray::Place;
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::transform;
-use crate::simd::compress::ones;
 use crate::tiles::target::{Pixels, Target};
-use fearless_simd::{Simd, mask32x16};
 use fearless_simd::prelude::SimdMask;
+use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V3};
 use surfel_model::Shader;
 
@@ -74,8 +74,7 @@ impl<S: Simd> BallBlock<'_, S> {
                 let (surface, alpha) = self.surface(&found, bits);
                 let color = self.color(&surface);
                 composited.add_behind(color, alpha);
-                composited.fragments =
-                    composited.fragments + Lanes::select(surface.covered, alpha.one(), alpha.zero());
+                composited.fragments = composited.fragments + Lanes::select(surface.covered, alpha.one(), alpha.zero());
             },
         );
     }
@@ -120,7 +119,7 @@ impl<S: Simd> BallBlock<'_, S> {
         }
         let lane = |i: usize| Lanes::load(simd, &fields[i]);
         let projection = self.list.projection;
-        let (_, normal) = hit_of([0, 1, 2, 3, 4, 5].map(lane), projection);
+        let (_, normal) = hit_of([lane(0), lane(1), lane(2), lane(3), lane(4), lane(5)], projection);
         let flat = mask32x16::from_bitmask(simd, flat);
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let to_eye = match projection.is_perspective() {

@@ -79,8 +79,7 @@ impl ShadowDrawing<'_> {
             setup.add(&cell.chunks, &grid, cell.region, &mut splats);
             let triangles = project(self.instructions, &self.scene.meshes, &cell.mesh_parts, view, &grid, Cull::None);
             let all = (&grid, DrawnBlocks::default());
-            let balls =
-                BallSegment::project(self.instructions, &balls, &cell.ball_parts, all, plan.ball_alphas);
+            let balls = BallSegment::project(self.instructions, &balls, &cell.ball_parts, all, plan.ball_alphas);
             let inputs = RasterInputs { frame: &frame, near: &splats.near, clips: &splats.clips, largest_epsilon: 0.0 };
             let listing = Listing { segments: &splats.segments, grid };
             let projection = &view.projection;
@@ -119,13 +118,7 @@ struct MapCell<'a> {
 
 impl<'a> MapCell<'a> {
     #[inline(always)]
-    fn draw<S: Simd>(
-        &self,
-        simd: S,
-        tile: usize,
-        target: &mut Rows<'_, f32>,
-        (scratch, balls): &mut MapScratch<'a>,
-    ) {
+    fn draw<S: Simd>(&self, simd: S, tile: usize, target: &mut Rows<'_, f32>, (scratch, balls): &mut MapScratch<'a>) {
         let grid = &self.listing.grid;
         let all = grid.blocks(tile);
         list_triangles(self.triangles, tile, all, &mut scratch.triangles);

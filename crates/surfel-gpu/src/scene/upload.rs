@@ -3,7 +3,9 @@
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};
 use crate::scene::limits::Limits;
-use crate::scene::segment::{RecordBytes, Segment, UploadedBalls, UploadedGaussians, UploadedMesh, UploadedObject, UploadedScene};
+use crate::scene::segment::{
+    RecordBytes, Segment, UploadedBalls, UploadedGaussians, UploadedMesh, UploadedObject, UploadedScene,
+};
 use crate::scene::stored_splats::{StoredLayout, StoredWriter};
 use crate::scene::textures::TextureBuffer;
 use std::collections::VecDeque;
