@@ -25,6 +25,9 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
+/// Number of balls after which those behind all of a block's pixels are found anew.
+const OCCLUDED_EVERY: u32 = 8;
+
 /// The balls of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct BallList<'a> {
@@ -72,8 +75,11 @@ impl BallFragments {
         self.fragments.clear();
         self.tested = 0;
         let mut end = limit;
-        let mut farthest = largest(end);
+        let (mut farthest, mut is_nearer) = (largest(end), false);
         for (index, ball) in (0..).zip(balls) {
+            if is_nearer && index % OCCLUDED_EVERY == 0 {
+                (farthest, is_nearer) = (largest(end), false);
+            }
             if ball.z_min > farthest {
                 continue;
             }
@@ -91,6 +97,7 @@ impl BallFragments {
                 if full.to_bitmask() != 0 {
                     // A fragment as near as the end still counts.
                     end = Lanes::select(full, end.min(after(z)), end);
+                    is_nearer = true;
                     if is_whole {
                         farthest = largest(end);
                     }

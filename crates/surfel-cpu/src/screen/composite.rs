@@ -62,6 +62,15 @@ pub(super) struct Ends<S: Simd> {
     pub layers: Option<Lanes<S>>,
 }
 
+/// Outputs of a block with balls besides its pixels.
+pub(super) struct BallOutputs<'a, 'b> {
+    /// Target of the plane of the nearest splats; `None` for samples.
+    pub target: Option<&'a mut Target<'b>>,
+    /// Steps of layers, and the tile.
+    pub steps: Option<(&'a mut LayerSteps, usize)>,
+    pub counters: &'a mut Counters,
+}
+
 /// The opaque surfaces of a block.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
@@ -165,7 +174,8 @@ impl<'a> CompositeJob<'a> {
                 } else {
                     let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
                     let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
-                    self.draw_balls(simd, place, ends, &mut pixels, (Some(&mut *target), &mut counters), scratch);
+                    let outputs = BallOutputs { target: Some(&mut *target), steps: None, counters: &mut counters };
+                    self.draw_balls(simd, place, ends, &mut pixels, outputs, scratch);
                 }
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
@@ -272,10 +282,10 @@ impl<'a> CompositeJob<'a> {
     pub(super) fn draw_balls<S: Simd>(
         &self,
         simd: S,
-        (block, at): (u32, (i32, i32)),
+        (block_number, at): (u32, (i32, i32)),
         ends: Ends<S>,
         pixels: &mut Pixels<S>,
-        (target, counters): (Option<&mut Target<'_>>, &mut Counters),
+        BallOutputs { target, steps, counters }: BallOutputs<'_, '_>,
         scratch: &mut TileScratch<'a>,
     ) {
         simd.vectorize(
@@ -283,7 +293,7 @@ impl<'a> CompositeJob<'a> {
             || {
                 let TileScratch { transparent, layers, balls, ball_fragments, .. } = scratch;
                 let lighting = self.tiles.lighting;
-                let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
+                let list = BallList { balls: balls.of(block_number), at, projection: lighting.projection() };
                 ball_fragments.gather(simd, list, ends.front);
                 counters.block_pairs += u64::from(ball_fragments.tested);
                 let full = ball_fragments.full_depth(simd, list.balls);
@@ -292,7 +302,7 @@ impl<'a> CompositeJob<'a> {
                 if let Some(opaque_depth) = ends.layers {
                     let block = TransparentBlock {
                         simd,
-                        list: transparent.of(block),
+                        list: transparent.of(block_number),
                         at,
                         inputs: &self.tiles.inputs,
                         opaque_depth: opaque_depth.min(full),
@@ -300,6 +310,9 @@ impl<'a> CompositeJob<'a> {
                     let mut composited = composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
                     counters.block_pairs += u64::from(composited.tested);
                     counters.inside += u64::from(composited.inside);
+                    if let Some((steps, tile)) = steps {
+                        steps.put(tile, block_number, &composited);
+                    }
                     balls.composite(ends.front, &mut composited.colors);
                     *pixels = composited.over(pixels);
                     if let Some(target) = target {
@@ -407,8 +420,9 @@ impl<'a> CompositeJob<'a> {
                 let mut pixels = Pixels { color, ..target.get(simd, at) };
                 let before = pixels.fragments;
                 let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
-                let to = (Some(&mut *target), &mut counters);
-                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, to, scratch);
+                let steps = layer_steps.as_deref_mut().map(|steps| (steps, tile));
+                let outputs = BallOutputs { target: Some(&mut *target), steps, counters: &mut counters };
+                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, outputs, scratch);
                 let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
                 added += counts * target.rect.lanes_inside(simd, at);
                 target.put(at, &pixels);

@@ -3,7 +3,7 @@
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;
-use crate::screen::composite::{CompositeJob, Ends};
+use crate::screen::composite::{BallOutputs, CompositeJob, Ends};
 use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::GBuffer;
 use crate::screen::neighbourhood::Neighbourhood;
@@ -94,7 +94,8 @@ impl<'a> SampleJob<'a, '_> {
             if balls >> block & 1 != 0 {
                 let layers = (transparent >> block & 1 != 0).then_some(front.opaque_depth);
                 let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
-                job.draw_balls(simd, (block, at), ends, &mut samples, (None, &mut counters), scratch);
+                let outputs = BallOutputs { target: None, steps: None, counters: &mut counters };
+                job.draw_balls(simd, (block, at), ends, &mut samples, outputs, scratch);
             } else if transparent >> block & 1 != 0 {
                 samples = job.layers(simd, (block, at), front.opaque_depth, scratch, &mut counters).over(&samples);
             }
