@@ -93,19 +93,19 @@ impl<R: Real> Outline<R> {
     }
 
     /// Returns the area of the ellipse inside a pixel whose upper left corner has this offset from the ellipse's
-    /// centre. `segment` is [`segment`] or, for f64, [`exact_segment`]. The sum over all pixels is the ellipse's area.
+    /// centre. `S` is [`Rounded`] or, for f64, [`Exact`]. The sum over all pixels is the ellipse's area.
     ///
     /// The area between two columns is ∫ clamp(X − c(y), −h, h) dy, the ends of a row's chord being c ± h, less the
     /// same of the other column. The integrand is linear while the column crosses the chord, and ±h before and after.
     #[inline(always)]
-    pub fn coverage<F: Fn(R) -> R>(&self, corner: V2<R>, segment: F) -> R {
+    pub fn coverage<S: Segment<R>>(&self, corner: V2<R>) -> R {
         let one = corner.x.one();
-        // No closures: they aren't inlined into SIMD code.
+        // A type in place of a closure, and no other closures: they aren't inlined into SIMD code.
         let (above, below) = (corner.y / self.extent.y, (corner.y + one) / self.extent.y);
         let down = [above.max(-one).min(one), below.max(-one).min(one)];
-        let rows = [segment(down[0]), segment(down[1])];
-        let left = self.left_of(corner.x / self.extent.x, down, rows, &segment);
-        let right = self.left_of((corner.x + one) / self.extent.x, down, rows, &segment);
+        let rows = [S::of(down[0]), S::of(down[1])];
+        let left = self.left_of::<S>(corner.x / self.extent.x, down, rows);
+        let right = self.left_of::<S>((corner.x + one) / self.extent.x, down, rows);
         Self::limited((right - left) * (self.extent.x * self.extent.y))
     }
 
@@ -117,14 +117,14 @@ impl<R: Real> Outline<R> {
 
     /// Returns the integral up to the column at `x`, over the rows between both of `down`; all in half extents.
     #[inline(always)]
-    fn left_of<F: Fn(R) -> R>(&self, x: R, down: [R; 2], rows: [R; 2], segment: &F) -> R {
+    fn left_of<S: Segment<R>>(&self, x: R, down: [R; 2], rows: [R; 2]) -> R {
         let one = x.one();
         let inside = x.max(-one).min(one);
         // The rows between which the column crosses the ellipse.
         let half = self.width * (-inside).mul_add(inside, one).max(x.zero()).sqrt();
         let first = inside.mul_add(self.skew, -half).max(down[0]).min(down[1]);
         let last = inside.mul_add(self.skew, half).max(down[0]).min(down[1]);
-        let (before, after) = (segment(first) - rows[0], rows[1] - segment(last));
+        let (before, after) = (S::of(first) - rows[0], rows[1] - S::of(last));
         let full = signed(x + self.skew, before) + signed(x - self.skew, after);
         let middle = (first + last) * x.constant(0.5);
         full.mul_add(self.width, (last - first) * (-self.skew).mul_add(middle, inside))
@@ -204,6 +204,33 @@ pub fn segment<R: Real>(v: R) -> R {
     }
     let area = (-(rest * rest.sqrt())).mul_add(t, a.constant(FRAC_PI_4));
     R::select(v.lt(v.zero()), -area, area)
+}
+
+/// The integral ∫√(1 − v²) from 0 to v, for |v| ≤ 1, as a type.
+pub trait Segment<R> {
+    /// Returns the integral.
+    fn of(v: R) -> R;
+}
+
+/// The integral by [`segment`].
+#[derive(Clone, Copy, Debug)]
+pub enum Rounded {}
+
+/// The integral by [`exact_segment`].
+#[derive(Clone, Copy, Debug)]
+pub enum Exact {}
+
+impl<R: Real> Segment<R> for Rounded {
+    #[inline(always)]
+    fn of(v: R) -> R {
+        segment(v)
+    }
+}
+
+impl Segment<f64> for Exact {
+    fn of(v: f64) -> f64 {
+        exact_segment(v)
+    }
 }
 
 /// Returns ∫√(1 − v²) from 0 to v, for |v| ≤ 1.
@@ -297,7 +324,7 @@ mod tests {
                 for j in -h..=h {
                     for i in -w..=w {
                         let corner = V2::new(center.x.floor() + f64::from(i), center.y.floor() + f64::from(j));
-                        let exact = outline.coverage(corner - center, exact_segment);
+                        let exact = outline.coverage::<Exact>(corner - center);
                         const SIDE: i32 = 32;
                         let at = |k: i32| (f64::from(k) + 0.5) / f64::from(SIDE);
                         let hits = (0..SIDE * SIDE)
@@ -327,11 +354,11 @@ mod tests {
                 for j in -3..3 {
                     for i in -3..3 {
                         let corner = V2::new(f64::from(i) + offset, f64::from(j) + 0.3);
-                        sums[0] += outline.coverage(corner, exact_segment);
+                        sums[0] += outline.coverage::<Exact>(corner);
                         let corner = V2::new(corner.x as f32, corner.y as f32);
                         let p = V3::new(p.x as f32, p.y as f32, p.z as f32);
                         let outline = Outline::of_ball(p, radius as f32, &PERSPECTIVE);
-                        sums[1] += f64::from(outline.coverage(corner, segment));
+                        sums[1] += f64::from(outline.coverage::<Rounded>(corner));
                     }
                 }
                 let area = std::f64::consts::PI * outline.extent.x * outline.extent.y * outline.width;
@@ -356,9 +383,12 @@ mod tests {
                 let on = V2::new(exact.extent.x * exact.skew.mul_add(v, exact.width * u), exact.extent.y * v);
                 let corner = V2::new(on.x + shift.x, on.y + shift.y);
                 let corner = V2::new(corner.x as f32, corner.y as f32);
-                let truth = exact.coverage(V2::new(corner.x.into(), corner.y.into()), exact_segment);
-                let found =
-                    if size >= LARGE_PX { single.coverage_of_large(corner) } else { single.coverage(corner, segment) };
+                let truth = exact.coverage::<Exact>(V2::new(corner.x.into(), corner.y.into()));
+                let found = if size >= LARGE_PX {
+                    single.coverage_of_large(corner)
+                } else {
+                    single.coverage::<Rounded>(corner)
+                };
                 worst = worst.max((f64::from(found) - truth).abs());
             }
             assert!(worst < 1.1e-3, "{radius} ({size} px): {worst}");

@@ -7,7 +7,7 @@ use crate::simd::math::largest;
 use crate::tiles::lists::ItemLists;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask32x16};
-use surfel_math::ball::{BallHit, Outline, SOLID, segment};
+use surfel_math::ball::{BallHit, Outline, Rounded, SOLID};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2, V3};
 
@@ -236,7 +236,7 @@ fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S
     if ball.is_large {
         return (outline.coverage_of_large(from), false);
     }
-    let area = outline.coverage(from, segment);
+    let area = outline.coverage::<Rounded>(from);
     (Lanes::select(outline.rounding().lt(area), area, area.zero()), false)
 }
 
