@@ -1,5 +1,5 @@
-// Balls and dots (rendering model §11), pixel by pixel: each invocation searches the balls of its cell for the fragments
-// that it composites, from near to far.
+// Balls and dots (rendering model §11), pixel by pixel: each invocation searches the balls of its cell for the
+// fragments that it composites, from near to far.
 
 // Lists and records, set up by the CPU in f64: BALLS_… words, the first entry of each cell and the end of the last, the
 // entries, the records of BALL_WORDS words each, and the pixels' states where there are layers.
@@ -317,7 +317,8 @@ fn resolve_samples_balls(@builtin(global_invocation_id) id: vec3u) {
             layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];
         }
         layers = balls_under(layers, at, opaque.end);
-        sum += composite_over(layers, sample_color(at, opaque, vec2i(pixel))) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
+        let color = sample_color(at, opaque, vec2i(pixel));
+        sum += composite_over(layers, color) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
     }
     let shaded = pixel - frame.shade_origin_px;
     write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum);

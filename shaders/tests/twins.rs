@@ -93,7 +93,7 @@ fn rust_paths() -> BTreeSet<&'static str> {
         srgb::decode, as srgb::decode;
         ball::segment;
         ball::Outline::contains, as ball::Outline::<f32>::contains;
-        ball::Outline::coverage, as ball::Outline::<f32>::coverage::<fn(f32) -> f32>;
+        ball::Outline::coverage, as ball::Outline::<f32>::coverage::<ball::Rounded>;
         ball::Outline::coverage_of_large, as ball::Outline::<f32>::coverage_of_large;
         ball::Outline::rounding, as ball::Outline::<f32>::rounding;
         ball::BallHit::new, as ball::BallHit::<f32>::new;

@@ -5,7 +5,6 @@
 const BALL_FULL: f32 = 0.999755859375;
 // Coverage from which on a fragment shows in the planes of depth, normal and nearest splat.
 const BALL_SOLID: f32 = 0.5;
-const QUARTER_PI: f32 = 0.785398163397;
 
 // The ellipse dx = extent.x·(skew·v + width·u), dy = extent.y·v over the unit disk u² + v² ≤ 1.
 struct Outline {
@@ -40,7 +39,7 @@ fn ball_segment(v: f32) -> f32 {
     t = t * a - 0.02734583070739;
     t = t * a + 0.17809527476217;
     t = t * a + 0.78539818336870;
-    let area = QUARTER_PI - rest * sqrt(rest) * t;
+    let area = 0.785398163397 - rest * sqrt(rest) * t;
     return select(area, -area, v < 0.0);
 }
 

@@ -8,7 +8,7 @@ use crate::shade::{Lighting, Surface};
 use crate::splat::ObjectView;
 use glam::DVec3;
 use rayon::prelude::*;
-use surfel_math::ball::{BallHit, LEAST_TEXELS, Outline, SOLID, exact_segment};
+use surfel_math::ball::{BallHit, Exact, LEAST_TEXELS, Outline, SOLID};
 use surfel_math::basis::unit;
 use surfel_math::bounds::Extent;
 use surfel_math::{V2, V3};
@@ -154,7 +154,7 @@ impl ScreenBall {
     /// Returns the ball's fragment in a pixel, if it covers a part of the pixel.
     fn fragment(&self, lighting: &Lighting, pixel: V2<f64>) -> Option<BallFragment> {
         let corner = pixel - V2::new(0.5, 0.5);
-        let coverage = self.outline.coverage(corner - self.anchor - self.outline.center, exact_segment);
+        let coverage = self.outline.coverage::<Exact>(corner - self.anchor - self.outline.center);
         if coverage <= 0.0 {
             return None;
         }

@@ -198,6 +198,13 @@ impl<'a> OpaqueImage<'a> {
         (surface, marginal || surface.is_some_and(|s| s.marginal))
     }
 
+    /// Returns the depth that a pixel shows without balls; +∞ for none.
+    pub(crate) fn shown_depth(&self, at: usize, layers: &[LayerCompositor]) -> f64 {
+        let surface = self.front_surface(at, center_in(self.rect, at)).0.map_or(f64::INFINITY, |s| s.depth);
+        let layer = layers.get(at).and_then(|layers| layers.nearest.as_ref());
+        layer.map_or(surface, |layer| layer.depth.min(surface))
+    }
+
     /// Fills the frame's planes. `layers` has the transparent layers of each pixel; empty without transparent splats.
     fn resolve(&self, layers: &[LayerCompositor], samples: Option<&Samples>, frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);

@@ -1,5 +1,7 @@
 //! Search for the nearest splat or polygon in each pixel (§5, planes).
 
+use crate::ball::{self, BallLayer};
+use crate::frame::OpaqueImage;
 use crate::front::{Front, MeshLayer};
 use crate::pixels::center_in;
 use crate::raster::{Bands, DepthLimits, Run};
@@ -59,6 +61,7 @@ pub(crate) fn candidates(
     rect: Region,
     relative: f64,
 ) -> Vec<Vec<Candidate>> {
+    let image = OpaqueImage::new(lighting, rect, scene.background, front);
     let mut pixels = front.contributing(scene, lighting);
     let layers = front.contributing_layers(scene, lighting, rect);
     for (at, pixel) in pixels.iter_mut().enumerate() {
@@ -67,9 +70,11 @@ pub(crate) fn candidates(
         } else if let Some(polygon) = front.meshes.as_ref().and_then(|meshes| polygon_of(scene, meshes, at)) {
             pixel.push(polygon);
         }
-        pixel.extend(front.balls.as_ref().into_iter().flat_map(|balls| {
-            balls.pixels[at].iter().filter(|f| f.is_solid).map(|f| Candidate::of_splat(scene, f.splat, f.z))
-        }));
+        let balls = BallLayer::of(front.balls.as_ref(), at);
+        if ball::shown(balls).is_some_and(|ball| ball.z < image.shown_depth(at, &front.layers)) {
+            let solid = balls.iter().filter(|f| f.is_solid);
+            *pixel = solid.map(|f| Candidate::of_splat(scene, f.splat, f.z)).collect();
+        }
         pixel.sort_by(Candidate::order);
         let farthest = pixel.first().map_or(0.0, |first| first.z * (1.0 + relative));
         pixel.retain(|candidate| candidate.z <= farthest);

@@ -114,12 +114,12 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     largest.flatten().map(DepthTolerance::Relative)
 }
 
-/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind of
-/// splat. Returns a note for each. `objects` are those of `loaded`, in order.
+/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind
+/// of splat. Returns a note for each. `objects` are those of `loaded`, in order.
 pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
     let mut notes = Vec::new();
     for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
-        let Some(reason) = facts.no_surface.filter(|_| object.convert.points_as.is_none()) else { continue };
+        let Some(reason) = facts.sparse.filter(|_| object.convert.points_as.is_none()) else { continue };
         object.convert.points_as = Some(PointsAs::Balls(None));
         let path = object.splats.clone().unwrap_or_default();
         let text =

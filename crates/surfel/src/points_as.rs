@@ -3,7 +3,7 @@
 //! The surface is always estimated first: up axis, view, sides and radii follow from it. Then every splat of a point is
 //! replaced by one of the chosen kind, with the same attributes.
 //!
-//! A bare file is drawn as balls where its points tell no surface. Each piece of [`EVIDENCE`] has a strength from 0 to 1,
+//! A bare file is drawn as balls where its points tell no surface. Each piece of `EVIDENCE` has a strength from 0 to 1,
 //! the score is their sum, and balls are chosen from a score of 1 on:
 //!
 //! | evidence | 0 | 1 |
@@ -77,14 +77,14 @@ fn spacing(cloud: &SplatCloud) -> f64 {
 /// Reason why the points of a file tell no surface.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum NoSurface {
+pub enum SparseReason {
     /// The number of points is small, and they have neither normals nor radii.
     Few,
     /// Many points lie on lines, or are isolated.
     Loose,
 }
 
-impl NoSurface {
+impl SparseReason {
     /// Returns the reason if the evidence about points that became these splats suffices.
     pub(crate) fn of(report: &PointReport) -> Option<Self> {
         let found = EVIDENCE.map(|(reason, strength)| (reason, strength(report)));
@@ -103,8 +103,8 @@ impl NoSurface {
 }
 
 /// Pieces of evidence, each with its strength from 0 to 1.
-const EVIDENCE: [(NoSurface, fn(&PointReport) -> f64); 2] =
-    [(NoSurface::Few, strength_of_few), (NoSurface::Loose, strength_of_loose)];
+const EVIDENCE: [(SparseReason, fn(&PointReport) -> f64); 2] =
+    [(SparseReason::Few, strength_of_few), (SparseReason::Loose, strength_of_loose)];
 
 /// Numbers of points below which a cloud is an example, up to which it is sparse, and from which on it is not.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
@@ -137,13 +137,13 @@ mod tests {
 
     #[test]
     fn balls_are_chosen_where_points_tell_no_surface() {
-        assert_eq!(NoSurface::of(&report(2048, 0)), Some(NoSurface::Few));
-        assert_eq!(NoSurface::of(&PointReport { normals_given: 2048, ..report(2048, 0) }), None);
-        assert_eq!(NoSurface::of(&report(100, 100)), None, "an example");
-        assert_eq!(NoSurface::of(&report(50_000, 30_000)), Some(NoSurface::Loose));
-        assert_eq!(NoSurface::of(&report(50_000, 10_000)), None);
-        assert_eq!(NoSurface::of(&report(8192, 0)), None);
-        assert_eq!(NoSurface::of(&report(8192, 2600)), Some(NoSurface::Loose), "half of either evidence");
+        assert_eq!(SparseReason::of(&report(2048, 0)), Some(SparseReason::Few));
+        assert_eq!(SparseReason::of(&PointReport { normals_given: 2048, ..report(2048, 0) }), None);
+        assert_eq!(SparseReason::of(&report(100, 100)), None, "an example");
+        assert_eq!(SparseReason::of(&report(50_000, 30_000)), Some(SparseReason::Loose));
+        assert_eq!(SparseReason::of(&report(50_000, 10_000)), None);
+        assert_eq!(SparseReason::of(&report(8192, 0)), None);
+        assert_eq!(SparseReason::of(&report(8192, 2600)), Some(SparseReason::Loose), "half of either evidence");
     }
 
     #[test]

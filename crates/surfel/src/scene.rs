@@ -6,7 +6,7 @@ pub use crate::auto::{
 };
 pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
-pub use crate::points_as::NoSurface;
+pub use crate::points_as::SparseReason;
 
 use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::coloring::{Colorings, linear};
@@ -79,7 +79,7 @@ pub struct ObjectFacts {
     /// True if the file held points, without extent or polygons.
     pub points: bool,
     /// Reason why the file's points tell no surface, if they don't.
-    pub no_surface: Option<NoSurface>,
+    pub sparse: Option<SparseReason>,
     /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
     /// comment.
     pub sides_known: bool,
@@ -109,7 +109,7 @@ impl Default for ObjectFacts {
             up: Up::PlusY,
             up_reason: None,
             points: false,
-            no_surface: None,
+            sparse: None,
             sides_known: false,
             colored: false,
             closed: false,
@@ -270,8 +270,8 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
-    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up axis,
-    /// view and lights follow from the surface, so this comes last, before [`assemble`].
+    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up
+    /// axis, view and lights follow from the surface, so this comes last, before [`assemble`].
     ///
     /// # Errors
     /// [`Error::Model`] for a radius that is out of range.
@@ -422,8 +422,8 @@ fn load_uncolored(
                         } = made;
                         loaded.beside.extend(beside);
                         let is_of_points = matches!(conversion, Conversion::Points(_));
-                        let no_surface = match &conversion {
-                            Conversion::Points(report) => NoSurface::of(report),
+                        let sparse = match &conversion {
+                            Conversion::Points(report) => SparseReason::of(report),
                             _ => None,
                         };
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
@@ -453,7 +453,7 @@ fn load_uncolored(
                             up,
                             up_reason,
                             points,
-                            no_surface,
+                            sparse,
                             sides_known,
                             closed,
                             flat,

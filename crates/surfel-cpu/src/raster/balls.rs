@@ -1,12 +1,13 @@
 //! Fragments of balls in a block's pixels, in the order of depth (§11).
 
 use crate::setup::balls::{BallRecord, BallSegment};
+use crate::simd::compress::ones;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::math::largest;
 use crate::tiles::lists::ItemLists;
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, mask32x16};
-use surfel_math::ball::{BallHit, Outline, SOLID, segment};
+use surfel_math::ball::{BallHit, Outline, Rounded, SOLID};
 use surfel_math::projection::Projection;
 use surfel_math::{Real, V2, V3};
 
@@ -24,6 +25,9 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
+/// Number of balls after which those behind all of a block's pixels are found anew.
+const OCCLUDED_EVERY: u32 = 8;
+
 /// The balls of a block.
 #[derive(Clone, Copy)]
 pub(crate) struct BallList<'a> {
@@ -38,8 +42,9 @@ pub(crate) struct BallList<'a> {
 pub(crate) struct BlockFragments {
     /// Index in the block's list.
     pub ball: u32,
+    /// Bits of the pixels that have a fragment; the other two are meaningless elsewhere.
+    there: u32,
     pub z: [f32; LANES],
-    /// Coverage, 0 where there is no fragment.
     pub coverage: [f32; LANES],
 }
 
@@ -70,8 +75,11 @@ impl BallFragments {
         self.fragments.clear();
         self.tested = 0;
         let mut end = limit;
-        let mut farthest = largest(end);
+        let (mut farthest, mut is_nearer) = (largest(end), false);
         for (index, ball) in (0..).zip(balls) {
+            if is_nearer && index % OCCLUDED_EVERY == 0 {
+                (farthest, is_nearer) = (largest(end), false);
+            }
             if ball.z_min > farthest {
                 continue;
             }
@@ -80,21 +88,23 @@ impl BallFragments {
             let (coverage, is_whole) = coverage(simd, ball, from);
             let z = if ball.flat { Lanes::splat(simd, ball.z) } else { hit(simd, ball, at, projection).0 };
             let there = coverage.zero().lt(coverage) & z.lt(end);
-            if there.to_bitmask() == 0 {
+            let bits = there.to_bitmask() as u32;
+            if bits == 0 {
                 continue;
             }
-            let coverage = Lanes::select(there, coverage, coverage.zero());
             if ball.alpha >= 1.0 {
                 let full = there & coverage.one().le(coverage);
                 if full.to_bitmask() != 0 {
                     // A fragment as near as the end still counts.
                     end = Lanes::select(full, end.min(after(z)), end);
+                    is_nearer = true;
                     if is_whole {
                         farthest = largest(end);
                     }
                 }
             }
-            self.fragments.push(BlockFragments { ball: index, z: z.to_array(), coverage: coverage.to_array() });
+            let (z, coverage) = (z.to_array(), coverage.to_array());
+            self.fragments.push(BlockFragments { ball: index, there: bits, z, coverage });
         }
         self.sort(end.to_array());
     }
@@ -103,14 +113,14 @@ impl BallFragments {
         self.taken = [0; LANES];
         self.pixels.iter_mut().for_each(Vec::clear);
         for (index, of) in (0u64..).zip(&self.fragments) {
-            for (lane, pixel) in self.pixels.iter_mut().enumerate() {
-                if of.coverage[lane] > 0.0 && of.z[lane] < ends[lane] {
+            for lane in ones(of.there.into()) {
+                if of.z[lane] < ends[lane] {
                     // Depths are positive, so their bits have their order.
-                    pixel.push(u64::from(of.z[lane].to_bits()) << 32 | index);
+                    self.pixels[lane].push(u64::from(of.z[lane].to_bits()) << 32 | index);
                 }
             }
         }
-        self.pixels.iter_mut().for_each(|pixel| pixel.sort_unstable());
+        self.pixels.iter_mut().filter(|pixel| pixel.len() > 1).for_each(|pixel| pixel.sort_unstable());
     }
 
     /// Takes each pixel's next fragment, if it is nearer than `until`. Returns the fragments and the pixels' bits.
@@ -204,8 +214,8 @@ fn outline<S: Simd>(simd: S, ball: &BallRecord) -> Outline<Lanes<S>> {
     }
 }
 
-/// Returns the coverage of a block's pixels, and true if all are covered wholly. `from` has the pixels' corners relative
-/// to the outline's centre.
+/// Returns the coverage of a block's pixels, and true if all are covered wholly. `from` has the pixels' corners
+/// relative to the outline's centre.
 #[inline(always)]
 fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S>, bool) {
     let outline = outline(simd, ball);
@@ -213,8 +223,9 @@ fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S
     if ball.extent[0].min(ball.extent[1]) > 2.8 {
         let (zero, four) = (from.x.zero(), from.x.constant(4.0));
         let corners = mask32x16::from_bitmask(simd, 0b1001);
-        let [left, top] = [from.x, from.y].map(|v| Lanes::splat(simd, v.to_array()[0]));
-        let [right, bottom] = [left + four, top + four];
+        let left = Lanes::splat(simd, from.x.to_array()[0]);
+        let top = Lanes::splat(simd, from.y.to_array()[0]);
+        let (right, bottom) = (left + four, top + four);
         let column = Lanes::block_columns(simd);
         let x = Lanes::select(column.le(zero), left, right);
         let (y_top, y_bottom) = (outline.contains(V2::new(x, top)), outline.contains(V2::new(x, bottom)));
@@ -225,7 +236,7 @@ fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S
     if ball.is_large {
         return (outline.coverage_of_large(from), false);
     }
-    let area = outline.coverage(from, segment);
+    let area = outline.coverage::<Rounded>(from);
     (Lanes::select(outline.rounding().lt(area), area, area.zero()), false)
 }
 
@@ -234,8 +245,7 @@ fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S
 fn hit<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), projection: &Projection) -> (Lanes<S>, V3<Lanes<S>>) {
     let k = |v: f32| Lanes::splat(simd, v);
     let from = offset(simd, ball, at, ball.anchor);
-    let [slope_x, slope_y] = ball.slope.map(k);
-    hit_of([from.x, from.y, slope_x, slope_y, k(ball.size), k(ball.z)], projection)
+    hit_of([from.x, from.y, k(ball.slope[0]), k(ball.slope[1]), k(ball.size), k(ball.z)], projection)
 }
 
 /// Returns the depths and normals of balls, given by the offset of the pixel's corner from the centre's projection, the
@@ -246,7 +256,7 @@ pub(crate) fn hit_of<S: Simd>(
     projection: &Projection,
 ) -> (Lanes<S>, V3<Lanes<S>>) {
     let half = x.constant(0.5);
-    let [fx, fy] = projection.focal_px.map(|f| x.constant(1.0 / f));
+    let (fx, fy) = (x.constant(1.0 / projection.focal_px[0]), x.constant(1.0 / projection.focal_px[1]));
     let hit = BallHit::new(V2::new(slope_x, slope_y), size, V2::new((x + half) * fx, (y + half) * fy), projection);
     (if projection.is_perspective() { z * hit.depth } else { z + hit.depth }, hit.normal)
 }

@@ -53,6 +53,24 @@ pub(crate) struct CompositeJob<'a> {
     pub opaque_splats_only: bool,
 }
 
+/// Depths of a block's nearest surfaces, +∞ for none, by which balls and layers are composited.
+#[derive(Clone, Copy)]
+pub(super) struct Ends<S: Simd> {
+    /// Depth beyond which balls are hidden: that of the surface that shows.
+    pub front: Lanes<S>,
+    /// Depth beyond which transparent layers are hidden; `None` if the block has none.
+    pub layers: Option<Lanes<S>>,
+}
+
+/// Outputs of a block with balls besides its pixels.
+pub(super) struct BallOutputs<'a, 'b> {
+    /// Target of the plane of the nearest splats; `None` for samples.
+    pub target: Option<&'a mut Target<'b>>,
+    /// Steps of layers, and the tile.
+    pub steps: Option<(&'a mut LayerSteps, usize)>,
+    pub counters: &'a mut Counters,
+}
+
 /// The opaque surfaces of a block.
 pub(super) struct Front<S: Simd> {
     pub sums: Sums<S>,
@@ -154,9 +172,10 @@ impl<'a> CompositeJob<'a> {
                     layers.put_index(target, at);
                     pixels = layers.over(&pixels);
                 } else {
-                    let is_transparent = transparent >> block & 1 != 0;
-                    let to = (Some(&mut *target), &mut counters);
-                    self.draw_balls(simd, place, (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                    let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                    let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                    let outputs = BallOutputs { target: Some(&mut *target), steps: None, counters: &mut counters };
+                    self.draw_balls(simd, place, ends, &mut pixels, outputs, scratch);
                 }
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
@@ -258,16 +277,15 @@ impl<'a> CompositeJob<'a> {
         composited
     }
 
-    /// Composites a block's balls, and its transparent layers if it has any, over its pixels. `opaque_depth` is the
-    /// depth of the nearest surface that isn't a ball, and where it ends.
+    /// Composites a block's balls, and its transparent layers if it has any, over its pixels.
     #[inline(never)]
     pub(super) fn draw_balls<S: Simd>(
         &self,
         simd: S,
-        (block, at): (u32, (i32, i32)),
-        (opaque_depth, is_transparent): (Lanes<S>, bool),
+        (block_number, at): (u32, (i32, i32)),
+        ends: Ends<S>,
         pixels: &mut Pixels<S>,
-        (target, counters): (Option<&mut Target<'_>>, &mut Counters),
+        BallOutputs { target, steps, counters }: BallOutputs<'_, '_>,
         scratch: &mut TileScratch<'a>,
     ) {
         simd.vectorize(
@@ -275,16 +293,16 @@ impl<'a> CompositeJob<'a> {
             || {
                 let TileScratch { transparent, layers, balls, ball_fragments, .. } = scratch;
                 let lighting = self.tiles.lighting;
-                let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
-                ball_fragments.gather(simd, list, opaque_depth);
+                let list = BallList { balls: balls.of(block_number), at, projection: lighting.projection() };
+                ball_fragments.gather(simd, list, ends.front);
                 counters.block_pairs += u64::from(ball_fragments.tested);
                 let full = ball_fragments.full_depth(simd, list.balls);
                 let factors = self.extras.ball_factors;
                 let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
-                if is_transparent {
+                if let Some(opaque_depth) = ends.layers {
                     let block = TransparentBlock {
                         simd,
-                        list: transparent.of(block),
+                        list: transparent.of(block_number),
                         at,
                         inputs: &self.tiles.inputs,
                         opaque_depth: opaque_depth.min(full),
@@ -292,20 +310,23 @@ impl<'a> CompositeJob<'a> {
                     let mut composited = composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
                     counters.block_pairs += u64::from(composited.tested);
                     counters.inside += u64::from(composited.inside);
-                    balls.composite(opaque_depth, &mut composited.colors);
+                    if let Some((steps, tile)) = steps {
+                        steps.put(tile, block_number, &composited);
+                    }
+                    balls.composite(ends.front, &mut composited.colors);
                     *pixels = composited.over(pixels);
                     if let Some(target) = target {
                         composited.put_index(target, at);
-                        balls.show(opaque_depth, pixels, target);
+                        balls.show(ends.front, pixels, target);
                     }
                     return;
                 }
                 let mut composited = Composited::nothing(simd);
-                balls.composite(opaque_depth, &mut composited);
+                balls.composite(ends.front, &mut composited);
                 pixels.color = composited.over(pixels.color);
                 pixels.fragments = pixels.fragments + composited.fragments;
                 if let Some(target) = target {
-                    balls.show(opaque_depth, pixels, target);
+                    balls.show(ends.front, pixels, target);
                 }
             },
         );
@@ -377,18 +398,17 @@ impl<'a> CompositeJob<'a> {
         for block in ones(stepped | transparent | balls).map(|block| block as u32) {
             let at = listing.grid.block_px(tile, block);
             let mut color = target.color(simd, at);
-            let mut opaque_depth = gbuffer.opaque(simd, tile, block);
+            let opaque_depth = gbuffer.opaque(simd, tile, block);
+            let mut front = gbuffer.front(simd, tile, block);
             if stepped >> block & 1 != 0 {
                 let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
                 let (shaded, mut behind, edge) =
                     self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
                 if balls >> block & 1 != 0 {
-                    let infinite = Lanes::splat(simd, f32::INFINITY);
-                    let end = Lanes::select(shaded.covered, shaded.z, infinite);
-                    let nearest = Lanes::select(edge, opaque_depth.min(end), opaque_depth);
-                    let range = (opaque_depth.min(end), Lanes::select(edge, end, infinite.zero()));
+                    let end = shaded.depth_or_infinite();
+                    let range = (front.min(end), Lanes::select(edge, end, end.zero()));
                     behind = self.balls_behind(simd, (block, at), range, behind, scratch);
-                    opaque_depth = nearest;
+                    front = Lanes::select(edge, front.min(end), front);
                 }
                 let q = gbuffer.coverage(simd, tile, block);
                 let q = q.min(q.one());
@@ -399,8 +419,10 @@ impl<'a> CompositeJob<'a> {
             if balls >> block & 1 != 0 {
                 let mut pixels = Pixels { color, ..target.get(simd, at) };
                 let before = pixels.fragments;
-                let (to, is_transparent) = ((Some(&mut *target), &mut counters), transparent >> block & 1 != 0);
-                self.draw_balls(simd, (block, at), (opaque_depth, is_transparent), &mut pixels, to, scratch);
+                let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                let steps = layer_steps.as_deref_mut().map(|steps| (steps, tile));
+                let outputs = BallOutputs { target: Some(&mut *target), steps, counters: &mut counters };
+                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, outputs, scratch);
                 let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
                 added += counts * target.rect.lanes_inside(simd, at);
                 target.put(at, &pixels);
@@ -479,9 +501,9 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A pixel that a polygon
-    /// covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of candidate pixels, and true
-    /// if one of them has a depth threshold.
+    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A
+    /// pixel that a polygon covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of
+    /// candidate pixels, and true if one of them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,

@@ -3,7 +3,7 @@
 
 use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;
-use crate::screen::composite::CompositeJob;
+use crate::screen::composite::{BallOutputs, CompositeJob, Ends};
 use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::GBuffer;
 use crate::screen::neighbourhood::Neighbourhood;
@@ -92,8 +92,10 @@ impl<'a> SampleJob<'a, '_> {
             let background = self.lighting.background_color();
             let mut samples = front.shaded.over_background(simd, background, front.sums.fragments);
             if balls >> block & 1 != 0 {
-                let depth = (front.opaque_depth, transparent >> block & 1 != 0);
-                job.draw_balls(simd, (block, at), depth, &mut samples, (None, &mut counters), scratch);
+                let layers = (transparent >> block & 1 != 0).then_some(front.opaque_depth);
+                let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                let outputs = BallOutputs { target: None, steps: None, counters: &mut counters };
+                job.draw_balls(simd, (block, at), ends, &mut samples, outputs, scratch);
             } else if transparent >> block & 1 != 0 {
                 samples = job.layers(simd, (block, at), front.opaque_depth, scratch, &mut counters).over(&samples);
             }

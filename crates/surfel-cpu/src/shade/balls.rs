@@ -119,7 +119,7 @@ impl<S: Simd> BallBlock<'_, S> {
         }
         let lane = |i: usize| Lanes::load(simd, &fields[i]);
         let projection = self.list.projection;
-        let (_, normal) = hit_of([0, 1, 2, 3, 4, 5].map(lane), projection);
+        let (_, normal) = hit_of([lane(0), lane(1), lane(2), lane(3), lane(4), lane(5)], projection);
         let flat = mask32x16::from_bitmask(simd, flat);
         let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
         let to_eye = match projection.is_perspective() {

@@ -94,7 +94,7 @@ pub(crate) fn composite<S: Simd>(
         let inverse = alpha.one() / Lanes::select(covered, weight, alpha.one());
         let [r, g, b] = sums.color;
         let shaded = Shaded { covered, color: limited(V3::new(r, g, b) * inverse), z, normal, weight };
-        composited.add_behind(&shaded, alpha * inverse, (sums.fragments, balls.as_deref_mut()));
+        composited.add_behind(&shaded, alpha * inverse, (sums.fragments, balls));
     }
     composited
 }

@@ -1,5 +1,5 @@
-//! Balls and dots that may touch a tile (§11): set up in f64, like those of the reference, listed by cells of pixels, and
-//! uploaded.
+//! Balls and dots that may touch a tile (§11): set up in f64, like those of the reference, listed by cells of pixels,
+//! and uploaded.
 
 use crate::frame::object_transform::ObjectTransform;
 use crate::passes::pass_list::{has_layers, is_of_shadow_map};

@@ -3,7 +3,7 @@
 use crate::inputs::{Random, f32s};
 use crate::kernels::{Kernel, ORTHOGRAPHIC, PERSPECTIVE, flag, sum, v2};
 use surfel_math::Real;
-use surfel_math::ball::{BallHit, Outline, segment};
+use surfel_math::ball::{BallHit, Outline, Rounded, segment};
 
 /// WGSL statement that makes an outline from the first four numbers.
 const OUTLINE: &str = "let o = Outline(vec2f(x0, x1), x2, x3);";
@@ -18,7 +18,7 @@ fn contains<R: Real>(x: &[R]) -> Vec<R> {
     flag(outline(x).contains(v2(&x[4..])), x[0])
 }
 fn coverage<R: Real>(x: &[R]) -> Vec<R> {
-    vec![outline(x).coverage(v2(&x[4..]), segment)]
+    vec![outline(x).coverage::<Rounded>(v2(&x[4..]))]
 }
 fn coverage_of_large<R: Real>(x: &[R]) -> Vec<R> {
     vec![outline(x).coverage_of_large(v2(&x[4..]))]

@@ -213,7 +213,7 @@ pub(super) const ROWS: &[Row] = &[
     .python("str")
     .scene("convert.points_as")
     .example("balls:0.02")
-    .synonyms(&["point-style", "points-style", "spheres", "balls", "point-size", "splat-shape"]),
+    .synonyms(&["point-style", "spheres", "balls"]),
     point(Row::text("lod-error", "PX", |o, text| put(&mut o.render.lod_error, values::positive(text))))
         .of(Group::Points, Commands::DRAWN)
         .help(
