@@ -121,9 +121,11 @@ fn errors_are_measured_to_points_or_to_a_mesh() {
     let to_mesh = draw(&[mesh, above.clone()], &render(), &figure).unwrap();
     assert!(words(&to_mesh).contains(&"mean 0.250 m"), "{:?}", words(&to_mesh));
     // A quarter of the points: to the nearest of those left, one spacing or its diagonal is the least distance.
-    let few: Vec<DVec3> = grid(0.0).into_iter().enumerate().filter(|(i, _)| i % 2 == 0 && i / 20 % 2 == 0).map(|(_, p)| p).collect();
+    let is_kept = |(i, _): &(usize, DVec3)| i % 2 == 0 && i / 20 % 2 == 0;
+    let few: Vec<DVec3> = grid(0.0).into_iter().enumerate().filter(is_kept).map(|(_, p)| p).collect();
     let all = grid(0.0);
-    let mean = all.iter().map(|p| few.iter().map(|q| p.distance(*q)).fold(f64::INFINITY, f64::min)).sum::<f64>() / 400.0;
+    let least = |p: &DVec3| few.iter().map(|q| p.distance(*q)).fold(f64::INFINITY, f64::min);
+    let mean = all.iter().map(least).sum::<f64>() / 400.0;
     let files = [folder.points("few.xyz", &few), folder.points("all.xyz", &all)];
     let to_points = draw(&files, &render(), &figure).unwrap();
     let expected = format!("mean {mean:.4} m");
@@ -203,8 +205,9 @@ fn objects_have_the_colour_that_is_asked_for() {
     let resolved = request.resolve(loaded, &NoProgress, &mut |_| {}).unwrap();
     assert_eq!(resolved.file.objects[0].material.color.map(|color| color.0), Some([0xc0, 0x40, 0x20]));
     // The scene file alone gives the same image.
+    let options = surfel::LoadOptions::default();
     let (again, _): (Scene, _) =
-        surfel::load_scene(&resolved.file, std::path::Path::new(""), &surfel::LoadOptions::default(), &NoProgress).unwrap();
+        surfel::load_scene(&resolved.file, std::path::Path::new(""), &options, &NoProgress).unwrap();
     for scene in [&resolved.scene, &again] {
         let mut backend = Backend::auto().unwrap();
         let resident = backend.upload(scene).unwrap();
