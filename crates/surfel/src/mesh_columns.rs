@@ -111,7 +111,7 @@ mod tests {
             let positions = Column3::from_f64(&positions);
             let mesh = Mesh { positions, triangles: triangles.clone(), vertex_extras, ..Mesh::default() };
             let cloud = SplatCloud::disks(&[[0.7, 0.5, 0.0]], &[[0.0, 0.0, 1.0_f32]], &[1.0_f32]).unwrap();
-            let cloud = MeshColumns::new(mesh).unwrap().values(cloud, "a", (None, None)).unwrap();
+            let cloud = MeshColumns::new(mesh).unwrap().values(cloud, "a", &Colors::default()).unwrap();
             cloud.data().extras[0].values.get(0)
         };
         let columns = |f: fn(u32) -> u32| (0..12).map(|i| f(i / 2)).collect::<Vec<u32>>();
