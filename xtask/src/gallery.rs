@@ -35,7 +35,7 @@ const FIGURES: &[(&str, &[&str], &str)] = &[
     (
         "figure-completion",
         &["chair-truth.xyz", "chair-partial.xyz", "chair-coarse.xyz", "chair-fine.xyz"],
-        "--titles Ground_truth,Input,Coarse,Fine --view 40,25 --error-row --unit m --width 900",
+        "--titles Ground_truth,Input,Coarse,Fine --view 40,25 --error-row --unit m --size 3x4 --width 900",
     ),
     (
         "figure-subjects",
@@ -59,13 +59,13 @@ const FIGURES: &[(&str, &[&str], &str)] = &[
         "figure-classes",
         &["village.txt"],
         "--classes !7 --color-by classification --value-title class --annotate scale,north --unit m --view top --ortho \
-         --size 720x560 --width 800",
+         --width 800",
     ),
     (
         "figure-height",
         &["spot-scan.xyz"],
         "--color-by height --colormap plasma --value-title height_[dm] --annotate scale,axes --unit dm --view 150,15 \
-         --text-at 0.42,0.75,-0.35=horn --text-at 0,0.2,0.65=tail --width 560",
+         --text-at 0.42,0.75,-0.35=ear --text-at 0,0.2,0.65=back --width 560",
     ),
 ];
 

@@ -18,8 +18,8 @@ fn figures_are_pdf_svg_and_png() {
     let f = Folder::new("figure");
     f.write("a.xyz", points());
     f.write("b.xyz", points());
-    let words =
-        "figure a.xyz b.xyz --size 90x60 --title Both --titles Truth,Ours --error-row --annotate scale,axes --unit m";
+    let words = "figure a.xyz b.xyz --size 90x60 --title Both --titles Truth,Ours --error-row --annotate scale,axes \
+                 --unit m";
     for name in ["fig.pdf", "fig.svg", "fig.png"] {
         f.run(&format!("{words} -o {name}")).code(0);
     }
@@ -53,8 +53,8 @@ fn legends_have_the_names_of_classes_and_of_labels() {
     assert!(["ground", "building", "water"].iter().all(|name| svg.contains(&format!(">{name}<"))));
     // Ochre and green, which people without green cones confuse.
     f.write("names.txt", "2 lawn #be8c3c\n6 wood #78a53c\n");
-    let said =
-        f.run("figure a.csv --color-by classification --labels names.txt --size 60x60 -o b.svg").code(0).stderr();
+    let said = f.run("figure a.csv --color-by classification --labels names.txt --size 60x60 -o b.svg");
+    let said = said.code(0).stderr();
     let svg = String::from_utf8(f.read("b.svg")).unwrap();
     assert!(["lawn", "wood", "water"].iter().all(|name| svg.contains(&format!(">{name}<"))));
     assert!(said.contains("deuteranopia: lawn and wood"), "{said}");

@@ -140,7 +140,8 @@ pub enum KeyContent {
 }
 
 impl Key {
-    /// Creates a colour bar from its title, its colours from the least value to the largest, and the values at its ends.
+    /// Creates a colour bar from its title, its colours from the least value to the largest, and the values at its
+    /// ends.
     pub fn bar(title: &str, colors: Vec<Rgb>, range: [f64; 2]) -> Self {
         Self { title: title.to_owned(), content: KeyContent::Bar { colors, range }, rows: 0..0 }
     }

@@ -82,8 +82,8 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     Ok(())
 }
 
-/// Returns the absolute path of a file given by a flag, which is relative to the current folder. A file named in a scene
-/// file is relative to the scene file.
+/// Returns the absolute path of a file given by a flag, which is relative to the current folder. A file named in a
+/// scene file is relative to the scene file.
 fn absolute(file: Option<&PathBuf>) -> Result<Option<PathBuf>, Error> {
     let absolute =
         |file: &PathBuf| std::path::absolute(file).map_err(|e| Error::Usage(format!("{}: {e}", file.shown())));

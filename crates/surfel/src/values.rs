@@ -531,7 +531,7 @@ mod tests {
         for bad in ["0,0,0,1", "1,2,3", "-1,0,1,1"] {
             assert!(region(bad).is_err(), "{bad}");
         }
-        for bad in ["1,1", "1,1,1,2", "red", "0,0,0,-0.1"] {
+        for bad in ["1,1", "1,1,1,2", "reddish", "0,0,0,-0.1"] {
             assert!(background(bad).is_err(), "{bad}");
         }
         for bad in ["0", "180", "nan", "x"] {
@@ -540,6 +540,7 @@ mod tests {
         assert!(depth_tolerance("abs:-1").is_err() && depth_tolerance("inf").is_err());
         assert_eq!(depth_tolerance("abs:0.5"), Ok(DepthTolerance::Absolute(0.5)));
         assert_eq!(background("transparent"), Ok([0.0; 4]));
+        assert_eq!((background("red"), background("#fff")), (Ok([1.0, 0.0, 0.0, 1.0]), Ok([1.0; 4])));
         for bad in ["", "side", "30", "30,91", "1,2,3", "nan,0"] {
             assert!(view(bad).is_err(), "{bad}");
         }

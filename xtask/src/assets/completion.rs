@@ -49,8 +49,8 @@ fn points(parts: &[Part], (name, far, near): &(&str, f64, f64), random: &mut Spl
     for _ in 0..POINTS {
         // A face by its area, and a place on one of its two sides.
         let mut left = random.unit() * total;
-        let all =
-            parts.iter().flat_map(|part| faces(part).into_iter().enumerate().map(move |(k, area)| (part, k, area)));
+        let of_part = |part| faces(part).into_iter().enumerate().map(move |(k, area)| (part, k, area));
+        let all = parts.iter().flat_map(of_part);
         let found = all.into_iter().find(|(_, _, area)| {
             left -= area;
             left < 0.0

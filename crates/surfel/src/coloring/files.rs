@@ -48,8 +48,8 @@ fn words(line: &str) -> Vec<&str> {
 }
 
 impl FileColors {
-    /// Reads a colour map: two or more lines, each with `#rrggbb`, a name of CSS, or three numbers r g b: 0 to 255, or 0
-    /// to 1 if no number of the file is larger. Lines that begin with `#` and are no colour are comments.
+    /// Reads a colour map: two or more lines, each with `#rrggbb`, a name of CSS, or three numbers r g b: 0 to 255, or
+    /// 0 to 1 if no number of the file is larger. Lines that begin with `#` and are no colour are comments.
     ///
     /// # Errors
     /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for lines that are no colours.
@@ -101,7 +101,8 @@ fn interpolated(colors: &[[f64; 3]]) -> Vec<[u8; 3]> {
 
 impl Labels {
     /// Reads names of categories: lines `VALUE NAME`, or `VALUE NAME COLOUR` with a colour as `#rrggbb`. Value and name
-    /// may also be separated by a comma, a semicolon, a colon or an equals sign. Lines that begin with `#` are comments.
+    /// may also be separated by a comma, a semicolon, a colon or an equals sign. Lines that begin with `#` are
+    /// comments.
     ///
     /// # Errors
     /// [`crate::Error::Io`] for a file that can't be read, [`crate::Error::Unsuitable`] for lines of another form.

@@ -241,8 +241,8 @@ impl FigureRequest<'_> {
     /// Loads the files and draws the figure. Passes notes for the user to `note`, as sentences without a full stop.
     ///
     /// # Errors
-    /// [`Error::Usage`] for options that contradict each other; otherwise as [`Request::load`], [`Request::resolve`] and
-    /// [`surfel_render::Renderer::render_into`].
+    /// [`Error::Usage`] for options that contradict each other; otherwise as [`Request::load`], [`Request::resolve`]
+    /// and [`surfel_render::Renderer::render_into`].
     pub fn draw(
         &self,
         backend: &mut Backend,

@@ -10,8 +10,10 @@ use surfel_model::{MAX_IMAGE_SIDE, Projection};
 
 /// Size of words in points in figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
-/// Size of words as a fraction of a panel's shorter side in other figures, and the least size in pixels.
-const FONT_SHARE: (f64, f64) = (0.042, 9.0);
+/// Size of words in other figures: as a fraction of a panel's shorter side, of the figure's width if it is fixed, and the
+/// least size in pixels.
+const FONT_SHARES: [f64; 2] = [0.042, 1.0 / 65.0];
+const LEAST_FONT: f64 = 9.0;
 /// Share of a figure's width that panels are assumed to get, before the words are laid out.
 const PANELS_SHARE: f64 = 0.85;
 /// Smallest width of a panel in pixels.
@@ -130,8 +132,8 @@ impl<'a> Panels<'a> {
             if width < LEAST_WIDTH {
                 let found = whole.round();
                 return Err(Error::Usage(format!(
-                    "--width leaves no room for {columns} panels beside the words: found {found} pixels, expected more, \
-                     or a smaller --font-size"
+                    "--width leaves no room for {columns} panels beside the words: found {found} pixels, expected \
+                     more, or a smaller --font-size"
                 )));
             }
             self.resize(sized(width, proportions));
@@ -194,8 +196,9 @@ impl<'a> Panels<'a> {
 fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     let is_on_paper = matches!(request.figure.width, Some(Length::Inches(_)));
     let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));
-    let of_panel = (FONT_SHARE.0 * f64::from(width.min(height))).max(FONT_SHARE.1);
-    points.map_or(of_panel, |points| points * request.dpi() / POINTS)
+    let of_panel = FONT_SHARES[0] * f64::from(width.min(height));
+    let of_figure = fixed_width(request).map_or(0.0, |whole| FONT_SHARES[1] * whole);
+    points.map_or(of_panel.max(of_figure).max(LEAST_FONT), |points| points * request.dpi() / POINTS)
 }
 
 /// Returns the camera for an image of another size with the same proportions.

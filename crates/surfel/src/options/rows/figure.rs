@@ -111,7 +111,7 @@ pub(super) const ROWS: &[Row] = &[
     .synonyms(&["text", "note", "annotation", "point-label"]),
     figure(Row::text("width", "W", |o, text| put(&mut o.figure.width, figure_values::length(text))))
         .help(
-            "Width of the whole figure in pixels, or in millimetres (mm), centimetres (cm), inches (in) or points (pt).",
+            "Width of the whole figure in pixels, or in mm, cm, inches (in) or points (pt).",
             "The panels get the room that words leave, with the proportions of --size.",
         )
         .everyday()
