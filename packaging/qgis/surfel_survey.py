@@ -8,6 +8,7 @@ Headless:
 """
 
 import os
+import shlex
 import shutil
 import subprocess
 
@@ -88,7 +89,7 @@ class SurfelSurvey(QgsProcessingAlgorithm):
             command += ["--dsm", dsm] if dsm else []
             color_by = self.parameterAsString(parameters, self.COLOR_BY, context)
             command += ["--color-by", color_by] if color_by else []
-            command += self.parameterAsString(parameters, self.OPTIONS, context).split()
+            command += shlex.split(self.parameterAsString(parameters, self.OPTIONS, context))
             run(command, feedback)
             results.update({self.ORTHO: ortho} if ortho else {})
             results.update({self.DSM: dsm} if dsm else {})
@@ -114,13 +115,14 @@ def run(command, feedback):
     """Runs the program, passes its notes to the log, and stops it if the user cancels."""
     command = [program(), *command]
     feedback.pushCommandInfo(" ".join(command))
-    # Notes go to stderr, one a line. Both streams share a pipe, so that neither fills up.
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     last = ""
-    for line in process.stdout:
-        last = line.strip() or last
-        feedback.pushInfo(line.rstrip())
-        if feedback.isCanceled():
-            process.terminate()
-    if process.wait() != 0 and not feedback.isCanceled():
+    # Notes go to stderr, one a line. Both streams share a pipe, so that neither fills up.
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+    with subprocess.Popen(command, **pipes, text=True, errors="replace") as process:
+        for line in process.stdout:
+            last = line.strip() or last
+            feedback.pushInfo(line.rstrip())
+            if feedback.isCanceled():
+                process.terminate()
+    if process.returncode != 0 and not feedback.isCanceled():
         raise QgsProcessingException(f"surfel ended with code {process.returncode}: {last}")
