@@ -43,7 +43,7 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
 }
 
 /// Returns the first program of the section on the library.
-fn program_of(readme: &str) -> Option<&str> {
+pub(crate) fn program_of(readme: &str) -> Option<&str> {
     let section = readme.split_once("## As a library")?.1;
     let program = section.split_once("```rust")?.1.split_once('\n')?.1;
     Some(program.split_once("```")?.0)

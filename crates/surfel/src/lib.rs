@@ -183,8 +183,3 @@ pub use session::Session;
 pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};
 pub use surfel_render::{Frame, Planes, Preset, Region, Renderer, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};
-
-/// The README's example, compiled so that it stays true.
-#[cfg(doctest)]
-#[doc = include_str!("../../../README.md")]
-struct Readme;
