@@ -100,10 +100,13 @@ fn packages_have_metadata() {
     assert_eq!(metadata_problems(&without).len(), 1, "the check finds what is missing");
 }
 
-/// True if a published package may contain the file: sources, shaders, an example, the licences, and cargo's own files.
+/// True if a published package may contain the file: sources, shaders, the viewer's page, a font, an example, the
+/// licences, and cargo's own files.
 fn may_contain(file: &str) -> bool {
-    let is_source = ["src/", "build/", "passes/", "wgsl/", "examples/"].iter().any(|folder| file.starts_with(folder));
-    let is_text = [".rs", ".wgsl", ".txt"].iter().any(|end| file.ends_with(end));
+    let folders = ["src/", "build/", "passes/", "wgsl/", "examples/", "page/", "fonts/"];
+    let is_source = folders.iter().any(|folder| file.starts_with(folder));
+    let ends = [".rs", ".wgsl", ".txt", ".html", ".css", ".js", ".svg", ".ttf", "subset.py"];
+    let is_text = ends.iter().any(|end| file.ends_with(end));
     let others = ["Cargo.toml", "Cargo.toml.orig", "Cargo.lock", ".cargo_vcs_info.json", "README.md"];
     (is_source && is_text) || others.contains(&file) || file == "LICENSE-MIT" || file == "LICENSE-APACHE"
 }

@@ -3,6 +3,15 @@
 //! [`Viewer::bind`] opens a server on this machine's own addresses. [`Viewer::run`] loads the scene and draws what
 //! pages ask for, until the program ends. Images at rest equal those of `surfel render` to the byte.
 //!
+//! ```no_run
+//! use surfel_view::{Config, Viewer};
+//! let config = Config { inputs: vec!["scan.ply".into()], ..Config::default() };
+//! let viewer = Viewer::bind(config)?;
+//! println!("open {}", viewer.url());
+//! viewer.run(&mut |note| println!("{note}"))?;
+//! # Ok::<(), String>(())
+//! ```
+//!
 //! # Parts
 //! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
 //!   and what is answered;
