@@ -184,7 +184,7 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
         return samples(Scatter::new(weights, count, total).even(progress));
     }
     let scatter = Scatter::new(weights, count * OVERSAMPLING, total);
-    let slender = |part: usize| slender(geometry.corners(parts.face(part)));
+    let slender = |part: usize, expected: f64| slender(geometry.corners(parts.face(part)), expected);
     let mut candidates = scatter.irregular(&slender, progress, &|(part, b)| {
         let position = parts.place(part as usize, b).place(geometry);
         Candidate { position, part, number: 0 }

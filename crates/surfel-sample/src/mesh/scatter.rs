@@ -8,8 +8,8 @@ use glam::DVec3;
 /// Place: the index of a part, and barycentric coordinates in the part.
 pub(crate) type PartPlace = (u32, [f64; 3]);
 
-/// Returns the corners of a part if it is [`slender`].
-pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize) -> Option<[DVec3; 3]> + Sync);
+/// Returns the corners of a part if it is [`slender`], from its number and the expected number of its places.
+pub(crate) type SlenderParts<'a> = &'a (dyn Fn(usize, f64) -> Option<[DVec3; 3]> + Sync);
 
 /// Origins of a triangle's four quarters, in its barycentric coordinates 1 and 2, and their sizes. The size of the
 /// middle quarter is negative, because it is rotated by half a turn.
@@ -18,13 +18,17 @@ const QUARTERS: [([f64; 2], f64); 4] = [([0.5, 0.5], -0.5), ([0.0, 0.0], 0.5), (
 const MOST_DIGITS: u32 = 16;
 /// Length of a triangle over its width from which it is halved instead of quartered.
 const SLENDER: f64 = 8.0;
+/// Least width of such a triangle in distances of places: narrower ones have their places in a row.
+const LEAST_WIDTH: f64 = 4.0;
 
-/// Corners of a slender triangle; `None` for others.
-pub(crate) fn slender(corners: [DVec3; 3]) -> Option<[DVec3; 3]> {
+/// Returns the corners of a slender triangle that `count` places are for; `None` for others.
+pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
     let [a, b, c] = corners;
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
     // The width is the height over the longest side.
-    (longest > SLENDER * (b - a).cross(c - a).length()).then_some(corners)
+    let twice_area = (b - a).cross(c - a).length();
+    let is_wide = twice_area * twice_area * count > LEAST_WIDTH * LEAST_WIDTH * 0.5 * twice_area * longest;
+    (longest > SLENDER * twice_area && is_wide).then_some(corners)
 }
 
 /// Numbered places, stratified by each part's share of the sum of weights in the order of the parts. Place i of n is in
@@ -124,7 +128,7 @@ impl<'a> Scatter<'a> {
     fn irregular_place(&self, i: usize, part: usize, slender: SlenderParts<'_>, mut random: Random) -> PartPlace {
         let expected = self.weights[part] / self.total * self.count as f64;
         let bits = 64 - (expected.ceil() as u64).saturating_sub(1).leading_zeros();
-        if let Some(corners) = slender(part) {
+        if let Some(corners) = slender(part, expected) {
             return (part as u32, halved_place(corners, bits.min(2 * MOST_DIGITS), i, random));
         }
         let ([mut v, mut w], mut scale) = ([0.0, 0.0], 1.0);
@@ -172,14 +176,14 @@ mod tests {
         // 4096 places in the middle part: one in each of its 4⁶ triangles, except for the offset of the first.
         let weights = [0.0, 1.0, 16.0, 0.0, 0.1, 0.0];
         let scatter = Scatter::new(&weights, 4378, 17.1);
-        for places in [scatter.even(&NoProgress), scatter.irregular(&|_| None, &NoProgress, &|place| place)] {
+        for places in [scatter.even(&NoProgress), scatter.irregular(&|_, _| None, &NoProgress, &|place| place)] {
             for (part, weight) in weights.iter().enumerate() {
                 let count = places.iter().filter(|place| place.0 as usize == part).count() as f64;
                 assert!((count - weight * 4378.0 / 17.1).abs() <= 1.0, "{part}: {count}");
             }
             assert!(places.iter().all(|(_, b)| b.iter().all(|b| (-1e-15..=1.0).contains(b))));
         }
-        let places = scatter.irregular(&|_| None, &NoProgress, &|place| place);
+        let places = scatter.irregular(&|_, _| None, &NoProgress, &|place| place);
         let mut cells = std::collections::HashSet::new();
         for (_, b) in places.iter().filter(|place| place.0 == 2) {
             // Two triangles per cell of a grid of 64.
@@ -189,18 +193,19 @@ mod tests {
         assert!(cells.len() > 4000, "{}", cells.len());
         // A selection of numbers gives the same places.
         let numbers = [0, 17, 18, 900, 4377];
-        let some = scatter.some_irregular(&|_| None, &numbers, &NoProgress);
+        let some = scatter.some_irregular(&|_, _| None, &numbers, &NoProgress);
         assert!(numbers.iter().zip(some).all(|(i, place)| places[*i as usize] == place));
     }
 
     #[test]
     fn places_in_a_slender_triangle_lie_evenly_along_it() {
         let corners = [DVec3::ZERO, DVec3::X * 80.0, DVec3::Y];
-        assert!(slender(corners).is_some() && slender([DVec3::ZERO, DVec3::X * 7.0, DVec3::Y]).is_none());
+        assert!(slender(corners, 4096.0).is_some() && slender(corners, 100.0).is_none());
+        assert!(slender([DVec3::ZERO, DVec3::X * 7.0, DVec3::Y], 4096.0).is_none());
         // Any run of places has its share in each stretch of the triangle; the area up to x is 1 − (1 − x/80)².
         for (weights, total) in [(&[1.0, 0.0][..], 1.0), (&[0.37, 1.0][..], 1.37)] {
             let scatter = Scatter::new(weights, 4096, total);
-            let places = scatter.irregular(&|_| Some(corners), &NoProgress, &|place| place);
+            let places = scatter.irregular(&|_, _| Some(corners), &NoProgress, &|place| place);
             let mut along: Vec<f64> =
                 places.iter().filter(|p| p.0 == 0).map(|p| 1.0 - (1.0 - p.1[1]).powi(2)).collect();
             assert!(places.iter().all(|(_, b)| b.iter().all(|b| (-1e-15..=1.0).contains(b))));
