@@ -8,8 +8,10 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 pub(crate) const MAX_CLIENTS: usize = 16;
 /// Largest number of unanswered requests of a client besides those for images.
 const MAX_TASKS: usize = 16;
-/// Largest number of texts that wait for a client; a slower client is disconnected.
+/// Largest number of messages that wait for a client; a slower client is disconnected.
 const MAX_TEXTS: usize = 64;
+/// Largest size in bytes of the messages that wait for a client; a client that reads no saved images is disconnected.
+const MAX_WAITING_BYTES: usize = 256 << 20;
 /// Number of images that the page shows at once: two of a comparison.
 pub(crate) const LAYERS: usize = 2;
 
@@ -26,6 +28,15 @@ pub(crate) enum Outgoing {
     Binary(Vec<u8>),
     /// Answer to a ping.
     Pong(Vec<u8>),
+}
+
+impl Outgoing {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Text(text) => text.len(),
+            Self::Binary(bytes) | Self::Pong(bytes) => bytes.len(),
+        }
+    }
 }
 
 /// Messages that wait for a client. Texts are sent in order; of each layer's images only the newest is sent.
@@ -47,7 +58,8 @@ impl Outbox {
     pub(crate) fn push(&self, message: Outgoing) {
         let mut waiting = lock(&self.waiting);
         waiting.messages.push_back(message);
-        if waiting.messages.len() > MAX_TEXTS {
+        let bytes: usize = waiting.messages.iter().map(Outgoing::bytes).sum();
+        if waiting.messages.len() > MAX_TEXTS || bytes > MAX_WAITING_BYTES {
             waiting.is_closed = true;
             waiting.messages.clear();
         }
@@ -246,6 +258,11 @@ mod tests {
             hub.broadcast(&json!({}));
         }
         assert!(outbox.next().is_none(), "a client that reads nothing is disconnected");
+        let outbox = Outbox::default();
+        for _ in 0..2 {
+            outbox.push(Outgoing::Binary(vec![0; MAX_WAITING_BYTES / 2 + 1]));
+        }
+        assert!(outbox.next().is_none(), "a client that reads no saved images is disconnected");
         let joined = (0..99).filter(|_| hub.join().is_some()).count();
         assert_eq!(joined, MAX_CLIENTS - 1);
     }

@@ -206,9 +206,10 @@ impl Session {
         Ok(if has_levels { request } else { request.with_rows() })
     }
 
-    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points. Returns the loader
-    /// of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown; [`Session::show`] then
-    /// loads the files.
+    /// Shows a coarse selection of the points if the files aren't loaded yet and have many points.
+    ///
+    /// Returns the loader of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown;
+    /// [`Session::show`] then loads the files.
     ///
     /// # Errors
     /// Errors of [`Session::show`].
