@@ -1,6 +1,6 @@
-// Edge antialiasing by coverage in the compute path (rendering model §5). A workgroup finds the edge pixels of its cell.
-// If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in their
-// order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
+// Edge antialiasing by coverage in the compute path (rendering model §5). A workgroup finds the edge pixels of its
+// cell. If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in
+// their order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
 
 // Number of edge pixels of a cell, and the same number for uniform control flow.
 var<workgroup> counted_edges: atomic<u32>;

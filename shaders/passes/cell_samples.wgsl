@@ -1,7 +1,7 @@
 // Edge antialiasing by samples in the compute path (rendering model §5). Samples are the pixels of a view four times as
-// fine. A cell of that view is the samples of 4×4 pixels, and is active if one of these pixels is sampled. The passes of
-// cells.wgsl set up and sort the splats of active cells alone. A workgroup then draws the samples of a cell, and writes
-// their means to the colours of the sampled pixels.
+// fine. A cell of that view is the samples of 4×4 pixels, and is active if one of these pixels is sampled. The passes
+// of cells.wgsl set up and sort the splats of active cells alone. A workgroup then draws the samples of a cell, and
+// writes their means to the colours of the sampled pixels.
 
 // Pixels along the side of a cell of samples, and cells along the side of a workgroup of `cell_steps`.
 const SAMPLED_SIDE: u32 = 4u;

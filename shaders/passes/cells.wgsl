@@ -215,8 +215,8 @@ fn nth_cell(cells: vec4u, k: u32) -> u32 {
 var<workgroup> group_first_record: u32;
 var<workgroup> group_pairs: atomic<u32>;
 
-// Writes a group's records without gaps and counts its pairs. Records without pairs are left out. All invocations of the
-// workgroup have to call it, with `may_be_there` false if they have no record.
+// Writes a group's records without gaps and counts its pairs. Records without pairs are left out. All invocations of
+// the workgroup have to call it, with `may_be_there` false if they have no record.
 fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
     if i == 0u {
         atomicStore(&group_pairs, 0u);

@@ -311,8 +311,8 @@ impl Renderer {
         Ok(false)
     }
 
-    /// Executes the dispatches of a tile. Returns the words of the counters. Times are added to the statistics if the tile
-    /// was drawn.
+    /// Executes the dispatches of a tile. Returns the words of the counters. Times are added to the statistics if the
+    /// tile was drawn.
     fn draw_cells(
         &self,
         job: &FrameJob<'_>,

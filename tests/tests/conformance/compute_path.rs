@@ -3,13 +3,14 @@
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
 use glam::DVec3;
+use std::sync::Arc;
 use surfel_ash::Limits;
 use surfel_conformance::build::{Splat, camera, scene};
 use surfel_conformance::expectations::Extent;
 use surfel_conformance::harness::{Truth, check_all};
 use surfel_conformance::scenes::{self, Case};
 use surfel_gpu::{CELL_PAIRS, GpuPath};
-use surfel_model::{Cull, EdgeAa, Shader, Storage};
+use surfel_model::{Cull, EdgeAa, Geometry, Shader, SplatCloud, Storage};
 use surfel_render::{Frame, Planes, Renderer, SceneSummary, Stats, plan};
 
 fn planes() -> Planes {
@@ -123,6 +124,17 @@ fn both_paths_draw_the_same_image() {
     }
 }
 
+/// Returns a case whose splats have the rows that a plane of indices needs.
+fn with_rows(mut case: Case) -> Case {
+    for object in &mut case.scene.objects {
+        if let Geometry::Splats(cloud) = &mut object.geometry {
+            let rows: Vec<u32> = (0..cloud.len() as u32).collect();
+            *cloud = Arc::new(SplatCloud::clone(cloud).with_rows(&rows).unwrap());
+        }
+    }
+    case
+}
+
 /// Returns a case with every kind of edges.
 fn by_every_edge(case: &Case) -> [Case; 3] {
     [EdgeAa::Off, EdgeAa::Coverage, EdgeAa::Samples].map(|edge_aa| case.with("edges", |s| s.edge_aa = edge_aa))
@@ -149,27 +161,44 @@ fn edges_of_every_shader_are_antialiased() {
     with_each!(GpuPath::Compute, draws_edges_of_every_shader);
 }
 
-/// Nearly every cell of samples is active: more than there is room for at first.
-fn draws_again_where_active_cells_do_not_fit(renderer: &mut impl Renderer) {
-    let case = wall(20_000, 0.0016, 1.0, [1040, 1040]).with("samples", |s| s.edge_aa = EdgeAa::Samples);
+/// Draws a case with samples twice, compares the frames with each other and with the CPU's, and returns the statistics.
+fn agrees_with_the_cpu(renderer: &mut impl Renderer, case: &Case) -> Stats {
+    let case = case.with("samples", |s| s.edge_aa = EdgeAa::Samples);
     let (first, stats) = drawn_once(renderer, &case, Planes::COLOR);
     assert!(is_by_cells(&stats));
-    let (again, _) = drawn_once(renderer, &case, Planes::COLOR);
-    assert_eq!(first, again);
+    assert_eq!(first, drawn_once(renderer, &case, Planes::COLOR).0);
     let mut cpu = surfel_cpu::Renderer::new(Default::default()).unwrap();
     let theirs = drawn_once(&mut cpu, &case, Planes::COLOR).0;
-    let sampled = |color: &&[f32; 4]| color[3] > 0.0 && color[3] < 1.0;
-    assert!(theirs.color().iter().filter(sampled).count() > 16 * 20_000 / 8);
-    for (a, b) in first.color().as_flattened().iter().zip(theirs.color().as_flattened()) {
-        assert!((a - b).abs() <= 0.07, "{a} {b}");
-    }
+    let is_soft = |color: &&[f32; 4]| color[3] > 0.1 && color[3] < 0.9;
+    assert!(theirs.color().iter().filter(is_soft).count() > 1000);
+    // Rounding may decide otherwise about a sample, a sixteenth of a pixel.
+    let are_unlike = |(a, b): &(&[f32; 4], &[f32; 4])| a.iter().zip(*b).any(|(a, b)| (a - b).abs() > 0.07);
+    let unlike = first.color().iter().zip(theirs.color()).filter(are_unlike).count();
+    assert!(unlike <= 20, "{unlike} pixels");
+    stats
+}
+
+/// Of 140 × 140 cells of samples nearly every one is active: more than there is room for at first.
+fn draws_again_where_active_cells_do_not_fit(renderer: &mut impl Renderer) {
+    let stats = agrees_with_the_cpu(renderer, &wall(40_000, 0.003, 1.5, [560, 560]));
+    assert!(counter(&stats, "sample_cells").unwrap() > f64::from(1 << 14), "{stats:?}");
 }
 
 #[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn tile_whose_active_cells_do_not_fit_is_drawn_again() {
-    if let Some(mut ash) = validated_gpu::ash_by(GpuPath::Compute) {
-        draws_again_where_active_cells_do_not_fit(&mut ash);
-    }
+    with_each!(GpuPath::Compute, draws_again_where_active_cells_do_not_fit);
+}
+
+/// A tile of 260 × 260 cells of samples draws them in two parts.
+fn draws_samples_in_parts(renderer: &mut impl Renderer) {
+    agrees_with_the_cpu(renderer, &wall(60, 0.06, 1.5, [1040, 1040]));
+}
+
+#[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
+fn samples_of_a_large_tile_are_drawn_in_parts() {
+    with_each!(GpuPath::Compute, draws_samples_in_parts);
 }
 
 #[test]
@@ -186,7 +215,7 @@ fn every_run_and_both_backends_have_the_same_bits() {
     sides.scene.objects[0].material.cull = Cull::None;
     // The last case has dense cells.
     let plain = [scenes::closed_sphere(), sides, wall(300, 0.4, 1.2, [70, 50]), wall(9000, 0.02, 0.1, [40, 40])];
-    for case in plain.iter().flat_map(by_every_edge) {
+    for case in plain.map(with_rows).iter().flat_map(by_every_edge) {
         let (first, stats) = drawn_once(&mut ash, &case, planes().with_index(true));
         assert!(is_by_cells(&stats), "{}", case.name);
         assert_eq!(first, drawn_once(&mut ash, &case, planes().with_index(true)).0, "{}", case.name);

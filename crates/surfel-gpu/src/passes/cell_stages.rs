@@ -56,8 +56,8 @@ struct RasterEntries {
     /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
     /// oriented splats are separated: their cells are drawn whole.
     of_parts: Option<[&'static str; 3]>,
-    /// Entry points that find edges and blend them by coverage: in cells, and for parts of dense cells thresholds, sums,
-    /// and combining the parts.
+    /// Entry points that find edges and blend them by coverage: in cells, and for parts of dense cells thresholds,
+    /// sums, and combining the parts.
     edges: Option<[&'static str; 4]>,
     /// Entry point that draws the samples of edge pixels.
     samples: Option<&'static str>,

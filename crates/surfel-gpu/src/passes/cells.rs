@@ -24,7 +24,7 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw a plan's frames. They draw frames of opaque, unclipped splats, and always sum in f32.
+    /// True if compute shaders draw a plan's frames: those of opaque, unclipped splats. Their sums are always f32.
     ///
     /// Clipped or transparent splats, polygons, trained Gaussians and the shadow maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
