@@ -78,29 +78,42 @@ def example_objects(camera):
     bpy.context.object.data.energy = 3.0
 
 
+def compositor(scene):
+    """Returns nodes and links of an empty compositor, and the input of its result."""
+    if hasattr(scene, "compositing_node_group"):  # Blender 5
+        tree = bpy.data.node_groups.new("Composite by depth", "CompositorNodeTree")
+        tree.interface.new_socket(name="Image", in_out="OUTPUT", socket_type="NodeSocketColor")
+        scene.compositing_node_group = tree
+        return tree.nodes, tree.links, tree.nodes.new("NodeGroupOutput").inputs[0]
+    scene.use_nodes = True
+    tree = scene.node_tree
+    tree.nodes.clear()
+    return tree.nodes, tree.links, tree.nodes.new("CompositorNodeComposite").inputs[0]
+
+
 def composite(scene, exr, output):
     """Connects both images: the nearer pixel wins, and Surfel's edges blend by their alpha."""
     scene.view_layers[0].use_pass_z = True
     scene.render.film_transparent = True
     scene.view_settings.view_transform = "Standard"
-    scene.use_nodes = True
-    nodes, links = scene.node_tree.nodes, scene.node_tree.links
-    nodes.clear()
+    nodes, links, result = compositor(scene)
     blender = nodes.new("CompositorNodeRLayers")
     surfel = nodes.new("CompositorNodeImage")
     surfel.image = bpy.data.images.load(exr)
-    depth = next((o for o in surfel.outputs if o.name.lower() in ("depth", "z")), None)
-    if depth is None:
-        raise SystemExit(f"error: {exr}: has planes {[o.name for o in surfel.outputs]}, expected one of depth")
-    # Depth lies along the view in both images, and is infinite where nothing is.
+    planes = {output.name: output for output in surfel.outputs}
+    if "Depth" not in planes:
+        raise SystemExit(f"error: {exr}: has the planes {sorted(planes)}, expected Depth among them")
+    # Depth lies along the view in both images, and is very large where nothing is.
     merge = nodes.new("CompositorNodeZcombine")
-    merge.use_alpha = True
-    for i, (image, z) in enumerate([(surfel.outputs["Combined" if "Combined" in surfel.outputs else 0], depth),
-                                    (blender.outputs["Image"], blender.outputs["Depth"])]):
-        links.new(image, merge.inputs[2 * i])
-        links.new(z, merge.inputs[2 * i + 1])
-    end = nodes.new("CompositorNodeComposite")
-    links.new(merge.outputs[0], end.inputs[0])
+    if "Use Alpha" in merge.inputs:
+        merge.inputs["Use Alpha"].default_value = True
+    else:
+        merge.use_alpha = True
+    links.new(planes.get("Combined", surfel.outputs[0]), merge.inputs[0])
+    links.new(planes["Depth"], merge.inputs[1])
+    links.new(blender.outputs["Image"], merge.inputs[2])
+    links.new(blender.outputs["Depth"], merge.inputs[3])
+    links.new(merge.outputs[0], result)
     scene.render.image_settings.file_format = "PNG"
     scene.render.image_settings.color_mode = "RGBA"
     scene.render.filepath = output

@@ -7,6 +7,9 @@ use std::path::{Path, PathBuf};
 
 use crate::cargo;
 
+/// Files with pairs of a package and its layer or its features, in which `surfel` is the library.
+const PAIRS: [&str; 2] = ["xtask/tests/dependencies.rs", "xtask/src/release/crates.rs"];
+
 /// File whose content changes.
 #[derive(Debug, PartialEq, Eq)]
 struct Change {
@@ -74,18 +77,25 @@ fn published(root: &Path, files: &[PathBuf]) -> BTreeSet<String> {
 fn renamed(file: &Path, text: &str, names: &BTreeSet<String>, prefix: &str) -> String {
     let new = |name: &str| name.replacen("surfel", prefix, 1);
     let name = file.to_string_lossy().replace('\\', "/");
-    if name.ends_with("Cargo.toml") && name.contains('/') {
-        return manifest(text, names, &new);
-    }
     match name.as_str() {
         "Cargo.toml" => workspace(text, names, &new),
-        "Cargo.lock" => {
-            names.iter().fold(text.to_owned(), |text, n| text.replace(&format!("\"{n}\""), &quoted(&new(n))))
-        }
         "pyproject.toml" => text.replacen("\nname = \"surfel\"\n", &format!("\nname = {}\n", quoted(prefix)), 1),
-        "CHANGELOG.md" | "THIRD-PARTY.txt" => text.to_owned(),
-        // Code names libraries, except in calls of cargo.
-        _ if [".rs", ".md", ".yml", ".sh"].iter().any(|end| name.ends_with(end)) => commands(text, names, &new),
+        // Its tests have trees of their own.
+        "CHANGELOG.md" | "THIRD-PARTY.txt" | "xtask/src/rename.rs" => text.to_owned(),
+        _ if name.ends_with("Cargo.toml") => manifest(text, names, &new),
+        _ if name.ends_with("Cargo.lock") => {
+            names.iter().fold(text.to_owned(), |text, name| text.replace(&quoted(name), &quoted(&new(name))))
+        }
+        _ if [".rs", ".md", ".yml", ".sh", ".py"].iter().any(|end| name.ends_with(end)) => {
+            // The chores and the page on packages name packages. Others name libraries, which stay, except in calls
+            // of cargo.
+            let is_about_packages = name.starts_with("xtask/") || name == "docs/architecture.md";
+            let mut text = if is_about_packages { everywhere(text, names, &new) } else { text.to_owned() };
+            if PAIRS.contains(&name.as_str()) {
+                text = text.replace("(\"surfel\", ", &format!("({}, ", quoted(prefix)));
+            }
+            calls(&text, names, &new)
+        }
         _ => text.to_owned(),
     }
 }
@@ -94,10 +104,15 @@ fn quoted(name: &str) -> String {
     format!("\"{name}\"")
 }
 
-/// Renames a package in its own manifest, and states the library's name, which stays.
+/// Renames a package in its own manifest, where it states the library's name, which stays. In manifests outside of the
+/// workspace, such as that of fuzzing, keys of dependencies stay.
 fn manifest(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
+    let by_path = |name: &String| format!("\n{name} = {{ path");
+    let text = names.iter().fold(text.to_owned(), |text, name| {
+        text.replace(&by_path(name), &format!("\n{name} = {{ package = {}, path", quoted(&new(name))))
+    });
     let Some(name) = names.iter().find(|name| text.contains(&format!("[package]\nname = \"{name}\"\n"))) else {
-        return text.to_owned();
+        return text;
     };
     let text = text.replacen(&format!("name = \"{name}\""), &format!("name = {}", quoted(&new(name))), 1);
     let page = format!("https://docs.rs/{name}\"");
@@ -127,9 +142,8 @@ fn workspace(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String)
     text.split('\n').map(line).collect::<Vec<_>>().join("\n")
 }
 
-/// Renames packages where a text names them: names with a hyphen wherever they aren't part of a path, and `surfel`
-/// itself, which is also the program, only after the words that announce a package.
-fn commands(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
+/// Renames packages wherever a text names them, except in paths. `surfel` alone is also the program.
+fn everywhere(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
     let is_part = |c: char| c.is_alphanumeric() || "_-".contains(c);
     let mut text = text.to_owned();
     for name in names.iter().filter(|name| name.contains('-')) {
@@ -137,18 +151,40 @@ fn commands(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) 
         let mut rest = text.as_str();
         while let Some(at) = rest.find(name.as_str()) {
             let (before, after) = (&rest[..at], &rest[at + name.len()..]);
-            let in_path = before.ends_with(|c| is_part(c) || c == '/') && !before.ends_with("docs.rs/");
+            let is_name = !before.ends_with(|c| is_part(c) || c == '/') && !after.starts_with(is_part);
             out += before;
-            out += if in_path || after.starts_with(is_part) { name } else { "\0" };
+            out += &if is_name { new(name) } else { name.clone() };
             rest = after;
         }
-        text = (out + rest).replace('\0', &new(name));
+        text = out + rest;
     }
-    for start in ["-p ", "--package ", "--package\", \"", "(\"", "docs.rs/"] {
-        for end in [" ", "`", "\"", ")", "\n"] {
-            // Layers of packages in tests are pairs of a name and a number.
-            let end = if start == "(\"" { "\", 8)" } else { end };
-            text = text.replace(&format!("{start}surfel{end}"), &format!("{start}{}{end}", new("surfel")));
+    text
+}
+
+/// Renames packages in calls of cargo, and in links to their documentation.
+fn calls(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> String {
+    let starts = [
+        "-p ",
+        "--package ",
+        "--package\", \"",
+        "--exclude ",
+        "--features ",
+        ",",
+        "cargo install ",
+        "cargo binstall ",
+        "docs.rs/",
+        "[package.",
+    ];
+    let mut text = text.to_owned();
+    for name in names {
+        for start in starts {
+            for end in [" ", "`", "\"", ")", "\n", "/", ","] {
+                // Features of a package follow a slash, as in `surfel-cli/wgpu`.
+                if (start == "--features " || start == ",") != (end == "/") {
+                    continue;
+                }
+                text = text.replace(&format!("{start}{name}{end}"), &format!("{start}{}{end}", new(name)));
+            }
         }
     }
     text
@@ -187,6 +223,8 @@ mod tests {
             ),
             ("crates/surfel-tests/src/lib.rs", "pub use surfel::draw;\n"),
             ("notes.md", "`cargo run -p surfel-cli`, `cargo doc -p surfel`, `crates/surfel-cli/src`, `surfel-tests`\n"),
+            ("fuzz/Cargo.toml", "[workspace]\n\n[dependencies]\nsurfel = { path = \"../crates/surfel\" }\n"),
+            ("xtask/src/main.rs", "const FEATURES: &str = \"surfel-cli/wgpu,surfel-cli/ash\";\n"),
         ];
         for (name, text) in files {
             let file = root.join(name);
@@ -208,7 +246,9 @@ mod tests {
         assert!(read("crates/surfel/Cargo.toml").contains("name = \"splatter\"\n"));
         assert!(read("crates/surfel/Cargo.toml").contains("docs.rs/splatter\"\n\n[lib]\nname = \"surfel\"\n"));
         assert_eq!(read("crates/surfel-cli/src/main.rs"), "fn main() {\n    surfel::draw();\n}\n");
-        assert_eq!(before.len(), 4, "{before:?}");
+        assert_eq!(read("xtask/src/main.rs"), "const FEATURES: &str = \"splatter-cli/wgpu,splatter-cli/ash\";\n");
+        assert!(read("fuzz/Cargo.toml").contains("surfel = { package = \"splatter\", path = \"../crates/surfel\" }"));
+        assert_eq!(before.len(), 6, "{before:?}");
         // Cargo finds the packages by their new names, and the code still compiles.
         let mut check = cargo(&root);
         check.args(["check", "--workspace", "--offline", "--quiet"]).env("CARGO_TARGET_DIR", root.join("target"));

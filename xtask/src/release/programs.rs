@@ -9,6 +9,9 @@ use crate::{cargo, python};
 /// Platforms of the program: triple, and Debian's name of the processor.
 const PLATFORMS: [(&str, &str); 2] = [("x86_64-unknown-linux-gnu", "amd64"), ("aarch64-unknown-linux-gnu", "arm64")];
 
+/// Maintainer of the Debian packages: a name and an address that the owner reads.
+const MAINTAINER: &str = "The Surfel authors <surfel@example.invalid>";
+
 /// Oldest C library that the program runs with.
 const GLIBC: &str = "2.17";
 
@@ -194,7 +197,7 @@ Description: draws scans, point clouds and meshes as smooth surfaces
 fn control(version: &str, processor: &str, kibibytes: u64) -> String {
     format!(
         "Package: surfel\nVersion: {version}\nArchitecture: {processor}\n\
-         Maintainer: The Surfel authors <surfel@example.invalid>\nInstalled-Size: {kibibytes}\n\
+         Maintainer: {MAINTAINER}\nInstalled-Size: {kibibytes}\n\
          Depends: libc6 (>= {GLIBC}), libgcc-s1 | libgcc1\nRecommends: libvulkan1\nSection: graphics\n\
          Priority: optional\nHomepage: https://example.invalid/surfel\n{DESCRIPTION}"
     )
