@@ -145,6 +145,14 @@ impl SizedKey {
     }
 }
 
+/// Returns the height of a key without panels in ems.
+pub(crate) fn alone(key: &Key) -> f64 {
+    match key.content {
+        KeyContent::Bar { .. } => 14.0,
+        KeyContent::Legend(_) => 36.0,
+    }
+}
+
 /// Returns the height of a bar beside panels of this height.
 fn bar_height(height: f64, style: &Style) -> f64 {
     height.clamp(BAR_HEIGHT.0 * style.font, BAR_HEIGHT.1 * style.font)

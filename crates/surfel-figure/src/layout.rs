@@ -2,7 +2,7 @@
 
 use crate::drawing::{Anchor, Drawing, Item, Rect, Text};
 use crate::figure::{Figure, Key, Panel, Style};
-use crate::keys::SizedKey;
+use crate::keys::{self, SizedKey};
 use crate::{font, marks};
 
 /// Lengths in ems.
@@ -135,7 +135,8 @@ impl Figure {
             let end = tops.get(last).map_or(0.0, |y| y + grid.rows.get(last).map_or(0.0, |(height, _)| *height));
             let shares = self.keys.iter().filter(|other| rows_of(other, grid.rows.len()) == rows).count();
             let distance = KEY_DISTANCE * em * (shares - 1) as f64;
-            let height = ((end - first) - distance) / shares as f64;
+            let beside = ((end - first) - distance) / shares as f64;
+            let height = if grid.rows.is_empty() { keys::alone(key) * em } else { beside };
             let sized = SizedKey::new(key, height, &self.style);
             let y = (top + first).max(free);
             // A key that is smaller than its rows is centred, if it has them for itself.

@@ -44,7 +44,7 @@ fn is_seen([x, y, _]: Point) -> bool {
 
 fn points(parts: &[Part], (name, far, near): &(&str, f64, f64), random: &mut SplitMix) -> String {
     let faces = |Part(_, [x, y, z]): &Part| [y * z, x * z, x * y];
-    let total: f64 = parts.iter().flat_map(|part| faces(part)).sum();
+    let total: f64 = parts.iter().flat_map(faces).sum();
     let mut text = String::new();
     for _ in 0..POINTS {
         // A face by its area, and a place on one of its two sides.

@@ -67,7 +67,7 @@ pub struct Category {
 impl Category {
     /// Returns the category's name, or else its value.
     pub fn label(&self) -> String {
-        self.name.as_ref().map_or_else(|| short(self.value), |name| name.to_string())
+        self.name.as_ref().map_or_else(|| short(self.value), ToString::to_string)
     }
 }
 

@@ -1,8 +1,8 @@
 //! Simulation of colour blindness, to find categories whose colours can't be distinguished.
 //!
 //! The matrices are those of Machado, Oliveira, Fernandes, "A physiologically-based model for simulation of color
-//! vision deficiency", IEEE TVCG 15(6), 2009, for severity 1.0; they apply to linear RGB. Distances are ΔE of CIE 1976 L*a*b*
-//! for the white point D65.
+//! vision deficiency", IEEE TVCG 15(6), 2009, for severity 1.0; they apply to linear RGB. Distances are ΔE of CIE 1976
+//! L*a*b* for the white point D65.
 
 use super::{Category, linear};
 

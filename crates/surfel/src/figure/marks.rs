@@ -68,7 +68,7 @@ fn scale(camera: &Camera, view: &View, unit: Option<&str>) -> Option<Mark> {
         Some(unit) => format!("{} {unit}", number(units)),
         None => number(units),
     };
-    (units > 0.0).then(|| Mark::Scale { length: units * per_unit, label })
+    (units > 0.0).then_some(Mark::Scale { length: units * per_unit, label })
 }
 
 /// Formats a round number.

@@ -10,9 +10,11 @@ use surfel_model::{MAX_IMAGE_SIDE, Projection};
 
 /// Size of words in points in figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
-/// Size of words in other figures: as a fraction of a panel's shorter side, of the figure's width if it is fixed, and the
-/// least size in pixels.
-const FONT_SHARES: [f64; 2] = [0.042, 1.0 / 65.0];
+/// Size of words in figures whose width is a number of pixels, as a fraction of this width.
+const FONT_OF_WIDTH: f64 = 1.0 / 46.0;
+/// Size of words in figures without a fixed width, as a fraction of a panel's shorter side.
+const FONT_OF_PANEL: f64 = 0.032;
+/// Least size of words in pixels, unless it is given.
 const LEAST_FONT: f64 = 9.0;
 /// Share of a figure's width that panels are assumed to get, before the words are laid out.
 const PANELS_SHARE: f64 = 0.85;
@@ -196,9 +198,9 @@ impl<'a> Panels<'a> {
 fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     let is_on_paper = matches!(request.figure.width, Some(Length::Inches(_)));
     let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));
-    let of_panel = FONT_SHARES[0] * f64::from(width.min(height));
-    let of_figure = fixed_width(request).map_or(0.0, |whole| FONT_SHARES[1] * whole);
-    points.map_or(of_panel.max(of_figure).max(LEAST_FONT), |points| points * request.dpi() / POINTS)
+    let of_panel = FONT_OF_PANEL * f64::from(width.min(height));
+    let own = fixed_width(request).map_or(of_panel, |whole| FONT_OF_WIDTH * whole);
+    points.map_or(own.max(LEAST_FONT), |points| points * request.dpi() / POINTS)
 }
 
 /// Returns the camera for an image of another size with the same proportions.
