@@ -562,7 +562,7 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<Sp
     };
     match &mut data.shape {
         Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => {
-            radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i))
+            radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i));
         }
         Shape::Ellipses { s, t } => {
             let grown = |axis: &Column3| {

@@ -103,8 +103,11 @@ impl SparseReason {
 }
 
 /// Pieces of evidence, each with its strength from 0 to 1.
-const EVIDENCE: [(SparseReason, fn(&PointReport) -> f64); 2] =
+const EVIDENCE: [(SparseReason, Strength); 2] =
     [(SparseReason::Few, strength_of_few), (SparseReason::Loose, strength_of_loose)];
+
+/// Strength of a piece of evidence about points, from 0 to 1.
+type Strength = fn(&PointReport) -> f64;
 
 /// Numbers of points below which a cloud is an example, up to which it is sparse, and from which on it is not.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);

@@ -36,6 +36,7 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     }
     convert.texture.sampling = said.texture.sampling.or(convert.texture.sampling);
     convert.colors = said.colors.or(convert.colors);
+    convert.points_as = said.points_as.or(convert.points_as);
     convert.splats = said.splats.or(convert.splats);
     convert.max_points = said.max_points.or(convert.max_points);
     convert.radius_scale = said.radius_scale.or(convert.radius_scale);

@@ -148,16 +148,17 @@ fn a_ball_is_lit_on_its_whole_front_and_shades_what_is_behind() {
     let mut scene = white(&balls);
     (scene.lights, scene.ambient) = (Some(vec![down]), [0.0; 3]);
     scene.objects[0].material.specular = 0.0;
-    let mut case = Case::new("ball_over_ball", scene, camera(6.0, 40.0, [128, 128]));
+    let mut case = Case::new("ball_over_ball", scene, camera(6.0, 40.0, [256, 256]));
     case.settings.shader = Shader::Phong;
     // Seen along the light, the front of either ball is lit by its cosine, but for the hidden part of the other.
     case.camera.eye = [0.0, 0.02, 6.0];
     let (mut reference, mut cpu) = both();
     for (frame, _) in [drawn_once(&mut reference, &case, Planes::ALL), drawn_once(&mut cpu, &case, Planes::ALL)] {
         let mut lit = 0;
-        for (color, normal) in frame.color().iter().zip(frame.normal()) {
+        for ((color, normal), weight) in frame.color().iter().zip(frame.normal()).zip(frame.weight()) {
             let cosine = normal[2].max(0.0);
-            if color[3] >= 1.0 && cosine > 0.2 {
+            // A pixel of one fragment alone.
+            if *weight >= 1.0 && cosine > 0.2 {
                 let shaded = (color[0] - cosine).abs() > 0.02;
                 lit += usize::from(!shaded);
                 assert!(!shaded || color[0] <= cosine, "{color:?} {normal:?}");

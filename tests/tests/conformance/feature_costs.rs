@@ -183,7 +183,7 @@ const ROWS: [Row; 12] = [
         passes: &[Pass::Balls],
         // Depth.
         sums: 1,
-        gpu_bytes: None,
+        gpu_bytes: Some(16),
         cpu_bytes: None,
         ..NOTHING
     },
