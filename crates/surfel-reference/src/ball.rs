@@ -1,6 +1,5 @@
 //! Balls and dots (§11): their fragments in each pixel, in the order of depth.
 
-use crate::layer_compositor::Layer;
 use crate::margin;
 use crate::pixels;
 use crate::scene::ResidentObject;
@@ -51,13 +50,6 @@ pub(crate) struct BallFragment {
     /// Index over the whole scene's splats.
     pub splat: u32,
     pub surface: Surface,
-}
-
-impl BallFragment {
-    /// Returns the fragment as a layer.
-    pub(crate) fn layer(&self) -> Layer {
-        Layer { depth: self.z, color: self.surface.color * self.alpha, alpha: self.alpha }
-    }
 }
 
 /// View that balls are drawn in: the image's, or that of a shadow map.

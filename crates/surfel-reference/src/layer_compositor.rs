@@ -13,6 +13,13 @@ pub(crate) struct Layer {
     pub alpha: f64,
 }
 
+impl Layer {
+    /// Returns the layer of a ball's fragment.
+    fn of_ball(ball: &BallFragment) -> Self {
+        Self { depth: ball.z, color: ball.surface.color * ball.alpha, alpha: ball.alpha }
+    }
+}
+
 /// The transparent layers of a pixel found so far, nearest first.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct LayerCompositor {
@@ -57,11 +64,11 @@ impl LayerCompositor {
         let mut balls = balls.iter().peekable();
         for layer in &self.layers {
             while let Some(ball) = balls.next_if(|ball| ball.z < layer.depth) {
-                add(&ball.layer());
+                add(&Layer::of_ball(ball));
             }
             add(layer);
         }
-        balls.for_each(|ball| add(&ball.layer()));
+        balls.for_each(|ball| add(&Layer::of_ball(ball)));
         let c = color + DVec3::new(r, g, b) * transmittance;
         [c.x, c.y, c.z, 1.0 - transmittance + a * transmittance]
     }

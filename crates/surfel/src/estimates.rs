@@ -1,9 +1,9 @@
 //! Estimates of loaded objects that don't depend on the camera, computed once for all images of a session.
 
-use crate::auto::Whites;
 use crate::framing::{self, FrameOptions};
 use crate::lights::Lighting;
-use crate::scene::LoadedObjects;
+use crate::loaded_objects::LoadedObjects;
+use crate::whites::Whites;
 use glam::DVec3;
 use std::sync::{Mutex, OnceLock, PoisonError};
 use surfel_model::{Camera, Scene, Up};

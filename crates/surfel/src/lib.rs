@@ -135,6 +135,7 @@ mod level_store;
 pub mod levels;
 mod lights;
 mod load;
+mod loaded_objects;
 pub mod memory;
 mod mesh_columns;
 pub mod metadata;
@@ -160,6 +161,7 @@ pub mod unseen;
 mod upright;
 pub mod values;
 mod viewpoint;
+mod whites;
 pub mod words;
 
 pub use surfel_io as io;

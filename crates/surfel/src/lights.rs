@@ -1,8 +1,8 @@
 //! Default lights of scenes without lights.
 
 use crate::framing::ViewAxes;
+use crate::loaded_objects::LoadedObjects;
 use crate::patches::Patches;
-use crate::scene::LoadedObjects;
 use glam::DVec3;
 use surfel_model::{Camera, Light, Up};
 

@@ -240,6 +240,17 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
+    /// Sets the options that aren't set, by a style. The lines of a style are all of its choices.
+    pub(crate) fn complete(&mut self, style: Style) {
+        match style {
+            Style::Figure => {
+                self.size.get_or_insert([2048, 2048]);
+                self.background.get_or_insert([1.0; 4]);
+                self.edge_aa.get_or_insert(EdgeAa::Samples);
+            }
+        }
+    }
+
     /// Names that [`RenderOptions::planes`] may contain: planes of the nearest splat, planes of Gaussians, and depth
     /// and normal, which every file of planes has.
     pub const MORE_PLANES: [&str; 9] =
@@ -439,5 +450,15 @@ mod tests {
         }
         assert_eq!(options, RenderOptions::default());
         assert!(options.set("preset", "best").unwrap_err().contains("balanced"));
+    }
+
+    #[test]
+    fn styles_leave_given_options_alone() {
+        let mut options = RenderOptions { size: Some([64, 48]), ..RenderOptions::default() };
+        options.complete(Style::Figure);
+        assert_eq!((options.size, options.background), (Some([64, 48]), Some([1.0; 4])));
+        let once = options.clone();
+        options.complete(Style::Figure);
+        assert_eq!(options, once);
     }
 }

@@ -1,6 +1,6 @@
 //! Parsers for the values of figures' flags.
 
-use super::{Length, MarkKind};
+use super::settings::{Length, MarkKind};
 use crate::values;
 
 /// Every mark by its name.
