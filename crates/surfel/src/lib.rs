@@ -125,6 +125,7 @@ mod convert;
 mod equal;
 mod error;
 pub mod figure;
+mod figure_options;
 pub mod framing;
 mod front;
 pub mod info;

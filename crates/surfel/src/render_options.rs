@@ -5,7 +5,7 @@ use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::options::{self, Commands, Options};
-use crate::style::Style;
+use crate::style::{Choices, Style};
 use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -243,6 +243,14 @@ impl RenderOptions {
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
+    /// Sets the options that aren't set to the choices of the style, and removes the style.
+    pub(crate) fn apply_style(&mut self) {
+        let Some(Choices { size, background, edge_aa }) = self.style.take().map(Style::choices) else { return };
+        self.size.get_or_insert(size);
+        self.background.get_or_insert(background);
+        self.edge_aa.get_or_insert(edge_aa);
+    }
+
     fn asks_for(&self, plane: &str) -> bool {
         self.planes.iter().any(|asked| asked == plane)
     }
@@ -409,6 +417,14 @@ mod tests {
         assert_eq!(checked(&[("eye", "1,2,3"), ("target", "0,0,0"), ("fov-y", "30")]), Ok(()));
         let cameras = RenderOptions { cameras: true, ortho: true, ..RenderOptions::default() };
         assert!(cameras.check().is_err());
+    }
+
+    #[test]
+    fn styles_leave_given_options_alone() {
+        let mut options =
+            RenderOptions { size: Some([64, 48]), style: Some(Style::Figure), ..RenderOptions::default() };
+        options.apply_style();
+        assert_eq!((options.size, options.background, options.style), (Some([64, 48]), Some([1.0; 4]), None));
     }
 
     #[test]

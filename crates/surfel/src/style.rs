@@ -1,6 +1,5 @@
 //! Styles: choices for an image that its options leave open.
 
-use crate::render_options::RenderOptions;
 use surfel_model::EdgeAa;
 
 /// A named set of choices.
@@ -10,30 +9,18 @@ pub enum Style {
     Figure,
 }
 
-impl Style {
-    /// Sets the options that aren't set. The lines of a style are all of its choices.
-    pub(crate) fn complete(self, options: &mut RenderOptions) {
-        match self {
-            Self::Figure => {
-                options.size.get_or_insert([2048, 2048]);
-                options.background.get_or_insert([1.0; 4]);
-                options.edge_aa.get_or_insert(EdgeAa::Samples);
-            }
-        }
-    }
+/// Choices of a style for options that aren't given.
+pub(crate) struct Choices {
+    pub(crate) size: [u32; 2],
+    pub(crate) background: [f64; 4],
+    pub(crate) edge_aa: EdgeAa,
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn styles_leave_given_options_alone() {
-        let mut options = RenderOptions { size: Some([64, 48]), ..RenderOptions::default() };
-        Style::Figure.complete(&mut options);
-        assert_eq!((options.size, options.background), (Some([64, 48]), Some([1.0; 4])));
-        let once = options.clone();
-        Style::Figure.complete(&mut options);
-        assert_eq!(options, once);
+impl Style {
+    /// Returns all choices of the style.
+    pub(crate) fn choices(self) -> Choices {
+        match self {
+            Self::Figure => Choices { size: [2048, 2048], background: [1.0; 4], edge_aa: EdgeAa::Samples },
+        }
     }
 }
