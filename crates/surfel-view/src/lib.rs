@@ -16,7 +16,7 @@
 //! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
 //!   and what is answered;
 //! - `hub` holds the newest request of each page and the newest image for it, so that nothing grows without bound;
-//! - `artist` draws on one thread, by a [`surfel::Session`] per backend;
+//! - `artist` draws on one thread, by a [`surfel::session::Session`] per backend;
 //! - `state` maps the page's state, an object of options, to the options table, and to commands;
 //! - `page/` has the page: HTML, CSS and JavaScript, without a build step.
 //!

@@ -5,7 +5,7 @@ use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::options::{self, Commands, Options};
-use crate::style::Style;
+use crate::style::{Choices, Style};
 use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -240,21 +240,18 @@ impl SplatOptions {
 }
 
 impl RenderOptions {
-    /// Sets the options that aren't set, by a style. The lines of a style are all of its choices.
-    pub(crate) fn complete(&mut self, style: Style) {
-        match style {
-            Style::Figure => {
-                self.size.get_or_insert([2048, 2048]);
-                self.background.get_or_insert([1.0; 4]);
-                self.edge_aa.get_or_insert(EdgeAa::Samples);
-            }
-        }
-    }
-
     /// Names that [`RenderOptions::planes`] may contain: planes of the nearest splat, planes of Gaussians, and depth
     /// and normal, which every file of planes has.
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
+
+    /// Sets the options that aren't set to the choices of the style, and removes the style.
+    pub(crate) fn apply_style(&mut self) {
+        let Some(Choices { size, background, edge_aa }) = self.style.take().map(Style::choices) else { return };
+        self.size.get_or_insert(size);
+        self.background.get_or_insert(background);
+        self.edge_aa.get_or_insert(edge_aa);
+    }
 
     fn asks_for(&self, plane: &str) -> bool {
         self.planes.iter().any(|asked| asked == plane)
@@ -450,15 +447,5 @@ mod tests {
         }
         assert_eq!(options, RenderOptions::default());
         assert!(options.set("preset", "best").unwrap_err().contains("balanced"));
-    }
-
-    #[test]
-    fn styles_leave_given_options_alone() {
-        let mut options = RenderOptions { size: Some([64, 48]), ..RenderOptions::default() };
-        options.complete(Style::Figure);
-        assert_eq!((options.size, options.background), (Some([64, 48]), Some([1.0; 4])));
-        let once = options.clone();
-        options.complete(Style::Figure);
-        assert_eq!(options, once);
     }
 }

@@ -215,7 +215,7 @@ impl Request {
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
         let mut styled = options.clone();
-        options.style.iter().for_each(|style| styled.complete(*style));
+        styled.apply_style();
         let options = &styled;
         let given = pictures.first_camera().cloned();
         let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;

@@ -9,8 +9,8 @@ pub use crate::load::{STDIN, UnusedOption, up_reason};
 pub use crate::loaded_objects::{ColorJobs, LoadedObjects, ObjectFacts, ObjectNote};
 pub use crate::points_as::SparseReason;
 
-use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::coloring::linear;
+use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
 use crate::noise::{noise_points, surface_of};

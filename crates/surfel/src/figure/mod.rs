@@ -19,10 +19,8 @@
 mod errors;
 mod marks;
 mod panels;
-pub(crate) mod settings;
-pub mod values;
 
-pub use settings::{FigureOptions, Length, MarkKind};
+pub use crate::figure_options::{FigureOptions, Length, MARKS, MarkKind, length, mark, text_at};
 pub use surfel_figure::{Drawing, Picture};
 
 use crate::coloring::{ColorMap, ColorScale, Coloring, bar, confusions};
@@ -224,7 +222,7 @@ impl FigureRequest<'_> {
     /// Loads, frames and lights the files of each subject.
     fn load(&self, progress: &dyn Progress, note: &mut dyn FnMut(String)) -> Result<Vec<Subject<'_>>, Error> {
         let mut options = self.render.clone();
-        options.style.take().into_iter().for_each(|style| options.complete(style));
+        options.apply_style();
         options.size = Some(panels::first_size(self, options.size));
         let of_subject = self.inputs.len() / self.subjects();
         let source = |paths: &[PathBuf]| Source::of(paths, self.stdin.as_deref());

@@ -25,7 +25,7 @@ mod stub;
 pub use near::Near;
 pub use row::{Audience, Commands, EXPERT, Group, Inputs, Row, Setter};
 
-use crate::figure::settings::FigureOptions;
+use crate::figure_options::FigureOptions;
 use crate::render_options::RenderOptions;
 use crate::values::{FrameRange, Part};
 use std::path::PathBuf;

@@ -1,6 +1,6 @@
 //! Options for the panels and words of figures.
 
-use crate::figure::values as figure_values;
+use crate::figure_options as figure_values;
 use crate::options::row::{Commands, Group, Row, names_of, put, put_path};
 use crate::values;
 
