@@ -16,7 +16,7 @@ use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
 use surfel::options::Options;
 use surfel::scene::is_scene_file;
-use surfel::{Camera, Planes, Region, Renderer as _, Session, camera, values};
+use surfel::{Camera, Planes, Region, Renderer as _, camera, session::Session, values};
 
 /// Longest request in bytes.
 const MAX_LINE: usize = 1 << 16;

@@ -10,8 +10,9 @@ use std::time::{Duration, Instant};
 use surfel::io::{JpegOptions, PlanesView, PngOptions, write_jpeg, write_png};
 use surfel::options::Options;
 use surfel::request::Resolved;
+use surfel::session::Session;
 use surfel::session::{Loaded, Loader};
-use surfel::{BackendOptions, Error, Frame, Planes, Progress, Renderer as _, Session, metadata};
+use surfel::{BackendOptions, Error, Frame, Planes, Progress, Renderer as _, metadata};
 use surfel_metrics::{CompareOptions, Image};
 
 /// Largest number of pixels of an image on the page.

@@ -36,7 +36,7 @@ const MOST_SPLATS_OF_TWO: u64 = 4_000_000;
 ///
 /// ```no_run
 /// # fn main() -> Result<(), surfel::Error> {
-/// use surfel::{BackendOptions, NoProgress, Planes, RenderOptions, Session};
+/// use surfel::{BackendOptions, NoProgress, Planes, RenderOptions, session::Session};
 /// let mut session = Session::start(vec!["scan.ply".into()], None, "auto", BackendOptions::default())?;
 /// for view in ["front", "top"] {
 ///     let mut options = RenderOptions::default();

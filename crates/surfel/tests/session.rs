@@ -2,7 +2,9 @@
 
 use std::path::{Path, PathBuf};
 use surfel::request::{Pictures, Request, Source};
-use surfel::{Backend, BackendOptions, Frame, NoProgress, Planes, RenderOptions, Renderer as _, Session, View};
+use surfel::{
+    Backend, BackendOptions, Frame, NoProgress, Planes, RenderOptions, Renderer as _, View, session::Session,
+};
 
 /// Writes a hill of points with classes, and returns its path.
 fn hill(name: &str) -> PathBuf {
