@@ -37,7 +37,7 @@ pub(crate) fn run(root: &Path, prefix: &str, dry_run: bool) -> bool {
     });
     match done {
         Ok(0) => eprintln!("error: no package is called surfel, so nothing was renamed"),
-        Ok(files) => println!("{files} files; next: cargo xtask licences, cargo xtask ci"),
+        Ok(files) => println!("{files} files; next: cargo fmt --all, cargo xtask licences, cargo xtask ci"),
         Err(ref problem) => eprintln!("error: {problem}"),
     }
     done.is_ok_and(|files| files > 0)
@@ -90,7 +90,12 @@ fn renamed(file: &Path, text: &str, names: &BTreeSet<String>, prefix: &str) -> S
             // The chores and the page on packages name packages. Others name libraries, which stay, except in calls
             // of cargo.
             let is_about_packages = name.starts_with("xtask/") || name == "docs/architecture.md";
-            let mut text = if is_about_packages { everywhere(text, names, &new) } else { text.to_owned() };
+            let is_comment = |line: &str| name.ends_with(".rs") && line.trim_start().starts_with("//");
+            let line = |line| if is_comment(line) { line.to_owned() } else { everywhere(line, names, &new) };
+            let mut text = match is_about_packages {
+                true => text.split('\n').map(line).collect::<Vec<_>>().join("\n"),
+                false => text.to_owned(),
+            };
             if PAIRS.contains(&name.as_str()) {
                 text = text.replace("(\"surfel\", ", &format!("({}, ", quoted(prefix)));
             }
@@ -158,7 +163,7 @@ fn everywhere(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String
         }
         text = out + rest;
     }
-    text
+    text.replace("**surfel**", &format!("**{}**", new("surfel")))
 }
 
 /// Renames packages in calls of cargo, and in links to their documentation.
