@@ -331,7 +331,7 @@ fn load_uncolored(
                         loaded.beside.extend(beside);
                         let is_of_points = matches!(conversion, Conversion::Points(_));
                         let sparse = match &conversion {
-                            Conversion::Points(report) => SparseReason::of(report),
+                            Conversion::Points(report) => SparseReason::of(report, &cloud),
                             _ => None,
                         };
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);

@@ -104,6 +104,7 @@ pub(super) const ROWS: &[Row] = &[
     .affects(Inputs::POINTS, |o| o.colors != PointColors::AsIs)
     .scene("convert.colors"),
     color(Row::path("texture", "point|ewa|fit|FILE", |o, path| o.render.splats.add_texture(path)))
+        .names_or_other(|| vec!["point", "ewa", "fit"])
         .repeated()
         .help(
             "Sampling of a mesh's colours: per splat as the mean over the square that it represents (point) or under \
