@@ -178,12 +178,6 @@ struct Pixel {
     front: Surface,
     // Premultiplied.
     color: vec4f,
-    // Depth of the nearest opaque surface; +∞ without one.
-    end: f32,
-    // Fraction of the pixel that the front covers; what lies behind it at an edge, and its depth.
-    share: f32,
-    behind: vec4f,
-    back: f32,
 }
 
 // Shades a pixel of the opaque image. The nearest surface is splats, a polygon, or one blended over the other (§6).
@@ -258,15 +252,12 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
             colors[2] *= eye_dome_shading(pixel, backdrop.z);
         }
     }
-    let color = select(background, vec4f(front.color, 1.0), front.is_there);
-    let end = select(frame.empty_depth, front.z, front.is_there);
+    var color = select(background, vec4f(front.color, 1.0), front.is_there);
     if is_edge {
         let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
-        let behind = select(background, vec4f(colors[2], 1.0), backdrop.is_there);
-        let back = select(frame.empty_depth, backdrop.z, backdrop.is_there);
-        return Pixel(front, color * q + behind * (1.0 - q), min(end, back), q, behind, back);
+        color = color * q + select(background, vec4f(colors[2], 1.0), backdrop.is_there) * (1.0 - q);
     }
-    return Pixel(front, color, end, 1.0, color, end);
+    return Pixel(front, color);
 }
 
 // Composites the layers over a premultiplied colour.

@@ -3,13 +3,12 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
-use crate::release::{self, Verdict};
 use crate::{FEATURES, cargo, required, suites, tidy};
 
 enum Outcome {
     Passed,
     Failed,
-    Skipped(String),
+    Skipped(&'static str),
 }
 
 pub(crate) fn run(root: &Path) -> bool {
@@ -38,11 +37,6 @@ pub(crate) fn run(root: &Path) -> bool {
         step("test", &|| outcome(suites::run(root, suites::Gpu::Required, false))),
         step("tidy", &|| outcome(tidy::run(root))),
         step("deny", &|| deny(root)),
-        step("semver", &|| match release::semver(root) {
-            Verdict::Passed(_) => Outcome::Passed,
-            Verdict::Failed(_) => Outcome::Failed,
-            Verdict::Skipped(why) => Outcome::Skipped(why),
-        }),
     ];
     println!("== summary");
     let mut passed = true;
@@ -50,7 +44,7 @@ pub(crate) fn run(root: &Path) -> bool {
         match outcome {
             Outcome::Passed => println!("{name}: passed"),
             Outcome::Failed => println!("{name}: FAILED"),
-            Outcome::Skipped(ref why) => println!("{name}: skipped, {why}"),
+            Outcome::Skipped(why) => println!("{name}: skipped, {why}"),
         }
         passed &= !matches!(outcome, Outcome::Failed);
     }
@@ -70,7 +64,7 @@ fn deny(root: &Path) -> Outcome {
             eprintln!("error: SURFEL_REQUIRE asks for cargo-deny, which is not installed: cargo install cargo-deny");
             Outcome::Failed
         }
-        (false, false) => Outcome::Skipped("cargo-deny is not installed".to_owned()),
+        (false, false) => Outcome::Skipped("cargo-deny is not installed"),
     }
 }
 

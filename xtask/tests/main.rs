@@ -2,4 +2,3 @@
 
 mod dependencies;
 mod imports;
-mod packages;

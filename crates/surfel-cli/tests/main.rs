@@ -5,7 +5,6 @@ mod attributes;
 mod colors;
 mod common;
 mod exit_codes;
-mod figure;
 mod gaussians;
 mod interface;
 mod levels;
@@ -21,5 +20,3 @@ mod splats;
 mod strangers;
 mod tables;
 mod tools;
-#[cfg(feature = "view")]
-mod view;

@@ -1,9 +1,7 @@
 //! Materials, objects, scenes, and the scene file.
 
 use crate::range::{finite, positive};
-use crate::{
-    Camera, Color, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up,
-};
+use crate::{Camera, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
 use glam::{DAffine3, DMat4};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
@@ -44,9 +42,6 @@ pub struct Material {
     /// cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub oriented: Option<bool>,
-    /// Colour of the whole object, instead of those of its file.
-    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
-    pub color: Option<Color>,
 }
 
 impl Default for Material {
@@ -60,7 +55,6 @@ impl Default for Material {
             two_sided: true,
             interior_weight: None,
             oriented: None,
-            color: None,
         }
     }
 }

@@ -50,7 +50,6 @@ mod block;
 mod boxes;
 mod cell;
 mod class;
-mod distances;
 mod eigen;
 mod error;
 mod fit;
@@ -76,8 +75,7 @@ mod sharp;
 mod sorted;
 mod tree;
 
-pub use class::{DENSITY, PointClass};
-pub use distances::Distances;
+pub use class::PointClass;
 pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};
 pub use interior::interior_weight;

@@ -2,7 +2,6 @@
 
 mod closed;
 mod facades;
-mod figure;
 mod flat_faces;
 mod interface;
 mod level_pops;
@@ -11,6 +10,5 @@ mod ortho;
 mod out_of_sight;
 mod refined;
 mod rooms;
-mod session;
 mod swap;
 mod whites;

@@ -43,15 +43,12 @@ pub(super) const ROWS: &[Row] = &[
     output_of("RGB.tif", Commands::ORTHO)
         .help("Colour GeoTIFF to write; alpha is 0 at empty pixels.", "")
         .required(&["dsm", "normals"]),
-    output_of("FIG", Commands::FIGURE)
-        .help("Figure to write: .pdf or .svg, with words as text, or .png; - is PNG on stdout.", "")
-        .required(&[]),
     output(Row::switch("force", |o, on| {
         o.force = on;
         o.render.splats.force = on;
     }))
     .letter('f')
-    .of(Group::Output, Commands::SPLATS.without(Commands::VIEW).and(Commands::AGAIN))
+    .of(Group::Output, Commands::SPLATS.and(Commands::AGAIN))
     .keyword(Commands::RENDER)
     .help("Overwrite existing files.", "")
     .everyday()
@@ -62,12 +59,12 @@ pub(super) const ROWS: &[Row] = &[
         "",
     ),
     output(Row::switch("png16", |o, on| o.png16 = on))
-        .of(Group::Output, Commands::IMAGE_FILES)
+        .of(Group::Output, Commands::IMAGES)
         .help("Write PNG files with 16 bits per sample.", "")
         .drawn()
         .synonyms(&["16-bit", "bit-depth", "depth"]),
     output(Row::switch("exr-f32", |o, on| o.exr_f32 = on))
-        .of(Group::Output, Commands::IMAGE_FILES)
+        .of(Group::Output, Commands::IMAGES)
         .help("Store colours in EXR files as 32-bit floats.", "")
         .drawn(),
     output(Row::text("planes", "PLANE,...", |o, text| {
@@ -79,7 +76,7 @@ pub(super) const ROWS: &[Row] = &[
         o.render.planes = planes;
         Ok(())
     }))
-    .of(Group::Output, Commands::IMAGE_FILES)
+    .of(Group::Output, Commands::IMAGES)
     .image()
     .keyword(Commands::NONE)
     .names(|| RenderOptions::MORE_PLANES.to_vec())
@@ -93,7 +90,7 @@ pub(super) const ROWS: &[Row] = &[
     )
     .synonyms(&["channels", "aov", "layers", "passes"]),
     output(Row::text("label", "ATTRIBUTE", |o, text| put(&mut o.render.label, Ok(text.to_owned()))))
-        .of(Group::Output, Commands::IMAGE_FILES)
+        .of(Group::Output, Commands::IMAGES)
         .image()
         .drawn()
         .help("Attribute for the plane label: integers such as classes (default classification).", "")
