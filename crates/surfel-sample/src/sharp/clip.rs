@@ -58,8 +58,8 @@ pub(crate) struct Borders {
     regions: HashMap<u32, RegionBorders>,
 }
 
-/// Borders of one region, as pieces in a balanced binary tree. Node k has the children 2k + 1 and 2k + 2, each with half
-/// of the pieces.
+/// Borders of one region, as pieces in a balanced binary tree. Node k has the children 2k + 1 and 2k + 2, each with
+/// half of the pieces.
 struct RegionBorders {
     pieces: Vec<Piece>,
     nodes: Vec<Ends>,
@@ -556,8 +556,8 @@ mod tests {
         (0..count).map(near).sum()
     }
 
-    /// Counts the borders that the slivers of a star are compared with. All of them are in one region, and all borders are
-    /// as long as the star's arms.
+    /// Counts the borders that the slivers of a star are compared with. All of them are in one region, and all borders
+    /// are as long as the star's arms.
     fn work_of_star(count: u32) -> usize {
         let corner = |i: u32| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
