@@ -257,8 +257,8 @@ pub(crate) fn unpack(
         context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
     }
     if let Some(word) = plan.point_word.filter(|_| others > 0) {
-        let (rows, word) = (counted(others, "lines"), quote(word));
-        context.note(format!("left out {rows} that don't begin with {word}, the first in line {first_other}"));
+        let (lines, word) = (counted(others, "lines"), quote(word));
+        context.note(format!("left out {lines} that don't begin with {word}, the first in line {first_other}"));
     }
     if said > 0 && said != table.rows as u64 {
         context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows));

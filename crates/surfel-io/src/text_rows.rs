@@ -153,7 +153,7 @@ pub(crate) struct Plan {
     /// Numbers, from 1, of columns that are dropped because they contain words, or because they are empty.
     pub(crate) words: Vec<usize>,
     pub(crate) empty: Vec<usize>,
-    /// Word that begins every line of a point, one of [`POINT_WORDS`]; lines that begin with another word are none.
+    /// Word that begins every line of a point, one of [`POINT_WORDS`]; lines that begin with another word are dropped.
     pub(crate) point_word: Option<&'static [u8]>,
 }
 

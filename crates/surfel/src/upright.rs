@@ -11,6 +11,7 @@
 
 use crate::patches::{Patch, Patches};
 use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
 use std::fmt;
 use surfel_model::Up;
 
@@ -184,6 +185,9 @@ const CAMERA_WEIGHT: f64 = 1.6;
 const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
 /// Least extent of the points of a depth camera, as a tangent: further away, any shape is within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
+/// Fewest patches from which a depth camera can be detected: the directions of fewer are so far apart that a closed shape seems to
+/// have one surface in each.
+const LEAST_SEEN: usize = 500;
 /// Patches per cell that the grid of directions aims at.
 const PATCHES_OF_DIRECTIONS: f64 = 8.0;
 /// Distance between two surfaces in one direction, in widths of its cell of the grid.
@@ -512,13 +516,11 @@ fn floors(patches: &Patches) -> [f64; 6] {
 /// one surface. With z ahead y points down; with −z ahead, as in OpenGL, y points up.
 pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     let at = |p: &Patch| p.position * patches.scale + patches.middle;
-    let is_ahead = patches.all.iter().all(|p| at(p).z * ahead > 0.0);
-    let seen: Vec<(DVec2, f64)> = if is_ahead {
-        let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z.abs());
-        patches.all.iter().map(|p| ray(at(p))).collect()
-    } else {
+    if patches.all.len() < LEAST_SEEN || patches.all.iter().any(|p| at(p).z * ahead <= 0.0) {
         return 0.0;
-    };
+    }
+    let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z.abs());
+    let seen: Vec<(DVec2, f64)> = patches.all.iter().map(|p| ray(at(p))).collect();
     let bounds = |f: fn(DVec2, DVec2) -> DVec2| seen.iter().map(|(ray, _)| *ray).reduce(f).unwrap_or_default();
     let (lo, hi) = (bounds(DVec2::min), bounds(DVec2::max));
     let is_within = lo.abs().max(hi.abs()).cmple(DVec2::from(CAMERA_TANGENTS)).all();
@@ -527,7 +529,7 @@ pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     }
     let cells = (seen.len() as f64 / PATCHES_OF_DIRECTIONS).sqrt().max(1.0);
     let width = (hi - lo).max_element() / cells;
-    let mut directions = std::collections::BTreeMap::<[u64; 2], Vec<f64>>::new();
+    let mut directions = BTreeMap::<[u64; 2], Vec<f64>>::new();
     for (ray, depth) in &seen {
         directions.entry(((*ray - lo) / width).to_array().map(|c| c as u64)).or_default().push(*depth);
     }
@@ -536,9 +538,8 @@ pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
         depths.sort_unstable_by(f64::total_cmp);
         depths.windows(2).any(|pair| pair[1] - pair[0] > LAYERS_APART * width * pair[0])
     };
-    let all = directions.len().max(1) as f64;
-    let layered = directions.values_mut().filter_map(|depths| is_layered(depths).then_some(())).count() as f64;
-    1.0 - smoothstep(LAYERED.0, LAYERED.1, layered / all)
+    let layered = directions.values_mut().map(is_layered).filter(|layered| *layered).count();
+    1.0 - smoothstep(LAYERED.0, LAYERED.1, layered as f64 / directions.len() as f64)
 }
 
 /// True if the surface is a thin height field over this axis, or over an axis tilted from it as on a hillside, and

@@ -597,7 +597,9 @@ fn points_that_a_camera_at_the_origin_sees_have_its_axes() {
     // Terrain whose heights are above sea level.
     let hills = Shape::hills().positions.into_iter().map(|p| DVec3::new(50.0 * p.x, -50.0 * p.z, 300.0 + 50.0 * p.y));
     let terrain: Vec<DVec3> = hills.collect();
-    for (name, points) in [("whole_ball.txt", ball), ("terrain.txt", terrain)] {
+    // Too few points to tell a closed shape from its front.
+    let few: Vec<DVec3> = ball.iter().step_by(8).copied().collect();
+    for (name, points) in [("whole_ball.txt", ball), ("few.txt", few), ("terrain.txt", terrain)] {
         assert_ne!(found(name, &points).0.reason, UpReason::Camera, "{name}");
     }
 }

@@ -184,8 +184,8 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
         return samples(Scatter::new(weights, count, total).even(progress));
     }
     let scatter = Scatter::new(weights, count * OVERSAMPLING, total);
-    let slender = |part: usize, expected: f64| slender(geometry.corners(parts.face(part)), expected);
-    let mut candidates = scatter.irregular(&slender, progress, &|(part, b)| {
+    let slender_corners = |part: usize, expected: f64| slender(geometry.corners(parts.face(part)), expected);
+    let mut candidates = scatter.irregular(&slender_corners, progress, &|(part, b)| {
         let position = parts.place(part as usize, b).place(geometry);
         Candidate { position, part, number: 0 }
     });
@@ -197,7 +197,7 @@ fn places(geometry: &Geometry, density: &Density, count: usize, progress: &dyn P
         PartFacts { normal: geometry.normals[parts.face(part)], reach }
     };
     let left = eliminate(candidates, &of_part, count, progress);
-    samples(scatter.some_irregular(&slender, &left, progress))
+    samples(scatter.some_irregular(&slender_corners, &left, progress))
 }
 
 /// Returns triangles and barycentric coordinates, stratified by each triangle's share of the sum `total` of `areas`

@@ -25,9 +25,9 @@ const LEAST_WIDTH: f64 = 4.0;
 pub(crate) fn slender(corners: [DVec3; 3], count: f64) -> Option<[DVec3; 3]> {
     let [a, b, c] = corners;
     let longest = (b - a).length_squared().max((c - b).length_squared()).max((a - c).length_squared());
-    // The width is the height over the longest side.
+    // The width is the height over the longest side, and the distance of places the root of the area for one.
     let twice_area = (b - a).cross(c - a).length();
-    let is_wide = twice_area * twice_area * count > LEAST_WIDTH * LEAST_WIDTH * 0.5 * twice_area * longest;
+    let is_wide = 2.0 * twice_area * count > LEAST_WIDTH * LEAST_WIDTH * longest;
     (longest > SLENDER * twice_area && is_wide).then_some(corners)
 }
 

@@ -140,7 +140,7 @@ impl RegionBorders {
                 continue;
             }
             let line = conic.even_points(PIECE_SAMPLES);
-            // Points are evenly spaced along the curve, so a piece of it bulges by less than half of its length.
+            // Points are evenly spaced along the curve, and a piece of it bulges by less than the longest chord.
             let longest = line.windows(2).map(|w| w[0].distance(w[1])).fold(0.0, f64::max);
             pieces.extend(line.windows(2).map(|w| Piece { ends: [w[0], w[1]], margin: longest, border: *border }));
         }
