@@ -185,8 +185,8 @@ const CAMERA_WEIGHT: f64 = 1.6;
 const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
 /// Least extent of the points of a depth camera, as a tangent: further away, any shape is within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
-/// Fewest patches from which a depth camera can be detected: the directions of fewer are so far apart that a closed shape seems to
-/// have one surface in each.
+/// Fewest patches from which a depth camera can be detected. The directions of fewer are so far apart that a closed
+/// shape seems to have one surface in each.
 const LEAST_SEEN: usize = 500;
 /// Patches per cell that the grid of directions aims at.
 const PATCHES_OF_DIRECTIONS: f64 = 8.0;
