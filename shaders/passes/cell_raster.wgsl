@@ -27,8 +27,22 @@ var<workgroup> pixel_bits: array<atomic<u32>, 768>;
 // Depth threshold of each pixel as the bits of its reversed depth. The bits of positive floats compare like the floats.
 var<workgroup> thresholds: array<atomic<u32>, CELL_WORKGROUP>;
 // Only where sides of oriented splats are separated: in the first loop the nearness of back-facing splats, afterwards
-// the side that each pixel shows.
+// the side that each pixel shows. Behind edges: the reversed depth of each pixel's nearest surface, or 0.
 var<workgroup> sides: array<atomic<u32>, CELL_WORKGROUP>;
+
+// Parts of the loops that a pass needs. All are compile-time constants.
+struct CellPass {
+    // Sums normals and depths.
+    surface: bool,
+    // Shades by everything (see `shade`).
+    full: bool,
+    // Separates the sides of oriented splats.
+    sided: bool,
+    // Finds the splat that defines each pixel's threshold, and sums coverage.
+    edges: bool,
+    // Draws only fragments behind the depths in `sides`.
+    behind: bool,
+}
 
 fn staged_part(part: u32, r: u32) -> vec4u {
     return staged[part * BATCH + r];
@@ -92,7 +106,7 @@ fn staged_box_holds(r: u32, in_cell: vec2u) -> bool {
 
 // Copies a batch into workgroup memory, two invocations per record. `visible` selects the data of the first loop or of
 // the second.
-fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, surface: bool) {
+fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: bool, attributes: bool) {
     let r = i / 2u;
     if r >= count {
         return;
@@ -112,7 +126,7 @@ fn stage(first: u32, count: u32, corner: vec2u, i: u32, bits_at: u32, visible: b
         staged[3u * BATCH + r] = cell_records[part_at(select(4u, 1u, visible), record)];
         staged[4u * BATCH + r] = cell_records[part_at(5u, record)];
         staged[5u * BATCH + r] = cell_records[part_at(6u, record)];
-        if !visible && surface {
+        if !visible && attributes {
             staged[6u * BATCH + r] = cell_records[part_at(7u, record)];
         }
     }
@@ -165,6 +179,11 @@ struct CellSums {
     surface: vec4f,
     material: vec4f,
     fragments: f32,
+    // Only summed for edges.
+    coverage: f32,
+    // Depth and record of the nearest fragment; only found if a plane of indices is requested.
+    nearest_z: f32,
+    nearest: u32,
 }
 
 // Returns the depth of a record's unfiltered splat at a pixel; 0 if it has no fragment there.
@@ -257,28 +276,75 @@ fn is_within(threshold: f32, c: Contribution) -> bool {
 struct CellLimit {
     threshold: f32,
     side: u32,
+    // The z + ε and the ε of the splat that defines the threshold, or 0. Only found for edges.
+    writer: vec2f,
 }
 
-// Adds the contribution of record r to a pixel. `surface` is a compile-time constant: false omits normals and depths.
-fn add_contribution(r: u32, pixel: vec2i, limit: CellLimit, surface: bool, sums: ptr<function, CellSums>) {
+// True if a depth lies behind the nearest surface of the pixel of an invocation.
+fn is_behind(at: u32, z: f32) -> bool {
+    return reversed_depth(z) < bitcast<f32>(atomicLoad(&sides[at]));
+}
+
+// Adds the contribution of record r of the batch that begins with the pair `first` to the pixel of invocation i.
+fn add_contribution(
+    first: u32,
+    r: u32,
+    pixel: vec2i,
+    i: u32,
+    limit: CellLimit,
+    drawn: CellPass,
+    sums: ptr<function, CellSums>,
+) {
     let record = staged_record(r);
     let c = contribution_of(record, pixel);
     if !is_within(limit.threshold, c) || !shows_side(limit.side, record.flags) {
         return;
     }
+    if drawn.behind && !is_behind(i, c.z) {
+        return;
+    }
     (*sums).color += vec4f(bitcast<vec3f>(staged_part(5u, r).xyz), 1.0) * c.weight;
-    if surface {
+    if drawn.surface {
         let normal = bitcast<vec3f>(staged_part(6u, r).xyz);
         (*sums).surface += vec4f(normal, c.z * frame.per_depth_unit) * c.weight;
+    }
+    if drawn.edges {
+        (*sums).coverage += bitcast<f32>(staged_part(6u, r).w) * c.weight;
     }
     if frame.has_materials != 0u {
         (*sums).material += objects[record.flags >> RECORD_OBJECT].material * c.weight;
     }
     (*sums).fragments += 1.0;
+    if frame.nearest_at != ABSENT && !drawn.behind && c.z < (*sums).nearest_z {
+        (*sums).nearest_z = c.z;
+        (*sums).nearest = pairs_in[first + r].record;
+    }
 }
 
 // Raises the thresholds of a small splat's pixels. Two invocations share the splat's rows.
-fn raise_thresholds(r: u32, half: u32, corner: vec2u, sided: bool) {
+fn raise_thresholds(r: u32, half: u32, corner: vec2u, drawn: CellPass) {
+    let box = staged_boxes[r];
+    if (box & IS_SMALL) == 0u {
+        return;
+    }
+    let first = first_of(box);
+    let end = end_of(box);
+    let record = staged_record(r);
+    for (var y = first.y + half; y < end.y; y += 2u) {
+        for (var x = first.x; x < end.x; x++) {
+            let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
+            let at = invocation_of(x, y);
+            if z > 0.0 && (!drawn.behind || is_behind(at, z)) {
+                raise(at, maxima_of(record, z, drawn.sided), drawn.sided);
+            }
+        }
+    }
+}
+
+// Sets the bits of the pixels whose threshold a small splat may define: pixels at which it is visible and, unless sides
+// are separated, raises the threshold. Splats that define the final threshold have their bits set in any order of
+// execution; others may or may not.
+fn mark_raised_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -290,14 +356,22 @@ fn raise_thresholds(r: u32, half: u32, corner: vec2u, sided: bool) {
         for (var x = first.x; x < end.x; x++) {
             let z = visible_depth_of(record, vec2i(corner + vec2u(x, y)));
             if z > 0.0 {
-                raise(invocation_of(x, y), maxima_of(record, z, sided), sided);
+                let at = invocation_of(x, y);
+                var is_raised = true;
+                if !sided {
+                    let threshold = bitcast<u32>(reversed_depth(z + record.epsilon));
+                    is_raised = atomicMax(&thresholds[at], threshold) <= threshold;
+                }
+                if is_raised {
+                    atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
+                }
             }
         }
     }
 }
 
 // Sets the bits of the pixels that a small splat contributes to.
-fn mark_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
+fn mark_pixels(r: u32, half: u32, corner: vec2u, drawn: CellPass) {
     let box = staged_boxes[r];
     if (box & IS_SMALL) == 0u {
         return;
@@ -310,10 +384,11 @@ fn mark_pixels(r: u32, half: u32, corner: vec2u, sided: bool) {
             let at = invocation_of(x, y);
             let threshold = bitcast<f32>(atomicLoad(&thresholds[at]));
             var shown = true;
-            if sided {
+            if drawn.sided {
                 shown = shows_side(atomicLoad(&sides[at]), record.flags);
             }
-            if shown && is_within(threshold, contribution_of(record, vec2i(corner + vec2u(x, y)))) {
+            let c = contribution_of(record, vec2i(corner + vec2u(x, y)));
+            if shown && is_within(threshold, c) && (!drawn.behind || is_behind(at, c.z)) {
                 atomicOr(&pixel_bits[(r / 32u) * CELL_WORKGROUP + at], 1u << (r % 32u));
             }
         }
@@ -332,8 +407,9 @@ fn clear_cell(i: u32) {
 }
 
 // The first loop: returns the limit of the invocation's pixel among the pairs of a range, and stores it in `thresholds`
-// and `sides`. All bits are clear before and after. `sided` is a compile-time constant: true if sides are separated.
-fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
+// and `sides`. All bits are clear before and after.
+fn find_limit(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
+    let sided = drawn.sided;
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
@@ -350,7 +426,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
         stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
-            raise_thresholds(i / 2u, i % 2u, corner, sided);
+            raise_thresholds(i / 2u, i % 2u, corner, drawn);
         }
         for (var word = 0u; word < BATCH_WORDS; word++) {
             var bits = atomicLoad(&block_bits[bits_at + words + word]);
@@ -360,7 +436,7 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
                 if staged_box_holds(r, in_cell) {
                     let record = staged_record(r);
                     let z = visible_depth_of(record, pixel);
-                    if z > 0.0 {
+                    if z > 0.0 && (!drawn.behind || is_behind(i, z)) {
                         maxima = greatest(maxima, maxima_of(record, z, sided));
                     }
                 }
@@ -376,48 +452,77 @@ fn find_limit(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
     if i < 2u * of_batch {
         atomicStore(&block_bits[i], 0u);
     }
-    var limit = CellLimit(bitcast<f32>(atomicLoad(&thresholds[i])), 0u);
+    var limit = CellLimit(bitcast<f32>(atomicLoad(&thresholds[i])), 0u, vec2f(0.0, 0.0));
     if sided {
-        let front = bitcast<f32>(atomicExchange(&pixel_bits[i], 0u));
-        let back = bitcast<f32>(atomicExchange(&pixel_bits[CELL_WORKGROUP + i], 0u));
-        let front_nearness = bitcast<f32>(atomicExchange(&pixel_bits[2u * CELL_WORKGROUP + i], 0u));
-        let back_nearness = bitcast<f32>(atomicLoad(&sides[i]));
-        if front_nearness > 0.0 && back_nearness <= front_nearness {
-            limit = CellLimit(max(limit.threshold, front), RECORD_FRONT);
-        } else if back_nearness > 0.0 {
-            limit = CellLimit(max(limit.threshold, back), RECORD_BACK);
-        }
-        if front_nearness > 0.0 && back_nearness > 0.0 {
-            let near = frame.projection.near;
-            let sheet = reversed_depth(sheet_limit(near / front_nearness, near / back_nearness));
-            limit.threshold = max(limit.threshold, sheet);
-        }
+        limit = limit_of(Maxima(
+            limit.threshold,
+            bitcast<f32>(atomicExchange(&pixel_bits[i], 0u)),
+            bitcast<f32>(atomicExchange(&pixel_bits[CELL_WORKGROUP + i], 0u)),
+            bitcast<f32>(atomicExchange(&pixel_bits[2u * CELL_WORKGROUP + i], 0u)),
+            bitcast<f32>(atomicLoad(&sides[i])),
+        ));
         atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
         atomicStore(&sides[i], limit.side);
     }
     return limit;
 }
 
-fn no_cell_sums() -> CellSums {
-    let none = vec4f(0.0, 0.0, 0.0, 0.0);
-    return CellSums(none, none, none, 0.0);
+// Returns the limit that the maxima of a pixel's sides give, without its writer.
+fn limit_of(m: Maxima) -> CellLimit {
+    var limit = CellLimit(m.threshold, 0u, vec2f(0.0, 0.0));
+    if m.front_nearness > 0.0 && m.back_nearness <= m.front_nearness {
+        limit.threshold = max(m.threshold, m.front);
+        limit.side = RECORD_FRONT;
+    } else if m.back_nearness > 0.0 {
+        limit.threshold = max(m.threshold, m.back);
+        limit.side = RECORD_BACK;
+    }
+    if m.front_nearness > 0.0 && m.back_nearness > 0.0 {
+        let near = frame.projection.near;
+        let sheet = reversed_depth(sheet_limit(near / m.front_nearness, near / m.back_nearness));
+        limit.threshold = max(limit.threshold, sheet);
+    }
+    return limit;
 }
 
-// The second loop: returns the sums of the invocation's pixel up to its limit, among the pairs of a range.
-fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, surface: bool, sided: bool) -> CellSums {
+// The z + ε and the ε of the splats that define a pixel's maxima.
+struct Writers {
+    threshold: vec2f,
+    front: vec2f,
+    back: vec2f,
+    front_nearest: vec2f,
+    back_nearest: vec2f,
+}
+
+// Returns the splat that defines the threshold of a limit.
+fn writer_of(limit: CellLimit, m: Maxima, writers: Writers) -> vec2f {
+    if limit.threshold == m.threshold || limit.side == 0u {
+        return writers.threshold;
+    }
+    let is_front = limit.side == RECORD_FRONT;
+    if limit.threshold == select(m.back, m.front, is_front) {
+        return select(writers.back, writers.front, is_front);
+    }
+    return select(writers.front_nearest, writers.back_nearest, is_front);
+}
+
+// Like `find_limit`, and also finds the splat that defines the threshold: of several, the first one. A pixel visits the
+// splats that may do so in their order.
+fn find_limit_and_writer(range: vec2u, corner: vec2u, i: u32, sided: bool) -> CellLimit {
     let in_cell = pixel_in_cell(i);
     let pixel = vec2i(corner + in_cell);
     let words = (i / 32u) * BATCH_WORDS;
     let of_batch = CELL_BLOCKS * BATCH_WORDS;
     var bits_at = 0u;
-    var sums = no_cell_sums();
+    var maxima = Maxima(0.0, 0.0, 0.0, 0.0, 0.0);
+    var writers: Writers;
     for (var first = range.x; first < range.y; first += BATCH) {
         let count = min(range.y - first, BATCH);
         workgroupBarrier();
-        stage(first, count, corner, i, bits_at, false, surface);
+        stage(first, count, corner, i, bits_at, true, false);
         workgroupBarrier();
         if i / 2u < count {
-            mark_pixels(i / 2u, i % 2u, corner, sided);
+            mark_raised_pixels(i / 2u, i % 2u, corner, sided);
         }
         workgroupBarrier();
         for (var word = 0u; word < BATCH_WORDS; word++) {
@@ -427,7 +532,81 @@ fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, surface: boo
                 let r = word * 32u + firstTrailingBit(bits);
                 bits &= bits - 1u;
                 if staged_box_holds(r, in_cell) {
-                    add_contribution(r, pixel, limit, surface, &sums);
+                    let record = staged_record(r);
+                    let z = visible_depth_of(record, pixel);
+                    if z > 0.0 {
+                        let own = maxima_of(record, z, sided);
+                        let writer = vec2f(z + record.epsilon, record.epsilon);
+                        writers.threshold = select(writers.threshold, writer, own.threshold > maxima.threshold);
+                        if sided {
+                            writers.front = select(writers.front, writer, own.front > maxima.front);
+                            writers.back = select(writers.back, writer, own.back > maxima.back);
+                            let is_front = own.front_nearness > maxima.front_nearness;
+                            writers.front_nearest = select(writers.front_nearest, writer, is_front);
+                            let is_back = own.back_nearness > maxima.back_nearness;
+                            writers.back_nearest = select(writers.back_nearest, writer, is_back);
+                        }
+                        maxima = greatest(maxima, own);
+                    }
+                }
+            }
+        }
+        bits_at = of_batch - bits_at;
+        if i < of_batch {
+            atomicStore(&block_bits[bits_at + i], 0u);
+        }
+    }
+    workgroupBarrier();
+    if i < 2u * of_batch {
+        atomicStore(&block_bits[i], 0u);
+    }
+    var limit = limit_of(maxima);
+    limit.writer = writer_of(limit, maxima, writers);
+    atomicStore(&thresholds[i], bitcast<u32>(limit.threshold));
+    if sided {
+        atomicStore(&sides[i], limit.side);
+    }
+    return limit;
+}
+
+// Returns the limit of the invocation's pixel.
+fn limit_by(range: vec2u, corner: vec2u, i: u32, drawn: CellPass) -> CellLimit {
+    if drawn.edges {
+        return find_limit_and_writer(range, corner, i, drawn.sided);
+    }
+    return find_limit(range, corner, i, drawn);
+}
+
+fn no_cell_sums() -> CellSums {
+    let none = vec4f(0.0, 0.0, 0.0, 0.0);
+    return CellSums(none, none, none, 0.0, 0.0, frame.empty_depth, 0u);
+}
+
+// The second loop: returns the sums of the invocation's pixel up to its limit, among the pairs of a range.
+fn sum_pixel(range: vec2u, corner: vec2u, i: u32, limit: CellLimit, drawn: CellPass) -> CellSums {
+    let in_cell = pixel_in_cell(i);
+    let pixel = vec2i(corner + in_cell);
+    let words = (i / 32u) * BATCH_WORDS;
+    let of_batch = CELL_BLOCKS * BATCH_WORDS;
+    var bits_at = 0u;
+    var sums = no_cell_sums();
+    for (var first = range.x; first < range.y; first += BATCH) {
+        let count = min(range.y - first, BATCH);
+        workgroupBarrier();
+        stage(first, count, corner, i, bits_at, false, drawn.surface || drawn.edges);
+        workgroupBarrier();
+        if i / 2u < count {
+            mark_pixels(i / 2u, i % 2u, corner, drawn);
+        }
+        workgroupBarrier();
+        for (var word = 0u; word < BATCH_WORDS; word++) {
+            let of_blocks = atomicLoad(&block_bits[bits_at + words + word]);
+            var bits = of_blocks | atomicExchange(&pixel_bits[word * CELL_WORKGROUP + i], 0u);
+            while bits != 0u {
+                let r = word * 32u + firstTrailingBit(bits);
+                bits &= bits - 1u;
+                if staged_box_holds(r, in_cell) {
+                    add_contribution(first, r, pixel, i, limit, drawn, &sums);
                 }
             }
         }
@@ -445,22 +624,21 @@ fn pairs_of(cell: vec2u) -> vec2u {
     return vec2u(pairs.cell, pairs.record);
 }
 
-// Draws a cell, unless it is dense and sides aren't separated: dense cells are drawn in parts. `surface`, `full` (see
-// `shade`) and `sided` are compile-time constants.
-fn draw_cell(cell: vec2u, i: u32, surface: bool, full: bool, sided: bool) {
+// Draws a cell, unless it is dense and sides aren't separated: dense cells are drawn in parts.
+fn draw_cell(cell: vec2u, i: u32, drawn: CellPass) {
     let range = pairs_of(cell);
-    if !sided && range.y - range.x > DENSE_PAIRS {
+    if !drawn.sided && range.y - range.x > DENSE_PAIRS {
         return;
     }
     let corner = cell * CELL_SIDE;
     clear_cell(i);
-    let limit = find_limit(range, corner, i, sided);
-    let sums = sum_pixel(range, corner, i, limit, surface, sided);
-    write_cell_pixel(corner + pixel_in_cell(i), sums, full);
+    let limit = limit_by(range, corner, i, drawn);
+    let sums = sum_pixel(range, corner, i, limit, drawn);
+    write_cell_pixel(corner + pixel_in_cell(i), sums, limit.writer, drawn);
 }
 
 // Divides a pixel's sums by Σw, lights it, and writes its planes.
-fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
+fn write_cell_pixel(own: vec2u, sums: CellSums, writer: vec2f, drawn: CellPass) {
     if own.x >= frame.size_px.x || own.y >= frame.size_px.y {
         return;
     }
@@ -468,6 +646,9 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
     let point = point_of(sums.color, sums.surface, sums.material);
     if frame.surfaces_at != ABSENT {
         write_surface(own, point);
+    }
+    if drawn.edges {
+        write_edge_data(own, writer, sums.coverage, point.is_there);
     }
     let shaded = own - frame.shade_origin_px;
     if own.x < frame.shade_origin_px.x || own.y < frame.shade_origin_px.y
@@ -478,13 +659,22 @@ fn write_cell_pixel(own: vec2u, sums: CellSums, full: bool) {
     if frame.color_at != ABSENT {
         var color = frame.background;
         if point.is_there {
-            color = vec4f(color_of(position_at(pixel, point.z), point, full), 1.0);
+            color = vec4f(color_of(position_at(pixel, point.z), point, drawn.full), 1.0);
         }
         write_color(at, color);
     }
     write_planes(at, Surface(vec3f(0.0, 0.0, 0.0), point.normal, point.z, point.weight, point.is_there));
     if frame.fragments_at != ABSENT {
         planes[frame.fragments_at + at] = sums.fragments;
+    }
+    if frame.nearest_at != ABSENT {
+        var found = vec2f(0.0, 0.0);
+        if point.is_there {
+            let place = cell_records[part_at(RECORD_PLACE, sums.nearest)].x;
+            found = vec2f(f32(place / CELL_WORKGROUP + 1u), f32(place % CELL_WORKGROUP));
+        }
+        planes[frame.nearest_at + 2u * at] = found.x;
+        planes[frame.nearest_at + 2u * at + 1u] = found.y;
     }
 }
 
@@ -500,31 +690,52 @@ fn write_surface(own: vec2u, point: Point) {
 // Draws cells of an image without normals and depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_colors(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, false, false, false);
+    draw_cell(cell.xy, i, CellPass(false, false, false, false, false));
 }
 
 // Draws cells of an image with normals or depths.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, false, false);
+    draw_cell(cell.xy, i, CellPass(true, false, false, false, false));
 }
 
 // Draws cells of an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, true, false);
+    draw_cell(cell.xy, i, CellPass(true, true, false, false, false));
 }
 
 // Draws cells whose pixels show one side of oriented splats.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, false, true);
+    draw_cell(cell.xy, i, CellPass(true, false, true, false, false));
 }
 
 // Draws cells whose pixels show one side of oriented splats, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_sided_shadowed_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    draw_cell(cell.xy, i, true, true, true);
+    draw_cell(cell.xy, i, CellPass(true, true, true, false, false));
+}
+
+// The same passes for an image with antialiased edges.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, false, false, true, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, false, true, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, false, true, true, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_shadowed_edged_surfaces(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_cell(cell.xy, i, CellPass(true, true, true, true, false));
 }
 
 // Number of pairs above which a cell is dense. Dense cells are drawn in parts, each by its own workgroup, so that no
@@ -533,12 +744,13 @@ const DENSE_PAIRS: u32 = 4096u;
 // Maximum number of pairs of a part. Within this many pairs two parts may begin: the last of one dense cell and the
 // first of the next.
 const PART_PAIRS: u32 = 2048u;
-// Words of a part per pixel: its threshold, and sums of colours, surface, material and fragments.
-const PART_WORDS: u32 = 14u;
+// Words of a part per pixel: its threshold and the threshold's writer, sums of colours, surface, material, fragments
+// and coverage, and its nearest fragment.
+const PART_WORDS: u32 = 19u;
 
 // Word k of pixel i of a part is at (part·PART_WORDS + k)·CELL_WORKGROUP + i.
-@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<f32>;
-@group(1) @binding(55) var<storage, read> cell_parts: array<f32>;
+@group(1) @binding(54) var<storage, read_write> cell_parts_out: array<u32>;
+@group(1) @binding(55) var<storage, read> cell_parts: array<u32>;
 
 // A part: its cell and its range of pairs, which is empty if the part doesn't exist.
 struct CellPart {
@@ -554,8 +766,8 @@ fn part_of(number: u32) -> CellPart {
     if begin >= count {
         return CellPart(0u, vec2u(0u, 0u));
     }
-    let first = frame.cell_count + begin;
-    let end = frame.cell_count + min(begin + PART_PAIRS, count);
+    let first = frame.cell_header + begin;
+    let end = frame.cell_header + min(begin + PART_PAIRS, count);
     let begins_here = number % 2u == 1u;
     let cell = pairs_in[select(first, end - 1u, begins_here)].cell;
     let of_cell = pairs_in[cell];
@@ -568,16 +780,24 @@ fn part_of(number: u32) -> CellPart {
 
 // Returns the number of the k-th part of a dense cell with the pairs `range`.
 fn part_number(range: vec2u, k: u32) -> u32 {
-    let block = (range.x - frame.cell_count) / PART_PAIRS;
+    let block = (range.x - frame.cell_header) / PART_PAIRS;
     return 2u * (block + k) + select(0u, 1u, k == 0u);
 }
 
 fn parts_of(range: vec2u) -> u32 {
-    return (range.y - 1u - frame.cell_count) / PART_PAIRS - (range.x - frame.cell_count) / PART_PAIRS + 1u;
+    return (range.y - 1u - frame.cell_header) / PART_PAIRS - (range.x - frame.cell_header) / PART_PAIRS + 1u;
 }
 
 fn part_word(part: u32, k: u32, i: u32) -> u32 {
     return (part * PART_WORDS + k) * CELL_WORKGROUP + i;
+}
+
+fn put_part_f32(part: u32, k: u32, i: u32, value: f32) {
+    cell_parts_out[part_word(part, k, i)] = bitcast<u32>(value);
+}
+
+fn part_f32(part: u32, k: u32, i: u32) -> f32 {
+    return bitcast<f32>(cell_parts[part_word(part, k, i)]);
 }
 
 fn corner_of_cell(cell: u32) -> vec2u {
@@ -585,19 +805,43 @@ fn corner_of_cell(cell: u32) -> vec2u {
 }
 
 // Finds the depth thresholds of parts.
-@compute @workgroup_size(CELL_WORKGROUP)
-fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    let number = workgroup_number(group);
+fn find_part_thresholds(number: u32, i: u32, drawn: CellPass) {
     let part = part_of(number);
     if part.range.x == part.range.y {
         return;
     }
+    var nearest = 0.0;
+    if drawn.behind {
+        let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
+        if !cell_has_edges(i, edge.is_edge) {
+            return;
+        }
+        nearest = edge.nearest;
+    }
     clear_cell(i);
-    cell_parts_out[part_word(number, 0u, i)] = find_limit(part.range, corner_of_cell(part.cell), i, false).threshold;
+    if drawn.behind {
+        atomicStore(&sides[i], bitcast<u32>(nearest));
+    }
+    let limit = limit_by(part.range, corner_of_cell(part.cell), i, drawn);
+    put_part_f32(number, 0u, i, limit.threshold);
+    if drawn.edges {
+        put_part_f32(number, 1u, i, limit.writer.x);
+        put_part_f32(number, 2u, i, limit.writer.y);
+    }
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edged_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(false, false, false, true, false));
 }
 
 // Sums the contributions of a part, up to the threshold of all parts of its cell.
-fn sum_part(number: u32, i: u32, surface: bool) {
+fn sum_part(number: u32, i: u32, drawn: CellPass) {
     let part = part_of(number);
     if part.range.x == part.range.y {
         return;
@@ -605,119 +849,114 @@ fn sum_part(number: u32, i: u32, surface: bool) {
     let of_cell = vec2u(pairs_in[part.cell].cell, pairs_in[part.cell].record);
     var threshold = 0.0;
     for (var k = 0u; k < parts_of(of_cell); k++) {
-        threshold = max(threshold, cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]);
+        threshold = max(threshold, bitcast<f32>(cell_parts_out[part_word(part_number(of_cell, k), 0u, i)]));
+    }
+    var nearest = 0.0;
+    if drawn.behind {
+        let edge = edge_at(corner_of_cell(part.cell) + pixel_in_cell(i));
+        if !cell_has_edges(i, edge.is_edge) {
+            return;
+        }
+        nearest = edge.nearest;
     }
     clear_cell(i);
     workgroupBarrier();
-    atomicStore(&thresholds[i], bitcast<u32>(threshold));
-    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, CellLimit(threshold, 0u), surface, false);
-    for (var k = 0u; k < 4u; k++) {
-        cell_parts_out[part_word(number, 1u + k, i)] = sums.color[k];
-        cell_parts_out[part_word(number, 5u + k, i)] = sums.surface[k];
-        cell_parts_out[part_word(number, 9u + k, i)] = sums.material[k];
+    if drawn.behind {
+        atomicStore(&sides[i], bitcast<u32>(nearest));
     }
-    cell_parts_out[part_word(number, 13u, i)] = sums.fragments;
+    atomicStore(&thresholds[i], bitcast<u32>(threshold));
+    let limit = CellLimit(threshold, 0u, vec2f(0.0, 0.0));
+    let sums = sum_pixel(part.range, corner_of_cell(part.cell), i, limit, drawn);
+    for (var k = 0u; k < 4u; k++) {
+        put_part_f32(number, 3u + k, i, sums.color[k]);
+        put_part_f32(number, 7u + k, i, sums.surface[k]);
+        put_part_f32(number, 11u + k, i, sums.material[k]);
+    }
+    put_part_f32(number, 15u, i, sums.fragments);
+    put_part_f32(number, 16u, i, sums.coverage);
+    put_part_f32(number, 17u, i, sums.nearest_z);
+    cell_parts_out[part_word(number, 18u, i)] = sums.nearest;
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_colors(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, false);
+    sum_part(workgroup_number(group), i, CellPass(false, false, false, false, false));
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_part_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
-    sum_part(workgroup_number(group), i, true);
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, false));
 }
 
-// Draws a dense cell from its parts.
-fn combine_cell(cell: vec2u, i: u32, full: bool) {
-    let range = pairs_of(cell);
-    if range.y - range.x <= DENSE_PAIRS {
-        return;
-    }
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edged_surfaces(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, true, false));
+}
+
+// Returns the sums of all parts of a dense cell with the pairs `range`.
+fn sums_of_parts(range: vec2u, i: u32, drawn: CellPass) -> CellSums {
     var sums = no_cell_sums();
     for (var k = 0u; k < parts_of(range); k++) {
         let part = part_number(range, k);
         for (var c = 0u; c < 4u; c++) {
-            sums.color[c] += cell_parts[part_word(part, 1u + c, i)];
-            sums.surface[c] += cell_parts[part_word(part, 5u + c, i)];
-            sums.material[c] += cell_parts[part_word(part, 9u + c, i)];
+            sums.color[c] += part_f32(part, 3u + c, i);
+            sums.surface[c] += part_f32(part, 7u + c, i);
+            sums.material[c] += part_f32(part, 11u + c, i);
         }
-        sums.fragments += cell_parts[part_word(part, 13u, i)];
+        sums.fragments += part_f32(part, 15u, i);
+        if drawn.edges {
+            sums.coverage += part_f32(part, 16u, i);
+        }
+        if frame.nearest_at != ABSENT && !drawn.behind {
+            let z = part_f32(part, 17u, i);
+            if z < sums.nearest_z {
+                sums.nearest_z = z;
+                sums.nearest = cell_parts[part_word(part, 18u, i)];
+            }
+        }
     }
-    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums, full);
+    return sums;
+}
+
+// Draws a dense cell from its parts.
+fn combine_cell(cell: vec2u, i: u32, drawn: CellPass) {
+    let range = pairs_of(cell);
+    if range.y - range.x <= DENSE_PAIRS {
+        return;
+    }
+    var threshold = 0.0;
+    var writer = vec2f(0.0, 0.0);
+    if drawn.edges {
+        for (var k = 0u; k < parts_of(range); k++) {
+            let part = part_number(range, k);
+            let own = part_f32(part, 0u, i);
+            if own > threshold {
+                threshold = own;
+                writer = vec2f(part_f32(part, 1u, i), part_f32(part, 2u, i));
+            }
+        }
+    }
+    write_cell_pixel(cell * CELL_SIDE + pixel_in_cell(i), sums_of_parts(range, i, drawn), writer, drawn);
 }
 
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, false);
+    combine_cell(cell.xy, i, CellPass(true, false, false, false, false));
 }
 
 // Draws dense cells from their parts, in an image with shadows or the shader `toon`.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_combine_shadowed(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
-    combine_cell(cell.xy, i, true);
+    combine_cell(cell.xy, i, CellPass(true, true, false, false, false));
 }
 
-// Returns the depth of the surface at a pixel of the targets, from `planes`. `front_depth`, which shading and host
-// targets use, reads textures: another buffer would exceed WebGPU's core limits there.
-fn cell_depth(pixel: vec2i) -> f32 {
-    return planes[frame.surfaces_at + 4u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x)) + 3u];
+// The same passes for an image with antialiased edges.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, CellPass(true, false, false, true, false));
 }
 
-// Like `has_outline`, from the depths in `planes`.
-fn has_cell_outline(pixel: vec2i, surface: Surface) -> bool {
-    let limit = outline_limit(pixel, surface, frame.projection);
-    let last = vec2i(frame.size_px) - 1;
-    var line = false;
-    for (var y = max(pixel.y - 1, 0); y <= min(pixel.y + 1, last.y); y++) {
-        for (var x = max(pixel.x - 1, 0); x <= min(pixel.x + 1, last.x); x++) {
-            line = line || cell_depth(vec2i(x, y)) > limit;
-        }
-    }
-    return line;
-}
-
-// Like `eye_dome_shading`, from the depths in `planes`.
-fn cell_eye_dome_shading(pixel: vec2i, z: f32) -> f32 {
-    let last = vec2i(frame.size_px) - 1;
-    var rise = 0.0;
-    for (var j = -1; j <= 1; j++) {
-        for (var i = -1; i <= 1; i++) {
-            let offset = vec2i(i, j) * EYE_DOME_REACH;
-            let at = pixel + offset;
-            if (i == 0 && j == 0) || at.x < 0 || at.y < 0 || at.x > last.x || at.y > last.y {
-                continue;
-            }
-            rise += eye_dome_rise(offset, z, cell_depth(at));
-        }
-    }
-    return eye_dome_brightness(z, rise, frame.projection);
-}
-
-// Applies outlines and eye-dome lighting, which depend on neighbouring pixels, to the colours.
-@compute @workgroup_size(8, 8)
-fn cell_neighbours(@builtin(global_invocation_id) id: vec3u) {
-    if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
-        return;
-    }
-    let own = id.xy + frame.shade_origin_px;
-    let at = frame.surfaces_at + 4u * (own.y * frame.size_px.x + own.x);
-    let normal = vec3f(planes[at], planes[at + 1u], planes[at + 2u]);
-    let z = planes[at + 3u];
-    if !(z < frame.empty_depth) {
-        return;
-    }
-    var share = 1.0;
-    if frame.has_outlines != 0u {
-        let surface = Surface(vec3f(0.0, 0.0, 0.0), normal, z, 0.0, true);
-        share = select(1.0, 0.0, has_cell_outline(vec2i(own), surface));
-    }
-    if frame.has_eye_dome != 0u {
-        share *= cell_eye_dome_shading(vec2i(own), z);
-    }
-    let to = frame.color_at + 4u * (id.y * frame.shade_size_px.x + id.x);
-    planes[to] *= share;
-    planes[to + 1u] *= share;
-    planes[to + 2u] *= share;
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_shadowed_edged(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_cell(cell.xy, i, CellPass(true, true, false, true, false));
 }

@@ -5,6 +5,9 @@
 // and pairs are emitted in the order of splats, so a pixel's sums have one order whatever the device does in parallel.
 //
 // No pass sorts by depth: visibility is a maximum, and attributes are sums.
+//
+// Samples of edge pixels are drawn by the same passes, as pixels of a view four times as fine (cell_samples.wgsl). Few
+// of its cells contain a sampled pixel: only these active cells are numbered, and only they have pairs.
 
 // Side of a cell in pixels.
 const CELL_SIDE: u32 = 16u;
@@ -14,14 +17,18 @@ const CELL_WORKGROUP: u32 = 256u;
 const CELL_ROW: u32 = 32768u;
 // Number of elements that a workgroup scans or sorts.
 const CELL_BLOCK: u32 = 2048u;
-// Size of a record in vec4u.
+// Size of a record in vec4u, and the part that follows if a plane of indices is requested: the splat's place among the
+// invocations of all groups.
 const RECORD_PARTS: u32 = 9u;
+const RECORD_PLACE: u32 = 9u;
 // Words of a group's entry after the counts of pairs of all groups: its first record, and its number of records.
 const GROUP_WORDS: u32 = 2u;
 
-// Kinds of elements to scan (CellRound.scanned): counts of pairs per group, or counts of digits per block.
+// Kinds of elements to scan (CellRound.scanned): counts of pairs per group, counts of digits per block, or a number per
+// cell that is 1 if the cell is active.
 const SCANNED_GROUPS: u32 = 0u;
 const SCANNED_DIGITS: u32 = 1u;
+const SCANNED_ACTIVE: u32 = 2u;
 
 // A chunk that may touch the tile. One workgroup sets up its splats, and their records form a group.
 struct CellChunk {
@@ -43,16 +50,20 @@ struct CellCounters {
     records: atomic<u32>,
     // Number of pairs that the records need, saturated at the largest u32.
     pairs: atomic<u32>,
+    // Number of active cells of a tile of samples.
+    active_cells: atomic<u32>,
 }
 
 // CellCounters for passes that only read them.
 struct CellCounts {
     records: u32,
     pairs: u32,
+    active_cells: u32,
 }
 
 // A record and a cell that it may touch. A buffer of pairs begins with one element per cell, which stores the begin and
-// end of the cell's sorted pairs instead.
+// end of the cell's sorted pairs instead. For samples these are elements of active cells. They are followed by one more
+// element per active cell: its number in the grid, and 1.
 struct CellPair {
     cell: u32,
     record: u32,
@@ -69,7 +80,7 @@ struct CellRound {
 // One word per group: its number of pairs and, after a scan, the index of its first pair. Then the first record and the
 // number of records of each group.
 @group(1) @binding(41) var<storage, read_write> cell_groups: array<u32>;
-@group(1) @binding(42) var<storage, read_write> cell_counters: CellCounters;
+@group(1) @binding(42) var<storage, read_write> cell_counters: array<CellCounters>;
 @group(1) @binding(43) var<storage, read> cell_chunks: array<CellChunk>;
 @group(1) @binding(44) var<storage, read> near_records: array<vec4u>;
 @group(1) @binding(45) var<uniform> cell_round: CellRound;
@@ -78,7 +89,9 @@ struct CellRound {
 @group(1) @binding(48) var<storage, read> pairs_in: array<CellPair>;
 @group(1) @binding(49) var<storage, read_write> pairs_out: array<CellPair>;
 @group(1) @binding(52) var<storage, read> cell_records: array<vec4u>;
-@group(1) @binding(53) var<storage, read> cell_counts: CellCounts;
+@group(1) @binding(53) var<storage, read> cell_counts: array<CellCounts>;
+// Number of active cells before each cell of the grid, and in all. Only read for samples.
+@group(1) @binding(56) var<storage, read> cell_active: array<u32>;
 
 // Partial sum of each invocation.
 var<workgroup> scan_partial: array<u32, CELL_WORKGROUP>;
@@ -119,14 +132,16 @@ fn workgroup_number(group: vec3u) -> u32 {
     return group.y * CELL_ROW + group.x;
 }
 
-// Returns the number of pairs to draw. It is 0 if records or pairs exceed their buffers: the host then draws the tile
-// again.
-fn drawn_pairs(records: u32, pairs: u32) -> u32 {
-    return select(0u, pairs, records <= frame.cell_record_room && pairs <= frame.cell_pair_room);
+// Returns the number of pairs to draw. It is 0 if records, pairs or active cells exceed their buffers: the host then
+// draws the tile again.
+fn drawn_pairs(counts: CellCounts) -> u32 {
+    let fits = counts.records <= frame.cell_record_room && counts.pairs <= frame.cell_pair_room
+        && counts.active_cells <= frame.cell_active_room;
+    return select(0u, counts.pairs, fits);
 }
 
 fn pair_count() -> u32 {
-    return drawn_pairs(cell_counts.records, cell_counts.pairs);
+    return drawn_pairs(cell_counts[frame.cell_part]);
 }
 
 // Starts a tile without records and pairs.
@@ -134,10 +149,11 @@ fn pair_count() -> u32 {
 fn cell_begin(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let cell = workgroup_number(group) * CELL_WORKGROUP + i;
     if cell == 0u {
-        atomicStore(&cell_counters.records, 0u);
-        atomicStore(&cell_counters.pairs, 0u);
+        atomicStore(&cell_counters[frame.cell_part].records, 0u);
+        atomicStore(&cell_counters[frame.cell_part].pairs, 0u);
+        atomicStore(&cell_counters[frame.cell_part].active_cells, 0u);
     }
-    if cell < frame.cell_count {
+    if cell < frame.cell_header {
         pairs_out[cell] = CellPair(0u, 0u);
     }
 }
@@ -161,26 +177,65 @@ fn cells_of(boxes: vec4u) -> vec4u {
     return vec4u(from_cell, (most + (CELL_SIDE - 1u)) / CELL_SIDE - from_cell);
 }
 
+// Returns the number of active cells among the cells of a record in a row of the grid.
+fn active_in_row(cells: vec4u, row: u32) -> u32 {
+    let first = row * frame.cell_columns + cells.x;
+    return cell_active[first + cells.z] - cell_active[first];
+}
+
+// Returns the number of pairs of a record with these cells.
+fn pairs_of_cells(cells: vec4u) -> u32 {
+    if frame.is_of_samples == 0u {
+        return cells.z * cells.w;
+    }
+    var count = 0u;
+    for (var row = cells.y; row < cells.y + cells.w; row++) {
+        count += active_in_row(cells, row);
+    }
+    return count;
+}
+
+// Returns the number of the k-th cell of a record. Active cells of a row have consecutive numbers.
+fn nth_cell(cells: vec4u, k: u32) -> u32 {
+    if frame.is_of_samples == 0u {
+        return (cells.y + k / cells.z) * frame.cell_columns + cells.x + k % cells.z;
+    }
+    var left = k;
+    var row = cells.y;
+    for (; row + 1u < cells.y + cells.w; row++) {
+        let count = active_in_row(cells, row);
+        if left < count {
+            break;
+        }
+        left -= count;
+    }
+    return cell_active[row * frame.cell_columns + cells.x] + left;
+}
+
 var<workgroup> group_first_record: u32;
 var<workgroup> group_pairs: atomic<u32>;
 
-// Writes a group's records without gaps and counts its pairs. All invocations of the workgroup have to call it, with
-// `is_there` false if they have no record.
-fn write_group(group: u32, i: u32, record: Record, is_there: bool) {
+// Writes a group's records without gaps and counts its pairs. Records without pairs are left out. All invocations of
+// the workgroup have to call it, with `may_be_there` false if they have no record.
+fn write_group(group: u32, i: u32, record: Record, may_be_there: bool) {
     if i == 0u {
         atomicStore(&group_pairs, 0u);
     }
+    let boxes = vec4u(record.visible_box, record.filtered_box);
+    var own_pairs = 0u;
+    if may_be_there {
+        own_pairs = pairs_of_cells(cells_of(boxes));
+    }
+    let is_there = own_pairs > 0u;
     let rank = workgroup_scan(i, select(0u, 1u, is_there));
     let live = scan_partial[CELL_WORKGROUP - 1u];
-    let boxes = vec4u(record.visible_box, record.filtered_box);
     if is_there {
-        let cells = cells_of(boxes);
-        atomicAdd(&group_pairs, cells.z * cells.w);
+        atomicAdd(&group_pairs, own_pairs);
     }
     if i == 0u {
         var first = 0u;
         if live > 0u {
-            first = atomicAdd(&cell_counters.records, live);
+            first = atomicAdd(&cell_counters[frame.cell_part].records, live);
         }
         group_first_record = first;
     }
@@ -204,6 +259,9 @@ fn write_group(group: u32, i: u32, record: Record, is_there: bool) {
         cell_records_out[part_at(6u, at)] = bitcast<vec4u>(vec4f(record.color, record.w_at_anchor));
         cell_records_out[part_at(7u, at)] = bitcast<vec4u>(vec4f(record.normal, record.coverage));
         cell_records_out[part_at(8u, at)] = boxes;
+        if frame.nearest_at != ABSENT {
+            cell_records_out[part_at(RECORD_PLACE, at)] = vec4u(group * CELL_WORKGROUP + i, 0u, 0u, 0u);
+        }
     }
 }
 
@@ -267,6 +325,9 @@ fn scan_length(pairs: u32) -> u32 {
     if cell_round.scanned == SCANNED_GROUPS {
         return frame.cell_group_count;
     }
+    if cell_round.scanned == SCANNED_ACTIVE {
+        return frame.cell_count + 1u;
+    }
     return cell_round.digits * blocks_of(pairs);
 }
 
@@ -294,11 +355,16 @@ fn cell_scan_blocks(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     }
 }
 
-// Second pass of a scan. A scan of groups also counts the pairs of the tile.
+// Second pass of a scan. A scan of groups also counts the pairs of the tile, and a scan of active cells these cells.
 @compute @workgroup_size(CELL_WORKGROUP)
 fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
     let block = workgroup_number(group);
-    let length = scan_length(drawn_pairs(atomicLoad(&cell_counters.records), atomicLoad(&cell_counters.pairs)));
+    let part = frame.cell_part;
+    let length = scan_length(drawn_pairs(CellCounts(
+        atomicLoad(&cell_counters[part].records),
+        atomicLoad(&cell_counters[part].pairs),
+        atomicLoad(&cell_counters[part].active_cells),
+    )));
     var of_blocks = 0u;
     for (var earlier = i; earlier < min(block, blocks_of(length)); earlier += CELL_WORKGROUP) {
         of_blocks = saturating_sum(of_blocks, scan_sums[earlier]);
@@ -322,8 +388,13 @@ fn cell_scan_add(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_
             before = saturating_sum(before, values[k]);
         }
     }
-    if cell_round.scanned == SCANNED_GROUPS && i == CELL_WORKGROUP - 1u && block + 1u == blocks_of(length) {
-        atomicStore(&cell_counters.pairs, before);
+    if i == CELL_WORKGROUP - 1u && block + 1u == blocks_of(length) {
+        if cell_round.scanned == SCANNED_GROUPS {
+            atomicStore(&cell_counters[part].pairs, before);
+        }
+        if cell_round.scanned == SCANNED_ACTIVE {
+            atomicStore(&cell_counters[part].active_cells, before);
+        }
     }
 }
 
@@ -340,12 +411,11 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
     let live = cell_groups[at + 1u];
     var own = 0u;
     if i < live {
-        let cells = cells_of(cell_records[part_at(8u, first + i)]);
-        own = cells.z * cells.w;
+        own = pairs_of_cells(cells_of(cell_records[part_at(8u, first + i)]));
     }
     let unused = workgroup_scan(i, own);
     let count = scan_partial[CELL_WORKGROUP - 1u];
-    let to = frame.cell_count + cell_groups[number];
+    let to = frame.cell_header + cell_groups[number];
     for (var k = i; k < count; k += CELL_WORKGROUP) {
         // Finds the first record whose pairs end after k.
         var low = 0u;
@@ -364,10 +434,7 @@ fn cell_emit(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_inde
         if low > 0u {
             before = scan_partial[low - 1u];
         }
-        let in_record = k - before;
-        let column = cells.x + in_record % cells.z;
-        let row = cells.y + in_record / cells.z;
-        pairs_out[to + k] = CellPair(row * frame.cell_columns + column, record);
+        pairs_out[to + k] = CellPair(nth_cell(cells, k - before), record);
     }
 }
 
@@ -390,7 +457,7 @@ fn cell_count_digits(@builtin(workgroup_id) group: vec3u, @builtin(local_invocat
     for (var k = 0u; k < CELL_BLOCK; k += CELL_WORKGROUP) {
         let at = block * CELL_BLOCK + k + i;
         if at < count {
-            atomicAdd(&digit_counts[digit_of(pairs_in[frame.cell_count + at])], 1u);
+            atomicAdd(&digit_counts[digit_of(pairs_in[frame.cell_header + at])], 1u);
         }
     }
     workgroupBarrier();
@@ -429,7 +496,7 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
         var pair: CellPair;
         var digit = 0u;
         if at < count {
-            pair = pairs_in[frame.cell_count + at];
+            pair = pairs_in[frame.cell_header + at];
             digit = digit_of(pair);
             atomicOr(&round_bits[own_word * CELL_WORKGROUP + digit], own_bit);
         }
@@ -439,7 +506,7 @@ fn cell_scatter(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_i
             for (var word = 0u; word < own_word; word++) {
                 rank += countOneBits(atomicLoad(&round_bits[word * CELL_WORKGROUP + digit]));
             }
-            pairs_out[frame.cell_count + digit_ends[digit] + rank] = pair;
+            pairs_out[frame.cell_header + digit_ends[digit] + rank] = pair;
         }
         workgroupBarrier();
         var found = 0u;
@@ -459,7 +526,7 @@ fn cell_find_ranges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocati
     if index >= count {
         return;
     }
-    let at = frame.cell_count + index;
+    let at = frame.cell_header + index;
     let cell = pairs_out[at].cell;
     if index == 0u || pairs_out[at - 1u].cell != cell {
         pairs_out[cell].cell = at;

@@ -78,6 +78,13 @@ fn begin_pixel_layers(id: vec3u, occluder_depth: f32) {
         layers.opaque_depth = max(layers.opaque_depth, reversed_depth(hit.x));
     }
     layers.opaque_depth = max(layers.opaque_depth, occluder_depth);
+    if frame.has_balls != 0u {
+        let z = full_ball_depth(pixel);
+        if z < frame.empty_depth {
+            layers.opaque_depth = max(layers.opaque_depth, reversed_depth(z));
+        }
+        put_last_ball(pixel, BallFragment(0.0, 0.0, 0u));
+    }
     layer_composites[id.y * frame.size_px.x + id.x] = layers;
 }
 
@@ -125,7 +132,7 @@ fn composite_layer(id: vec3u, counts: vec2f, share: f32) {
     let point = layer_point(pixel);
     if point.is_there {
         let color = color_of(position_at(pixel, point.z), point, true);
-        layers = composite_under(layers, point, color, counts.y / point.weight * share);
+        layers = composite_under(balls_under(layers, pixel, point.z), point, color, counts.y / point.weight * share);
     }
     layers.counts += u32(counts.x);
     // A threshold of 0 means that no fragments remain behind the layer.
@@ -164,7 +171,7 @@ fn remaining_layer(@builtin(global_invocation_id) id: vec3u) {
     if point.is_there {
         // The splats were lit one by one before they were summed.
         let color = limit_rgb(textureLoad(layer_color, pixel, 0).rgb / point.weight);
-        layers = composite_under(layers, point, color, counts.y / point.weight);
+        layers = composite_under(balls_under(layers, pixel, point.z), point, color, counts.y / point.weight);
     }
     layers.counts += u32(counts.x);
     layer_composites[at] = layers;

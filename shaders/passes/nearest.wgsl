@@ -59,10 +59,23 @@ fn is_before_polygon(position: vec4f, z: f32) -> bool {
 @group(1) @binding(26) var nearest_front: texture_2d<f32>;
 @group(1) @binding(27) var nearest_layer: texture_2d<f32>;
 
+// Returns the depth that a pixel shows without balls; +∞ without any surface.
+fn nearest_depth(pixel: vec2i) -> f32 {
+    var z = front_depth(pixel);
+    if frame.has_layers != 0u {
+        let layer = layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)].z;
+        z = select(z, min(z, layer), layer > 0.0);
+    }
+    return z;
+}
+
 // Draw number that marks a polygon. The record number is then the polygon's.
 const NEAREST_POLYGON: f32 = -1.0;
 
-// Writes the nearest splat or polygon of each pixel.
+// Draw number that marks a ball. The record number is then the ball's.
+const NEAREST_BALL: f32 = -2.0;
+
+// Writes the nearest splat, polygon or ball of each pixel.
 @compute @workgroup_size(8, 8)
 fn nearest(@builtin(global_invocation_id) id: vec3u) {
     if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
@@ -79,6 +92,10 @@ fn nearest(@builtin(global_invocation_id) id: vec3u) {
     }
     if frame.has_layers != 0u && layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)].z > 0.0 {
         found = textureLoad(nearest_layer, pixel, 0).xy;
+    }
+    let ball = shown_ball(pixel, nearest_depth(pixel));
+    if ball.z > 0.0 {
+        found = vec2f(NEAREST_BALL, f32(ball.record));
     }
     let to = frame.nearest_at + 2u * (id.y * frame.shade_size_px.x + id.x);
     planes[to] = found.x;

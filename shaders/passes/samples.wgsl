@@ -121,6 +121,14 @@ fn among_neighbours(at: vec2i, surface: Surface, pixel: vec2i) -> vec3f {
     return surface.color * eye_dome_brightness(surface.z, rise, projection);
 }
 
+// Returns the colour of a sample of a pixel, without layers.
+fn sample_color(at: vec2i, opaque: Pixel, pixel: vec2i) -> vec4f {
+    if opaque.front.is_there {
+        return vec4f(among_neighbours(at, opaque.front, pixel), 1.0);
+    }
+    return opaque.color;
+}
+
 // Writes the colours of sampled pixels: one invocation for each pixel whose samples are in the targets.
 @compute @workgroup_size(8, 8)
 fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
@@ -134,11 +142,7 @@ fn resolve_samples(@builtin(global_invocation_id) id: vec3u) {
     var sum = vec4f(0.0, 0.0, 0.0, 0.0);
     for (var i = 0u; i < SAMPLES_SIDE * SAMPLES_SIDE; i++) {
         let at = vec2i(id.xy * SAMPLES_SIDE + vec2u(i % SAMPLES_SIDE, i / SAMPLES_SIDE));
-        let surface = shaded_pixel(at, frame.background, true);
-        var color = surface.color;
-        if surface.front.is_there {
-            color = vec4f(among_neighbours(at, surface.front, vec2i(pixel)), 1.0);
-        }
+        let color = sample_color(at, shaded_pixel(at, frame.background, true), vec2i(pixel));
         var layers: LayerComposite;
         if frame.has_layers != 0u {
             layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];

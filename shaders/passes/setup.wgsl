@@ -67,6 +67,22 @@ fn packed_box(pixels: vec4f) -> vec2u {
     return vec2u(p.x | (p.y << 16u), p.z | (p.w << 16u));
 }
 
+fn unpacked_box(pixels: vec2u) -> vec4f {
+    return vec4f(vec4u(pixels.x & 0xffffu, pixels.x >> 16u, pixels.y & 0xffffu, pixels.y >> 16u));
+}
+
+// In a frame of samples, reduces a splat's boxes to the parts that sampled pixels span.
+fn among_sampled(splat: SetUpSplat) -> SetUpSplat {
+    if frame.is_of_samples == 0u || !splat.is_there {
+        return splat;
+    }
+    var reduced = splat;
+    reduced.record.visible_box = packed_box(sampled_part(unpacked_box(splat.record.visible_box)));
+    reduced.record.filtered_box = packed_box(sampled_part(unpacked_box(splat.record.filtered_box)));
+    reduced.is_there = reduced.record.visible_box.y != 0u || reduced.record.filtered_box.y != 0u;
+    return reduced;
+}
+
 fn extent_union(a: Extent, b: Extent) -> Extent {
     return Extent(min(a.least, b.least), max(a.greatest, b.greatest));
 }
@@ -159,7 +175,7 @@ fn set_up_of_chunk(i: u32) -> SetUpSplat {
     if chunk.state == CHUNK_OUTSIDE || is_set_up_by_host(code, chunk.state) {
         return no_set_up_splat();
     }
-    return set_up(i, code / CHUNK_SPLATS, chunk.center);
+    return among_sampled(set_up(i, code / CHUNK_SPLATS, chunk.center));
 }
 
 // True if a splat reaches the near plane, given its code and the state of its chunk.
@@ -246,9 +262,7 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
         pixel_box(base, Extent(about.least + visible_extent.least, about.greatest + visible_extent.greatest));
     let filtered_pixels =
         pixel_box(base, Extent(about.least + filtered_extent.least, about.greatest + filtered_extent.greatest));
-    let visible_box = sampled_part(visible_pixels);
-    let filtered_box = sampled_part(filtered_pixels);
-    if box_is_empty(visible_box) && box_is_empty(filtered_box) {
+    if box_is_empty(visible_pixels) && box_is_empty(filtered_pixels) {
         return no_set_up_splat();
     }
     var record: Record;
@@ -292,8 +306,8 @@ fn project(i: u32, splat: ViewSplat, shading: vec3f, color: vec3f, object: Objec
             record.weight_scale = filtered.coverage_scale;
         }
     }
-    record.visible_box = packed_box(visible_box);
-    record.filtered_box = packed_box(filtered_box);
+    record.visible_box = packed_box(visible_pixels);
+    record.filtered_box = packed_box(filtered_pixels);
     let footprints = ClipFootprints(visible, filtered.footprint, turn, turn_after(turn, filtered.turn));
     return SetUpSplat(record, footprints, true);
 }

@@ -178,6 +178,12 @@ struct Pixel {
     front: Surface,
     // Premultiplied.
     color: vec4f,
+    // Depth of the nearest opaque surface; +∞ without one.
+    end: f32,
+    // Fraction of the pixel that the front covers; what lies behind it at an edge, and its depth.
+    share: f32,
+    behind: vec4f,
+    back: f32,
 }
 
 // Shades a pixel of the opaque image. The nearest surface is splats, a polygon, or one blended over the other (§6).
@@ -252,12 +258,15 @@ fn shaded_pixel(pixel: vec2i, background: vec4f, full: bool) -> Pixel {
             colors[2] *= eye_dome_shading(pixel, backdrop.z);
         }
     }
-    var color = select(background, vec4f(front.color, 1.0), front.is_there);
+    let color = select(background, vec4f(front.color, 1.0), front.is_there);
+    let end = select(frame.empty_depth, front.z, front.is_there);
     if is_edge {
         let q = min(textureLoad(count_sums, pixel, 0).g, 1.0);
-        color = color * q + select(background, vec4f(colors[2], 1.0), backdrop.is_there) * (1.0 - q);
+        let behind = select(background, vec4f(colors[2], 1.0), backdrop.is_there);
+        let back = select(frame.empty_depth, backdrop.z, backdrop.is_there);
+        return Pixel(front, color * q + behind * (1.0 - q), min(end, back), q, behind, back);
     }
-    return Pixel(front, color);
+    return Pixel(front, color, end, 1.0, color, end);
 }
 
 // Composites the layers over a premultiplied colour.

@@ -19,6 +19,7 @@ fn store_shadow(@builtin(global_invocation_id) id: vec3u) {
         let gradient = triangle_gradient(triangle_of(p), p.z, hit.x, offset_on(p, pixel));
         z = min(z, hit.x + slope_allowance(hit.x, gradient, frame.projection));
     }
+    z = ball_shadow(z, pixel);
     let texel = vec2u(pixel + frame.origin_px);
     shadow_texels_out[frame.shadow_at + texel.y * frame.shadow_side + texel.x] = z;
 }

@@ -65,6 +65,8 @@ struct Frame {
     has_polygons: u32,
     has_outlines: u32,
     has_eye_dome: u32,
+    // 1 if the frame has balls.
+    has_balls: u32,
     // Coverage from which on splats occlude a polygon behind them.
     full_coverage: f32,
     // 1 if transparent splats are drawn in layers; their records then store alpha in place of the coverage. In an
@@ -107,16 +109,22 @@ struct Frame {
     first_pixel: vec2u,
     // A host's depth buffer stores x + y/z (perspective) or x + y·z (orthographic).
     host_depth: vec2f,
-    // For the compute path: number of cells in a row and in all, of chunks that may touch the tile, and of groups of
-    // records; capacity of the buffers in records and pairs.
+    // For the compute path: number of cells in a row and in all, of elements before the pairs in a buffer of pairs, of
+    // chunks that may touch the tile, and of groups of records; capacity of the buffers in records and pairs.
     cell_columns: u32,
     cell_count: u32,
+    cell_header: u32,
     cell_chunk_count: u32,
     cell_group_count: u32,
     cell_record_room: u32,
     cell_pair_room: u32,
-    // Offset in `planes` of the surfaces that passes over neighbours read, or ABSENT.
+    // For samples in the compute path: maximum number of active cells; otherwise 0.
+    cell_active_room: u32,
+    // Index of the tile's counters: 0 for pixels, then the parts of their samples.
+    cell_part: u32,
+    // Offsets in `planes` of the surfaces and of the edge data that passes over neighbours read, or ABSENT.
     surfaces_at: u32,
+    edges_at: u32,
     // A uniform buffer aligns structs to 16 bytes.
     @align(16) tolerance: Tolerance,
 }

@@ -181,6 +181,12 @@ pub const TWINS: &[Twin] = &[
     twin("distortion_depth", "gaussian::distortion_depth"),
     twin("limit_color", "srgb::limit_color"),
     twin("srgb_decode", "srgb::decode"),
+    twin("ball_segment", "ball::segment"),
+    twin("outline_contains", "ball::Outline::contains"),
+    twin("outline_coverage", "ball::Outline::coverage"),
+    twin("outline_coverage_of_large", "ball::Outline::coverage_of_large"),
+    twin("outline_rounding", "ball::Outline::rounding"),
+    twin("ball_hit_new", "ball::BallHit::new"),
 ];
 
 /// Functions of [`WGSL`] without a twin. They are parts of functions that have one, since WGSL has no closures and no
@@ -199,4 +205,7 @@ pub const HELPERS: &[&str] = &[
     "away_from_zero",
     "edge_covers",
     "toon_step",
+    "ball_limited",
+    "outline_unit",
+    "ball_left_of",
 ];

@@ -18,7 +18,7 @@ macro_rules! paths {
 
 fn rust_paths() -> BTreeSet<&'static str> {
     use surfel_math::{
-        basis, clip, depth, filter, gaussian, kernel, mapping, project, real, shadow, srgb, svd, triangle, vector,
+        ball, basis, clip, depth, filter, gaussian, kernel, mapping, project, real, shadow, srgb, svd, triangle, vector,
     };
     BTreeSet::from(paths! {
         real::Real::difference_of_products, as <f32 as real::Real>::difference_of_products;
@@ -91,6 +91,12 @@ fn rust_paths() -> BTreeSet<&'static str> {
         gaussian::distortion_depth;
         srgb::limit_color;
         srgb::decode, as srgb::decode;
+        ball::segment;
+        ball::Outline::contains, as ball::Outline::<f32>::contains;
+        ball::Outline::coverage, as ball::Outline::<f32>::coverage::<ball::Rounded>;
+        ball::Outline::coverage_of_large, as ball::Outline::<f32>::coverage_of_large;
+        ball::Outline::rounding, as ball::Outline::<f32>::rounding;
+        ball::BallHit::new, as ball::BallHit::<f32>::new;
     })
 }
 

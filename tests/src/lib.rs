@@ -54,3 +54,8 @@ pub mod scenes;
 pub mod stability;
 pub mod test_data;
 pub mod truths;
+
+/// The example of README.md, compiled so that it stays true.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;

@@ -3,6 +3,7 @@
 //! Everything follows from formulas and one fixed seed, so that every machine generates the same files.
 
 mod clouds;
+mod completion;
 mod halves;
 mod part;
 mod ply;
@@ -20,7 +21,7 @@ pub(crate) fn run(root: &Path) -> bool {
     let mut written = Vec::new();
     let result = write(root, &folder, &mut |name, bytes| {
         std::fs::write(folder.join(name), &bytes)?;
-        written.push((name, bytes.len()));
+        written.push((name.to_owned(), bytes.len()));
         Ok(())
     });
     for (name, bytes) in &written {
@@ -35,7 +36,7 @@ pub(crate) fn run(root: &Path) -> bool {
     }
 }
 
-type Sink<'a> = &'a mut dyn FnMut(&'static str, Vec<u8>) -> io::Result<()>;
+type Sink<'a> = &'a mut dyn FnMut(&str, Vec<u8>) -> io::Result<()>;
 
 fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     std::fs::create_dir_all(folder)?;
@@ -45,6 +46,7 @@ fn write(root: &Path, folder: &Path, sink: Sink<'_>) -> io::Result<()> {
     sink("glass-spheres.ply", clouds::glass_spheres().to_ply())?;
     sink("part.obj", part::part().to_obj().into_bytes())?;
     sink("spot-scan.xyz", scan::scan(root)?)?;
+    completion::files().into_iter().try_for_each(|(name, bytes)| sink(&name, bytes))?;
     sink("checkerboard-60.obj", textured::checkerboard(60))?;
     sink("checkerboard-12.obj", textured::checkerboard(12))?;
     sink("checkerboard-3.obj", textured::checkerboard(3))?;

@@ -3,12 +3,13 @@
 use std::path::Path;
 use std::process::{Command, Stdio};
 
+use crate::release::{self, Verdict};
 use crate::{FEATURES, cargo, required, suites, tidy};
 
 enum Outcome {
     Passed,
     Failed,
-    Skipped(&'static str),
+    Skipped(String),
 }
 
 pub(crate) fn run(root: &Path) -> bool {
@@ -37,6 +38,11 @@ pub(crate) fn run(root: &Path) -> bool {
         step("test", &|| outcome(suites::run(root, suites::Gpu::Required, false))),
         step("tidy", &|| outcome(tidy::run(root))),
         step("deny", &|| deny(root)),
+        step("semver", &|| match release::semver(root) {
+            Verdict::Passed(_) => Outcome::Passed,
+            Verdict::Failed(_) => Outcome::Failed,
+            Verdict::Skipped(why) => Outcome::Skipped(why),
+        }),
     ];
     println!("== summary");
     let mut passed = true;
@@ -44,7 +50,7 @@ pub(crate) fn run(root: &Path) -> bool {
         match outcome {
             Outcome::Passed => println!("{name}: passed"),
             Outcome::Failed => println!("{name}: FAILED"),
-            Outcome::Skipped(why) => println!("{name}: skipped, {why}"),
+            Outcome::Skipped(ref why) => println!("{name}: skipped, {why}"),
         }
         passed &= !matches!(outcome, Outcome::Failed);
     }
@@ -64,7 +70,7 @@ fn deny(root: &Path) -> Outcome {
             eprintln!("error: SURFEL_REQUIRE asks for cargo-deny, which is not installed: cargo install cargo-deny");
             Outcome::Failed
         }
-        (false, false) => Outcome::Skipped("cargo-deny is not installed"),
+        (false, false) => Outcome::Skipped("cargo-deny is not installed".to_owned()),
     }
 }
 

@@ -29,9 +29,10 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
     let readme = std::fs::read_to_string(root.join("README.md")).map_err(failed)?;
     let program = program_of(&readme).ok_or("README.md has no program under '## As a library'")?;
     let library = root.join("crates").join("surfel");
+    let package = crate::tidy::package_name(&library.join("Cargo.toml")).unwrap_or_default();
     let manifest = format!(
         "[package]\nname = \"front-page\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n[workspace]\n\n\
-         [dependencies]\nsurfel = {{ path = {:?} }}\n",
+         [dependencies]\nsurfel = {{ package = {package:?}, path = {:?} }}\n",
         library.display().to_string()
     );
     std::fs::create_dir_all(folder.join("src")).map_err(failed)?;
@@ -43,7 +44,7 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
 }
 
 /// Returns the first program of the section on the library.
-fn program_of(readme: &str) -> Option<&str> {
+pub(crate) fn program_of(readme: &str) -> Option<&str> {
     let section = readme.split_once("## As a library")?.1;
     let program = section.split_once("```rust")?.1.split_once('\n')?.1;
     Some(program.split_once("```")?.0)

@@ -1,6 +1,7 @@
 //! `cargo xtask gallery`: draws the images of docs/gallery.md, and of models that the repository may not contain.
 
 use std::path::Path;
+use std::process::Command;
 
 use crate::{assets, cargo};
 
@@ -26,6 +27,48 @@ const IMAGES: &[(&str, &[&str])] = &[
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
+/// Folder of generated inputs of figures.
+const GENERATED: &str = "assets/generated";
+
+/// Figures of docs/figures.md: name of the image, files in [`GENERATED`], and flags.
+const FIGURES: &[(&str, &[&str], &str)] = &[
+    (
+        "figure-completion",
+        &["chair-truth.xyz", "chair-partial.xyz", "chair-coarse.xyz", "chair-fine.xyz"],
+        "--titles Ground_truth,Input,Coarse,Fine --view 40,25 --error-row --unit m --size 3x4 --width 900",
+    ),
+    (
+        "figure-subjects",
+        &[
+            "chair-truth.xyz",
+            "chair-coarse.xyz",
+            "chair-fine.xyz",
+            "table-truth.xyz",
+            "table-coarse.xyz",
+            "table-fine.xyz",
+        ],
+        "--subjects 2 --titles Ground_truth,Coarse,Fine --row-titles Chair,Table --view 40,25 --color steelblue \
+         --width 640",
+    ),
+    (
+        "figure-mesh",
+        &["../spot/spot.obj", "spot-scan.xyz"],
+        "--titles Model,Scan --view 150,15 --error-row=inferno --color #c8b8a0 --width 640",
+    ),
+    (
+        "figure-classes",
+        &["village.txt"],
+        "--classes !7 --color-by classification --value-title class --annotate scale,north --unit m --view top --ortho \
+         --width 800",
+    ),
+    (
+        "figure-height",
+        &["spot-scan.xyz"],
+        "--color-by height --colormap plasma --value-title height_[dm] --annotate scale,axes --unit dm --view 150,15 \
+         --text-at 0.42,0.75,-0.35=ear --text-at 0,0.2,0.65=back --width 560",
+    ),
+];
+
 /// Images of models that the repository may not contain: name of the scene in assets/gallery/models, and file of the
 /// model.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
@@ -36,12 +79,14 @@ const PLACEHOLDER: &str = "MODELS/";
 /// Output folder of the models' images, relative to the workspace: among build results, outside of the tree.
 const MODEL_IMAGES: &str = "target/gallery";
 
-/// Draws every image of docs/gallery.md.
+/// Draws every image of docs/gallery.md, and the figures of docs/figures.md.
 pub(crate) fn run(root: &Path) -> bool {
     let image = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
         && CONVERSIONS.iter().all(|arguments| surfel(root, &[arguments, &["--force"][..]].concat()))
         && IMAGES.iter().all(image)
+        && village(root)
+        && FIGURES.iter().all(|figure| draw_figure(root, figure))
 }
 
 /// Draws the images of the models in a folder, which is relative to the current folder.
@@ -81,6 +126,32 @@ fn in_folder(template: &str, folder: &Path) -> String {
 fn draw(root: &Path, arguments: &[&str], file: &str) -> bool {
     println!("{file}");
     surfel(root, &[arguments, &["-o", file, "--force", "--backend", "cpu"][..]].concat())
+}
+
+/// Writes the village of the figures, which a script of Python's standard library generates.
+fn village(root: &Path) -> bool {
+    let output = Command::new("python3").current_dir(root).arg("assets/tutorial/village.py").output();
+    let written = output.and_then(|output| {
+        if !output.status.success() {
+            return Err(std::io::Error::other(String::from_utf8_lossy(&output.stderr).into_owned()));
+        }
+        std::fs::write(root.join(GENERATED).join("village.txt"), output.stdout)
+    });
+    if let Err(error) = &written {
+        eprintln!("error: could not write {GENERATED}/village.txt by python3 assets/tutorial/village.py: {error}");
+    }
+    written.is_ok()
+}
+
+/// Draws a figure of files in the folder of generated inputs. An underscore in its flags is a space.
+fn draw_figure(root: &Path, (name, files, flags): &(&str, &[&str], &str)) -> bool {
+    let file = format!("docs/images/{name}.png");
+    println!("{file}");
+    let inputs = files.iter().map(|name| format!("{GENERATED}/{name}"));
+    let flags = flags.split(' ').map(|flag| flag.replace('_', " "));
+    let words: Vec<String> = std::iter::once("figure".to_owned()).chain(inputs).chain(flags).collect();
+    let words: Vec<&str> = words.iter().map(String::as_str).collect();
+    surfel(root, &[&words, &["-o", &file, "--force", "--backend", "cpu"][..]].concat())
 }
 
 /// Runs the program, built for release.

@@ -8,8 +8,13 @@ mod conformance;
 mod front_page;
 mod gallery;
 mod gpu_kit;
+mod graph;
 mod growth;
+mod licences;
+mod page;
 mod python;
+mod release;
+mod rename;
 mod scaling;
 mod suites;
 mod tidy;
@@ -32,10 +37,12 @@ Commands:
   test    Run every test of the workspace, doc tests included, all backends built in, and sum up.
           Where Vulkan's loader, a driver or the validation layer is missing, install it (as root,
           with apt-get) or say what is skipped. The Python package is tested where python3 has venv
-          and pip finds its packages; --full runs its notebooks, Ray, Dask and rivals, too, and
-          builds the GPU kit and the program of README.md as a crate of its own, and runs both
-  wheel   Build the Python package for manylinux2014 into target/wheels, by maturin and zig of pip:
-          for x86-64, and for aarch64 where rustup has the target
+          and pip finds its packages, and the page of surfel view where node, Chromium and the packages
+          in target/page-tests are installed; --full installs those and runs the Python package's
+          notebooks, Ray, Dask and rivals, too, and builds the GPU kit and the program of README.md as a
+          crate of its own, and runs both
+  wheel   Build the Python package into target/wheels, by maturin and zig of pip: for manylinux2014
+          and musllinux_1_2 on x86-64 and aarch64, where rustup has the targets
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
           with its default features, docs, tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: sizes of files, lengths of lines, leftovers, machine paths,
@@ -66,11 +73,19 @@ Commands:
           nothing but a graphics driver: copy it there, and run ./run.sh OUT
   gpu-report OUT
           Write docs/data/gpu.md of what the kit measured
+  licences
+          Write the licences of all dependencies to THIRD-PARTY.txt and the bill of materials (SBOM)
+          to packaging/surfel.cdx.json
+  rename PREFIX [--dry-run]
+          Rename the published packages from surfel… to PREFIX…, where a name is taken; code stays
+  release --dry-run [STEP...]
+          Make all packages of a release, try them as a stranger would, print times and sizes, and
+          the list of what only the owner can do; nothing is uploaded (docs/packages.md)
   help    Print this
 
 Environment:
   SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
-                    validation, test-data, cargo-deny, python
+                    validation, test-data, cargo-deny, python, page
   SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
                     'shared' beside the workspace, where there is one
 
@@ -97,6 +112,10 @@ fn main() -> ExitCode {
         ["gpu-report", out] => gpu_kit::report_page(&root, out),
         ["growth", ref rest @ ..] => growth::run(&root, rest),
         ["scaling", ref rest @ ..] => scaling::run(&root, rest),
+        ["licences"] => licences::run(&root),
+        ["rename", prefix] => rename::run(&root, prefix, false),
+        ["rename", prefix, "--dry-run"] | ["rename", "--dry-run", prefix] => rename::run(&root, prefix, true),
+        ["release", "--dry-run", ref steps @ ..] => release::run(&root, steps),
         ["tradeoff", ..] => bench::run(&root, &words),
         [] => {
             eprintln!("{HELP}");

@@ -11,7 +11,7 @@ const SOURCE: &str = "crates/surfel-python/python";
 const TESTS: &str = "crates/surfel-python/tests";
 /// Packages that the tests need, as pip requirements and as module names.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
-const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.9,<2", "maturin")];
+pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
 /// Additional packages for the notebooks, engines, rivals and tests of other packages.
 const SHOWN_BY: [(&str, &str); 16] = [
     ("ray", "ray"),
@@ -31,8 +31,57 @@ const SHOWN_BY: [(&str, &str); 16] = [
     ("pyarrow", "pyarrow"),
     ("torch", "torch"),
 ];
+
+/// Platform of a wheel.
+pub(crate) struct Platform {
+    pub(crate) triple: &'static str,
+    /// Platform tag of the wheel, without the processor.
+    pub(crate) tag: &'static str,
+    /// Platform and image of a container in which the wheel is tried.
+    pub(crate) docker: &'static str,
+    pub(crate) image: &'static str,
+}
+
+impl Platform {
+    /// True if rustup has installed the platform's standard library.
+    pub(crate) fn is_installed(&self, root: &Path) -> bool {
+        has_target(root, self.triple)
+    }
+
+    /// True if a wheel of this name is of this platform.
+    pub(crate) fn made(&self, wheel: &str) -> bool {
+        let processor = self.triple.split('-').next().unwrap_or_default();
+        wheel.contains(self.tag) && wheel.ends_with(&format!("{processor}.whl"))
+    }
+}
+
 /// Platforms of the wheels.
-const TARGETS: [&str; 2] = ["x86_64-unknown-linux-gnu", "aarch64-unknown-linux-gnu"];
+pub(crate) const TARGETS: [Platform; 4] = [
+    Platform {
+        triple: "x86_64-unknown-linux-gnu",
+        tag: "manylinux2014",
+        docker: "linux/amd64",
+        image: "python:3.9-slim",
+    },
+    Platform {
+        triple: "aarch64-unknown-linux-gnu",
+        tag: "manylinux2014",
+        docker: "linux/arm64",
+        image: "python:3.9-slim",
+    },
+    Platform {
+        triple: "x86_64-unknown-linux-musl",
+        tag: "musllinux_1_2",
+        docker: "linux/amd64",
+        image: "python:3.12-alpine",
+    },
+    Platform {
+        triple: "aarch64-unknown-linux-musl",
+        tag: "musllinux_1_2",
+        docker: "linux/arm64",
+        image: "python:3.12-alpine",
+    },
+];
 
 /// Result of the package's tests.
 #[derive(Debug, PartialEq, Eq)]
@@ -107,44 +156,59 @@ fn build(root: &Path) -> bool {
     }
 }
 
-/// Builds a manylinux2014 wheel for each platform that rustup has installed.
+/// Builds a wheel for each platform that rustup has installed.
 pub(crate) fn wheel(root: &Path) -> bool {
-    let tools = [("maturin>=1.9,<2", "maturin"), ("ziglang", "ziglang")];
-    let python = match environment(root, &tools) {
-        Ok(python) => python,
-        Err(why) => {
-            eprintln!("error: a wheel is built by maturin and zig of pip: {why}");
-            return false;
-        }
-    };
-    let installed = Command::new("rustup").current_dir(root).args(["target", "list", "--installed"]).output();
-    let installed = installed.map(|output| String::from_utf8_lossy(&output.stdout).into_owned()).unwrap_or_default();
     let out = target(root).join("wheels");
-    let others = std::env::var_os("PATH").unwrap_or_default();
-    let folders = std::iter::once(folder(root).join("bin")).chain(std::env::split_paths(&others));
-    let path = match std::env::join_paths(folders) {
-        Ok(path) => path,
-        Err(why) => {
-            eprintln!("error: {} can't be put on the path: {why}", folder(root).display());
-            return false;
-        }
-    };
     let mut passed = true;
-    for platform in TARGETS {
-        if !installed.lines().any(|line| line.trim() == platform) {
-            println!("{platform}: skipped, Rust has no such target here: rustup target add {platform}");
-            continue;
+    for platform in &TARGETS {
+        let triple = platform.triple;
+        if !platform.is_installed(root) {
+            println!("{triple}: skipped, Rust has no such target here: rustup target add {triple}");
+        } else if let Err(why) = wheel_of(root, platform, &out, &target(root), "0") {
+            eprintln!("error: {triple}: {why}");
+            passed = false;
         }
-        let mut command = Command::new(&python);
-        let build = ["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", platform];
-        command.current_dir(root).args(build);
-        command.args(["--compatibility", "manylinux2014", "--out"]).arg(&out);
-        // Maturin uses the first python3 of the path to find zig.
-        command.env("VIRTUAL_ENV", folder(root)).env("PATH", &path);
-        passed &= command.status().is_ok_and(|status| status.success());
     }
     println!("wheels are in {}", out.display());
     passed
+}
+
+/// Builds the wheel of a platform into `out`, by maturin and zig of pip. `epoch` is the time of the files in it, in
+/// seconds since 1970.
+pub(crate) fn wheel_of(root: &Path, platform: &Platform, out: &Path, target: &Path, epoch: &str) -> Result<(), String> {
+    let python = environment(root, &[BUILT_BY[0], ("ziglang", "ziglang")])?;
+    let mut command = Command::new(&python);
+    let triple = platform.triple;
+    command.current_dir(root).args(["-m", "maturin", "build", "--release", "--locked", "--zig", "--target", triple]);
+    // The GPU backends: the whole program with both takes 11 MB when it is compressed.
+    command.args(["--features", "gpu", "--compatibility", platform.tag, "--out"]).arg(out);
+    // Maturin uses the first python3 of the path to find zig.
+    command.env("VIRTUAL_ENV", folder(root)).env("PATH", path(root)?).env("CARGO_TARGET_DIR", target);
+    // Zip archives begin in 1980; maturin clamps earlier times.
+    command.env("SOURCE_DATE_EPOCH", epoch);
+    if triple.ends_with("musl") {
+        // An extension module is a shared library, which musl's static C library can't be linked into.
+        let variable = format!("CARGO_TARGET_{}_RUSTFLAGS", triple.to_uppercase().replace('-', "_"));
+        command.env(variable, "-C target-feature=-crt-static");
+    }
+    match command.status() {
+        Ok(status) if status.success() => Ok(()),
+        Ok(status) => Err(format!("maturin build: {status}")),
+        Err(error) => Err(format!("maturin build: {error}")),
+    }
+}
+
+/// True if rustup has installed the standard library of a target.
+pub(crate) fn has_target(root: &Path, triple: &str) -> bool {
+    let installed = Command::new("rustup").current_dir(root).args(["target", "list", "--installed"]).output();
+    installed.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).lines().any(|line| line.trim() == triple))
+}
+
+/// Returns the search path with the environment's programs first.
+pub(crate) fn path(root: &Path) -> Result<std::ffi::OsString, String> {
+    let others = std::env::var_os("PATH").unwrap_or_default();
+    let folders = std::iter::once(folder(root).join("bin")).chain(std::env::split_paths(&others));
+    std::env::join_paths(folders).map_err(|why| format!("{} can't be put on the path: {why}", folder(root).display()))
 }
 
 pub(crate) fn target(root: &Path) -> PathBuf {
@@ -157,7 +221,7 @@ fn folder(root: &Path) -> PathBuf {
 }
 
 /// Returns the interpreter of an environment that has these packages, or the reason why there is none.
-fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String> {
+pub(crate) fn environment(root: &Path, packages: &[(&str, &str)]) -> Result<PathBuf, String> {
     if !root.join(PACKAGE).is_dir() {
         return Err(format!("there is no {PACKAGE}"));
     }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
 use crate::vulkan::Verdict;
-use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, python, required, vulkan};
+use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, page, python, required, vulkan};
 
 /// Rule for skipping tests of GPU backends.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -31,6 +31,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         }
     };
     let python = python::test(root, full);
+    let page = page::test(root, full);
     // The kit's script needs a Vulkan driver, as the GPU tests do.
     let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
@@ -45,15 +46,8 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         Ok(Verdict::Skipped(reason)) => println!("vulkan: tests that need it are skipped ({reason})"),
         Ok(Verdict::Validated) | Err(_) => (),
     }
-    let python_ok = match &python {
-        Tested::Skipped(_) => !required("python"),
-        tested => *tested == Tested::Passed,
-    };
-    match &python {
-        Tested::Passed => println!("Python package: ok"),
-        Tested::Failed => println!("Python package: FAILED, see above"),
-        Tested::Skipped(why) => println!("Python package: skipped, {why}"),
-    }
+    let python_ok = told("Python package", &python, "python");
+    let page_ok = told("page of surfel view", &page, "page");
     if full {
         let verdict = match (has_driver, kit_ok) {
             (false, _) => "skipped, no Vulkan",
@@ -69,7 +63,20 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && program_ok && python_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+    exit_ok && program_ok && python_ok && page_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+}
+
+/// Prints a result, and returns false for a failure and for what the environment forbids to skip.
+fn told(what: &str, tested: &Tested, requirement: &str) -> bool {
+    match tested {
+        Tested::Passed => println!("{what}: ok"),
+        Tested::Failed => println!("{what}: FAILED, see above"),
+        Tested::Skipped(why) => println!("{what}: skipped, {why}"),
+    }
+    match tested {
+        Tested::Skipped(_) => !required(requirement),
+        tested => *tested == Tested::Passed,
+    }
 }
 
 /// Checks that the program of README.md's first command compiles: with default features only. The tests' features turn

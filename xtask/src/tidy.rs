@@ -78,7 +78,7 @@ fn gpu_claims(root: &Path) -> Vec<String> {
 
 /// Returns the tree's files, relative to its root, in order: the files that git tracks or would add or, without git,
 /// all except build results and hidden folders.
-fn files(root: &Path) -> Vec<PathBuf> {
+pub(crate) fn files(root: &Path) -> Vec<PathBuf> {
     let git = Command::new("git")
         .current_dir(root)
         .args(["ls-files", "-z", "--cached", "--others", "--exclude-standard"])

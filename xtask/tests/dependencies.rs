@@ -8,10 +8,11 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 20] = [
+const LAYERS: [(&str, u32); 22] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
+    ("surfel-figure", 1),
     ("surfel-files", 2),
     ("surfel-sample", 2),
     ("surfel-images", 3),
@@ -25,20 +26,22 @@ const LAYERS: [(&str, u32); 20] = [
     ("surfel-wgpu", 7),
     ("surfel-ash", 7),
     ("surfel", 8),
-    ("surfel-cli", 9),
+    ("surfel-view", 9),
     ("surfel-python", 9),
     ("surfel-bench", 9),
-    ("surfel-conformance", 10),
+    ("surfel-cli", 10),
+    ("surfel-conformance", 11),
 ];
 
 /// Packages whose direct and indirect dependencies include no GPU crate.
-const GPU_FREE: [&str; 10] = [
+const GPU_FREE: [&str; 11] = [
     "surfel-math",
     "surfel-model",
     "surfel-metrics",
     "surfel-render",
     "surfel-cpu",
     "surfel-reference",
+    "surfel-figure",
     "surfel-files",
     "surfel-images",
     "surfel-io",

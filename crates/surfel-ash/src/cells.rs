@@ -6,31 +6,29 @@ use crate::device::Device;
 use crate::error::Failure;
 use crate::execute::{TileInputs, bind_pipeline, bind_sets, dispatch, frame_buffers};
 use crate::memory::Buffer;
+use crate::queries::Queries;
 use crate::scene::ResidentScene;
 use crate::targets::Targets;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 use std::sync::Arc;
-use surfel_gpu::{
-    COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, PIXEL_PASS_TEXTURES,
-    PixelPass, SETUP_STEPS_BINDING, Target, workgroups,
-};
+use surfel_gpu::{CellBinding, CellBuffer, CellRoom, CellRound, CellStage, CellStep, CellTiles};
 
 /// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, Buffer>,
-    /// Capacity of the buffers, in records and pairs; `None` before the first tile.
+    /// Capacity of the buffers; `None` before the first tile.
     pub room: Option<CellRoom>,
 }
 
 impl CellBuffers {
     /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
-    pub(crate) fn prepare(&mut self, device: &Arc<Device>, cells: &CellCounts, room: CellRoom) -> Result<(), Failure> {
+    pub(crate) fn prepare(&mut self, device: &Arc<Device>, tiles: &CellTiles, room: CellRoom) -> Result<(), Failure> {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
-            let bytes = buffer.bytes(cells, room);
+            let bytes = tiles.bytes(buffer, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.bytes < bytes) {
                 // The old buffer is freed first: memory may not suffice for both.
                 self.buffers.remove(&buffer);
@@ -47,7 +45,7 @@ impl CellBuffers {
         self.buffers.values().map(|buffer| buffer.bytes).sum()
     }
 
-    fn get(&self, buffer: CellBuffer) -> Result<&Buffer, Failure> {
+    pub(crate) fn get(&self, buffer: CellBuffer) -> Result<&Buffer, Failure> {
         self.buffers.get(&buffer).ok_or_else(|| Failure::other("a buffer of cells was not made"))
     }
 }
@@ -55,13 +53,9 @@ impl CellBuffers {
 /// Resources that the dispatches of a tile read. It is dropped after they have been executed.
 pub(crate) struct CellTile<'a> {
     inputs: TileInputs<'a>,
-    cells: &'a CellBuffers,
     stages: &'a [CellStage],
     /// Descriptor sets of each dispatch, stage by stage.
     sets: Vec<Vec<[vk::DescriptorSet; 2]>>,
-    pixels: Vec<(PixelPass, [vk::DescriptorSet; 2])>,
-    /// Host-readable copy of the counters.
-    pub counters: Buffer,
     _buffers: Vec<Buffer>,
     /// Pool of the descriptor sets.
     _sets: Sets,
@@ -77,20 +71,20 @@ impl<'a> CellTile<'a> {
     pub(crate) fn new(
         device: &Arc<Device>,
         inputs: &TileInputs<'a>,
-        cells: &'a CellBuffers,
+        (cells, room): (&CellBuffers, CellRoom),
         stages: &'a [CellStage],
     ) -> Result<Self, Failure> {
-        let TileInputs { scene, pipelines, targets, frame, data, pixel_passes, .. } = *inputs;
+        let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
         let counts = data.cells.as_ref().ok_or_else(|| Failure::other("a tile has no cells"))?;
         let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
         let dispatches: usize = stages.iter().map(|stage| stage.steps.len()).sum();
         // Each dispatch has one set of the frame and one of its own.
-        let sets = Sets::new(device, 2 * (dispatches + pixel_passes.len()) as u32)?;
+        let sets = Sets::new(device, 2 * dispatches as u32)?;
         let frame_buffers = frame_buffers(device, data, frame)?;
         let [uniform, objects, lights, maps, matcap] = &frame_buffers;
         let frame_resources = numbered([uniform, objects, lights, maps, inputs.shadow_texels, matcap]);
         let round = |round: CellRound| {
-            let words = round.words(counts);
+            let words = round.words(counts, room);
             Ok((round, Buffer::filled(device, "round", &words, vk::BufferUsageFlags::UNIFORM_BUFFER)?))
         };
         let rounds: HashMap<CellRound, Buffer> =
@@ -117,29 +111,16 @@ impl<'a> CellTile<'a> {
             }
             all.push(of_stage);
         }
-        let mut pixels = Vec::new();
-        for &pass in pixel_passes {
-            let images = targets.images(&PIXEL_PASS_TEXTURES);
-            let mut own: Vec<(u32, Resource<'_>)> =
-                images.into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect();
-            own.push((surfel_gpu::PIXEL_PASS_BUFFERS[0], Resource::Buffer(&targets.planes)));
-            let frame = sets.set(&pipelines.frame_set, "frame", &frame_resources)?;
-            pixels.push((pass, [frame, sets.set(&pipelines.pixels(pass)?.set, pass.entry(), &own)?]));
-        }
-        let to_host = vk::BufferUsageFlags::TRANSFER_DST;
-        let counters = Buffer::new(device, "counters to read", COUNTER_BYTES, to_host, MemoryLocation::GpuToCpu)?;
         let mut buffers: Vec<Buffer> = frame_buffers.into();
         buffers.extend(rounds.into_values());
         buffers.extend(segments.into_values().flat_map(|segment| [segment.chunks, segment.near_bits]));
         buffers.push(near);
-        Ok(Self { inputs: *inputs, cells, stages, sets: all, pixels, counters, _buffers: buffers, _sets: sets })
+        Ok(Self { inputs: *inputs, stages, sets: all, _buffers: buffers, _sets: sets })
     }
 
-    /// Records all stages, and copies of the data that the host reads.
-    pub(crate) fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
-        let TileInputs { pipelines, targets, queries, data, .. } = self.inputs;
-        queries.begin(commands);
-        commands.barrier();
+    /// Records all stages.
+    fn record(&self, commands: &Commands<'_>) -> Result<(), Failure> {
+        let TileInputs { pipelines, queries, .. } = self.inputs;
         for (stage, sets) in self.stages.iter().zip(&self.sets) {
             queries.timed(commands, stage.name, || {
                 stage.steps.iter().zip(sets).try_for_each(|(step, sets)| {
@@ -155,24 +136,36 @@ impl<'a> CellTile<'a> {
                 })
             })?;
         }
-        for (pass, sets) in &self.pixels {
-            queries.timed(commands, pass.name(), || {
-                let pipeline = &pipelines.pixels(*pass)?.pipeline;
-                bind_pipeline(commands, pipeline, vk::PipelineBindPoint::COMPUTE);
-                bind_sets(commands, pipeline, vk::PipelineBindPoint::COMPUTE, sets);
-                let size = pass.size([data.targets.width, data.targets.height], [data.tile.width, data.tile.height]);
-                dispatch(commands, [workgroups(size[0], pass.entry(), 0), workgroups(size[1], pass.entry(), 1)]);
-                Ok::<(), Failure>(())
-            })?;
-        }
-        commands.barrier();
-        queries.end(commands);
-        let bytes = 4 * u64::from(data.planes.floats.max(1));
-        commands.copy(targets.planes.raw(), targets.readback.raw(), bytes);
-        commands.copy(self.cells.get(CellBuffer::Counters)?.raw(), self.counters.raw(), COUNTER_BYTES);
-        commands.barrier_to_host();
         Ok(())
     }
+}
+
+/// Buffers that the host reads: a tile's planes, and the counters of the tile and its samples.
+pub(crate) struct CellReadback<'a> {
+    pub targets: &'a Targets,
+    pub plane_bytes: u64,
+    pub counters: &'a Buffer,
+    /// Host-readable copy of the counters.
+    pub read_counters: &'a Buffer,
+}
+
+/// Records the stages of a tile and its samples, and copies of the data that the host reads.
+pub(crate) fn record_tiles(
+    commands: &Commands<'_>,
+    tiles: &[CellTile<'_>],
+    queries: &Queries,
+    readback: &CellReadback<'_>,
+) -> Result<(), Failure> {
+    queries.begin(commands);
+    commands.barrier();
+    tiles.iter().try_for_each(|tile| tile.record(commands))?;
+    commands.barrier();
+    queries.end(commands);
+    let CellReadback { targets, plane_bytes, counters, read_counters } = *readback;
+    commands.copy(targets.planes.raw(), targets.readback.raw(), plane_bytes);
+    commands.copy(counters.raw(), read_counters.raw(), read_counters.bytes);
+    commands.barrier_to_host();
+    Ok(())
 }
 
 /// Resources that steps can bind.
@@ -201,11 +194,6 @@ impl<'a> Resources<'a> {
                 CellBinding::Planes => &self.targets.planes,
                 CellBinding::Round => self.rounds.get(&step.round).ok_or_else(missing)?,
                 CellBinding::Buffer(buffer) => self.cells.get(buffer)?,
-                CellBinding::Steps => {
-                    let images = self.targets.images(&[(SETUP_STEPS_BINDING, Target::Steps)]);
-                    let (_, image) = images.into_iter().next().ok_or_else(missing)?;
-                    return Ok((binding, Resource::Image(image)));
-                }
             };
             Ok((binding, Resource::Buffer(buffer)))
         };

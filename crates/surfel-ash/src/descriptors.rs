@@ -94,7 +94,7 @@ impl Sets {
         let size = |ty, count: u32| vk::DescriptorPoolSize { ty, descriptor_count: count.saturating_mul(sets).max(1) };
         let sizes = [
             size(vk::DescriptorType::UNIFORM_BUFFER, 1),
-            size(vk::DescriptorType::STORAGE_BUFFER, 6),
+            size(vk::DescriptorType::STORAGE_BUFFER, 7),
             size(vk::DescriptorType::SAMPLED_IMAGE, 12),
         ];
         let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets.max(1)).pool_sizes(&sizes);

@@ -178,6 +178,7 @@ impl<'a> Tile<'a> {
         }
         let polygons = Buffer::filled(device, "polygons", &data.polygons, storage)?;
         let polygons_set = sets.set(&pipelines.polygons_set, "polygons", &numbered([&polygons]))?;
+        let balls = Buffer::filled(device, "balls", &data.balls, storage)?;
         let (mut layer_draws, mut layers_readback) = (None, None);
         if draws.iter().any(|draw| draw.is_transparent()) {
             let near = data.near.iter().map(NearRecords::count);
@@ -197,6 +198,7 @@ impl<'a> Tile<'a> {
             layer_composites,
             inputs.drawn_shadow_texels,
             bound_draws,
+            &balls,
         ];
         let mut all = bound(&PIXEL_PASS_TEXTURES);
         all.extend(PIXEL_PASS_BUFFERS.into_iter().zip(others.map(Resource::Buffer)));
@@ -216,7 +218,7 @@ impl<'a> Tile<'a> {
             let layout = &pipelines.draw(draw, Variant::Whole, targets.key.precision)?.reads_set;
             reads.insert(draw, sets.set(layout, draw.name(), &all)?);
         }
-        buffers.push(polygons);
+        buffers.extend([polygons, balls]);
         buffers.extend(of_gaussians);
         Ok(Self {
             scene,

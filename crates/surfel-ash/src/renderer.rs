@@ -1,6 +1,6 @@
 //! The renderer: uploads scenes and draws frames.
 
-use crate::cells::{CellBuffers, CellTile};
+use crate::cells::{CellBuffers, CellReadback, CellTile, record_tiles};
 use crate::commands::submit;
 use crate::device::Device;
 use crate::error::Failure;
@@ -18,17 +18,14 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 use surfel_gpu::{
-    COUNTER_BYTES, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    CellBuffer, CellRoom, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
     FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
-    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes, count_layers,
-    layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
-    with_more_layers,
+    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers, layers_remain,
+    least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// Existing Vulkan device of a program.
 pub struct RawDevice {
@@ -252,31 +249,34 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        data: &mut TileData,
+        data: TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), Failure> {
-        let Some(cells) = data.cells.clone() else { return self.raster_tile(job, data, frame, stats) };
-        if !self.cell_tile(job, data, &cells, frame, stats)? {
-            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, data.tile);
+        if data.cells.is_none() {
+            return self.raster_tile(job, &data, frame, stats);
+        }
+        let tile = data.tile;
+        let tiles = CellTiles::new(data, &job.scene.cpu, job.frame_scene, job.view, job.plan);
+        if !self.cell_tiles(job, tiles, frame, stats)? {
+            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, tile);
             self.raster_tile(job, &data, frame, stats)?;
         }
         Ok(())
     }
 
     /// Draws one tile by the compute path. Returns false and draws nothing if the tile doesn't fit the device.
-    fn cell_tile(
+    fn cell_tiles(
         &mut self,
         job: &FrameJob<'_>,
-        data: &mut TileData,
-        cells: &CellCounts,
+        mut tiles: CellTiles,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<bool, Failure> {
-        let mut room = CellRoom::start(self.cells.room, cells, self.limits);
+        let mut room = tiles.room(self.cells.room, self.limits);
         while let Some(tried) = room {
-            data.put_room(tried);
-            match self.cells.prepare(&self.device, cells, tried) {
+            tiles.put_room(tried);
+            match self.cells.prepare(&self.device, &tiles, tried) {
                 // Memory may still suffice for raster hardware.
                 Err(Failure::OutOfMemory) => {
                     self.cells = CellBuffers::default();
@@ -284,23 +284,47 @@ impl Renderer {
                 }
                 prepared => prepared?,
             }
-            let pixel_passes = pixel_passes_after_cells(job.plan);
-            for &pass in &pixel_passes {
-                self.pipelines.prepare_pixels(pass)?;
-            }
             for entry in cell_entries(job.plan) {
                 self.pipelines.prepare_cells(entry)?;
             }
+            let pixels = tiles.pixels().ok_or_else(|| Failure::other("a tile has no pixels"))?;
             self.prepare_targets(TargetKey {
-                size: data.target_size(job.plan),
+                size: pixels.target_size(job.plan),
                 precision: Precision::F32,
                 draws: Vec::new(),
-                floats: data.planes.buffer_floats,
+                floats: pixels.planes.buffer_floats,
             })?;
             let targets = self.targets.as_ref().ok_or_else(|| Failure::other("the targets were not made"))?;
-            let stages = cell_stages(job.plan, cells, tried);
-            let queries = Queries::new(&self.device, None, stages.len() + pixel_passes.len())?;
-            let none = self.shadow_buffer(1)?;
+            let counters = self.draw_cells(job, &tiles, tried, targets, stats)?;
+            if !tried.holds(&counters) {
+                room = tiles.grown(tried, &counters, self.limits);
+                continue;
+            }
+            CellRoom::count(&counters, stats);
+            let planes = targets.readback.words(pixels.planes.floats as usize)?;
+            let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
+            stats.fragments +=
+                pixels.planes.store(bytemuck::cast_slice(planes), pixels.tile, job.view.region, frame, identity);
+            count_frame_bytes(targets.key.bytes() + self.cells.bytes(), job.shadow_texels.bytes, stats);
+            return Ok(true);
+        }
+        Ok(false)
+    }
+
+    /// Executes the dispatches of a tile. Returns the words of the counters. Times are added to the statistics if the
+    /// tile was drawn.
+    fn draw_cells(
+        &self,
+        job: &FrameJob<'_>,
+        tiles: &CellTiles,
+        room: CellRoom,
+        targets: &Targets,
+        stats: &mut Stats,
+    ) -> Result<Vec<u32>, Failure> {
+        let stages = tiles.stages(job.plan, room);
+        let queries = Queries::new(&self.device, None, stages.iter().map(Vec::len).sum())?;
+        let none = self.shadow_buffer(1)?;
+        let tile = |data, stages| {
             let inputs = TileInputs {
                 scene: job.scene,
                 pipelines: &self.pipelines,
@@ -308,27 +332,30 @@ impl Renderer {
                 queries: &queries,
                 frame: job.frame_scene,
                 data,
-                pixel_passes: &pixel_passes,
+                pixel_passes: &[],
                 shadow_texels: job.shadow_texels,
                 drawn_shadow_texels: &none,
             };
-            let tile = CellTile::new(&self.device, &inputs, &self.cells, &stages)?;
-            submit(&self.device, |commands| tile.record(commands))?;
-            let counters = tile.counters.words((COUNTER_BYTES / 4) as usize)?;
-            if !tried.holds(counters) {
-                room = tried.grown(counters, cells, self.limits);
-                continue;
-            }
-            CellRoom::count(counters, stats);
+            CellTile::new(&self.device, &inputs, (&self.cells, room), stages)
+        };
+        let drawn = tiles.tiles().iter().zip(&stages).map(|(data, stages)| tile(data, stages));
+        let drawn: Vec<CellTile<'_>> = drawn.collect::<Result<_, _>>()?;
+        let counter_bytes = tiles.bytes(CellBuffer::Counters, room);
+        let to_host = vk::BufferUsageFlags::TRANSFER_DST;
+        let read_counters =
+            Buffer::new(&self.device, "counters to read", counter_bytes, to_host, MemoryLocation::GpuToCpu)?;
+        let readback = CellReadback {
+            targets,
+            plane_bytes: 4 * tiles.pixels().map_or(1, |pixels| u64::from(pixels.planes.floats.max(1))),
+            counters: self.cells.get(CellBuffer::Counters)?,
+            read_counters: &read_counters,
+        };
+        submit(&self.device, |commands| record_tiles(commands, &drawn, &queries, &readback))?;
+        let counters = read_counters.words((counter_bytes / 4) as usize)?.to_vec();
+        if room.holds(&counters) {
             queries.add(stats)?;
-            let planes = targets.readback.words(data.planes.floats as usize)?;
-            let nothing = |_, _| Identity::NOTHING;
-            stats.fragments +=
-                data.planes.store(bytemuck::cast_slice(planes), data.tile, job.view.region, frame, nothing);
-            count_frame_bytes(targets.key.bytes() + self.cells.bytes(), job.shadow_texels.bytes, stats);
-            return Ok(true);
         }
-        Ok(false)
+        Ok(counters)
     }
 
     /// Draws one tile into the frame by raster hardware.
@@ -527,7 +554,7 @@ impl surfel_render::Renderer for Renderer {
         let texels = self.shadow_maps(scene, &plan, &mut stats)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
         for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits, self.path) {
-            self.tile(&job, &mut data.map_err(Failure::Other)?, frame, &mut stats)?;
+            self.tile(&job, data.map_err(Failure::Other)?, frame, &mut stats)?;
         }
         self.check_messages()?;
         frame.locate(view);

@@ -4,6 +4,7 @@
 use crate::values::{self, Threshold};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
 use clap::error::ErrorKind;
+use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Args, FromArgMatches as _, ValueHint};
 use clap_complete::Shell;
 use std::ffi::{OsStr, OsString};
@@ -23,6 +24,7 @@ pub(crate) struct Cli {
 #[derive(Debug)]
 pub(crate) enum Command {
     Render(Box<Options>),
+    Figure(Box<Options>),
     Again(Box<Options>),
     Convert(Box<Options>),
     Ortho(Box<Options>),
@@ -32,7 +34,8 @@ pub(crate) enum Command {
     Jobs(JobsArgs),
     Compare(CompareArgs),
     Backends(BackendsArgs),
-    View,
+    /// Options, and names and texts of those that were given.
+    View(Box<Options>, Vec<(String, String)>),
     Completions(CompletionsArgs),
     Man,
 }
@@ -62,6 +65,11 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         .subcommand_required(true)
         .args(global.map(|row| argument(row, &[]).global(true)))
         .subcommand(of("render", "Render an image").arg(inputs("INPUT", SCENE, 1..)))
+        .subcommand(of("figure", "Draw a figure: panels under one camera, with titles, legend and marks").arg(inputs(
+            "INPUT",
+            "Splats, points or meshes, a panel for each, or a scene file for one panel",
+            1..,
+        )))
         .subcommand(of("again", "Draw an image again from the scene stored in its metadata").arg(inputs(
             "IMAGE",
             "A PNG or EXR drawn by surfel, with its metadata",
@@ -95,9 +103,9 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
         ))
         .subcommand(derived::<CompareArgs>("compare", "Measure the difference between two images"))
         .subcommand(derived::<BackendsArgs>("backends", "List the backends available on this machine"))
-        .subcommand(plain("view", "Show in a window (not in this version)").hide(true).arg(inputs(
+        .subcommand(of("view", "Show a scene on a page in the browser").hide(!cfg!(feature = "view")).arg(inputs(
             "INPUT",
-            "A scene file, splats, points or meshes",
+            "A scene file (.json), or splats, points or meshes that form one scene; - is stdin",
             1..,
         )))
         .subcommand(derived::<CompletionsArgs>("completions", "Print a completion script for a shell"))
@@ -244,12 +252,32 @@ fn options(table: &Table, command: Commands, matches: &ArgMatches) -> Result<Opt
     Ok(options)
 }
 
+/// Returns names and texts of a command's own options that aren't defaults, in the table's order.
+fn given(table: &Table, command: Commands, matches: &ArgMatches) -> Vec<(String, String)> {
+    let mut given = Vec::new();
+    for row in table.of(command).filter(|row| row.commands != Commands::ALL) {
+        if matches.value_source(row.name).is_none_or(|source| source == ValueSource::DefaultValue) {
+            continue;
+        }
+        let mut add = |text: String| given.push((row.name.to_owned(), text));
+        if row.is_switch() {
+            add("on".to_owned());
+        } else {
+            let values = matches.get_many::<OsString>(row.name).into_iter().flatten();
+            let texts: Vec<String> = values.map(|value| value.to_string_lossy().into_owned()).collect();
+            if row.is_list { add(texts.join(",")) } else { texts.into_iter().for_each(add) }
+        }
+    }
+    given
+}
+
 /// Returns the command line that clap has parsed.
 pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
     let (name, of) = matches.subcommand().ok_or_else(|| clap::Error::new(ErrorKind::MissingSubcommand))?;
     let options = |command| options(table(), command, of).map(Box::new);
     let command = match name {
         "render" => Command::Render(options(Commands::RENDER)?),
+        "figure" => Command::Figure(options(Commands::FIGURE)?),
         "again" => Command::Again(options(Commands::AGAIN)?),
         "convert" => Command::Convert(options(Commands::CONVERT)?),
         "ortho" => Command::Ortho(options(Commands::ORTHO)?),
@@ -259,7 +287,7 @@ pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
         "jobs" => Command::Jobs(JobsArgs::from_arg_matches(of)?),
         "compare" => Command::Compare(CompareArgs::from_arg_matches(of)?),
         "backends" => Command::Backends(BackendsArgs::from_arg_matches(of)?),
-        "view" => Command::View,
+        "view" => Command::View(options(Commands::VIEW)?, given(table(), Commands::VIEW, of)),
         "completions" => Command::Completions(CompletionsArgs::from_arg_matches(of)?),
         _ => Command::Man,
     };

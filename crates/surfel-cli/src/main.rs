@@ -11,6 +11,7 @@ mod config;
 mod console;
 mod convert;
 mod failure;
+mod figure;
 mod info;
 mod jobs;
 mod ortho;
@@ -29,6 +30,7 @@ mod stdout;
 mod stitch;
 mod values;
 mod verify;
+mod view;
 #[cfg(all(target_os = "linux", feature = "wgpu"))]
 mod wayland;
 
@@ -89,6 +91,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
     match command {
         Command::Render(args) => render::run(&args, threads, console),
         Command::Again(args) => again::run(&args, threads, console),
+        Command::Figure(args) => figure::run(&args, threads, console),
         Command::Convert(args) => convert::run(&args, console),
         Command::Ortho(args) => ortho::run(&args, threads, console),
         Command::Info(args) => info::run(&args, console),
@@ -97,9 +100,7 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
-        Command::View => {
-            Err(Failure::other("this version of surfel has no window\n  help: surfel INPUT -o OUT.png makes an image"))
-        }
+        Command::View(args, given) => view::run(&args, given, threads, console),
         Command::Completions(args) => pages::completions(args.shell),
         Command::Man => pages::man(),
     }

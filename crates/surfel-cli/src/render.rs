@@ -593,7 +593,7 @@ pub(crate) fn choose(
     Ok(backend)
 }
 
-fn backend_options(args: &Options, threads: usize) -> BackendOptions {
+pub(crate) fn backend_options(args: &Options, threads: usize) -> BackendOptions {
     let options = BackendOptions::default().with_threads(threads).with_quantised(args.quantised);
     options.with_adapter(args.adapter.clone())
 }

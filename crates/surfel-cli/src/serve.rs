@@ -5,24 +5,18 @@
 
 use crate::console::Console;
 use crate::failure::Failure;
-use crate::output::{Format, Output};
-use crate::render::{choose, drawn, start};
-use crate::resolve::{self, Resolved, Source, resolve};
-use crate::stdin::{Stdin, is_stdin};
+use crate::output::{self, Format, Output};
+use crate::render::{backend_options, drawn, start};
+use crate::stdin::is_stdin;
 use crate::stdout;
 use serde_json::{Value, json};
 use std::io::{self, BufRead, Read};
-use std::path::PathBuf;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
 use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
 use surfel::options::Options;
-use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::request::{Pictures, Request as Loading};
-use surfel::scene::LoadedObjects;
-use surfel::{
-    Backend, BackendScene, Camera, Frame, LevelStore, NoProgress, Planes, Region, Renderer, Scene, camera, values,
-};
+use surfel::scene::is_scene_file;
+use surfel::{Camera, Planes, Region, Renderer as _, camera, session::Session, values};
 
 /// Longest request in bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -173,78 +167,29 @@ fn whole_numbers<const N: usize>(value: &Value) -> Option<[u32; N]> {
 /// A scene in memory, and its backend.
 struct Server<'a> {
     args: &'a Options,
-    resolved: Resolved,
+    session: Session,
     /// Metadata about the inputs, stored in every image.
     inputs: Vec<Input>,
-    backend: Backend,
-    /// Uploaded scene; `None` before the first image if levels are selected per image.
-    scene: Option<BackendScene>,
-    levels: Option<ByLevels>,
-    frame: Frame,
-}
-
-/// A scene that doesn't fit into memory, so that each image selects its own levels of detail.
-struct ByLevels {
-    loading: Loading,
-    /// The coarsest levels, which place cameras.
-    overview: LoadedObjects,
-    is_bare: bool,
-    /// Camera whose levels are in the backend.
-    camera: Option<Camera>,
-}
-
-impl ByLevels {
-    /// Loads the levels that a camera needs.
-    fn scene(&self, camera: &Camera) -> Result<Scene, surfel::Error> {
-        let loading = self.loading.clone().with_pictures(Pictures::Cameras(vec![camera.clone()]));
-        let mut scene = loading.resolve(self.overview.clone(), &NoProgress, &mut |_| ())?.scene;
-        if self.is_bare {
-            scene.lights = None;
-        }
-        Ok(scene)
-    }
 }
 
 impl<'a> Server<'a> {
     fn start(args: &'a Options, threads: usize, console: &Console) -> Result<Self, Failure> {
-        let mut backend = start(args, threads, console)?;
-        let stdin = Stdin::default();
-        let source = resolve::source(&args.inputs, &stdin)?;
-        let bare = matches!(source, Source::Geometry(_));
-        let (loading, _) = resolve::request(resolve::source(&args.inputs, &stdin)?, &Pictures::Any, args, &stdin)?;
-        let (mut resolved, levels) = match loading.exceeds_memory() && !args.render.all_levels {
-            false => (resolve(source, &Pictures::Any, args, &stdin, console)?, None),
-            true => {
-                let store = Arc::new(LevelStore::keeping_nodes());
-                let loading = loading.with_pictures(Pictures::One).with_level_store(store);
-                let progress = console.progress();
-                let overview = loading.load(None, &progress)?;
-                let mut notes = Vec::new();
-                let coarse = loading.clone().with_pictures(Pictures::Any);
-                let resolved = coarse.resolve(overview.clone(), &progress, &mut |note| notes.push(note))?;
-                drop(progress);
-                notes.iter().for_each(|note| console.note(note));
-                console.note("not all points fit into memory (--memory): each picture is drawn by levels");
-                (resolved, Some(ByLevels { loading, overview, is_bare: bare, camera: None }))
-            }
-        };
-        if bare {
-            // All cameras share one scene, lit along the view, as with --cameras.
-            (resolved.file.lights, resolved.scene.lights) = (None, None);
+        let backend = start(args, threads, console)?;
+        let choice = (args.backend_name(), backend_options(args, threads));
+        let mut session = Session::with_backend(args.inputs.clone(), None, backend, choice).for_any_camera();
+        let mut options = args.render.clone();
+        let first = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
+        if let Some(bar) = options.splats.colorbar.as_mut().filter(|_| !is_scene_file(first)) {
+            *bar = output::of_input(bar, first);
         }
-        let summary = SceneSummary::of(&resolved.scene);
-        let settings = resolved.file.settings;
-        let refuses = |c: &Capabilities| unsupported(&summary, &settings, Planes::ALL, c).map(|e| e.to_string());
-        if args.backend_name() == "auto" && refuses(&backend.info().capabilities).is_some() {
-            backend = choose(args, threads, console, refuses)?;
-        }
-        let scene = if levels.is_none() { Some(backend.upload(&resolved.scene)?) } else { None };
-        let inputs = match args.no_metadata {
-            true => Vec::new(),
-            false => metadata::inputs(&resolved.file, &resolved.beside, None)?,
-        };
-        console.note(&format!("ready: the scene is in memory, drawn by '{}'", backend.info().backend));
-        Ok(Self { args, resolved, inputs, backend, scene, levels, frame: Frame::default() })
+        let (progress, mut notes) = (console.progress(), Vec::new());
+        let shown = session.show(&options, &progress, &mut |note| notes.push(note)).map(|_| ());
+        drop(progress);
+        notes.iter().for_each(|note| console.note(note));
+        shown?;
+        let inputs = if args.no_metadata { Vec::new() } else { session.hashes()? };
+        console.note(&format!("ready: the scene is in memory, drawn by '{}'", session.backend().info().backend));
+        Ok(Self { args, session, inputs })
     }
 
     /// Returns the answer to a line, whatever it contains.
@@ -274,8 +219,10 @@ impl<'a> Server<'a> {
         let mut said = self.args.render.clone();
         (said.view, said.size, said.region) = (request.view, request.size, request.region);
         (said.eye, said.target, said.camera_up, said.fov_y, said.ortho) = (None, None, None, None, false);
-        let file = &self.resolved.file;
-        let camera = self.resolved.seen(request.camera.as_ref(), &said);
+        let resolved = self.session.shown().ok_or_else(|| Failure::other("no scene is in memory"))?;
+        let camera = resolved.seen(request.camera.as_ref(), &said);
+        let (scene, background) =
+            (SceneFile { camera: camera.clone(), ..resolved.file.clone() }, resolved.scene.background);
         let view = camera::view(&camera, &said)?;
         if view.pixels() > MAX_PIXELS {
             return Err(Failure::input(format!(
@@ -290,28 +237,20 @@ impl<'a> Server<'a> {
             }
             _ => Planes::COLOR,
         };
-        if let Some(levels) = self.levels.as_mut().filter(|levels| levels.camera.as_ref() != Some(&camera)) {
-            // The old scene is freed first.
-            (self.scene, levels.camera) = (None, None);
-            self.scene = Some(self.backend.upload(&levels.scene(&camera)?)?);
-            levels.camera = Some(camera.clone());
-        }
-        let Some(scene) = &self.scene else { return Err(Failure::other("no scene is in memory")) };
-        let stats = self.backend.render_into(scene, &view, &file.settings, planes, &mut self.frame)?;
-        let scene = SceneFile { camera, ..file.clone() };
+        let stats = self.session.draw_from(&camera, &said, planes)?;
         let metadata = if self.args.no_metadata || output.format == Format::Jpeg {
             Vec::new()
         } else {
-            let drawn = drawn(self.args, &said, &scene.camera, self.backend.info(), output.format)?;
+            let drawn = drawn(self.args, &said, &scene.camera, self.session.backend().info(), output.format)?;
             let is_exr = matches!(output.format, Format::Exr { .. });
             let entries = metadata::entries(Output::folder(Some(path)), &scene, &self.inputs, &drawn, is_exr)?;
             entries.unwrap_or_default()
         };
-        let written = output.write(Some(path), &self.frame, scene.background, metadata);
-        let (width, height) = (self.frame.width(), self.frame.height());
+        let frame = self.session.frame();
+        let written = output.write(Some(path), frame, background, metadata);
+        let (width, height) = (frame.width(), frame.height());
         if view.pixels() > KEPT_PIXELS {
-            self.frame = Frame::default();
-            self.backend.release_memory();
+            self.session.release_memory();
         }
         written?;
         Ok(json!({

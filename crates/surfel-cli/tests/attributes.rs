@@ -163,9 +163,9 @@ fn the_color_bar_is_an_image_of_its_own() {
     f.run("a.csv --color-by intensity --colormap turbo --colorbar bar.png -o a.png --size 8x8").code(0);
     f.run("convert a.csv --color-by classification --colorbar classes.png -o a.ply").code(0);
     let bar = f.image("bar.png");
-    assert!(bar.width > 512 && bar.height > 40, "{}x{}", bar.width, bar.height);
+    assert!(bar.width > 60 && bar.height > 120, "{}x{}", bar.width, bar.height);
     let classes = f.image("classes.png");
-    assert!(classes.height > 2 * 24 && (180..260).contains(&classes.width));
+    assert!(classes.height > 80 && classes.width > 100, "{}x{}", classes.width, classes.height);
     f.run("a.csv --color-by intensity --colorbar bar.png -o b.png --size 8x8").fails(1, "bar.png");
     // The default name is beside the image.
     f.run("--color-by intensity --colormap turbo --colorbar a.csv --size 8x8 --force").code(0);

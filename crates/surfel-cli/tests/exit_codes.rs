@@ -173,11 +173,10 @@ fn stderr_is_silent_without_a_runtime_folder() {
 }
 
 #[test]
-fn what_this_version_does_not_have_exits_with_1() {
-    let f = Folder::new("later");
-    f.write("a.ply", ball());
-    f.run("view a.ply").fails(1, "");
-    assert_eq!(f.names(), ["a.ply"]);
+fn views_of_missing_files_exit_with_3_and_open_no_server() {
+    let f = Folder::new("no-view");
+    f.run("view a.ply --no-open").fails(3, "a.ply");
+    assert_eq!(f.names(), Vec::<String>::new());
 }
 
 #[test]

@@ -5,6 +5,7 @@ mod attributes;
 mod colors;
 mod common;
 mod exit_codes;
+mod figure;
 mod gaussians;
 mod interface;
 mod levels;
@@ -20,3 +21,5 @@ mod splats;
 mod strangers;
 mod tables;
 mod tools;
+#[cfg(feature = "view")]
+mod view;

@@ -4,7 +4,8 @@
 mod samples;
 mod totals;
 
-use crate::cull::cells::{self, Cell, CellLimits};
+use crate::cull::balls::BallView;
+use crate::cull::cells::{self, Cell, CellLimits, OtherParts};
 use crate::cull::chunks::{VisibleChunk, visible_chunks};
 use crate::cull::object::ObjectView;
 use crate::frame::samples::SampleView;
@@ -22,6 +23,7 @@ use crate::screen::gbuffer::GBuffer;
 use crate::screen::layer_steps::LayerSteps;
 use crate::screen::steps::StepPlanes;
 use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::balls::BallSegment;
 use crate::setup::near::NearSplat;
 use crate::setup::prepare::{CellSetup, CellSplats, SetupPool};
 use crate::setup::record::Record;
@@ -33,6 +35,7 @@ use crate::shade::shadow_draw::ShadowDrawing;
 use crate::shade::shadow_map::ShadowMap;
 use crate::shade::transparent::{Layers, light_splats};
 use crate::simd::level::{Instructions, with_instructions};
+use crate::tiles::drawn::DrawnBlocks;
 use crate::tiles::driver::{self, Tuning};
 use crate::tiles::grid::Grid;
 use crate::tiles::pool::Pool;
@@ -69,7 +72,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     }
     let start = Instant::now();
     frame.resize(view.region.width, view.region.height, plan.planes);
-    let shadows = ShadowDrawing { instructions, tuning, pool: &pools.setup, scene, plan, eye: view.eye }.draw_all();
+    let shadows = ShadowDrawing { instructions, tuning, pool: &pools.setup, scene, plan, image: view }.draw_all();
     let mut totals = Totals::default();
     totals.shadow_bytes = shadows.iter().map(ShadowMap::bytes).sum();
     if !shadows.is_empty() {
@@ -77,13 +80,17 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     }
     let after_shadows = Instant::now();
     let mut objects = ObjectView::all(&scene.clouds, view, plan, Cull::Back);
-    let numbers = if plan.has(Pass::Nearest) { SplatNumbers::new(&scene.clouds) } else { SplatNumbers::default() };
+    let numbers = if plan.has(Pass::Nearest) { scene.numbers() } else { SplatNumbers::default() };
     objects.iter_mut().for_each(|object| object.first_number = numbers.first(object.index));
+    let mut balls = BallView::all(&scene.balls, view, plan, 0.0);
+    let first_of_balls = scene.clouds.len() as u32;
+    balls.iter_mut().for_each(|of| of.first_number = numbers.first(first_of_balls + of.index).unwrap_or(0));
     let tiny = (tuning.finds_tiny && tiny_splats_serve(plan)).then(|| TinyFinder::new(plan, view));
     let of_samples = plan.has(Pass::EdgeSamples).then(|| (view.of_samples(), plan.of_samples()));
     let lighting = lighting(scene, view, plan, shadows);
     let samples = of_samples.as_ref().map(|(view, plan)| SampleView {
         objects: ObjectView::all(&scene.clouds, view, plan, Cull::Back),
+        balls: BallView::all(&scene.balls, view, plan, 0.0),
         view,
         raster: raster_frame(scene, view, plan),
         lighting: lighting.of_samples(plan, view),
@@ -92,6 +99,8 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         inputs,
         samples,
         setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup },
+        balls: &balls,
+        ball_factors: scene.balls.iter().map(|of| of.material.factors().map(|f| f as f32)).collect(),
         meshes: if plan.has(Pass::Polygons) { &scene.meshes } else { &[] },
         raster: RasterFrame { numbers: numbers.clone(), ..raster_frame(scene, view, plan) },
         layers: Layers::new(plan),
@@ -109,6 +118,9 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
 struct Drawing<'a> {
     inputs: &'a FrameInputs<'a>,
     setup: CellSetup<'a>,
+    balls: &'a [BallView<'a>],
+    /// Ambient, diffuse, specular and shininess factors of each object of balls.
+    ball_factors: Vec<[f32; 4]>,
     meshes: &'a [StoredMesh],
     raster: RasterFrame,
     layers: Layers,
@@ -126,7 +138,8 @@ impl Drawing<'_> {
         let grid = Grid::new(region, tuning.tile_blocks);
         let threads = rayon::current_num_threads();
         let limits = CellLimits { splats: tuning.cell_splats, reach_px: plan.reach_px(), threads };
-        let cells = cells::divide(objects, chunks, self.meshes, &plan.octrees, view, &grid, &limits);
+        let others = OtherParts { meshes: self.meshes, octrees: &plan.octrees, balls: self.balls };
+        let cells = cells::divide(objects, chunks, others, view, &grid, &limits);
         let parts: Vec<Region> = cells.iter().map(|cell| cell.region).collect();
         let (planes, background) = frame.planes_and_background();
         let counts = [grid.columns, grid.rows];
@@ -149,7 +162,7 @@ impl Drawing<'_> {
     fn draw_cell(&self, cell: &Cell, target: &mut Target<'_>, scratch: &mut TileScratch<'static>, totals: &mut Totals) {
         let start = Instant::now();
         let FrameInputs { instructions, tuning, pools, view, plan, .. } = *self.inputs;
-        if cell.chunks.is_empty() && cell.mesh_parts.is_empty() {
+        if cell.chunks.is_empty() && cell.mesh_parts.is_empty() && cell.ball_parts.is_empty() {
             let grid = Grid::new(cell.region, tuning.tile_blocks);
             for tile in 0..grid.tiles() {
                 target.go_to(&grid, tile);
@@ -161,6 +174,8 @@ impl Drawing<'_> {
         let grid = Grid::new(cell.region.grown(plan.reach_px(), view.size), tuning.tile_blocks);
         let mut splats = self.set_up(cell, &grid, totals);
         let triangles = project(instructions, self.meshes, &cell.mesh_parts, view, &grid, Cull::Back);
+        let all = (&grid, DrawnBlocks::default());
+        let balls = BallSegment::project(instructions, self.balls, &cell.ball_parts, all, plan.ball_alphas);
         if plan.has(Pass::RemainingLayer) {
             let CellSplats { transparent, near, .. } = &mut splats;
             transparent.iter_mut().for_each(|segment| self.light_splats((&self.lighting, &self.raster), segment, near));
@@ -179,11 +194,13 @@ impl Drawing<'_> {
                 triangles: &triangles,
                 transparent: &splats.transparent,
                 layers: self.layers,
+                balls: &balls,
+                ball_factors: &self.ball_factors,
             },
             opaque_splats_only: is_opaque_splats_only(plan),
         };
         let mut own = std::mem::take(scratch).for_others();
-        let mut bytes = triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
+        let mut bytes = triangles.iter().map(TriangleSegment::bytes).sum::<usize>() + balls.bytes();
         if plan.reach_px() > 0 {
             let mut gbuffer = pools.gbuffers.take();
             gbuffer.reset_for(&grid, plan);
@@ -222,6 +239,7 @@ impl Drawing<'_> {
         }
         *scratch = own.for_others();
         totals.add_cell(&splats, bytes);
+        totals.add_balls(&balls);
         pools.setup.give_back(splats.segments);
     }
 
@@ -302,7 +320,8 @@ fn coverage_of_weight(scene: &ResidentScene, plan: &FramePlan) -> Option<f32> {
 
 /// True if only opaque splats are drawn, without outlines or eye-dome lighting.
 fn is_opaque_splats_only(plan: &FramePlan) -> bool {
-    !plan.has(Pass::Polygons) && !plan.separates_transparent && !plan.has(Pass::Outlines) && !plan.has(Pass::EyeDome)
+    let others = [Pass::Polygons, Pass::Outlines, Pass::EyeDome, Pass::Balls];
+    !plan.separates_transparent && !others.into_iter().any(|pass| plan.has(pass))
 }
 
 /// True if tiny splats can be drawn splat by splat. No screen-space pass may follow, and only the sums that such a tile

@@ -1,6 +1,7 @@
 //! Rasterisation: tiles' lists become the sums of every block's pixels. Fragments, visibility and attributes (§5),
 //! triangles (§6), transparent layers (§8).
 
+pub(crate) mod balls;
 pub(crate) mod batch;
 pub(crate) mod block;
 pub(crate) mod depth;

@@ -76,6 +76,12 @@ impl surfel_render::Renderer for Renderer {
         self.threads.install(|| ResidentScene::new(scene, self.storage))
     }
 
+    fn relight(&mut self, resident: &mut ResidentScene, scene: &Scene) -> Result<bool, RenderError> {
+        scene.validate()?;
+        resident.relight(scene);
+        Ok(true)
+    }
+
     fn render_into(
         &mut self,
         scene: &ResidentScene,

@@ -1,5 +1,6 @@
 //! The resident scene, from upload to the last frame: clouds in chunks with bounds, their clips, and meshes.
 
+pub(crate) mod balls;
 pub(crate) mod clips;
 pub(crate) mod cloud;
 pub(crate) mod column;

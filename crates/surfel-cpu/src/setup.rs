@@ -1,6 +1,7 @@
 //! Setup: resident splats and triangles become records on the screen, sorted into tiles. Also the evaluation of a
 //! record at a pixel.
 
+pub(crate) mod balls;
 pub(crate) mod clips;
 pub(crate) mod evaluate;
 pub(crate) mod footprint;

@@ -1,6 +1,7 @@
 //! Shading: sums are divided and lit (§5), by shadow maps too; surfaces of triangles are evaluated; transparent layers
 //! are composited.
 
+pub(crate) mod balls;
 pub(crate) mod lighting;
 pub(crate) mod matcap;
 pub(crate) mod mesh_surface;

@@ -9,7 +9,7 @@
 //! 3. [`FrameScene`] and [`TileData`]: the uniforms, visible chunks and near splats that a frame and a tile upload;
 //! 4. [`schedule()`]: the [`Step`]s of a tile, which a backend runs in this order; [`Draw`] and [`PixelPass`] are the
 //!    passes among them;
-//! 5. [`cell_stages`]: the steps that draw opaque splats by compute shaders in place of raster hardware ([`GpuPath`]);
+//! 5. [`CellTiles`]: the steps that draw opaque splats by compute shaders in place of raster hardware ([`GpuPath`]);
 //! 6. [`binding_slots`]: the bindings of an entry point, as reflected from the shaders.
 //!
 //! ```
@@ -51,6 +51,7 @@ mod scene;
 mod struct_writer;
 
 pub use bindings::{BindingSlot, binding_slots, workgroups};
+pub use frame::cell_tiles::CellTiles;
 pub use frame::gaussians::GaussianLists;
 pub use frame::planes::PlaneLayout;
 pub use frame::samples::SamplePart;
@@ -59,10 +60,8 @@ pub use frame::surface_count::least_surfaces;
 pub use frame::tile::{NearRecords, SegmentData, TileData};
 pub use frame::tiling::FrameTiles;
 pub use frame::uniforms::FrameScene;
-pub use passes::cells::{
-    CELL_PAIRS, COUNTER_BYTES, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, GpuPath,
-    cell_entries, cell_stages, is_cell_entry, pixel_passes_after_cells,
-};
+pub use passes::cell_stages::{CellStage, CellStep, cell_entries, is_cell_entry};
+pub use passes::cells::{CELL_PAIRS, CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, GpuPath};
 pub use passes::draw::{Draw, Layer, Sums};
 pub use passes::fill_rate::{FILL_RATE_RUNS, FillRate, FillRateFrame};
 pub use passes::layer_draws::{LAYER_HEADER_BYTES, count_layers, layer_draw_offset, layer_draw_words, layers_remain};

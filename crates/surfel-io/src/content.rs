@@ -66,8 +66,8 @@ impl Content {
                 let clips = d.clips.as_ref();
                 let disks = matches!(d.shape, Shape::Disks { .. });
                 add(disks, "normal");
-                add(disks, "radius");
-                add(!disks, "half-axes");
+                add(disks || splats.is_balls(), "radius");
+                add(matches!(d.shape, Shape::Ellipses { .. }), "half-axes");
                 add(d.shading_normals.is_some(), "shading normal");
                 add(d.colors.is_some(), "colour");
                 add(d.alphas.is_some(), "alpha");

@@ -56,6 +56,7 @@
 //! Section numbers (§) refer to `docs/rendering-model.md`. Papers are cited by a letter and a year, such as Z01, as in
 //! that page's list of sources.
 
+pub mod ball;
 pub mod basis;
 pub mod bounds;
 pub mod clip;

@@ -21,6 +21,15 @@ pub enum Shape {
         /// Half-axes t in object units, one per splat.
         t: Column3,
     },
+    /// Balls or dots (rendering model §11).
+    Balls {
+        /// Radii in object units or in pixels, greater than 0; one per splat.
+        radii: Vec<f32>,
+        /// True if radii are in pixels of the image.
+        in_pixels: bool,
+        /// True for dots: disks that are parallel to the image.
+        flat: bool,
+    },
 }
 
 /// Columns from which a cloud is built, not yet validated.
@@ -95,6 +104,7 @@ impl CloudData {
                 s.retain(keep);
                 t.retain(keep);
             }
+            Shape::Balls { radii, .. } => retain(radii, keep),
         }
         if let Some(c) = &mut self.colors {
             retain(c, keep);
@@ -127,6 +137,7 @@ impl CloudData {
         let (shape, second) = match &self.shape {
             Shape::Disks { normals, radii } => (("normals", normals.len()), ("radii", radii.len())),
             Shape::Ellipses { s, t } => (("s", s.len()), ("t", t.len())),
+            Shape::Balls { radii, .. } => (("radii", radii.len()), ("radii", radii.len())),
         };
         let columns = [
             Some(shape),
@@ -153,12 +164,15 @@ impl CloudData {
         if !p.is_finite() {
             return Some(format!("its position ({}, {}, {}) is not finite", p.x, p.y, p.z));
         }
+        if let Shape::Disks { radii, .. } | Shape::Balls { radii, .. } = &self.shape
+            && (!radii[i].is_finite() || radii[i] <= 0.0)
+        {
+            return Some(format!("its radius is {}, expected a finite number greater than 0", radii[i]));
+        }
         match &self.shape {
-            Shape::Disks { normals, radii } => {
-                let (n, r) = (normals.get(i), radii[i]);
-                if !r.is_finite() || r <= 0.0 {
-                    return Some(format!("its radius is {r}, expected a finite number greater than 0"));
-                }
+            Shape::Balls { .. } => {}
+            Shape::Disks { normals, .. } => {
+                let n = normals.get(i);
                 if !n.is_finite() || n == DVec3::ZERO {
                     return Some(format!("its normal is ({}, {}, {}), expected finite and not zero", n.x, n.y, n.z));
                 }
@@ -294,6 +308,16 @@ impl SplatCloud {
         Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
     }
 
+    /// Creates opaque white balls (rendering model §11): centres and radii (greater than 0) in object units.
+    ///
+    /// # Errors
+    /// [`ModelError::InvalidElements`] naming the first invalid ball and their number, [`ModelError::ColumnLength`]
+    /// naming the column whose length differs from `centers`.
+    pub fn balls<C: Copy + Into<[f32; 3]>>(centers: &[C], radii: &[f32]) -> Result<Self, ModelError> {
+        let shape = Shape::Balls { radii: radii.to_vec(), in_pixels: false, flat: false };
+        Self::checked(CloudData::new(DVec3::ZERO, column(centers), shape))
+    }
+
     /// Creates opaque white ellipses: splat i is `centers[i]` + u·`s[i]` + v·`t[i]`, u² + v² ≤ 1, in object units, with
     /// outward normal s × t.
     ///
@@ -416,9 +440,9 @@ impl SplatCloud {
     /// [`ModelError::Conflict`] for clipped disks.
     pub fn new(mut data: CloudData, on_invalid: OnInvalid) -> Result<(Self, Repaired), ModelError> {
         data.check_columns()?;
-        if data.clips.is_some() && matches!(data.shape, Shape::Disks { .. }) {
-            let message = "clip curves and lines need the half-axes s and t: a disk (normal and radius) has none to \
-                           measure them in";
+        if data.clips.is_some() && !matches!(data.shape, Shape::Ellipses { .. }) {
+            let message = "clip curves and lines need the half-axes s and t: a disk (normal and radius) or a ball has \
+                           none to measure them in";
             return Err(ModelError::Conflict(message.into()));
         }
         if !data.origin.is_finite() {
@@ -503,7 +527,7 @@ impl SplatCloud {
     }
 
     /// Returns the half-axes of splat `i` in object space. For a disk, they are an arbitrary orthogonal pair with s × t
-    /// along its normal.
+    /// along its normal. For a ball in object units, they are two of its radii; for one in pixels, they are zero.
     #[inline]
     pub fn axes(&self, i: usize) -> (DVec3, DVec3) {
         match &self.data.shape {
@@ -513,10 +537,29 @@ impl SplatCloud {
                 let r = f64::from(radii[i]);
                 (s * r, t * r)
             }
+            Shape::Balls { .. } => {
+                let r = self.radius_max(i);
+                (DVec3::X * r, DVec3::Y * r)
+            }
         }
     }
 
-    /// Returns the unit outward normal of splat `i` in object space.
+    /// True if the splats are balls or dots.
+    pub fn is_balls(&self) -> bool {
+        matches!(self.data.shape, Shape::Balls { .. })
+    }
+
+    /// Returns half the extents of splat `i` along the axes of object space; zero for a ball in pixels.
+    #[inline]
+    pub fn half_extents(&self, i: usize) -> DVec3 {
+        if self.is_balls() {
+            return DVec3::splat(self.radius_max(i));
+        }
+        let (s, t) = self.axes(i);
+        (s * s + t * t).map(f64::sqrt)
+    }
+
+    /// Returns the unit outward normal of splat `i` in object space; for a ball, the z axis.
     #[inline]
     pub fn normal(&self, i: usize) -> DVec3 {
         match &self.data.shape {
@@ -524,6 +567,7 @@ impl SplatCloud {
             Shape::Ellipses { s, t } => {
                 surfel_math::basis::unit(surfel_math::basis::unit(s.get(i)).cross(surfel_math::basis::unit(t.get(i))))
             }
+            Shape::Balls { .. } => DVec3::Z,
         }
     }
 
@@ -546,11 +590,12 @@ impl SplatCloud {
     }
 
     /// Returns the larger semi-axis of splat `i` in object units: the largest singular value of [s t] (rendering model
-    /// §2).
+    /// §2), or a ball's radius; 0 for a ball in pixels.
     #[inline]
     pub fn radius_max(&self, i: usize) -> f64 {
         match &self.data.shape {
-            Shape::Disks { radii, .. } => f64::from(radii[i]),
+            Shape::Balls { in_pixels: true, .. } => 0.0,
+            Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => f64::from(radii[i]),
             Shape::Ellipses { s, t } => surfel_math::basis::largest_singular_value(s.get(i), t.get(i)),
         }
     }
@@ -560,8 +605,7 @@ impl SplatCloud {
     pub fn bounds(&self) -> Option<(DVec3, DVec3)> {
         let mut bounds: Option<(DVec3, DVec3)> = None;
         for i in 0..self.len() {
-            let (p, (s, t)) = (self.center(i), self.axes(i));
-            let e = (s * s + t * t).map(f64::sqrt);
+            let (p, e) = (self.center(i), self.half_extents(i));
             let (lo, hi) = bounds.unwrap_or((p - e, p + e));
             bounds = Some((lo.min(p - e), hi.max(p + e)));
         }
@@ -579,6 +623,7 @@ impl SplatCloud {
         let shape = match &d.shape {
             Shape::Disks { normals, radii } => normals.bytes() + size_of_val(radii.as_slice()),
             Shape::Ellipses { s, t } => s.bytes() + t.bytes(),
+            Shape::Balls { radii, .. } => size_of_val(radii.as_slice()),
         };
         let clips = d.clips.as_ref().map_or(0, |c| {
             c.curves.as_ref().map_or(0, |v| size_of_val(v.as_slice()))

@@ -1,7 +1,7 @@
 //! Conversion options: the key `convert` of an object in the scene file.
 
 use crate::range::positive;
-use crate::{Classes, Condition, ModelError, Returns, TableColumns};
+use crate::{Classes, Condition, ModelError, PointsAs, Returns, TableColumns};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -48,12 +48,21 @@ pub struct ConvertOptions {
     /// Colour map of the values, with `color_by`.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colormap: Option<Colormap>,
+    /// File with the colours of a colour map, from the least value to the largest, with `color_by`.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub colormap_file: Option<PathBuf>,
+    /// File with the names, and optionally the colours, of categories, with `color_by`.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub labels: Option<PathBuf>,
     /// Values at the two ends of the colour map, with `color_by`; the first is less than the second.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub range: Option<[f64; 2]>,
     /// Colours of the splats made of points.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub colors: Option<PointColors>,
+    /// Kind of splat that each point is drawn as; estimated from the points if absent.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub points_as: Option<PointsAs>,
     /// Box of the selected points, in the file's coordinates: smallest x, y, z, then largest.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub crop: Option<[f64; 6]>,
@@ -279,14 +288,47 @@ pub enum Colormap {
     Cividis,
     Turbo,
     Coolwarm,
+    Magma,
+    Inferno,
+    Plasma,
+    RdBu,
+    Jet,
+    /// Ten colours for categories.
+    Tab10,
     /// Twenty colours for categories.
     Tab20,
+    /// Nine colours for categories.
+    Set1,
     Grey,
 }
 
 impl Colormap {
     /// All variants.
-    pub const ALL: [Self; 6] = [Self::Viridis, Self::Cividis, Self::Turbo, Self::Coolwarm, Self::Tab20, Self::Grey];
+    pub const ALL: [Self; 13] = [
+        Self::Viridis,
+        Self::Cividis,
+        Self::Turbo,
+        Self::Coolwarm,
+        Self::Magma,
+        Self::Inferno,
+        Self::Plasma,
+        Self::RdBu,
+        Self::Jet,
+        Self::Tab10,
+        Self::Tab20,
+        Self::Set1,
+        Self::Grey,
+    ];
+
+    /// Returns the number of colours of a map for categories; `None` for a map of a range of values.
+    pub fn categories(self) -> Option<usize> {
+        match self {
+            Self::Tab10 => Some(10),
+            Self::Tab20 => Some(20),
+            Self::Set1 => Some(9),
+            _ => None,
+        }
+    }
 
     /// Returns the name used in scene files and flags.
     pub fn name(self) -> &'static str {
@@ -295,7 +337,14 @@ impl Colormap {
             Self::Cividis => "cividis",
             Self::Turbo => "turbo",
             Self::Coolwarm => "coolwarm",
+            Self::Magma => "magma",
+            Self::Inferno => "inferno",
+            Self::Plasma => "plasma",
+            Self::RdBu => "rdbu",
+            Self::Jet => "jet",
+            Self::Tab10 => "tab10",
             Self::Tab20 => "tab20",
+            Self::Set1 => "set1",
             Self::Grey => "grey",
         }
     }

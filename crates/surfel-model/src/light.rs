@@ -121,6 +121,20 @@ impl Light {
         finite(&format!("lights[{i}].color"), color)
     }
 
+    /// Returns the colour, linear RGB.
+    pub fn color(&self) -> [f64; 3] {
+        match self {
+            Self::Directional { color, .. } | Self::Point { color, .. } | Self::Spot { color, .. } => *color,
+        }
+    }
+
+    /// Sets the colour, linear RGB.
+    pub fn set_color(&mut self, linear: [f64; 3]) {
+        match self {
+            Self::Directional { color, .. } | Self::Point { color, .. } | Self::Spot { color, .. } => *color = linear,
+        }
+    }
+
     /// True if the light needs a shadow map.
     pub fn casts_shadow(&self) -> bool {
         matches!(self, Self::Directional { shadow: true, .. } | Self::Spot { shadow: true, .. })

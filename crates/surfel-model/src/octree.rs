@@ -199,6 +199,9 @@ impl Octree {
         let shape = match &d.shape {
             Shape::Disks { normals, radii } => Shape::Disks { normals: normals.select(&indices), radii: pick(radii) },
             Shape::Ellipses { s, t } => Shape::Ellipses { s: s.select(&indices), t: t.select(&indices) },
+            Shape::Balls { radii, in_pixels, flat } => {
+                Shape::Balls { radii: pick(radii), in_pixels: *in_pixels, flat: *flat }
+            }
         };
         let data = CloudData {
             colors: d.colors.as_ref().map(pick3),

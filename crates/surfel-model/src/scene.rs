@@ -1,7 +1,9 @@
 //! Materials, objects, scenes, and the scene file.
 
 use crate::range::{finite, positive};
-use crate::{Camera, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up};
+use crate::{
+    Camera, Color, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up,
+};
 use glam::{DAffine3, DMat4};
 #[cfg(feature = "serde")]
 use serde::{Deserialize, Serialize};
@@ -42,6 +44,9 @@ pub struct Material {
     /// cloud's own value.
     #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
     pub oriented: Option<bool>,
+    /// Colour of the whole object, instead of those of its file.
+    #[cfg_attr(feature = "serde", serde(skip_serializing_if = "Option::is_none"))]
+    pub color: Option<Color>,
 }
 
 impl Default for Material {
@@ -55,6 +60,7 @@ impl Default for Material {
             two_sided: true,
             interior_weight: None,
             oriented: None,
+            color: None,
         }
     }
 }

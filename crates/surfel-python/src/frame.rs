@@ -41,7 +41,7 @@ pub(crate) struct NativeFrame {
 const ENCODED_BYTES: u64 = 32;
 
 /// Wraps a plane's values, or a range of them, in an array; returns `None` for a missing plane.
-fn array<T: Element>(
+pub(crate) fn array<T: Element>(
     py: Python<'_>,
     values: Vec<T>,
     range: std::ops::Range<usize>,

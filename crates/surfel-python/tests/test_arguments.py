@@ -163,7 +163,7 @@ def test_tensors_are_taken_by_their_protocol():
 
 
 def test_stubs_know_every_flag():
-    from surfel._flags import CONVERT, ORTHO, RENDER, SPLATS
+    from surfel._flags import CONVERT, FIGURE, ORTHO, RENDER, SPLATS
 
     stub = pathlib.Path(surfel.__file__).with_name("__init__.pyi")
     tree = ast.parse(stub.read_text())
@@ -173,6 +173,7 @@ def test_stubs_know_every_flag():
             flags[node.name] = {item.target.id for item in node.body if isinstance(item, ast.AnnAssign)}
     assert flags["_RenderFlags"] | flags["_Render"] == RENDER
     assert flags["_Convert"] == CONVERT and flags["_Ortho"] == ORTHO
+    assert flags["_Figure"] == FIGURE
     assert SPLATS < RENDER & CONVERT
     defined = {n.name for n in tree.body if isinstance(n, (ast.ClassDef, ast.FunctionDef))} | {"__version__"}
     assert set(surfel.__all__) <= defined

@@ -12,6 +12,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use surfel_math::V2;
 use surfel_math::kernel::FULL_COVERAGE;
+use surfel_render::Pass;
 
 /// A shaded surface of a pixel, or several merged surfaces.
 #[derive(Clone, Copy)]
@@ -89,7 +90,9 @@ impl Pixel<'_> {
         let Some(surface) = self.lighting.shade(sums, self.center) else { return false };
         let alpha = surface.alpha * (sums.coverage / FULL_COVERAGE).min(1.0);
         surfaces.push(Shaded { surface, color: surface.color * alpha, alpha });
-        if surfaces.len() <= self.lighting.plan.abuffer_surfaces as usize {
+        // A ball may lie between two surfaces, and merging only bounds memory.
+        let plan = self.lighting.plan;
+        if surfaces.len() <= plan.abuffer_surfaces as usize || plan.has(Pass::Balls) {
             return true;
         }
         let gap = |i: &usize| surfaces[i + 1].surface.depth - surfaces[*i].surface.depth;

@@ -1,5 +1,6 @@
 //! Drawing of a frame: runs a plan's passes in order and composites transparent layers over the opaque image.
 
+use crate::ball::{self, BallFragment, BallLayer};
 use crate::edge::Edges;
 use crate::eye_dome::EyeDome;
 use crate::front::{Front, MeshLayer};
@@ -47,7 +48,8 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
     };
     let rect = work_rect(view, plan);
     let front = Front::draw(scene, &lighting, rect, 1.0);
-    stats.drawn = (front.opaque.len() + front.transparent.len()) as u64;
+    let balls = front.balls.as_ref();
+    stats.drawn = (front.opaque.len() + front.transparent.len() + balls.map_or(0, |b| b.drawn)) as u64;
     stats.fragments = front.passes.fragments + front.layers.iter().map(|v| u64::from(v.fragments)).sum::<u64>();
     lap(&mut stats, "rasterise");
     let behind = plan.has(Pass::EdgeAntialiasing).then(|| front.behind_edges(&lighting, rect));
@@ -71,6 +73,7 @@ pub(crate) fn render(scene: &ResidentScene, view: &View, plan: &FramePlan, frame
         frame.finish(view, |_| Identity::NOTHING);
     }
     lap(&mut stats, "shade");
+    stats.fragments += balls.map_or(0, |b| b.pixels.iter().map(|p| p.len() as u64).sum::<u64>());
     let bytes: usize = scene.objects.iter().map(|o| o.cloud.bytes()).sum();
     stats.bytes_per_splat = bytes as f64 / (scene.summary.splats.max(1)) as f64;
     stats.frame_ms = start.elapsed().as_secs_f64() * 1e3;
@@ -119,6 +122,7 @@ pub(crate) struct OpaqueImage<'a> {
     /// The surfaces behind edges, and flags of the edge pixels.
     behind: Option<&'a (Passes, Vec<bool>)>,
     meshes: Option<&'a MeshLayer<'a>>,
+    balls: Option<&'a BallLayer>,
     /// Eye-dome lighting and outlines of the nearest surfaces, if the plan has them.
     eye_dome: Option<EyeDome<'a>>,
     outlines: Option<Outlines<'a>>,
@@ -129,9 +133,9 @@ pub(crate) struct OpaqueImage<'a> {
 impl<'a> OpaqueImage<'a> {
     /// Creates the image, before shading.
     pub(crate) fn new(lighting: &'a Lighting<'a>, rect: Region, background: [f64; 4], front: &'a Front<'a>) -> Self {
-        let (passes, meshes) = (&front.passes, front.meshes.as_ref());
+        let (passes, meshes, balls) = (&front.passes, front.meshes.as_ref(), front.balls.as_ref());
         let (eye_dome, outlines, pixels) = (None, None, Vec::new());
-        Self { lighting, rect, background, front: passes, behind: None, meshes, eye_dome, outlines, pixels }
+        Self { lighting, rect, background, front: passes, behind: None, meshes, balls, eye_dome, outlines, pixels }
     }
 
     /// Shades the nearest surface of every pixel, then runs the passes that read the pixel's neighbours.
@@ -194,6 +198,13 @@ impl<'a> OpaqueImage<'a> {
         (surface, marginal || surface.is_some_and(|s| s.marginal))
     }
 
+    /// Returns the depth that a pixel shows without balls; +∞ for none.
+    pub(crate) fn shown_depth(&self, at: usize, layers: &[LayerCompositor]) -> f64 {
+        let surface = self.front_surface(at, center_in(self.rect, at)).0.map_or(f64::INFINITY, |s| s.depth);
+        let layer = layers.get(at).and_then(|layers| layers.nearest.as_ref());
+        layer.map_or(surface, |layer| layer.depth.min(surface))
+    }
+
     /// Fills the frame's planes. `layers` has the transparent layers of each pixel; empty without transparent splats.
     fn resolve(&self, layers: &[LayerCompositor], samples: Option<&Samples>, frame: &mut Frame) {
         let (view, planes) = (self.lighting.view, self.lighting.plan.planes);
@@ -213,12 +224,9 @@ impl<'a> OpaqueImage<'a> {
                 let to = (y * region.width + x) as usize;
                 let pixel = center_in(rect, from);
                 let transparent = layers.get(from);
-                let mut opaque = self.opaque(from, pixel);
-                if let Some(transparent) = transparent {
-                    opaque.color = transparent.over(opaque.color);
-                    opaque.surface = transparent.nearest.or(opaque.surface);
-                    opaque.marginal |= transparent.marginal;
-                }
+                let opaque = self.opaque(from, pixel);
+                let balls = ball::between(BallLayer::of(self.balls, from), 0.0, opaque.ends);
+                let mut opaque = self.with_layers(opaque, transparent, balls);
                 if let Some(samples) = samples {
                     if let Some(sampled) = samples.of(from) {
                         opaque.color = sampled.color;
@@ -242,7 +250,7 @@ impl<'a> OpaqueImage<'a> {
                 }
                 if planes.fragments {
                     frame.fragments_mut()[to] =
-                        self.front.sums[from].fragments + transparent.map_or(0, |v| v.fragments);
+                        self.front.sums[from].fragments + transparent.map_or(0, |v| v.fragments) + balls.len() as u32;
                 }
                 if planes.margin {
                     let marginal = opaque.marginal || edge_margin.get(from).is_some_and(|&m| m);
@@ -252,10 +260,27 @@ impl<'a> OpaqueImage<'a> {
         }
     }
 
+    /// Composites transparent layers and the fragments of balls in front of the opaque surfaces over a pixel.
+    fn with_layers(&self, mut pixel: Pixel, transparent: Option<&LayerCompositor>, balls: &[BallFragment]) -> Pixel {
+        let none = LayerCompositor::default();
+        let layers = transparent.unwrap_or(&none);
+        let depths: Vec<f64> = layers.depths().chain([pixel.ends]).collect();
+        pixel.color = layers.over(balls, pixel.color);
+        pixel.surface = layers.nearest.or(pixel.surface);
+        pixel.marginal |= layers.marginal | ball::is_marginal(balls, &depths);
+        if let Some(shown) = ball::shown(balls)
+            && pixel.surface.is_none_or(|surface| shown.z < surface.depth)
+        {
+            pixel.surface = Some(shown.surface);
+        }
+        pixel
+    }
+
     /// Returns a pixel of the opaque image.
     fn opaque(&self, at: usize, pixel: V2<f64>) -> Pixel {
         let (surface, mut marginal) = self.pixels[at];
         let mut color = self.over_background(surface);
+        let mut ends = surface.map_or(f64::INFINITY, |s| s.depth);
         if let Some((behind, edges)) = self.behind {
             marginal |= behind.sums[at].marginal;
             // This includes pixels with a threshold but without a filtered fragment, whose coverage is 0.
@@ -264,12 +289,17 @@ impl<'a> OpaqueImage<'a> {
                 let back = self.behind_edge(&behind.sums[at], at, pixel);
                 marginal |= back.is_some_and(|s| s.marginal);
                 let back = self.under_eye_dome(back, at);
-                for (c, b) in color.iter_mut().zip(self.over_background(back)) {
+                let end = back.map_or(f64::INFINITY, |s| s.depth);
+                ends = ends.min(end);
+                let balls = ball::between(BallLayer::of(self.balls, at), ends, end);
+                marginal |= ball::is_marginal(balls, &[ends, end]);
+                let behind = LayerCompositor::default().over(balls, self.over_background(back));
+                for (c, b) in color.iter_mut().zip(behind) {
                     *c = q * *c + (1.0 - q) * b;
                 }
             }
         }
-        Pixel { color, surface, marginal }
+        Pixel { color, surface, ends, marginal }
     }
 
     /// Darkens the surface behind an edge pixel by its depth among the nearest surfaces around the pixel.
@@ -299,5 +329,7 @@ struct Pixel {
     /// Colour, linear premultiplied RGBA.
     color: [f64; 4],
     surface: Option<Surface>,
+    /// Depth of the nearest opaque surface; +∞ for none.
+    ends: f64,
     marginal: bool,
 }

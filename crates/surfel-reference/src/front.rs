@@ -1,5 +1,6 @@
 //! Results of the passes in each pixel, before shading.
 
+use crate::ball::{BallFragment, BallLayer};
 use crate::edge::Edges;
 use crate::layer_compositor::LayerCompositor;
 use crate::polygon::{Hit, Polygons};
@@ -18,6 +19,8 @@ pub(crate) struct Front<'a> {
     pub(crate) passes: Passes,
     pub(crate) meshes: Option<MeshLayer<'a>>,
     pub(crate) transparent: Vec<ScreenSplat>,
+    /// Balls; `None` if the scene has none.
+    pub(crate) balls: Option<BallLayer>,
     /// Transparent layers of each pixel; empty if nothing is transparent.
     pub(crate) layers: Vec<LayerCompositor>,
 }
@@ -37,7 +40,8 @@ impl<'a> Front<'a> {
         let meshes = plan.has(Pass::Polygons).then(|| MeshLayer::new(scene, lighting, rect, &thresholds, pixel_px));
         let limits = DepthLimits { polygon: meshes.as_ref().map(|m| m.depth.as_slice()), ..DepthLimits::default() };
         let passes = Run { limits, ..run }.accumulate(thresholds);
-        let mut front = Self { opaque, bands, passes, meshes, transparent, layers: Vec::new() };
+        let balls = plan.has(Pass::Balls).then(|| BallLayer::draw(&scene.objects, lighting, rect));
+        let mut front = Self { opaque, bands, passes, meshes, transparent, balls, layers: Vec::new() };
         if !front.transparent.is_empty() {
             front.layers = front.layers(lighting, rect);
         }
@@ -69,11 +73,16 @@ impl<'a> Front<'a> {
         Some(run.accumulate(run.thresholds()))
     }
 
-    /// Returns the depth of the nearest opaque surface in each pixel; +∞ for none.
+    /// Returns the depth of the nearest opaque surface in each pixel, fragments of balls that cover the whole pixel
+    /// included; +∞ for none.
     pub(crate) fn opaque_depth(&self) -> Vec<f64> {
         let mut depths: Vec<f64> = self.passes.sums.iter().map(Sums::resolved_depth).collect();
         if let Some(meshes) = &self.meshes {
             depths.iter_mut().zip(&meshes.depth).for_each(|(z, polygon)| *z = z.min(*polygon));
+        }
+        if let Some(balls) = &self.balls {
+            let full = |fragments: &Vec<BallFragment>| fragments.iter().find(|f| f.alpha >= 1.0).map(|f| f.z);
+            depths.iter_mut().zip(&balls.pixels).for_each(|(z, of)| *z = z.min(full(of).unwrap_or(f64::INFINITY)));
         }
         depths
     }

@@ -1,15 +1,29 @@
-//! Compositing of transparent layers over a pixel, front to back in the order in which layers are found.
+//! Compositing of transparent layers and balls over a pixel, front to back.
 
+use crate::ball::BallFragment;
 use crate::shade::Surface;
 use glam::DVec3;
 
-/// The transparent layers of a pixel, composited so far.
+/// A layer of a pixel.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct LayerCompositor {
-    /// Colour of the layers, premultiplied.
+pub(crate) struct Layer {
+    pub depth: f64,
+    /// Premultiplied colour.
     pub color: DVec3,
-    /// Fraction of the background that shows through the layers.
-    pub transmittance: f64,
+    pub alpha: f64,
+}
+
+impl Layer {
+    /// Returns the layer of a ball's fragment.
+    fn of_ball(ball: &BallFragment) -> Self {
+        Self { depth: ball.z, color: ball.surface.color * ball.alpha, alpha: ball.alpha }
+    }
+}
+
+/// The transparent layers of a pixel found so far, nearest first.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct LayerCompositor {
+    layers: Vec<Layer>,
     /// The nearest layer.
     pub nearest: Option<Surface>,
     /// Number of layers that aren't empty.
@@ -20,14 +34,8 @@ pub(crate) struct LayerCompositor {
     pub marginal: bool,
 }
 
-impl Default for LayerCompositor {
-    fn default() -> Self {
-        Self { color: DVec3::ZERO, transmittance: 1.0, nearest: None, count: 0, fragments: 0, marginal: false }
-    }
-}
-
 impl LayerCompositor {
-    /// Adds a surface of opacity `alpha` behind the layers so far, which equals blending back to front (Z01 eq. 12).
+    /// Adds a surface of opacity `alpha` behind the layers so far.
     pub(crate) fn add_behind(&mut self, surface: &Surface, alpha: f64) {
         self.count += 1;
         self.add_premultiplied(surface, surface.color * alpha, alpha);
@@ -35,16 +43,33 @@ impl LayerCompositor {
 
     /// Adds a surface of premultiplied `color` and opacity `alpha` behind the layers so far.
     pub(crate) fn add_premultiplied(&mut self, surface: &Surface, color: DVec3, alpha: f64) {
-        self.color += color * self.transmittance;
-        self.transmittance *= 1.0 - alpha;
+        self.layers.push(Layer { depth: surface.depth, color, alpha });
         self.nearest = self.nearest.or(Some(*surface));
         self.marginal |= surface.marginal;
     }
 
-    /// Composites the layers over a premultiplied colour.
-    pub(crate) fn over(&self, [r, g, b, a]: [f64; 4]) -> [f64; 4] {
-        let t = self.transmittance;
-        let c = self.color + DVec3::new(r, g, b) * t;
-        [c.x, c.y, c.z, 1.0 - t + a * t]
+    /// Returns the depths of the layers.
+    pub(crate) fn depths(&self) -> impl Iterator<Item = f64> {
+        self.layers.iter().map(|layer| layer.depth)
+    }
+
+    /// Composites the layers, and the fragments of balls between them, over a premultiplied colour. The layers' own
+    /// order never changes: a fragment precedes the first layer that isn't nearer.
+    pub(crate) fn over(&self, balls: &[BallFragment], [r, g, b, a]: [f64; 4]) -> [f64; 4] {
+        let (mut color, mut transmittance) = (DVec3::ZERO, 1.0);
+        let mut add = |layer: &Layer| {
+            color += layer.color * transmittance;
+            transmittance *= 1.0 - layer.alpha;
+        };
+        let mut balls = balls.iter().peekable();
+        for layer in &self.layers {
+            while let Some(ball) = balls.next_if(|ball| ball.z < layer.depth) {
+                add(&Layer::of_ball(ball));
+            }
+            add(layer);
+        }
+        balls.for_each(|ball| add(&Layer::of_ball(ball)));
+        let c = color + DVec3::new(r, g, b) * transmittance;
+        [c.x, c.y, c.z, 1.0 - transmittance + a * transmittance]
     }
 }

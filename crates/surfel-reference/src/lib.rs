@@ -36,7 +36,7 @@
 //! From the bottom up:
 //!
 //! - `scene` stores scenes between frames; `splat` projects splats to footprints, `clip` clips them, `polygon` finds
-//!   the nearest polygon of a pixel;
+//!   the nearest polygon of a pixel, `ball` the fragments of balls in a pixel;
 //! - `raster` runs the visibility and attribute passes, with `threshold`s between them, over `pixels`;
 //! - `shade` lights a surface, `shadow` draws and samples shadow maps, `matcap` and `eye_dome` are shaders of their
 //!   own;
@@ -47,6 +47,7 @@
 //! - `frame` runs a plan's passes in order, `supersample` averages a finer frame, `renderer` is the backend.
 
 mod abuffer;
+mod ball;
 mod clip;
 mod edge;
 mod eye_dome;

@@ -13,6 +13,8 @@ use surfel_render::View;
 
 /// Distance from a footprint's rim within which a test may change, in pixels of the image.
 pub(crate) const RIM_PX: f64 = 1e-3;
+/// Distance of a coverage from a limit within which the comparison may change.
+pub(crate) const BALL_COVERAGE: f64 = 2e-3;
 /// Relative distance from equality within which any other test may change.
 pub(crate) const RELATIVE: f64 = 1e-4;
 
@@ -100,6 +102,12 @@ pub(crate) fn possible_of_sides(nearest: &Sides, farthest: &Sides) -> (PossibleT
 /// True if rounding could change which of two depths is the farther; infinities decide clearly.
 pub(crate) fn on_depth(z: f64, limit: f64) -> bool {
     (z - limit).abs() <= RELATIVE * z.abs() && z.is_finite()
+}
+
+/// True if rounding could change which of two fragments of balls is the nearer. Their depths are exact to a few
+/// roundings of f32.
+pub(crate) fn on_ball_depth(z: f64, other: f64) -> bool {
+    (z - other).abs() <= 0.1 * RELATIVE * z.abs()
 }
 
 /// True if rounding could add or remove the highlight of a light at cosine n·l (§5, `phong`).

@@ -1,9 +1,11 @@
 //! Search for the nearest splat or polygon in each pixel (§5, planes).
 
+use crate::ball::{self, BallLayer};
+use crate::frame::OpaqueImage;
 use crate::front::{Front, MeshLayer};
 use crate::pixels::center_in;
 use crate::raster::{Bands, DepthLimits, Run};
-use crate::scene::ResidentScene;
+use crate::scene::{ResidentObject, ResidentScene};
 use crate::shade::Lighting;
 use crate::splat::ScreenSplat;
 use surfel_model::NO_LABEL;
@@ -24,6 +26,17 @@ pub(crate) struct Candidate {
 const POLYGON: u32 = u32::MAX;
 
 impl Candidate {
+    /// Returns a splat, given by its index over the whole scene, at a depth.
+    fn of_splat(scene: &ResidentScene, splat: u32, z: f64) -> Self {
+        let object = scene.objects.iter().rfind(|object| object.first_splat <= splat);
+        let row = |object: &ResidentObject| {
+            let i = splat - object.first_splat;
+            object.cloud.data().rows.as_ref().map_or(i, |rows| rows[i as usize])
+        };
+        let source = object.map_or(NO_LABEL, |object| object.source as u32);
+        Self { z, splat, object: source, row: object.map_or(NO_LABEL, row) }
+    }
+
     /// Compares by depth; among equal depths by object, then by row, with polygons last.
     fn order(&self, other: &Self) -> std::cmp::Ordering {
         let key = |c: &Self| (c.splat == POLYGON, c.object, c.row);
@@ -48,6 +61,7 @@ pub(crate) fn candidates(
     rect: Region,
     relative: f64,
 ) -> Vec<Vec<Candidate>> {
+    let image = OpaqueImage::new(lighting, rect, scene.background, front);
     let mut pixels = front.contributing(scene, lighting);
     let layers = front.contributing_layers(scene, lighting, rect);
     for (at, pixel) in pixels.iter_mut().enumerate() {
@@ -55,6 +69,11 @@ pub(crate) fn candidates(
             pixel.clone_from(&layers[at]);
         } else if let Some(polygon) = front.meshes.as_ref().and_then(|meshes| polygon_of(scene, meshes, at)) {
             pixel.push(polygon);
+        }
+        let balls = BallLayer::of(front.balls.as_ref(), at);
+        if ball::shown(balls).is_some_and(|ball| ball.z < image.shown_depth(at, &front.layers)) {
+            let solid = balls.iter().filter(|f| f.is_solid);
+            *pixel = solid.map(|f| Candidate::of_splat(scene, f.splat, f.z)).collect();
         }
         pixel.sort_by(Candidate::order);
         let farthest = pixel.first().map_or(0.0, |first| first.z * (1.0 + relative));
@@ -117,10 +136,7 @@ fn gather(
         if !inside || !counts(at, splat, fragment.z) {
             return None;
         }
-        let object = scene.objects.iter().rfind(|object| object.first_splat <= splat.index)?;
-        let i = splat.index - object.first_splat;
-        let row = object.cloud.data().rows.as_ref().map_or(i, |rows| rows[i as usize]);
-        Some(Candidate { z: fragment.z, splat: splat.index, object: object.source as u32, row })
+        Some(Candidate::of_splat(scene, splat.index, fragment.z))
     };
     let of_pixel = |(at, fragments): (usize, &mut Vec<crate::raster::Fragment>)| {
         std::mem::take(fragments).into_iter().filter_map(|fragment| candidate(at, fragment)).collect()

@@ -2,8 +2,10 @@
 //!
 //! Samples are the pixels of an image that is four times as wide and high, and which is drawn as a whole.
 
+use crate::ball::{self, BallLayer};
 use crate::frame::OpaqueImage;
 use crate::front::Front;
+use crate::layer_compositor::LayerCompositor;
 use crate::pixels::center_in;
 use crate::scene::ResidentScene;
 use crate::shade::Lighting;
@@ -81,10 +83,13 @@ fn mean(image: &OpaqueImage, fine: &OpaqueImage, front: &Front, at: usize) -> Sa
         let (surface, open) = image.under_screen_space(surface, at, place * (1.0 / side as f64));
         marginal |= open;
         let mut color = fine.over_background(surface);
-        if let Some(layers) = front.layers.get(sample) {
-            color = layers.over(color);
-            marginal |= layers.marginal;
-        }
+        let depth = surface.map_or(f64::INFINITY, |s| s.depth);
+        let balls = ball::between(BallLayer::of(front.balls.as_ref(), sample), 0.0, depth);
+        marginal |= ball::is_marginal(balls, &[depth]);
+        let none = LayerCompositor::default();
+        let layers = front.layers.get(sample).unwrap_or(&none);
+        color = layers.over(balls, color);
+        marginal |= layers.marginal;
         pixel.marginal |= marginal;
         pixel.color.iter_mut().zip(color).for_each(|(sum, c)| *sum += c * share);
     }

@@ -1,5 +1,6 @@
 //! Shading (§5): attributes divided by Σw, then the plan's shader, once per pixel.
 
+use crate::ball::ScreenBall;
 use crate::polygon::{self, Polygons};
 use crate::raster::Sums;
 use crate::shadow::{self, Shadow};
@@ -89,6 +90,25 @@ impl Lighting<'_> {
         let point = Point { at: self.position(pixel, hit.z), depth: hit.z, normal, albedo, material: factors };
         let (color, marginal) = self.color(&point);
         Surface { color, depth: hit.z, normal, weight: 0.0, alpha: 1.0, marginal }
+    }
+
+    /// Lights a ball at a pixel.
+    pub(crate) fn shade_ball(
+        &self,
+        ball: &ScreenBall,
+        pixel: V2<f64>,
+        depth: f64,
+        normal: DVec3,
+        weight: f64,
+    ) -> Surface {
+        let albedo = DVec3::from(ball.color);
+        let point = Point { at: self.position(pixel, depth), depth, normal, albedo, material: ball.material };
+        let (mut color, marginal) = self.color(&point);
+        if self.plan.shader == Shader::Edl {
+            // Eye-dome lighting darkens a tilted plane by about its cosine.
+            color *= self.cosine_to_eye(&point).abs();
+        }
+        Surface { color, depth, normal, weight, alpha: 1.0, marginal }
     }
 
     /// Divides a pixel whose fragments were lit before summation ([`Lighting::lit_splat`]); `None` where Σw = 0.

@@ -1,7 +1,8 @@
 //! Shadow maps (§5): the visibility pass from the lights, and the fraction of a light that reaches a point.
 
+use crate::ball::BallView;
 use crate::margin;
-use crate::pixels::center_in;
+use crate::pixels::{center, center_in};
 use crate::polygon::Polygons;
 use crate::raster::{Bands, Run};
 use crate::scene::{ResidentMesh, ResidentObject, ResidentScene};
@@ -11,7 +12,7 @@ use surfel_math::depth::{plane_gradient, slope_allowance};
 use surfel_math::shadow::{lookup_bias, taps};
 use surfel_math::{V2, V3};
 use surfel_model::{Cull, Material};
-use surfel_render::{FramePlan, Planes, ShadowMap, View};
+use surfel_render::{FramePlan, Pass, Planes, ShadowMap, View};
 
 /// A drawn shadow map.
 pub(crate) struct Shadow<'a> {
@@ -76,7 +77,31 @@ fn draw_map<'a>(
             texel.possible = [0, 1].map(|i| texel.possible[i].min(possible[i]));
         }
     }
+    cast_by_balls(objects, &plan, map, &mut texels);
     Shadow { map, texels }
+}
+
+/// Lowers the thresholds of texels whose centres balls hide to the depths of the balls' centres: what is lit of a ball
+/// itself lies in front of it, what is behind the ball doesn't.
+fn cast_by_balls(objects: &[ResidentObject], plan: &FramePlan, map: &ShadowMap, texels: &mut [Texel]) {
+    if !plan.has(Pass::Balls) {
+        return;
+    }
+    let rect = map.view.region;
+    for ball in BallView::of_shadow_map(&map.view).project(objects, plan) {
+        if plan.ball_alphas && ball.alpha() < 1.0 {
+            continue;
+        }
+        let (columns, rows) = ball.touched(rect);
+        for (y, x) in rows.flat_map(|y| columns.clone().map(move |x| (y, x))) {
+            let texel = &mut texels[((y - rect.y) * rect.width + x - rect.x) as usize];
+            let (pixel, z) = (center(x, y), ball.center.z);
+            let (inside, on_rim) = (ball.contains(pixel), ball.is_on_rim(pixel));
+            texel.threshold = if inside { texel.threshold.min(z) } else { texel.threshold };
+            let possible = [inside || on_rim, inside && !on_rim];
+            texel.possible = [0, 1].map(|i| if possible[i] { texel.possible[i].min(z) } else { texel.possible[i] });
+        }
+    }
 }
 
 /// Returns the fraction of a light that reaches a point, and true if rounding could change it. `position` is relative

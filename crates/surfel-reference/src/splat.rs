@@ -91,6 +91,11 @@ impl ObjectView {
         let origin = view.view_from_world * (object.world_from_object.translation - view.eye);
         Self { linear: view.view_from_world * m, origin, normals: normal_matrix(&m) }
     }
+
+    /// Returns the view position of a point of the object.
+    pub(crate) fn point(&self, local: DVec3) -> DVec3 {
+        self.origin + self.linear * local
+    }
 }
 
 /// Projects every splat that is drawn in some pass, in index order.
@@ -102,7 +107,7 @@ pub(crate) fn project_all(objects: &[ResidentObject], view: &View, plan: &FrameP
         let splats = (0..object.cloud.len()).into_par_iter();
         splats.filter(|i| selection.is_none_or(|s| s.has_splat(*i as u32))).filter_map(each).collect::<Vec<_>>()
     };
-    objects.iter().flat_map(of_object).collect()
+    objects.iter().filter(|object| !object.cloud.is_balls()).flat_map(of_object).collect()
 }
 
 /// Projects splat `i` of an object; `None` if it is drawn in no pass.

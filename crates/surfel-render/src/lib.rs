@@ -39,6 +39,7 @@
 //! `save` adds `Frame::save_png`, `Frame::save_exr` and `Frame::planes`.
 
 mod background;
+mod balls;
 mod color_plane;
 mod error;
 mod frame;
@@ -56,6 +57,7 @@ mod summary;
 mod view;
 
 pub use background::Background;
+pub use balls::{BallPixel, BallPixelForm, ball_scale};
 pub use error::RenderError;
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
 pub use gaussians::GaussianView;

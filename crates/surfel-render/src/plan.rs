@@ -2,8 +2,8 @@
 
 use crate::needs::ShaderNeeds;
 use crate::{
-    Capabilities, Feature, GaussianColors, Planes, RenderError, SceneOctree, SceneSummary, Selection, ShadowMap, View,
-    select,
+    BallPixel, Capabilities, Feature, GaussianColors, Planes, RenderError, SceneOctree, SceneSummary, Selection,
+    ShadowMap, View, select,
 };
 use surfel_math::depth::Tolerance;
 use surfel_math::eye_dome;
@@ -100,6 +100,8 @@ pub enum Pass {
     Outlines,
     /// Darkens pixels that are deeper than their neighbours (§5, `edl`).
     EyeDome,
+    /// Composites balls and dots with the other surfaces of a pixel, by depth (§11).
+    Balls,
     /// Draws one layer of transparent splats: visibility behind the previous layer, attributes, shading (§8).
     PeelLayer,
     /// Blends all transparent fragments behind the previous layers, lit per splat, into one layer (§8).
@@ -147,8 +149,12 @@ pub struct FramePlan {
     pub shadow_maps: Vec<ShadowMap>,
     /// Selected parts of each octree, in the order of the objects.
     pub octrees: Vec<ChosenParts>,
-    /// Number of splats of clouds, and of splats selected from octrees.
+    /// Number of splats of clouds, balls included, and of splats selected from octrees.
     pub splats: u64,
+    /// True if the alphas of balls count: transparency isn't off.
+    pub ball_alphas: bool,
+    /// Length of a pixel of the image, if some balls' radii are in pixels.
+    pub ball_pixel: Option<BallPixel>,
     /// Maximum number of surfaces per pixel in [`Pass::ABuffer`]; 0 without that pass.
     pub abuffer_surfaces: u32,
     /// Shading of pixels.
@@ -237,7 +243,7 @@ pub fn plan(
     let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
     let exact = settings.mapping == Mapping::Exact;
     let needs = if planes.color { ShaderNeeds::of(settings.shader) } else { ShaderNeeds::default() };
-    let splats = !summary.meshes || summary.splats > 0;
+    let splats = summary.splats > 0 || !(summary.meshes || summary.balls > 0);
     let shadows = summary.shadows.as_ref().filter(|_| needs.lights);
     let shadow_maps = shadows.map_or_else(Vec::new, |s| s.maps(settings.cutoff));
     let mut passes = vec![Pass::ShadowMap; shadow_maps.len()];
@@ -245,9 +251,12 @@ pub fn plan(
     passes.extend(summary.meshes.then_some(Pass::Polygons));
     passes.extend(splats.then_some(Pass::Attributes));
     passes.push(Pass::Shade);
-    passes.extend(needs.pass);
-    let edges = if planes.color { settings.edge_aa } else { EdgeAa::Off };
+    // Balls need neither: their shading and their outlines are closed forms.
+    let surfaces = splats || summary.meshes;
+    passes.extend(needs.pass.filter(|_| surfaces));
+    let edges = if planes.color && surfaces { settings.edge_aa } else { EdgeAa::Off };
     passes.extend((edges == EdgeAa::Coverage).then_some(Pass::EdgeAntialiasing));
+    passes.extend((summary.balls > 0).then_some(Pass::Balls));
     let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
     let mut abuffer_surfaces = 0;
     match transparency {
@@ -285,7 +294,12 @@ pub fn plan(
         attributes: Attributes {
             color: needs.albedo && summary.colors,
             normal: planes.normal || needs.normal,
-            depth: planes.depth || needs.depth || light_needs_depth || edges_need_depth || separates_transparent,
+            depth: planes.depth
+                || needs.depth
+                || light_needs_depth
+                || edges_need_depth
+                || separates_transparent
+                || summary.balls > 0,
             material: needs.lights && summary.materials_differ,
             coverage: edges == EdgeAa::Coverage || abuffer_surfaces > 0 || (summary.meshes && splats),
             alpha: separates_transparent,
@@ -294,7 +308,9 @@ pub fn plan(
         keeps_facings: summary.both_facings && splats,
         shadow_maps,
         octrees,
-        splats: summary.splats,
+        splats: summary.splats + summary.balls,
+        ball_alphas: summary.balls > 0 && settings.transparency != Transparency::Off,
+        ball_pixel: summary.has_balls_in_pixels.then(|| BallPixel::of(view)),
         abuffer_surfaces,
         passes,
         accumulate: settings.accumulate,
@@ -356,6 +372,8 @@ fn plan_of_gaussians(
         shadow_maps: Vec::new(),
         octrees: Vec::new(),
         splats: summary.splats,
+        ball_alphas: false,
+        ball_pixel: None,
         abuffer_surfaces: 0,
         shader: Shader::Unlit,
         sort: settings.sort,
@@ -392,6 +410,7 @@ pub fn unsupported(
         (Feature::EdgeAntialiasing, settings.edge_aa == EdgeAa::Coverage && of_surfaces),
         (Feature::EdgeSamples, settings.edge_aa == EdgeAa::Samples && planes.color && of_surfaces),
         (Feature::Gaussians, !of_surfaces),
+        (Feature::Balls, summary.balls > 0),
         (Feature::Margin, planes.margin),
     ];
     let of_shader = shader.feature.filter(|_| of_surfaces).map(|feature| (feature, true));
@@ -431,6 +450,11 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
             "Gaussians drawn one over another",
             "are in the scene (\"composite\": \"over\")",
             "choose --backend cpu, or --composite surface",
+        ),
+        Feature::Balls => (
+            "a ball or dot",
+            "is in the scene (\"points_as\")",
+            "choose --backend cpu, or --points-as surface or disks",
         ),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
     }

@@ -42,6 +42,8 @@ features! {
     EyeDome,
     /// Trained Gaussians, drawn one over another (docs/gaussians.md).
     Gaussians,
+    /// Balls and dots (§11).
+    Balls,
     /// The decision margin plane.
     Margin,
 }
@@ -147,6 +149,15 @@ pub trait Renderer {
         _progress: &mut dyn FnMut(UploadProgress),
     ) -> Result<Self::Scene, RenderError> {
         self.upload(scene)
+    }
+
+    /// Replaces lights, ambient light, background, matcap and materials of a resident scene by those of `scene`, whose
+    /// objects must be the resident ones. Returns false if this backend can't: `scene` must then be uploaded.
+    ///
+    /// # Errors
+    /// [`RenderError::Model`] if the scene is invalid.
+    fn relight(&mut self, _resident: &mut Self::Scene, _scene: &Scene) -> Result<bool, RenderError> {
+        Ok(false)
     }
 
     /// Renders the colour plane of a camera's whole image. [`Renderer::render_into`] also renders other planes, regions

@@ -1,6 +1,6 @@
 //! Shadow maps (§5): the lights that cast shadows, the bounds of their scene, and the maps' views.
 
-use crate::{Region, SplatFilter, View};
+use crate::{Region, SplatFilter, View, ball_scale};
 use glam::{DAffine3, DMat3, DVec3};
 use surfel_math::basis::{orthonormal, unit};
 use surfel_math::depth::Tolerance;
@@ -153,9 +153,14 @@ fn for_extents(scene: &Scene, mut each: impl FnMut(DVec3, f64)) {
 fn for_splats(cloud: &SplatCloud, world_from_object: &DAffine3, each: &mut impl FnMut(DVec3, f64)) {
     let m = world_from_object;
     for i in 0..cloud.len() {
+        let at = m.transform_point3(cloud.center(i));
+        if cloud.is_balls() {
+            each(at, cloud.radius_max(i) * ball_scale(m));
+            continue;
+        }
         let (s, t) = cloud.axes(i);
         let (s, t) = (m.transform_vector3(s), m.transform_vector3(t));
-        each(m.transform_point3(cloud.center(i)), s.length().hypot(t.length()));
+        each(at, s.length().hypot(t.length()));
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::{Selection, ShadowScene};
 use glam::DAffine3;
 use std::sync::Arc;
-use surfel_model::{Cull, Geometry, Light, Octree, Scene};
+use surfel_model::{Cull, Geometry, Light, Octree, Scene, Shape};
 
 /// Object that is an octree, of which a plan selects parts.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,8 +32,12 @@ pub enum GaussianColors {
 /// Properties of a scene that planning needs.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneSummary {
-    /// Number of splats, with all splats of octrees.
+    /// Number of splats, with all splats of octrees; balls aren't included.
     pub splats: u64,
+    /// Number of balls and dots.
+    pub balls: u64,
+    /// True if some balls' radii are in pixels.
+    pub has_balls_in_pixels: bool,
     /// True if some cloud or mesh has colours.
     pub colors: bool,
     /// True if some splat has an alpha below 1.
@@ -71,6 +75,15 @@ impl SceneSummary {
         for (i, object) in scene.objects.iter().enumerate() {
             summary.surfaces |= !matches!(object.geometry, Geometry::Gaussians(_));
             match &object.geometry {
+                Geometry::Splats(cloud) if cloud.is_balls() => {
+                    summary.balls += cloud.len() as u64;
+                    let is_in_pixels = matches!(cloud.data().shape, Shape::Balls { in_pixels: true, .. });
+                    summary.has_balls_in_pixels |= is_in_pixels;
+                    summary.colors |= cloud.data().colors.is_some();
+                    if cloud.data().rows.is_none() {
+                        summary.without_rows.get_or_insert(i);
+                    }
+                }
                 Geometry::Splats(cloud) => {
                     let data = cloud.data();
                     summary.splats += cloud.len() as u64;

@@ -206,8 +206,8 @@ impl Hub {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::distances::closest;
     use crate::mesh::random::Random;
-    use crate::sharp::measure::closest;
 
     #[test]
     fn nearest_shape_is_that_of_brute_force() {

@@ -18,7 +18,7 @@
 //! the density radius for the cloud's typical spacing, or 1.5 times that on lines.
 
 /// Density radius, relative to the square root of the area per point.
-pub(crate) const DENSITY: f64 = 1.65;
+pub const DENSITY: f64 = 1.65;
 /// Radius relative to the reach of the Voronoi cell. The margin makes up for curvature and tilted neighbours. It also
 /// raises the weight at a corner from exp(−2) = 0.14 to exp(−2/1.15²) = 0.22 for each of the three or more splats that
 /// meet there.

@@ -29,11 +29,14 @@ struct Probe {
 /// The weight is the lower median over the probes k = ⌊i·n/m⌋, m = min(n, 4096). Each probe sums w_j at p_k + ½s_k +
 /// ½t_k seen along k's normal. The sum is over all splats (k included) whose normals agree within 60° and whose plane
 /// the line meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty
-/// cloud.
+/// cloud, and for balls.
 ///
 /// The probes are stored in a tree and all splats are tested against it, so only the probes need memory.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
+    if cloud.is_balls() {
+        return None;
+    }
     let (probes, of) = {
         let m = count.min(PROBES);
         let index = |i: usize| (i as u128 * count as u128 / m as u128) as usize;
@@ -53,7 +56,7 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
             let center = cloud.data().centers.get(j);
             // An upper bound of the radius that is cheap to compute.
             let bound = match &cloud.data().shape {
-                Shape::Disks { radii, .. } => f64::from(radii[j]),
+                Shape::Disks { .. } | Shape::Balls { .. } => cloud.radius_max(j),
                 Shape::Ellipses { s, t } => (s.get(j).length_squared() + t.get(j).length_squared()).sqrt(),
             };
             if nearby.as_ref().is_some_and(|nearby| !nearby.may_meet(center, bound)) {
@@ -173,9 +176,9 @@ impl Splat {
     fn of(cloud: &SplatCloud, j: usize, center: DVec3, radius: f64) -> Self {
         let normal = cloud.normal(j);
         let axes = match &cloud.data().shape {
-            Shape::Disks { radii, .. } => {
+            Shape::Disks { .. } | Shape::Balls { .. } => {
                 let (s, t) = orthonormal(normal);
-                Axes::Disk { s, t, r: f64::from(radii[j]) }
+                Axes::Disk { s, t, r: radius }
             }
             Shape::Ellipses { s, t } => {
                 let (s, t) = (s.get(j), t.get(j));

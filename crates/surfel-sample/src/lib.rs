@@ -50,6 +50,7 @@ mod block;
 mod boxes;
 mod cell;
 mod class;
+mod distances;
 mod eigen;
 mod error;
 mod fit;
@@ -75,7 +76,8 @@ mod sharp;
 mod sorted;
 mod tree;
 
-pub use class::PointClass;
+pub use class::{DENSITY, PointClass};
+pub use distances::Distances;
 pub use error::SampleError;
 pub use fit::{FitReport, PointFitReport, fit_point_colors, fit_to_mesh};
 pub use interior::interior_weight;

@@ -6,24 +6,23 @@ use crate::queries::Queries;
 use crate::scene::{empty, filled};
 use std::collections::HashMap;
 use surfel_gpu::{
-    CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, PIXEL_PASS_BUFFERS,
-    PIXEL_PASS_TEXTURES, PixelPass, SETUP_STEPS_BINDING, Target, binding_slots, workgroups,
+    CellBinding, CellBuffer, CellCounts, CellRoom, CellRound, CellStage, CellStep, CellTiles, binding_slots,
 };
 
 /// Buffers of the compute path, reused from frame to frame while they are large enough.
 #[derive(Default)]
 pub(crate) struct CellBuffers {
     buffers: HashMap<CellBuffer, wgpu::Buffer>,
-    /// Capacity of the buffers, in records and pairs; `None` before the first tile.
+    /// Capacity of the buffers; `None` before the first tile.
     pub room: Option<CellRoom>,
 }
 
 impl CellBuffers {
     /// Creates buffers with capacity `room` for a tile, unless the existing ones are large enough.
-    pub(crate) fn prepare(&mut self, device: &wgpu::Device, cells: &CellCounts, room: CellRoom) {
+    pub(crate) fn prepare(&mut self, device: &wgpu::Device, tiles: &CellTiles, room: CellRoom) {
         self.room = Some(room);
         for buffer in CellBuffer::ALL {
-            let bytes = buffer.bytes(cells, room);
+            let bytes = tiles.bytes(buffer, room);
             if self.buffers.get(&buffer).is_none_or(|made| made.size() < bytes) {
                 // The old buffer is freed first: memory may not suffice for both.
                 self.buffers.remove(&buffer);
@@ -49,7 +48,6 @@ pub(crate) struct CellTile<'a> {
     stages: &'a [CellStage],
     /// Bind groups of each dispatch, stage by stage; `None` if a resource is missing.
     groups: Vec<Vec<Option<[wgpu::BindGroup; 2]>>>,
-    pixels: Vec<(PixelPass, [wgpu::BindGroup; 2])>,
 }
 
 impl<'a> CellTile<'a> {
@@ -57,7 +55,7 @@ impl<'a> CellTile<'a> {
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         inputs: &TileInputs<'a>,
-        (counts, buffers): (&CellCounts, &CellBuffers),
+        (counts, buffers, room): (&CellCounts, &CellBuffers, CellRoom),
         stages: &'a [CellStage],
     ) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
@@ -72,7 +70,7 @@ impl<'a> CellTile<'a> {
         ];
         let rounds: HashMap<CellRound, wgpu::Buffer> = CellRound::ALL
             .into_iter()
-            .map(|round| (round, filled(device, queue, "round", &round.words(counts), uniforms)))
+            .map(|round| (round, filled(device, queue, "round", &round.words(counts, room), uniforms)))
             .collect();
         let near: Vec<u32> = data.near.iter().flat_map(|near| near.records.iter().copied()).collect();
         let near = filled(device, queue, "near records", if near.is_empty() { &[0] } else { &near }, storage);
@@ -96,7 +94,6 @@ impl<'a> CellTile<'a> {
                 entries: &entries,
             })
         };
-        let steps = targets.entries(&[(SETUP_STEPS_BINDING, Target::Steps)]);
         let group = |step: &CellStep, layout: &wgpu::BindGroupLayout| {
             let resident = || scene.segments.get(step.segment?);
             let segment = || segments.get(&step.segment?);
@@ -110,7 +107,6 @@ impl<'a> CellTile<'a> {
                     CellBinding::Planes => &targets.planes,
                     CellBinding::Round => rounds.get(&step.round)?,
                     CellBinding::Buffer(buffer) => buffers.get(buffer)?,
-                    CellBinding::Steps => return steps.first().cloned(),
                 };
                 Some(wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() })
             };
@@ -124,27 +120,12 @@ impl<'a> CellTile<'a> {
             Some([frame_group(step.entry, frame_layout), group(step, layout)?])
         };
         let groups = stages.iter().map(|stage| stage.steps.iter().map(of_step).collect()).collect();
-        let pixels = inputs.pixel_passes.iter().filter_map(|&pass| {
-            let layout = &pipelines.pixels(pass)?.group;
-            let slots = binding_slots(&[pass.entry()], 1);
-            let planes =
-                wgpu::BindGroupEntry { binding: PIXEL_PASS_BUFFERS[0], resource: targets.planes.as_entire_binding() };
-            let all = targets.entries(&PIXEL_PASS_TEXTURES).into_iter().chain([planes]);
-            let entries: Vec<_> = all.filter(|entry| slots.iter().any(|slot| slot.binding == entry.binding)).collect();
-            let own = device.create_bind_group(&wgpu::BindGroupDescriptor {
-                label: Some(pass.entry()),
-                layout,
-                entries: &entries,
-            });
-            let all: Vec<&wgpu::Buffer> = frame_buffers.iter().collect();
-            Some((pass, [crate::scene::bind(device, "frame", &pipelines.frame_group, &all), own]))
-        });
-        Self { pixels: pixels.collect(), inputs: *inputs, stages, groups }
+        Self { inputs: *inputs, stages, groups }
     }
 
     /// Records all stages.
     pub(crate) fn record(&self, encoder: &mut wgpu::CommandEncoder, queries: &mut Queries) {
-        let TileInputs { pipelines, data, .. } = self.inputs;
+        let TileInputs { pipelines, .. } = self.inputs;
         for (stage, groups) in self.stages.iter().zip(&self.groups) {
             compute(encoder, stage.name, Some(&mut *queries), |pass| {
                 for (step, groups) in stage.steps.iter().zip(groups) {
@@ -155,18 +136,6 @@ impl<'a> CellTile<'a> {
                     let [x, y] = step.workgroups;
                     pass.dispatch_workgroups(x, y, 1);
                 }
-            });
-        }
-        for (pixels, [frame, own]) in &self.pixels {
-            let Some(pipeline) = pipelines.pixels(*pixels) else { continue };
-            compute(encoder, pixels.name(), Some(&mut *queries), |pass| {
-                pass.set_pipeline(&pipeline.raw);
-                pass.set_bind_group(0, frame, &[]);
-                pass.set_bind_group(1, own, &[]);
-                let targets = [data.targets.width, data.targets.height];
-                let [width, height] = pixels.size(targets, [data.tile.width, data.tile.height]);
-                let entry = pixels.entry();
-                pass.dispatch_workgroups(workgroups(width, entry, 0), workgroups(height, entry, 1), 1);
             });
         }
     }

@@ -136,6 +136,7 @@ impl<'a> Tile<'a> {
         let near = near.collect();
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
+        let balls = filled(device, queue, "balls", &data.balls, storage);
         let gaussians = data.gaussians.as_ref().map(|GaussianLists { records, lists, room_bytes, .. }| {
             [("Gaussians", records, 0), ("lists of Gaussians", lists, *room_bytes)]
                 .map(|(label, words, more)| filled_before(device, queue, label, words, more, storage))
@@ -158,6 +159,7 @@ impl<'a> Tile<'a> {
                 layer_composites,
                 inputs.drawn_shadow_texels,
                 layer_draws,
+                &balls,
             ];
             let buffers = PIXEL_PASS_BUFFERS
                 .into_iter()

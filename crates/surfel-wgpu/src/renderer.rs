@@ -12,17 +12,14 @@ use crate::scene::{self, ResidentScene, empty};
 use crate::targets::Targets;
 use std::time::Instant;
 use surfel_gpu::{
-    COUNTER_BYTES, CellBuffer, CellCounts, CellRoom, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame,
-    FrameScene, FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart,
-    ShadowMapCache, ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, cell_stages, count_frame_bytes,
-    count_layers, layers_remain, least_surfaces, pixel_passes_after_cells, schedule, shadow_map_jobs, shadow_texels,
-    with_more_layers,
+    CellBuffer, CellRoom, CellTiles, Draw, EDGE_SAMPLES, FILL_RATE_RUNS, FillRate, FillRateFrame, FrameScene,
+    FrameTiles, GpuPath, LAYER_HEADER_BYTES, Limits, PixelPass, Precision, SHADOW_MAPS, SamplePart, ShadowMapCache,
+    ShadowMapJob, Step, TargetKey, TileData, Variant, cell_entries, count_frame_bytes, count_layers, layers_remain,
+    least_surfaces, schedule, shadow_map_jobs, shadow_texels, with_more_layers,
 };
 use surfel_model::Storage;
 use surfel_model::{Scene, Settings};
-use surfel_render::{
-    Frame, FramePlan, Identity, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan,
-};
+use surfel_render::{Frame, FramePlan, Pass, Planes, RenderError, RendererInfo, Stats, UploadProgress, View, plan};
 
 /// Renderer of the wgpu backend.
 pub struct Renderer {
@@ -220,93 +217,64 @@ impl Renderer {
     fn tile(
         &mut self,
         job: &FrameJob<'_>,
-        data: &mut TileData,
+        data: TileData,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<(), RenderError> {
-        let Some(cells) = data.cells.clone() else { return self.raster_tile(job, data, frame, stats) };
-        if !self.cell_tile(job, data, &cells, frame, stats)? {
-            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, data.tile);
+        if data.cells.is_none() {
+            return self.raster_tile(job, &data, frame, stats);
+        }
+        let tile = data.tile;
+        let tiles = CellTiles::new(data, &job.scene.cpu, job.frame_scene, job.view, job.plan);
+        if !self.cell_tiles(job, tiles, frame, stats)? {
+            let data = TileData::new(&job.scene.cpu, job.frame_scene, job.view, job.plan, tile);
             self.raster_tile(job, &data, frame, stats)?;
         }
         Ok(())
     }
 
     /// Draws one tile by the compute path. Returns false and draws nothing if the tile doesn't fit the device.
-    fn cell_tile(
+    fn cell_tiles(
         &mut self,
         job: &FrameJob<'_>,
-        data: &mut TileData,
-        cells: &CellCounts,
+        mut tiles: CellTiles,
         frame: &mut Frame,
         stats: &mut Stats,
     ) -> Result<bool, RenderError> {
         let device = self.device.clone();
         let missing = || failed("the targets were not made");
-        let mut room = CellRoom::start(self.cells.room, cells, self.limits);
+        let mut room = tiles.room(self.cells.room, self.limits);
         while let Some(tried) = room {
-            data.put_room(tried);
-            let pixel_passes = pixel_passes_after_cells(job.plan);
-            let stages = cell_stages(job.plan, cells, tried);
-            let floats = data.planes.floats;
-            let key = TargetKey {
-                size: data.target_size(job.plan),
-                precision: Precision::F32,
-                draws: Vec::new(),
-                floats: data.planes.buffer_floats,
-            };
-            let made = scoped(&device, || self.cells.prepare(&device, cells, tried));
+            tiles.put_room(tried);
+            let made = scoped(&device, || self.cells.prepare(&device, &tiles, tried));
             if matches!(made, Err(ScopedError::OutOfMemory)) {
                 // Memory may still suffice for raster hardware.
                 self.cells = CellBuffers::default();
                 return Ok(false);
             }
             made?;
+            let pixels = tiles.pixels().ok_or_else(missing)?;
             let recorded = scoped(&device, || {
-                pixel_passes.iter().for_each(|&pass| self.pipelines.prepare_pixels(&device, pass));
                 cell_entries(job.plan).into_iter().for_each(|entry| self.pipelines.prepare_cells(&device, entry));
-                self.prepare_targets(key);
-                let targets = self.targets.as_ref()?;
-                let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
-                let inputs = TileInputs {
-                    scene: job.scene,
-                    pipelines: &self.pipelines,
-                    targets,
-                    frame: job.frame_scene,
-                    data,
-                    pixel_passes: &pixel_passes,
-                    shadow_texels: job.shadow_texels,
-                    drawn_shadow_texels: &none,
-                    host_depth: None,
-                };
-                let tile = CellTile::new(&device, &self.queue, &inputs, (cells, &self.cells), &stages);
-                let descriptor = wgpu::CommandEncoderDescriptor { label: Some("tile of cells") };
-                let mut encoder = device.create_command_encoder(&descriptor);
-                self.queries.restart(None);
-                tile.record(&mut encoder, &mut self.queries);
-                let costs = self.queries.resolve(&device, &mut encoder);
-                let counters = self.cells.get(CellBuffer::Counters)?;
-                let none = (counters, 0);
-                let parts = [
-                    (&targets.planes, 4 * u64::from(floats)),
-                    (counters, COUNTER_BYTES),
-                    costs.as_ref().map_or(none, |(buffer, bytes)| (buffer, *bytes)),
-                ];
-                let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
-                self.queue.submit([encoder.finish()]);
-                Some(readback)
+                self.prepare_targets(TargetKey {
+                    size: pixels.target_size(job.plan),
+                    precision: Precision::F32,
+                    draws: Vec::new(),
+                    floats: pixels.planes.buffer_floats,
+                });
+                self.record_cells(job, &tiles, tried)
             })?;
             let pass_record = self.queries.pass_record();
             let (more, readback) = recorded.ok_or_else(missing)?.read_and_keep(&device, |parts| {
                 let [planes, counters, costs] = parts else { return None };
                 if !tried.holds(counters) {
-                    return Some(tried.grown(counters, cells, self.limits));
+                    return Some(tiles.grown(tried, counters, self.limits));
                 }
                 pass_record.add(costs, stats);
                 CellRoom::count(counters, stats);
-                let nothing = |_, _| Identity::NOTHING;
+                let identity = |group, n| pixels.cell_identity(&job.scene.cpu, group, n);
                 let planes = bytemuck::cast_slice(planes);
-                stats.fragments += data.planes.store(planes, data.tile, job.view.region, frame, nothing);
+                stats.fragments += pixels.planes.store(planes, pixels.tile, job.view.region, frame, identity);
                 None
             })?;
             self.readback = Some(readback);
@@ -319,6 +287,43 @@ impl Renderer {
             room = grown;
         }
         Ok(false)
+    }
+
+    /// Records and submits the dispatches of a tile, and the copies that the host reads: planes, counters and costs.
+    /// Returns `None` if a resource is missing.
+    fn record_cells(&mut self, job: &FrameJob<'_>, tiles: &CellTiles, room: CellRoom) -> Option<Readback> {
+        let device = self.device.clone();
+        let targets = self.targets.as_ref()?;
+        let none = empty(&device, "no shadow map", 4, wgpu::BufferUsages::STORAGE);
+        let descriptor = wgpu::CommandEncoderDescriptor { label: Some("tile of cells") };
+        let mut encoder = device.create_command_encoder(&descriptor);
+        self.queries.restart(None);
+        for (data, stages) in tiles.tiles().iter().zip(&tiles.stages(job.plan, room)) {
+            let inputs = TileInputs {
+                scene: job.scene,
+                pipelines: &self.pipelines,
+                targets,
+                frame: job.frame_scene,
+                data,
+                pixel_passes: &[],
+                shadow_texels: job.shadow_texels,
+                drawn_shadow_texels: &none,
+                host_depth: None,
+            };
+            let counts = data.cells.as_ref()?;
+            let tile = CellTile::new(&device, &self.queue, &inputs, (counts, &self.cells, room), stages);
+            tile.record(&mut encoder, &mut self.queries);
+        }
+        let costs = self.queries.resolve(&device, &mut encoder);
+        let counters = self.cells.get(CellBuffer::Counters)?;
+        let parts = [
+            (&targets.planes, 4 * u64::from(tiles.pixels()?.planes.floats)),
+            (counters, tiles.bytes(CellBuffer::Counters, room)),
+            costs.as_ref().map_or((counters, 0), |(buffer, bytes)| (buffer, *bytes)),
+        ];
+        let readback = Readback::record_into(self.readback.take(), &device, &mut encoder, &parts);
+        self.queue.submit([encoder.finish()]);
+        Some(readback)
     }
 
     /// Draws one tile into the frame by raster hardware.
@@ -538,7 +543,7 @@ impl surfel_render::Renderer for Renderer {
         let (texels, costs) = self.shadow_maps(scene, &plan)?;
         let job = FrameJob { scene, shadow_texels: &texels, frame_scene: &frame_scene, view, plan: &plan };
         for data in FrameTiles::new(&scene.cpu, &frame_scene, view, &plan, self.limits, self.path) {
-            self.tile(&job, &mut data.map_err(failed)?, frame, &mut stats)?;
+            self.tile(&job, data.map_err(failed)?, frame, &mut stats)?;
         }
         for MapCost { readback, pass_record } in costs {
             readback.read(&self.device, |parts| pass_record.add(parts.concat().as_slice(), &mut stats))?;

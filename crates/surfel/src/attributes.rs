@@ -38,7 +38,7 @@ fn class_name(class: usize) -> &'static str {
 }
 
 /// Describes type and range of a column.
-fn column(extra: &ExtraColumn) -> Value {
+pub(crate) fn column(extra: &ExtraColumn) -> Value {
     let range = extra.values.range();
     json!({ "type": extra.values.type_name(), "min": range.map(|r| r.0), "max": range.map(|r| r.1) })
 }
@@ -74,7 +74,7 @@ fn of_splats(data: &CloudData, name: &str) -> Value {
     match (name, &data.shape) {
         ("position", _) => of_column(data.origin, Some(&data.centers)),
         ("normal", Shape::Disks { normals, .. }) => of_column(DVec3::ZERO, Some(normals)),
-        ("radius", Shape::Disks { radii, .. }) => of_numbers(Some(radii)),
+        ("radius", Shape::Disks { radii, .. } | Shape::Balls { radii, .. }) => of_numbers(Some(radii)),
         ("half-axes", Shape::Ellipses { s, t }) => {
             let lengths = [s, t].into_iter().flat_map(|axis| (0..axis.len()).map(|i| axis.get(i).length()));
             spread(lengths.map(|length| [length])).map_or_else(nothing, |(lo, hi)| limits(lo[0], hi[0]))

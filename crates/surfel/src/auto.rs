@@ -1,17 +1,17 @@
 //! Automatic scenes for files without a scene file: camera, lights, materials and settings that suit their data.
 
 use crate::closed;
-use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
+use crate::estimates::Estimates;
+use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice};
 use crate::framing::{UpConvention, UpReason, Upright, upright};
-use crate::lights::lights_of;
+use crate::loaded_objects::{LoadedObjects, ObjectFacts, ObjectNote};
 use crate::patches::Patches;
-use crate::scene::ObjectFacts;
-use crate::scene::{LoadedObjects, ObjectNote, assemble, load_bare_objects, load_scene, read_scene_file};
+use crate::scene::{assemble, load_bare_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions, sheets};
 use std::path::Path;
 use surfel_model::{
-    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, Scene, SceneFile,
-    Settings, Shader, Transparency, Up,
+    Camera, Composite, ConvertOptions, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, PointsAs, Scene,
+    SceneFile, Settings, Shader, Transparency, Up,
 };
 use surfel_render::{Preset, View};
 use surfel_sample::Progress;
@@ -114,6 +114,23 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     largest.flatten().map(DepthTolerance::Relative)
 }
 
+/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind
+/// of splat. Returns a note for each. `objects` are those of `loaded`, in order.
+pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
+    let mut notes = Vec::new();
+    for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
+        let Some(reason) = facts.sparse.filter(|_| object.convert.points_as.is_none()) else { continue };
+        object.convert.points_as = Some(PointsAs::Balls(None));
+        let path = object.splats.clone().unwrap_or_default();
+        let text =
+            format!("its points are drawn as balls, because {} (--points-as surface draws a surface)", reason.words());
+        if !notes.iter().any(|note: &ObjectNote| note.path == path) {
+            notes.push(ObjectNote { path, text });
+        }
+    }
+    notes
+}
+
 /// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
 /// states it decides; otherwise the objects' shape does ([`upright`]).
 pub fn auto_up(loaded: &LoadedObjects) -> Upright {
@@ -130,6 +147,16 @@ pub fn auto_up(loaded: &LoadedObjects) -> Upright {
 /// [`Error::Model`] for objects without a finite extent that can be framed. The camera and settings of the options are
 /// checked when they are used, not here.
 pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
+    scene_by(&Estimates::default(), objects, loaded, options)
+}
+
+/// Creates a scene file like [`auto_scene`], by cached estimates of the loaded objects.
+pub(crate) fn scene_by(
+    estimates: &Estimates,
+    objects: Vec<ObjectFile>,
+    loaded: &LoadedObjects,
+    options: &AutoOptions,
+) -> Result<SceneFile, Error> {
     let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
     let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
     let camera = match &options.camera {
@@ -146,20 +173,23 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
                 let problem = "the objects have no finite extent to look at: give a camera (--camera, --eye)";
                 Error::Model(surfel_model::ModelError::Conflict(problem.to_owned()))
             };
-            frame_camera(&scene, &framing).ok_or_else(nothing)?
+            estimates.camera(&scene, framing).ok_or_else(nothing)?
         }
     };
     let mut objects = objects;
     // A camera that can't be drawn is refused where it is.
-    let (whites, view) = (Whites::of(loaded), View::new(&camera).ok());
-    for ((object, facts), drawn) in objects.iter_mut().zip(&loaded.facts).zip(&loaded.objects) {
+    let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
+    let all = || loaded.facts.iter().zip(&loaded.objects);
+    let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
+    for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
         let covers = |view| sheets::covers_other_surfaces(drawn, view);
-        let is_culled = hides_its_back(facts, drawn) && !view.as_ref().is_some_and(covers);
-        object.material = material(facts, is_culled, whites.exposure());
+        let is_culled = *is_closed && !view.as_ref().is_some_and(covers);
+        let color = object.material.color;
+        object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
     }
     Ok(SceneFile {
         up: Some(up),
-        lights: Some(lights_of(&camera, loaded, up)),
+        lights: Some(estimates.lighting(loaded, up).lights(&camera)),
         camera,
         background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,
@@ -167,59 +197,6 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
         objects,
         settings: options.settings,
     })
-}
-
-/// Largest linear light that a white surface of [`material`]'s factors reflects in an automatic scene, before exposure:
-/// between key light and fill, including the highlight.
-const BRIGHTEST: f64 = 1.04;
-/// Linear light that exposure reduces the brightest surfaces to, so that white objects show their shape.
-const HEADROOM: f64 = 0.9;
-/// Fraction of the surface that counts as stray highlights and is ignored when estimating the brightest colour.
-const HIGHLIGHTS: f64 = 0.02;
-/// White surfaces: the linear albedo from which they blend into a white background, and the fraction of the surface
-/// from which the background becomes grey.
-const WHITE: (f64, f64) = (0.75, 1.0 / 3.0);
-/// Linear grey, perceptually halfway between black and white.
-const GREY: f64 = 0.18;
-
-/// Brightness statistics of objects.
-struct Whites {
-    /// Largest albedo of the coloured surfaces, in their largest channel and without stray highlights.
-    brightest: f64,
-    /// Fraction of all surface that is white; surfaces without colours are white.
-    share: f64,
-}
-
-impl Whites {
-    fn of(loaded: &LoadedObjects) -> Self {
-        let Some(patches) = Patches::of(&loaded.objects) else {
-            return Self { brightest: 1.0, share: 0.0 };
-        };
-        let max = |c: [f32; 3]| c.into_iter().map(f64::from).fold(0.0, f64::max);
-        let min = |c: [f32; 3]| c.into_iter().map(f64::from).fold(f64::INFINITY, f64::min);
-        let white = patches.all.iter().filter(|p| min(p.color) >= WHITE.0).map(|p| p.area).sum::<f64>();
-        let mut albedos: Vec<(f64, f64)> = patches.all.iter().map(|p| (max(p.color), p.area)).collect();
-        albedos.sort_unstable_by(|a, b| b.0.total_cmp(&a.0));
-        let mut left = HIGHLIGHTS * patches.area;
-        let brightest = albedos.into_iter().find(|(_, area)| {
-            left -= area;
-            left < 0.0
-        });
-        Self { brightest: brightest.map_or(1.0, |(albedo, _)| albedo), share: white / patches.area }
-    }
-
-    /// Returns the factor for the materials of coloured objects, at most 1. All objects share it, so that their colours
-    /// stay comparable.
-    fn exposure(&self) -> f64 {
-        (HEADROOM / (BRIGHTEST * self.brightest.max(f64::MIN_POSITIVE))).min(1.0)
-    }
-
-    /// Returns the background for a shader. A lit white surface is darker than a white background along its outline,
-    /// which faces away from the lights. Unlit surfaces aren't, and with `edl` only edges beside something nearer are.
-    fn background(&self, shader: Shader) -> [f64; 4] {
-        let grey = matches!(shader, Shader::Unlit | Shader::Edl) && self.share > WHITE.1;
-        if grey { [GREY, GREY, GREY, 1.0] } else { [1.0; 4] }
-    }
 }
 
 /// True if the splats cover a closed surface from outside: stated by their file, derived from their mesh, or detected
@@ -275,8 +252,10 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
             Ok(LoadedScene { file, scene, notes })
         }
         paths => {
-            let objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
+            let mut objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
             let mut loaded = load_bare_objects(&objects, Path::new(""), &options, progress)?;
+            let about_points = auto_points_as(&loaded, &mut objects);
+            loaded.notes.extend(about_points);
             let mut auto = AutoOptions::default();
             if let Some((settings, note)) = auto_composite(&loaded, paths, auto.settings) {
                 auto.settings = settings;
@@ -290,6 +269,7 @@ pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Err
                 auto.settings.depth_tolerance = tolerance;
             }
             let file = auto_scene(objects, &loaded.framed(), &auto)?;
+            loaded.draw_points(&file.objects)?;
             let scene = assemble(&file, loaded.objects)?;
             Ok(LoadedScene { file, scene, notes: loaded.notes })
         }

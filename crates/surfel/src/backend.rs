@@ -447,6 +447,15 @@ impl Renderer for Backend {
         }
     }
 
+    fn relight(&mut self, resident: &mut BackendScene, scene: &Scene) -> Result<bool, RenderError> {
+        match (self, resident) {
+            #[cfg(feature = "cpu")]
+            (Self::Cpu(renderer), BackendScene::Cpu(resident)) => renderer.relight(resident, scene),
+            #[allow(unreachable_patterns, reason = "a program with the CPU backend alone has no other")]
+            _ => Ok(false),
+        }
+    }
+
     fn render_into(
         &mut self,
         scene: &BackendScene,

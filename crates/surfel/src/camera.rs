@@ -100,6 +100,9 @@ pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: 
         };
         camera.projection = Projection::Orthographic { height };
     }
+    if let (Some(given), Projection::Orthographic { height }) = (options.ortho_height, &mut camera.projection) {
+        *height = given;
+    }
     if let Some(fov_y_deg) = options.fov_y {
         camera.projection = Projection::Perspective { fov_y_deg };
     }

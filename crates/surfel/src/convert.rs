@@ -1,7 +1,7 @@
 //! Conversion of points and meshes to splats according to the options, with notes about what was done.
 
 use crate::load::{Conversion, UnusedOption};
-use crate::noise::{no_surface, water};
+use crate::noise::{noise_points, water};
 use crate::options::{self, Inputs, Row};
 use crate::words::{counted, number};
 use crate::{Error, LoadOptions, levels, memory};
@@ -36,7 +36,7 @@ pub(crate) fn scaled(cloud: SplatCloud, scale: f64) -> Result<SplatCloud, Error>
     let mut data = cloud.into_data();
     let column = |c: &Column3| Column3::from_f32(c.high().iter().map(|v| *v * scale as f32).collect());
     match &mut data.shape {
-        Shape::Disks { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
+        Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => radii.iter_mut().for_each(|r| *r *= scale as f32),
         Shape::Ellipses { s, t } => (*s, *t) = (column(s), column(t)),
     }
     data.interior_weight = None;
@@ -129,7 +129,7 @@ fn chosen_points_of_levels(
         points.retain(&keep);
     }
     if options.surface
-        && let Some(found) = no_surface(&points.extras, points.len(), options)
+        && let Some(found) = noise_points(&points.extras, points.len(), options)
     {
         let words = found.words();
         if !found.flags.contains(&false) {

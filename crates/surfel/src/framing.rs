@@ -307,7 +307,7 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             (m.transform_vector3(s), m.transform_vector3(t))
         };
         let reach = match &cloud.data().shape {
-            Shape::Disks { radii, .. } => f64::from(radii[i]),
+            Shape::Disks { .. } | Shape::Balls { .. } => cloud.radius_max(i),
             Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
         };
         match cloud.data().clips.as_ref().filter(|clips| clips.is_clipped(i)) {
@@ -599,6 +599,11 @@ pub fn scene_center(scene: &Scene) -> Option<DVec3> {
     let (middle, radius) = trimmed(scene, all);
     let kept = if radius.is_finite() { bounds(scene, |p| p.distance(middle) <= radius) } else { Some(all) };
     kept.map(|(lo, hi)| (lo + hi) * 0.5)
+}
+
+/// Returns the least and largest coordinates of the scene's splats; `None` without objects.
+pub(crate) fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
+    bounds(scene, |_| true)
 }
 
 /// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.

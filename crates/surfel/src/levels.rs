@@ -561,7 +561,9 @@ pub(crate) fn close(cloud: SplatCloud, weighed: bool, stated: bool) -> Result<Sp
         radius.max(if stated { grown } else { grown.min(MOST_GROWN * radius) })
     };
     match &mut data.shape {
-        Shape::Disks { radii, .. } => radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i)),
+        Shape::Disks { radii, .. } | Shape::Balls { radii, .. } => {
+            radii.iter_mut().enumerate().for_each(|(i, r)| *r = closing(*r, i));
+        }
         Shape::Ellipses { s, t } => {
             let grown = |axis: &Column3| {
                 let one = |i: usize| {

@@ -84,6 +84,7 @@
 //! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`load_octree`] |
 //! | Load a scene file | [`load_scene`], [`scene`] |
 //! | Apply the flags of `surfel render` | [`request`], [`values`] |
+//! | Draw a scene many times with changing options; pick | [`session`] |
 //! | Place a camera; estimate the up axis and the best view | [`framing`], [`camera`] |
 //! | Colour splats by an attribute; label them | [`coloring`], [`labels`] |
 //! | Draw more points than fit into memory; show a coarse image first | [`levels`], [`memory`], [`progressive`] |
@@ -124,6 +125,9 @@ pub mod compare;
 mod convert;
 mod equal;
 mod error;
+mod estimates;
+pub mod figure;
+mod figure_options;
 pub mod framing;
 mod front;
 pub mod info;
@@ -132,6 +136,7 @@ mod level_store;
 pub mod levels;
 mod lights;
 mod load;
+mod loaded_objects;
 pub mod memory;
 mod mesh_columns;
 pub mod metadata;
@@ -142,18 +147,22 @@ pub mod options;
 pub mod ortho;
 mod patches;
 pub mod paths;
+mod points_as;
 pub mod progressive;
 mod render_options;
 pub mod request;
 pub mod scene;
+pub mod session;
 mod sheets;
 pub mod splat_file;
 pub mod splats;
+pub mod style;
 mod survey;
 pub mod unseen;
 mod upright;
 pub mod values;
 mod viewpoint;
+mod whites;
 pub mod words;
 
 pub use surfel_io as io;
@@ -171,12 +180,8 @@ pub use error::Error;
 pub use level_store::LevelStore;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
 pub use octree::load_octree;
+pub use render_options::RenderOptions;
 pub use scene::load_scene;
 pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};
 pub use surfel_render::{Frame, Planes, Preset, Region, Renderer, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};
-
-/// The README's example, compiled so that it stays true.
-#[cfg(doctest)]
-#[doc = include_str!("../../../README.md")]
-struct Readme;

@@ -1,8 +1,8 @@
 //! Default lights of scenes without lights.
 
 use crate::framing::ViewAxes;
+use crate::loaded_objects::LoadedObjects;
 use crate::patches::Patches;
-use crate::scene::LoadedObjects;
 use glam::DVec3;
 use surfel_model::{Camera, Light, Up};
 
@@ -33,18 +33,34 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
     lights(camera, |key| (key, 1.0))
 }
 
-/// Returns [`studio_lights`] with a raking key light for objects without colours that face one way as a whole, such as
-/// ground, walls and reliefs, and for points around ground. As in hillshaded maps, raking light shows slopes; with
-/// light from the front they hardly differ from level areas. Coloured objects keep the normal key light: their colours
-/// show the slopes, and often already contain light.
-pub(crate) fn lights_of(camera: &Camera, loaded: &LoadedObjects, up: Up) -> Vec<Light> {
-    if loaded.facts.iter().any(|facts| facts.colored) {
-        return studio_lights(camera);
+/// Properties of objects that determine their lights for any camera.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Lighting {
+    /// Direction that the objects face as a whole, a unit vector or zero.
+    facing: DVec3,
+    /// How strongly the key light rakes over them, 0 to 1.
+    share: f64,
+}
+
+impl Lighting {
+    /// Estimates the properties of objects whose up axis is `up`.
+    pub(crate) fn of(loaded: &LoadedObjects, up: Up) -> Self {
+        if loaded.facts.iter().any(|facts| facts.colored) {
+            return Self { facing: DVec3::ZERO, share: 0.0 };
+        }
+        let facing = Patches::of(&loaded.objects).map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
+        let is_of_points = loaded.facts.iter().all(|facts| facts.points);
+        let share = share_of_one_way(facing, if is_of_points { Some(up.vector()) } else { None });
+        Self { facing: facing.normalize_or_zero(), share }
     }
-    let facing = Patches::of(&loaded.objects).map_or(DVec3::ZERO, |patches| patches.mean(|p| p.normal));
-    let is_of_points = loaded.facts.iter().all(|facts| facts.points);
-    let share = share_of_one_way(facing, if is_of_points { Some(up.vector()) } else { None });
-    lights(camera, |key| raking(key, facing.normalize_or_zero(), share))
+
+    /// Returns [`studio_lights`] with a raking key light for objects without colours that face one way as a whole, such
+    /// as ground, walls and reliefs, and for points around ground. As in hillshaded maps, raking light shows slopes;
+    /// with light from the front they hardly differ from level areas. Coloured objects keep the normal key light: their
+    /// colours show the slopes, and often already contain light.
+    pub(crate) fn lights(self, camera: &Camera) -> Vec<Light> {
+        lights(camera, |key| raking(key, self.facing, self.share))
+    }
 }
 
 /// Returns how strongly the key light rakes over a surface with this mean of unit normals, 0 to 1. `up` is the up axis

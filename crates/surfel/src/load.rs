@@ -1,6 +1,6 @@
 //! Loading of files as splats: splats are read directly, points and meshes are converted.
 
-use crate::coloring::together::{ColorJob, Lacking, Member};
+use crate::coloring::together::{ColorJob, Colors, Lacking, Member};
 use crate::coloring::{Coloring, Colorings};
 use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
@@ -13,8 +13,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, Format, Loaded};
 use surfel_model::{
-    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, Returns, Settings,
-    SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
+    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, PointsAs, Returns,
+    Settings, SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
 };
 use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
 
@@ -34,6 +34,8 @@ pub struct LoadOptions {
     pub texture_sampling: Option<TextureSampling>,
     /// Colours of splats made from points: as they are, or fitted ([`surfel_sample::fit_point_colors`]).
     pub colors: PointColors,
+    /// Kind of splat that each point is drawn as, when a scene is assembled; `None` for the default.
+    pub points_as: Option<PointsAs>,
     /// Method for converting meshes to splats; `None`: chosen by mesh ([`surfel_sample::MeshOptions::auto`]).
     pub method: Option<MeshMethod>,
     /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
@@ -57,6 +59,10 @@ pub struct LoadOptions {
     /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
     /// distinct values, grey for intensity, and viridis for the rest.
     pub colormap: Option<Colormap>,
+    /// File with the colours of a colour map, which takes precedence.
+    pub colormap_file: Option<PathBuf>,
+    /// File with the names, and optionally the colours, of categories.
+    pub labels: Option<PathBuf>,
     /// Attribute values at the ends of the colour map, the first less than the second; `None`: the 2nd and the 98th
     /// percentile.
     pub range: Option<[f64; 2]>,
@@ -118,6 +124,7 @@ impl LoadOptions {
         with_texture texture: Option<PathBuf>,
         with_texture_sampling texture_sampling: Option<TextureSampling>,
         with_colors colors: PointColors,
+        with_points_as points_as: Option<PointsAs>,
         with_method method: Option<MeshMethod>,
         with_radius_scale radius_scale: f64,
         with_max_points max_points: Option<usize>,
@@ -127,6 +134,8 @@ impl LoadOptions {
         with_interior_weight interior_weight: bool,
         with_color_by color_by: Option<String>,
         with_colormap colormap: Option<Colormap>,
+        with_colormap_file colormap_file: Option<PathBuf>,
+        with_labels labels: Option<PathBuf>,
         with_range range: Option<[f64; 2]>,
         with_mesh_columns mesh_columns: bool,
         with_rows rows: bool,
@@ -165,6 +174,7 @@ impl LoadOptions {
         self.texture = convert.texture.file.as_ref().map(|file| base_dir.join(file)).or(self.texture);
         self.texture_sampling = convert.texture.sampling.or(self.texture_sampling);
         self.colors = convert.colors.unwrap_or(self.colors);
+        self.points_as = convert.points_as.or(self.points_as);
         self.method = method.or(self.method);
         self.radius_scale = convert.radius_scale.unwrap_or(self.radius_scale);
         self.max_points = convert.max_points.map(|n| n as usize).or(self.max_points);
@@ -173,6 +183,8 @@ impl LoadOptions {
         self.sharp_error = convert.error.or(self.sharp_error);
         if convert.color_by.is_some() {
             (self.color_by, self.colormap) = (convert.color_by.clone(), convert.colormap);
+            self.colormap_file = convert.colormap_file.as_ref().map(|file| base_dir.join(file));
+            self.labels = convert.labels.as_ref().map(|file| base_dir.join(file));
             self.range = convert.range;
         }
         self.crop = convert.crop.or(self.crop);
@@ -229,6 +241,7 @@ impl Default for LoadOptions {
             texture: None,
             texture_sampling: None,
             colors: PointColors::AsIs,
+            points_as: None,
             method: None,
             radius_scale: 1.0,
             max_points: None,
@@ -238,6 +251,8 @@ impl Default for LoadOptions {
             interior_weight: false,
             color_by: None,
             colormap: None,
+            colormap_file: None,
+            labels: None,
             range: None,
             mesh_columns: false,
             rows: false,
@@ -479,16 +494,16 @@ pub(crate) fn splats_of(
     } else {
         cloud.discard_rows();
     }
+    let colors = options.color_by.as_ref().map(|_| Colors::of(options)).transpose()?.unwrap_or_default();
     if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.color_by) {
-        cloud = columns.values(cloud, attribute, (options.colormap, options.range))?;
+        cloud = columns.values(cloud, attribute, &colors)?;
     }
     let is_of_points = matches!(conversion, Conversion::Points(_))
         || cloud.data().comments.iter().any(|comment| comment == surfel_sample::OF_POINTS);
     let job = options.color_by.as_ref().filter(|_| octree.is_none()).map(|attribute| ColorJob {
         path: path.to_path_buf(),
         attribute: attribute.clone(),
-        map: options.colormap,
-        range: options.range,
+        colors,
         up: options.up.or_else(|| up_reason.map(|_| loaded.up)),
         convention: UpConvention::of(is_of_points, loaded.up),
         others: of_mesh.clone(),

@@ -1,8 +1,9 @@
 //! Transfer of a mesh's vertex and face properties to columns of its splats.
 
 use crate::coloring::tally::Tally;
+use crate::coloring::together::Colors;
 use crate::coloring::{ColorScale, is_class};
-use surfel_model::{Colormap, ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
+use surfel_model::{ExtraColumn, ExtraValues, Mesh, ModelError, OnInvalid, SplatCloud};
 use surfel_sample::MeshPlaces;
 
 /// A mesh with property columns, and the places of its splats on it, computed when needed.
@@ -48,14 +49,14 @@ impl MeshColumns {
         &mut self,
         cloud: SplatCloud,
         attribute: &str,
-        (map, range): (Option<Colormap>, Option<[f64; 2]>),
+        colors: &Colors,
     ) -> Result<SplatCloud, ModelError> {
         let Some(column) = ExtraColumn::find(&self.mesh.vertex_extras, attribute) else {
             return self.with_column(cloud, attribute, true);
         };
-        let mut tally = Tally::new(&column.name, map, range);
+        let mut tally = Tally::new(&column.name, colors);
         tally.add((0..column.values.len()).map(|i| column.values.get(i)));
-        let is_sure = column.values.is_integer() || is_class(&column.name) || map == Some(Colormap::Tab20);
+        let is_sure = column.values.is_integer() || is_class(&column.name) || colors.are_categories();
         let are_categories = matches!(tally.scale(None), ColorScale::Categories(_))
             && (is_sure || is_constant_over_most(&self.mesh, &column.values));
         self.with_column(cloud, attribute, are_categories)
@@ -110,7 +111,7 @@ mod tests {
             let positions = Column3::from_f64(&positions);
             let mesh = Mesh { positions, triangles: triangles.clone(), vertex_extras, ..Mesh::default() };
             let cloud = SplatCloud::disks(&[[0.7, 0.5, 0.0]], &[[0.0, 0.0, 1.0_f32]], &[1.0_f32]).unwrap();
-            let cloud = MeshColumns::new(mesh).unwrap().values(cloud, "a", (None, None)).unwrap();
+            let cloud = MeshColumns::new(mesh).unwrap().values(cloud, "a", &Colors::default()).unwrap();
             cloud.data().extras[0].values.get(0)
         };
         let columns = |f: fn(u32) -> u32| (0..12).map(|i| f(i / 2)).collect::<Vec<u32>>();

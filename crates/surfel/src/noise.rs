@@ -11,7 +11,7 @@ const NOISE: [f64; 2] = [7.0, 18.0];
 const WATER: f64 = 9.0;
 
 /// Points of a file that belong to no surface.
-pub(crate) struct NoSurface {
+pub(crate) struct NoisePoints {
     /// One flag per point, true for noise and withheld points.
     pub(crate) flags: Vec<bool>,
     noise: u64,
@@ -19,13 +19,13 @@ pub(crate) struct NoSurface {
 }
 
 /// Finds the points that belong to no surface, except those that the options select by class; `None` if there are none.
-pub(crate) fn no_surface(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoSurface> {
+pub(crate) fn noise_points(extras: &[ExtraColumn], count: usize, options: &LoadOptions) -> Option<NoisePoints> {
     let Judged { by_class, by_flag } = Judged::new(options);
     let class = ExtraColumn::find(extras, "classification").map(|e| &e.values).filter(|_| by_class);
     let flag = ExtraColumn::find(extras, "withheld").map(|e| &e.values).filter(|_| by_flag);
     let is_noise = |i: usize| class.is_some_and(|class| NOISE.contains(&class.get(i)));
     let is_withheld = |i: usize| flag.is_some_and(|flag| flag.get(i) != 0.0);
-    let mut found = NoSurface { flags: vec![false; count], noise: 0, withheld: 0 };
+    let mut found = NoisePoints { flags: vec![false; count], noise: 0, withheld: 0 };
     for i in (0..count).filter(|_| class.is_some() || flag.is_some()) {
         let (noise, withheld) = (is_noise(i), is_withheld(i));
         found.flags[i] = noise || withheld;
@@ -35,7 +35,7 @@ pub(crate) fn no_surface(extras: &[ExtraColumn], count: usize, options: &LoadOpt
     (found.noise + found.withheld > 0).then_some(found)
 }
 
-impl NoSurface {
+impl NoisePoints {
     /// Describes the points for a note: "12 points of noise (classes 7 and 18)".
     pub(crate) fn words(&self) -> String {
         let noise = (self.noise > 0).then(|| format!("{} of noise (classes 7 and 18)", counted(self.noise, "points")));
@@ -70,7 +70,7 @@ pub(crate) fn water(extras: &[ExtraColumn], count: usize) -> Option<Vec<bool>> {
 /// none remain.
 pub(crate) fn surface_of(cloud: &SplatCloud) -> Option<SplatCloud> {
     let all = cloud.data();
-    let found = no_surface(&all.extras, cloud.len(), &LoadOptions::default())?;
+    let found = noise_points(&all.extras, cloud.len(), &LoadOptions::default())?;
     let mut data = CloudData {
         colors: all.colors.clone(),
         clips: all.clips.clone(),
@@ -95,19 +95,19 @@ mod tests {
     #[test]
     fn noise_and_withheld_points_are_no_surface_unless_they_are_chosen() {
         let all = LoadOptions::default();
-        let found = no_surface(&extras(), 6, &all).unwrap();
+        let found = noise_points(&extras(), 6, &all).unwrap();
         assert_eq!(found.flags, [false, true, true, false, true, true]);
         assert_eq!(found.words(), "3 points of noise (classes 7 and 18) and 1 point flagged as withheld");
-        assert!(no_surface(&extras()[..0], 6, &all).is_none());
+        assert!(noise_points(&extras()[..0], 6, &all).is_none());
         let flags = |text: &str| {
             let options = LoadOptions::default().with_classes(Some(text.parse().unwrap()));
-            no_surface(&extras(), 6, &options).map(|found| found.flags)
+            noise_points(&extras(), 6, &options).map(|found| found.flags)
         };
         assert_eq!(flags("all"), None);
         assert_eq!(flags("2,7").unwrap(), [false, false, false, false, true, true]);
         assert_eq!(flags("!2").unwrap(), [false, true, true, false, true, true]);
         let named = LoadOptions::default().with_condition(Some("Classification = 7".into()));
-        assert_eq!(no_surface(&extras(), 6, &named).unwrap().words(), "2 points flagged as withheld");
+        assert_eq!(noise_points(&extras(), 6, &named).unwrap().words(), "2 points flagged as withheld");
         assert_eq!(water(&extras(), 6).unwrap(), [false, false, false, true, false, false]);
     }
 }

@@ -32,7 +32,10 @@ pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
 /// # Errors
 /// The first [`Error`] that `change` returns.
 pub fn for_each(file: &mut SceneFile, mut change: impl FnMut(&mut PathBuf) -> Result<(), Error>) -> Result<(), Error> {
-    let objects = file.objects.iter_mut().flat_map(|o| [&mut o.splats, &mut o.mesh, &mut o.convert.texture.file]);
+    let objects = file.objects.iter_mut().flat_map(|o| {
+        let convert = &mut o.convert;
+        [&mut o.splats, &mut o.mesh, &mut convert.texture.file, &mut convert.colormap_file, &mut convert.labels]
+    });
     let paths = objects.chain([&mut file.matcap]).flatten();
     paths.filter(|path| !is_stdin(path)).try_for_each(&mut change)
 }

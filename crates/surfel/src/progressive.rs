@@ -1,6 +1,7 @@
 //! Progressive loading: a coarse scene soon, then finer ones up to the full scene.
 
 use crate::request::{Request, Resolved};
+use crate::scene::LoadedObjects;
 use crate::{Error, levels};
 use std::sync::Arc;
 use surfel_sample::Progress;
@@ -68,7 +69,7 @@ pub fn resolve<E: From<Error>>(
             }
         }
     } else {
-        let coarse = request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0);
+        let coarse = sample_of(&request);
         loaded = coarse.load(stdin.clone(), progress)?;
         if loaded.facts.iter().any(|facts| facts.thinned) {
             each(coarse.resolve(loaded, progress, &mut |_| ())?, Detail::Coarse)?;
@@ -79,4 +80,24 @@ pub fn resolve<E: From<Error>>(
         }
     }
     each(request.resolve(loaded, progress, note)?, Detail::Full)
+}
+
+/// Returns the request for an even selection of [`FIRST_POINTS`] of each file.
+fn sample_of(request: &Request) -> Request {
+    request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0)
+}
+
+/// Loads a coarse selection of points of files without levels of detail, and returns its request. `None` for files with
+/// levels, and if the selection has all points.
+pub(crate) fn coarse(
+    request: &Request,
+    stdin: Option<Arc<[u8]>>,
+    progress: &dyn Progress,
+) -> Result<Option<(Request, LoadedObjects)>, Error> {
+    if request.files().any(|path| levels::has_levels(&path)) {
+        return Ok(None);
+    }
+    let coarse = sample_of(request);
+    let loaded = coarse.load(stdin, progress)?;
+    Ok(loaded.facts.iter().any(|facts| facts.thinned).then_some((coarse, loaded)))
 }

@@ -5,12 +5,13 @@ use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::options::{self, Commands, Options};
-use crate::values::{Part, RangeChoice};
+use crate::style::{Choices, Style};
+use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{
-    Accumulate, Camera, ClipPolicy, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance, EdgeAa,
-    Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
+    Accumulate, Camera, ClipPolicy, Color, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance,
+    EdgeAa, Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -56,6 +57,8 @@ pub struct RenderOptions {
     pub fov_y: Option<f64>,
     /// True for parallel projection.
     pub ortho: bool,
+    /// Height of the view in world units, with parallel projection; `None`: chosen by framing.
+    pub ortho_height: Option<f64>,
     /// Named trade-off between speed and accuracy.
     pub preset: Option<Preset>,
     /// Screen-space filter.
@@ -89,6 +92,10 @@ pub struct RenderOptions {
     pub all_levels: bool,
     /// True if lights cast shadows.
     pub shadows: bool,
+    /// Choices that other options leave open.
+    pub style: Option<Style>,
+    /// Colour of all objects, instead of those of their files.
+    pub color: Option<Color>,
     /// Antialiasing of edges.
     pub edge_aa: Option<EdgeAa>,
     /// Background colour: linear RGB, and straight alpha in [0, 1].
@@ -170,6 +177,22 @@ impl SplatOptions {
         self.convert.condition = Some(Condition::all(&known.into_iter().chain([condition]).collect::<Vec<_>>()));
     }
 
+    /// Sets a value of `--colormap`: the name of a colour map, or else a file of colours.
+    ///
+    /// # Errors
+    /// The names of all colour maps, if the value is neither a name nor looks like a file's name.
+    pub fn set_colormap(&mut self, value: PathBuf) -> Result<(), String> {
+        let name = value.to_str().map(str::to_ascii_lowercase).unwrap_or_default();
+        let is_file = || value.extension().is_some() || value.components().count() > 1 || value.is_file();
+        let (map, file) = match values::colormap(&name) {
+            Ok(map) => (Some(map), None),
+            Err(_) if is_file() => (None, Some(value)),
+            Err(names) => return Err(format!("{names}, or a file with a colour in each line")),
+        };
+        (self.convert.colormap, self.convert.colormap_file) = (map, file);
+        Ok(())
+    }
+
     /// Sets a value of `--texture`: the name of a sampling method, or else a texture file.
     ///
     /// # Errors
@@ -221,6 +244,14 @@ impl RenderOptions {
     /// and normal, which every file of planes has.
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
+
+    /// Sets the options that aren't set to the choices of the style, and removes the style.
+    pub(crate) fn apply_style(&mut self) {
+        let Some(Choices { size, background, edge_aa }) = self.style.take().map(Style::choices) else { return };
+        self.size.get_or_insert(size);
+        self.background.get_or_insert(background);
+        self.edge_aa.get_or_insert(edge_aa);
+    }
 
     fn asks_for(&self, plane: &str) -> bool {
         self.planes.iter().any(|asked| asked == plane)
@@ -321,6 +352,9 @@ impl RenderOptions {
             let what = "--samples averages, and planes of what is nearest have no mean: leave out one";
             return Err(Error::Usage(what.to_owned()));
         }
+        if self.ortho_height.is_some() && !ortho {
+            return Err(Error::Usage("--ortho-height is for --ortho: give it, too".to_owned()));
+        }
         let over = if self.sort.is_some() { "sort" } else { "composite over" };
         if (self.composite == Some(Composite::Over) || self.sort.is_some())
             && let Some(flag) = self.of_surfaces()
@@ -373,6 +407,7 @@ mod tests {
             [("sharp", "on"), ("per-face", "on")],
             [("crease-angle", "30"), ("sharp", "off")],
             [("error", "0.1"), ("size", "9x9")],
+            [("ortho-height", "2"), ("size", "9x9")],
             [("view", "top"), ("eye", "1,2,3")],
             [("fov-y", "30"), ("ortho", "on")],
             [("region", "0,0,4,4"), ("tile", "1/2")],

@@ -3,19 +3,21 @@
 pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
 
+use crate::auto::scene_by;
 use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
-use crate::coloring::{ColorScale, Coloring};
+use crate::coloring::{ColorScale, Coloring, Colorings};
+use crate::estimates::Estimates;
 use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
-use crate::lights::lights_of;
+use crate::lights::Lighting;
 use crate::load::check_size;
 use crate::paths::{self, absolute, display, is_stdin};
 use crate::scene::{
-    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance, auto_scene,
-    auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects,
-    parse_scene_file, read_scene_file, refine_objects,
+    AutoOptions, DEFAULT_SIZE, LoadedObjects, ObjectNote, assemble, auto_composite, auto_depth_tolerance,
+    auto_points_as, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap,
+    load_objects, parse_scene_file, read_scene_file, refine_objects,
 };
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -109,6 +111,10 @@ pub struct Resolved {
     pub has_own_camera: bool,
     /// Absolute paths of files that the objects' files refer to, whether they exist or not.
     pub beside: BTreeSet<PathBuf>,
+    /// Colourings by attribute, if the options or the scene file ask for any.
+    pub colorings: Colorings,
+    /// Default lights, which follow the camera; `None` if the scene has lights of its own.
+    pub(crate) lighting: Option<Lighting>,
 }
 
 impl Resolved {
@@ -194,6 +200,10 @@ pub struct Request {
     /// True if the scene file has lights but neither it nor the options choose a shader.
     has_unused_lights: bool,
     level_store: Arc<LevelStore>,
+    /// True if splats get their row numbers even if no plane needs them.
+    has_rows: bool,
+    /// Estimates of the loaded objects.
+    estimates: Arc<Estimates>,
 }
 
 impl Request {
@@ -204,6 +214,9 @@ impl Request {
     /// are out of range, [`Error::Io`] for a camera file that can't be read.
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
+        let mut styled = options.clone();
+        styled.apply_style();
+        let options = &styled;
         let given = pictures.first_camera().cloned();
         let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
         match source {
@@ -216,7 +229,19 @@ impl Request {
                 let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
                 let level_store = Arc::default();
                 let (scene, has_unused_lights) = (None, false);
-                Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store })
+                Ok(Self {
+                    options,
+                    pictures,
+                    camera,
+                    settings,
+                    objects,
+                    base,
+                    scene,
+                    has_unused_lights,
+                    level_store,
+                    has_rows: false,
+                    estimates: Arc::default(),
+                })
             }
         }
     }
@@ -249,13 +274,31 @@ impl Request {
         let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
         let level_store = Arc::default();
         let camera = given;
-        Ok(Self { options, pictures, camera, settings, objects, base, scene, has_unused_lights, level_store })
+        Ok(Self {
+            options,
+            pictures,
+            camera,
+            settings,
+            objects,
+            base,
+            scene,
+            has_unused_lights,
+            level_store,
+            has_rows: false,
+            estimates: Arc::default(),
+        })
     }
 
     /// Shares a cache of files with levels of detail between successive requests.
     #[must_use]
     pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
         Self { level_store, ..self }
+    }
+
+    /// Numbers the splats by the rows of their files even if no plane needs the numbers.
+    #[must_use]
+    pub fn with_rows(self) -> Self {
+        Self { has_rows: true, ..self }
     }
 
     /// Returns the same request for other images.
@@ -282,6 +325,16 @@ impl Request {
     /// Returns the objects, whose paths are relative to the scene file's folder.
     pub fn objects(&self) -> &[ObjectFile] {
         &self.objects
+    }
+
+    /// Shares estimates between requests with the same loaded objects.
+    pub(crate) fn with_estimates(self, estimates: Arc<Estimates>) -> Self {
+        Self { estimates, ..self }
+    }
+
+    /// True if the inputs are files without a scene file.
+    pub(crate) fn is_bare(&self) -> bool {
+        self.scene.is_none()
     }
 
     /// Returns the paths of point and splat files.
@@ -316,7 +369,7 @@ impl Request {
         let up = self.scene.as_ref().and_then(|(file, _)| file.up);
         let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
         let options = options.with_label(self.options.wants_label().then_some(label));
-        let options = options.with_rows(self.options.wants_rows());
+        let options = options.with_rows(self.has_rows || self.options.wants_rows());
         let gaussians = options.gaussians || self.tells_composite();
         options
             .with_gaussians(gaussians)
@@ -426,7 +479,7 @@ impl Request {
             file.lights = file.lights.take().map(with_shadows);
         }
         let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
-        let objects_only = Scene { objects: loaded.framed().objects, ..Scene::default() };
+        let objects_only = Scene { objects: self.estimates.framed(&loaded).objects, ..Scene::default() };
         if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
             file.camera = framed;
         }
@@ -436,15 +489,16 @@ impl Request {
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
+        loaded.draw_points(&file.objects).map_err(in_file)?;
         let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
         absolute_paths(&mut file, &self.base)?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
         let has_own_camera = self.options.view.is_none();
-        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting: None })
     }
 
     fn scene_of_geometry(
@@ -453,7 +507,7 @@ impl Request {
         progress: &dyn Progress,
         note: &mut dyn FnMut(String),
     ) -> Result<Resolved, Error> {
-        let (mut settings, given_camera, objects) = (self.settings, self.camera.take(), self.objects.clone());
+        let (mut settings, given_camera, mut objects) = (self.settings, self.camera.take(), self.objects.clone());
         let options = &self.options;
         let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
         if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
@@ -468,12 +522,15 @@ impl Request {
             settings.transparency = transparency;
             note(format!("{}: {}", about.path.shown(), about.text));
         }
+        for about in auto_points_as(&loaded, &mut objects) {
+            note(format!("{}: {}", about.path.shown(), about.text));
+        }
         if options.depth_tolerance.is_none()
             && let Some(tolerance) = auto_depth_tolerance(&loaded)
         {
             settings.depth_tolerance = tolerance;
         }
-        let framed = loaded.framed();
+        let framed = self.estimates.framed(&loaded);
         let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, note));
         let view = match options.view.unwrap_or_default() {
             ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
@@ -495,32 +552,35 @@ impl Request {
             .with_background(options.background)
             .with_settings(settings)
             .with_turning(options.turntable);
-        let mut file = auto_scene(objects, &framed, &auto)?;
+        let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
         let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
-        let center = framing::scene_center(&objects_only).unwrap_or_default();
+        let center = self.estimates.center(&objects_only).unwrap_or_default();
         if options.eye.is_some() && options.target.is_none() && own_near {
             file.camera.target = center.into();
         }
         camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
         camera::view(&file.camera, options)?;
         // The lights follow the camera, wherever the options have placed it.
+        let lighting = self.estimates.lighting(&framed, up);
         let lights = match (&options.lights, options.cameras) {
             (Some(lights), _) => Some(lights.clone()),
             // All cameras share the light along the view, so that the scene doesn't change.
             (None, true) => None,
-            (None, false) => Some(lights_of(&file.camera, &framed, up)),
+            (None, false) => Some(lighting.lights(&file.camera)),
         };
+        let lighting = (options.lights.is_none() && !options.cameras).then_some(lighting);
         drop((framed, objects_only));
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
-        let loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
-        let beside = beside(&loaded)?;
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
+        loaded.draw_points(&file.objects)?;
         let mut scene = assemble(&file, loaded.objects)?;
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside })
+        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside, colorings, lighting })
     }
 }
 
@@ -551,6 +611,7 @@ pub fn shared_coloring(
 fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
     splats::apply(&options.splats, &mut object.convert)?;
     object.convert.all_levels |= options.all_levels;
+    object.material.color = options.color.or(object.material.color);
     Ok(())
 }
 
@@ -662,7 +723,7 @@ fn settings(base: Settings, options: &RenderOptions) -> Settings {
     of_gaussians(settings, options)
 }
 
-fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
+pub(crate) fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
     for light in &mut lights {
         if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
             *shadow = true;

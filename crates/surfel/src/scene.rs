@@ -1,18 +1,20 @@
 //! Steps from files to a scene: scene files, objects, and facts for automatic scenes.
 
 pub use crate::auto::{
-    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_scene, auto_transparency, auto_up,
-    bare_object, is_scene_file,
+    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_points_as, auto_scene, auto_transparency,
+    auto_up, bare_object, is_scene_file,
 };
 pub use crate::lights::studio_lights;
 pub use crate::load::{STDIN, UnusedOption, up_reason};
+pub use crate::loaded_objects::{ColorJobs, LoadedObjects, ObjectFacts, ObjectNote};
+pub use crate::points_as::SparseReason;
 
-use crate::coloring::Colorings;
+use crate::coloring::linear;
 use crate::coloring::together::{ColorJob, Member, Tallies};
-use crate::framing::UpReason;
 use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
-use crate::noise::{no_surface, surface_of};
+use crate::noise::{noise_points, surface_of};
+use crate::points_as;
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
@@ -20,100 +22,14 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, IoError, Loaded};
-use surfel_model::{GaussianCloud, Geometry, Matcap, Object, ObjectFile, Scene, SceneFile, Shader, SplatCloud, Up};
+use surfel_model::{
+    CloudData, Color, GaussianCloud, Geometry, Matcap, Mesh, Object, ObjectFile, OnInvalid, Scene, SceneFile, Shader,
+    SplatCloud,
+};
 use surfel_sample::Progress;
 
 /// Size limit of scene files in bytes, far above any real one.
 const MAX_SCENE_BYTES: u64 = 64 << 20;
-
-/// A note about a file for the user.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct ObjectNote {
-    /// The file.
-    pub path: PathBuf,
-    /// Text of the note: a sentence without a full stop.
-    pub text: String,
-}
-
-impl ObjectNote {
-    fn new(path: &Path, text: &str) -> Self {
-        Self { path: path.to_path_buf(), text: text.to_owned() }
-    }
-}
-
-/// The loaded objects of a scene.
-#[derive(Clone, Debug, Default)]
-pub struct LoadedObjects {
-    /// The objects, in the scene file's order.
-    pub objects: Vec<Object>,
-    /// Facts about each object.
-    pub facts: Vec<ObjectFacts>,
-    /// Notes on what was dropped, assumed or estimated, per file.
-    pub notes: Vec<ObjectNote>,
-    /// Files that the objects' files refer to, such as textures and buffers, whether they exist or not.
-    pub beside: BTreeSet<PathBuf>,
-    /// Options that had no effect on any splat object, with the content of the first object's file.
-    pub unused: Vec<(PathBuf, UnusedOption)>,
-    /// Colourings by attribute, if the options ask for any.
-    pub colorings: Colorings,
-    /// Colouring requests, one per object.
-    pub color_jobs: ColorJobs,
-}
-
-/// Colouring requests for the objects of [`LoadedObjects`].
-#[derive(Clone, Debug, Default)]
-pub struct ColorJobs(Vec<Option<ColorJob>>);
-
-/// Facts about an object that automatic framing and lighting use.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct ObjectFacts {
-    /// Up axis of the object's file.
-    pub up: Up,
-    /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
-    pub up_reason: Option<UpReason>,
-    /// True if the file held points, without extent or polygons.
-    pub points: bool,
-    /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
-    /// comment.
-    pub sides_known: bool,
-    /// True if the object has colours.
-    pub colored: bool,
-    /// True if the file or its mesh states that the splats cover a closed surface from outside.
-    pub closed: bool,
-    /// True if overlapping splats hardly differ in depth: they were made from a mesh of flat parts, or clipped by
-    /// `sharp`.
-    pub flat: bool,
-    /// True if overlapping splats differ little in depth: they are at least as many as the triangles of their mesh.
-    pub fine: bool,
-    /// True if only coarse levels of the file were read ([`refine_objects`]).
-    pub partial: bool,
-    /// True if the file has more points than the point limit.
-    pub thinned: bool,
-    /// True if some points are noise or withheld; such points don't influence the camera ([`LoadedObjects::framed`]).
-    pub noise: bool,
-    /// True if some splats are transparent and none is a Gaussian. The opacity of a Gaussian surface depends on how
-    /// many of them overlap.
-    pub transparent: bool,
-}
-
-impl Default for ObjectFacts {
-    fn default() -> Self {
-        Self {
-            up: Up::PlusY,
-            up_reason: None,
-            points: false,
-            sides_known: false,
-            colored: false,
-            closed: false,
-            flat: false,
-            fine: false,
-            partial: false,
-            thinned: false,
-            noise: false,
-            transparent: false,
-        }
-    }
-}
 
 /// Splats shared by one or more objects, and their colouring request.
 struct Shared {
@@ -262,6 +178,20 @@ impl LoadedObjects {
         tallies.add(&mut clouds.iter_mut().map(Shared::member).collect::<Vec<_>>());
     }
 
+    /// Replaces the splats of objects made of points by balls, disks or dots, as the scene file's objects state. Up
+    /// axis, view and lights follow from the surface, so this comes last, before [`assemble`].
+    ///
+    /// # Errors
+    /// [`Error::Model`] for a radius that is out of range.
+    pub fn draw_points(&mut self, objects: &[ObjectFile]) -> Result<(), Error> {
+        for ((object, facts), file) in self.objects.iter_mut().zip(&self.facts).zip(objects) {
+            if let Some(points_as) = file.convert.points_as.filter(|_| facts.points) {
+                points_as::redraw(object, points_as)?;
+            }
+        }
+        Ok(())
+    }
+
     /// True if some object consists of trained Gaussians.
     pub fn has_gaussians(&self) -> bool {
         self.objects.iter().any(|object| matches!(object.geometry, Geometry::Gaussians(_)))
@@ -313,6 +243,29 @@ fn is_colored(geometry: &Geometry) -> bool {
         Geometry::Mesh(mesh) => mesh.colors.is_some() || mesh.is_textured(),
         Geometry::Octree(octree) => octree.cloud().data().colors.is_some(),
         Geometry::Gaussians(_) => true,
+    }
+}
+
+/// Returns geometry of one colour.
+fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geometry, Error> {
+    let color = levels.map(|level| linear(f64::from(level) / 255.0));
+    let unsuitable = |holds: &str| {
+        let problem = format!("holds {holds}, expected splats, points or a mesh for --color and material.color");
+        Error::Unsuitable { path: path.to_path_buf(), problem }
+    };
+    match geometry {
+        Geometry::Splats(cloud) => {
+            let data = Arc::unwrap_or_clone(cloud).into_data();
+            let colors = Some(vec![color; data.centers.len()]);
+            Ok(SplatCloud::new(CloudData { colors, ..data }, OnInvalid::Refuse)?.0.into())
+        }
+        Geometry::Mesh(mesh) => {
+            let mesh = Arc::unwrap_or_clone(mesh);
+            let colors = Some(vec![color; mesh.positions.len()]);
+            Ok(Geometry::Mesh(Arc::new(Mesh { colors, texture: None, materials: None, ..mesh })))
+        }
+        Geometry::Octree(_) => Err(unsuitable("an octree")),
+        Geometry::Gaussians(_) => Err(unsuitable("trained Gaussians")),
     }
 }
 
@@ -377,6 +330,10 @@ fn load_uncolored(
                         } = made;
                         loaded.beside.extend(beside);
                         let is_of_points = matches!(conversion, Conversion::Points(_));
+                        let sparse = match &conversion {
+                            Conversion::Points(report) => SparseReason::of(report, &cloud),
+                            _ => None,
+                        };
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
                             Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
@@ -391,7 +348,7 @@ fn load_uncolored(
                         let of_mesh = !points && !matches!(conversion, Conversion::None);
                         let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
                         let noise = match &geometry {
-                            Geometry::Splats(cloud) => no_surface(&cloud.data().extras, cloud.len(), options),
+                            Geometry::Splats(cloud) => noise_points(&cloud.data().extras, cloud.len(), options),
                             _ => None,
                         };
                         if let Some(noise) = &noise {
@@ -404,6 +361,7 @@ fn load_uncolored(
                             up,
                             up_reason,
                             points,
+                            sparse,
                             sides_known,
                             closed,
                             flat,
@@ -430,6 +388,10 @@ fn load_uncolored(
         }
         loaded.facts.push(facts);
         loaded.color_jobs.0.push(color_job);
+        let geometry = match object.material.color {
+            Some(color) => painted(geometry, color, &path)?,
+            None => geometry,
+        };
         loaded.objects.push(Object { geometry, world_from_object, material: object.material });
     }
     drop(known);
@@ -536,7 +498,8 @@ pub fn load_scene(
     progress: &dyn Progress,
 ) -> Result<(Scene, Vec<ObjectNote>), Error> {
     let options = options.clone().for_settings(&file.settings);
-    let loaded = load_objects(&file.objects, base_dir, &options, progress)?;
+    let mut loaded = load_objects(&file.objects, base_dir, &options, progress)?;
+    loaded.draw_points(&file.objects)?;
     let scene = Scene { matcap: load_matcap(file, base_dir)?, ..assemble(file, loaded.objects)? };
     Ok((scene, loaded.notes))
 }

@@ -86,6 +86,8 @@ pub fn summary(cloud: &SplatCloud) -> String {
     let shape = match cloud.data().shape {
         Shape::Disks { .. } => "disks",
         Shape::Ellipses { .. } => "ellipses",
+        Shape::Balls { flat: false, .. } => "balls",
+        Shape::Balls { flat: true, .. } => "dots",
     };
     let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     radii.sort_unstable_by(f64::total_cmp);

@@ -32,12 +32,11 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     }
     convert.repair |= said.repair;
     if let Some(file) = &said.texture.file {
-        // A texture given by a flag is relative to the current folder; one in a scene file, to the scene file.
-        let absolute = std::path::absolute(file);
-        convert.texture.file = Some(absolute.map_err(|e| Error::Usage(format!("{}: {e}", file.shown())))?);
+        convert.texture.file = absolute(Some(file))?;
     }
     convert.texture.sampling = said.texture.sampling.or(convert.texture.sampling);
     convert.colors = said.colors.or(convert.colors);
+    convert.points_as = said.points_as.or(convert.points_as);
     convert.splats = said.splats.or(convert.splats);
     convert.max_points = said.max_points.or(convert.max_points);
     convert.radius_scale = said.radius_scale.or(convert.radius_scale);
@@ -52,16 +51,23 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     if said.color_by.is_some() {
         // A scene file's colour map for its own attribute is meaningless for another attribute.
         (convert.color_by, convert.colormap, convert.range) = (said.color_by.clone(), None, None);
+        (convert.colormap_file, convert.labels) = (None, None);
     }
-    convert.colormap = said.colormap.or(convert.colormap);
+    if said.colormap.is_some() || said.colormap_file.is_some() {
+        (convert.colormap, convert.colormap_file) = (said.colormap, absolute(said.colormap_file.as_ref())?);
+    }
+    convert.labels = absolute(said.labels.as_ref())?.or(convert.labels.take());
     convert.range = said.range.or(convert.range);
     let has_range = said.range.is_some() || options.shared_range;
-    if convert.color_by.is_none() && (said.colormap.is_some() || has_range || options.colorbar.is_some()) {
-        let flag = match (&said.colormap, has_range) {
-            (Some(_), _) => "--colormap",
-            (_, true) => "--range",
-            _ => "--colorbar",
-        };
+    let has_map = said.colormap.is_some() || said.colormap_file.is_some();
+    let of_values = [
+        (has_map, "--colormap"),
+        (said.labels.is_some(), "--labels"),
+        (has_range, "--range"),
+        (options.colorbar.is_some(), "--colorbar"),
+    ];
+    let given = of_values.into_iter().find_map(|(is_given, flag)| is_given.then_some(flag));
+    if let Some(flag) = given.filter(|_| convert.color_by.is_none()) {
         return Err(Error::Usage(format!("{flag} is for values: give --color-by ATTRIBUTE with it")));
     }
     convert.crop = said.crop.or(convert.crop);
@@ -75,6 +81,14 @@ pub fn apply(options: &SplatOptions, convert: &mut ConvertOptions) -> Result<(),
     convert.max_texture = said.max_texture.or(convert.max_texture);
     convert.columns = said.columns.clone().or(convert.columns.take());
     Ok(())
+}
+
+/// Returns the absolute path of a file given by a flag, which is relative to the current folder. A file named in a
+/// scene file is relative to the scene file.
+fn absolute(file: Option<&PathBuf>) -> Result<Option<PathBuf>, Error> {
+    let absolute =
+        |file: &PathBuf| std::path::absolute(file).map_err(|e| Error::Usage(format!("{}: {e}", file.shown())));
+    file.map(absolute).transpose()
 }
 
 /// Refuses options that have no effect on any input, and notes keys of a scene file without effect.

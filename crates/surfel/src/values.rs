@@ -8,11 +8,14 @@
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
+use crate::style::Style;
 use serde_json::Value;
 use std::ops::Range;
+use surfel_math::srgb;
 use surfel_model::{
-    Accumulate, Classes, ClipPolicy, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, Returns, Shader, Sort, SplatCount, TableColumns, Transparency, Up,
+    Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
+    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
+    Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 
@@ -41,11 +44,14 @@ named!(filter, FILTERS, Filter, [
 named!(cull, CULLS, Cull, ["none" => Cull::None, "back" => Cull::Back]);
 named!(colormap, COLORMAPS, Colormap, [
     "viridis" => Colormap::Viridis, "cividis" => Colormap::Cividis, "turbo" => Colormap::Turbo,
-    "coolwarm" => Colormap::Coolwarm, "tab20" => Colormap::Tab20, "grey" => Colormap::Grey,
+    "coolwarm" => Colormap::Coolwarm, "magma" => Colormap::Magma, "inferno" => Colormap::Inferno,
+    "plasma" => Colormap::Plasma, "rdbu" => Colormap::RdBu, "jet" => Colormap::Jet, "tab10" => Colormap::Tab10,
+    "tab20" => Colormap::Tab20, "set1" => Colormap::Set1, "grey" => Colormap::Grey,
 ]);
 named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
 named!(outliers, OUTLIERS, Outliers, ["keep" => Outliers::Keep, "drop" => Outliers::Drop]);
 named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
+named!(style, STYLES, Style, ["figure" => Style::Figure]);
 named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);
 named!(clip, CLIPS, ClipPolicy, [
@@ -152,6 +158,12 @@ pub fn frame_range(text: &str) -> Result<FrameRange, String> {
 pub fn whole(text: &str, range: std::ops::RangeInclusive<u32>) -> Result<u32, String> {
     let wrong = || format!("expected a whole number from {} to {}", range.start(), range.end());
     text.trim().parse::<u32>().ok().filter(|n| range.contains(n)).ok_or_else(wrong)
+}
+
+/// Parses a port, 1 to 65535.
+pub fn port(text: &str) -> Result<u16, String> {
+    let wrong = || "expected a port from 1 to 65535".to_owned();
+    text.trim().parse().ok().filter(|port| *port > 0).ok_or_else(wrong)
 }
 
 /// Parses `on` as true and `off` as false.
@@ -381,12 +393,29 @@ pub fn transparency(text: &str) -> Result<Transparency, String> {
     text.parse().map_err(|_| "expected off, peel:N, peel:N:drop or abuffer:L, with 1 to 64 layers".to_owned())
 }
 
-/// Parses a background `R,G,B[,A]` (finite linear RGB, straight alpha from 0 to 1) or `transparent`.
+/// Parses the kind of splat of a point: `surface`, `balls`, `disks` or `dots`, the last three optionally with a radius.
+pub fn points_as(text: &str) -> Result<PointsAs, String> {
+    text.parse()
+}
+
+/// Parses a colour: `#rrggbb`, `#rgb`, or a name of CSS.
+pub fn color(text: &str) -> Result<Color, String> {
+    text.parse()
+}
+
+/// Parses a background: a colour, `R,G,B[,A]` (finite linear RGB, straight alpha from 0 to 1), or `transparent`.
 pub fn background(text: &str) -> Result<[f64; 4], String> {
     if text == "transparent" {
         return Ok([0.0; 4]);
     }
-    let wrong = |_| "expected R,G,B or R,G,B,A (linear numbers, A from 0 to 1), or transparent".to_owned();
+    if let Ok(Color(levels)) = color(text) {
+        let [r, g, b] = levels.map(|level| srgb::decode(f64::from(level) / 255.0));
+        return Ok([r, g, b, 1.0]);
+    }
+    let wrong = |_| {
+        let forms = "R,G,B or R,G,B,A (linear numbers, A from 0 to 1), or transparent";
+        format!("expected a colour such as white or #f0f0f0, {forms}")
+    };
     let [r, g, b, a] = match text.split(',').count() {
         3 => list::<3>(text, "").map(|[r, g, b]| [r, g, b, 1.0]).map_err(wrong)?,
         _ => list::<4>(text, "").map_err(wrong)?,
@@ -502,7 +531,7 @@ mod tests {
         for bad in ["0,0,0,1", "1,2,3", "-1,0,1,1"] {
             assert!(region(bad).is_err(), "{bad}");
         }
-        for bad in ["1,1", "1,1,1,2", "red", "0,0,0,-0.1"] {
+        for bad in ["1,1", "1,1,1,2", "reddish", "0,0,0,-0.1"] {
             assert!(background(bad).is_err(), "{bad}");
         }
         for bad in ["0", "180", "nan", "x"] {
@@ -511,6 +540,7 @@ mod tests {
         assert!(depth_tolerance("abs:-1").is_err() && depth_tolerance("inf").is_err());
         assert_eq!(depth_tolerance("abs:0.5"), Ok(DepthTolerance::Absolute(0.5)));
         assert_eq!(background("transparent"), Ok([0.0; 4]));
+        assert_eq!((background("red"), background("#fff")), (Ok([1.0, 0.0, 0.0, 1.0]), Ok([1.0; 4])));
         for bad in ["", "side", "30", "30,91", "1,2,3", "nan,0"] {
             assert!(view(bad).is_err(), "{bad}");
         }

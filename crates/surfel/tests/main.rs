@@ -2,6 +2,7 @@
 
 mod closed;
 mod facades;
+mod figure;
 mod flat_faces;
 mod interface;
 mod level_pops;
@@ -10,5 +11,6 @@ mod ortho;
 mod out_of_sight;
 mod refined;
 mod rooms;
+mod session;
 mod swap;
 mod whites;

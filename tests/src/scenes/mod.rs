@@ -1,5 +1,6 @@
 //! Scenes that test one property each. A scene's purpose is the fault that it catches.
 
+mod balls;
 mod clipping;
 mod facings;
 mod gaussians;
@@ -13,6 +14,7 @@ mod shadows;
 mod styles;
 mod transparency;
 
+pub use balls::*;
 pub use clipping::*;
 pub use facings::*;
 pub use gaussians::*;
@@ -86,5 +88,6 @@ pub fn all() -> Vec<Case> {
     cases.extend(facing_cases());
     cases.extend(samples::sample_cases());
     cases.extend(gaussian_cases());
+    cases.extend(ball_cases());
     cases
 }

@@ -4,7 +4,7 @@
 use crate::drawing::{counter, drawn_once};
 use crate::validated_gpu;
 use glam::DVec3;
-use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, scene, sphere, with_alpha};
+use surfel_conformance::build::{Clipped, Splat, camera, clipped_cloud, object, scene, sphere, with_alpha};
 use surfel_conformance::polygons::{mesh_object, quad};
 use surfel_conformance::scenes::{self, Case};
 use surfel_gpu::{Draw, GpuPath, Precision, Target, target_bytes};
@@ -78,6 +78,10 @@ fn pane(case: &mut Case) {
     case.scene.objects.push(mesh_object(quad(DVec3::ZERO, [DVec3::X * 1.5, DVec3::Y * 1.5], 1.0)));
 }
 
+fn balls(case: &mut Case) {
+    case.scene.objects.push(object(scenes::ball_cloud(&[(DVec3::new(0.5, 0.5, 0.9), 0.3)], false, false)));
+}
+
 fn half(case: &mut Case) {
     let lines = [ClipLine { a: 1.0, b: 0.0, c: 0.0 }];
     let half = |splat| Clipped { splat, curve: None, lines: lines.to_vec(), mode: ClipMode::And };
@@ -97,7 +101,7 @@ fn phong(settings: &mut Settings) {
     settings.shader = Shader::Phong;
 }
 
-const ROWS: [Row; 11] = [
+const ROWS: [Row; 12] = [
     Row {
         name: "antialiased edges",
         asked: |s| s.edge_aa = EdgeAa::Coverage,
@@ -170,6 +174,16 @@ const ROWS: [Row; 11] = [
         targets: &[Target::PolygonDepth, Target::Polygons],
         // 4 and 8, and the coverage pass.
         gpu_bytes: Some(12 + 24),
+        cpu_bytes: None,
+        ..NOTHING
+    },
+    Row {
+        name: "balls",
+        there: balls,
+        passes: &[Pass::Balls],
+        // Depth.
+        sums: 1,
+        gpu_bytes: Some(16),
         cpu_bytes: None,
         ..NOTHING
     },

@@ -13,6 +13,7 @@
 //! - the harness itself: [`harness_catches_faults`], [`expectation_table`], [`conformance_report`], [`packed_truths`];
 //! - shared helpers: [`drawing`], [`validated_gpu`], [`faulty_renderer`], [`scene_files`].
 
+mod balls;
 mod checkerboard_filter_errors;
 mod clean_images;
 mod clip_closed_forms;

@@ -58,7 +58,10 @@ fn long_lines(text: &str, is_page: bool) -> impl Iterator<Item = (usize, usize)>
     let mut in_code = false;
     text.lines().enumerate().filter_map(move |(i, line)| {
         in_code ^= line.starts_with("```");
-        let is_free = is_page && (in_code || ["|", "<img", "!["].iter().any(|start| line.starts_with(start)));
+        // A dependency under another name can't be wrapped.
+        let is_renamed = line.contains(" = { package = \"");
+        let is_free =
+            is_renamed || is_page && (in_code || ["|", "<img", "!["].iter().any(|start| line.starts_with(start)));
         let columns = line.chars().count();
         (columns > MAX_COLUMNS && !is_free).then_some((i + 1, columns))
     })

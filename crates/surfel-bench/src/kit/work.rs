@@ -6,7 +6,7 @@
 
 use serde::{Deserialize, Serialize};
 use surfel::model::Shader;
-use surfel::render::FramePlan;
+use surfel::render::{FramePlan, Pass};
 use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
 
 /// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
@@ -20,6 +20,8 @@ const RASTER_RECORD_BYTES: f64 = 112.0 + 128.0;
 const VISIBILITY_FLOPS: f64 = 35.0;
 /// Operations of a fragment of the attribute pass (`attributes.wgsl`).
 const ATTRIBUTE_FLOPS: f64 = 55.0;
+/// Bytes of a pixel's edge data: written by the cells, and read by the pass over edges (`cell_neighbours.wgsl`).
+const EDGE_DATA_BYTES: f64 = 16.0;
 /// Operations of edge detection at a pixel, over its eight neighbours (`edges.wgsl`).
 const EDGE_FLOPS: f64 = 60.0;
 /// Operations of dividing and encoding a pixel, without light (`shade.wgsl`).
@@ -98,13 +100,22 @@ impl Work {
         // The second loop evaluates a fragment again, and sums it.
         let of_fragment = VISIBILITY_FLOPS + 2.0 * ATTRIBUTE_FLOPS;
         let sort = Self { pass: "sort".to_owned(), bytes: counts.pairs * SORT_PAIR_BYTES, ..Self::default() };
+        let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
+        let edge_data = if has_edges { counts.pixels * EDGE_DATA_BYTES } else { 0.0 };
         let raster = Self {
             pass: "raster".to_owned(),
-            bytes: counts.pairs * RASTER_RECORD_BYTES + counts.pixels * 4.0 * plane_floats(plan),
+            bytes: counts.pairs * RASTER_RECORD_BYTES + counts.pixels * 4.0 * plane_floats(plan) + edge_data,
             compute_flops: counts.fragments * of_fragment + counts.pixels * (RESOLVE_FLOPS + light),
             ..Self::default()
         };
-        vec![Self::of_setup(counts), sort, raster]
+        // What is drawn again at edges, few pixels in most images, isn't estimated.
+        let edges = has_edges.then(|| Self {
+            pass: "edges".to_owned(),
+            bytes: edge_data,
+            compute_flops: counts.pixels * EDGE_FLOPS,
+            ..Self::default()
+        });
+        [Self::of_setup(counts), sort, raster].into_iter().chain(edges).collect()
     }
 
     fn of_setup(counts: Counts) -> Self {
@@ -218,6 +229,12 @@ mod tests {
         // Each pair's record is read twice, and colours are written.
         assert_eq!(all[2].bytes, 700.0 * 240.0 + 100.0 * 16.0);
         assert!(all.iter().all(|work| work.fill.is_empty() && work.quads == 0.0));
+        let edges = work(Settings::default().with_edge_aa(EdgeAa::Samples), 700.0);
+        assert_eq!(
+            edges.iter().map(|work| work.pass.as_str()).collect::<Vec<_>>(),
+            ["setup", "sort", "raster", "edges"]
+        );
+        assert_eq!((edges[2].bytes, edges[3].bytes), (all[2].bytes + 100.0 * 16.0, 100.0 * 16.0));
     }
 
     #[test]

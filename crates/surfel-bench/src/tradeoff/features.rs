@@ -85,6 +85,7 @@ pub(crate) fn cases(view: &View) -> Result<Vec<Case>, Failure> {
         Case::new("transparent splats, peel:4", with(alphas)?, peel),
         Case::new("transparent splats, abuffer:8", with(alphas)?, abuffer),
         Case::new("a polygon mesh", with_quad(plain()?)?, unlit),
+        Case { other_scene: true, ..Case::new("balls in place of the disks", with(balls)?, unlit) },
         Case {
             other_scene: true,
             ..Case::new("an octree, of splats and polygons", octree()?, unlit.with_lod_error_px(octree_px))
@@ -155,6 +156,13 @@ pub(super) fn rows(data: &mut CloudData) {
     let n = data.centers.len() as u32;
     data.rows = Some((0..n).collect());
     data.labels = Some((0..n).map(|i| i % 7).collect());
+}
+
+/// Turns the splats into balls.
+fn balls(data: &mut CloudData) {
+    if let Shape::Disks { radii, .. } = &data.shape {
+        data.shape = Shape::Balls { radii: radii.clone(), in_pixels: false, flat: false };
+    }
 }
 
 fn alphas(data: &mut CloudData) {

@@ -52,7 +52,7 @@ const COMMANDS: &[&str] = &[
     "ortho hill.obj -o hill.tif --gsd 0.2",
     "jobs --slurm a.json -o frames/{frame}.png --frames 4",
     "stitch default.png -o stitched.png",
-    "view ball.ply",
+    "view missing.ply",
     "--version",
     "help",
     "render --help",

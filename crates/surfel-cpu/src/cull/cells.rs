@@ -3,6 +3,7 @@
 //! A record is written once and read once or twice. If all splats were set up before any is drawn, the records of a
 //! million splats would no longer be in the caches. Waiting for memory would then cost a third of a frame.
 
+use crate::cull::balls::{BallPart, BallView, ball_parts};
 use crate::cull::chunks::{MeshPart, VisibleChunk, mesh_parts};
 use crate::cull::object::{ObjectView, inside};
 use crate::scene::mesh::StoredMesh;
@@ -19,6 +20,8 @@ pub(crate) struct Cell {
     pub first: usize,
     /// Mesh parts that may touch the cell.
     pub mesh_parts: Vec<MeshPart>,
+    /// Chunks of balls that may touch the cell, from near to far.
+    pub ball_parts: Vec<BallPart>,
     /// Estimated cost of the cell, in splats.
     cost: f64,
 }
@@ -48,6 +51,7 @@ const ENOUGH: f64 = 0.5;
 enum Part {
     Chunk(VisibleChunk),
     Mesh(MeshPart),
+    Balls(BallPart),
 }
 
 /// A part and the bounds of the pixels it may touch, clipped to the region: minimum x and y, maximum x and y.
@@ -94,12 +98,19 @@ pub(crate) struct CellLimits {
     pub threads: usize,
 }
 
+/// Content of a view besides chunks of splats.
+#[derive(Clone, Copy)]
+pub(crate) struct OtherParts<'a> {
+    pub meshes: &'a [StoredMesh],
+    pub octrees: &'a [ChosenParts],
+    pub balls: &'a [BallView<'a>],
+}
+
 /// Divides the grid's region into cells within the limits, as far as whole tiles allow, the costliest first.
 pub(crate) fn divide(
     objects: &[ObjectView<'_>],
     chunks: &[VisibleChunk],
-    meshes: &[StoredMesh],
-    octrees: &[ChosenParts],
+    OtherParts { meshes, octrees, balls }: OtherParts<'_>,
     view: &View,
     grid: &Grid,
     limits: &CellLimits,
@@ -123,7 +134,13 @@ pub(crate) fn divide(
     };
     let seen = |p: &PartInView| p.pixels[0] <= p.pixels[2] && p.pixels[1] <= p.pixels[3];
     let mesh_parts = mesh_parts(meshes, octrees, view).map(of_mesh).filter(seen);
-    let parts: Vec<PartInView> = chunks.iter().map(of_chunk).chain(mesh_parts).collect();
+    let of_balls = |(part, pixels, depths, count): (BallPart, [f64; 4], [f64; 2], usize)| {
+        let (part, splats, pixels) = (Part::Balls(part), count as f64, inside(pixels, grid.region));
+        PartInView { part, splats, load: splats, area_px: 0.0, depths, pixels }
+    };
+    let mut ball_parts: Vec<PartInView> = ball_parts(balls).map(of_balls).filter(seen).collect();
+    ball_parts.sort_by(|a, b| a.depths[0].total_cmp(&b.depths[0]));
+    let parts: Vec<PartInView> = chunks.iter().map(of_chunk).chain(mesh_parts).chain(ball_parts).collect();
     let pixels = f64::from(grid.region.width) * f64::from(grid.region.height);
     let total = parts.iter().map(|p| p.splats).sum::<f64>() + pixels * SPLATS_PER_PIXEL;
     // A single thread has nobody to share with, and divides only a view that exceeds its cache.
@@ -162,16 +179,17 @@ impl Limits {
         let [x0, x1, y0, y1] = tiles;
         let small = x1 - x0 <= 1 && y1 - y0 <= 1;
         if small || (load <= self.load && cost <= self.cost) {
-            let (mut chunks, mut mesh_parts) = (Vec::new(), Vec::new());
+            let (mut chunks, mut mesh_parts, mut ball_parts) = (Vec::new(), Vec::new(), Vec::new());
             for in_view in parts {
                 match in_view.part {
                     Part::Chunk(chunk) => chunks.push(chunk),
                     Part::Mesh(part) => mesh_parts.push(part),
+                    Part::Balls(part) => ball_parts.push(part),
                 }
             }
             // Chunks precede meshes in `parts`.
             let first = first(&parts[..chunks.len()], &pixels, self.load);
-            cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, cost });
+            cells.push(Cell { region: region(&pixels), chunks, first, mesh_parts, ball_parts, cost });
             return;
         }
         let halves = if x1 - x0 >= y1 - y0 {

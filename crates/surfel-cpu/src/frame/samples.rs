@@ -1,6 +1,7 @@
 //! Drawing of the samples at a cell's edges: splats around sampled pixels are set up again, in a view whose pixels are
 //! samples.
 
+use crate::cull::balls::BallView;
 use crate::cull::cells::Cell;
 use crate::cull::chunks::VisibleChunk;
 use crate::cull::object::ObjectView;
@@ -12,6 +13,7 @@ use crate::screen::composite::{CompositeJob, Extras};
 use crate::screen::samples::SampleJob;
 use crate::screen::steps::StepPlanes;
 use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::balls::BallSegment;
 use crate::setup::prepare::{CellSetup, CellSplats};
 use crate::setup::triangles::{TriangleSegment, project_some};
 use crate::shade::lighting::Lighting;
@@ -24,6 +26,7 @@ use surfel_render::{Pass, View};
 pub(super) struct SampleView<'a> {
     pub view: &'a View,
     pub objects: Vec<ObjectView<'a>>,
+    pub balls: Vec<BallView<'a>>,
     pub raster: RasterFrame,
     pub lighting: Lighting,
 }
@@ -61,6 +64,8 @@ impl Drawing<'_> {
         setup.add_some(&samples.chunks(cell, &sampled), &grid, cell.region, drawn, &mut splats);
         let triangles =
             project_some(instructions, self.meshes, &cell.mesh_parts, samples.view, &grid, Cull::Back, drawn);
+        let balls =
+            BallSegment::project(instructions, &samples.balls, &cell.ball_parts, (&grid, drawn), plan.ball_alphas);
         if plan.has(Pass::RemainingLayer) {
             let CellSplats { transparent, near, .. } = &mut splats;
             let lit_by = (&samples.lighting, &samples.raster);
@@ -84,6 +89,8 @@ impl Drawing<'_> {
                     triangles: &triangles,
                     transparent: &splats.transparent,
                     layers: self.layers,
+                    balls: &balls,
+                    ball_factors: &self.ball_factors,
                 },
                 opaque_splats_only: is_opaque_splats_only(plan),
             },
@@ -95,7 +102,7 @@ impl Drawing<'_> {
         let mut own = std::mem::take(scratch).for_others();
         totals.counters += job.draw(instructions, target, &mut own);
         *scratch = own.for_others();
-        let bytes = splats.bytes() + triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
+        let bytes = splats.bytes() + balls.bytes() + triangles.iter().map(TriangleSegment::bytes).sum::<usize>();
         pools.setup.give_back(splats.segments);
         bytes
     }

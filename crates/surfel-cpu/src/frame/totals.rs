@@ -1,5 +1,6 @@
 //! Times and counts of a frame.
 
+use crate::setup::balls::BallSegment;
 use crate::setup::prepare::CellSplats;
 use crate::tiles::driver::Counters;
 use std::time::Duration;
@@ -52,6 +53,14 @@ impl Totals {
         self.tile_pairs += splats.tile_pairs();
         self.bytes += splats.bytes() as u64;
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
+    }
+
+    /// Counts a cell's balls.
+    pub(crate) fn add_balls(&mut self, balls: &BallSegment) {
+        self.set_up += balls.set_up as u64;
+        self.drawn += balls.records.len() as u64;
+        self.tile_pairs += balls.lists.len() as u64;
+        self.bytes += balls.bytes() as u64;
     }
 
     /// Adds the totals of all threads over this wall time. Threads set up and draw cells concurrently, so each stage

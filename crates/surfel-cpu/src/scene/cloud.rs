@@ -128,7 +128,8 @@ impl StoredObject {
             groups: Vec::with_capacity(capacity / CHUNK),
             centers: Column3::new(storage, capacity),
             shape: match data.shape {
-                Shape::Disks { .. } => {
+                // Balls are stored elsewhere; octrees have none.
+                Shape::Disks { .. } | Shape::Balls { .. } => {
                     StoredShape::Disks { normals: Units::new(storage, capacity), radii: Column::new(storage, capacity) }
                 }
                 Shape::Ellipses { .. } => StoredShape::Ellipses {
@@ -146,6 +147,13 @@ impl StoredObject {
             interior_weight: material.interior_weight.or(data.interior_weight).unwrap_or(0.0),
             oriented: material.is_oriented(cloud),
         }
+    }
+
+    /// Replaces the material, of which two fields follow.
+    pub(crate) fn set_material(&mut self, material: Material, cloud: &SplatCloud) {
+        self.material = material;
+        self.interior_weight = material.interior_weight.or(cloud.data().interior_weight).unwrap_or(0.0);
+        self.oriented = material.is_oriented(cloud);
     }
 
     /// Stores a cloud's splats in this order. No chunk crosses the boundary of two parts.

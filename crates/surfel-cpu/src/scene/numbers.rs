@@ -1,6 +1,5 @@
 //! Numbers of splats and polygons in the plane of the nearest splat, before they are converted to rows.
 
-use crate::scene::cloud::StoredObject;
 use std::sync::Arc;
 
 /// Numbers of a scene's slots, consecutive over its objects. Empty unless a frame needs the nearest splat.
@@ -18,11 +17,11 @@ impl SplatNumbers {
     /// Maximum number of slots: records have other bits beside the number.
     pub(crate) const MOST: usize = 1 << 30;
 
-    /// Numbers the slots of these objects, all of which have rows.
-    pub(crate) fn new(objects: &[StoredObject]) -> Self {
+    /// Numbers the slots of these objects, given by their rows, which all have.
+    pub(crate) fn new(objects: impl Iterator<Item = Option<Arc<[u32]>>>) -> Self {
         let mut next = 0;
-        let numbered = objects.iter().map(|object| {
-            let rows = object.rows.clone().unwrap_or_default();
+        let numbered = objects.map(|rows| {
+            let rows = rows.unwrap_or_default();
             let first = next;
             next += rows.len() as u32;
             (first, rows)

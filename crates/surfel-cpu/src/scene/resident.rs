@@ -1,5 +1,6 @@
 //! A scene as this backend stores it.
 
+use crate::scene::balls::StoredBalls;
 use crate::scene::cloud::StoredObject;
 use crate::scene::mesh::StoredMesh;
 use crate::scene::numbers::SplatNumbers;
@@ -19,6 +20,7 @@ pub(crate) struct StoredGaussians {
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
     pub(crate) clouds: Vec<StoredObject>,
+    pub(crate) balls: Vec<StoredBalls>,
     pub(crate) meshes: Vec<StoredMesh>,
     /// Objects of Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<StoredGaussians>,
@@ -36,9 +38,12 @@ impl ResidentScene {
     pub(crate) fn new(scene: &Scene, storage: Storage) -> Result<Self, RenderError> {
         let (mut clouds, mut meshes, mut mipmaps) = (Vec::new(), Vec::new(), KnownMipmaps::new());
         // Among equally near polygons the first is visible; an octree's polygons follow all meshes.
-        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
+        let (mut octrees, mut gaussians, mut balls) = (Vec::new(), Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             match &object.geometry {
+                Geometry::Splats(cloud) if cloud.is_balls() => {
+                    balls.extend(StoredBalls::new(cloud, object.world_from_object, object.material, index));
+                }
                 Geometry::Splats(cloud) => {
                     let mut stored = StoredObject::new(cloud, object.world_from_object, object.material, storage);
                     stored.source = index;
@@ -69,18 +74,49 @@ impl ResidentScene {
             stored.source = index;
             meshes.push(stored);
         }
-        let [r, g, b, a] = scene.background;
-        Ok(Self {
+        let mut resident = Self {
             summary: SceneSummary::of(scene),
             clouds,
+            balls,
             meshes,
             gaussians,
-            material: scene.objects.first().map_or(Material::default(), |object| object.material),
-            lights: scene.lights.clone(),
-            ambient: scene.ambient,
-            matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a].map(limit_color),
-        })
+            material: Material::default(),
+            lights: None,
+            ambient: [0.0; 3],
+            matcap: None,
+            background: [0.0; 4],
+        };
+        resident.light(scene);
+        Ok(resident)
+    }
+
+    /// Stores the parts of a scene that aren't geometry.
+    fn light(&mut self, scene: &Scene) {
+        let [r, g, b, a] = scene.background;
+        self.material = scene.objects.first().map_or(Material::default(), |object| object.material);
+        self.lights.clone_from(&scene.lights);
+        self.ambient = scene.ambient;
+        self.matcap.clone_from(&scene.matcap);
+        self.background = [r * a, g * a, b * a, a].map(limit_color);
+    }
+
+    /// Replaces everything but the geometry by that of a scene with the same objects.
+    pub(crate) fn relight(&mut self, scene: &Scene) {
+        self.light(scene);
+        self.summary = SceneSummary::of(scene);
+        for stored in &mut self.clouds {
+            let Some(object) = scene.objects.get(stored.source) else { continue };
+            match &object.geometry {
+                Geometry::Splats(cloud) => stored.set_material(object.material, cloud),
+                Geometry::Octree(octree) => stored.set_material(object.material, octree.cloud()),
+                Geometry::Mesh(_) | Geometry::Gaussians(_) => {}
+            }
+        }
+        for stored in &mut self.meshes {
+            if let Some(object) = scene.objects.get(stored.source) {
+                stored.material = object.material;
+            }
+        }
     }
 
     /// Returns the row, object and label of a number in the plane of the nearest splat.
@@ -93,10 +129,21 @@ impl ResidentScene {
             return Identity { object: mesh.map_or(NO_LABEL, |mesh| mesh.source as u32), ..Identity::NOTHING };
         }
         let (object, slot) = numbers.place(number);
-        let Some(object) = self.clouds.get(object) else { return Identity::NOTHING };
         let of = |column: Option<&[u32]>| column.and_then(|c| c.get(slot)).copied().unwrap_or(NO_LABEL);
-        let (row, label) = (of(object.rows.as_deref()), of(object.labels.as_deref()));
-        Identity { row, object: object.source as u32, label }
+        // Balls are numbered after clouds.
+        let (rows, labels, source) =
+            match (self.clouds.get(object), self.balls.get(object - self.clouds.len().min(object))) {
+                (Some(cloud), _) => (cloud.rows.as_deref(), cloud.labels.as_deref(), cloud.source),
+                (None, Some(balls)) => (balls.rows.as_deref(), balls.labels.as_deref(), balls.source),
+                (None, None) => return Identity::NOTHING,
+            };
+        Identity { row: of(rows), object: source as u32, label: of(labels) }
+    }
+
+    /// Numbers all slots: those of clouds, then those of balls.
+    pub(crate) fn numbers(&self) -> SplatNumbers {
+        let (clouds, balls) = (self.clouds.iter().map(|c| c.rows.clone()), self.balls.iter().map(|b| b.rows.clone()));
+        SplatNumbers::new(clouds.chain(balls))
     }
 
     /// Returns the background's linear colour with straight alpha.
@@ -109,6 +156,7 @@ impl ResidentScene {
     /// Returns the heap memory used by the splats, in bytes.
     pub fn bytes(&self) -> usize {
         let gaussians = self.gaussians.iter().map(|stored| stored.gaussians.bytes());
-        self.clouds.iter().map(StoredObject::bytes).chain(gaussians).sum()
+        let balls = self.balls.iter().map(StoredBalls::bytes);
+        self.clouds.iter().map(StoredObject::bytes).chain(balls).chain(gaussians).sum()
     }
 }

@@ -1,6 +1,7 @@
 //! Tiles of frames with more than opaque splats: polygons (§6), transparent layers (§8), and the screen-space passes
 //! for edges and outlines (§5). A frame without any of them is drawn by `tile` alone.
 
+use crate::raster::balls::{BallList, list_balls};
 use crate::raster::block;
 use crate::raster::filter::BehindDepth;
 use crate::raster::layers::{TransparentBlock, TransparentItem};
@@ -13,8 +14,10 @@ use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::{BLOCKS, GBuffer, GBufferTile, Reach};
 use crate::screen::layer_steps::LayerSteps;
 use crate::screen::tile::{TileJob, TileScratch};
+use crate::setup::balls::BallSegment;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::triangles::TriangleSegment;
+use crate::shade::balls::{BallBlock, Composited};
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
@@ -37,6 +40,9 @@ pub(crate) struct Extras<'a> {
     pub triangles: &'a [TriangleSegment],
     pub transparent: &'a [TransparentSegment],
     pub layers: Layers,
+    pub balls: &'a BallSegment,
+    /// Ambient, diffuse, specular and shininess factors of each object of balls.
+    pub ball_factors: &'a [[f32; 4]],
 }
 
 /// Drawing of a cell's tiles.
@@ -45,6 +51,24 @@ pub(crate) struct CompositeJob<'a> {
     pub extras: Extras<'a>,
     /// True if only opaque splats are drawn.
     pub opaque_splats_only: bool,
+}
+
+/// Depths of a block's nearest surfaces, +∞ for none, by which balls and layers are composited.
+#[derive(Clone, Copy)]
+pub(super) struct Ends<S: Simd> {
+    /// Depth beyond which balls are hidden: that of the surface that shows.
+    pub front: Lanes<S>,
+    /// Depth beyond which transparent layers are hidden; `None` if the block has none.
+    pub layers: Option<Lanes<S>>,
+}
+
+/// Outputs of a block with balls besides its pixels.
+pub(super) struct BallOutputs<'a, 'b> {
+    /// Target of the plane of the nearest splats; `None` for samples.
+    pub target: Option<&'a mut Target<'b>>,
+    /// Steps of layers, and the tile.
+    pub steps: Option<(&'a mut LayerSteps, usize)>,
+    pub counters: &'a mut Counters,
 }
 
 /// The opaque surfaces of a block.
@@ -64,6 +88,7 @@ impl<'a> CompositeJob<'a> {
         self.tiles.listing.is_empty(tile)
             && self.extras.triangles.iter().all(|s| s.lists.of(tile).is_empty())
             && self.extras.transparent.iter().all(|s| s.segment.lists.of(tile).is_empty())
+            && self.extras.balls.lists.of(tile).is_empty()
     }
 
     pub(super) fn list_transparent(&self, tile: usize, wanted: u64, lists: &mut ItemLists<TransparentItem<'a>>) -> u64 {
@@ -122,10 +147,11 @@ impl<'a> CompositeJob<'a> {
         let opaque = scratch.lists.splats.touched() | with_triangles;
         let transparent =
             if gbuffer.is_none() { self.list_transparent(tile, blocks, &mut scratch.transparent) } else { 0 };
+        let balls = if gbuffer.is_none() { list_balls(self.extras.balls, tile, blocks, &mut scratch.balls) } else { 0 };
         let mut contributing = i32x16::splat(simd, 0);
         for block in ones(blocks).map(|block| block as u32) {
             let at = self.tiles.listing.grid.block_px(tile, block);
-            if (opaque | transparent) >> block & 1 == 0 {
+            if (opaque | transparent | balls) >> block & 1 == 0 {
                 target.put_empty(self.tiles.listing.grid.block_px(tile, 0), 1 << block, background);
                 continue;
             }
@@ -139,10 +165,18 @@ impl<'a> CompositeJob<'a> {
             }
             if let Some(gbuffer) = &mut gbuffer {
                 self.put_gbuffer(simd, gbuffer, (block, at), &front);
-            } else if transparent >> block & 1 != 0 {
-                let layers = self.layers(simd, block, at, front.opaque_depth, scratch, &mut counters);
-                layers.put_index(target, at);
-                pixels = layers.over(&pixels);
+            } else if (transparent | balls) >> block & 1 != 0 {
+                let (opaque_depth, place) = (front.opaque_depth, (block, at));
+                if balls >> block & 1 == 0 {
+                    let layers = self.layers(simd, place, opaque_depth, scratch, &mut counters);
+                    layers.put_index(target, at);
+                    pixels = layers.over(&pixels);
+                } else {
+                    let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                    let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                    let outputs = BallOutputs { target: Some(&mut *target), steps: None, counters: &mut counters };
+                    self.draw_balls(simd, place, ends, &mut pixels, outputs, scratch);
+                }
             }
             let counts: i32x16<S> = pixels.fragments.0.to_int();
             contributing += counts * target.rect.lanes_inside(simd, at);
@@ -229,8 +263,7 @@ impl<'a> CompositeJob<'a> {
     pub(super) fn layers<S: Simd>(
         &self,
         simd: S,
-        block: u32,
-        at: (i32, i32),
+        (block, at): (u32, (i32, i32)),
         opaque_depth: Lanes<S>,
         scratch: &mut TileScratch<'a>,
         counters: &mut Counters,
@@ -238,10 +271,87 @@ impl<'a> CompositeJob<'a> {
         let TileScratch { transparent, layers, .. } = scratch;
         let block =
             TransparentBlock { simd, list: transparent.of(block), at, inputs: &self.tiles.inputs, opaque_depth };
-        let composited = composite(&block, self.extras.layers, self.tiles.lighting, layers);
+        let composited = composite(&block, self.extras.layers, self.tiles.lighting, layers, None);
         counters.block_pairs += u64::from(composited.tested);
         counters.inside += u64::from(composited.inside);
         composited
+    }
+
+    /// Composites a block's balls, and its transparent layers if it has any, over its pixels.
+    #[inline(never)]
+    pub(super) fn draw_balls<S: Simd>(
+        &self,
+        simd: S,
+        (block_number, at): (u32, (i32, i32)),
+        ends: Ends<S>,
+        pixels: &mut Pixels<S>,
+        BallOutputs { target, steps, counters }: BallOutputs<'_, '_>,
+        scratch: &mut TileScratch<'a>,
+    ) {
+        simd.vectorize(
+            #[inline(always)]
+            || {
+                let TileScratch { transparent, layers, balls, ball_fragments, .. } = scratch;
+                let lighting = self.tiles.lighting;
+                let list = BallList { balls: balls.of(block_number), at, projection: lighting.projection() };
+                ball_fragments.gather(simd, list, ends.front);
+                counters.block_pairs += u64::from(ball_fragments.tested);
+                let full = ball_fragments.full_depth(simd, list.balls);
+                let factors = self.extras.ball_factors;
+                let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
+                if let Some(opaque_depth) = ends.layers {
+                    let block = TransparentBlock {
+                        simd,
+                        list: transparent.of(block_number),
+                        at,
+                        inputs: &self.tiles.inputs,
+                        opaque_depth: opaque_depth.min(full),
+                    };
+                    let mut composited = composite(&block, self.extras.layers, lighting, layers, Some(&mut balls));
+                    counters.block_pairs += u64::from(composited.tested);
+                    counters.inside += u64::from(composited.inside);
+                    if let Some((steps, tile)) = steps {
+                        steps.put(tile, block_number, &composited);
+                    }
+                    balls.composite(ends.front, &mut composited.colors);
+                    *pixels = composited.over(pixels);
+                    if let Some(target) = target {
+                        composited.put_index(target, at);
+                        balls.show(ends.front, pixels, target);
+                    }
+                    return;
+                }
+                let mut composited = Composited::nothing(simd);
+                balls.composite(ends.front, &mut composited);
+                pixels.color = composited.over(pixels.color);
+                pixels.fragments = pixels.fragments + composited.fragments;
+                if let Some(target) = target {
+                    balls.show(ends.front, pixels, target);
+                }
+            },
+        );
+    }
+
+    /// Composites a block's balls between two depths over colours.
+    #[inline(never)]
+    fn balls_behind<S: Simd>(
+        &self,
+        simd: S,
+        (block, at): (u32, (i32, i32)),
+        (from, until): (Lanes<S>, Lanes<S>),
+        color: [Lanes<S>; 4],
+        scratch: &mut TileScratch<'a>,
+    ) -> [Lanes<S>; 4] {
+        let TileScratch { balls, ball_fragments, .. } = scratch;
+        let lighting = self.tiles.lighting;
+        let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
+        ball_fragments.gather(simd, list, until);
+        let mut balls =
+            BallBlock { simd, list, lighting, factors: self.extras.ball_factors, fragments: ball_fragments };
+        balls.fragments.skip(&from.to_array());
+        let mut composited = Composited::nothing(simd);
+        balls.composite(until, &mut composited);
+        composited.over(color)
     }
 
     /// Calls [`Self::finish`] with these instructions.
@@ -279,28 +389,50 @@ impl<'a> CompositeJob<'a> {
         let (stepped, deep) = self.edges(simd, target, gbuffer, scratch, &mut edges);
         self.draw_over(simd, target, gbuffer, scratch);
         let transparent = self.list_transparent(tile, listing.grid.blocks(tile), &mut scratch.transparent);
+        let balls = list_balls(self.extras.balls, tile, listing.grid.blocks(tile), &mut scratch.balls);
         if stepped != 0 {
             listing.list_some(tile, deep, &mut scratch.lists.splats);
             list_triangles(self.extras.triangles, tile, stepped, &mut scratch.lists.triangles);
         }
         let mut added = i32x16::splat(simd, 0);
-        for block in ones(stepped | transparent).map(|block| block as u32) {
+        for block in ones(stepped | transparent | balls).map(|block| block as u32) {
             let at = listing.grid.block_px(tile, block);
             let mut color = target.color(simd, at);
+            let opaque_depth = gbuffer.opaque(simd, tile, block);
+            let mut front = gbuffer.front(simd, tile, block);
             if stepped >> block & 1 != 0 {
                 let edges = (edges[block as usize % BLOCKS], deep >> block & 1 != 0);
-                let (behind, edge) = self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
+                let (shaded, mut behind, edge) =
+                    self.behind(simd, (tile, block), edges, gbuffer, scratch, &mut counters);
+                if balls >> block & 1 != 0 {
+                    let end = shaded.depth_or_infinite();
+                    let range = (front.min(end), Lanes::select(edge, end, end.zero()));
+                    behind = self.balls_behind(simd, (block, at), range, behind, scratch);
+                    front = Lanes::select(edge, front.min(end), front);
+                }
                 let q = gbuffer.coverage(simd, tile, block);
                 let q = q.min(q.one());
                 for (front, behind) in color.iter_mut().zip(behind) {
                     *front = Lanes::select(edge, q.mul_add(*front, (q.one() - q) * behind), *front);
                 }
             }
+            if balls >> block & 1 != 0 {
+                let mut pixels = Pixels { color, ..target.get(simd, at) };
+                let before = pixels.fragments;
+                let layers = (transparent >> block & 1 != 0).then_some(opaque_depth);
+                let steps = layer_steps.as_deref_mut().map(|steps| (steps, tile));
+                let outputs = BallOutputs { target: Some(&mut *target), steps, counters: &mut counters };
+                self.draw_balls(simd, (block, at), Ends { front, layers }, &mut pixels, outputs, scratch);
+                let counts: i32x16<S> = (pixels.fragments - before).0.to_int();
+                added += counts * target.rect.lanes_inside(simd, at);
+                target.put(at, &pixels);
+                continue;
+            }
             if transparent >> block & 1 == 0 {
                 target.put_color(at, color);
                 continue;
             }
-            let layers = self.layers(simd, block, at, gbuffer.opaque(simd, tile, block), scratch, &mut counters);
+            let layers = self.layers(simd, (block, at), opaque_depth, scratch, &mut counters);
             if let Some(steps) = &mut layer_steps {
                 steps.put(tile, block, &layers);
             }
@@ -369,9 +501,9 @@ impl<'a> CompositeJob<'a> {
         }
     }
 
-    /// Returns the colours of the surfaces behind a block's edges, and the mask of edge pixels. A pixel that a polygon
-    /// covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of candidate pixels, and true
-    /// if one of them has a depth threshold.
+    /// Returns the surfaces behind a block's edges, their colours over the background, and the mask of edge pixels. A
+    /// pixel that a polygon covers is none: splats are blended over polygons anyway (§6). `edges` has the bits of
+    /// candidate pixels, and true if one of them has a depth threshold.
     #[inline(always)]
     fn behind<S: Simd>(
         &self,
@@ -381,7 +513,7 @@ impl<'a> CompositeJob<'a> {
         gbuffer: &GBuffer,
         scratch: &mut TileScratch<'a>,
         counters: &mut Counters,
-    ) -> ([Lanes<S>; 4], mask32x16<S>) {
+    ) -> (Shaded<S>, [Lanes<S>; 4], mask32x16<S>) {
         let (job, lighting) = (&self.tiles, self.tiles.lighting);
         let at = job.listing.grid.block_px(tile, block);
         let threshold = gbuffer.threshold(simd, tile, block);
@@ -421,6 +553,6 @@ impl<'a> CompositeJob<'a> {
             shaded.color = shaded.color * dome.of_block(simd, (at.0 - x, at.1 - y), shaded.z);
         }
         counters.edge_pixels += u64::from(edge.to_bitmask().count_ones());
-        (shaded.over_background(simd, lighting.background_color(), sums.fragments).color, edge)
+        (shaded, shaded.over_background(simd, lighting.background_color(), sums.fragments).color, edge)
     }
 }

@@ -104,6 +104,8 @@ pub(crate) struct GBuffer {
     limit: Vec<TileRows>,
     /// Plane of transparent layers: depth of the nearest opaque surface.
     opaque: Vec<TileBlocks>,
+    /// Plane of balls: depth of the nearest surface.
+    front: Vec<TileBlocks>,
     marks: Vec<Marks>,
     wanted: Wanted,
 }
@@ -116,6 +118,7 @@ struct Wanted {
     lines: bool,
     dome: bool,
     opaque: bool,
+    front: bool,
 }
 
 /// The planes of one tile, while it is drawn.
@@ -182,6 +185,9 @@ impl GBufferTile<'_> {
         if all.wanted.opaque {
             all.opaque[*tile].put(block, opaque);
         }
+        if all.wanted.front {
+            all.front[*tile].put(block, front);
+        }
         if all.has_depths() {
             all.depth[*tile].put(block, front);
         }
@@ -214,8 +220,9 @@ impl GBuffer {
             lines: plan.has(Pass::Outlines),
             dome: plan.has(Pass::EyeDome),
             opaque: plan.separates_transparent,
+            front: plan.has(Pass::Balls),
         };
-        let Wanted { edges, samples, lines, dome, opaque } = self.wanted;
+        let Wanted { edges, samples, lines, dome, opaque, front } = self.wanted;
         let tiles = grid.tiles();
         let steps = edges || samples;
         for (plane, wanted) in [
@@ -228,7 +235,12 @@ impl GBuffer {
                 plane.resize(tiles, TileRows::EMPTY);
             }
         }
-        for (plane, wanted) in [(&mut self.threshold, edges), (&mut self.coverage, edges), (&mut self.opaque, opaque)] {
+        for (plane, wanted) in [
+            (&mut self.threshold, edges),
+            (&mut self.coverage, edges),
+            (&mut self.opaque, opaque),
+            (&mut self.front, front),
+        ] {
             if wanted && plane.len() < tiles {
                 plane.resize(tiles, TileBlocks::EMPTY);
             }
@@ -240,7 +252,7 @@ impl GBuffer {
     /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let rows = [&self.begin, &self.reach, &self.depth, &self.limit].map(|v| size_of_val(v.as_slice()));
-        let blocks = [&self.threshold, &self.coverage, &self.opaque].map(|v| size_of_val(v.as_slice()));
+        let blocks = [&self.threshold, &self.coverage, &self.opaque, &self.front].map(|v| size_of_val(v.as_slice()));
         rows.iter().chain(&blocks).sum::<usize>() + size_of_val(self.marks.as_slice())
     }
 
@@ -289,6 +301,15 @@ impl GBuffer {
     #[inline(always)]
     pub(crate) fn coverage<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
         block_of(simd, &self.coverage, tile, block)
+    }
+
+    /// Returns the depths of a block's nearest surfaces, if the frame has balls; +∞ for none.
+    #[inline(always)]
+    pub(crate) fn front<S: Simd>(&self, simd: S, tile: usize, block: u32) -> Lanes<S> {
+        match self.marks(tile).touched >> block & 1 {
+            0 => Lanes::splat(simd, f32::INFINITY),
+            _ => block_of(simd, &self.front, tile, block),
+        }
     }
 
     /// Returns the depths of a block's nearest opaque surfaces; +∞ for none.

@@ -1,8 +1,9 @@
 //! Samples of the pixels at edges (§5). Each such pixel is a block of a view that is four times as fine and drawn like
 //! any other block. The pixel's colour is the mean of the block.
 
+use crate::raster::balls::list_balls;
 use crate::raster::listing::list_triangles;
-use crate::screen::composite::CompositeJob;
+use crate::screen::composite::{BallOutputs, CompositeJob, Ends};
 use crate::screen::eye_dome::EyeDome;
 use crate::screen::gbuffer::GBuffer;
 use crate::screen::neighbourhood::Neighbourhood;
@@ -74,6 +75,7 @@ impl<'a> SampleJob<'a, '_> {
         listing.list_some(tile, wanted, &mut scratch.lists.splats);
         list_triangles(job.extras.triangles, tile, wanted, &mut scratch.lists.triangles);
         let transparent = job.list_transparent(tile, wanted, &mut scratch.transparent);
+        let balls = list_balls(job.extras.balls, tile, wanted, &mut scratch.balls);
         let looks_around = self.load_depths(target.tile, &mut scratch.neighbourhood);
         let mut left = wanted;
         while left != 0 {
@@ -89,8 +91,13 @@ impl<'a> SampleJob<'a, '_> {
             }
             let background = self.lighting.background_color();
             let mut samples = front.shaded.over_background(simd, background, front.sums.fragments);
-            if transparent >> block & 1 != 0 {
-                samples = job.layers(simd, block, at, front.opaque_depth, scratch, &mut counters).over(&samples);
+            if balls >> block & 1 != 0 {
+                let layers = (transparent >> block & 1 != 0).then_some(front.opaque_depth);
+                let ends = Ends { front: front.shaded.depth_or_infinite(), layers };
+                let outputs = BallOutputs { target: None, steps: None, counters: &mut counters };
+                job.draw_balls(simd, (block, at), ends, &mut samples, outputs, scratch);
+            } else if transparent >> block & 1 != 0 {
+                samples = job.layers(simd, (block, at), front.opaque_depth, scratch, &mut counters).over(&samples);
             }
             target.put_one(pixel, mean(&samples));
         }

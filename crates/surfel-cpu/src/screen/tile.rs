@@ -1,5 +1,6 @@
 //! A tile of opaque splats: lists of its blocks' splats, then each block from visibility to finished pixels.
 
+use crate::raster::balls::BallFragments;
 use crate::raster::block::{self, BlockScratch};
 use crate::raster::facing::ByFacing;
 use crate::raster::filter::{EveryFragment, MeshBlend};
@@ -11,6 +12,7 @@ use crate::raster::sums::Sums;
 use crate::raster::tiny_tile::{TinyScratch, TinyTile, is_faster_by_splats};
 use crate::screen::gbuffer::GBufferTile;
 use crate::screen::neighbourhood::Neighbourhood;
+use crate::setup::balls::BallRecord;
 use crate::setup::record::Record;
 use crate::shade::lighting::Lighting;
 use crate::shade::resolve::resolve;
@@ -31,19 +33,23 @@ pub(crate) struct TileScratch<'a> {
     tiny: TinyScratch<'a>,
     pub transparent: ItemLists<TransparentItem<'a>>,
     pub layers: LayerScratch,
+    pub balls: ItemLists<&'a BallRecord>,
+    pub ball_fragments: Box<BallFragments>,
     pub neighbourhood: Box<Neighbourhood>,
 }
 
 impl TileScratch<'_> {
     /// Empties the buffers and returns their memory for records of another lifetime.
     pub(crate) fn for_others<'b>(self) -> TileScratch<'b> {
-        let Self { lists, block, tiny, transparent, layers, neighbourhood } = self;
+        let Self { lists, block, tiny, transparent, layers, balls, ball_fragments, neighbourhood } = self;
         TileScratch {
             lists: lists.for_others(),
             block,
             tiny: tiny.for_others(),
             transparent: transparent.for_others(),
             layers,
+            balls: balls.for_others(),
+            ball_fragments,
             neighbourhood,
         }
     }

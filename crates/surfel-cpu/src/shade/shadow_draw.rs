@@ -1,29 +1,35 @@
 //! Drawing of shadow maps (§5): depth thresholds seen from the lights, by the same cells, setup and tiles as an image.
 
-use crate::cull::cells::{self, CellLimits};
+use crate::cull::balls::BallView;
+use crate::cull::cells::{self, CellLimits, OtherParts};
 use crate::cull::chunks::visible_chunks;
 use crate::cull::object::ObjectView;
+use crate::raster::balls::{hides, list_balls};
 use crate::raster::depth::thresholds;
 use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::{ListScratch, Listing, list_triangles};
 use crate::raster::triangles::nearest;
 use crate::scene::resident::ResidentScene;
+use crate::setup::balls::{BallRecord, BallSegment};
 use crate::setup::prepare::{CellSetup, CellSplats, SetupPool};
 use crate::setup::triangles::{TriangleSegment, project};
 use crate::shade::shadow_map::ShadowMap;
 use crate::simd::compress::ones;
+use crate::simd::lanes::Lanes;
 use crate::simd::level::{Instructions, with_instructions};
+use crate::tiles::drawn::DrawnBlocks;
 use crate::tiles::driver::{self, Tuning};
 use crate::tiles::grid::Grid;
+use crate::tiles::lists::ItemLists;
 use crate::tiles::target::{Rows, cut};
 use fearless_simd::Simd;
 use fearless_simd::prelude::SimdMask;
-use glam::DVec3;
 use surfel_math::Real;
+use surfel_math::ball::LEAST_TEXELS;
 use surfel_math::depth::slope_allowance;
 use surfel_math::projection::Projection;
 use surfel_model::Cull;
-use surfel_render::{Attributes, FramePlan, Region, ShadowMap as PlannedMap};
+use surfel_render::{Attributes, FramePlan, Region, ShadowMap as PlannedMap, View};
 
 /// Inputs for drawing the shadow maps of a frame.
 pub(crate) struct ShadowDrawing<'a> {
@@ -32,8 +38,8 @@ pub(crate) struct ShadowDrawing<'a> {
     pub pool: &'a SetupPool,
     pub scene: &'a ResidentScene,
     pub plan: &'a FramePlan,
-    /// Eye of the image's view.
-    pub eye: DVec3,
+    /// View of the image.
+    pub image: &'a View,
 }
 
 impl ShadowDrawing<'_> {
@@ -61,55 +67,68 @@ impl ShadowDrawing<'_> {
         let grid = Grid::new(region, self.tuning.tile_blocks);
         let threads = rayon::current_num_threads();
         let limits = CellLimits { splats: self.tuning.cell_splats, reach_px: 0, threads };
-        let cells = cells::divide(&objects, &chunks, &self.scene.meshes, &plan.octrees, view, &grid, &limits);
+        let balls = BallView::all(&self.scene.balls, view, &plan, LEAST_TEXELS);
+        let others = OtherParts { meshes: &self.scene.meshes, octrees: &plan.octrees, balls: &balls };
+        let cells = cells::divide(&objects, &chunks, others, view, &grid, &limits);
         let parts: Vec<Region> = cells.iter().map(|cell| cell.region).collect();
         let jobs = cells.into_iter().zip(cut(&mut plane, region, &parts)).collect();
-        driver::run(jobs, ListScratch::default, |scratch: &mut ListScratch<'static>, (cell, mut target)| {
+        let scratch = || (ListScratch::default(), ItemLists::default());
+        driver::run(jobs, scratch, |scratch: &mut MapScratch<'static>, (cell, mut target)| {
             let mut splats = CellSplats::default();
             let grid = Grid::new(cell.region, self.tuning.tile_blocks);
             setup.add(&cell.chunks, &grid, cell.region, &mut splats);
             let triangles = project(self.instructions, &self.scene.meshes, &cell.mesh_parts, view, &grid, Cull::None);
+            let all = (&grid, DrawnBlocks::default());
+            let balls = BallSegment::project(self.instructions, &balls, &cell.ball_parts, all, plan.ball_alphas);
             let inputs = RasterInputs { frame: &frame, near: &splats.near, clips: &splats.clips, largest_epsilon: 0.0 };
             let listing = Listing { segments: &splats.segments, grid };
-            let cell = MapCell { listing, triangles: &triangles, projection: &view.projection, inputs };
-            let mut lists = std::mem::take(scratch).for_others();
+            let projection = &view.projection;
+            let cell = MapCell { listing, triangles: &triangles, balls: &balls, projection, inputs };
+            let (lists, of_balls) = std::mem::take(scratch);
+            let mut lists = (lists.for_others(), of_balls.for_others());
             for tile in 0..grid.tiles() {
                 with_instructions!(self.instructions, simd =>
                     simd.vectorize(#[inline(always)] || cell.draw(simd, tile, &mut target, &mut lists)));
             }
-            *scratch = lists.for_others();
+            *scratch = (lists.0.for_others(), lists.1.for_others());
             self.pool.give_back(splats.segments);
         });
         ShadowMap {
             light: map.light,
             projection: view.projection,
             map_from_world: view.view_from_world.as_mat3(),
-            to_eye: (self.eye - view.eye).as_vec3(),
+            to_eye: (self.image.eye - view.eye).as_vec3(),
             side: width,
             thresholds: plane,
         }
     }
 }
 
+/// Per-thread lists, reused between cells: those of splats and triangles, and those of balls.
+type MapScratch<'a> = (ListScratch<'a>, ItemLists<&'a BallRecord>);
+
 /// A cell of a shadow map.
 struct MapCell<'a> {
     listing: Listing<'a>,
     triangles: &'a [TriangleSegment],
+    balls: &'a BallSegment,
     projection: &'a Projection,
     inputs: RasterInputs<'a>,
 }
 
 impl<'a> MapCell<'a> {
     #[inline(always)]
-    fn draw<S: Simd>(&self, simd: S, tile: usize, target: &mut Rows<'_, f32>, scratch: &mut ListScratch<'a>) {
+    fn draw<S: Simd>(&self, simd: S, tile: usize, target: &mut Rows<'_, f32>, (scratch, balls): &mut MapScratch<'a>) {
         let grid = &self.listing.grid;
         let all = grid.blocks(tile);
         list_triangles(self.triangles, tile, all, &mut scratch.triangles);
         self.listing.list(tile, all, &mut scratch.splats);
+        list_balls(self.balls, tile, all, balls);
         for block in ones(all).map(|block| block as u32) {
             let at = grid.block_px(tile, block);
             let (splats, triangles) = (scratch.splats.of(simd, block), scratch.triangles.of(block));
-            if splats.is_empty() && triangles.is_empty() {
+            let balls = balls.of(block);
+            if splats.is_empty() && triangles.is_empty() && balls.is_empty() {
                 continue;
             }
             let mut threshold = thresholds(simd, splats, at, &self.inputs);
@@ -118,6 +137,11 @@ impl<'a> MapCell<'a> {
                 let there = nearest.z.lt(threshold.constant(f64::INFINITY)).to_bitmask();
                 let bias = |z, gradient| slope_allowance(z, gradient, self.projection);
                 threshold = threshold.min(nearest.moved_back(simd, triangles, at, there, bias));
+            }
+            // What is lit of a ball lies in front of its centre, what is behind the ball doesn't.
+            for ball in balls.iter().filter(|ball| ball.alpha >= 1.0) {
+                let z = Lanes::splat(simd, ball.z);
+                threshold = Lanes::select(hides(simd, ball, at), threshold.min(z), threshold);
             }
             target.put_lanes(at, threshold);
         }

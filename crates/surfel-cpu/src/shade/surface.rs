@@ -40,6 +40,12 @@ impl<S: Simd> Shaded<S> {
         Self { covered: zero.lt(zero), color: none, z: zero, normal: none, weight: zero }
     }
 
+    /// Returns the depths; +∞ in lanes without a surface.
+    #[inline(always)]
+    pub(crate) fn depth_or_infinite(&self) -> Lanes<S> {
+        Lanes::select(self.covered, self.z, self.z.constant(f64::INFINITY))
+    }
+
     /// Returns finished pixels: the surface, or the background where there is none. `None` if no colour is needed.
     #[inline(always)]
     pub(crate) fn over_background(&self, simd: S, background: Option<[f32; 4]>, fragments: Lanes<S>) -> Pixels<S> {

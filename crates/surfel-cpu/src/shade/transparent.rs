@@ -3,6 +3,7 @@
 use crate::raster::layers::{Layer, LayerScratch, TransparentBlock};
 use crate::setup::record::Record;
 use crate::setup::segment::TransparentSplat;
+use crate::shade::balls::{BallBlock, Composited};
 use crate::shade::lighting::Lighting;
 use crate::shade::resolve::{divided, lit, shaded};
 use crate::shade::surface::{Shaded, Surface, limited};
@@ -38,10 +39,8 @@ impl Layers {
 
 /// Result of compositing a block's transparent layers.
 pub(crate) struct CompositedLayers<S: Simd> {
-    /// Colour, premultiplied.
-    color: V3<Lanes<S>>,
-    /// Fraction of the background that shows through.
-    transmittance: Lanes<S>,
+    /// Colours of the layers, and of the balls between them.
+    pub colors: Composited<S>,
     /// The nearest layer.
     nearest: Shaded<S>,
     pub fragments: Lanes<S>,
@@ -63,6 +62,7 @@ pub(crate) fn composite<S: Simd>(
     layers: Layers,
     lighting: &Lighting,
     scratch: &mut LayerScratch,
+    mut balls: Option<&mut BallBlock<'_, S>>,
 ) -> CompositedLayers<S> {
     let simd = block.simd;
     let gathered = block.gather(scratch);
@@ -85,7 +85,7 @@ pub(crate) fn composite<S: Simd>(
         if layers.by_coverage {
             alpha = alpha * (sums.coverage * alpha.constant(1.0 / FULL_COVERAGE)).min(alpha.one());
         }
-        composited.add_behind(&lit(simd, lighting, surface, block.at), alpha, sums.fragments);
+        composited.add_behind(&lit(simd, lighting, surface, block.at), alpha, (sums.fragments, balls.as_deref_mut()));
         (beyond, threshold) = (threshold, next);
     }
     if layers.remaining {
@@ -94,7 +94,7 @@ pub(crate) fn composite<S: Simd>(
         let inverse = alpha.one() / Lanes::select(covered, weight, alpha.one());
         let [r, g, b] = sums.color;
         let shaded = Shaded { covered, color: limited(V3::new(r, g, b) * inverse), z, normal, weight };
-        composited.add_behind(&shaded, alpha * inverse, sums.fragments);
+        composited.add_behind(&shaded, alpha * inverse, (sums.fragments, balls));
     }
     composited
 }
@@ -104,8 +104,7 @@ impl<S: Simd> CompositedLayers<S> {
     fn new(simd: S, tested: u32, inside: u32) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         Self {
-            color: V3::new(zero, zero, zero),
-            transmittance: zero.one(),
+            colors: Composited::nothing(simd),
             nearest: Shaded::nothing(simd),
             fragments: zero,
             numbers: None,
@@ -117,14 +116,22 @@ impl<S: Simd> CompositedLayers<S> {
         }
     }
 
-    /// Adds a surface behind the existing layers, which equals blending back to front (Z01 eq. 12).
+    /// Adds a surface behind the existing layers, which equals blending back to front (Z01 eq. 12), and before it the
+    /// balls that are nearer.
     #[inline(always)]
-    fn add_behind(&mut self, surface: &Shaded<S>, alpha: Lanes<S>, fragments: Lanes<S>) {
+    fn add_behind(
+        &mut self,
+        surface: &Shaded<S>,
+        alpha: Lanes<S>,
+        (fragments, balls): (Lanes<S>, Option<&mut BallBlock<'_, S>>),
+    ) {
         let zero = alpha.zero();
         let alpha = Lanes::select(surface.covered, alpha, zero);
         let color = V3::select(surface.covered, surface.color, V3::new(zero, zero, zero));
-        self.color = self.color + color * (alpha * self.transmittance);
-        self.transmittance = self.transmittance * (alpha.one() - alpha);
+        if let Some(balls) = balls {
+            balls.composite(Lanes::select(surface.covered, surface.z, zero), &mut self.colors);
+        }
+        self.colors.add_behind(color, alpha);
         let (first, n): (mask32x16<S>, _) = (surface.covered & !self.nearest.covered, &mut self.nearest);
         n.z = Lanes::select(first, surface.z, n.z);
         n.normal = V3::select(first, surface.normal, n.normal);
@@ -145,18 +152,15 @@ impl<S: Simd> CompositedLayers<S> {
     /// Composites the layers over the pixels behind them.
     #[inline(always)]
     pub(crate) fn over(&self, behind: &Pixels<S>) -> Pixels<S> {
-        let t = self.transmittance;
-        let [r, g, b, a] = behind.color;
-        let (c, n, there) = (&self.color, &self.nearest, self.nearest.covered);
+        let (n, there) = (&self.nearest, self.nearest.covered);
         let [x, y, z] = behind.normal;
         let normal = V3::select(there, n.normal, V3::new(x, y, z));
-        let color = [r.mul_add(t, c.x), g.mul_add(t, c.y), b.mul_add(t, c.z), a.mul_add(t, t.one() - t)];
         Pixels {
-            color,
+            color: self.colors.over(behind.color),
             depth: Lanes::select(there, n.z, behind.depth),
             normal: [normal.x, normal.y, normal.z],
             weight: Lanes::select(there, n.weight, behind.weight),
-            fragments: behind.fragments + self.fragments,
+            fragments: behind.fragments + self.fragments + self.colors.fragments,
         }
     }
 }

@@ -1,6 +1,8 @@
 //! Data that a frame uploads in addition to the resident scene: a view's tiles, their uniforms, visible chunks, splats
 //! at the near plane, polygons and trained Gaussians.
 
+pub(crate) mod balls;
+pub(crate) mod cell_tiles;
 pub(crate) mod culling;
 pub(crate) mod gaussians;
 pub(crate) mod near_plane;

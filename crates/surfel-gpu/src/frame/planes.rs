@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 use surfel_math::srgb::encode_rgba8;
-use surfel_render::{Frame, Identity, Planes, Region};
+use surfel_render::{Frame, FramePlan, Identity, Pass, Planes, Region};
 use surfel_shaders::layout;
 
 /// Offsets of the requested planes in the array, in floats, or `layout::ABSENT`.
@@ -20,9 +20,11 @@ pub struct PlaneLayout {
     /// Offset of the surfaces (normal and depth of every pixel) that passes after the cells read. They follow the
     /// planes.
     pub(crate) surfaces_at: u32,
+    /// Offset of the edge data of every pixel that passes after the cells read. It follows the surfaces.
+    pub(crate) edges_at: u32,
     /// Number of floats of the planes, which the host reads back.
     pub floats: u32,
-    /// Number of floats of the buffer, surfaces included.
+    /// Number of floats of the buffer, surfaces and edge data included.
     pub buffer_floats: u32,
 }
 
@@ -30,7 +32,15 @@ pub struct PlaneLayout {
 const ROWS_OF_A_TASK: usize = 16;
 
 /// Number of floats of a pixel's surface: normal and depth.
-pub(crate) const SURFACE_FLOATS: u32 = 4;
+const SURFACE_FLOATS: u32 = 4;
+
+/// Returns the numbers of floats of a pixel's surface and of its edge data, as far as a plan's passes over neighbours
+/// read them in the compute path.
+pub(crate) fn neighbour_floats(plan: &FramePlan) -> [u32; 2] {
+    let has_surfaces = plan.has(Pass::Outlines) || plan.has(Pass::EyeDome);
+    let has_edges = plan.has(Pass::EdgeAntialiasing) || plan.has(Pass::EdgeSamples);
+    [if has_surfaces { SURFACE_FLOATS } else { 0 }, if has_edges { layout::EDGE_WORDS } else { 0 }]
+}
 
 /// Returns the number of floats of a pixel in all planes together.
 pub(crate) fn floats_per_pixel(planes: Planes) -> u32 {
@@ -72,14 +82,23 @@ impl PlaneLayout {
             median_depth_at,
             distortion_at,
             surfaces_at: layout::ABSENT,
+            edges_at: layout::ABSENT,
             floats,
             buffer_floats: floats,
         }
     }
 
-    /// Returns the layout with the surfaces of `pixels` target pixels after the planes.
-    pub(crate) fn with_surfaces(self, pixels: u32) -> Self {
-        Self { surfaces_at: self.floats, buffer_floats: self.floats + SURFACE_FLOATS * pixels, ..self }
+    /// Returns the layout with what a plan's passes over neighbours read of `pixels` target pixels after the planes.
+    pub(crate) fn with_neighbours(self, plan: &FramePlan, pixels: u32) -> Self {
+        let [surfaces, edges] = neighbour_floats(plan);
+        let place = |at: u32, floats: u32| if floats > 0 { at } else { layout::ABSENT };
+        let edges_at = self.floats + surfaces * pixels;
+        Self {
+            surfaces_at: place(self.floats, surfaces),
+            edges_at: place(edges_at, edges),
+            buffer_floats: edges_at + edges * pixels,
+            ..self
+        }
     }
 
     /// Copies a tile's planes into the frame of `region`, and encodes its colours if the frame stores them in 8 bits.

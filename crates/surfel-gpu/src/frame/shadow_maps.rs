@@ -76,7 +76,7 @@ impl ShadowMapJob {
 pub fn shadow_map_jobs(scene: &UploadedScene, plan: &FramePlan) -> Vec<ShadowMapJob> {
     let job = |(i, map): (usize, &ShadowMap)| {
         let none = Planes::COLOR.with_color(false);
-        let passes = plan.passes.iter().copied().filter(|pass| *pass == Pass::Polygons);
+        let passes = plan.passes.iter().copied().filter(|pass| matches!(pass, Pass::Polygons | Pass::Balls));
         let own = FramePlan {
             passes: [Pass::ShadowMap].into_iter().chain(passes).collect(),
             splat_filter: map.splat_filter,

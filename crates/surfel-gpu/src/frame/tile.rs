@@ -1,6 +1,7 @@
 //! Data of a frame's tile in addition to the resident scene: visible chunks, splats at the near plane, polygons,
 //! uniforms.
 
+use crate::frame::balls::{MOST_BALLS, TileBalls};
 use crate::frame::culling::{is_outside, may_reach_near};
 use crate::frame::gaussians::GaussianLists;
 use crate::frame::near_plane::{NearPlaneChunk, NearPlaneRecords, NearPlaneSetup};
@@ -16,7 +17,7 @@ use crate::scene::limits::Limits;
 use crate::scene::segment::{Segment, UploadedScene};
 use rayon::prelude::*;
 use std::ops::Range;
-use surfel_model::{ClipPolicy, NO_LABEL};
+use surfel_model::{ClipPolicy, CloudData, NO_LABEL};
 use surfel_render::{FramePlan, Identity, Pass, Region, SAMPLES_SIDE, View};
 use surfel_shaders::layout;
 
@@ -90,6 +91,10 @@ pub struct TileData {
     pub polygons: Vec<u32>,
     /// Number of polygons.
     pub polygon_count: u32,
+    /// Words of the shaders' `balls`, at least one.
+    pub balls: Vec<u32>,
+    /// Object and index of each ball that may touch the tile.
+    ball_members: Vec<[u32; 2]>,
     /// Trained Gaussians; `None` in frames of surfaces.
     pub gaussians: Option<GaussianLists>,
     /// Number of polygons of each mesh.
@@ -107,11 +112,18 @@ impl TileData {
     }
 
     /// Returns the data of a tile that the compute path draws.
-    pub fn of_cells(scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan, tile: Region) -> Self {
+    pub(crate) fn of_cells(
+        scene: &UploadedScene,
+        frame: &FrameScene,
+        view: &View,
+        plan: &FramePlan,
+        tile: Region,
+    ) -> Self {
         let mut data = Self::by(scene, frame, view, plan, tile, true);
         let mut cells = CellCounts {
             size: CellCounts::size_of([data.targets.width, data.targets.height]),
             near: data.near.iter().map(NearRecords::count).sum(),
+            has_places: plan.planes.index,
             ..CellCounts::default()
         };
         for segment in &mut data.segments {
@@ -134,10 +146,23 @@ impl TileData {
         data
     }
 
-    /// Sets the capacity of the buffers of records and pairs in the uniform.
-    pub fn put_room(&mut self, room: CellRoom) {
+    /// Sets the capacity of the compute path's buffers in the uniform.
+    pub(crate) fn put_room(&mut self, room: CellRoom) {
         use layout::frame as at;
-        self.put_frame_words(&[(at::CELL_RECORD_ROOM, room.records), (at::CELL_PAIR_ROOM, room.pairs)]);
+        let Some(cells) = &self.cells else { return };
+        let words = [
+            (at::CELL_RECORD_ROOM, room.records),
+            (at::CELL_PAIR_ROOM, room.pairs),
+            (at::CELL_ACTIVE_ROOM, if cells.is_of_samples { room.active } else { 0 }),
+            (at::CELL_HEADER, cells.header(room)),
+        ];
+        self.put_frame_words(&words);
+    }
+
+    /// Makes this tile, which the compute path draws, the n-th after the tile of pixels that its samples belong to.
+    pub(crate) fn put_part(&mut self, n: u32) {
+        self.put_frame_words(&[(layout::frame::CELL_PART, n)]);
+        self.cells.iter_mut().for_each(|cells| cells.is_of_samples = true);
     }
 
     fn put_frame_words(&mut self, words: &[(usize, u32)]) {
@@ -159,8 +184,8 @@ impl TileData {
         let of_tile = if plan.has(Pass::Gaussians) { PlaneLayout::of_gaussians } else { PlaneLayout::new };
         let mut planes = of_tile(plan.planes, tile.width * tile.height);
         let targets = targets_of(tile, view, plan);
-        if by_cells && plan.reach_px() > 0 {
-            planes = planes.with_surfaces(targets.width * targets.height);
+        if by_cells {
+            planes = planes.with_neighbours(plan, targets.width * targets.height);
         }
         let setup = NearPlaneSetup { view, plan, tile: targets };
         let parts: Vec<(SegmentData, NearPlaneRecords)> =
@@ -207,6 +232,7 @@ impl TileData {
                 *word = value.to_bits();
             }
         }
+        let balls = TileBalls::new(&scene.balls, view, plan, targets);
         let gaussians = None;
         Self {
             targets,
@@ -216,6 +242,8 @@ impl TileData {
             near,
             polygons,
             polygon_count,
+            balls: balls.words,
+            ball_members: balls.members,
             gaussians,
             mesh_polygons,
             planes,
@@ -254,7 +282,13 @@ impl TileData {
             (at::PIXELS_SIZE_PX, [targets.width, targets.height]),
             (at::FIRST_PIXEL, first),
         ];
-        let numbers = [(at::IS_OF_SAMPLES, 1), (at::COLOR_AT, pixels.planes.color_at)];
+        let planes = &pixels.planes;
+        let numbers = [
+            (at::IS_OF_SAMPLES, 1),
+            (at::COLOR_AT, planes.color_at),
+            (at::SURFACES_AT, planes.surfaces_at),
+            (at::EDGES_AT, planes.edges_at),
+        ];
         let words = pairs.into_iter().flat_map(|(at, [x, y])| [(at, x), (at + 4, y)]).chain(numbers);
         for (offset, value) in words {
             if let Some(word) = self.frame.get_mut(offset / 4) {
@@ -269,6 +303,14 @@ impl TileData {
     /// # Errors
     /// A message with cause and remedy, if they don't fit.
     pub fn check(&self, limits: Limits) -> Result<(), String> {
+        let balls = 4 * self.balls.len() as u64;
+        if balls > limits.buffer_bytes || self.ball_members.len() >= MOST_BALLS {
+            let (count, most) = (self.ball_members.len(), limits.buffer_bytes);
+            return Err(format!(
+                "{count} balls in view need {balls} bytes, expected at most {most} and {MOST_BALLS} balls; render by \
+                 --region, or choose --backend cpu"
+            ));
+        }
         let bytes = 4 * self.polygons.len() as u64;
         if bytes <= limits.buffer_bytes && self.polygon_count < MOST_POLYGONS {
             return Ok(());
@@ -292,20 +334,21 @@ impl TileData {
     /// Returns the splat or polygon of a draw and of its record.
     ///
     /// `draw` is the index of a segment, or an index after all segments for splats at the near plane, or −2 for
-    /// polygons.
+    /// polygons, or −3 for balls.
     pub fn identity(&self, scene: &UploadedScene, draw: i32, record: usize) -> Identity {
         let splat = |[object, i]: [u32; 2]| {
             let uploaded = scene.objects.get(object as usize)?;
-            let data = uploaded.cloud.data();
-            let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
-            let (row, label) = (of(&data.rows).unwrap_or(i), of(&data.labels).unwrap_or(NO_LABEL));
-            Some(Identity { row, object: uploaded.source, label })
+            Some(identity_of(uploaded.cloud.data(), uploaded.source, i))
         };
         let found = match usize::try_from(draw) {
             Ok(draw) => match scene.segments.get(draw) {
                 Some(segment) => segment.members.get(record).and_then(|&i| splat([segment.object, i])),
                 None => self.near.get(draw - scene.segments.len()).and_then(|near| splat(*near.splats.get(record)?)),
             },
+            Err(_) if draw == -3 => self.ball_members.get(record).and_then(|&[object, i]| {
+                let uploaded = scene.balls.get(object as usize)?;
+                Some(identity_of(uploaded.cloud.data(), uploaded.source, i))
+            }),
             Err(_) => {
                 let mut last = 0;
                 let is_own = |count: &u32| {
@@ -317,6 +360,21 @@ impl TileData {
             }
         };
         found.unwrap_or(Identity::NOTHING)
+    }
+
+    /// Returns the splat of a pixel of the compute path: the n-th of a group of records.
+    pub fn cell_identity(&self, scene: &UploadedScene, group: i32, n: usize) -> Identity {
+        let Ok(mut group) = usize::try_from(group) else { return Identity::NOTHING };
+        let words = layout::cell_chunk::SIZE / 4;
+        for (draw, segment) in (0..).zip(&self.segments) {
+            let chunks = segment.chunks.len() / words;
+            if group < chunks {
+                let first = segment.chunks.get(group * words + layout::cell_chunk::FIRST / 4).copied().unwrap_or(0);
+                return self.identity(scene, draw, first as usize + n);
+            }
+            group -= chunks;
+        }
+        self.identity(scene, self.segments.len() as i32, group * layout::CELL_WORKGROUP as usize + n)
     }
 
     /// Returns the segments that may touch the tile.
@@ -331,7 +389,8 @@ impl TileData {
     /// Returns the number of records that the CPU has set up: splats at the near plane, and Gaussians.
     pub fn host_records(&self) -> u32 {
         let gaussians = self.gaussians.as_ref().map_or(0, |lists| lists.count);
-        self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians
+        let balls = self.ball_members.len() as u32;
+        self.near.iter().map(NearRecords::count).sum::<u32>() + gaussians + balls
     }
 
     /// Returns the clip variants of the tile's splats. [`Variant::Whole`] is always included, so that every draw has a
@@ -341,6 +400,12 @@ impl TileData {
         let clipped = seen.chain(self.near.iter().map(|n| n.variant)).any(|v| v == Variant::Clipped);
         if clipped { vec![Variant::Whole, Variant::Clipped] } else { vec![Variant::Whole] }
     }
+}
+
+/// Returns the identity of a splat of an object, by its index in the object's cloud.
+fn identity_of(data: &CloudData, object: u32, i: u32) -> Identity {
+    let of = |column: &Option<Vec<u32>>| column.as_ref()?.get(i as usize).copied();
+    Identity { row: of(&data.rows).unwrap_or(i), object, label: of(&data.labels).unwrap_or(NO_LABEL) }
 }
 
 /// Largest gap between two runs that is drawn along with them, in splats: one more draw would cost more than these

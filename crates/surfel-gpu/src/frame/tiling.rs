@@ -1,7 +1,7 @@
 //! Tiling: cuts a frame into tiles that fit the device.
 
 use crate::frame::gaussians::{ProjectedGaussians, halves};
-use crate::frame::planes::{SURFACE_FLOATS, floats_per_pixel};
+use crate::frame::planes::{floats_per_pixel, neighbour_floats};
 use crate::frame::tile::TileData;
 use crate::frame::uniforms::FrameScene;
 use crate::passes::cells::{GpuPath, LARGEST_CELL_TILE};
@@ -26,8 +26,8 @@ pub(crate) fn tiles(view: &View, plan: &FramePlan, limits: Limits, by_cells: boo
     let largest = if by_cells { LARGEST_CELL_TILE } else { LARGEST_SIDE };
     let side = limits.texture_side.min(largest).saturating_sub(2 * plan.reach_px()).max(1);
     let layer_bytes = if has_layers(plan) { layout::layer_composite::SIZE as u64 } else { 0 };
-    let surface = if by_cells && plan.reach_px() > 0 { SURFACE_FLOATS } else { 0 };
-    let bytes = layer_bytes.max(4 * u64::from((floats_per_pixel(plan.planes) + surface).max(1)));
+    let neighbours = if by_cells { neighbour_floats(plan).iter().sum() } else { 0 };
+    let bytes = layer_bytes.max(4 * u64::from((floats_per_pixel(plan.planes) + neighbours).max(1)));
     // The planes of Gaussians begin with one extra float.
     let pixels = (limits.buffer_bytes.min(u64::from(u32::MAX)).saturating_sub(4) / bytes).max(1);
     // The border counts, too.

@@ -11,7 +11,7 @@ use surfel_math::depth::Tolerance;
 use surfel_math::gaussian;
 use surfel_math::kernel::FULL_COVERAGE;
 use surfel_math::srgb::limit_light;
-use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Material, Shader};
+use surfel_model::{ClipPolicy, Cull, Filter, Light, Matcap, Shader};
 use surfel_render::{FramePlan, GaussianColors, Pass, Region, SHADOW_MAP_SIDE, View};
 use surfel_shaders::layout;
 
@@ -187,19 +187,19 @@ pub(crate) fn frame_words(
     words.u32(at::HAS_POLYGONS, u32::from(plan.has(Pass::Polygons))).f64(at::FULL_COVERAGE, FULL_COVERAGE);
     words.u32(at::HAS_OUTLINES, u32::from(plan.has(Pass::Outlines)));
     words.u32(at::HAS_EYE_DOME, u32::from(plan.has(Pass::EyeDome)));
+    words.u32(at::HAS_BALLS, u32::from(plan.has(Pass::Balls)));
     words.u32(at::HAS_LAYERS, u32::from(has_layers(plan))).u32(at::HAS_ABUFFER, u32::from(plan.has(Pass::ABuffer)));
     words.u32(at::CLIP_BY_CHORD, u32::from(plan.clip == ClipPolicy::Line));
     words.vec2(at::RAY_START, (DVec2::splat(0.5) - principal) / focal).vec2(at::RAY_STEP, DVec2::ONE / focal);
     let ambient = limit_light(scene.ambient, frame.light_count as usize);
     words.vec3(at::AMBIENT, DVec3::from(ambient)).f64s(at::BACKGROUND, scene.background);
-    let material = scene.objects.first().map_or(Material::default(), |o| o.material);
-    words.f64s(at::MATERIAL, material.factors()).vec3(at::TO_EYE, -view.forward());
+    words.f64s(at::MATERIAL, scene.material.factors()).vec3(at::TO_EYE, -view.forward());
     words.u32(at::SHADER_KIND, shader_kind(plan.shader)).f32(at::EMPTY_DEPTH, f32::INFINITY);
     words.u32(at::HAS_COLORS, u32::from(plan.attributes.color));
     words.u32(at::HAS_MATERIALS, u32::from(plan.attributes.material)).u32(at::LIGHT_COUNT, frame.light_count);
     words.u32(at::COLOR_AT, planes.color_at).u32(at::DEPTH_AT, planes.depth_at).u32(at::NORMAL_AT, planes.normal_at);
     words.u32(at::WEIGHT_AT, planes.weight_at).u32(at::FRAGMENTS_AT, planes.fragments_at);
-    words.u32(at::SURFACES_AT, planes.surfaces_at);
+    words.u32(at::SURFACES_AT, planes.surfaces_at).u32(at::EDGES_AT, planes.edges_at);
     words.u32(at::NEAREST_AT, planes.nearest_at).u32(at::ALPHA_AT, planes.alpha_at);
     words.u32(at::MEDIAN_DEPTH_AT, planes.median_depth_at).u32(at::DISTORTION_AT, planes.distortion_at);
     if plan.has(Pass::Gaussians) {

@@ -1,9 +1,9 @@
 //! Compute path: draws opaque splats by compute shaders, without raster hardware. This module decides which frames it
-//! draws, sizes its buffers, and lists its dispatches. `shaders/passes/cells.wgsl` explains the algorithm.
+//! draws and sizes its buffers. `shaders/passes/cells.wgsl` explains the algorithm.
 
-use crate::passes::pixel_pass::PixelPass;
+use crate::passes::memory::add_counter;
 use crate::scene::limits::Limits;
-use surfel_model::{Accumulate, ClipPolicy, Shader};
+use surfel_model::ClipPolicy;
 use surfel_render::{FramePlan, Pass, Stats};
 use surfel_shaders::layout;
 
@@ -24,31 +24,36 @@ pub enum GpuPath {
 }
 
 impl GpuPath {
-    /// True if compute shaders draw a plan's frames. They draw frames of opaque, unclipped splats whose sums are f32.
+    /// True if compute shaders draw a plan's frames: those of opaque, unclipped splats. Their sums are always f32.
     ///
-    /// Clipped or transparent splats, polygons, trained Gaussians, edge antialiasing, the plane of indices and the
-    /// shadow maps themselves need raster hardware.
+    /// Clipped or transparent splats, polygons, trained Gaussians and the shadow maps themselves need raster hardware.
     pub fn draws_cells(self, plan: &FramePlan) -> bool {
         let is_drawn = |pass: &Pass| {
-            use Pass::{Attributes, EyeDome, Outlines, Shade, ShadowMap, Visibility};
-            matches!(pass, ShadowMap | Visibility | Attributes | Shade | Outlines | EyeDome)
+            use Pass::{
+                Attributes, EdgeAntialiasing, EdgeSamples, EyeDome, Nearest, Outlines, Shade, ShadowMap, Visibility,
+            };
+            let is_of_splats = matches!(pass, ShadowMap | Visibility | Attributes | Nearest | Shade);
+            is_of_splats || matches!(pass, Outlines | EyeDome | EdgeAntialiasing | EdgeSamples)
         };
         let has_splats = plan.has(Pass::Visibility) && plan.has(Pass::Shade);
         let is_whole = plan.clip == ClipPolicy::Off && !plan.separates_transparent;
-        let is_exact = plan.accumulate == Accumulate::F32;
-        let has_only_these = plan.passes.iter().all(is_drawn) && !plan.planes.index;
-        self != Self::Raster && has_splats && is_whole && is_exact && has_only_these
+        self != Self::Raster && has_splats && is_whole && plan.passes.iter().all(is_drawn)
     }
 }
 
-/// Name of the counter of pairs of a splat and a cell that the compute path drew.
+/// Name of the counter of pairs of a splat and a cell that the compute path drew, without those of samples.
 pub const CELL_PAIRS: &str = "cell_pairs";
+
+/// Names of the counters of active cells of samples, and of the pairs of a splat and such a cell.
+const OF_SAMPLES: [&str; 2] = ["sample_cells", "sample_pairs"];
 
 /// Round of the compute path. Some passes run several times in a tile; the round selects their bindings and uniform.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum CellRound {
     /// Counts and emits the pairs of groups.
     Groups,
+    /// Numbers the active cells of samples.
+    Active,
     /// Sorts pairs by the lower digit of the cell's number.
     Low,
     /// Sorts pairs by the upper digit of the cell's number.
@@ -76,11 +81,13 @@ pub enum CellBuffer {
     Sums,
     /// Depth thresholds and sums of the parts of dense cells.
     Parts,
+    /// Number of active cells before each cell of a tile of samples: the shaders' `cell_active`.
+    Active,
 }
 
 impl CellBuffer {
     /// All buffers.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 9] = [
         Self::Records,
         Self::Groups,
         Self::Counters,
@@ -89,6 +96,7 @@ impl CellBuffer {
         Self::Digits,
         Self::Sums,
         Self::Parts,
+        Self::Active,
     ];
 
     /// Returns the buffer's name for messages and debuggers.
@@ -102,21 +110,30 @@ impl CellBuffer {
             Self::Digits => "digits",
             Self::Sums => "scanned sums",
             Self::Parts => "parts of cells",
+            Self::Active => "active cells",
         }
     }
 
-    /// Returns the buffer's size for a tile, in bytes.
-    pub fn bytes(self, cells: &CellCounts, room: CellRoom) -> u64 {
+    /// Returns the buffer's size for a tile of pixels and its samples, in bytes.
+    pub(crate) fn bytes(self, all: &[CellCounts], room: CellRoom) -> u64 {
+        match self {
+            Self::Counters => COUNTER_BYTES * all.len() as u64,
+            _ => all.iter().map(|cells| self.bytes_of_one(cells, room)).max().unwrap_or(0),
+        }
+    }
+
+    fn bytes_of_one(self, cells: &CellCounts, room: CellRoom) -> u64 {
         let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
         let digits = DIGITS * blocks(u64::from(room.pairs));
         match self {
-            Self::Records => room.record_bytes(),
+            Self::Records => room.record_bytes(cells),
             Self::Groups => 4 * u64::from(1 + layout::GROUP_WORDS) * u64::from(cells.groups()),
             Self::Counters => COUNTER_BYTES,
             Self::Pairs | Self::HalfSortedPairs => room.pair_bytes(cells),
             Self::Digits => 4 * digits,
-            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups()))),
+            Self::Sums => 4 * blocks(digits.max(u64::from(cells.groups())).max(cells.active_words())),
             Self::Parts => room.part_bytes(),
+            Self::Active => 4 * cells.active_words(),
         }
     }
 }
@@ -124,8 +141,8 @@ impl CellBuffer {
 /// Number of values of a digit.
 const DIGITS: u64 = layout::CELL_WORKGROUP as u64;
 
-/// Size of [`CellBuffer::Counters`] in bytes. The host reads the whole buffer.
-pub const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
+/// Size of a tile's counters in [`CellBuffer::Counters`], in bytes. The host reads the whole buffer.
+const COUNTER_BYTES: u64 = layout::cell_counters::SIZE as u64;
 
 /// Resource behind a binding of the compute path's passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -138,8 +155,6 @@ pub enum CellBinding {
     Chunks,
     /// The shaders' `near_bits` of the step's segment.
     NearBits,
-    /// The target `Steps`. Only frames that draw samples at edges have it.
-    Steps,
     /// Records of splats at the near plane.
     NearRecords,
     /// The frame's `planes`.
@@ -153,24 +168,28 @@ pub enum CellBinding {
 impl CellBinding {
     /// Returns the resource at a binding number of group 1 in a round; `None` if no step uses the number.
     pub fn of(binding: u32, round: CellRound) -> Option<Self> {
-        use CellBuffer::{Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
+        use CellBuffer::{Active, Counters, Digits, Groups, HalfSortedPairs, Pairs, Parts, Records, Sums};
         Some(match binding {
             0 => Self::Segment,
             1 => Self::Splats,
             3 => Self::NearBits,
             4 => Self::Planes,
-            7 => Self::Steps,
             40 | 52 => Self::Buffer(Records),
             41 => Self::Buffer(Groups),
             42 | 53 => Self::Buffer(Counters),
             43 => Self::Chunks,
             44 => Self::NearRecords,
             45 => Self::Round,
-            46 => Self::Buffer(if round == CellRound::Groups { Groups } else { Digits }),
+            46 => Self::Buffer(match round {
+                CellRound::Groups => Groups,
+                CellRound::Active => Active,
+                _ => Digits,
+            }),
             47 => Self::Buffer(Sums),
             48 => Self::Buffer(if round == CellRound::High { HalfSortedPairs } else { Pairs }),
             49 => Self::Buffer(if round == CellRound::Low { HalfSortedPairs } else { Pairs }),
             54 | 55 => Self::Buffer(Parts),
+            56 | 57 => Self::Buffer(Active),
             _ => return None,
         })
     }
@@ -178,14 +197,15 @@ impl CellBinding {
 
 impl CellRound {
     /// All rounds.
-    pub const ALL: [Self; 4] = [Self::Groups, Self::Low, Self::High, Self::Sorted];
+    pub const ALL: [Self; 5] = [Self::Groups, Self::Active, Self::Low, Self::High, Self::Sorted];
 
     /// Returns the words of the shaders' `CellRound` for a tile.
-    pub fn words(self, cells: &CellCounts) -> Vec<u32> {
-        let bits = u32::BITS - cells.cells().saturating_sub(1).leading_zeros();
+    pub fn words(self, cells: &CellCounts, room: CellRoom) -> Vec<u32> {
+        let bits = u32::BITS - cells.sorted_cells(room).saturating_sub(1).leading_zeros();
         let low = bits.div_ceil(2);
         let (scanned, shift, digits) = match self {
             Self::Groups | Self::Sorted => (layout::SCANNED_GROUPS, 0, 1),
+            Self::Active => (layout::SCANNED_ACTIVE, 0, 1),
             Self::Low => (layout::SCANNED_DIGITS, 0, 1 << low),
             Self::High => (layout::SCANNED_DIGITS, low, 1 << (bits - low)),
         };
@@ -206,6 +226,10 @@ pub struct CellCounts {
     pub splats: u64,
     /// Number of records of splats at the near plane.
     pub near: u32,
+    /// True for a tile of samples: only its active cells have pairs.
+    pub is_of_samples: bool,
+    /// True if records store their splat's place, for a plane of indices.
+    pub has_places: bool,
 }
 
 impl CellCounts {
@@ -229,80 +253,155 @@ impl CellCounts {
         self.all_chunks() + self.near_groups()
     }
 
-    fn near_groups(&self) -> u32 {
+    pub(crate) fn near_groups(&self) -> u32 {
         self.near.div_ceil(layout::CELL_WORKGROUP)
+    }
+
+    /// Returns the upper bound of the numbers of cells that pairs are sorted by.
+    fn sorted_cells(&self, room: CellRoom) -> u32 {
+        if self.is_of_samples { room.active } else { self.cells() }
+    }
+
+    /// Returns the number of elements before the pairs in a buffer of pairs. Active cells have two each.
+    pub(crate) fn header(&self, room: CellRoom) -> u32 {
+        if self.is_of_samples { 2 * room.active } else { self.cells() }
+    }
+
+    /// Returns the number of words of [`CellBuffer::Active`], at least one.
+    fn active_words(&self) -> u64 {
+        if self.is_of_samples { u64::from(self.cells()) + 1 } else { 1 }
     }
 }
 
-/// Capacity of the compute path's buffers, in records and pairs.
+/// Capacity of the compute path's buffers: in records and pairs, and in active cells of samples.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CellRoom {
     /// Maximum number of records.
     pub records: u32,
     /// Maximum number of pairs of a record and a cell.
     pub pairs: u32,
+    /// Maximum number of active cells of a tile of samples; 0 if there are no samples.
+    pub active: u32,
 }
+
+/// Numbers of records, pairs and active cells that tiles need.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct CellNeeds {
+    records: u64,
+    pairs: u64,
+    active: u64,
+}
+
+impl CellNeeds {
+    /// Returns the needs of a tile, from the words of its counters.
+    fn of_one(counters: &[u32]) -> Self {
+        use layout::cell_counters::{ACTIVE_CELLS, PAIRS, RECORDS};
+        let [records, pairs, active] =
+            [RECORDS, PAIRS, ACTIVE_CELLS].map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from));
+        Self { records, pairs, active }
+    }
+
+    /// Returns the largest needs of all tiles, from the words of [`CellBuffer::Counters`].
+    fn of(counters: &[u32]) -> Self {
+        of_tiles(counters).fold(Self::default(), Self::max)
+    }
+
+    fn max(self, other: Self) -> Self {
+        Self {
+            records: self.records.max(other.records),
+            pairs: self.pairs.max(other.pairs),
+            active: self.active.max(other.active),
+        }
+    }
+
+    fn of_room(room: CellRoom) -> Self {
+        Self { records: room.records.into(), pairs: room.pairs.into(), active: room.active.into() }
+    }
+}
+
+/// Iterates over the needs of a tile of pixels and the tiles of its samples.
+fn of_tiles(counters: &[u32]) -> impl Iterator<Item = CellNeeds> {
+    counters.chunks_exact(layout::cell_counters::SIZE / 4).map(CellNeeds::of_one)
+}
+
+/// Number of active cells of samples for which there is room before a tile's first frame.
+const FIRST_ACTIVE: u32 = 1 << 14;
 
 impl CellRoom {
     /// Estimates the capacity for a tile before its first frame. The records are three fifths of the splats, or all of
     /// them in a small tile. The pairs are two per record and four per cell. `None` if the buffers would exceed the
     /// limits.
-    pub fn estimate(cells: &CellCounts, limits: Limits) -> Option<Self> {
-        let splats = cells.splats + u64::from(cells.near);
-        let few = splats.min(1 << 18);
-        let records = few.max(splats * 3 / 5);
-        let pairs = (2 * records + 4 * u64::from(cells.cells())).min(u64::from(u32::MAX));
-        Self::within([records.max(1), pairs], cells, limits)
+    fn estimate(all: &[CellCounts], limits: Limits) -> Option<Self> {
+        let of_one = |cells: &CellCounts| {
+            let splats = cells.splats + u64::from(cells.near);
+            let records = splats.min(1 << 18).max(splats * 3 / 5);
+            let active = if cells.is_of_samples { u64::from(cells.cells().min(FIRST_ACTIVE)) } else { 0 };
+            let drawn_cells = if cells.is_of_samples { active } else { u64::from(cells.cells()) };
+            CellNeeds { records: records.max(1), pairs: (2 * records + 4 * drawn_cells).min(u32::MAX.into()), active }
+        };
+        let needs = all.iter().map(of_one).fold(CellNeeds::default(), CellNeeds::max);
+        Self::within(needs, all, limits)
     }
 
-    /// Returns the capacity to draw a tile with: that of the tile before, or an estimate if it exceeds the limits or
-    /// there is none. `None` if the estimate exceeds the limits, too.
-    pub fn start(before: Option<Self>, cells: &CellCounts, limits: Limits) -> Option<Self> {
-        let kept = before.and_then(|room| Self::within([room.records, room.pairs].map(u64::from), cells, limits));
-        kept.or_else(|| Self::estimate(cells, limits))
+    /// Returns the capacity to draw a tile and its samples with: that of the tile before, or an estimate if it exceeds
+    /// the limits or there is none. `None` if the estimate exceeds the limits, too.
+    pub(crate) fn start(before: Option<Self>, all: &[CellCounts], limits: Limits) -> Option<Self> {
+        let estimate = Self::estimate(all, limits);
+        let kept = before.and_then(|room| {
+            let active = room.active.max(estimate.map_or(0, |room| room.active));
+            Self::within(CellNeeds::of_room(Self { active, ..room }), all, limits)
+        });
+        kept.or(estimate)
     }
 
     /// Adds the records and pairs that were drawn to the statistics. `counters` are the words of
-    /// [`CellBuffer::Counters`].
+    /// [`CellBuffer::Counters`]. Records of samples don't count: their splats were drawn before.
     pub fn count(counters: &[u32], stats: &mut Stats) {
-        let [records, pairs] = needed(counters);
-        stats.drawn += records;
-        match stats.counters.iter_mut().find(|counter| counter.0 == CELL_PAIRS) {
-            Some(counter) => counter.1 += pairs as f64,
-            None => stats.counters.push((CELL_PAIRS, pairs as f64)),
+        let mut tiles = of_tiles(counters);
+        let pixels = tiles.next().unwrap_or_default();
+        stats.drawn += pixels.records;
+        add_counter(CELL_PAIRS, pixels.pairs as f64, stats);
+        for samples in tiles {
+            let [cells, pairs] = OF_SAMPLES;
+            add_counter(cells, samples.active as f64, stats);
+            add_counter(pairs, samples.pairs as f64, stats);
         }
     }
 
-    /// True if all records and pairs of a tile fit. `counters` are the words of [`CellBuffer::Counters`]. If not,
-    /// nothing of the tile was drawn.
+    /// True if a tile and its samples fit. `counters` are the words of [`CellBuffer::Counters`]. If not, nothing of the
+    /// tile that doesn't fit was drawn.
     pub fn holds(self, counters: &[u32]) -> bool {
-        let [records, pairs] = needed(counters);
-        records <= u64::from(self.records) && pairs <= u64::from(self.pairs)
+        let (own, needs) = (CellNeeds::of_room(self), CellNeeds::of(counters));
+        own.max(needs) == own
     }
 
-    /// Returns the capacity that a tile needs according to `counters`, with a margin of a quarter if the limits permit.
-    /// `None` if the tile exceeds the limits. `counters` are the words of [`CellBuffer::Counters`].
-    pub fn grown(self, counters: &[u32], cells: &CellCounts, limits: Limits) -> Option<Self> {
-        let [records, pairs] = needed(counters);
-        let exact = [records.max(self.records.into()), pairs.max(self.pairs.into())];
-        let ample = [records + records / 4, pairs + pairs / 4];
-        let ample = [ample[0].max(exact[0]), ample[1].max(exact[1])];
-        Self::within(ample, cells, limits).or_else(|| Self::within([records, pairs], cells, limits))
+    /// Returns the capacity that a tile and its samples need according to `counters`, with a margin of a quarter if the
+    /// limits permit. `None` if they exceed the limits. `counters` are the words of [`CellBuffer::Counters`].
+    pub(crate) fn grown(self, counters: &[u32], all: &[CellCounts], limits: Limits) -> Option<Self> {
+        let needs = CellNeeds::of(counters);
+        let more = |count: u64| count + count / 4;
+        let ample = CellNeeds { records: more(needs.records), pairs: more(needs.pairs), active: more(needs.active) };
+        let ample = ample.max(CellNeeds::of_room(self));
+        Self::within(ample, all, limits).or_else(|| Self::within(needs, all, limits))
     }
 
-    fn within([records, pairs]: [u64; 2], cells: &CellCounts, limits: Limits) -> Option<Self> {
-        let room = Self { records: records.try_into().ok()?, pairs: pairs.try_into().ok()? };
+    fn within(needs: CellNeeds, all: &[CellCounts], limits: Limits) -> Option<Self> {
+        let of_samples = all.iter().filter(|cells| cells.is_of_samples);
+        let active = needs.active.min(of_samples.map(|cells| u64::from(cells.cells())).max().unwrap_or(0));
+        let (records, pairs) = (needs.records.try_into().ok()?, needs.pairs.try_into().ok()?);
+        let room = Self { records, pairs, active: active as u32 };
         let most = limits.buffer_bytes.min(limits.cell_bytes);
-        let bytes = room.record_bytes().max(room.pair_bytes(cells)).max(room.part_bytes());
-        (bytes <= most).then_some(room)
+        let of_tiles = all.iter().map(|cells| room.pair_bytes(cells).max(room.record_bytes(cells))).max();
+        (of_tiles.unwrap_or(0).max(room.part_bytes()) <= most).then_some(room)
     }
 
-    fn record_bytes(self) -> u64 {
-        layout::record::SIZE as u64 * u64::from(self.records)
+    fn record_bytes(self, cells: &CellCounts) -> u64 {
+        let place = if cells.has_places { 16 } else { 0 };
+        (layout::record::SIZE as u64 + place) * u64::from(self.records)
     }
 
     /// Returns the number of parts that dense cells may have; 0 if the pairs are too few for any dense cell.
-    fn parts(self) -> u64 {
+    pub(crate) fn parts(self) -> u64 {
         let is_any_dense = self.pairs > layout::DENSE_PAIRS;
         if is_any_dense { 2 * u64::from(self.pairs).div_ceil(u64::from(layout::PART_PAIRS)) } else { 0 }
     }
@@ -312,147 +411,15 @@ impl CellRoom {
     }
 
     fn pair_bytes(self, cells: &CellCounts) -> u64 {
-        layout::cell_pair::SIZE as u64 * (u64::from(cells.cells()) + u64::from(self.pairs))
+        layout::cell_pair::SIZE as u64 * (u64::from(cells.header(self)) + u64::from(self.pairs))
     }
-}
-
-/// Returns the numbers of records and pairs that a tile needs, from the words of [`CellBuffer::Counters`].
-fn needed(counters: &[u32]) -> [u64; 2] {
-    [layout::cell_counters::RECORDS, layout::cell_counters::PAIRS]
-        .map(|offset| counters.get(offset / 4).copied().map_or(0, u64::from))
-}
-
-/// Dispatch of the compute path.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct CellStep {
-    /// Entry point of the shader.
-    pub entry: &'static str,
-    /// Round that selects the step's bindings and the contents of its uniform.
-    pub round: CellRound,
-    /// Segment whose splats the step reads; `None` for steps that read no segment.
-    pub segment: Option<usize>,
-    /// Number of workgroups along x and y.
-    pub workgroups: [u32; 2],
-}
-
-/// Dispatches that share a name in the statistics.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct CellStage {
-    /// Name in the statistics.
-    pub name: &'static str,
-    /// Dispatches in order; each depends on all before it.
-    pub steps: Vec<CellStep>,
-}
-
-/// Returns the pixel passes that follow the cells of a plan.
-pub fn pixel_passes_after_cells(plan: &FramePlan) -> Vec<PixelPass> {
-    let looks_at_neighbours = plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome));
-    looks_at_neighbours.then_some(PixelPass::CellNeighbours).into_iter().collect()
-}
-
-/// Entry points that draw a plan's cells.
-struct RasterEntries {
-    cells: &'static str,
-    /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
-    /// oriented splats are separated: their cells are drawn whole.
-    of_parts: Option<[&'static str; 3]>,
-}
-
-impl RasterEntries {
-    fn of(plan: &FramePlan) -> Self {
-        let has_surface = plan.attributes.normal || plan.attributes.depth;
-        let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
-        if plan.keeps_facings {
-            let cells = if is_full { "cell_sided_shadowed_surfaces" } else { "cell_sided_surfaces" };
-            return Self { cells, of_parts: None };
-        }
-        let (cells, parts) = match (is_full, has_surface) {
-            (true, _) => ("cell_shadowed_surfaces", "cell_part_surfaces"),
-            (false, true) => ("cell_surfaces", "cell_part_surfaces"),
-            (false, false) => ("cell_colors", "cell_part_colors"),
-        };
-        let combine = if is_full { "cell_combine_shadowed" } else { "cell_combine" };
-        Self { cells, of_parts: Some(["cell_part_thresholds", parts, combine]) }
-    }
-}
-
-/// Arranges a number of workgroups in rows of [`layout::CELL_ROW`].
-fn grid(count: u64) -> [u32; 2] {
-    let row = u64::from(layout::CELL_ROW);
-    [count.min(row) as u32, count.div_ceil(row) as u32]
-}
-
-/// Returns the stages that draw a tile, in order.
-pub fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom) -> Vec<CellStage> {
-    let workgroup = u64::from(layout::CELL_WORKGROUP);
-    let blocks = |count: u64| count.div_ceil(u64::from(layout::CELL_BLOCK));
-    let step = |entry, round, count: u64| CellStep { entry, round, segment: None, workgroups: grid(count) };
-    let begin = step("cell_begin", CellRound::Groups, u64::from(cells.cells()).div_ceil(workgroup));
-    let mut setup = vec![begin];
-    let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
-    setup.extend(of_segments.map(|(segment, &chunks)| CellStep {
-        segment: Some(segment),
-        ..step("cell_setup", CellRound::Groups, u64::from(chunks))
-    }));
-    if cells.near > 0 {
-        setup.push(step("cell_near", CellRound::Groups, u64::from(cells.near_groups())));
-    }
-    let entries = RasterEntries::of(plan);
-    let of_cells = |entry| CellStep { workgroups: cells.size, ..step(entry, CellRound::Sorted, 0) };
-    let mut raster = vec![of_cells(entries.cells)];
-    if let Some([thresholds, sums, combine]) = entries.of_parts.filter(|_| room.parts() > 0 && cells.groups() > 0) {
-        let of_parts = |entry| step(entry, CellRound::Sorted, room.parts());
-        raster.extend([of_parts(thresholds), of_parts(sums), of_cells(combine)]);
-    }
-    let mut stages = vec![CellStage { name: "setup", steps: setup }];
-    let groups = u64::from(cells.groups());
-    if groups > 0 {
-        let scan = |round, length: u64| {
-            let count = blocks(length);
-            [step("cell_scan_blocks", round, count), step("cell_scan_add", round, count)]
-        };
-        let mut sort = scan(CellRound::Groups, groups).to_vec();
-        sort.push(step("cell_emit", CellRound::Groups, groups));
-        let pair_blocks = blocks(u64::from(room.pairs));
-        for round in [CellRound::Low, CellRound::High] {
-            let digits = round.words(cells).get(2).copied().map_or(1, u64::from);
-            sort.push(step("cell_count_digits", round, pair_blocks));
-            sort.extend(scan(round, digits * pair_blocks));
-            sort.push(step("cell_scatter", round, pair_blocks));
-        }
-        sort.push(step("cell_find_ranges", CellRound::Sorted, u64::from(room.pairs).div_ceil(workgroup)));
-        stages.push(CellStage { name: "sort", steps: sort });
-    }
-    stages.push(CellStage { name: "raster", steps: raster });
-    stages
-}
-
-/// True for entry points that draw cells. Their pipelines have their own layout of the frame's buffers.
-pub fn is_cell_entry(entry: &str) -> bool {
-    entry.starts_with("cell_") && entry != PixelPass::CellNeighbours.entry()
-}
-
-/// Returns all entry points that a plan's cells may need, each once.
-pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
-    let RasterEntries { cells, of_parts } = RasterEntries::of(plan);
-    let before = [
-        "cell_begin",
-        "cell_setup",
-        "cell_near",
-        "cell_scan_blocks",
-        "cell_scan_add",
-        "cell_emit",
-        "cell_count_digits",
-        "cell_scatter",
-        "cell_find_ranges",
-    ];
-    before.into_iter().chain([cells]).chain(of_parts.into_iter().flatten()).collect()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use crate::passes::cell_stages::is_cell_entry;
+    use surfel_model::{Accumulate, Camera, EdgeAa, Projection, Settings, Shader};
     use surfel_render::{Capabilities, GaussianColors, Planes, SceneSummary, View, plan};
     use surfel_shaders::{BindingKind, ENTRIES};
 
@@ -466,7 +433,8 @@ mod tests {
     }
 
     fn cells(chunks: &[u32], near: u32) -> CellCounts {
-        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats: 256 * u64::from(chunks.iter().sum::<u32>()), near }
+        let splats = 256 * u64::from(chunks.iter().sum::<u32>());
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, ..CellCounts::default() }
     }
 
     #[test]
@@ -476,6 +444,10 @@ mod tests {
             let plan = planned(&plain, Planes::ALL.with_fragments(true), |s| s.shader = shader);
             let drawn = [GpuPath::Auto, GpuPath::Compute, GpuPath::Raster].map(|path| path.draws_cells(&plan));
             assert_eq!(drawn, [true, true, false], "{shader:?}");
+            for edge_aa in [EdgeAa::Coverage, EdgeAa::Samples] {
+                let plan = planned(&plain, Planes::ALL, |s| (s.shader, s.edge_aa) = (shader, edge_aa));
+                assert!(GpuPath::Auto.draws_cells(&plan), "{shader:?} {edge_aa:?}");
+            }
         }
         let with = |change: fn(&mut SceneSummary)| {
             let mut summary = SceneSummary::default();
@@ -489,14 +461,13 @@ mod tests {
             planned(&with(|s| s.transparent = true), Planes::COLOR, |s| {
                 s.transparency = "peel:2".parse().unwrap();
             }),
-            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Coverage),
-            planned(&plain, Planes::COLOR, |s| s.edge_aa = EdgeAa::Samples),
-            planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16),
-            planned(&plain, Planes::COLOR.with_index(true), |_| ()),
         ];
         for (i, plan) in others.iter().enumerate() {
             assert!(!GpuPath::Compute.draws_cells(plan), "{i}");
         }
+        // Sums are in f32 whatever the settings permit.
+        assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::COLOR, |s| s.accumulate = Accumulate::F16)));
+        assert!(GpuPath::Auto.draws_cells(&planned(&plain, Planes::ALL.with_index(true), |_| ())));
         // With clipping and transparency disabled, all splats are opaque and unclipped.
         let off = planned(&with(|s| (s.clips, s.transparent) = (true, true)), Planes::COLOR, |s| {
             s.clip = ClipPolicy::Off;
@@ -506,89 +477,55 @@ mod tests {
     }
 
     #[test]
-    fn plan_runs_what_it_asks_for_and_no_more() {
-        let plain = SceneSummary::default();
-        let of = |shader| {
-            let plan = planned(&plain, Planes::COLOR, |s| s.shader = shader);
-            (RasterEntries::of(&plan).cells, pixel_passes_after_cells(&plan))
-        };
-        assert_eq!(of(Shader::Unlit), ("cell_colors", vec![]));
-        assert_eq!(of(Shader::Phong), ("cell_surfaces", vec![]));
-        assert_eq!(of(Shader::Toon), ("cell_shadowed_surfaces", vec![PixelPass::CellNeighbours]));
-        assert_eq!(of(Shader::Edl), ("cell_surfaces", vec![PixelPass::CellNeighbours]));
-        let plan = planned(&plain, Planes::COLOR, |s| s.shader = Shader::Unlit);
-        let names = |cells: &CellCounts, pairs| -> Vec<&str> {
-            let stages = cell_stages(&plan, cells, CellRoom { records: 100, pairs });
-            stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
-        };
-        // A tile that no splat touches is only cleared and shaded.
-        assert_eq!(names(&cells(&[0, 0], 0), 9999), ["cell_begin", "cell_colors"]);
-        // With few pairs no cell can be dense.
-        let few = names(&cells(&[3, 0], 0), layout::DENSE_PAIRS);
-        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
-        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
-        let many = names(&cells(&[3, 2], 7), layout::DENSE_PAIRS + 1);
-        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
-        assert_eq!(&many[many.len() - 3..], ["cell_part_thresholds", "cell_part_colors", "cell_combine"]);
-        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
-    }
-
-    #[test]
-    fn sides_are_kept_apart_only_where_a_plan_does() {
-        let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
-        for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
-        {
-            let plan = planned(&both, Planes::COLOR, |s| s.shader = shader);
-            assert!(GpuPath::Auto.draws_cells(&plan));
-            let entries = cell_entries(&plan);
-            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
-            let plan = planned(&SceneSummary::default(), Planes::COLOR, |s| s.shader = shader);
-            assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
-        }
-    }
-
-    #[test]
     fn passes_bind_what_every_device_has() {
-        for entry in ENTRIES.iter().filter(|entry| entry.name.starts_with("cell_")) {
+        for entry in ENTRIES.iter().filter(|entry| is_cell_entry(entry.name)) {
             let storage = |kind| matches!(kind, BindingKind::StorageRead | BindingKind::StorageWrite);
             let buffers = entry.bindings.iter().filter(|binding| storage(binding.kind)).count();
             assert!(buffers <= 8, "{} binds {buffers} storage buffers", entry.name);
             let invocations: u32 = entry.workgroup.iter().product();
             assert!(invocations <= 256, "{}", entry.name);
-            if entry.name == PixelPass::CellNeighbours.entry() {
-                continue;
-            }
             for binding in entry.bindings.iter().filter(|binding| binding.group == 1) {
                 for round in CellRound::ALL {
                     assert!(CellBinding::of(binding.binding, round).is_some(), "{} {binding:?}", entry.name);
                 }
             }
         }
-        for count in [1, 32_768, 32_769, 10_000_000] {
-            let [x, y] = grid(count);
-            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
-        }
     }
 
     #[test]
     fn digits_tell_all_cells_apart() {
+        let tell_apart = |counts: &CellCounts, room, cells: u32| {
+            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(counts, room));
+            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{counts:?}");
+            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(cells), "{counts:?}");
+            assert!(low[2].max(high[2]) <= DIGITS as u32, "{counts:?}");
+        };
         for size in [[1, 1], [1, 2], [5, 3], [64, 64], [120, 68], [256, 256]] {
             let counts = CellCounts { size, ..CellCounts::default() };
-            let [low, high] = [CellRound::Low, CellRound::High].map(|round| round.words(&counts));
-            assert_eq!((low[1], 1 << high[1]), (0, low[2]), "{size:?}");
-            assert!(u64::from(low[2]) * u64::from(high[2]) >= u64::from(counts.cells()), "{size:?}");
-            assert!(low[2].max(high[2]) <= DIGITS as u32, "{size:?}");
+            tell_apart(&counts, CellRoom { records: 1, pairs: 1, active: 0 }, counts.cells());
         }
         assert!(CellCounts::size_of([LARGEST_CELL_TILE; 2]).iter().product::<u32>() <= 1 << 16);
+        // Only the active cells of samples are numbered.
+        let samples = CellCounts { size: [256, 256], is_of_samples: true, ..CellCounts::default() };
+        for active in [1, 100, 1 << 16] {
+            tell_apart(&samples, CellRoom { records: 1, pairs: 1, active }, active);
+        }
     }
 
     #[test]
     fn room_grows_to_what_is_needed_or_is_refused() {
-        let (counts, all) = (cells(&[4], 3), Limits::default());
-        let room = CellRoom::estimate(&counts, all).unwrap();
-        assert_eq!(room.records, 4 * 256 + 3);
-        assert!(room.holds(&[room.records, room.pairs]) && !room.holds(&[room.records + 1, 0]));
-        let needed = [room.records, 40_000_000];
+        let (counts, all) = ([cells(&[4], 3)], Limits::default());
+        let room = CellRoom::start(None, &counts, all).unwrap();
+        assert_eq!((room.records, room.active), (4 * 256 + 3, 0));
+        let counters = |records, pairs, active| {
+            let mut words = vec![0; layout::cell_counters::SIZE / 4];
+            words[layout::cell_counters::RECORDS / 4] = records;
+            words[layout::cell_counters::PAIRS / 4] = pairs;
+            words[layout::cell_counters::ACTIVE_CELLS / 4] = active;
+            words
+        };
+        assert!(room.holds(&counters(room.records, room.pairs, 0)) && !room.holds(&counters(room.records + 1, 0, 0)));
+        let needed = counters(room.records, 40_000_000, 0);
         assert!(!room.holds(&needed));
         let grown = room.grown(&needed, &counts, all).unwrap();
         assert!(grown.holds(&needed) && grown.records >= room.records);
@@ -597,12 +534,25 @@ mod tests {
         let little = Limits { cell_bytes: 1 << 20, ..all };
         assert_eq!(CellRoom::start(Some(grown), &counts, little), Some(room));
         assert_eq!(room.grown(&needed, &counts, little), None);
-        assert_eq!(CellRoom::estimate(&counts, Limits { cell_bytes: 1000, ..all }), None);
+        assert_eq!(CellRoom::start(None, &counts, Limits { cell_bytes: 1000, ..all }), None);
         // The count of pairs overflows.
-        assert_eq!(room.grown(&[1, u32::MAX], &counts, all), None);
+        assert_eq!(room.grown(&counters(1, u32::MAX, 0), &counts, all), None);
         for buffer in CellBuffer::ALL {
             let [less, more] = [room, grown].map(|room| buffer.bytes(&counts, room));
             assert!(less <= more, "{buffer:?}");
         }
+        // Samples need room for active cells: at first for some, later for as many as there are.
+        let samples = CellCounts { size: [256, 200], is_of_samples: true, ..cells(&[4], 3) };
+        let counts = [cells(&[4], 3), samples];
+        let room = CellRoom::start(Some(grown), &counts, all).unwrap();
+        assert_eq!(room, CellRoom { active: FIRST_ACTIVE, ..grown });
+        let needed = [counters(5, 6, 0), counters(7, 8, FIRST_ACTIVE + 1)].concat();
+        assert!(!room.holds(&needed));
+        let more = room.grown(&needed, &counts, all).unwrap();
+        assert!(more.holds(&needed) && more.active <= 256 * 200);
+        let mut stats = Stats::default();
+        CellRoom::count(&needed, &mut stats);
+        let [active, pairs] = [("sample_cells", f64::from(FIRST_ACTIVE + 1)), ("sample_pairs", 8.0)];
+        assert_eq!((stats.drawn, stats.counters), (5, vec![(CELL_PAIRS, 6.0), active, pairs]));
     }
 }

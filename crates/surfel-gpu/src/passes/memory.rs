@@ -101,6 +101,14 @@ pub fn count_frame_bytes(target_bytes: u64, shadow_bytes: u64, stats: &mut Stats
     raise_counter(SHADOW_BYTES, shadow_bytes as f64, stats);
 }
 
+/// Adds `number` to a counter, which begins at 0.
+pub(crate) fn add_counter(name: &'static str, number: f64, stats: &mut Stats) {
+    match stats.counters.iter_mut().find(|counter| counter.0 == name) {
+        Some(counter) => counter.1 += number,
+        None => stats.counters.push((name, number)),
+    }
+}
+
 /// Raises a counter to `number` if it is lower, and adds it if it is missing.
 pub(crate) fn raise_counter(name: &'static str, number: f64, stats: &mut Stats) {
     match stats.counters.iter_mut().find(|counter| counter.0 == name) {

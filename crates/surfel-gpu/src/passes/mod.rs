@@ -1,5 +1,6 @@
 //! Passes of a frame: the targets, entry points, order and cost of each.
 
+pub(crate) mod cell_stages;
 pub(crate) mod cells;
 pub(crate) mod draw;
 pub(crate) mod fill_rate;

@@ -135,7 +135,11 @@ pub(crate) fn pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     let full = more || plan.shader == Shader::Toon;
     list.extend(plan.has(Pass::Nearest).then_some(PassEntry::Pixels(PixelPass::Nearest)));
     list.extend(samples.then(|| one(Draw::Steps)));
-    list.push(PassEntry::Pixels(if full { PixelPass::Shade } else { PixelPass::ShadeSplats }));
+    list.push(PassEntry::Pixels(match (plan.has(Pass::Balls), full) {
+        (true, _) => PixelPass::ShadeBalls,
+        (false, true) => PixelPass::Shade,
+        (false, false) => PixelPass::ShadeSplats,
+    }));
     list
 }
 
@@ -147,7 +151,8 @@ pub(crate) fn sample_pass_list(plan: &FramePlan) -> Vec<PassEntry> {
     }
     let mut list = pass_list(&plan.of_samples());
     list.pop();
-    list.push(PassEntry::Pixels(PixelPass::ResolveSamples));
+    let has_balls = plan.has(Pass::Balls);
+    list.push(PassEntry::Pixels(if has_balls { PixelPass::ResolveSamplesBalls } else { PixelPass::ResolveSamples }));
     list
 }
 

@@ -28,10 +28,12 @@ pub enum PixelPass {
     Shade,
     /// Shades an image that has opaque splats alone, without shadows and screen-space passes.
     ShadeSplats,
-    /// Applies outlines and eye-dome lighting, which read neighbouring pixels, after the compute path's cells.
-    CellNeighbours,
+    /// Shades an image that has balls, among everything else.
+    ShadeBalls,
     /// Shades samples and replaces the colours of sampled pixels by the means of their samples.
     ResolveSamples,
+    /// [`PixelPass::ResolveSamples`] of an image that has balls.
+    ResolveSamplesBalls,
     /// Draws trained Gaussians, sorted by their centres.
     Gaussians,
     /// Draws trained Gaussians, sorted for each pixel.
@@ -67,8 +69,8 @@ pub const PIXEL_PASS_TEXTURES: [(u32, Target); 21] = [
 ];
 
 /// Bindings of the buffers that pixel passes read and write, in this order: planes, polygons, texels, layer composites
-/// to write, layer composites to read, texels of the shadow map being drawn, indirect draws of layers.
-pub const PIXEL_PASS_BUFFERS: [u32; 7] = [4, 12, 13, 14, 15, 21, 22];
+/// to write, layer composites to read, texels of the shadow map being drawn, indirect draws of layers, balls.
+pub const PIXEL_PASS_BUFFERS: [u32; 8] = [4, 12, 13, 14, 15, 21, 22, 31];
 
 /// Bindings of a tile's [`GaussianLists`](crate::GaussianLists), which the passes of trained Gaussians read: records,
 /// then lists.
@@ -94,8 +96,9 @@ impl PixelPass {
             Self::Nearest => "nearest",
             Self::Shade => "shade",
             Self::ShadeSplats => "shade_splats",
-            Self::CellNeighbours => "cell_neighbours",
+            Self::ShadeBalls => "shade_balls",
             Self::ResolveSamples => "resolve_samples",
+            Self::ResolveSamplesBalls => "resolve_samples_balls",
             Self::Gaussians => "gaussians",
             Self::GaussiansByPixel => "gaussians_by_pixel",
         }
@@ -103,7 +106,7 @@ impl PixelPass {
 
     /// True if the pass shades the image. It is then the last pass, and runs over the tile without its border.
     pub fn is_shade(self) -> bool {
-        matches!(self, Self::Shade | Self::ShadeSplats)
+        matches!(self, Self::Shade | Self::ShadeSplats | Self::ShadeBalls)
     }
 
     /// Returns the width and height in pixels that the invocations cover, from the size of the targets and of the
@@ -112,12 +115,12 @@ impl PixelPass {
         match self {
             Self::Shade
             | Self::ShadeSplats
-            | Self::CellNeighbours
+            | Self::ShadeBalls
             | Self::Nearest
             | Self::Gaussians
             | Self::GaussiansByPixel => shaded,
             Self::NextLayer => [1, 1],
-            Self::ResolveSamples => targets.map(|side| side / SAMPLES_SIDE),
+            Self::ResolveSamples | Self::ResolveSamplesBalls => targets.map(|side| side / SAMPLES_SIDE),
             Self::BeginLayers
             | Self::BeginLayersInHost
             | Self::PeeledLayer
@@ -138,8 +141,8 @@ impl PixelPass {
             | Self::RemainingLayer => "layers",
             Self::StoreShadow => "shadow maps",
             Self::Nearest => "nearest",
-            Self::Shade | Self::ShadeSplats | Self::CellNeighbours => "shade",
-            Self::ResolveSamples => EDGE_SAMPLES,
+            Self::Shade | Self::ShadeSplats | Self::ShadeBalls => "shade",
+            Self::ResolveSamples | Self::ResolveSamplesBalls => EDGE_SAMPLES,
             Self::Gaussians | Self::GaussiansByPixel => "gaussians",
         }
     }

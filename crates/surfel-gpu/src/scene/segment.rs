@@ -67,6 +67,16 @@ pub(crate) struct UploadedMesh {
     pub texture_at: u32,
 }
 
+/// Object of balls, which the CPU projects for each frame.
+#[derive(Clone, Debug)]
+pub(crate) struct UploadedBalls {
+    /// Index of the object in the scene.
+    pub source: u32,
+    pub cloud: Arc<SplatCloud>,
+    pub world_from_object: DAffine3,
+    pub material: Material,
+}
+
 /// Object of trained Gaussians, which the CPU projects for each frame.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedGaussians {
@@ -89,6 +99,9 @@ pub struct UploadedScene {
     pub(crate) identity: Arc<()>,
     pub(crate) objects: Vec<UploadedObject>,
     pub(crate) meshes: Vec<UploadedMesh>,
+    pub(crate) balls: Vec<UploadedBalls>,
+    /// Material of the scene's first object.
+    pub(crate) material: Material,
     /// Objects of trained Gaussians; empty in a scene of surfaces.
     pub(crate) gaussians: Vec<UploadedGaussians>,
     pub(crate) lights: Option<Vec<Light>>,

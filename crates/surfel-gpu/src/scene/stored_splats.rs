@@ -81,7 +81,8 @@ impl StoredLayout {
         to.word(code);
         to.numbers((cloud.center(i) - space.origin).as_vec3().to_array(), space.center);
         match &cloud.data().shape {
-            Shape::Disks { .. } => {
+            // Balls are stored elsewhere; octrees have none.
+            Shape::Disks { .. } | Shape::Balls { .. } => {
                 to.unit(cloud.normal(i));
                 to.numbers([cloud.radius_max(i) as f32], space.radius);
             }

@@ -3,14 +3,16 @@
 use crate::scene::chunk::Chunk;
 use crate::scene::clip::{self, Variant};
 use crate::scene::limits::Limits;
-use crate::scene::segment::{RecordBytes, Segment, UploadedGaussians, UploadedMesh, UploadedObject, UploadedScene};
+use crate::scene::segment::{
+    RecordBytes, Segment, UploadedBalls, UploadedGaussians, UploadedMesh, UploadedObject, UploadedScene,
+};
 use crate::scene::stored_splats::{StoredLayout, StoredWriter};
 use crate::scene::textures::TextureBuffer;
 use std::collections::VecDeque;
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
 use surfel_model::{ChunkSpace, Storage, chunks};
-use surfel_model::{Geometry, Scene, SplatCloud};
+use surfel_model::{Geometry, Material, Scene, SplatCloud};
 use surfel_render::{RenderError, SceneSummary};
 use surfel_shaders::layout;
 
@@ -62,10 +64,13 @@ impl Upload {
         let (mut objects, mut meshes) = (Vec::new(), Vec::new());
         let mut textures = TextureBuffer::default();
         // Of equally near polygons the first is drawn, so octrees come after all meshes.
-        let (mut octrees, mut gaussians) = (Vec::new(), Vec::new());
+        let (mut octrees, mut gaussians, mut balls) = (Vec::new(), Vec::new(), Vec::new());
         for (index, object) in scene.objects.iter().enumerate() {
             let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
             match &object.geometry {
+                Geometry::Splats(cloud) if cloud.is_balls() => {
+                    balls.push(UploadedBalls { source, cloud: cloud.clone(), world_from_object, material });
+                }
                 Geometry::Splats(cloud) => {
                     objects.push(UploadedObject {
                         source,
@@ -130,6 +135,8 @@ impl Upload {
             return Err(RenderError::SceneTooLarge { backend, needed, available: limits.memory_bytes });
         }
         let scene = UploadedScene {
+            balls,
+            material: scene.objects.first().map_or(Material::default(), |object| object.material),
             summary,
             storage,
             segments: Vec::with_capacity(segments.len()),

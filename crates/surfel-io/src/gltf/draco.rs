@@ -128,8 +128,14 @@ mod tests {
     use serde_json::json;
     use std::path::Path;
 
-    /// A unit square of two triangles with a colour per vertex.
-    const SQUARE: &[u8] = include_bytes!("../../tests/data/square.drc");
+    /// A unit square of two triangles with a colour per vertex: `tests/data/square.drc`, which the published package
+    /// lacks.
+    const SQUARE: &[u8] = &[
+        68, 82, 65, 67, 79, 2, 2, 1, 1, 0, 0, 0, 4, 2, 1, 2, 0, 0, 1, 31, 255, 1, 17, 255, 1, 17, 2, 255, 0, 0, 0, 0,
+        0, 1, 0, 9, 3, 0, 0, 0, 1, 2, 2, 3, 1, 1, 1, 0, 0, 0, 0, 0, 0, 128, 63, 0, 0, 0, 0, 0, 0, 128, 63, 0, 0, 0, 0,
+        0, 0, 0, 0, 0, 0, 128, 63, 0, 0, 128, 63, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1, 1, 1, 0, 2, 3, 1,
+        64, 1, 0, 1, 1, 0, 0, 0, 0, 255, 0, 0, 0,
+    ];
 
     #[test]
     fn decompressed_meshes_count_against_the_files_limit() {

@@ -177,6 +177,7 @@ fn columns(data: &CloudData) -> Vec<(String, Values<'_>)> {
     let mut columns = Vec::new();
     vector(&mut columns, ["x", "y", "z"], &data.centers, data.origin);
     match &data.shape {
+        Shape::Balls { radii, .. } => columns.push(("radius".into(), Values::F32(Box::new(move |i| radii[i])))),
         Shape::Disks { normals, radii } => {
             vector(&mut columns, ["nx", "ny", "nz"], normals, DVec3::ZERO);
             columns.push(("radius".into(), Values::F32(Box::new(move |i| radii[i]))));

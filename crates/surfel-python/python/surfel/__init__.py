@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from ._camera import Camera
 from ._errors import BackendError, Error, InputError, UsageError
+from ._figure import Figure, figure
 from ._files import backends, compare, convert, info, ortho
 from ._image import Image
 from ._native import __version__
@@ -25,6 +26,7 @@ __all__ = [
     "BackendError",
     "Camera",
     "Error",
+    "Figure",
     "Image",
     "InputError",
     "Scene",
@@ -34,6 +36,7 @@ __all__ = [
     "backends",
     "compare",
     "convert",
+    "figure",
     "info",
     "open",
     "ortho",

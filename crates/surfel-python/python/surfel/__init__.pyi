@@ -22,6 +22,7 @@ class _RenderFlags(TypedDict, total=False):
     view: str | tuple[float, float]
     up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
     ortho: bool
+    ortho_height: float
     fov_y: float
     eye: _Numbers
     target: _Numbers
@@ -32,15 +33,18 @@ class _RenderFlags(TypedDict, total=False):
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     shadows: bool
     edge_aa: bool | Literal["on", "off", "samples"]
-    background: _Numbers | Literal["transparent"]
+    style: Literal["figure"]
+    background: _Numbers | str
     matcap: _Path
     transparency: str
     composite: Literal["surface", "over"]
     filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
     depth_tolerance: float | str
     color_by: str
-    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    colormap: _Path
     range: _Numbers
+    labels: _Path
+    color: str
     colorbar: _Path
     colors: Literal["as-is", "fit"]
     texture: _Path | Literal["point", "ewa", "fit"]
@@ -52,6 +56,7 @@ class _RenderFlags(TypedDict, total=False):
     max_points: int
     all_points: bool
     outliers: Literal["keep", "drop"]
+    points_as: str
     lod_error: float
     all_levels: bool
     splats: int | Literal["auto"]
@@ -82,8 +87,9 @@ class _RenderFlags(TypedDict, total=False):
 
 class _Convert(TypedDict, total=False):
     color_by: str
-    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    colormap: _Path
     range: _Numbers
+    labels: _Path
     colorbar: _Path
     colors: Literal["as-is", "fit"]
     texture: _Path | Literal["point", "ewa", "fit"]
@@ -122,8 +128,9 @@ class _Ortho(TypedDict, total=False):
     fill: float | None
     crs: str
     color_by: str
-    colormap: Literal["viridis", "cividis", "turbo", "coolwarm", "tab20", "grey"]
+    colormap: _Path
     range: _Numbers
+    labels: _Path
     colorbar: _Path
     colors: Literal["as-is", "fit"]
     texture: _Path | Literal["point", "ewa", "fit"]
@@ -149,6 +156,86 @@ class _Ortho(TypedDict, total=False):
     memory: int | str
     backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
     threads: int
+
+class _Figure(TypedDict, total=False):
+    title: str
+    titles: str | Sequence[str]
+    row_titles: str | Sequence[str]
+    subjects: int
+    wrap: int
+    error_row: str | bool
+    error_max: float
+    annotate: str | Sequence[str]
+    unit: str
+    value_title: str
+    no_legend: bool
+    frusta: _Path
+    text_at: str | Sequence[str]
+    width: int | str
+    size: tuple[int, int]
+    dpi: float
+    font_size: float
+    view: str | tuple[float, float]
+    up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
+    ortho: bool
+    fov_y: float
+    eye: _Numbers
+    target: _Numbers
+    camera_up: _Numbers
+    camera: Camera | Mapping[str, Any] | _Path
+    region: tuple[int, int, int, int]
+    preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
+    shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
+    shadows: bool
+    edge_aa: bool | Literal["on", "off", "samples"]
+    style: Literal["figure"]
+    background: _Numbers | str
+    matcap: _Path
+    transparency: str
+    composite: Literal["surface", "over"]
+    filter: Literal["none", "clamp", "adjust", "principal", "ewa"]
+    depth_tolerance: float | str
+    color_by: str
+    colormap: _Path
+    range: _Numbers
+    labels: _Path
+    color: str
+    colors: Literal["as-is", "fit"]
+    texture: _Path | Literal["point", "ewa", "fit"]
+    crop: _Numbers
+    classes: Sequence[int] | str
+    returns: Literal["last", "first", "single"]
+    where: str | Sequence[str]
+    every: int
+    max_points: int
+    all_points: bool
+    outliers: Literal["keep", "drop"]
+    lod_error: float
+    all_levels: bool
+    splats: int | Literal["auto"]
+    per_vertex: bool
+    per_face: bool
+    radius_scale: float
+    cull: Literal["none", "back"]
+    sharp: bool
+    crease_angle: float
+    error: float
+    columns: str | Sequence[str | None]
+    repair: bool
+    allow_outside: bool
+    max_texture: int
+    memory: int | str
+    backend: Literal["auto", "cpu", "wgpu", "ash", "reference"]
+    adapter: str
+    threads: int
+    mapping: Literal["exact", "affine"]
+    cutoff: float
+    prefilter: float
+    accumulate: Literal["f32", "f16"]
+    clip: Literal["exact", "paper", "line", "off"]
+    sort: Literal["center", "pixel"]
+    samples: int
+    storage: Literal[16, 32, "16", "32"]
 
 # End of what is generated.
 
@@ -248,6 +335,20 @@ class Image:
     def png(self, *, png16: bool = ..., metadata: bool = ...) -> bytes: ...
     def __array__(self, dtype: DTypeLike | None = ..., copy: bool | None = ...) -> NDArray[Any]: ...
 
+class Figure:
+    notes: list[str]
+    @property
+    def size(self) -> tuple[int, int]: ...
+    @property
+    def dpi(self) -> float: ...
+    @property
+    def rgba(self) -> NDArray[np.uint8]: ...
+    def save(self, path: _Path, *, force: bool = ...) -> None: ...
+    def png(self) -> bytes: ...
+    def svg(self) -> str: ...
+    def pdf(self) -> bytes: ...
+    def __array__(self, dtype: DTypeLike | None = ..., copy: bool | None = ...) -> NDArray[Any]: ...
+
 class Scene:
     def render(
         self,
@@ -293,6 +394,9 @@ def convert(
     force: bool = ...,
     **flags: Unpack[_Convert],
 ) -> list[str]: ...
+def figure(
+    inputs: _Path | Iterable[_Path | ArrayLike] | Mapping[str, _Path | ArrayLike], **flags: Unpack[_Figure]
+) -> Figure: ...
 def ortho(
     inputs: _Path | Iterable[_Path] | Scene,
     output: _Path | None = ...,

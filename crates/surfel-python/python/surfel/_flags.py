@@ -14,6 +14,7 @@ SPLATS = _table.SPLATS
 RENDER = _table.RENDER | {"lights"}
 CONVERT = _table.CONVERT
 ORTHO = _table.ORTHO
+FIGURE = _table.FIGURE
 PLANES = ("color", "depth", "normal", "weight")
 NEAREST = ("index", "object", "label", "position")
 GAUSSIANS = ("alpha", "median_depth", "distortion")
@@ -72,8 +73,8 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
     for name, value in given.items():
         if value is None:
             continue
-        # Several conditions must all hold.
-        if name == "where" and isinstance(value, (list, tuple)):
+        # Each condition and each text is a flag of its own.
+        if name in ("where", "text_at") and isinstance(value, (list, tuple)):
             pairs += [(name, _text(name, one)) for one in value if one is not None]
         elif name == "camera" and isinstance(value, (Camera, dict)):
             camera = value if isinstance(value, Camera) else Camera.from_dict(value)

@@ -84,8 +84,8 @@ class Scene:
             `view="auto"` or a side or (azimuth, elevation) in degrees, `eye`, `target`, `camera_up`, `up`, `region`,
             `tile=(i, n)` (tile i of n, from the top), `fov_y` in degrees, `ortho`, `preset="balanced"`, `filter`,
             `mapping`, `cutoff`, `prefilter`, `depth_tolerance`, `accumulate`, `transparency`, `composite`, `sort`,
-            `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `shadows`, `edge_aa`, `background`, `samples`,
-            `label`, `backend`, `adapter`, `storage`, `threads`, and the keywords of `open` that control how files
+            `clip`, `shader`, `matcap`, `lod_error`, `all_levels`, `points_as`, `shadows`, `edge_aa`, `background`,
+            `samples`, `label`, `backend`, `adapter`, `storage`, `threads`, and the keywords of `open` that control how files
             become splats.
 
         Returns

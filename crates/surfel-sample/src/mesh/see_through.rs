@@ -189,6 +189,7 @@ fn axes_of(shape: &Shape, i: usize) -> (DVec3, DVec3) {
             let (s, t) = orthonormal(unit(normals.get(i)));
             (s * f64::from(radii[i]), t * f64::from(radii[i]))
         }
+        Shape::Balls { radii, .. } => (DVec3::X * f64::from(radii[i]), DVec3::Y * f64::from(radii[i])),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use super::clip::ClippedSplat;
 use crate::boxes::Boxes;
+use crate::distances::closest;
 use crate::mesh::geometry::Geometry;
 use crate::parallel::map_tasks;
 use glam::DVec3;
@@ -211,37 +212,6 @@ fn distance_to(splat: &ClippedSplat, clip: Option<&Clip<f64>>, p: DVec3) -> f64 
         if way(middle).length() <= 1.0 && keeps(way(middle)) { lo = middle } else { hi = middle }
     }
     (d - at(way(lo))).length()
-}
-
-/// Returns the distance of a point to a triangle and the barycentric coordinates of its nearest point (Ericson,
-/// Real-Time Collision Detection, §5.1.5).
-pub(crate) fn closest(p: DVec3, [a, b, c]: [DVec3; 3]) -> (f64, [f64; 3]) {
-    let (ab, ac, ap) = (b - a, c - a, p - a);
-    let (d1, d2) = (ab.dot(ap), ac.dot(ap));
-    let (d3, d4) = (ab.dot(p - b), ac.dot(p - b));
-    let (d5, d6) = (ab.dot(p - c), ac.dot(p - c));
-    let (va, vb, vc) = (d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2);
-    let barycentric = if d1 <= 0.0 && d2 <= 0.0 {
-        [1.0, 0.0, 0.0]
-    } else if d3 >= 0.0 && d4 <= d3 {
-        [0.0, 1.0, 0.0]
-    } else if d6 >= 0.0 && d5 <= d6 {
-        [0.0, 0.0, 1.0]
-    } else if vc <= 0.0 && d1 >= 0.0 && d3 <= 0.0 {
-        let v = d1 / (d1 - d3);
-        [1.0 - v, v, 0.0]
-    } else if vb <= 0.0 && d2 >= 0.0 && d6 <= 0.0 {
-        let w = d2 / (d2 - d6);
-        [1.0 - w, 0.0, w]
-    } else if va <= 0.0 && d4 - d3 >= 0.0 && d5 - d6 >= 0.0 {
-        let w = (d4 - d3) / ((d4 - d3) + (d5 - d6));
-        [0.0, 1.0 - w, w]
-    } else {
-        let sum = va + vb + vc;
-        [va / sum, vb / sum, vc / sum]
-    };
-    let nearest = a + ab * barycentric[1] + ac * barycentric[2];
-    (p.distance(nearest), barycentric)
 }
 
 #[cfg(test)]

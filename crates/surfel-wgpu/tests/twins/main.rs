@@ -4,6 +4,7 @@
 
 #[macro_use]
 mod kernels;
+mod balls;
 mod clips;
 mod device;
 mod inputs;
@@ -16,7 +17,7 @@ use surfel_shaders::TWINS;
 
 /// Returns all kernels.
 fn all() -> impl Iterator<Item = &'static Kernel> {
-    kernels::KERNELS.iter().chain(clips::KERNELS).chain(surfaces::KERNELS)
+    kernels::KERNELS.iter().chain(balls::KERNELS).chain(clips::KERNELS).chain(surfaces::KERNELS)
 }
 
 /// Number of samples of each kind of input.

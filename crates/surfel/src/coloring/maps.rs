@@ -2,9 +2,50 @@
 //!
 //! The tables are those that matplotlib 3.11 publishes (`_cm_listed.py`, CC0): viridis by Smith, van der Walt 2015,
 //! cividis by Nuñez, Anderton, Renslow 2018, turbo by Mikhailov 2019; coolwarm is the diverging map of Moreland 2009,
-//! tab20 Tableau's.
+//! tab10 and tab20 are Tableau's. magma, inferno and plasma are by Smith, van der Walt 2015; RdBu and Set1 are of
+//! ColorBrewer (Harrower, Brewer 2003), jet is MATLAB's.
 
+use super::FileColors;
+use std::sync::Arc;
 use surfel_model::Colormap;
+
+/// Colours of a range of values.
+#[derive(Clone, Debug, PartialEq)]
+pub enum ColorMap {
+    /// A built-in colour map.
+    Named(Colormap),
+    /// A colour map of a file.
+    File(Arc<FileColors>),
+}
+
+impl ColorMap {
+    /// Returns the map's name, or that of its file.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Named(map) => map.name(),
+            Self::File(colors) => &colors.name,
+        }
+    }
+
+    /// Returns the colours as sRGB levels, from the least value to the largest.
+    pub fn levels(&self) -> Vec<[u8; 3]> {
+        match self {
+            Self::Named(map) => levels(*map),
+            Self::File(colors) => colors.levels.clone(),
+        }
+    }
+
+    /// True for a map of colours for categories.
+    pub(crate) fn is_of_categories(&self) -> bool {
+        matches!(self, Self::Named(map) if map.categories().is_some())
+    }
+}
+
+impl From<Colormap> for ColorMap {
+    fn from(map: Colormap) -> Self {
+        Self::Named(map)
+    }
+}
 
 const VIRIDIS: [&str; 15] = [
     "44015444025645045745055946075a46085c460a5d460b5e470d60470e6147106347116447136548146748166848176948186a481a6c",
@@ -83,14 +124,115 @@ const TAB20: [&str; 2] = [
     "8c564bc49c94e377c2f7b6d27f7f7fc7c7c7bcbd22dbdb8d17becf9edae5",
 ];
 
-/// Returns the map's colours as sRGB levels: 256 from the least value to the largest, or the 20 colours of tab20.
+const MAGMA: [&str; 15] = [
+    "00000401000501010601010802010902020b02020d03030f03031204041405041606051806051a07061c08071e0907200a08220b0924",
+    "0c09260d0a290e0b2b100b2d110c2f120d31130d34140e36150e38160f3b180f3d19103f1a10421c10441d11471e114920114b21114e",
+    "22115024125325125527125829115a2a115c2c115f2d11612f116331116533106734106936106b38106c390f6e3b0f703d0f713f0f72",
+    "400f74420f75440f764510774710784910784a10794c117a4e117b4f127b51127c52137c54137d56147d57157e59157e5a167e5c167f",
+    "5d177f5f187f601880621980641a80651a80671b80681c816a1c816b1d816d1d816e1e81701f81721f81732081752181762181782281",
+    "7922827b23827c23827e24828025828125818326818426818627818827818928818b29818c29818e2a81902a81912b81932b80942c80",
+    "962c80982d80992d809b2e7f9c2e7f9e2f7fa02f7fa1307ea3307ea5317ea6317da8327daa337dab337cad347cae347bb0357bb2357b",
+    "b3367ab5367ab73779b83779ba3878bc3978bd3977bf3a77c03a76c23b75c43c75c53c74c73d73c83e73ca3e72cc3f71cd4071cf4070",
+    "d0416fd2426fd3436ed5446dd6456cd8456cd9466bdb476adc4869de4968df4a68e04c67e24d66e34e65e44f64e55064e75263e85362",
+    "e95462ea5661eb5760ec5860ed5a5fee5b5eef5d5ef05f5ef1605df2625df2645cf3655cf4675cf4695cf56b5cf66c5cf66e5cf7705c",
+    "f7725cf8745cf8765cf9785df9795df97b5dfa7d5efa7f5efa815ffb835ffb8560fb8761fc8961fc8a62fc8c63fc8e64fc9065fd9266",
+    "fd9467fd9668fd9869fd9a6afd9b6bfe9d6cfe9f6dfea16efea36ffea571fea772fea973feaa74feac76feae77feb078feb27afeb47b",
+    "feb67cfeb77efeb97ffebb81febd82febf84fec185fec287fec488fec68afec88cfeca8dfecc8ffecd90fecf92fed194fed395fed597",
+    "fed799fed89afdda9cfddc9efddea0fde0a1fde2a3fde3a5fde5a7fde7a9fde9aafdebacfcecaefceeb0fcf0b2fcf2b4fcf4b6fcf6b8",
+    "fcf7b9fcf9bbfcfbbdfcfdbf",
+];
+
+const INFERNO: [&str; 15] = [
+    "00000401000501010601010802010a02020c02020e03021004031204031405041706041907051b08051d09061f0a07220b07240c0826",
+    "0d08290e092b10092d110a30120a32140b34150b37160b39180c3c190c3e1b0c411c0c431e0c451f0c48210c4a230c4c240c4f260c51",
+    "280b53290b552b0b572d0b592f0a5b310a5c320a5e340a5f3609613809623909633b09643d09653e0966400a67420a68440a68450a69",
+    "470b6a490b6a4a0c6b4c0c6b4d0d6c4f0d6c510e6c520e6d540f6d550f6d57106e59106e5a116e5c126e5d126e5f136e61136e62146e",
+    "64156e65156e67166e69166e6a176e6c186e6d186e6f196e71196e721a6e741a6e751b6e771c6d781c6d7a1d6d7c1d6d7d1e6d7f1e6c",
+    "801f6c82206c84206b85216b87216b88226a8a226a8c23698d23698f24699025689225689326679526679727669827669a28659b2964",
+    "9d29649f2a63a02a63a22b62a32c61a52c60a62d60a82e5fa92e5eab2f5ead305dae305cb0315bb1325ab3325ab43359b63458b73557",
+    "b93556ba3655bc3754bd3853bf3952c03a51c13a50c33b4fc43c4ec63d4dc73e4cc83f4bca404acb4149cc4248ce4347cf4446d04545",
+    "d24644d34743d44842d54a41d74b3fd84c3ed94d3dda4e3cdb503bdd513ade5238df5337e05536e15635e25734e35933e45a31e55c30",
+    "e65d2fe75e2ee8602de9612bea632aeb6429eb6628ec6726ed6925ee6a24ef6c23ef6e21f06f20f1711ff1731df2741cf3761bf37819",
+    "f47918f57b17f57d15f67e14f68013f78212f78410f8850ff8870ef8890cf98b0bf98c0af98e09fa9008fa9207fa9407fb9606fb9706",
+    "fb9906fb9b06fb9d07fc9f07fca108fca309fca50afca60cfca80dfcaa0ffcac11fcae12fcb014fcb216fcb418fbb61afbb81dfbba1f",
+    "fbbc21fbbe23fac026fac228fac42afac62df9c72ff9c932f9cb35f8cd37f8cf3af7d13df7d340f6d543f6d746f5d949f5db4cf4dd4f",
+    "f4df53f4e156f3e35af3e55df2e661f2e865f2ea69f1ec6df1ed71f1ef75f1f179f2f27df2f482f3f586f3f68af4f88ef5f992f6fa96",
+    "f8fb9af9fc9dfafda1fcffa4",
+];
+
+const PLASMA: [&str; 15] = [
+    "0d088710078813078916078a19068c1b068d1d068e20068f2206902406912605912805922a05932c05942e05952f0596310597330597",
+    "35049837049938049a3a049a3c049b3e049c3f049c41049d43039e44039e46039f48039f4903a04b03a14c02a14e02a25002a25102a3",
+    "5302a35502a45601a45801a45901a55b01a55c01a65e01a66001a66100a76300a76400a76600a76700a86900a86a00a86c00a86e00a8",
+    "6f00a87100a87201a87401a87501a87701a87801a87a02a87b02a87d03a87e03a88004a88104a78305a78405a78606a68707a68808a6",
+    "8a09a58b0aa58d0ba58e0ca48f0da4910ea3920fa39410a29511a19613a19814a099159f9a169f9c179e9d189d9e199da01a9ca11b9b",
+    "a21d9aa31e9aa51f99a62098a72197a82296aa2395ab2494ac2694ad2793ae2892b02991b12a90b22b8fb32c8eb42e8db52f8cb6308b",
+    "b7318ab83289ba3388bb3488bc3587bd3786be3885bf3984c03a83c13b82c23c81c33d80c43e7fc5407ec6417dc7427cc8437bc9447a",
+    "ca457acb4679cc4778cc4977cd4a76ce4b75cf4c74d04d73d14e72d24f71d35171d45270d5536fd5546ed6556dd7566cd8576bd9586a",
+    "da5a6ada5b69db5c68dc5d67dd5e66de5f65de6164df6263e06363e16462e26561e26660e3685fe4695ee56a5de56b5de66c5ce76e5b",
+    "e76f5ae87059e97158e97257ea7457eb7556eb7655ec7754ed7953ed7a52ee7b51ef7c51ef7e50f07f4ff0804ef1814df1834cf2844b",
+    "f3854bf3874af48849f48948f58b47f58c46f68d45f68f44f79044f79143f79342f89441f89540f9973ff9983ef99a3efa9b3dfa9c3c",
+    "fa9e3bfb9f3afba139fba238fca338fca537fca636fca835fca934fdab33fdac33fdae32fdaf31fdb130fdb22ffdb42ffdb52efeb72d",
+    "feb82cfeba2cfebb2bfebd2afebe2afec029fdc229fdc328fdc527fdc627fdc827fdca26fdcb26fccd25fcce25fcd025fcd225fbd324",
+    "fbd524fbd724fad824fada24f9dc24f9dd25f8df25f8e125f7e225f7e425f6e626f6e826f5e926f5eb27f4ed27f3ee27f3f027f2f227",
+    "f1f426f1f525f0f724f0f921",
+];
+
+const RDBU: [&str; 15] = [
+    "67001f6a011f6d02207003207304217605217906227c07227f0823810823840924870a248a0b258d0c25900d26930e26960f27991027",
+    "9c11279f1228a21328a51429a81529ab162aae172ab1182bb3192cb41c2db61f2eb72230b82531ba2832bb2a34bd2d35be3036bf3338",
+    "c13639c2383ac43b3cc53e3dc6413ec84440c94741cb4942cc4c44ce4f45cf5246d05548d25849d35a4ad55d4cd6604dd7634fd86551",
+    "da6853db6b55dc6e57dd7059de735cdf765ee17860e27b62e37e64e48066e58368e6866ae8896ce98b6eea8e70eb9172ec9374ee9677",
+    "ef9979f09c7bf19e7df2a17ff3a481f4a683f5a886f5aa89f5ac8bf6af8ef6b191f6b394f7b596f7b799f7b99cf8bb9ef8bda1f8bfa4",
+    "f9c2a7f9c4a9f9c6acfac8affacab1fbccb4fbceb7fbd0b9fcd3bcfcd5bffcd7c2fdd9c4fddbc7fddcc9fdddcbfcdecdfcdfcffce0d0",
+    "fce2d2fbe3d4fbe4d6fbe5d8fbe6dafae7dcfae8defae9dffaeae1f9ebe3f9ede5f9eee7f9efe9f9f0ebf8f1edf8f2eff8f3f0f8f4f2",
+    "f7f5f4f7f6f6f6f7f7f5f6f7f3f5f6f2f5f6f0f4f6eff3f5edf2f5ecf2f5eaf1f5e9f0f4e7f0f4e6eff4e4eef4e3edf3e1edf3e0ecf3",
+    "deebf2ddebf2dbeaf2dae9f2d8e9f1d7e8f1d5e7f1d4e6f1d2e6f0d1e5f0cfe4efcce2efcae1eec7e0edc5dfecc2ddecc0dcebbddbea",
+    "bbdaeab8d8e9b6d7e8b3d6e8b1d5e7aed3e6acd2e5a9d1e5a7d0e4a5cee3a2cde3a0cce29dcbe19bc9e098c8e096c7df93c6de90c4dd",
+    "8dc2dc8ac0db87beda84bcd981bad87eb8d77bb6d678b4d575b2d471b0d36eaed26bacd168abd065a9cf62a7ce5fa5cd5ca3cb59a1ca",
+    "569fc9529dc84f9bc74c99c64997c54695c44393c34291c2408fc13f8ec03e8cbf3c8abe3b88be3a87bd3885bc3783bb3681ba3480b9",
+    "337eb8327cb7307ab62f79b52e77b52c75b42b73b32a71b22870b1276eb0266caf246aae2369ad2267ac2065ab1f63a81e61a51d5fa2",
+    "1c5c9f1b5a9c1a589919569618549317529015508d144e8a134c8712498411478110457e0f437b0e41790d3f760c3d730a3b7009386d",
+    "08366a073467063264053061",
+];
+
+const JET: [&str; 15] = [
+    "00008000008400008900008d00009200009600009b00009f0000a40000a80000ad0000b20000b60000bb0000bf0000c40000c80000cd",
+    "0000d10000d60000da0000df0000e30000e80000ed0000f10000f60000fa0000ff0000ff0000ff0000ff0000ff0004ff0008ff000cff",
+    "0010ff0014ff0018ff001cff0020ff0024ff0028ff002cff0030ff0034ff0038ff003cff0040ff0044ff0048ff004cff0050ff0054ff",
+    "0058ff005cff0060ff0064ff0068ff006cff0070ff0074ff0078ff007cff0080ff0084ff0088ff008cff0090ff0094ff0098ff009cff",
+    "00a0ff00a4ff00a8ff00acff00b0ff00b4ff00b8ff00bcff00c0ff00c4ff00c8ff00ccff00d0ff00d4ff00d8ff00dcfe00e0fb00e4f8",
+    "02e8f406ecf109f0ee0cf4eb0ff8e713fce416ffe119ffde1cffdb1fffd723ffd426ffd129ffce2cffca30ffc733ffc436ffc139ffbe",
+    "3cffba40ffb743ffb446ffb149ffad4dffaa50ffa753ffa456ffa05aff9d5dff9a60ff9763ff9466ff906aff8d6dff8a70ff8773ff83",
+    "77ff807aff7d7dff7a80ff7783ff7387ff708aff6d8dff6a90ff6694ff6397ff609aff5d9dff5aa0ff56a4ff53a7ff50aaff4dadff49",
+    "b1ff46b4ff43b7ff40baff3cbeff39c1ff36c4ff33c7ff30caff2cceff29d1ff26d4ff23d7ff1fdbff1cdeff19e1ff16e4ff13e7ff0f",
+    "ebff0ceeff09f1fc06f4f802f8f500fbf100feed00ffea00ffe600ffe200ffde00ffdb00ffd700ffd300ffd000ffcc00ffc800ffc400",
+    "ffc100ffbd00ffb900ffb600ffb200ffae00ffab00ffa700ffa300ff9f00ff9c00ff9800ff9400ff9100ff8d00ff8900ff8600ff8200",
+    "ff7e00ff7a00ff7700ff7300ff6f00ff6c00ff6800ff6400ff6000ff5d00ff5900ff5500ff5200ff4e00ff4a00ff4700ff4300ff3f00",
+    "ff3b00ff3800ff3400ff3000ff2d00ff2900ff2500ff2200ff1e00ff1a00ff1600ff1300fa0f00f60b00f10800ed0400e80000e40000",
+    "df0000da0000d60000d10000cd0000c80000c40000bf0000bb0000b60000b20000ad0000a80000a400009f00009b0000960000920000",
+    "8d0000890000840000800000",
+];
+
+const TAB10: [&str; 1] = ["1f77b4ff7f0e2ca02cd627289467bd8c564be377c27f7f7fbcbd2217becf"];
+
+const SET1: [&str; 1] = ["e41a1c377eb84daf4a984ea3ff7f00ffff33a65628f781bf999999"];
+
+/// Returns the map's colours as sRGB levels: 256 from the least value to the largest, or the colours for categories.
 pub(super) fn levels(map: Colormap) -> Vec<[u8; 3]> {
     match map {
         Colormap::Viridis => table(&VIRIDIS),
         Colormap::Cividis => table(&CIVIDIS),
         Colormap::Turbo => table(&TURBO),
         Colormap::Coolwarm => table(&COOLWARM),
+        Colormap::Magma => table(&MAGMA),
+        Colormap::Inferno => table(&INFERNO),
+        Colormap::Plasma => table(&PLASMA),
+        Colormap::RdBu => table(&RDBU),
+        Colormap::Jet => table(&JET),
+        Colormap::Tab10 => table(&TAB10),
         Colormap::Tab20 => table(&TAB20),
+        Colormap::Set1 => table(&SET1),
         Colormap::Grey => (0..=255).map(|level| [level; 3]).collect(),
     }
 }
@@ -140,7 +282,7 @@ mod tests {
     #[test]
     fn maps_have_the_published_values() {
         for map in Colormap::ALL {
-            assert_eq!(levels(map).len(), if map == Colormap::Tab20 { 20 } else { 256 }, "{map:?}");
+            assert_eq!(levels(map).len(), map.categories().unwrap_or(256), "{map:?}");
         }
         // First, a middle and the last entry of each published table.
         for (map, [first, middle, last]) in [
@@ -148,6 +290,11 @@ mod tests {
             (Colormap::Cividis, [[0, 34, 78], [125, 124, 120], [254, 232, 56]]),
             (Colormap::Turbo, [[48, 18, 59], [164, 252, 60], [122, 4, 3]]),
             (Colormap::Coolwarm, [[59, 76, 192], [221, 220, 220], [180, 4, 38]]),
+            (Colormap::Magma, [[0, 0, 4], [183, 55, 121], [252, 253, 191]]),
+            (Colormap::Inferno, [[0, 0, 4], [188, 55, 84], [252, 255, 164]]),
+            (Colormap::Plasma, [[13, 8, 135], [204, 71, 120], [240, 249, 33]]),
+            (Colormap::RdBu, [[103, 0, 31], [246, 247, 247], [5, 48, 97]]),
+            (Colormap::Jet, [[0, 0, 128], [125, 255, 122], [128, 0, 0]]),
             (Colormap::Grey, [[0; 3], [128; 3], [255; 3]]),
         ] {
             let levels = levels(map);
@@ -155,6 +302,9 @@ mod tests {
         }
         let tab20 = levels(Colormap::Tab20);
         assert_eq!((tab20[0], tab20[19]), ([31, 119, 180], [158, 218, 229]));
+        let ends = |map| (levels(map)[0], *levels(map).last().unwrap());
+        assert_eq!(ends(Colormap::Tab10), ([31, 119, 180], [23, 190, 207]));
+        assert_eq!(ends(Colormap::Set1), ([228, 26, 28], [153, 153, 153]));
     }
 
     #[test]

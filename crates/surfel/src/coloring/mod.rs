@@ -4,17 +4,23 @@
 //! drawn together shares one scale per attribute: a `tally::Tally` of the values of all files determines it, and
 //! `together` applies it.
 
-mod bar;
+pub(crate) mod bar;
+mod files;
 mod maps;
 pub(crate) mod tally;
 pub(crate) mod together;
+pub(crate) mod vision;
 
 pub use bar::save_color_bar;
+pub use files::{FileColors, Labels};
+pub use maps::ColorMap;
 pub use together::Colorings;
+pub use vision::confusions;
 
 use glam::DVec3;
+use std::sync::Arc;
 use surfel_math::srgb;
-use surfel_model::{CloudData, Colormap, ExtraColumn, ExtraValues, ModelError, OnInvalid, SplatCloud};
+use surfel_model::{CloudData, ExtraColumn, ExtraValues, ModelError, OnInvalid, SplatCloud};
 
 /// sRGB level of splats without a value.
 const GREY: u8 = 128;
@@ -37,7 +43,7 @@ pub enum ColorScale {
     /// A colour map over a range of values.
     Range {
         /// The colour map.
-        map: Colormap,
+        map: ColorMap,
         /// Values at the ends of the map, in the attribute's units.
         range: [f64; 2],
     },
@@ -51,11 +57,18 @@ pub struct Category {
     /// The value.
     pub value: f64,
     /// Name of the category, if it has one.
-    pub name: Option<&'static str>,
+    pub name: Option<Arc<str>>,
     /// Colour as sRGB levels.
     pub color: [u8; 3],
     /// Number of splats with this value.
     pub count: usize,
+}
+
+impl Category {
+    /// Returns the category's name, or else its value.
+    pub fn label(&self) -> String {
+        self.name.as_ref().map_or_else(|| short(self.value), ToString::to_string)
+    }
 }
 
 /// Source of an attribute's values.
@@ -135,7 +148,7 @@ impl ColorScale {
         match self {
             Self::Direct => Box::new(move |_| grey),
             Self::Range { map, range: [lo, hi] } => {
-                let table: Vec<[f32; 3]> = maps::levels(*map).into_iter().map(light).collect();
+                let table: Vec<[f32; 3]> = map.levels().into_iter().map(light).collect();
                 let (lo, hi) = (*lo, *hi);
                 Box::new(move |v| {
                     let at = ((v - lo) / (hi - lo)).clamp(0.0, 1.0) * table.len() as f64;
@@ -168,6 +181,20 @@ pub(crate) fn paint(
         Some(attribute) => attribute.values(cloud, up).map(&painter).collect(),
         None => vec![painter(f64::NAN); cloud.len()],
     };
+    recolor(cloud, colors)
+}
+
+/// Colours splats by values, one for each splat.
+pub(crate) fn paint_values(
+    cloud: &mut SplatCloud,
+    values: impl Iterator<Item = f64>,
+    scale: &ColorScale,
+) -> Result<(), ModelError> {
+    let colors = values.map(scale.painter()).collect();
+    recolor(cloud, colors)
+}
+
+fn recolor(cloud: &mut SplatCloud, colors: Vec<[f32; 3]>) -> Result<(), ModelError> {
     let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
     let data = std::mem::replace(cloud, empty).into_data();
     *cloud = SplatCloud::new(CloudData { colors: Some(colors), ..data }, OnInvalid::Refuse)?.0;

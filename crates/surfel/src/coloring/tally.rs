@@ -1,6 +1,7 @@
 //! Statistics of an attribute's values over everything drawn together, and the colour scale derived from them.
 
-use super::{Category, ColorScale, GREY, maps, short};
+use super::together::Colors;
+use super::{Category, ColorMap, ColorScale, GREY, maps, short};
 use std::collections::HashMap;
 use surfel_model::Colormap;
 
@@ -16,8 +17,7 @@ const RUN: usize = 1 << 8;
 
 /// Statistics of the values of one attribute.
 pub(crate) struct Tally {
-    map: Option<Colormap>,
-    range: Option<[f64; 2]>,
+    colors: Colors,
     is_class: bool,
     /// True if the name is that of an intensity, which is usually shown in grey.
     is_intensity: bool,
@@ -31,15 +31,15 @@ pub(crate) struct Tally {
 
 impl Tally {
     /// Creates empty statistics for the attribute `name`.
-    pub(crate) fn new(name: &str, map: Option<Colormap>, range: Option<[f64; 2]>) -> Self {
+    pub(crate) fn new(name: &str, colors: &Colors) -> Self {
         let is_class = super::is_class(name);
-        let are_categories = match map {
-            Some(map) => map == Colormap::Tab20,
-            None => range.is_none(),
+        let are_categories = match &colors.map {
+            _ if colors.labels.is_some() => true,
+            Some(map) => map.is_of_categories(),
+            None => colors.range.is_none(),
         };
         Self {
-            map,
-            range,
+            colors: colors.clone(),
             is_class,
             is_intensity: name.to_ascii_lowercase().trim_start_matches("scalar_") == "intensity",
             counts: HashMap::new(),
@@ -51,11 +51,15 @@ impl Tally {
 
     /// True if integers are categories regardless of how many there are.
     fn tells_all_apart(&self) -> bool {
-        self.map == Some(Colormap::Tab20) || (self.map.is_none() && self.is_class)
+        match &self.colors.map {
+            _ if self.colors.labels.is_some() => true,
+            Some(map) => map.is_of_categories(),
+            None => self.is_class,
+        }
     }
 
     pub(crate) fn add(&mut self, values: impl Iterator<Item = f64>) {
-        let (all, needs_range) = (self.tells_all_apart(), self.range.is_none());
+        let (all, needs_range) = (self.tells_all_apart(), self.colors.range.is_none());
         for value in values {
             if !value.is_finite() {
                 self.missing += 1;
@@ -89,7 +93,7 @@ impl Tally {
     /// it.
     pub(crate) fn scale(self, known: Option<&ColorScale>) -> ColorScale {
         match known {
-            Some(ColorScale::Range { map, range }) => ColorScale::Range { map: *map, range: *range },
+            Some(ColorScale::Range { map, range }) => ColorScale::Range { map: map.clone(), range: *range },
             Some(ColorScale::Categories(known)) => {
                 let mut found = self.categories();
                 for category in known {
@@ -103,21 +107,30 @@ impl Tally {
                 ColorScale::Categories(self.categories())
             }
             _ => {
-                let map = self.map.unwrap_or(if self.is_intensity { Colormap::Grey } else { Colormap::Viridis });
-                ColorScale::Range { map, range: self.range.unwrap_or_else(|| self.spread.percentiles()) }
+                let usual = if self.is_intensity { Colormap::Grey } else { Colormap::Viridis };
+                let map = self.colors.map.clone().unwrap_or(usual.into());
+                ColorScale::Range { map, range: self.colors.range.unwrap_or_else(|| self.spread.percentiles()) }
             }
         }
     }
 
     /// Returns the distinct integers, in ascending order.
     fn categories(&self) -> Vec<Category> {
-        let tab20 = maps::levels(Colormap::Tab20);
-        let is_class = self.is_class && self.map.is_none();
+        let of_categories = self.colors.map.as_ref().filter(|map| map.is_of_categories());
+        let colors = of_categories.map_or_else(|| maps::levels(Colormap::Tab20), ColorMap::levels);
+        let is_class = self.is_class && self.colors.map.is_none();
         let of = |(bits, count): (&u64, &usize)| {
             let value = f64::from_bits(*bits);
+            let labelled = self.colors.labels.as_ref().and_then(|labels| labels.of(value));
+            let (name, color) = labelled.map_or((None, None), |(name, color)| (Some(name), color));
             let known = if is_class { maps::class(value) } else { None };
-            let cyclic = tab20[value.rem_euclid(tab20.len() as f64) as usize % tab20.len()];
-            Category { value, name: known.map(|k| k.0), color: known.map_or(cyclic, |k| k.1), count: *count }
+            let cyclic = colors[value.rem_euclid(colors.len() as f64) as usize % colors.len()];
+            Category {
+                value,
+                name: name.or_else(|| known.map(|k| k.0.into())),
+                color: color.or(known.map(|k| k.1)).unwrap_or(cyclic),
+                count: *count,
+            }
         };
         let mut found: Vec<Category> = self.counts.iter().map(of).collect();
         found.sort_unstable_by(|a, b| a.value.total_cmp(&b.value));
@@ -142,7 +155,7 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
         }
         ColorScale::Categories(categories) => {
             let present = || categories.iter().filter(|c| c.count > 0);
-            let shown = present().take(CATEGORIES).map(|c| match c.name {
+            let shown = present().take(CATEGORIES).map(|c| match &c.name {
                 Some(name) => format!("{} {name} {}", c.value, c.count),
                 None => format!("{}: {}", c.value, c.count),
             });
@@ -217,7 +230,8 @@ mod tests {
     #[test]
     fn percentiles_leave_two_percent_out_at_each_end() {
         let of = |values: &[f64]| {
-            let mut tally = Tally::new("a", Some(Colormap::Viridis), None);
+            let map = Some(Colormap::Viridis.into());
+            let mut tally = Tally::new("a", &Colors { map, ..Colors::default() });
             tally.add(values.iter().copied());
             match tally.scale(None) {
                 ColorScale::Range { range, .. } => range,
@@ -250,7 +264,7 @@ mod tests {
     #[test]
     fn one_fraction_or_a_twenty_first_number_makes_a_range() {
         let of = |values: &[f64]| {
-            let mut tally = Tally::new("a", None, None);
+            let mut tally = Tally::new("a", &Colors::default());
             // Each value as if from its own file.
             values.iter().for_each(|v| tally.add([*v].into_iter()));
             match tally.scale(None) {
@@ -266,13 +280,14 @@ mod tests {
     #[test]
     fn categories_that_are_known_stay_among_those_found() {
         let scale = |values: &[f64], known: Option<&ColorScale>| {
-            let mut tally = Tally::new("classification", None, None);
+            let mut tally = Tally::new("classification", &Colors::default());
             tally.add(values.iter().copied());
             tally.scale(known)
         };
         let first = scale(&[2.0, 6.0, 6.0], None);
         let ColorScale::Categories(all) = scale(&[9.0, 6.0], Some(&first)) else { panic!() };
-        let found: Vec<_> = all.iter().map(|c| (c.value, c.name.unwrap(), c.count)).collect();
-        assert_eq!(found, [(2.0, "ground", 0), (6.0, "building", 1), (9.0, "water", 1)]);
+        let found: Vec<_> = all.iter().map(|c| (c.value, c.label(), c.count)).collect();
+        let named = |value, name: &str, count| (value, name.to_owned(), count);
+        assert_eq!(found, [named(2.0, "ground", 0), named(6.0, "building", 1), named(9.0, "water", 1)]);
     }
 }

@@ -1,8 +1,9 @@
 //! Shared colour scales: everything drawn together has one scale per attribute.
 
 use super::tally::{Tally, words};
-use super::{Attribute, ColorScale, Coloring, paint};
+use super::{Attribute, ColorMap, ColorScale, Coloring, FileColors, Labels, paint};
 use crate::framing::{UpConvention, upright};
+use crate::{Error, LoadOptions};
 use glam::{DAffine3, DVec3};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -11,13 +12,39 @@ use std::sync::Arc;
 use surfel_model::PointCloud;
 use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object, SplatCloud, Up};
 
+/// Choice of the colours of values.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Colors {
+    /// The colour map; `None`: chosen by the values.
+    pub(crate) map: Option<ColorMap>,
+    /// Names and colours of categories.
+    pub(crate) labels: Option<Arc<Labels>>,
+    /// Values at the ends of the colour map; `None`: from the values.
+    pub(crate) range: Option<[f64; 2]>,
+}
+
+impl Colors {
+    /// True if the choice is of colours for categories.
+    pub(crate) fn are_categories(&self) -> bool {
+        self.labels.is_some() || self.map.as_ref().is_some_and(ColorMap::is_of_categories)
+    }
+
+    /// Returns the choice of the options, and reads the files that they name.
+    pub(crate) fn of(options: &LoadOptions) -> Result<Self, Error> {
+        let file = options.colormap_file.as_ref().map(|path| FileColors::read(path)).transpose()?;
+        let named = options.colormap.map(ColorMap::from);
+        let labels = options.labels.as_ref().map(|path| Labels::read(path)).transpose()?;
+        let map = file.map(|colors| ColorMap::File(Arc::new(colors))).or(named);
+        Ok(Self { map, labels: labels.map(Arc::new), range: options.range })
+    }
+}
+
 /// Colouring request for the splats of one file.
 #[derive(Clone, Debug)]
 pub(crate) struct ColorJob {
     pub(crate) path: PathBuf,
     pub(crate) attribute: String,
-    pub(crate) map: Option<Colormap>,
-    pub(crate) range: Option<[f64; 2]>,
+    pub(crate) colors: Colors,
     /// Axis of height, if it is certain.
     pub(crate) up: Option<Up>,
     /// Conventional up axis for files of this kind.
@@ -29,7 +56,7 @@ pub(crate) struct ColorJob {
 impl ColorJob {
     /// True if both requests share one scale.
     fn shares_scale(&self, other: &Self) -> bool {
-        self.attribute.eq_ignore_ascii_case(&other.attribute) && self.map == other.map && self.range == other.range
+        self.attribute.eq_ignore_ascii_case(&other.attribute) && self.colors == other.colors
     }
 }
 
@@ -174,8 +201,11 @@ impl Tallies {
         let at = self.all.iter().position(is_own).unwrap_or_else(|| {
             let name = attribute.name(extras);
             // Heights are measurements even if there are few distinct ones.
-            let map = job.map.or((attribute == Attribute::Height).then_some(Colormap::Viridis));
-            let tally = Tally::new(&name, map, job.range);
+            let mut colors = job.colors.clone();
+            if attribute == Attribute::Height && colors.labels.is_none() {
+                colors.map.get_or_insert(Colormap::Viridis.into());
+            }
+            let tally = Tally::new(&name, &colors);
             self.all.push((job.clone(), Entry { tally, name, direct, paths: Vec::new(), known: HashSet::new() }));
             self.all.len() - 1
         });
@@ -220,7 +250,7 @@ impl Tallies {
                         |other: &&Scale| other.job.shares_scale(&job) && other.coloring.scale != ColorScale::Direct;
                     let (known, missing) = (known.iter().find(is_same), tally.missing);
                     let scale = tally.scale(known.map(|known| &known.coloring.scale));
-                    let note = words(&name, &scale, job.range.is_some(), paths.len(), missing);
+                    let note = words(&name, &scale, job.colors.range.is_some(), paths.len(), missing);
                     (scale, note)
                 }
             };
@@ -258,7 +288,7 @@ mod tests {
 
     fn job(path: &str, attribute: &str) -> ColorJob {
         let (path, attribute, convention) = (path.into(), attribute.to_owned(), UpConvention::Points);
-        ColorJob { path, attribute, map: None, range: None, up: Some(Up::PlusZ), convention, others: Vec::new() }
+        ColorJob { path, attribute, colors: Colors::default(), up: Some(Up::PlusZ), convention, others: Vec::new() }
     }
 
     /// Colours clouds together, each from its own file.
@@ -284,11 +314,11 @@ mod tests {
     #[test]
     fn values_within_the_range_have_the_map_s_colours_and_none_is_grey() {
         let c = cloud("scalar_Temp", ExtraValues::F32(vec![-5.0, 0.0, 5.0, 10.0, 99.0, f32::NAN]));
-        let map = Some(Colormap::Viridis);
+        let colors = Colors { map: Some(Colormap::Viridis.into()), range: Some([0.0, 10.0]), labels: None };
         let mut clouds = [c];
-        let (found, _) = color(&mut clouds, &ColorJob { map, range: Some([0.0, 10.0]), ..job("", "temp") });
+        let (found, _) = color(&mut clouds, &ColorJob { colors, ..job("", "temp") });
         let (scale, note) = only_scale(&found);
-        assert_eq!(scale, ColorScale::Range { map: Colormap::Viridis, range: [0.0, 10.0] });
+        assert_eq!(scale, ColorScale::Range { map: Colormap::Viridis.into(), range: [0.0, 10.0] });
         assert!(note.contains("scalar_Temp by viridis from 0 to 10; 1 without a value"), "{note}");
         let (dark, middle, light) = ([68, 1, 84], [33, 145, 140], [253, 231, 37]);
         assert_eq!(levels(&clouds[0]), [dark, dark, middle, light, light, [GREY; 3]]);
@@ -301,7 +331,7 @@ mod tests {
         let (found, _) = color(&mut clouds, &job("", "Intensity"));
         let (scale, note) = only_scale(&found);
         // 0.5 to 50.5 and 50.5 to 100.5: two percent of 102 values are two at each end.
-        assert_eq!(scale, ColorScale::Range { map: Colormap::Grey, range: [2.5, 98.5] });
+        assert_eq!(scale, ColorScale::Range { map: Colormap::Grey.into(), range: [2.5, 98.5] });
         assert!(note.contains("by grey from 2.5000 to 98.50, the 2nd to the 98th percentile of all 2 files"), "{note}");
         assert_eq!(levels(&clouds[0])[50], levels(&clouds[1])[0], "the same value has the same colour");
         assert_eq!(found.iter().map(|(path, _)| path.to_str().unwrap()).collect::<Vec<_>>(), ["0.ply", "1.ply"]);
@@ -327,13 +357,14 @@ mod tests {
         assert!(matches!(only_scale(&found).0, ColorScale::Categories(all) if all.len() == 20));
         assert_eq!(levels(&few[0])[..2], [tab20[19], tab20[0]]);
         let (found, _) = color(&mut [level(0, 12), level(10, 22)], &job("", "level"));
-        assert!(matches!(only_scale(&found).0, ColorScale::Range { map: Colormap::Viridis, .. }));
+        assert!(matches!(only_scale(&found).0, ColorScale::Range { map: ColorMap::Named(Colormap::Viridis), .. }));
     }
 
     #[test]
     fn heights_and_normals_need_no_attribute_and_files_without_one_are_told() {
         let mut clouds = [cloud("a", ExtraValues::U8(vec![0; 3]))];
-        let down = ColorJob { up: Some(Up::MinusZ), range: Some([-2.0, 0.0]), ..job("", "height") };
+        let colors = Colors { range: Some([-2.0, 0.0]), ..Colors::default() };
+        let down = ColorJob { up: Some(Up::MinusZ), colors, ..job("", "height") };
         color(&mut clouds, &down);
         assert_eq!((levels(&clouds[0])[0], levels(&clouds[0])[2]), ([253, 231, 37], [68, 1, 84]), "down is up");
         let (found, _) = color(&mut clouds, &job("", "normal"));

@@ -25,6 +25,7 @@ mod stub;
 pub use near::Near;
 pub use row::{Audience, Commands, EXPERT, Group, Inputs, Row, Setter};
 
+use crate::figure_options::FigureOptions;
 use crate::render_options::RenderOptions;
 use crate::values::{FrameRange, Part};
 use std::path::PathBuf;
@@ -90,6 +91,12 @@ pub struct Options {
     pub quiet: bool,
     /// True if additional information is printed.
     pub verbose: bool,
+    /// True if no browser is opened.
+    pub no_open: bool,
+    /// Port of the page.
+    pub port: Option<u16>,
+    /// Address at which the page is served.
+    pub host: Option<String>,
     /// File with options.
     pub config: Option<PathBuf>,
     /// Side of an orthoimage's pixel in the units of x and y.
@@ -106,6 +113,8 @@ pub struct Options {
     pub fill: Option<f64>,
     /// EPSG code of an orthoimage's coordinate reference system.
     pub crs: Option<u16>,
+    /// Panels and words of a figure.
+    pub figure: FigureOptions,
 }
 
 impl Options {

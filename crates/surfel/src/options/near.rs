@@ -13,8 +13,11 @@ pub enum Near<'a> {
 
 impl Table {
     /// Returns the option that is nearest to `name`, a long name or a letter without dashes, which the command doesn't
-    /// have: first an option of another command, then one of similar meaning, then one of similar spelling.
+    /// have: first an option of similar meaning, then one of another command, then one of similar spelling.
     pub fn near(&self, command: Commands, name: &str) -> Option<Near<'_>> {
+        if let Some(row) = self.of(command).find(|row| row.is_built && row.synonyms.contains(&name)) {
+            return Some(Near::Here(row));
+        }
         let is_letter = |row: &&Row| row.short.is_some_and(|short| name.chars().eq([short]));
         if let Some(row) = self.rows().find(|row| row.name == name || is_letter(row)) {
             return Some(Near::Elsewhere(row));

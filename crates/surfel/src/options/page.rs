@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 const INTRODUCTION: &str = "\
 # Options
 
-This page lists the options of `surfel render`, `convert`, `ortho`, `serve`, `again` and `info`, by task. It is
+This page lists the options of `surfel render`, `convert`, `ortho`, `serve`, `view`, `again` and `info`, by task. It is
 generated from the options table (`crates/surfel/src/options`). `surfel COMMAND -h` lists the options that are used
 every day, in **bold** here, and `surfel COMMAND --help` lists all of them.
 

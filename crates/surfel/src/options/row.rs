@@ -25,20 +25,30 @@ impl Commands {
     pub const AGAIN: Self = Self(16);
     /// `surfel info`.
     pub const INFO: Self = Self(32);
+    /// `surfel figure`.
+    pub const FIGURE: Self = Self(64);
+    /// `surfel view`.
+    pub const VIEW: Self = Self(128);
     /// Every command, also those that have no rows of their own.
     pub const ALL: Self = Self(u16::MAX);
-    /// Commands that draw images of a scene: `render` and `serve`.
-    pub const IMAGES: Self = Self::RENDER.and(Self::SERVE);
-    /// Commands that make splats: `render`, `serve`, `convert` and `ortho`.
-    pub const SPLATS: Self = Self::IMAGES.and(Self::CONVERT).and(Self::ORTHO);
+    /// Commands that write images of a scene: `render` and `serve`.
+    pub const IMAGE_FILES: Self = Self::RENDER.and(Self::SERVE);
+    /// Commands that draw images of a scene: `render`, `serve` and `view`.
+    pub const IMAGES: Self = Self::IMAGE_FILES.and(Self::VIEW);
+    /// Commands that draw a scene from a camera: `render`, `serve`, `view` and `figure`.
+    pub const DRAWN: Self = Self::IMAGES.and(Self::FIGURE);
+    /// Commands that make splats: `render`, `serve`, `view`, `figure`, `convert` and `ortho`.
+    pub const SPLATS: Self = Self::DRAWN.and(Self::CONVERT).and(Self::ORTHO);
     /// Every command of the table, with its name.
-    pub const NAMED: [(&'static str, Self); 6] = [
+    pub const NAMED: [(&'static str, Self); 8] = [
         ("render", Self::RENDER),
         ("convert", Self::CONVERT),
         ("ortho", Self::ORTHO),
         ("serve", Self::SERVE),
         ("again", Self::AGAIN),
         ("info", Self::INFO),
+        ("figure", Self::FIGURE),
+        ("view", Self::VIEW),
     ];
 
     /// Returns the union of two sets.
@@ -127,6 +137,8 @@ impl Inputs {
 pub enum Group {
     /// Images and files to write.
     Output,
+    /// Panels and words of a figure.
+    Figure,
     /// Grid of an orthoimage.
     Grid,
     /// Camera.
@@ -153,8 +165,9 @@ pub enum Group {
 
 impl Group {
     /// Every group in order.
-    pub const ALL: [Self; 12] = [
+    pub const ALL: [Self; 13] = [
         Self::Output,
+        Self::Figure,
         Self::Grid,
         Self::Camera,
         Self::Appearance,
@@ -172,6 +185,7 @@ impl Group {
     pub const fn heading(self) -> &'static str {
         match self {
             Self::Output => "Output",
+            Self::Figure => "Figure",
             Self::Grid => "Grid",
             Self::Camera => "Camera",
             Self::Appearance => "Appearance",
@@ -355,7 +369,7 @@ impl Row {
     /// Makes the value part of an image's options, and a keyword of the Python functions of its commands.
     #[must_use]
     pub const fn image(self) -> Self {
-        let functions = Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO);
+        let functions = Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO).and(Commands::FIGURE);
         Self { is_image: true, keyword: self.commands.common(functions), ..self }
     }
 

@@ -22,9 +22,12 @@ impl Table {
     /// Returns the classes of keywords for Python's stubs.
     pub fn stub(&self) -> String {
         let mut text = String::new();
-        for (class, functions) in
-            [("_RenderFlags", Commands::RENDER), ("_Convert", Commands::CONVERT), ("_Ortho", Commands::ORTHO)]
-        {
+        for (class, functions) in [
+            ("_RenderFlags", Commands::RENDER),
+            ("_Convert", Commands::CONVERT),
+            ("_Ortho", Commands::ORTHO),
+            ("_Figure", Commands::FIGURE),
+        ] {
             let _ = writeln!(text, "class {class}(TypedDict, total=False):");
             for row in self.keywords(functions) {
                 let _ = writeln!(text, "    {}: {}", row.name.replace('-', "_"), row.python_type());
@@ -39,11 +42,12 @@ impl Table {
             "\"\"\"Keywords, generated from the options table in crates/surfel/src/options.\"\"\"\n\n".to_owned();
         let name = |row: &Row| row.name.replace('-', "_");
         let is_splat = |row: &&Row| row.is_image && row.keyword.has(Commands::CONVERT);
-        let sets: [(&str, Vec<&Row>); 4] = [
+        let sets: [(&str, Vec<&Row>); 5] = [
             ("SPLATS", self.rows().filter(is_splat).collect()),
             ("RENDER", self.keywords(Commands::RENDER).collect()),
             ("CONVERT", self.keywords(Commands::CONVERT).collect()),
             ("ORTHO", self.keywords(Commands::ORTHO).collect()),
+            ("FIGURE", self.keywords(Commands::FIGURE).collect()),
         ];
         for (set, rows) in sets {
             let names: String = rows.into_iter().map(|row| format!("    \"{}\",\n", name(row))).collect();

@@ -18,7 +18,7 @@ mod sides;
 mod source;
 mod system;
 
-use crate::coloring::together::{ColorJob, Lacking, Member, Tallies};
+use crate::coloring::together::{ColorJob, Colors, Lacking, Member, Tallies};
 use crate::coloring::{Attribute, ColorScale, Coloring, paint};
 use crate::framing::UpConvention;
 use crate::load::{Conversion, UnusedOption, without_attribute};
@@ -193,7 +193,7 @@ impl Ortho {
             match &mut source.holds {
                 Holds::Splats(cloud) => colors.add_splats(color_job, cloud),
                 Holds::Points(points) => {
-                    colors.add_points(path, points, &options.load);
+                    colors.add_points(path, points, &options.load)?;
                     kept += points.bytes;
                     if kept > KEPT_BYTES {
                         kept -= points.free();
@@ -466,8 +466,9 @@ impl ColorChoice {
         self.jobs.push((job, lacking));
     }
 
-    fn add_points(&mut self, path: &Path, points: &source::Points, load: &LoadOptions) {
-        let Some(cloud) = points.as_loaded() else { return };
+    fn add_points(&mut self, path: &Path, points: &source::Points, load: &LoadOptions) -> Result<(), Error> {
+        let Some(cloud) = points.as_loaded() else { return Ok(()) };
+        let colors = Colors::of(load)?;
         self.first_points.get_or_insert_with(|| path.to_path_buf());
         self.has_uncolored |= !points.has_colors;
         self.lacks_intensity |= !points.has_intensity;
@@ -479,8 +480,7 @@ impl ColorChoice {
             let job = ColorJob {
                 path: path.to_path_buf(),
                 attribute: attribute.to_owned(),
-                map: load.colormap,
-                range: load.range,
+                colors: colors.clone(),
                 up: load.up,
                 convention: UpConvention::Points,
                 others: Vec::new(),
@@ -491,6 +491,7 @@ impl ColorChoice {
                 self.jobs.push((job, lacking));
             }
         }
+        Ok(())
     }
 
     /// Determines one scale for all files, and colours the splats of splat files by it.

@@ -4,7 +4,7 @@ use crate::options::row::{Commands, Group, Row, names_of, put, put_path};
 use crate::values;
 
 const fn setting(row: Row) -> Row {
-    row.of(Group::Appearance, Commands::IMAGES).image()
+    row.of(Group::Appearance, Commands::DRAWN).image()
 }
 
 pub(super) const ROWS: &[Row] = &[
@@ -18,7 +18,7 @@ pub(super) const ROWS: &[Row] = &[
         .help("Shading of pixels.", "")
         .everyday()
         .scene("settings.shader")
-        .synonyms(&["shading", "lighting", "material", "style"]),
+        .synonyms(&["shading", "lighting", "material"]),
     setting(Row::switch("shadows", |o, on| o.render.shadows = on))
         .help("Let lights cast shadows.", "")
         .everyday()
@@ -31,14 +31,26 @@ pub(super) const ROWS: &[Row] = &[
         .python(r#"bool | Literal["on", "off", "samples"]"#)
         .scene("settings.edge_aa")
         .synonyms(&["antialias", "antialiasing", "anti-aliasing", "aa", "msaa", "smooth"]),
-    setting(Row::text("background", "R,G,B[,A]", |o, text| put(&mut o.render.background, values::background(text))))
-        .signed()
-        .help("Background colour: linear R,G,B[,A] with straight alpha, or transparent.", "")
+    setting(Row::text("style", "STYLE", |o, text| put(&mut o.render.style, values::style(text))))
+        .names(|| names_of(values::STYLES))
+        .help(
+            "Choices for an image that other options leave open: figure, for papers, has 2048x2048 pixels, a white \
+             background and smooth edges.",
+            "",
+        )
         .everyday()
-        .python(r#"_Numbers | Literal["transparent"]"#)
-        .scene("background")
-        .example("0.25,0.5,0.75")
-        .synonyms(&["bg", "background-color", "backdrop", "clear-color"]),
+        .example("figure")
+        .synonyms(&["theme", "look"]),
+    setting(Row::text("background", "COLOR|R,G,B[,A]", |o, text| {
+        put(&mut o.render.background, values::background(text))
+    }))
+    .signed()
+    .help("Background: a colour such as white or #f0f0f0, linear R,G,B[,A] with straight alpha, or transparent.", "")
+    .everyday()
+    .python("_Numbers | str")
+    .scene("background")
+    .example("0.25,0.5,0.75")
+    .synonyms(&["bg", "background-color", "backdrop", "clear-color"]),
     setting(Row::path("matcap", "FILE|builtin", |o, path| put_path(&mut o.render.matcap, path)))
         .help("Image of a lit sphere, which selects the shader matcap: a PNG, JPEG or WebP, or builtin.", "")
         .python("_Path")

@@ -5,11 +5,13 @@ use crate::options::row::{Commands, Group, Row, names_of, put};
 use crate::values;
 
 const fn camera(row: Row) -> Row {
-    row.of(Group::Camera, Commands::IMAGES).image()
+    row.of(Group::Camera, Commands::DRAWN).image()
 }
 
 pub(super) const ROWS: &[Row] = &[
     camera(Row::text("size", "WxH", |o, text| put(&mut o.render.size, values::size(text))))
+        .of(Group::Camera, Commands::IMAGES)
+        .image()
         .help("Image size in pixels (default 1024x1024).", "")
         .everyday()
         .python("tuple[int, int]")
@@ -46,6 +48,13 @@ pub(super) const ROWS: &[Row] = &[
         .everyday()
         .scene("camera.projection")
         .synonyms(&["orthographic", "parallel", "orthogonal", "projection"]),
+    camera(Row::text("ortho-height", "UNITS", |o, text| put(&mut o.render.ortho_height, values::positive(text))))
+        .help("Height of the view in world units, with --ortho.", "")
+        .python("float")
+        .scene("camera.projection")
+        .example("7")
+        .requires(&["ortho"])
+        .synonyms(&["parallel-scale", "ortho-scale", "ortho-size"]),
     camera(Row::text("fov-y", "DEG", |o, text| put(&mut o.render.fov_y, values::fov(text))))
         .help("Vertical field of view in degrees.", "")
         .python("float")

@@ -2,6 +2,7 @@
 
 mod appearance;
 mod camera;
+mod figure;
 mod ortho;
 mod output;
 mod points;
@@ -12,5 +13,6 @@ use super::Row;
 
 /// Returns all rows; those of a group are in the order in which help lists them.
 pub(super) fn all() -> Vec<Row> {
-    [output::ROWS, ortho::ROWS, camera::ROWS, appearance::ROWS, points::ROWS, splats::ROWS, program::ROWS].concat()
+    [output::ROWS, figure::ROWS, ortho::ROWS, camera::ROWS, appearance::ROWS, points::ROWS, splats::ROWS, program::ROWS]
+        .concat()
 }

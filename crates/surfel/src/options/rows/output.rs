@@ -43,12 +43,15 @@ pub(super) const ROWS: &[Row] = &[
     output_of("RGB.tif", Commands::ORTHO)
         .help("Colour GeoTIFF to write; alpha is 0 at empty pixels.", "")
         .required(&["dsm", "normals"]),
+    output_of("FIG", Commands::FIGURE)
+        .help("Figure to write: .pdf or .svg, with words as text, or .png; - is PNG on stdout.", "")
+        .required(&[]),
     output(Row::switch("force", |o, on| {
         o.force = on;
         o.render.splats.force = on;
     }))
     .letter('f')
-    .of(Group::Output, Commands::SPLATS.and(Commands::AGAIN))
+    .of(Group::Output, Commands::SPLATS.without(Commands::VIEW).and(Commands::AGAIN))
     .keyword(Commands::RENDER)
     .help("Overwrite existing files.", "")
     .everyday()
@@ -59,12 +62,12 @@ pub(super) const ROWS: &[Row] = &[
         "",
     ),
     output(Row::switch("png16", |o, on| o.png16 = on))
-        .of(Group::Output, Commands::IMAGES)
+        .of(Group::Output, Commands::IMAGE_FILES)
         .help("Write PNG files with 16 bits per sample.", "")
         .drawn()
         .synonyms(&["16-bit", "bit-depth", "depth"]),
     output(Row::switch("exr-f32", |o, on| o.exr_f32 = on))
-        .of(Group::Output, Commands::IMAGES)
+        .of(Group::Output, Commands::IMAGE_FILES)
         .help("Store colours in EXR files as 32-bit floats.", "")
         .drawn(),
     output(Row::text("planes", "PLANE,...", |o, text| {
@@ -76,7 +79,7 @@ pub(super) const ROWS: &[Row] = &[
         o.render.planes = planes;
         Ok(())
     }))
-    .of(Group::Output, Commands::IMAGES)
+    .of(Group::Output, Commands::IMAGE_FILES)
     .image()
     .keyword(Commands::NONE)
     .names(|| RenderOptions::MORE_PLANES.to_vec())
@@ -90,7 +93,7 @@ pub(super) const ROWS: &[Row] = &[
     )
     .synonyms(&["channels", "aov", "layers", "passes"]),
     output(Row::text("label", "ATTRIBUTE", |o, text| put(&mut o.render.label, Ok(text.to_owned()))))
-        .of(Group::Output, Commands::IMAGES)
+        .of(Group::Output, Commands::IMAGE_FILES)
         .image()
         .drawn()
         .help("Attribute for the plane label: integers such as classes (default classification).", "")

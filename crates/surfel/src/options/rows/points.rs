@@ -31,19 +31,19 @@ pub(super) const ROWS: &[Row] = &[
     .python("str")
     .scene("convert.color_by")
     .example("height")
-    .synonyms(&["color", "colour", "colour-by", "attribute", "scalar", "field", "scalars"]),
-    color(Row::text("colormap", "COLORMAP", |o, text| {
-        put(&mut o.render.splats.convert.colormap, values::colormap(text))
-    }))
-    .names(|| names_of(values::COLORMAPS))
-    .help(
-        "Colour map for --color-by.",
-        "By default, classes have their own colours; integers with few distinct values get tab20, intensity grey, and \
-         other values viridis.",
-    )
-    .everyday()
-    .scene("convert.colormap")
-    .synonyms(&["cmap", "colourmap", "palette", "lut", "ramp", "gradient"]),
+    .synonyms(&["colour-by", "attribute", "scalar", "field", "scalars"]),
+    color(Row::path("colormap", "COLORMAP|FILE", |o, path| o.render.splats.set_colormap(path)))
+        .names_or_other(|| names_of(values::COLORMAPS))
+        .help(
+            "Colour map for --color-by, or a file with a colour in each line: #rrggbb, or r g b.",
+            "By default, classes have their own colours; integers with few distinct values get tab20, intensity grey, \
+             and other values viridis. tab10, tab20 and set1 are for categories.",
+        )
+        .everyday()
+        .python("_Path")
+        .example("turbo")
+        .scene("convert.colormap")
+        .synonyms(&["cmap", "colourmap", "palette", "lut", "ramp", "gradient"]),
     color(Row::text("range", "LO,HI|shared", |o, text| {
         o.render.splats.set_range(values::range_choice(text)?);
         Ok(())
@@ -58,6 +58,26 @@ pub(super) const ROWS: &[Row] = &[
     .scene("convert.range")
     .example("-1.5,2")
     .synonyms(&["clim", "limits", "vmin", "vmax", "min", "max"]),
+    color(Row::path("labels", "FILE", |o, path| put_path(&mut o.render.splats.convert.labels, path)))
+        .help(
+            "Names of the categories of --color-by, a line for each: VALUE NAME, or VALUE NAME #rrggbb with a colour.",
+            "Names appear in legends. Integers without a line are named by their value.",
+        )
+        .affects(VALUES, |o| o.labels.is_some())
+        .python("_Path")
+        .scene("convert.labels")
+        .example("classes.txt")
+        .synonyms(&["class-names", "names", "legend-labels"]),
+    color(Row::text("color", "COLOR", |o, text| put(&mut o.render.color, values::color(text))))
+        .of(Group::Colors, Commands::DRAWN)
+        .image()
+        .help("Colour all objects alike: #rrggbb, or a name of CSS such as steelblue.", "")
+        .everyday()
+        .python("str")
+        .scene("material.color")
+        .example("#4682b4")
+        .conflicts(&["color-by"])
+        .synonyms(&["solid-color", "colour", "albedo", "tint"]),
     color(Row::path("colorbar", "FILE.png", |o, path| {
         if path.as_os_str().is_empty() {
             o.names_colorbar = true;
@@ -65,6 +85,8 @@ pub(super) const ROWS: &[Row] = &[
         }
         put_path(&mut o.render.splats.colorbar, path)
     }))
+    .of(Group::Colors, Commands::SPLATS.without(Commands::VIEW).without(Commands::FIGURE))
+    .image()
     .missing("")
     .help("Write the colour bar of --color-by to an image file; the default name is OUT-colorbar.png.", "")
     .python("_Path")
@@ -82,6 +104,7 @@ pub(super) const ROWS: &[Row] = &[
     .affects(Inputs::POINTS, |o| o.colors != PointColors::AsIs)
     .scene("convert.colors"),
     color(Row::path("texture", "point|ewa|fit|FILE", |o, path| o.render.splats.add_texture(path)))
+        .names_or_other(|| vec!["point", "ewa", "fit"])
         .repeated()
         .help(
             "Sampling of a mesh's colours: per splat as the mean over the square that it represents (point) or under \
@@ -176,22 +199,38 @@ pub(super) const ROWS: &[Row] = &[
     .affects(Inputs::POINTS, |o| o.outliers != Outliers::Keep)
     .scene("convert.outliers")
     .synonyms(&["denoise", "noise", "remove-outliers", "sor"]),
+    point(Row::text("points-as", "surface|balls|disks|dots[:R]", |o, text| {
+        put(&mut o.render.splats.convert.points_as, values::points_as(text))
+    }))
+    .of(Group::Points, Commands::IMAGES)
+    .keyword(Commands::RENDER)
+    .help(
+        "Draw each point as part of a surface, or as a ball, a disk across its estimated normal or a dot, with radius \
+         R in the file's units or in pixels (balls:0.02, dots:2px).",
+        "By default the radius of balls and disks is half the spacing of the points, and that of dots 1.5px.",
+    )
+    .everyday()
+    .affects(Inputs::POINTS, |o| o.points_as.is_some())
+    .python("str")
+    .scene("convert.points_as")
+    .example("balls:0.02")
+    .synonyms(&["point-style", "spheres", "balls"]),
     point(Row::text("lod-error", "PX", |o, text| put(&mut o.render.lod_error, values::positive(text))))
-        .of(Group::Points, Commands::IMAGES)
+        .of(Group::Points, Commands::DRAWN)
         .help(
             "Largest projected splat size in pixels (default 1).",
             "Octrees (.surfel) draw polygons where even the finest splats are larger; from COPC files the levels of \
              detail needed for this size are read.",
         )
-        .keyword(Commands::RENDER)
+        .keyword(Commands::RENDER.and(Commands::FIGURE))
         .python("float")
         .scene("settings.lod_error_px")
         .example("7")
         .synonyms(&["lod", "level", "detail", "screen-space-error"]),
     point(Row::switch("all-levels", |o, on| o.render.all_levels = on))
-        .of(Group::Points, Commands::IMAGES)
+        .of(Group::Points, Commands::DRAWN)
         .help("Draw all points of COPC files, not only as many as the view needs.", "")
-        .keyword(Commands::RENDER)
+        .keyword(Commands::RENDER.and(Commands::FIGURE))
         .scene("convert.all_levels"),
     file(Row::text("columns", "NAME,...", |o, text| put(&mut o.render.splats.convert.columns, values::columns(text))))
         .help(

@@ -7,7 +7,7 @@ use crate::values;
 const BACKENDS: [&str; 5] = ["auto", "cpu", "wgpu", "ash", "reference"];
 
 const fn backend(row: Row) -> Row {
-    row.of(Group::Backend, Commands::IMAGES).keyword(Commands::RENDER)
+    row.of(Group::Backend, Commands::DRAWN).keyword(Commands::RENDER.and(Commands::FIGURE))
 }
 
 const fn backend_of(commands: Commands) -> Row {
@@ -22,9 +22,13 @@ const fn program(row: Row) -> Row {
     row.of(Group::Program, Commands::ALL)
 }
 
+const fn view(row: Row) -> Row {
+    row.of(Group::Program, Commands::VIEW)
+}
+
 pub(super) const ROWS: &[Row] = &[
-    backend_of(Commands::IMAGES.and(Commands::ORTHO))
-        .keyword(Commands::RENDER.and(Commands::ORTHO))
+    backend_of(Commands::DRAWN.and(Commands::ORTHO))
+        .keyword(Commands::RENDER.and(Commands::ORTHO).and(Commands::FIGURE))
         .default_value("auto")
         .help("Rendering backend.", "")
         .everyday(),
@@ -58,6 +62,20 @@ pub(super) const ROWS: &[Row] = &[
             "",
         )
         .everyday(),
+    view(Row::switch("no-open", |o, on| o.no_open = on))
+        .help("Don't open a browser; print the page's address only.", "")
+        .everyday()
+        .synonyms(&["headless", "no-browser"]),
+    view(Row::text("port", "PORT", |o, text| put(&mut o.port, values::port(text))))
+        .help("Port of the page; by default one that is free.", "")
+        .everyday()
+        .example("8080"),
+    view(Row::text("host", "HOST", |o, text| put(&mut o.host, Ok(text.to_owned()))))
+        .help(
+            "Address of this machine at which the page is served: 127.0.0.1 (default), localhost or ::1.",
+            "From another machine, `ssh -L 8080:127.0.0.1:PORT HOST` opens a tunnel to the page.",
+        )
+        .example("localhost"),
     program(Row::switch("quiet", |o, on| o.quiet = on))
         .letter('q')
         .help("Print errors only.", "")
@@ -71,7 +89,7 @@ pub(super) const ROWS: &[Row] = &[
     program(Row::text("threads", "N", |o, text| {
         put(&mut o.threads, values::whole(text, 1..=1024).map(|count| count as usize))
     }))
-    .keyword(Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO))
+    .keyword(Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO).and(Commands::FIGURE))
     .help("Number of threads; by default one per CPU.", "")
     .python("int")
     .example("7")

@@ -1,0 +1,70 @@
+//! `surfel view`: shows a scene on a page in the browser.
+
+use crate::console::Console;
+use crate::failure::Failure;
+use surfel::options::Options;
+
+/// Names of options that concern the server, not the scene.
+#[cfg(feature = "view")]
+const OF_SERVER: [&str; 3] = ["no-open", "port", "host"];
+
+/// Serves the page until the program is ended. `given` are the names and texts of the options on the command line.
+#[cfg(feature = "view")]
+pub(crate) fn run(
+    args: &Options,
+    given: Vec<(String, String)>,
+    threads: usize,
+    console: &Console,
+) -> Result<(), Failure> {
+    use crate::stdin::{Stdin, is_stdin};
+    use crate::{resolve, stdout};
+    use surfel_view::{Config, Viewer};
+    args.render.check()?;
+    let stdin = Stdin::default();
+    // Missing files and broken scene files are reported before a browser opens.
+    resolve::source(&args.inputs, &stdin)?;
+    for path in args.inputs.iter().filter(|path| !is_stdin(path)) {
+        if let Err(source) = path.metadata() {
+            return Err(surfel::io::IoError::System { path: path.clone(), action: "read it", source }.into());
+        }
+    }
+    let bytes = if args.inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
+    let flags = given.into_iter().filter(|(name, _)| !OF_SERVER.contains(&name.as_str())).collect();
+    let config =
+        Config { inputs: args.inputs.clone(), stdin: bytes, flags, host: args.host.clone(), port: args.port, threads };
+    let viewer = Viewer::bind(config).map_err(Failure::other)?;
+    let url = viewer.url();
+    stdout::result(format!("{url}\n").as_bytes())?;
+    if !args.no_open && !open(&url) {
+        console.note("no browser was opened: open the address above, through ssh -L if this is another machine");
+    }
+    console.note("the page is served until this program ends: Ctrl+C");
+    viewer.run(&mut |text| console.note(text)).map_err(Failure::other)
+}
+
+/// Refuses the command, which this program lacks.
+#[cfg(not(feature = "view"))]
+pub(crate) fn run(_: &Options, _: Vec<(String, String)>, _: usize, _: &Console) -> Result<(), Failure> {
+    Err(Failure::other(
+        "view is not built into this program: build it with Cargo's feature 'view', as in cargo build --release \
+         --features view\n  help: surfel INPUT -o OUT.png makes an image",
+    ))
+}
+
+/// Opens an address in the user's browser; false if there is none.
+#[cfg(feature = "view")]
+fn open(url: &str) -> bool {
+    use std::process::{Command, Stdio};
+    let has_screen = ["DISPLAY", "WAYLAND_DISPLAY"].iter().any(|name| std::env::var_os(name).is_some());
+    let mut command = if cfg!(target_os = "macos") {
+        Command::new("open")
+    } else if cfg!(windows) {
+        Command::new("explorer")
+    } else if has_screen {
+        Command::new("xdg-open")
+    } else {
+        return false;
+    };
+    let quiet = command.arg(url).stdin(Stdio::null()).stdout(Stdio::null()).stderr(Stdio::null());
+    quiet.spawn().is_ok()
+}

@@ -1,0 +1,94 @@
+//! Balls as seen in a view: their object transform, and culling of their chunks.
+
+use crate::cull::object::pixels_of_box;
+use crate::scene::balls::{BallChunk, StoredBalls};
+use glam::{DMat3, DVec3};
+use surfel_render::{BallPixelForm, FramePlan, View};
+
+/// A chunk of balls.
+#[derive(Clone, Copy)]
+pub(crate) struct BallPart {
+    /// Index among the scene's objects of balls.
+    pub object: u32,
+    pub chunk: u32,
+}
+
+/// Values shared by all balls of an object in a view.
+pub(crate) struct BallView<'a> {
+    pub balls: &'a StoredBalls,
+    /// Index among the scene's objects of balls.
+    pub index: u32,
+    /// Number of the object's first slot, if the frame outputs the nearest splat.
+    pub first_number: u32,
+    pub view: &'a View,
+    /// Map of directions from object to view space, and the view position of the object's origin.
+    linear: DMat3,
+    origin: DVec3,
+    /// Length of a pixel of the image, if radii are in pixels.
+    pixel: Option<BallPixelForm>,
+    /// Least radius, in pixels of the view.
+    pub least_px: f64,
+}
+
+impl<'a> BallView<'a> {
+    /// Returns all objects of balls as seen in `view`: that of the image or, with a least radius, of a shadow map.
+    pub(crate) fn all(balls: &'a [StoredBalls], view: &'a View, plan: &FramePlan, least_px: f64) -> Vec<Self> {
+        let of_object = |(index, balls): (usize, &'a StoredBalls)| {
+            let m = balls.world_from_object;
+            Self {
+                balls,
+                index: index as u32,
+                first_number: 0,
+                view,
+                linear: view.view_from_world * m.matrix3,
+                // The eye is subtracted before the rotation, so that scenes far from the origin stay exact.
+                origin: view.view_from_world * (m.translation - view.eye),
+                pixel: plan.ball_pixel.filter(|_| balls.in_pixels).map(|pixel| pixel.in_object(&m)),
+                least_px,
+            }
+        };
+        balls.iter().enumerate().map(of_object).collect()
+    }
+
+    /// Returns a chunk's map of directions to view space, and the view position of its origin.
+    pub(crate) fn placement(&self, chunk: &BallChunk) -> (DMat3, DVec3) {
+        (self.linear, self.origin + self.linear * chunk.origin)
+    }
+
+    /// Returns the length of a pixel of the image at points relative to the chunk's origin, if radii are in pixels.
+    pub(crate) fn pixel(&self, chunk: &BallChunk) -> Option<BallPixelForm> {
+        self.pixel.map(|pixel| pixel.about(chunk.origin))
+    }
+
+    /// Returns the largest radius of a chunk's balls in the view, in world units, for centres within `reach` of the
+    /// chunk's origin at this depth of the view.
+    fn largest(&self, chunk: &BallChunk, z: f64, reach: f64) -> f64 {
+        let pixel = self.pixel(chunk);
+        let longest = |p: BallPixelForm| (p.constant + p.slope.length() * chunk.centers).max(p.least);
+        let radius = chunk.largest * pixel.map_or(1.0, longest);
+        let [fx, fy] = self.view.projection.focal_px;
+        let scale = if self.view.projection.is_perspective() { (z + reach).max(0.0) } else { 1.0 };
+        radius.max(self.least_px * scale / (fx * fy).sqrt())
+    }
+}
+
+/// Returns the chunks of balls that may be within a view's depth range, with the bounds of the pixels they may touch
+/// (minimum x and y, maximum x and y), their nearest and farthest depth, and their number of balls.
+pub(crate) fn ball_parts<'a>(
+    views: &'a [BallView<'a>],
+) -> impl Iterator<Item = (BallPart, [f64; 4], [f64; 2], usize)> + 'a {
+    views.iter().flat_map(|of| {
+        // The Frobenius norm bounds the largest singular value; the slack is far above rounding.
+        let stretch = of.linear.to_cols_array().iter().map(|x| x * x).sum::<f64>().sqrt() * (1.0 + 1e-6);
+        let projection = &of.view.projection;
+        of.balls.chunks.iter().enumerate().filter_map(move |(index, chunk)| {
+            let (_, center) = of.placement(chunk);
+            let reach = chunk.centers * stretch;
+            let radius = reach + of.largest(chunk, center.z, reach) * (1.0 + 1e-6);
+            let visible = center.z + reach >= projection.near && center.z - reach <= projection.far();
+            let part = BallPart { object: of.index, chunk: index as u32 };
+            let pixels = pixels_of_box(projection, center, DVec3::splat(radius), 1.0);
+            visible.then_some((part, pixels, [center.z - radius, center.z + radius], chunk.count))
+        })
+    })
+}

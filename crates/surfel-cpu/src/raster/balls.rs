@@ -1,0 +1,270 @@
+//! Fragments of balls in a block's pixels, in the order of depth (§11).
+
+use crate::setup::balls::{BallRecord, BallSegment};
+use crate::simd::compress::ones;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::largest;
+use crate::tiles::lists::ItemLists;
+use fearless_simd::prelude::*;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::ball::{BallHit, Outline, Rounded, SOLID};
+use surfel_math::projection::Projection;
+use surfel_math::{Real, V2, V3};
+
+/// Fills the lists of a tile's `wanted` blocks with balls. Returns bits of the blocks that have any.
+pub(crate) fn list_balls<'a>(
+    segment: &'a BallSegment,
+    tile: usize,
+    wanted: u64,
+    lists: &mut ItemLists<&'a BallRecord>,
+) -> u64 {
+    lists.clear();
+    for entry in segment.lists.of(tile) {
+        lists.push(&segment.records[entry.record as usize], entry.blocks & wanted);
+    }
+    lists.finish()
+}
+
+/// Number of balls after which those behind all of a block's pixels are found anew.
+const OCCLUDED_EVERY: u32 = 8;
+
+/// The balls of a block.
+#[derive(Clone, Copy)]
+pub(crate) struct BallList<'a> {
+    pub balls: &'a [&'a BallRecord],
+    /// The block's first pixel.
+    pub at: (i32, i32),
+    pub projection: &'a Projection,
+}
+
+/// The fragments of one ball in a block.
+#[derive(Clone, Copy)]
+pub(crate) struct BlockFragments {
+    /// Index in the block's list.
+    pub ball: u32,
+    /// Bits of the pixels that have a fragment; the other two are meaningless elsewhere.
+    there: u32,
+    pub z: [f32; LANES],
+    pub coverage: [f32; LANES],
+}
+
+/// Fragments of a block, reused between blocks.
+#[derive(Default)]
+pub(crate) struct BallFragments {
+    pub fragments: Vec<BlockFragments>,
+    /// Fragments of each pixel from near to far: the bits of the depth above the index in `fragments`.
+    pixels: [Vec<u64>; LANES],
+    /// Number of each pixel's fragments that were taken.
+    taken: [usize; LANES],
+    /// Number of balls that were evaluated.
+    pub tested: u32,
+}
+
+/// Index of a pixel's fragment.
+#[inline(always)]
+fn index_of(key: u64) -> usize {
+    key as u32 as usize
+}
+
+impl BallFragments {
+    /// Evaluates the balls of a block, given by its first pixel, as far as they are nearer than `limit` and not behind
+    /// a ball that covers the whole pixel.
+    #[inline(always)]
+    pub(crate) fn gather<S: Simd>(&mut self, simd: S, list: BallList<'_>, limit: Lanes<S>) {
+        let BallList { balls, at, projection } = list;
+        self.fragments.clear();
+        self.tested = 0;
+        let mut end = limit;
+        let (mut farthest, mut is_nearer) = (largest(end), false);
+        for (index, ball) in (0..).zip(balls) {
+            if is_nearer && index % OCCLUDED_EVERY == 0 {
+                (farthest, is_nearer) = (largest(end), false);
+            }
+            if ball.z_min > farthest {
+                continue;
+            }
+            self.tested += 1;
+            let from = offset(simd, ball, at, ball.middle);
+            let (coverage, is_whole) = coverage(simd, ball, from);
+            let z = if ball.flat { Lanes::splat(simd, ball.z) } else { hit(simd, ball, at, projection).0 };
+            let there = coverage.zero().lt(coverage) & z.lt(end);
+            let bits = there.to_bitmask() as u32;
+            if bits == 0 {
+                continue;
+            }
+            if ball.alpha >= 1.0 {
+                let full = there & coverage.one().le(coverage);
+                if full.to_bitmask() != 0 {
+                    // A fragment as near as the end still counts.
+                    end = Lanes::select(full, end.min(after(z)), end);
+                    is_nearer = true;
+                    if is_whole {
+                        farthest = largest(end);
+                    }
+                }
+            }
+            let (z, coverage) = (z.to_array(), coverage.to_array());
+            self.fragments.push(BlockFragments { ball: index, there: bits, z, coverage });
+        }
+        self.sort(end.to_array());
+    }
+
+    fn sort(&mut self, ends: [f32; LANES]) {
+        self.taken = [0; LANES];
+        self.pixels.iter_mut().for_each(Vec::clear);
+        for (index, of) in (0u64..).zip(&self.fragments) {
+            for lane in ones(of.there.into()) {
+                if of.z[lane] < ends[lane] {
+                    // Depths are positive, so their bits have their order.
+                    self.pixels[lane].push(u64::from(of.z[lane].to_bits()) << 32 | index);
+                }
+            }
+        }
+        self.pixels.iter_mut().filter(|pixel| pixel.len() > 1).for_each(|pixel| pixel.sort_unstable());
+    }
+
+    /// Takes each pixel's next fragment, if it is nearer than `until`. Returns the fragments and the pixels' bits.
+    #[inline(always)]
+    pub(crate) fn next(&mut self, until: &[f32; LANES]) -> ([usize; LANES], u64) {
+        let (mut found, mut bits) = ([0; LANES], 0);
+        for lane in 0..LANES {
+            if let Some(&key) = self.pixels[lane].get(self.taken[lane])
+                && f32::from_bits((key >> 32) as u32) < until[lane]
+            {
+                (found[lane], self.taken[lane]) = (index_of(key), self.taken[lane] + 1);
+                bits |= 1 << lane;
+            }
+        }
+        (found, bits)
+    }
+
+    /// Skips each pixel's fragments that are nearer than `from`.
+    pub(crate) fn skip(&mut self, from: &[f32; LANES]) {
+        for (lane, pixel) in self.pixels.iter().enumerate() {
+            self.taken[lane] = pixel.partition_point(|key| f32::from_bits((key >> 32) as u32) < from[lane]);
+        }
+    }
+
+    /// Returns each pixel's depth of the nearest ball that covers it wholly; +∞ for none.
+    #[inline(always)]
+    pub(crate) fn full_depth<S: Simd>(&self, simd: S, balls: &[&BallRecord]) -> Lanes<S> {
+        let full = |lane: usize| {
+            let last = self.pixels[lane].last().map(|&key| &self.fragments[index_of(key)]);
+            let is_full = |of: &&BlockFragments| of.coverage[lane] >= 1.0 && balls[of.ball as usize].alpha >= 1.0;
+            last.filter(is_full).map_or(f32::INFINITY, |of| of.z[lane])
+        };
+        Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(full))
+    }
+
+    /// Returns each pixel's nearest fragment before `until` that shows in the planes of depth, normal and nearest
+    /// splat, and the pixels' bits.
+    pub(crate) fn shown(
+        &self,
+        balls: &[&BallRecord],
+        (x, y): (i32, i32),
+        until: &[f32; LANES],
+    ) -> ([usize; LANES], u64) {
+        let (mut found, mut bits) = ([0; LANES], 0);
+        for (lane, pixel) in self.pixels.iter().enumerate() {
+            let at = (x + (lane % 4) as i32, y + (lane / 4) as i32);
+            let is_solid = |&key: &u64| {
+                let of = &self.fragments[index_of(key)];
+                let is_near = of.z[lane] < until[lane];
+                is_near && (f64::from(of.coverage[lane]) >= SOLID || has_center(balls[of.ball as usize], at))
+            };
+            if let Some(&key) = pixel.iter().find(|key| is_solid(key)) {
+                found[lane] = index_of(key);
+                bits |= 1 << lane;
+            }
+        }
+        (found, bits)
+    }
+}
+
+/// True if a pixel has the projection of a ball's centre.
+fn has_center(ball: &BallRecord, (x, y): (i32, i32)) -> bool {
+    let inside = |base: f32, anchor: f32, pixel: i32| (0.0..1.0).contains(&((base - pixel as f32) + anchor));
+    inside(ball.base[0], ball.anchor[0], x) && inside(ball.base[1], ball.anchor[1], y)
+}
+
+/// Returns the next greater depth.
+#[inline(always)]
+fn after<S: Simd>(z: Lanes<S>) -> Lanes<S> {
+    let bits: fearless_simd::i32x16<S> = z.0.bitcast();
+    Lanes((bits + 1).bitcast())
+}
+
+/// Returns the offsets of a block's pixels' corners from a point of a ball's record.
+#[inline(always)]
+fn offset<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), point: [f32; 2]) -> V2<Lanes<S>> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let (x, y) = Lanes::block_pixels(simd, at);
+    V2::new((x - k(ball.base[0])) - k(point[0]), (y - k(ball.base[1])) - k(point[1]))
+}
+
+/// Returns a ball's outline, in all lanes.
+#[inline(always)]
+fn outline<S: Simd>(simd: S, ball: &BallRecord) -> Outline<Lanes<S>> {
+    let k = |v: f32| Lanes::splat(simd, v);
+    Outline {
+        center: V2::new(k(0.0), k(0.0)),
+        extent: V2::new(k(ball.extent[0]), k(ball.extent[1])),
+        skew: k(ball.skew),
+        width: k(ball.width),
+    }
+}
+
+/// Returns the coverage of a block's pixels, and true if all are covered wholly. `from` has the pixels' corners
+/// relative to the outline's centre.
+#[inline(always)]
+fn coverage<S: Simd>(simd: S, ball: &BallRecord, from: V2<Lanes<S>>) -> (Lanes<S>, bool) {
+    let outline = outline(simd, ball);
+    // Only a ball wider than a block's diagonal can cover a block.
+    if ball.extent[0].min(ball.extent[1]) > 2.8 {
+        let (zero, four) = (from.x.zero(), from.x.constant(4.0));
+        let corners = mask32x16::from_bitmask(simd, 0b1001);
+        let left = Lanes::splat(simd, from.x.to_array()[0]);
+        let top = Lanes::splat(simd, from.y.to_array()[0]);
+        let (right, bottom) = (left + four, top + four);
+        let column = Lanes::block_columns(simd);
+        let x = Lanes::select(column.le(zero), left, right);
+        let (y_top, y_bottom) = (outline.contains(V2::new(x, top)), outline.contains(V2::new(x, bottom)));
+        if (y_top & y_bottom & corners).to_bitmask() == 0b1001 {
+            return (zero.one(), true);
+        }
+    }
+    if ball.is_large {
+        return (outline.coverage_of_large(from), false);
+    }
+    let area = outline.coverage::<Rounded>(from);
+    (Lanes::select(outline.rounding().lt(area), area, area.zero()), false)
+}
+
+/// Returns the depths of a ball in a block's pixels, and its normals in view space there.
+#[inline(always)]
+fn hit<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32), projection: &Projection) -> (Lanes<S>, V3<Lanes<S>>) {
+    let k = |v: f32| Lanes::splat(simd, v);
+    let from = offset(simd, ball, at, ball.anchor);
+    hit_of([from.x, from.y, k(ball.slope[0]), k(ball.slope[1]), k(ball.size), k(ball.z)], projection)
+}
+
+/// Returns the depths and normals of balls, given by the offset of the pixel's corner from the centre's projection, the
+/// centre's slopes, the size and the depth of the centre.
+#[inline(always)]
+pub(crate) fn hit_of<S: Simd>(
+    [x, y, slope_x, slope_y, size, z]: [Lanes<S>; 6],
+    projection: &Projection,
+) -> (Lanes<S>, V3<Lanes<S>>) {
+    let half = x.constant(0.5);
+    let (fx, fy) = (x.constant(1.0 / projection.focal_px[0]), x.constant(1.0 / projection.focal_px[1]));
+    let hit = BallHit::new(V2::new(slope_x, slope_y), size, V2::new((x + half) * fx, (y + half) * fy), projection);
+    (if projection.is_perspective() { z * hit.depth } else { z + hit.depth }, hit.normal)
+}
+
+/// Returns the bits of the texels of a shadow map's block whose centres a ball hides.
+#[inline(always)]
+pub(crate) fn hides<S: Simd>(simd: S, ball: &BallRecord, at: (i32, i32)) -> mask32x16<S> {
+    let from = offset(simd, ball, at, ball.middle);
+    let half = from.x.constant(0.5);
+    outline(simd, ball).contains(V2::new(from.x + half, from.y + half))
+}

@@ -1,0 +1,190 @@
+//! Lighting and compositing of balls among the other surfaces of a block (§11).
+
+use crate::raster::balls::{BallFragments, BallList, hit_of};
+use crate::shade::lighting::Lighting;
+use crate::shade::resolve::shaded;
+use crate::shade::surface::Surface;
+use crate::shade::view_ray::Place;
+use crate::simd::compress::ones;
+use crate::simd::lanes::{LANES, Lanes};
+use crate::simd::math::transform;
+use crate::tiles::target::{Pixels, Target};
+use fearless_simd::prelude::SimdMask;
+use fearless_simd::{Simd, mask32x16};
+use surfel_math::{Real, V3};
+use surfel_model::Shader;
+
+/// The balls of a block whose fragments are gathered.
+pub(crate) struct BallBlock<'a, S: Simd> {
+    pub simd: S,
+    pub list: BallList<'a>,
+    pub lighting: &'a Lighting,
+    /// Ambient, diffuse, specular and shininess factors of each object of balls.
+    pub factors: &'a [[f32; 4]],
+    pub fragments: &'a mut BallFragments,
+}
+
+/// Colours composited so far, front to back.
+#[derive(Clone, Copy)]
+pub(crate) struct Composited<S: Simd> {
+    /// Colour, premultiplied.
+    pub color: V3<Lanes<S>>,
+    /// Fraction of what is behind that shows through.
+    pub transmittance: Lanes<S>,
+    /// Number of fragments.
+    pub fragments: Lanes<S>,
+}
+
+impl<S: Simd> Composited<S> {
+    /// Returns nothing, through which everything shows.
+    #[inline(always)]
+    pub(crate) fn nothing(simd: S) -> Self {
+        let zero = Lanes::splat(simd, 0.0);
+        Self { color: V3::new(zero, zero, zero), transmittance: zero.one(), fragments: zero }
+    }
+
+    /// Adds a colour of this opacity behind all others.
+    #[inline(always)]
+    pub(crate) fn add_behind(&mut self, color: V3<Lanes<S>>, alpha: Lanes<S>) {
+        self.color = self.color + color * (alpha * self.transmittance);
+        self.transmittance = self.transmittance * (alpha.one() - alpha);
+    }
+
+    /// Composites the colours over others.
+    #[inline(always)]
+    pub(crate) fn over(&self, [r, g, b, a]: [Lanes<S>; 4]) -> [Lanes<S>; 4] {
+        let (t, c) = (self.transmittance, &self.color);
+        [r.mul_add(t, c.x), g.mul_add(t, c.y), b.mul_add(t, c.z), a.mul_add(t, t.one() - t)]
+    }
+}
+
+impl<S: Simd> BallBlock<'_, S> {
+    /// Composites the fragments that are nearer than `until`, and weren't composited before, behind all others.
+    #[inline(never)]
+    pub(crate) fn composite(&mut self, until: Lanes<S>, composited: &mut Composited<S>) {
+        let until = until.to_array();
+        let simd = self.simd;
+        simd.vectorize(
+            #[inline(always)]
+            || loop {
+                let (found, bits) = self.fragments.next(&until);
+                if bits == 0 {
+                    return;
+                }
+                let (surface, alpha) = self.surface(&found, bits);
+                let color = self.color(&surface);
+                composited.add_behind(color, alpha);
+                composited.fragments = composited.fragments + Lanes::select(surface.covered, alpha.one(), alpha.zero());
+            },
+        );
+    }
+
+    /// Returns fragments as surfaces, and their opacities.
+    #[inline(always)]
+    fn surface(&self, found: &[usize; LANES], bits: u64) -> (Surface<S>, Lanes<S>) {
+        let simd = self.simd;
+        let mut fields = [[0.0f32; LANES]; 11];
+        let mut factors = [[0.0; LANES]; 4];
+        // Lanes without a fragment have a ball that divides nothing by zero.
+        (fields[4], fields[5]) = ([1.0; LANES], [1.0; LANES]);
+        let (mut flat, mut coverage) = (0u64, [0.0; LANES]);
+        let (x, y) = self.list.at;
+        let differ = self.lighting.attributes.material;
+        for lane in ones(bits) {
+            let of = &self.fragments.fragments[found[lane]];
+            let ball = self.list.balls[of.ball as usize];
+            let pixel = [(x + (lane % 4) as i32) as f32, (y + (lane / 4) as i32) as f32];
+            let from = |axis: usize| (pixel[axis] - ball.base[axis]) - ball.anchor[axis];
+            let [r, g, b] = ball.color;
+            let own = [
+                from(0),
+                from(1),
+                ball.slope[0],
+                ball.slope[1],
+                ball.size,
+                ball.z,
+                r,
+                g,
+                b,
+                of.z[lane],
+                of.coverage[lane] * ball.alpha,
+            ];
+            fields.iter_mut().zip(own).for_each(|(field, value)| field[lane] = value);
+            flat |= u64::from(ball.flat) << lane;
+            coverage[lane] = of.coverage[lane];
+            if differ {
+                let own = self.factors.get(ball.object as usize).copied().unwrap_or_default();
+                factors.iter_mut().zip(own).for_each(|(field, value)| field[lane] = value);
+            }
+        }
+        let lane = |i: usize| Lanes::load(simd, &fields[i]);
+        let projection = self.list.projection;
+        let (_, normal) = hit_of([lane(0), lane(1), lane(2), lane(3), lane(4), lane(5)], projection);
+        let flat = mask32x16::from_bitmask(simd, flat);
+        let (zero, one) = (Lanes::splat(simd, 0.0), Lanes::splat(simd, 1.0));
+        let to_eye = match projection.is_perspective() {
+            true => V3::new(-lane(2), -lane(3), -one),
+            false => V3::new(zero, zero, -one),
+        };
+        let to_eye = to_eye * to_eye.dot(to_eye).inverse_sqrt();
+        let normal = V3::select(flat, to_eye, normal);
+        let material = match differ {
+            true => factors.map(|field| Lanes::load(simd, &field)),
+            false => self.lighting.material.map(|m| Lanes::splat(simd, m)),
+        };
+        let surface = Surface {
+            covered: mask32x16::from_bitmask(simd, bits),
+            albedo: V3::new(lane(6), lane(7), lane(8)),
+            normal: transform(&self.lighting.rays.world_from_view, normal),
+            z: lane(9),
+            material,
+            weight: Lanes::load(simd, &coverage),
+        };
+        (surface, lane(10))
+    }
+
+    /// Returns the colours that the plan's shader computes.
+    #[inline(always)]
+    fn color(&self, surface: &Surface<S>) -> V3<Lanes<S>> {
+        let simd = self.simd;
+        if !self.lighting.planes.shows_color() {
+            let zero = Lanes::splat(simd, 0.0);
+            return V3::new(zero, zero, zero);
+        }
+        let color = shaded(simd, self.lighting, surface, Place::Block(self.list.at));
+        if self.lighting.shader == Shader::Edl {
+            // Eye-dome lighting darkens a tilted plane by about its cosine.
+            let to_eye = self.lighting.rays.view_ray(simd, Place::Block(self.list.at)).to_eye();
+            return color * surface.normal.dot(to_eye).abs();
+        }
+        color
+    }
+
+    /// Writes depth, normal, weight and number of the balls that are shown, where they are nearer than a block's pixels
+    /// and than `until`.
+    #[inline(never)]
+    pub(crate) fn show(&self, until: Lanes<S>, pixels: &mut Pixels<S>, target: &mut Target<'_>) {
+        let planes = &self.lighting.planes;
+        if !(planes.depth || planes.normal || planes.weight || planes.index) {
+            return;
+        }
+        let until = until.min(pixels.depth).to_array();
+        let (found, bits) = self.fragments.shown(self.list.balls, self.list.at, &until);
+        if bits == 0 {
+            return;
+        }
+        let (surface, _) = self.surface(&found, bits);
+        let [x, y, z] = pixels.normal;
+        let normal = V3::select(surface.covered, surface.normal, V3::new(x, y, z));
+        pixels.normal = [normal.x, normal.y, normal.z];
+        pixels.depth = Lanes::select(surface.covered, surface.z, pixels.depth);
+        pixels.weight = Lanes::select(surface.covered, surface.weight, pixels.weight);
+        if planes.index {
+            let mut numbers = target.index(self.list.at);
+            for lane in ones(bits) {
+                numbers[lane] = self.list.balls[self.fragments.fragments[found[lane]].ball as usize].number;
+            }
+            target.put_index(self.list.at, numbers);
+        }
+    }
+}

@@ -1,0 +1,135 @@
+//! Round numbers for axes and scale bars.
+
+/// Values that label a range, and their texts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Ticks {
+    /// Values, ascending, within the range.
+    pub values: Vec<f64>,
+    /// Text of each value, divided by 10 to the power of `exponent`.
+    pub labels: Vec<String>,
+    /// Common power of ten of all labels; 0 if the labels are the values.
+    pub exponent: i32,
+}
+
+/// Exponents of ten of the largest value that are written out as digits.
+const WRITTEN: std::ops::RangeInclusive<i32> = -3..=5;
+
+/// Returns the smallest of 1, 2 and 5 times a power of ten that isn't less than `least`.
+fn round_up(least: f64) -> f64 {
+    let power = 10_f64.powi(least.log10().floor() as i32);
+    let factor = [1.0, 2.0, 5.0].into_iter().find(|factor| factor * power >= least * (1.0 - 1e-9));
+    factor.unwrap_or(10.0) * power
+}
+
+/// Returns the largest of 1, 2 and 5 times a power of ten that isn't more than `most`; 0 unless `most` is positive.
+pub fn round_length(most: f64) -> f64 {
+    if !(most > 0.0 && most.is_finite()) {
+        return 0.0;
+    }
+    let power = 10_f64.powi(most.log10().floor() as i32);
+    let factor = [5.0, 2.0].into_iter().find(|factor| factor * power <= most * (1.0 + 1e-9));
+    factor.unwrap_or(1.0) * power
+}
+
+impl Ticks {
+    /// Returns at least two and about `count` ticks for a range. The two ends are returned for ranges that have no room
+    /// for round numbers.
+    pub fn new([lo, hi]: [f64; 2], count: usize) -> Self {
+        let is_usable = lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite();
+        if !is_usable {
+            return Self { values: vec![lo], labels: vec![format!("{lo}")], exponent: 0 };
+        }
+        let mut step = round_up((hi - lo) / count.max(1) as f64);
+        let multiples = |step: f64| ((lo / step - 1e-9).ceil(), (hi / step + 1e-9).floor());
+        while multiples(step).1 - multiples(step).0 < 1.0 {
+            step = round_length(step * 0.6);
+        }
+        let (first, last) = multiples(step);
+        let values: Vec<f64> = (0..=(last - first) as usize).map(|k| (first + k as f64) * step).collect();
+        let largest = lo.abs().max(hi.abs());
+        let exponent = Some(largest.log10().floor() as i32).filter(|e| !WRITTEN.contains(e)).unwrap_or(0);
+        let unit = 10_f64.powi(exponent);
+        let decimals = ((exponent as f64 - step.log10()) - 1e-9).ceil().clamp(0.0, 17.0) as usize;
+        let labels = values.iter().map(|value| number(value / unit, decimals)).collect();
+        Self { values, labels, exponent }
+    }
+
+    /// Returns the common factor of the labels as text, such as "×10⁻⁶"; empty if there is none.
+    pub fn factor(&self) -> String {
+        if self.exponent == 0 {
+            return String::new();
+        }
+        let digit = |c: char| match c {
+            '-' => '⁻',
+            '1' => '¹',
+            '2' => '²',
+            '3' => '³',
+            '0' | '4'..='9' => char::from_u32(0x2070 + c as u32 - 0x30).unwrap_or(c),
+            other => other,
+        };
+        format!("×10{}", self.exponent.to_string().chars().map(digit).collect::<String>())
+    }
+}
+
+/// Formats a number with a true minus sign.
+fn number(value: f64, decimals: usize) -> String {
+    // Adding zero turns −0 into 0.
+    format!("{:.decimals$}", value + 0.0).replace('-', "−")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_span_the_range() {
+        let ranges = [
+            [0.0, 1.0],
+            [-3.7, 12.9],
+            [0.123, 0.124],
+            [1e-9, 3e-8],
+            [0.0, 8.2e11],
+            [412.3, 431.9],
+            [-1.0, 0.0],
+            [999_999.9, 1_000_000.4],
+        ];
+        for range in ranges {
+            for count in [2, 3, 5, 8] {
+                let ticks = Ticks::new(range, count);
+                let (values, [lo, hi]) = (&ticks.values, range);
+                let step = values[1] - values[0];
+                let slack = 1e-9 * (hi - lo) + 1e-15 * hi.abs();
+                assert!(values.len() >= 2 && values.len() <= count + 3, "{range:?} {count}: {values:?}");
+                assert!(values.iter().all(|v| *v >= lo - slack && *v <= hi + slack), "{range:?}: {values:?}");
+                assert!(values[0] - lo < step + slack && hi - values[values.len() - 1] < step + slack, "{values:?}");
+                let lead = step / 10_f64.powf((step * 1.000_001).log10().floor());
+                assert!([1.0, 2.0, 5.0].iter().any(|f| (lead - f).abs() < 1e-4), "{range:?}: step {step}");
+                // Each label states its value.
+                for (value, label) in values.iter().zip(&ticks.labels) {
+                    let read: f64 = label.replace('−', "-").parse().unwrap();
+                    let read = read * 10_f64.powi(ticks.exponent);
+                    assert!((read - value).abs() <= 1e-6 * step, "{label} isn't {value}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn labels_are_short() {
+        let of = |range| (Ticks::new(range, 4).labels.join(" "), Ticks::new(range, 4).factor());
+        assert_eq!(of([0.0, 1.0]), ("0.0 0.5 1.0".to_owned(), String::new()));
+        assert_eq!(of([-2.0, 2.0]), ("−2 −1 0 1 2".to_owned(), String::new()));
+        assert_eq!(of([0.0, 4e-5]), ("0 1 2 3 4".to_owned(), "×10⁻⁵".to_owned()));
+        assert_eq!(Ticks::new([5.0, 5.0], 4).values, [5.0]);
+        assert_eq!(Ticks::new([0.0, f64::INFINITY], 4).values, [0.0]);
+    }
+
+    #[test]
+    fn lengths_are_rounded_down() {
+        let all = [0.99, 1.0, 1.9, 2.0, 49.0, 51.0, 7.3e-4].map(round_length);
+        for (found, expected) in all.iter().zip([0.5, 1.0, 1.0, 2.0, 20.0, 50.0, 5e-4]) {
+            assert!((found / expected - 1.0).abs() < 1e-9, "{found} {expected}");
+        }
+        assert_eq!([0.0, -1.0, f64::NAN, f64::INFINITY].map(round_length), [0.0; 4]);
+    }
+}

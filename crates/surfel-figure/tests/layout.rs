@@ -1,0 +1,159 @@
+//! Layouts at several sizes: nothing overlaps, everything fits, and SVG and PDF contain the words.
+
+use std::process::Command;
+use surfel_figure::{Axis, Drawing, Figure, Key, Mark, Panel, Picture, Rect, Row, Style};
+
+/// Sizes of panels, and of the text in them.
+const SIZES: [([u32; 2], f64); 5] =
+    [([64, 48], 9.0), ([200, 200], 12.0), ([512, 384], 16.0), ([300, 900], 20.0), ([2048, 1024], 40.0)];
+
+fn figure(size: [u32; 2], font: f64) -> Figure {
+    let panel = |name: &str| {
+        let picture = Picture::filled(size, [90, 140, 200, 255]);
+        let axis = |name: &str, direction: [f64; 3]| Axis { name: name.into(), direction, color: [200, 0, 0] };
+        Panel::new(picture)
+            .with_caption(name)
+            .with_mark(Mark::Scale { length: 0.2 * f64::from(size[0]), label: "2 m".into() })
+            .with_mark(Mark::Axes([
+                axis("x", [0.8, 0.2, 0.5]),
+                axis("y", [-0.5, 0.3, -0.8]),
+                axis("z", [0.0, -0.95, 0.1]),
+            ]))
+    };
+    let row = |names: [&str; 3]| {
+        let mut row = Row::from(names.map(|name| Some(panel(name))).to_vec());
+        row.label = Some("Airplane & <more>".into());
+        row
+    };
+    let classes = ["ground", "building", "a class with quite a long name that goes on", "water"];
+    let entries = classes.iter().enumerate().map(|(i, name)| ((*name).to_owned(), [40 * i as u8, 90, 10])).collect();
+    Figure {
+        title: Some("Completion of scans, a title that is rather long for small figures".into()),
+        rows: vec![
+            row(["Ground truth", "Ours", "A method with a long name (Someone et al. 2024)"]),
+            row(["", "b", "c"]),
+        ],
+        keys: vec![
+            Key::bar("distance [mm]", vec![[0, 0, 0], [255, 0, 0], [255, 255, 0]], [0.0, 3.7]).beside(0..1),
+            Key::legend("classes", entries).beside(1..2),
+        ],
+        style: Style::new(font),
+    }
+}
+
+fn whole(drawing: &Drawing) -> Rect {
+    Rect::new([0.0; 2], drawing.size.map(f64::from))
+}
+
+#[test]
+fn nothing_overlaps_and_all_fits_at_five_sizes() {
+    for (size, font) in SIZES {
+        let drawing = figure(size, font).layout();
+        let areas: Vec<_> = drawing.areas.iter().filter(|(name, _)| *name != "mark").collect();
+        for (i, (name, area)) in areas.iter().enumerate() {
+            assert!(whole(&drawing).contains(area), "{size:?} {name} {area:?} isn't within {:?}", drawing.size);
+            for (other, b) in &areas[i + 1..] {
+                assert!(!area.overlaps(b), "{size:?}: {name} {area:?} overlaps {other} {b:?}");
+            }
+        }
+        for text in drawing.texts() {
+            let bounds = text.bounds();
+            // Marks of tiny panels may leave their panel, but no text leaves the figure.
+            assert!(whole(&drawing).contains(&bounds), "{size:?}: {} {bounds:?}", text.text);
+        }
+        let panels = drawing.areas.iter().filter(|(name, _)| *name == "panel").count();
+        let captions = drawing.areas.iter().filter(|(name, _)| *name == "caption").count();
+        assert_eq!((panels, captions), (6, 6));
+    }
+}
+
+#[test]
+fn marks_lie_in_their_panels_and_avoid_each_other() {
+    for (size, font) in &SIZES[1..] {
+        let mut panel = Panel::empty(*size)
+            .with_mark(Mark::Scale { length: 50.0, label: "1 m".into() })
+            .with_mark(Mark::North { direction: [0.3, -0.9] });
+        let center = size.map(|side| 0.5 * f64::from(side));
+        for (dx, dy) in [(0.0, 0.0), (0.2, 0.05), (-0.3, 0.2), (0.35, -0.2)] {
+            let at = [center[0] * (1.0 + dx), center[1] * (1.0 + dy)];
+            panel = panel.with_mark(Mark::Label { at, text: "door".into() });
+        }
+        let figure = Figure { rows: vec![vec![Some(panel)].into()], style: Style::new(*font), ..Figure::default() };
+        let drawing = figure.layout();
+        let area = |name: &str| -> Vec<Rect> {
+            drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
+        };
+        let (panel, marks) = (area("panel")[0], area("mark"));
+        assert_eq!(marks.len(), 6);
+        for (i, mark) in marks.iter().enumerate() {
+            assert!(panel.contains(mark), "{size:?}: {mark:?}");
+            assert!(marks[i + 1..].iter().all(|other| !mark.overlaps(other)), "{size:?}: {mark:?}");
+        }
+    }
+}
+
+#[test]
+fn a_fixed_width_is_the_width() {
+    let mut figure = figure([100, 100], 10.0);
+    let natural = figure.layout().size[0];
+    figure.style.width = Some(natural + 60);
+    assert_eq!(figure.layout().size[0], natural + 60);
+    figure.style.width = Some(10);
+    assert_eq!(figure.layout().size[0], natural, "nothing is cut");
+}
+
+#[test]
+fn a_key_alone_is_a_figure() {
+    let bar = Key::bar("", vec![[0; 3], [255; 3]], [-1.234_567e-30, 1e300]);
+    let entries = (0..300).map(|i| (i.to_string(), [i as u8; 3])).collect();
+    for key in [bar, Key::legend("", entries)] {
+        let drawing = Figure { keys: vec![key], style: Style::new(16.0), ..Figure::default() }.layout();
+        assert!(drawing.texts().all(|text| whole(&drawing).contains(&text.bounds())));
+        let border = drawing.picture();
+        let [width, height] = drawing.size.map(|side| side as usize);
+        let is_border = |i: usize| {
+            let (x, y) = (i % width, i / width);
+            x < 4 || y < 4 || x >= width - 4 || y >= height - 4
+        };
+        assert!((0..border.rgba.len()).all(|i| !is_border(i) || border.rgba[i] == [255; 4]));
+    }
+}
+
+#[test]
+fn svg_is_xml_and_has_the_words() {
+    let svg = figure([200, 200], 12.0).layout().svg_at(Some(300.0));
+    let document = roxmltree::Document::parse(&svg).unwrap();
+    let texts: Vec<&str> = document.descendants().filter(|n| n.has_tag_name("text")).filter_map(|n| n.text()).collect();
+    for words in ["Ground truth", "Airplane & <more>", "distance [mm]", "water", "2 m"] {
+        assert!(texts.contains(&words), "{words}: {texts:?}");
+    }
+    let images = document.descendants().filter(|n| n.has_tag_name("image"));
+    assert_eq!(images.count(), 7, "six panels and the colour bar");
+    assert!(document.root_element().attribute("width").unwrap().ends_with("mm"));
+}
+
+#[test]
+fn pdf_has_the_words_and_the_size() {
+    let drawing = figure([200, 200], 12.0).layout();
+    let pdf = drawing.pdf(144.0);
+    assert!(pdf.starts_with(b"%PDF"));
+    let folder = std::env::temp_dir().join(format!("surfel-figure-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("figure.pdf");
+    std::fs::write(&file, &pdf).unwrap();
+    // poppler-utils may not be installed.
+    if let Ok(output) = Command::new("pdftotext").arg("-raw").arg(&file).arg("-").output() {
+        let text = String::from_utf8_lossy(&output.stdout).split_whitespace().collect::<Vec<_>>().join(" ");
+        for words in ["Ground truth", "Airplane & <more>", "distance [mm]", "water", "2 m"] {
+            assert!(text.contains(words), "{words}: {text}");
+        }
+        let info = Command::new("pdfinfo").arg(&file).output().unwrap();
+        let info = String::from_utf8_lossy(&info.stdout).into_owned();
+        let [width, height] = drawing.size.map(|side| f64::from(side) / 2.0);
+        assert!(info.contains(&format!("{width} x {height} pts")), "{info}");
+        let drawn = Command::new("pdftoppm").args(["-r", "144", "-png"]).arg(&file).arg(folder.join("page")).output();
+        let drawn = drawn.unwrap();
+        assert!(drawn.status.success() && drawn.stderr.is_empty(), "{}", String::from_utf8_lossy(&drawn.stderr));
+    }
+    std::fs::remove_dir_all(&folder).unwrap();
+}

@@ -1,0 +1,191 @@
+//! Balls and dots that may touch a tile (§11): set up in f64, like those of the reference, listed by cells of pixels,
+//! and uploaded.
+
+use crate::frame::object_transform::ObjectTransform;
+use crate::passes::pass_list::{has_layers, is_of_shadow_map};
+use crate::scene::segment::UploadedBalls;
+use crate::struct_writer::StructWriter;
+use glam::DVec3;
+use rayon::prelude::*;
+use surfel_math::V3;
+use surfel_math::ball::{LARGE_PX, LEAST_TEXELS, Outline};
+use surfel_model::Shape;
+use surfel_render::{FramePlan, Pass, Region, View, ball_scale};
+use surfel_shaders::layout;
+
+/// Number of balls that a thread sets up at a time; results don't depend on it.
+const BALLS_A_TASK: usize = 1024;
+
+/// Exclusive upper bound of a tile's balls: targets store their numbers as floats.
+pub(crate) const MOST_BALLS: usize = 1 << 24;
+
+/// Words of a record.
+const WORDS: usize = layout::BALL_WORDS as usize;
+
+/// Balls of a tile.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct TileBalls {
+    /// Words of the shaders' `balls`, at least one.
+    pub words: Vec<u32>,
+    /// Object among the scene's objects of balls, and the ball's index in the object's cloud.
+    pub members: Vec<[u32; 2]>,
+}
+
+/// A ball on the screen.
+struct ScreenBall {
+    record: [u32; WORDS],
+    /// Cells that the ball may touch: first column and row, last column and row.
+    cells: [u32; 4],
+    member: [u32; 2],
+}
+
+impl TileBalls {
+    /// Returns the balls of a scene that may touch the targets.
+    pub(crate) fn new(balls: &[UploadedBalls], view: &View, plan: &FramePlan, targets: Region) -> Self {
+        if !plan.has(Pass::Balls) {
+            return Self { words: vec![0], members: Vec::new() };
+        }
+        let of_object = |(index, balls): (usize, &UploadedBalls)| {
+            let placed = BallView::new(balls, index as u32, view, plan, targets);
+            let count = balls.cloud.len();
+            let some = |first: usize| -> Vec<ScreenBall> {
+                (first..count.min(first + BALLS_A_TASK)).filter_map(|i| placed.ball(i)).collect()
+            };
+            // The results are collected in order, whatever the number of threads.
+            (0..count).into_par_iter().step_by(BALLS_A_TASK).map(some).collect::<Vec<_>>()
+        };
+        let all: Vec<ScreenBall> = balls.iter().enumerate().flat_map(of_object).flatten().collect();
+        let columns = targets.width.max(1).div_ceil(layout::BALL_CELL);
+        let rows = targets.height.max(1).div_ceil(layout::BALL_CELL);
+        let cells_of = |ball: &ScreenBall| {
+            let [x0, y0, x1, y1] = ball.cells;
+            (y0..=y1).flat_map(move |y| (x0..=x1).map(move |x| (y * columns + x) as usize))
+        };
+        let cells = (columns * rows) as usize;
+        let mut counts = vec![0u32; cells + 1];
+        all.iter().flat_map(cells_of).for_each(|cell| counts[cell + 1] += 1);
+        let first = layout::BALLS_STARTS + cells as u32 + 1;
+        counts[0] = first;
+        for i in 1..counts.len() {
+            counts[i] += counts[i - 1];
+        }
+        let records_at = counts[cells] as usize;
+        let states_at = records_at + WORDS * all.len();
+        let states = if has_layers(plan) { 2 * (targets.width * targets.height) as usize } else { 0 };
+        let mut words = vec![0; states_at + states];
+        words[layout::BALLS_COLUMNS as usize] = columns;
+        words[layout::BALLS_RECORDS_AT as usize] = records_at as u32;
+        words[layout::BALLS_STATES_AT as usize] = states_at as u32;
+        words[layout::BALLS_STARTS as usize..first as usize].copy_from_slice(&counts);
+        for (number, ball) in (0..).zip(&all) {
+            for cell in cells_of(ball) {
+                words[counts[cell] as usize] = number;
+                counts[cell] += 1;
+            }
+        }
+        for (ball, to) in all.iter().zip(words[records_at..].chunks_exact_mut(WORDS)) {
+            to.copy_from_slice(&ball.record);
+        }
+        Self { words, members: all.into_iter().map(|ball| ball.member).collect() }
+    }
+}
+
+/// Balls of an object in a view.
+struct BallView<'a> {
+    balls: &'a UploadedBalls,
+    index: u32,
+    view: &'a View,
+    plan: &'a FramePlan,
+    targets: Region,
+    transform: ObjectTransform,
+    /// Length of a pixel of the image at points of the object, if radii are in pixels.
+    pixel: Option<surfel_render::BallPixelForm>,
+    /// Factor of radii in object units.
+    scale: f64,
+    /// Least radius in pixels of the view.
+    least_px: f64,
+    radii: &'a [f32],
+    flat: bool,
+}
+
+impl<'a> BallView<'a> {
+    fn new(balls: &'a UploadedBalls, index: u32, view: &'a View, plan: &'a FramePlan, targets: Region) -> Self {
+        let (radii, in_pixels, flat) = match &balls.cloud.data().shape {
+            Shape::Balls { radii, in_pixels, flat } => (radii.as_slice(), *in_pixels, *flat),
+            _ => (&[][..], false, false),
+        };
+        let place = &balls.world_from_object;
+        Self {
+            balls,
+            index,
+            view,
+            plan,
+            targets,
+            transform: ObjectTransform::new(place, view),
+            pixel: plan.ball_pixel.filter(|_| in_pixels).map(|pixel| pixel.in_object(place)),
+            scale: ball_scale(place),
+            least_px: if is_of_shadow_map(plan) { LEAST_TEXELS } else { 0.0 },
+            radii,
+            flat,
+        }
+    }
+
+    /// Returns ball `i`, if it may touch the targets.
+    fn ball(&self, i: usize) -> Option<ScreenBall> {
+        let (cloud, projection) = (&self.balls.cloud, &self.view.projection);
+        let local = cloud.center(i);
+        let center = self.transform.point(local);
+        let given = f64::from(*self.radii.get(i)?) * self.pixel.map_or(self.scale, |pixel| pixel.at(local));
+        let radius = given.max(self.least_px * self.length_of_pixel(center));
+        let front = if self.flat { center.z } else { center.z - radius };
+        if front < projection.near || center.z > projection.far() {
+            return None;
+        }
+        let p = V3::from(center);
+        let outline = match self.flat {
+            true => Outline::of_dot(p, radius, projection),
+            false => Outline::of_ball(p, radius, projection),
+        };
+        let anchor = projection.pixel(p);
+        let middle = anchor + outline.center;
+        let [x0, x1] = self.cells(middle.x, outline.extent.x, [self.targets.x, self.targets.width])?;
+        let [y0, y1] = self.cells(middle.y, outline.extent.y, [self.targets.y, self.targets.height])?;
+        let perspective = projection.is_perspective();
+        let inverse = if perspective { 1.0 / center.z } else { 1.0 };
+        let whole = |v: f64| v.floor().clamp(-1e9, 1e9);
+        let base = [whole(anchor.x), whole(anchor.y)];
+        let at = |word: u32| 4 * word as usize;
+        let mut words = StructWriter::new(4 * WORDS);
+        let origin = [self.targets.x, self.targets.y];
+        words.i32x2(at(layout::BALL_BASE), [0, 1].map(|k: usize| base[k] as i32 - origin[k].cast_signed()));
+        words.f64s(at(layout::BALL_ANCHOR), [anchor.x - base[0], anchor.y - base[1]]);
+        words.f64s(at(layout::BALL_MIDDLE), [middle.x - base[0], middle.y - base[1]]);
+        words.f64s(at(layout::BALL_EXTENT), [outline.extent.x, outline.extent.y]);
+        words.f64(at(layout::BALL_SKEW), outline.skew).f64(at(layout::BALL_WIDTH), outline.width);
+        words.f64s(at(layout::BALL_SLOPE), [center.x * inverse, center.y * inverse]);
+        words.f64(at(layout::BALL_SIZE), radius * inverse).f64(at(layout::BALL_Z), center.z);
+        let alpha = if self.plan.ball_alphas { cloud.alpha(i) } else { 1.0 };
+        let is_large = outline.extent.x * outline.extent.y > LARGE_PX * LARGE_PX;
+        let flags = if self.flat { layout::BALL_IS_FLAT } else { 0 } | if is_large { layout::BALL_IS_LARGE } else { 0 };
+        words.f32(at(layout::BALL_ALPHA), alpha).u32(at(layout::BALL_FLAGS), flags);
+        words.f64s(at(layout::BALL_COLOR), cloud.color(i).map(f64::from));
+        words.f64s(at(layout::BALL_MATERIAL), self.balls.material.factors());
+        let record = words.into_words().try_into().ok()?;
+        Some(ScreenBall { record, cells: [x0, y0, x1, y1], member: [self.index, i as u32] })
+    }
+
+    /// Returns the length of the view's own pixels at a point.
+    fn length_of_pixel(&self, center: DVec3) -> f64 {
+        let [fx, fy] = self.view.projection.focal_px;
+        if self.view.projection.is_perspective() { center.z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
+    }
+
+    /// Returns the first and the last cell of the pixels that an interval about `middle` overlaps, along an axis.
+    fn cells(&self, middle: f64, half: f64, [start, length]: [u32; 2]) -> Option<[u32; 2]> {
+        // Slack for the rounding of f32 in shaders. Casts saturate.
+        let slack = 1e-3;
+        let low = (middle - half - slack - f64::from(start)).floor().max(0.0);
+        let high = (middle + half + slack - f64::from(start)).floor().min(f64::from(length) - 1.0);
+        (low <= high).then(|| [low, high].map(|pixel| pixel as u32 / layout::BALL_CELL))
+    }
+}

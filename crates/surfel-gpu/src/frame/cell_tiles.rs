@@ -1,0 +1,118 @@
+//! A tile that the compute path draws, and the tiles of its samples at edges.
+
+use crate::frame::tile::TileData;
+use crate::frame::uniforms::FrameScene;
+use crate::passes::cell_stages::{CellStage, cell_stages, sample_stages};
+use crate::passes::cells::{CellBuffer, CellCounts, CellRoom};
+use crate::scene::limits::Limits;
+use crate::scene::segment::UploadedScene;
+use surfel_render::{FramePlan, Pass, Region, SAMPLES_SIDE, View};
+use surfel_shaders::layout;
+
+/// Maximum number of cells of a tile of samples: they are sorted by two digits of eight bits.
+const MOST_SAMPLE_CELLS: u32 = 1 << 16;
+
+/// Pixels along the side of a cell of samples.
+const PIXELS_OF_CELL: u32 = layout::CELL_SIDE / SAMPLES_SIDE;
+
+/// A tile of pixels, followed by the tiles of its samples if edges are antialiased by samples.
+pub struct CellTiles {
+    tiles: Vec<TileData>,
+    counts: Vec<CellCounts>,
+}
+
+impl CellTiles {
+    /// Adds the samples to a tile of pixels.
+    pub fn new(pixels: TileData, scene: &UploadedScene, frame: &FrameScene, view: &View, plan: &FramePlan) -> Self {
+        let mut tiles = Vec::new();
+        if plan.has(Pass::EdgeSamples) {
+            let (fine_view, fine_plan) = (view.of_samples(), plan.of_samples());
+            for (i, part) in (1..).zip(sampled_parts(pixels.tile)) {
+                let samples = part.of_samples();
+                let mut data = TileData::of_cells(scene, frame, &fine_view, &fine_plan, samples);
+                data.put_among(&pixels, samples);
+                data.put_part(i);
+                tiles.push(data);
+            }
+        }
+        tiles.insert(0, pixels);
+        let counts = tiles.iter().filter_map(|tile| tile.cells.clone()).collect();
+        Self { tiles, counts }
+    }
+
+    /// Returns the tiles in the order in which they are drawn.
+    pub fn tiles(&self) -> &[TileData] {
+        &self.tiles
+    }
+
+    /// Returns the tile of pixels.
+    pub fn pixels(&self) -> Option<&TileData> {
+        self.tiles.first()
+    }
+
+    /// Returns the capacity to draw the tiles with: that of the tile before, or an estimate. `None` if no capacity is
+    /// within the limits.
+    pub fn room(&self, before: Option<CellRoom>, limits: Limits) -> Option<CellRoom> {
+        CellRoom::start(before, &self.counts, limits)
+    }
+
+    /// Returns the capacity that the tiles need according to `counters`, the words of [`CellBuffer::Counters`]. `None`
+    /// if they exceed the limits.
+    pub fn grown(&self, room: CellRoom, counters: &[u32], limits: Limits) -> Option<CellRoom> {
+        room.grown(counters, &self.counts, limits)
+    }
+
+    /// Sets the capacity of the buffers in the uniforms.
+    pub fn put_room(&mut self, room: CellRoom) {
+        self.tiles.iter_mut().for_each(|tile| tile.put_room(room));
+    }
+
+    /// Returns a buffer's size in bytes.
+    pub fn bytes(&self, buffer: CellBuffer, room: CellRoom) -> u64 {
+        buffer.bytes(&self.counts, room)
+    }
+
+    /// Returns the stages of each tile, in order.
+    pub fn stages(&self, plan: &FramePlan, room: CellRoom) -> Vec<Vec<CellStage>> {
+        let of_tile = |(tile, cells): (&TileData, &CellCounts)| {
+            let size = [tile.tile.width, tile.tile.height];
+            if cells.is_of_samples {
+                sample_stages(plan, cells, room, size.map(|side| side / SAMPLES_SIDE))
+            } else {
+                cell_stages(plan, cells, room, size)
+            }
+        };
+        self.tiles.iter().zip(&self.counts).map(of_tile).collect()
+    }
+}
+
+/// Cuts a tile of pixels into rows whose samples have at most [`MOST_SAMPLE_CELLS`] cells.
+fn sampled_parts(tile: Region) -> Vec<Region> {
+    let columns = tile.width.div_ceil(PIXELS_OF_CELL).max(1);
+    let height = (MOST_SAMPLE_CELLS / columns).max(1) * PIXELS_OF_CELL;
+    let rows = (0..tile.height).step_by(height as usize);
+    rows.map(|y| Region { y: tile.y + y, height: height.min(tile.height - y), ..tile }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn parts_of_samples_hold_every_pixel_once_and_have_few_enough_cells() {
+        for size in [[1, 1], [70, 50], [1024, 1024], [1920, 1080], [4096, 4096]] {
+            let tile = Region { x: 3, y: 5, width: size[0], height: size[1] };
+            let parts = sampled_parts(tile);
+            let mut next = tile.y;
+            for part in &parts {
+                assert_eq!((part.x, part.y, part.width), (tile.x, next, tile.width));
+                let samples = part.of_samples();
+                let cells: u32 = CellCounts::size_of([samples.width, samples.height]).iter().product();
+                assert!(cells <= MOST_SAMPLE_CELLS, "{size:?}: {cells}");
+                next += part.height;
+            }
+            assert_eq!(next, tile.y + tile.height);
+        }
+        assert_eq!(sampled_parts(Region { x: 0, y: 0, width: 1024, height: 1024 }).len(), 1);
+    }
+}

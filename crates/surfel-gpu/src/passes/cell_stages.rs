@@ -1,0 +1,344 @@
+//! Dispatches of the compute path, in order.
+
+use crate::passes::cells::{CellCounts, CellRoom, CellRound};
+use crate::passes::pass_list::distinct;
+use crate::passes::pixel_pass::EDGE_SAMPLES;
+use surfel_model::Shader;
+use surfel_render::{FramePlan, Pass};
+use surfel_shaders::layout;
+
+/// Side of the workgroups of passes over pixels.
+const PIXEL_GROUP: u32 = 8;
+
+/// Dispatch of the compute path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct CellStep {
+    /// Entry point of the shader.
+    pub entry: &'static str,
+    /// Round that selects the step's bindings and the contents of its uniform.
+    pub round: CellRound,
+    /// Segment whose splats the step reads; `None` for steps that read no segment.
+    pub segment: Option<usize>,
+    /// Number of workgroups along x and y.
+    pub workgroups: [u32; 2],
+}
+
+impl CellStep {
+    /// Returns a step of a number of workgroups, which are arranged in rows of [`layout::CELL_ROW`].
+    fn of(entry: &'static str, round: CellRound, count: u64) -> Self {
+        Self { entry, round, segment: None, workgroups: grid(count) }
+    }
+
+    /// Returns a step with a workgroup per cell.
+    fn over_cells(entry: &'static str, cells: &CellCounts) -> Self {
+        Self { entry, round: CellRound::Sorted, segment: None, workgroups: cells.size }
+    }
+
+    /// Returns a step with an invocation per pixel.
+    fn over_pixels(entry: &'static str, size: [u32; 2]) -> Self {
+        let workgroups = size.map(|side| side.div_ceil(PIXEL_GROUP));
+        Self { entry, round: CellRound::Sorted, segment: None, workgroups }
+    }
+}
+
+/// Dispatches that share a name in the statistics.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct CellStage {
+    /// Name in the statistics.
+    pub name: &'static str,
+    /// Dispatches in order; each depends on all before it.
+    pub steps: Vec<CellStep>,
+}
+
+/// Entry points that draw a plan's cells.
+struct RasterEntries {
+    cells: &'static str,
+    /// Entry points for the parts of dense cells: thresholds, sums, and combining the parts. `None` where the sides of
+    /// oriented splats are separated: their cells are drawn whole.
+    of_parts: Option<[&'static str; 3]>,
+    /// Entry points that find edges and blend them by coverage: in cells, and for parts of dense cells thresholds,
+    /// sums, and combining the parts.
+    edges: Option<[&'static str; 4]>,
+    /// Entry point that draws the samples of edge pixels.
+    samples: Option<&'static str>,
+}
+
+impl RasterEntries {
+    fn of(plan: &FramePlan) -> Self {
+        let has_surface = plan.attributes.normal || plan.attributes.depth;
+        let is_full = !plan.shadow_maps.is_empty() || plan.shader == Shader::Toon;
+        let (by_coverage, by_samples) = (plan.has(Pass::EdgeAntialiasing), plan.has(Pass::EdgeSamples));
+        let [whole, combined] = match is_full {
+            false => ["cell_edges", "cell_combine_edges"],
+            true => ["cell_shadowed_edges", "cell_combine_shadowed_edges"],
+        };
+        let edges = by_coverage.then_some([whole, "cell_part_edge_thresholds", "cell_part_edges", combined]);
+        let samples = by_samples.then_some(match (plan.keeps_facings, is_full) {
+            (false, false) => "cell_samples",
+            (false, true) => "cell_shadowed_samples",
+            (true, false) => "cell_sided_samples",
+            (true, true) => "cell_sided_shadowed_samples",
+        });
+        let is_edged = by_coverage || by_samples;
+        let cells = match (plan.keeps_facings, is_full, is_edged) {
+            (true, false, false) => "cell_sided_surfaces",
+            (true, true, false) => "cell_sided_shadowed_surfaces",
+            (true, false, true) => "cell_sided_edged_surfaces",
+            (true, true, true) => "cell_sided_shadowed_edged_surfaces",
+            (false, false, true) => "cell_edged_surfaces",
+            (false, true, true) => "cell_shadowed_edged_surfaces",
+            (false, true, false) => "cell_shadowed_surfaces",
+            (false, false, false) if has_surface => "cell_surfaces",
+            (false, false, false) => "cell_colors",
+        };
+        let thresholds = if is_edged { "cell_part_edged_thresholds" } else { "cell_part_thresholds" };
+        let sums = match (is_edged, is_full || has_surface) {
+            (true, _) => "cell_part_edged_surfaces",
+            (false, true) => "cell_part_surfaces",
+            (false, false) => "cell_part_colors",
+        };
+        let combine = match (is_full, is_edged) {
+            (false, false) => "cell_combine",
+            (true, false) => "cell_combine_shadowed",
+            (false, true) => "cell_combine_edged",
+            (true, true) => "cell_combine_shadowed_edged",
+        };
+        let of_parts = (!plan.keeps_facings).then_some([thresholds, sums, combine]);
+        Self { cells, of_parts, edges, samples }
+    }
+}
+
+/// Arranges a number of workgroups in rows of [`layout::CELL_ROW`].
+fn grid(count: u64) -> [u32; 2] {
+    let row = u64::from(layout::CELL_ROW);
+    [count.min(row) as u32, count.div_ceil(row) as u32]
+}
+
+fn blocks(count: u64) -> u64 {
+    count.div_ceil(u64::from(layout::CELL_BLOCK))
+}
+
+fn begin(cells: &CellCounts, room: CellRoom) -> CellStep {
+    let elements = u64::from(cells.header(room)).max(1);
+    CellStep::of("cell_begin", CellRound::Groups, elements.div_ceil(layout::CELL_WORKGROUP.into()))
+}
+
+/// Returns the steps that set up splats.
+fn setup(cells: &CellCounts) -> Vec<CellStep> {
+    let of_segments = cells.chunks.iter().enumerate().filter(|(_, chunks)| **chunks > 0);
+    let mut steps: Vec<CellStep> = of_segments
+        .map(|(segment, &chunks)| CellStep {
+            segment: Some(segment),
+            ..CellStep::of("cell_setup", CellRound::Groups, u64::from(chunks))
+        })
+        .collect();
+    if cells.near > 0 {
+        steps.push(CellStep::of("cell_near", CellRound::Groups, u64::from(cells.near_groups())));
+    }
+    steps
+}
+
+/// Returns the two steps of a scan.
+fn scan(round: CellRound, length: u64) -> [CellStep; 2] {
+    ["cell_scan_blocks", "cell_scan_add"].map(|entry| CellStep::of(entry, round, blocks(length)))
+}
+
+/// Returns the steps that emit pairs and sort them by cell.
+fn sort(cells: &CellCounts, room: CellRoom) -> Vec<CellStep> {
+    let groups = u64::from(cells.groups());
+    let mut steps = scan(CellRound::Groups, groups).to_vec();
+    steps.push(CellStep::of("cell_emit", CellRound::Groups, groups));
+    let pair_blocks = blocks(u64::from(room.pairs));
+    for round in [CellRound::Low, CellRound::High] {
+        let digits = round.words(cells, room).get(2).copied().map_or(1, u64::from);
+        steps.push(CellStep::of("cell_count_digits", round, pair_blocks));
+        steps.extend(scan(round, digits * pair_blocks));
+        steps.push(CellStep::of("cell_scatter", round, pair_blocks));
+    }
+    let ranges = u64::from(room.pairs).div_ceil(layout::CELL_WORKGROUP.into());
+    steps.push(CellStep::of("cell_find_ranges", CellRound::Sorted, ranges));
+    steps
+}
+
+/// Returns the stages that draw a tile of pixels, whose shaded part measures `shaded` pixels, in order.
+pub(crate) fn cell_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, shaded: [u32; 2]) -> Vec<CellStage> {
+    let entries = RasterEntries::of(plan);
+    let mut first = vec![begin(cells, room)];
+    first.extend(setup(cells));
+    let mut stages = vec![CellStage { name: "setup", steps: first }];
+    if cells.groups() > 0 {
+        stages.push(CellStage { name: "sort", steps: sort(cells, room) });
+    }
+    let parts = if cells.groups() > 0 { room.parts() } else { 0 };
+    let over = |whole, of_parts: Option<[&'static str; 3]>| {
+        let mut steps = vec![CellStep::over_cells(whole, cells)];
+        if let Some([thresholds, sums, combine]) = of_parts.filter(|_| parts > 0) {
+            steps.extend([thresholds, sums].map(|entry| CellStep::of(entry, CellRound::Sorted, parts)));
+            steps.push(CellStep::over_cells(combine, cells));
+        }
+        steps
+    };
+    stages.push(CellStage { name: "raster", steps: over(entries.cells, entries.of_parts) });
+    if looks_at_neighbours(plan) {
+        let steps = vec![CellStep::over_pixels("cell_neighbours", shaded)];
+        stages.push(CellStage { name: "shade", steps });
+    }
+    if let Some([whole, thresholds, sums, combine]) = entries.edges {
+        stages.push(CellStage { name: "edges", steps: over(whole, Some([thresholds, sums, combine])) });
+    }
+    stages
+}
+
+/// Returns the stages that draw a tile of samples, which belong to `pixels` pixels, in order.
+pub(crate) fn sample_stages(plan: &FramePlan, cells: &CellCounts, room: CellRoom, pixels: [u32; 2]) -> Vec<CellStage> {
+    let Some(samples) = RasterEntries::of(plan).samples else { return Vec::new() };
+    let mut edges = vec![begin(cells, room), CellStep::over_pixels("cell_steps", pixels)];
+    edges.extend(scan(CellRound::Active, u64::from(cells.cells()) + 1));
+    let list = u64::from(cells.cells()).div_ceil(layout::CELL_WORKGROUP.into());
+    edges.push(CellStep::of("cell_list_active", CellRound::Groups, list));
+    let mut stages = vec![CellStage { name: "edges", steps: edges }];
+    if cells.groups() > 0 {
+        stages.push(CellStage { name: "setup of samples", steps: setup(cells) });
+        stages.push(CellStage { name: "sort of samples", steps: sort(cells, room) });
+    }
+    let steps = vec![CellStep::of(samples, CellRound::Sorted, u64::from(room.active))];
+    stages.push(CellStage { name: EDGE_SAMPLES, steps });
+    stages
+}
+
+fn looks_at_neighbours(plan: &FramePlan) -> bool {
+    plan.planes.color && (plan.has(Pass::Outlines) || plan.has(Pass::EyeDome))
+}
+
+/// True for entry points of the compute path. Their pipelines have their own layout of the frame's buffers.
+pub fn is_cell_entry(entry: &str) -> bool {
+    entry.starts_with("cell_")
+}
+
+/// Returns all entry points that a plan's cells may need, each once.
+pub fn cell_entries(plan: &FramePlan) -> Vec<&'static str> {
+    let RasterEntries { cells, of_parts, edges, samples } = RasterEntries::of(plan);
+    let before = [
+        "cell_begin",
+        "cell_setup",
+        "cell_near",
+        "cell_scan_blocks",
+        "cell_scan_add",
+        "cell_emit",
+        "cell_count_digits",
+        "cell_scatter",
+        "cell_find_ranges",
+    ];
+    let of_samples = samples.into_iter().flat_map(|samples| ["cell_steps", "cell_list_active", samples]);
+    let neighbours = looks_at_neighbours(plan).then_some("cell_neighbours");
+    let raster = [cells].into_iter().chain(of_parts.into_iter().flatten());
+    distinct(before.into_iter().chain(raster).chain(neighbours).chain(edges.into_iter().flatten()).chain(of_samples))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Camera, EdgeAa, Projection, Settings};
+    use surfel_render::{Capabilities, Planes, SceneSummary, View, plan};
+
+    fn planned(summary: &SceneSummary, change: impl FnOnce(&mut Settings)) -> FramePlan {
+        let projection = Projection::Perspective { fov_y_deg: 45.0 };
+        let (eye, up, size) = ([0.0, 0.0, 5.0], [0.0, 1.0, 0.0], [8, 8]);
+        let view = View::new(&Camera { eye, target: [0.0; 3], up, projection, near: 0.1, far: None, size }).unwrap();
+        let mut settings = Settings::default();
+        change(&mut settings);
+        plan(summary, &view, &settings, Planes::COLOR, &Capabilities::everything("test")).unwrap()
+    }
+
+    fn cells(chunks: &[u32], near: u32, is_of_samples: bool) -> CellCounts {
+        let splats = 256 * u64::from(chunks.iter().sum::<u32>());
+        CellCounts { size: [5, 3], chunks: chunks.to_vec(), splats, near, is_of_samples, has_places: false }
+    }
+
+    fn room(pairs: u32) -> CellRoom {
+        CellRoom { records: 100, pairs, active: 9 }
+    }
+
+    fn names(stages: &[CellStage]) -> Vec<&str> {
+        stages.iter().flat_map(|stage| stage.steps.iter().map(|step| step.entry)).collect()
+    }
+
+    #[test]
+    fn plan_runs_what_it_asks_for_and_no_more() {
+        let plain = SceneSummary::default();
+        let of = |shader| {
+            let plan = planned(&plain, |s| s.shader = shader);
+            let stages = cell_stages(&plan, &cells(&[], 0, false), room(1), [8, 8]);
+            names(&stages)[1..].iter().map(|&name| name.to_owned()).collect::<Vec<_>>()
+        };
+        assert_eq!(of(Shader::Unlit), ["cell_colors"]);
+        assert_eq!(of(Shader::Phong), ["cell_surfaces"]);
+        assert_eq!(of(Shader::Toon), ["cell_shadowed_surfaces", "cell_neighbours"]);
+        assert_eq!(of(Shader::Edl), ["cell_surfaces", "cell_neighbours"]);
+        let plan = planned(&plain, |s| s.shader = Shader::Unlit);
+        let of = |cells: &CellCounts, pairs| cell_stages(&plan, cells, room(pairs), [8, 8]);
+        // A tile that no splat touches is only cleared and shaded.
+        assert_eq!(names(&of(&cells(&[0, 0], 0, false), 9999)), ["cell_begin", "cell_colors"]);
+        // With few pairs no cell can be dense.
+        let few = of(&cells(&[3, 0], 0, false), layout::DENSE_PAIRS);
+        let few = names(&few);
+        assert_eq!(few.iter().filter(|name| **name == "cell_setup").count(), 1);
+        assert!(!few.contains(&"cell_near") && !few.contains(&"cell_part_thresholds") && few.contains(&"cell_emit"));
+        let many = of(&cells(&[3, 2], 7, false), layout::DENSE_PAIRS + 1);
+        let many = names(&many);
+        assert_eq!(many.iter().filter(|name| **name == "cell_setup").count(), 2);
+        assert_eq!(&many[many.len() - 3..], ["cell_part_thresholds", "cell_part_colors", "cell_combine"]);
+        assert!(many.contains(&"cell_near") && many.iter().all(|name| cell_entries(&plan).contains(name)));
+        // A plan without edges has no pass for them.
+        let is_of_edges = |name: &str| name.contains("edge") || name.contains("sample") || name.contains("active");
+        assert!(!cell_entries(&plan).into_iter().any(is_of_edges));
+        assert!(sample_stages(&plan, &cells(&[3], 0, true), room(1), [8, 8]).is_empty());
+    }
+
+    #[test]
+    fn sides_are_kept_apart_only_where_a_plan_does() {
+        let both = SceneSummary { both_facings: true, ..SceneSummary::default() };
+        for (shader, entry) in [(Shader::Phong, "cell_sided_surfaces"), (Shader::Toon, "cell_sided_shadowed_surfaces")]
+        {
+            let entries = cell_entries(&planned(&both, |s| s.shader = shader));
+            assert!(entries.contains(&entry) && !entries.iter().any(|name| name.starts_with("cell_part")));
+            let plan = planned(&SceneSummary::default(), |s| s.shader = shader);
+            assert!(!cell_entries(&plan).iter().any(|name| name.contains("sided")));
+        }
+    }
+
+    #[test]
+    fn edges_add_a_pass_over_cells_and_samples_the_passes_of_a_finer_tile() {
+        let plain = SceneSummary::default();
+        let by = |edge_aa| planned(&plain, |s| s.edge_aa = edge_aa);
+        let (pixels, samples) = (cells(&[3], 0, false), cells(&[3], 0, true));
+        let pairs = layout::DENSE_PAIRS + 1;
+        let coverage = cell_stages(&by(EdgeAa::Coverage), &pixels, room(pairs), [8, 8]);
+        let raster =
+            ["cell_edged_surfaces", "cell_part_edged_thresholds", "cell_part_edged_surfaces", "cell_combine_edged"];
+        let edges = ["cell_edges", "cell_part_edge_thresholds", "cell_part_edges", "cell_combine_edges"];
+        assert_eq!(names(&coverage)[14..], [raster, edges].concat());
+        assert!(sample_stages(&by(EdgeAa::Coverage), &samples, room(pairs), [8, 8]).is_empty());
+        let plan = by(EdgeAa::Samples);
+        assert!(!names(&cell_stages(&plan, &pixels, room(pairs), [8, 8])).contains(&"cell_edges"));
+        let stages = sample_stages(&plan, &samples, room(pairs), [20, 12]);
+        let of_stages: Vec<&str> = stages.iter().map(|stage| stage.name).collect();
+        assert_eq!(of_stages, ["edges", "setup of samples", "sort of samples", EDGE_SAMPLES]);
+        assert_eq!(names(&stages).last(), Some(&"cell_samples"));
+        assert!(names(&stages).iter().all(|name| cell_entries(&plan).contains(name)));
+        // One invocation per pixel, and one workgroup per active cell.
+        assert_eq!(stages[0].steps[1].workgroups, [3, 2]);
+        assert_eq!(stages[3].steps[0].workgroups, [9, 1]);
+        // Samples of a tile that no splat touches are those of the background.
+        let none = sample_stages(&plan, &cells(&[], 0, true), room(pairs), [20, 12]);
+        assert_eq!(none.iter().map(|stage| stage.name).collect::<Vec<_>>(), ["edges", EDGE_SAMPLES]);
+    }
+
+    #[test]
+    fn workgroups_are_within_the_limits_of_a_dispatch() {
+        for count in [1, 32_768, 32_769, 10_000_000] {
+            let [x, y] = grid(count);
+            assert!(x <= 65_535 && y <= 65_535 && u64::from(x) * u64::from(y) >= count, "{count}");
+        }
+    }
+}

@@ -1,0 +1,255 @@
+//! Balls and dots (§11): their fragments in each pixel, in the order of depth.
+
+use crate::margin;
+use crate::pixels;
+use crate::scene::ResidentObject;
+use crate::shade::{Lighting, Surface};
+use crate::splat::ObjectView;
+use glam::DVec3;
+use rayon::prelude::*;
+use surfel_math::ball::{BallHit, Exact, LEAST_TEXELS, Outline, SOLID};
+use surfel_math::basis::unit;
+use surfel_math::bounds::Extent;
+use surfel_math::{V2, V3};
+use surfel_model::Shape;
+use surfel_render::{FramePlan, Region, View, ball_scale};
+
+/// A projected ball or dot.
+#[derive(Clone)]
+pub(crate) struct ScreenBall {
+    /// Index over the whole scene: objects in order, splats in order.
+    pub index: u32,
+    /// View position of the centre.
+    pub center: DVec3,
+    /// Radius in world units.
+    radius: f64,
+    flat: bool,
+    /// The centre's projection.
+    anchor: V2<f64>,
+    outline: Outline<f64>,
+    extent: Extent<f64>,
+    /// Linear albedo.
+    pub color: [f64; 3],
+    /// Opacity; 1 if alphas don't count.
+    alpha: f64,
+    /// Ambient, diffuse, specular and shininess factors.
+    pub material: [f64; 4],
+}
+
+/// A fragment of a ball.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BallFragment {
+    /// Planar depth.
+    pub z: f64,
+    /// Coverage times opacity.
+    pub alpha: f64,
+    /// True if the ball is shown in the planes of depth, normal and nearest splat.
+    pub is_solid: bool,
+    /// True if rounding could change `is_solid`.
+    pub is_solid_open: bool,
+    /// Index over the whole scene's splats.
+    pub splat: u32,
+    pub surface: Surface,
+}
+
+/// View that balls are drawn in: the image's, or that of a shadow map.
+pub(crate) struct BallView<'a> {
+    view: &'a View,
+    /// Least radius, in pixels of the drawn view.
+    least_px: f64,
+}
+
+impl<'a> BallView<'a> {
+    /// Returns the view of an image.
+    pub(crate) fn of_image(view: &'a View) -> Self {
+        Self { view, least_px: 0.0 }
+    }
+
+    /// Returns the view of a shadow map, in which no ball is smaller than a texel.
+    pub(crate) fn of_shadow_map(view: &'a View) -> Self {
+        Self { view, least_px: LEAST_TEXELS }
+    }
+
+    /// Projects every ball of the scene that is drawn.
+    pub(crate) fn project(&self, objects: &[ResidentObject], plan: &FramePlan) -> Vec<ScreenBall> {
+        let of_object = |object: &ResidentObject| {
+            let Shape::Balls { radii, in_pixels, flat } = &object.cloud.data().shape else { return Vec::new() };
+            let (in_view, scale) = (ObjectView::new(object, self.view), ball_scale(&object.world_from_object));
+            let pixel = plan.ball_pixel.filter(|_| *in_pixels).map(|p| p.in_object(&object.world_from_object));
+            let project = |i: usize| {
+                let local = object.cloud.center(i);
+                let radius = f64::from(radii[i]) * pixel.map_or(scale, |pixel| pixel.at(local));
+                self.place(in_view.point(local), radius, *flat).map(|ball| ScreenBall {
+                    index: object.first_splat + i as u32,
+                    color: object.cloud.color(i).map(f64::from),
+                    alpha: if plan.ball_alphas { f64::from(object.cloud.alpha(i)) } else { 1.0 },
+                    material: object.material.factors(),
+                    ..ball
+                })
+            };
+            (0..radii.len()).into_par_iter().filter_map(project).collect()
+        };
+        objects.iter().flat_map(of_object).collect()
+    }
+
+    /// Returns a ball on the screen; `None` if it reaches z_near, or lies beyond z_far.
+    fn place(&self, center: DVec3, radius: f64, flat: bool) -> Option<ScreenBall> {
+        let projection = &self.view.projection;
+        let radius = radius.max(self.least_px * per_pixel(self.view, center.z));
+        let front = if flat { center.z } else { center.z - radius };
+        if front < projection.near || center.z > projection.far() {
+            return None;
+        }
+        let p = V3::from(center);
+        let outline =
+            if flat { Outline::of_dot(p, radius, projection) } else { Outline::of_ball(p, radius, projection) };
+        let anchor = projection.pixel(p);
+        let middle = anchor + outline.center;
+        // Pixels are touched whose squares, not only their centres, the ellipse reaches.
+        let half = outline.extent + V2::new(0.5, 0.5);
+        let extent = Extent { min: middle - half, max: middle + half };
+        let (index, color, alpha, material) = (0, [1.0; 3], 1.0, [0.0; 4]);
+        Some(ScreenBall { index, center, radius, flat, anchor, outline, extent, color, alpha, material })
+    }
+}
+
+/// Returns the length of a pixel at depth `z`, in world units: by the geometric mean of the focal lengths.
+fn per_pixel(view: &View, z: f64) -> f64 {
+    let [fx, fy] = view.projection.focal_px;
+    if view.projection.is_perspective() { z / (fx * fy).sqrt() } else { 1.0 / (fx * fy).sqrt() }
+}
+
+impl ScreenBall {
+    /// Returns the opacity.
+    pub(crate) fn alpha(&self) -> f64 {
+        self.alpha
+    }
+
+    /// Returns the columns and rows of a rectangle that the ball may touch.
+    pub(crate) fn touched(&self, rect: Region) -> (std::ops::Range<u32>, std::ops::Range<u32>) {
+        pixels::touched(&self.extent, rect)
+    }
+
+    /// True if a pixel's centre lies inside of the outline.
+    pub(crate) fn contains(&self, pixel: V2<f64>) -> bool {
+        self.outline.contains(pixel - self.anchor - self.outline.center)
+    }
+
+    /// True if a pixel's centre lies inside of the outline, but rounding could change that, or the reverse.
+    pub(crate) fn is_on_rim(&self, pixel: V2<f64>) -> bool {
+        let from = pixel - self.anchor - self.outline.center;
+        let scaled = |by: f64| self.outline.contains(from * by);
+        let slack = margin::RIM_PX / self.outline.extent.x.min(self.outline.extent.y);
+        scaled(1.0 - slack) != scaled(1.0 + slack)
+    }
+
+    /// Returns the ball's fragment in a pixel, if it covers a part of the pixel.
+    fn fragment(&self, lighting: &Lighting, pixel: V2<f64>) -> Option<BallFragment> {
+        let corner = pixel - V2::new(0.5, 0.5);
+        let coverage = self.outline.coverage::<Exact>(corner - self.anchor - self.outline.center);
+        if coverage <= 0.0 {
+            return None;
+        }
+        let (z, normal) = self.hit(lighting.view, pixel);
+        let from = self.anchor - corner;
+        let inside = |v: f64, slack: f64| v >= -slack && v < 1.0 + slack;
+        let has_center = |slack: f64| inside(from.x, slack) && inside(from.y, slack);
+        let is_solid = coverage >= SOLID || has_center(0.0);
+        let open_coverage = (coverage - SOLID).abs() < margin::BALL_COVERAGE && !has_center(0.0);
+        let open_center = has_center(margin::RIM_PX) != has_center(-margin::RIM_PX) && coverage < SOLID;
+        let normal = lighting.view.view_from_world.transpose() * normal;
+        let surface = lighting.shade_ball(self, pixel, z, unit(normal), coverage);
+        let is_solid_open = open_coverage || open_center;
+        Some(BallFragment { z, alpha: coverage * self.alpha, is_solid, is_solid_open, splat: self.index, surface })
+    }
+
+    /// Returns the depth and the unit normal in view space that a pixel shows.
+    fn hit(&self, view: &View, pixel: V2<f64>) -> (f64, DVec3) {
+        let (projection, p) = (&view.projection, self.center);
+        let perspective = projection.is_perspective();
+        if self.flat {
+            return (p.z, if perspective { -unit(p) } else { DVec3::NEG_Z });
+        }
+        let d = pixel - self.anchor;
+        let offset = V2::new(d.x / projection.focal_px[0], d.y / projection.focal_px[1]);
+        let size = if perspective { self.radius / p.z } else { self.radius };
+        let hit = BallHit::new(V2::new(p.x / p.z, p.y / p.z), size, offset, projection);
+        let z = if perspective { p.z * hit.depth } else { p.z + hit.depth };
+        (z, DVec3::new(hit.normal.x, hit.normal.y, hit.normal.z))
+    }
+}
+
+/// The balls of a frame and their fragments.
+pub(crate) struct BallLayer {
+    /// Fragments of each pixel, nearest first.
+    pub pixels: Vec<Vec<BallFragment>>,
+    /// Number of balls that are drawn.
+    pub drawn: usize,
+}
+
+impl BallLayer {
+    /// Draws the balls of a scene over a rectangle.
+    pub(crate) fn draw(objects: &[ResidentObject], lighting: &Lighting, rect: Region) -> Self {
+        let balls = BallView::of_image(lighting.view).project(objects, lighting.plan);
+        let mut rows = vec![Vec::new(); rect.height as usize];
+        for ball in &balls {
+            let (columns, touched) = ball.touched(rect);
+            touched.for_each(|y| rows[(y - rect.y) as usize].push((ball, columns.clone())));
+        }
+        let of_row = |(row, balls): (u32, Vec<(&ScreenBall, std::ops::Range<u32>)>)| {
+            let mut pixels: Vec<Vec<BallFragment>> = vec![Vec::new(); rect.width as usize];
+            for (ball, columns) in balls {
+                for x in columns {
+                    let fragment = ball.fragment(lighting, pixels::center(x, rect.y + row));
+                    pixels[(x - rect.x) as usize].extend(fragment);
+                }
+            }
+            for pixel in &mut pixels {
+                pixel.sort_by(|a, b| a.z.total_cmp(&b.z).then(a.splat.cmp(&b.splat)));
+                // Nothing shows behind a fragment that covers the whole pixel.
+                let shown = pixel.iter().position(|f| f.alpha >= 1.0).map_or(pixel.len(), |last| last + 1);
+                pixel.truncate(shown);
+            }
+            pixels
+        };
+        let rows: Vec<_> = (0..).zip(rows).collect();
+        let pixels = rows.into_par_iter().flat_map_iter(of_row).collect();
+        Self { pixels, drawn: balls.len() }
+    }
+
+    /// Returns the fragments of a pixel, nearest first; none without balls.
+    pub(crate) fn of(layer: Option<&Self>, at: usize) -> &[BallFragment] {
+        layer.map_or(&[], |layer| &layer.pixels[at])
+    }
+}
+
+/// Returns the fragments from the depth `from` on that are nearer than `to`. `fragments` are in the order of depth.
+pub(crate) fn between(fragments: &[BallFragment], from: f64, to: f64) -> &[BallFragment] {
+    let first = fragments.partition_point(|f| f.z < from);
+    let end = fragments.partition_point(|f| f.z < to).max(first);
+    &fragments[first..end]
+}
+
+/// Returns the nearest fragment that shows in the planes of depth, normal and nearest splat.
+pub(crate) fn shown(fragments: &[BallFragment]) -> Option<&BallFragment> {
+    fragments.iter().find(|f| f.is_solid)
+}
+
+/// True if rounding could change the order of fragments that show, what is shown, or on which side of the depths of
+/// other surfaces they lie.
+pub(crate) fn is_marginal(fragments: &[BallFragment], surfaces: &[f64]) -> bool {
+    let mut transmittance = 1.0;
+    for (i, f) in fragments.iter().enumerate() {
+        // What shines through by less is invisible.
+        if transmittance < 1e-5 {
+            return false;
+        }
+        let next = fragments.get(i + 1).is_some_and(|next| margin::on_ball_depth(f.z, next.z));
+        let other = surfaces.iter().any(|z| margin::on_depth(f.z, *z));
+        if f.is_solid_open || f.surface.marginal || next || other {
+            return true;
+        }
+        transmittance *= 1.0 - f.alpha;
+    }
+    false
+}

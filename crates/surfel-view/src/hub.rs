@@ -1,0 +1,269 @@
+//! Clients and their work: the newest request for an image per client, and the newest image per client.
+
+use serde_json::Value;
+use std::collections::VecDeque;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+
+/// Largest number of clients.
+pub(crate) const MAX_CLIENTS: usize = 16;
+/// Largest number of unanswered requests of a client besides those for images.
+const MAX_TASKS: usize = 16;
+/// Largest number of messages that wait for a client; a slower client is disconnected.
+const MAX_TEXTS: usize = 64;
+/// Largest size in bytes of the messages that wait for a client; a client that reads no saved images is disconnected.
+const MAX_WAITING_BYTES: usize = 256 << 20;
+/// Number of images that the page shows at once: two of a comparison.
+pub(crate) const LAYERS: usize = 2;
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// A message to a client.
+#[derive(Clone, Debug)]
+pub(crate) enum Outgoing {
+    /// JSON.
+    Text(String),
+    /// A header as JSON, its length before it, and a file after it.
+    Binary(Vec<u8>),
+    /// Answer to a ping.
+    Pong(Vec<u8>),
+}
+
+impl Outgoing {
+    fn bytes(&self) -> usize {
+        match self {
+            Self::Text(text) => text.len(),
+            Self::Binary(bytes) | Self::Pong(bytes) => bytes.len(),
+        }
+    }
+}
+
+/// Messages that wait for a client. Texts are sent in order; of each layer's images only the newest is sent.
+#[derive(Debug, Default)]
+pub(crate) struct Outbox {
+    waiting: Mutex<Waiting>,
+    changed: Condvar,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    messages: VecDeque<Outgoing>,
+    images: [Option<Vec<u8>>; LAYERS],
+    is_closed: bool,
+}
+
+impl Outbox {
+    /// Adds a message, or disconnects a client that too many wait for.
+    pub(crate) fn push(&self, message: Outgoing) {
+        let mut waiting = lock(&self.waiting);
+        waiting.messages.push_back(message);
+        let bytes: usize = waiting.messages.iter().map(Outgoing::bytes).sum();
+        if waiting.messages.len() > MAX_TEXTS || bytes > MAX_WAITING_BYTES {
+            waiting.is_closed = true;
+            waiting.messages.clear();
+        }
+        self.changed.notify_all();
+    }
+
+    /// Replaces a layer's waiting image.
+    pub(crate) fn put_image(&self, layer: usize, image: Vec<u8>) {
+        let mut waiting = lock(&self.waiting);
+        if let Some(slot) = waiting.images.get_mut(layer) {
+            *slot = Some(image);
+        }
+        self.changed.notify_all();
+    }
+
+    /// Ends [`Outbox::next`].
+    pub(crate) fn close(&self) {
+        lock(&self.waiting).is_closed = true;
+        self.changed.notify_all();
+    }
+
+    /// Waits for the next message; `None` when the client is gone.
+    pub(crate) fn next(&self) -> Option<Outgoing> {
+        let mut waiting = lock(&self.waiting);
+        loop {
+            if waiting.is_closed {
+                return None;
+            }
+            if let Some(message) = waiting.messages.pop_front() {
+                return Some(message);
+            }
+            if let Some(image) = waiting.images.iter_mut().find_map(Option::take) {
+                return Some(Outgoing::Binary(image));
+            }
+            waiting = self.changed.wait(waiting).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+}
+
+/// Reason for waking the drawing thread.
+#[derive(Debug)]
+pub(crate) enum Next {
+    /// A request of a client.
+    Job(Job),
+    /// All points are loaded ([`Hub::report_loaded`]).
+    Loaded,
+}
+
+/// A request of a client, with the client's outbox.
+#[derive(Clone, Debug)]
+pub(crate) struct Job {
+    pub(crate) outbox: Arc<Outbox>,
+    pub(crate) request: Value,
+}
+
+struct Client {
+    id: u64,
+    outbox: Arc<Outbox>,
+    draws: [Option<Value>; LAYERS],
+    tasks: VecDeque<Value>,
+}
+
+impl Client {
+    fn next(&mut self) -> Option<Value> {
+        self.draws.iter_mut().find_map(Option::take).or_else(|| self.tasks.pop_front())
+    }
+}
+
+#[derive(Default)]
+struct Clients {
+    all: Vec<Client>,
+    /// Index of the client that is served next.
+    turn: usize,
+    last_id: u64,
+    is_loaded: bool,
+}
+
+/// All clients. Their threads add requests, and the drawing thread answers them in turn.
+#[derive(Default)]
+pub(crate) struct Hub {
+    clients: Mutex<Clients>,
+    work: Condvar,
+}
+
+impl Hub {
+    /// Adds a client; `None` if there are too many.
+    pub(crate) fn join(&self) -> Option<(u64, Arc<Outbox>)> {
+        let mut clients = lock(&self.clients);
+        if clients.all.len() >= MAX_CLIENTS {
+            return None;
+        }
+        clients.last_id += 1;
+        let (id, outbox) = (clients.last_id, Arc::new(Outbox::default()));
+        clients.all.push(Client { id, outbox: outbox.clone(), draws: Default::default(), tasks: VecDeque::new() });
+        Some((id, outbox))
+    }
+
+    /// Removes a client and its work.
+    pub(crate) fn leave(&self, id: u64) {
+        let mut clients = lock(&self.clients);
+        clients.all.retain(|client| {
+            if client.id == id {
+                client.outbox.close();
+            }
+            client.id != id
+        });
+    }
+
+    /// Adds a request. A newer request for an image replaces an older one that wasn't begun. Returns false if too many
+    /// other requests wait.
+    pub(crate) fn ask(&self, id: u64, request: Value) -> bool {
+        let mut clients = lock(&self.clients);
+        let Some(client) = clients.all.iter_mut().find(|client| client.id == id) else { return false };
+        if request["do"] == "draw" {
+            let layer = request["layer"].as_u64().unwrap_or(0) as usize;
+            client.draws[layer.min(LAYERS - 1)] = Some(request);
+        } else {
+            if client.tasks.len() >= MAX_TASKS {
+                return false;
+            }
+            client.tasks.push_back(request);
+        }
+        self.work.notify_all();
+        true
+    }
+
+    /// Waits for the next request, of each client in turn.
+    pub(crate) fn next(&self) -> Next {
+        let mut clients = lock(&self.clients);
+        loop {
+            if std::mem::take(&mut clients.is_loaded) {
+                return Next::Loaded;
+            }
+            let count = clients.all.len();
+            for step in 0..count {
+                let place = (clients.turn + step) % count;
+                if let Some(request) = clients.all[place].next() {
+                    clients.turn = place + 1;
+                    let outbox = clients.all[place].outbox.clone();
+                    return Next::Job(Job { outbox, request });
+                }
+            }
+            clients = self.work.wait(clients).unwrap_or_else(PoisonError::into_inner);
+        }
+    }
+
+    /// Wakes the drawing thread because all points are loaded.
+    pub(crate) fn report_loaded(&self) {
+        lock(&self.clients).is_loaded = true;
+        self.work.notify_all();
+    }
+
+    /// Sends a text to all clients.
+    pub(crate) fn broadcast(&self, message: &Value) {
+        let text = message.to_string();
+        lock(&self.clients).all.iter().for_each(|client| client.outbox.push(Outgoing::Text(text.clone())));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn newest_image_request_of_each_client_is_answered_in_turn() {
+        let hub = Hub::default();
+        let ((a, _), (b, _)) = (hub.join().unwrap(), hub.join().unwrap());
+        for id in 0..9 {
+            assert!(hub.ask(a, json!({ "do": "draw", "id": id })));
+        }
+        assert!(hub.ask(a, json!({ "do": "pick", "id": 20 })));
+        assert!(hub.ask(b, json!({ "do": "draw", "id": 30, "layer": 1 })));
+        let id = |next| match next {
+            Next::Job(job) => job.request["id"].as_u64().unwrap(),
+            other => panic!("{other:?}"),
+        };
+        let ids: Vec<u64> = (0..3).map(|_| id(hub.next())).collect();
+        assert_eq!(ids, [8, 30, 20]);
+        hub.leave(b);
+        assert!(!hub.ask(b, json!({ "do": "draw" })));
+        hub.report_loaded();
+        assert!(matches!(hub.next(), Next::Loaded));
+    }
+
+    #[test]
+    fn work_and_messages_of_a_client_are_bounded() {
+        let hub = Hub::default();
+        let (id, outbox) = hub.join().unwrap();
+        assert_eq!((0..99).filter(|_| hub.ask(id, json!({ "do": "pick" }))).count(), MAX_TASKS);
+        for step in 0..1000 {
+            outbox.put_image(0, vec![step as u8; 4]);
+        }
+        assert!(matches!(outbox.next(), Some(Outgoing::Binary(image)) if image == [231; 4]));
+        for _ in 0..=MAX_TEXTS {
+            hub.broadcast(&json!({}));
+        }
+        assert!(outbox.next().is_none(), "a client that reads nothing is disconnected");
+        let outbox = Outbox::default();
+        for _ in 0..2 {
+            outbox.push(Outgoing::Binary(vec![0; MAX_WAITING_BYTES / 2 + 1]));
+        }
+        assert!(outbox.next().is_none(), "a client that reads no saved images is disconnected");
+        let joined = (0..99).filter(|_| hub.join().is_some()).count();
+        assert_eq!(joined, MAX_CLIENTS - 1);
+    }
+}

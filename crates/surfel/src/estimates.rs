@@ -1,0 +1,64 @@
+//! Estimates of loaded objects that don't depend on the camera, computed once for all images of a session.
+
+use crate::framing::{self, FrameOptions};
+use crate::lights::Lighting;
+use crate::loaded_objects::LoadedObjects;
+use crate::whites::Whites;
+use glam::DVec3;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use surfel_model::{Camera, Scene, Up};
+
+/// Cache of estimates. All requests that share it must have the same loaded objects.
+#[derive(Debug, Default)]
+pub(crate) struct Estimates {
+    framed: OnceLock<LoadedObjects>,
+    center: OnceLock<Option<DVec3>>,
+    whites: OnceLock<Whites>,
+    closed: OnceLock<Vec<bool>>,
+    lighting: Mutex<Option<(Up, Lighting)>>,
+    camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
+}
+
+/// Returns the value of a key, computed again only if the key differs from the last one.
+fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: impl FnOnce(&K) -> V) -> V {
+    let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*known {
+        Some((of, value)) if *of == key => value.clone(),
+        _ => {
+            let value = compute(&key);
+            *known = Some((key, value.clone()));
+            value
+        }
+    }
+}
+
+impl Estimates {
+    /// Returns [`LoadedObjects::framed`].
+    pub(crate) fn framed(&self, loaded: &LoadedObjects) -> LoadedObjects {
+        let framed = self.framed.get_or_init(|| loaded.framed()).clone();
+        LoadedObjects { facts: loaded.facts.clone(), ..framed }
+    }
+
+    /// Returns [`framing::scene_center`].
+    pub(crate) fn center(&self, scene: &Scene) -> Option<DVec3> {
+        *self.center.get_or_init(|| framing::scene_center(scene))
+    }
+
+    pub(crate) fn whites(&self, loaded: &LoadedObjects) -> &Whites {
+        self.whites.get_or_init(|| Whites::of(loaded))
+    }
+
+    /// Returns for each object whether it hides its back.
+    pub(crate) fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
+        self.closed.get_or_init(estimate)
+    }
+
+    pub(crate) fn lighting(&self, loaded: &LoadedObjects, up: Up) -> Lighting {
+        last(&self.lighting, up, |up| Lighting::of(loaded, *up))
+    }
+
+    /// Returns [`framing::frame_camera`].
+    pub(crate) fn camera(&self, scene: &Scene, options: FrameOptions) -> Option<Camera> {
+        last(&self.camera, options, |options| framing::frame_camera(scene, options))
+    }
+}

@@ -1,0 +1,347 @@
+// Balls and dots (rendering model §11), pixel by pixel: each invocation searches the balls of its cell for the
+// fragments that it composites, from near to far.
+
+// Lists and records, set up by the CPU in f64: BALLS_… words, the first entry of each cell and the end of the last, the
+// entries, the records of BALL_WORDS words each, and the pixels' states where there are layers.
+@group(1) @binding(31) var<storage, read_write> balls: array<u32>;
+
+const BALLS_COLUMNS: u32 = 0u;
+const BALLS_RECORDS_AT: u32 = 1u;
+const BALLS_STATES_AT: u32 = 2u;
+const BALLS_STARTS: u32 = 3u;
+
+// Side of a cell in pixels.
+const BALL_CELL: u32 = 8u;
+
+// Words of a record. Offsets are from the whole pixel BALL_BASE of the targets.
+const BALL_BASE: u32 = 0u;
+const BALL_ANCHOR: u32 = 2u;
+const BALL_MIDDLE: u32 = 4u;
+const BALL_EXTENT: u32 = 6u;
+const BALL_SKEW: u32 = 8u;
+const BALL_WIDTH: u32 = 9u;
+const BALL_SLOPE: u32 = 10u;
+const BALL_SIZE: u32 = 12u;
+const BALL_Z: u32 = 13u;
+const BALL_ALPHA: u32 = 14u;
+const BALL_FLAGS: u32 = 15u;
+const BALL_COLOR: u32 = 16u;
+const BALL_MATERIAL: u32 = 19u;
+const BALL_WORDS: u32 = 24u;
+
+const BALL_IS_FLAT: u32 = 1u;
+const BALL_IS_LARGE: u32 = 2u;
+
+// A fragment, by its depth and its record; a depth of 0 means none.
+struct BallFragment {
+    z: f32,
+    coverage: f32,
+    record: u32,
+}
+
+fn ball_number(at: u32) -> f32 {
+    return bitcast<f32>(balls[at]);
+}
+
+fn ball_pair(at: u32) -> vec2f {
+    return vec2f(ball_number(at), ball_number(at + 1u));
+}
+
+fn ball_record_at(record: u32) -> u32 {
+    return balls[BALLS_RECORDS_AT] + BALL_WORDS * record;
+}
+
+// Returns the offset of a pixel's corner from a point of a record.
+fn ball_offset(at: u32, pixel: vec2i, point: u32) -> vec2f {
+    let base = bitcast<vec2i>(vec2u(balls[at + BALL_BASE], balls[at + BALL_BASE + 1u]));
+    return vec2f(pixel - base) - ball_pair(at + point);
+}
+
+fn ball_outline(at: u32) -> Outline {
+    return Outline(ball_pair(at + BALL_EXTENT), ball_number(at + BALL_SKEW), ball_number(at + BALL_WIDTH));
+}
+
+fn ball_coverage(at: u32, pixel: vec2i) -> f32 {
+    let outline = ball_outline(at);
+    let corner = ball_offset(at, pixel, BALL_MIDDLE);
+    if (balls[at + BALL_FLAGS] & BALL_IS_LARGE) != 0u {
+        return outline_coverage_of_large(outline, corner);
+    }
+    let area = outline_coverage(outline, corner);
+    return select(0.0, area, outline_rounding(outline) < area);
+}
+
+// Returns a ball's depth at a pixel, and its normal in view axes.
+fn ball_hit(at: u32, pixel: vec2i) -> BallHit {
+    let z = ball_number(at + BALL_Z);
+    let slope = ball_pair(at + BALL_SLOPE);
+    let perspective = frame.projection.kind == PERSPECTIVE;
+    if (balls[at + BALL_FLAGS] & BALL_IS_FLAT) != 0u {
+        return BallHit(select(vec3f(0.0, 0.0, -1.0), unit(vec3f(-slope, -1.0)), perspective), z);
+    }
+    let offset = (ball_offset(at, pixel, BALL_ANCHOR) + 0.5) / frame.projection.focal_px;
+    let hit = ball_hit_new(slope, ball_number(at + BALL_SIZE), offset, frame.projection);
+    return BallHit(hit.normal, select(z + hit.depth, z * hit.depth, perspective));
+}
+
+// Returns the first entry of a pixel's cell, and the end of its entries.
+fn ball_entries(pixel: vec2i) -> vec2u {
+    let cell = vec2u(pixel) / BALL_CELL;
+    let at = BALLS_STARTS + cell.y * balls[BALLS_COLUMNS] + cell.x;
+    return vec2u(balls[at], balls[at + 1u]);
+}
+
+// Returns a pixel's nearest fragment behind `last` and before the depth `until`. Equally near ones follow in the order
+// of their records.
+fn next_ball(pixel: vec2i, last: BallFragment, until: f32) -> BallFragment {
+    let entries = ball_entries(pixel);
+    var found = BallFragment(0.0, 0.0, 0u);
+    var end = until;
+    for (var i = entries.x; i < entries.y; i++) {
+        let record = balls[i];
+        let at = ball_record_at(record);
+        let z = ball_hit(at, pixel).depth;
+        let is_behind = z > last.z || (z == last.z && record > last.record);
+        if z < end && is_behind {
+            let coverage = ball_coverage(at, pixel);
+            if coverage > 0.0 {
+                found = BallFragment(z, coverage, record);
+                end = z;
+            }
+        }
+    }
+    return found;
+}
+
+fn ball_alpha(at: u32) -> f32 {
+    return ball_number(at + BALL_ALPHA);
+}
+
+// Returns the depth of a pixel's nearest fragment that covers all of it; +∞ without one.
+fn full_ball_depth(pixel: vec2i) -> f32 {
+    var end = frame.empty_depth;
+    if frame.has_balls == 0u {
+        return end;
+    }
+    let entries = ball_entries(pixel);
+    for (var i = entries.x; i < entries.y; i++) {
+        let at = ball_record_at(balls[i]);
+        let z = ball_hit(at, pixel).depth;
+        if z < end && ball_alpha(at) >= 1.0 && ball_coverage(at, pixel) >= 1.0 {
+            end = z;
+        }
+    }
+    return end;
+}
+
+// True if a pixel contains the projection of a ball's centre.
+fn has_ball_center(at: u32, pixel: vec2i) -> bool {
+    let along = -ball_offset(at, pixel, BALL_ANCHOR);
+    return all(along >= vec2f(0.0, 0.0)) && all(along < vec2f(1.0, 1.0));
+}
+
+// Returns a pixel's nearest fragment before `until` that shows in the planes of depth, normal and nearest splat.
+fn shown_ball(pixel: vec2i, until: f32) -> BallFragment {
+    var found = BallFragment(0.0, 0.0, 0u);
+    if frame.has_balls == 0u {
+        return found;
+    }
+    var end = min(until, full_ball_depth(pixel));
+    let entries = ball_entries(pixel);
+    for (var i = entries.x; i < entries.y; i++) {
+        let record = balls[i];
+        let at = ball_record_at(record);
+        let z = ball_hit(at, pixel).depth;
+        // The ball that covers the whole pixel is the last that may show.
+        if z < end || (z == end && z < until && found.z == 0.0) {
+            let coverage = ball_coverage(at, pixel);
+            if coverage >= BALL_SOLID || (coverage > 0.0 && has_ball_center(at, pixel)) {
+                found = BallFragment(z, coverage, record);
+                end = z;
+            }
+        }
+    }
+    return found;
+}
+
+fn ball_point(fragment: BallFragment, pixel: vec2i) -> Point {
+    let at = ball_record_at(fragment.record);
+    let normal = frame.world_from_view * ball_hit(at, pixel).normal;
+    let color = vec3f(ball_pair(at + BALL_COLOR), ball_number(at + BALL_COLOR + 2u));
+    let material = vec4f(ball_pair(at + BALL_MATERIAL), ball_pair(at + BALL_MATERIAL + 2u));
+    return Point(color, normal, material, fragment.z, fragment.coverage, true);
+}
+
+// Returns the colour of a fragment by the frame's shader.
+fn ball_color(fragment: BallFragment, pixel: vec2i) -> vec3f {
+    let point = ball_point(fragment, pixel);
+    let at = position_at(pixel, point.z);
+    let color = color_of(at, point, true);
+    if frame.shader_kind == SHADER_EDL {
+        // Eye-dome lighting darkens a tilted plane by about its cosine.
+        let position = frame.world_from_view * at;
+        let to_eye = select(frame.to_eye, -unit(position), frame.projection.kind == PERSPECTIVE);
+        return color * abs(v3_dot(point.normal, to_eye));
+    }
+    return color;
+}
+
+// Balls composited so far.
+struct BallColors {
+    // Premultiplied colour and opacity.
+    color: vec4f,
+    last: BallFragment,
+    fragments: u32,
+}
+
+fn no_balls() -> BallColors {
+    return BallColors(vec4f(0.0, 0.0, 0.0, 0.0), BallFragment(0.0, 0.0, 0u), 0u);
+}
+
+// Composites a pixel's fragments behind those so far and before the depth `until`.
+fn composite_balls(so_far: BallColors, pixel: vec2i, until: f32) -> BallColors {
+    var colors = so_far;
+    while colors.color.a < 1.0 {
+        let fragment = next_ball(pixel, colors.last, until);
+        if fragment.z <= 0.0 {
+            break;
+        }
+        let alpha = fragment.coverage * ball_alpha(ball_record_at(fragment.record));
+        let through = 1.0 - colors.color.a;
+        let color = ball_color(fragment, pixel);
+        colors.color = vec4f(colors.color.rgb + color * (alpha * through), 1.0 - through * (1.0 - alpha));
+        colors.last = fragment;
+        colors.fragments += 1u;
+    }
+    return colors;
+}
+
+// Returns the offset of a pixel's state: the depth and record of the last fragment that was composited.
+fn ball_state_at(pixel: vec2i) -> u32 {
+    return balls[BALLS_STATES_AT] + 2u * (u32(pixel.y) * frame.size_px.x + u32(pixel.x));
+}
+
+fn last_ball(pixel: vec2i) -> BallFragment {
+    let at = ball_state_at(pixel);
+    return BallFragment(ball_number(at), 0.0, balls[at + 1u]);
+}
+
+fn put_last_ball(pixel: vec2i, last: BallFragment) {
+    let at = ball_state_at(pixel);
+    balls[at] = bitcast<u32>(last.z);
+    balls[at + 1u] = last.record;
+}
+
+// Composites the fragments before the depth `until` under a pixel's layers.
+fn balls_under(layers: LayerComposite, pixel: vec2i, until: f32) -> LayerComposite {
+    if frame.has_balls == 0u {
+        return layers;
+    }
+    var colors = BallColors(vec4f(layers.color, layers.opacity), BallFragment(0.0, 0.0, 0u), 0u);
+    if frame.has_layers != 0u {
+        colors.last = last_ball(pixel);
+    }
+    colors = composite_balls(colors, pixel, until);
+    if frame.has_layers != 0u {
+        put_last_ball(pixel, colors.last);
+    }
+    var more = layers;
+    more.color = colors.color.rgb;
+    more.opacity = colors.color.a;
+    more.counts += colors.fragments;
+    return more;
+}
+
+// Returns what the fragments behind a pixel's front, at an edge, add to its colour.
+fn balls_behind(pixel: vec2i, opaque: Pixel) -> vec4f {
+    if frame.has_balls == 0u || opaque.share >= 1.0 {
+        return vec4f(0.0, 0.0, 0.0, 0.0);
+    }
+    var colors = no_balls();
+    // Fragments at the depth itself still count: the record before the first is none.
+    colors.last = BallFragment(before_depth(opaque.end), 0.0, 0xffffffffu);
+    colors = composite_balls(colors, pixel, opaque.back);
+    return (colors.color - opaque.behind * colors.color.a) * (1.0 - opaque.share);
+}
+
+// Returns the next smaller depth.
+fn before_depth(z: f32) -> f32 {
+    return select(bitcast<f32>(bitcast<u32>(z) - 1u), 0.0, z <= 0.0);
+}
+
+// Entry point for frames with balls. It binds one buffer more than `shade`.
+@compute @workgroup_size(8, 8)
+fn shade_balls(@builtin(global_invocation_id) id: vec3u) {
+    if id.x >= frame.shade_size_px.x || id.y >= frame.shade_size_px.y {
+        return;
+    }
+    let pixel = vec2i(id.xy + frame.shade_origin_px);
+    let at = id.y * frame.shade_size_px.x + id.x;
+    let opaque = shaded_pixel(pixel, frame.background, true);
+    var surface = opaque.front;
+    var layers: LayerComposite;
+    if frame.has_layers != 0u {
+        layers = layer_composites[u32(pixel.y) * frame.size_px.x + u32(pixel.x)];
+        if layers.z > 0.0 {
+            surface = Surface(layers.color, layers.normal, layers.z, layers.weight, true);
+        }
+    }
+    let ball = shown_ball(pixel, select(opaque.end, min(opaque.end, surface.z), surface.is_there));
+    if ball.z > 0.0 {
+        let point = ball_point(ball, pixel);
+        surface = Surface(point.albedo, point.normal, point.z, point.weight, true);
+    }
+    layers = balls_under(layers, pixel, opaque.end);
+    if frame.color_at != ABSENT {
+        write_color(at, composite_over(layers, opaque.color + balls_behind(pixel, opaque)));
+    }
+    write_planes(at, surface);
+    if frame.fragments_at != ABSENT {
+        planes[frame.fragments_at + at] = textureLoad(count_sums, pixel, 0).r + f32(fragments_of(layers));
+    }
+}
+
+// Writes the colours of sampled pixels as `resolve_samples` does, with balls.
+@compute @workgroup_size(8, 8)
+fn resolve_samples_balls(@builtin(global_invocation_id) id: vec3u) {
+    let pixel = id.xy + frame.first_pixel;
+    if any(id.xy >= frame.size_px / SAMPLES_SIDE) || textureLoad(pixel_steps, vec2i(pixel), 0).x <= 0.0 {
+        return;
+    }
+    var sum = vec4f(0.0, 0.0, 0.0, 0.0);
+    for (var i = 0u; i < SAMPLES_SIDE * SAMPLES_SIDE; i++) {
+        let at = vec2i(id.xy * SAMPLES_SIDE + vec2u(i % SAMPLES_SIDE, i / SAMPLES_SIDE));
+        let opaque = shaded_pixel(at, frame.background, true);
+        var layers: LayerComposite;
+        if frame.has_layers != 0u {
+            layers = layer_composites[u32(at.y) * frame.size_px.x + u32(at.x)];
+        }
+        layers = balls_under(layers, at, opaque.end);
+        let color = sample_color(at, opaque, vec2i(pixel));
+        sum += composite_over(layers, color) * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE));
+    }
+    let shaded = pixel - frame.shade_origin_px;
+    write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum);
+}
+
+// True if a ball hides the centre of a texel of a shadow map.
+fn ball_hides(at: u32, texel: vec2i) -> bool {
+    return outline_contains(ball_outline(at), ball_offset(at, texel, BALL_MIDDLE) + 0.5);
+}
+
+// Returns the least depth of the centres of the balls that hide a texel's centre, and of `z`.
+fn ball_shadow(z: f32, texel: vec2i) -> f32 {
+    var least = z;
+    if frame.has_balls == 0u {
+        return least;
+    }
+    let entries = ball_entries(texel);
+    for (var i = entries.x; i < entries.y; i++) {
+        let at = ball_record_at(balls[i]);
+        let center = ball_number(at + BALL_Z);
+        if center < least && ball_alpha(at) >= 1.0 && ball_hides(at, texel) {
+            least = center;
+        }
+    }
+    return least;
+}

@@ -1,0 +1,143 @@
+// Edge antialiasing by coverage in the compute path (rendering model §5). A workgroup finds the edge pixels of its
+// cell. If there are any, it draws what lies behind their nearest surface: the cell's pairs are visited once more, in
+// their order, and only fragments deeper than that surface count. Then the colours are blended by coverage.
+
+// Number of edge pixels of a cell, and the same number for uniform control flow.
+var<workgroup> counted_edges: atomic<u32>;
+var<workgroup> edges_of_cell: u32;
+
+// True if a neighbour steps back behind the end of a pixel's nearest surface.
+fn is_cell_edge(pixel: vec2u, own: vec2f) -> bool {
+    let reach = own.x + own.y;
+    let last = vec2i(frame.size_px) - 1;
+    let center = vec2i(pixel);
+    var edge = false;
+    for (var y = max(center.y - 1, 0); y <= min(center.y + 1, last.y); y++) {
+        for (var x = max(center.x - 1, 0); x <= min(center.x + 1, last.x); x++) {
+            let neighbour = edge_threshold_of(vec2u(vec2i(x, y)));
+            let is_other = x != center.x || y != center.y;
+            edge = edge || (is_other && !(neighbour.x > 0.0 && neighbour.x - neighbour.y <= reach));
+        }
+    }
+    return edge;
+}
+
+// A pixel of the targets, as the pass over edges sees it.
+struct EdgePixel {
+    // Coverage decides how much of what lies behind shows.
+    is_edge: bool,
+    // Reversed depth of the nearest surface; 0 if nothing lies behind it or the pixel is no edge.
+    nearest: f32,
+}
+
+// Returns the edge at a pixel of the targets. Pixels outside of the shaded region have none.
+fn edge_at(own: vec2u) -> EdgePixel {
+    let shaded = own - frame.shade_origin_px;
+    if any(own < frame.shade_origin_px) || any(shaded >= frame.shade_size_px) {
+        return EdgePixel(false, 0.0);
+    }
+    let threshold = edge_threshold_of(own);
+    if threshold.x <= 0.0 {
+        return EdgePixel(has_cell_surface(own), 0.0);
+    }
+    let is_edge = is_cell_edge(own, threshold);
+    return EdgePixel(is_edge, select(0.0, reversed_depth(threshold.x), is_edge));
+}
+
+// True if any pixel of a cell is an edge. All invocations of the workgroup have to call it.
+fn cell_has_edges(i: u32, is_edge: bool) -> bool {
+    if i == 0u {
+        atomicStore(&counted_edges, 0u);
+    }
+    workgroupBarrier();
+    if is_edge {
+        atomicAdd(&counted_edges, 1u);
+    }
+    workgroupBarrier();
+    if i == 0u {
+        edges_of_cell = atomicLoad(&counted_edges);
+    }
+    return workgroupUniformLoad(&edges_of_cell) > 0u;
+}
+
+// Blends the colour of an edge pixel over what lies behind it.
+fn blend_edge(own: vec2u, sums: CellSums, full: bool) {
+    let point = point_of(sums.color, sums.surface, sums.material);
+    var behind = frame.background;
+    if point.is_there {
+        var color = color_of(position_at(vec2i(own), point.z), point, full);
+        if frame.has_eye_dome != 0u {
+            color *= cell_eye_dome_shading(vec2i(own), point.z, frame.projection);
+        }
+        behind = vec4f(color, 1.0);
+    }
+    let q = min(planes[edge_word(EDGE_COVERAGE, own)], 1.0);
+    let shaded = own - frame.shade_origin_px;
+    let at = shaded.y * frame.shade_size_px.x + shaded.x;
+    let to = frame.color_at + 4u * at;
+    let front = vec4f(planes[to], planes[to + 1u], planes[to + 2u], planes[to + 3u]);
+    write_color(at, front * q + behind * (1.0 - q));
+}
+
+// Draws the edges of a cell, unless it is dense.
+fn draw_edges(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    if range.y - range.x > DENSE_PAIRS {
+        return;
+    }
+    let corner = cell * CELL_SIDE;
+    let own = corner + pixel_in_cell(i);
+    let edge = edge_at(own);
+    if !cell_has_edges(i, edge.is_edge) {
+        return;
+    }
+    clear_cell(i);
+    atomicStore(&sides[i], bitcast<u32>(edge.nearest));
+    let drawn = CellPass(true, full, false, false, true);
+    let limit = find_limit(range, corner, i, drawn);
+    let sums = sum_pixel(range, corner, i, limit, drawn);
+    if edge.is_edge {
+        blend_edge(own, sums, full);
+    }
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_edges(cell.xy, i, false);
+}
+
+// Draws the edges of an image with shadows or the shader `toon`.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_edges(cell.xy, i, true);
+}
+
+// The parts of dense cells, for what lies behind their edges.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edge_thresholds(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    find_part_thresholds(workgroup_number(group), i, CellPass(true, false, false, false, true));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_part_edges(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    sum_part(workgroup_number(group), i, CellPass(true, false, false, false, true));
+}
+
+// Draws the edges of a dense cell from its parts.
+fn combine_edges(cell: vec2u, i: u32, full: bool) {
+    let range = pairs_of(cell);
+    let own = cell * CELL_SIDE + pixel_in_cell(i);
+    if range.y - range.x > DENSE_PAIRS && edge_at(own).is_edge {
+        blend_edge(own, sums_of_parts(range, i, CellPass(true, full, false, false, true)), full);
+    }
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_edges(cell.xy, i, false);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_combine_shadowed_edges(@builtin(workgroup_id) cell: vec3u, @builtin(local_invocation_index) i: u32) {
+    combine_edges(cell.xy, i, true);
+}

@@ -1,0 +1,165 @@
+// Edge antialiasing by samples in the compute path (rendering model §5). Samples are the pixels of a view four times as
+// fine. A cell of that view is the samples of 4×4 pixels, and is active if one of these pixels is sampled. The passes
+// of cells.wgsl set up and sort the splats of active cells alone. A workgroup then draws the samples of a cell, and
+// writes their means to the colours of the sampled pixels.
+
+// Pixels along the side of a cell of samples, and cells along the side of a workgroup of `cell_steps`.
+const SAMPLED_SIDE: u32 = 4u;
+const STEP_CELLS: u32 = 2u;
+
+@group(1) @binding(57) var<storage, read_write> cell_active_out: array<u32>;
+
+// Number of sampled pixels of the cells of a workgroup of `cell_steps`.
+var<workgroup> sampled_in_cell: array<atomic<u32>, 4>;
+
+// Returns the depth interval that contains a pixel's nearest surface.
+fn cell_reach(pixel: vec2u) -> Reach {
+    let threshold = edge_threshold_of(pixel);
+    var reach = reach_of(threshold);
+    // If only one of the two footprints has a fragment here, the surface ends: every neighbour is then a step.
+    if has_cell_surface(pixel) != (threshold.x > 0.0) {
+        reach.end = -frame.empty_depth;
+    }
+    return reach;
+}
+
+// Finds sampled pixels, and the cells that contain some. An invocation looks at a pixel.
+@compute @workgroup_size(8, 8)
+fn cell_steps(
+    @builtin(global_invocation_id) id: vec3u,
+    @builtin(workgroup_id) group: vec3u,
+    @builtin(local_invocation_id) local: vec3u,
+    @builtin(local_invocation_index) i: u32,
+) {
+    if i < STEP_CELLS * STEP_CELLS {
+        atomicStore(&sampled_in_cell[i], 0u);
+    }
+    workgroupBarrier();
+    let pixel = vec2i(id.xy + frame.first_pixel);
+    if all(id.xy < frame.size_px / SAMPLES_SIDE) {
+        let last = vec2i(frame.pixels_size_px) - 1;
+        let own = cell_reach(vec2u(pixel));
+        var is_sampled = false;
+        for (var k = 0u; k < 4u; k++) {
+            let along = select(-1, 1, (k & 1u) != 0u);
+            let at = pixel + select(vec2i(along, 0), vec2i(0, along), (k & 2u) != 0u);
+            if all(vec2i(0, 0) <= at) && all(at <= last) {
+                is_sampled = is_sampled || steps_to(own, cell_reach(vec2u(at)));
+            }
+        }
+        planes[edge_word(EDGE_SAMPLED, vec2u(pixel))] = select(0.0, 1.0, is_sampled);
+        if is_sampled {
+            let in_group = local.xy / SAMPLED_SIDE;
+            atomicAdd(&sampled_in_cell[in_group.y * STEP_CELLS + in_group.x], 1u);
+        }
+    }
+    workgroupBarrier();
+    if i < STEP_CELLS * STEP_CELLS {
+        let cell = group.xy * STEP_CELLS + vec2u(i % STEP_CELLS, i / STEP_CELLS);
+        let rows = frame.cell_count / frame.cell_columns;
+        if cell.x < frame.cell_columns && cell.y < rows {
+            let is_active = atomicLoad(&sampled_in_cell[i]) > 0u;
+            cell_active_out[cell.y * frame.cell_columns + cell.x] = select(0u, 1u, is_active);
+        }
+    }
+    if all(id.xy == vec2u(0u, 0u)) {
+        // The last element of the scan.
+        cell_active_out[frame.cell_count] = 0u;
+    }
+}
+
+// Lists the active cells.
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_list_active(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    let cell = workgroup_number(group) * CELL_WORKGROUP + i;
+    if cell >= frame.cell_count {
+        return;
+    }
+    let number = cell_active[cell];
+    if number < cell_active[cell + 1u] && number < frame.cell_active_room {
+        pairs_out[frame.cell_active_room + number] = CellPair(cell, 1u);
+    }
+}
+
+// Like `among_neighbours`, from the depths in `planes`.
+fn cell_among_neighbours(at: vec2i, point: Point, color: vec3f, pixel: vec2i) -> vec3f {
+    let is_toon = frame.shader_kind == SHADER_TOON;
+    if !is_toon && frame.shader_kind != SHADER_EDL {
+        return color;
+    }
+    // Distances between neighbours are measured in pixels of the image, not in samples.
+    var projection = frame.projection;
+    projection.focal_px *= 1.0 / f32(SAMPLES_SIDE);
+    if is_toon {
+        let surface = Surface(color, point.normal, point.z, point.weight, true);
+        let limit = outline_limit(at, surface, projection);
+        return select(color, vec3f(0.0, 0.0, 0.0), has_cell_outline(pixel, limit));
+    }
+    return color * cell_eye_dome_shading(pixel, point.z, projection);
+}
+
+// Draws the samples of an active cell.
+fn draw_samples(number: u32, i: u32, drawn: CellPass) {
+    if number >= frame.cell_active_room {
+        return;
+    }
+    let listed = pairs_in[frame.cell_active_room + number];
+    if listed.record == 0u {
+        return;
+    }
+    let corner = corner_of_cell(listed.cell);
+    let range = vec2u(pairs_in[number].cell, pairs_in[number].record);
+    clear_cell(i);
+    let limit = find_limit(range, corner, i, drawn);
+    let sums = sum_pixel(range, corner, i, limit, drawn);
+    let in_cell = pixel_in_cell(i);
+    let at = corner + in_cell;
+    let point = point_of(sums.color, sums.surface, sums.material);
+    var color = frame.background;
+    if point.is_there {
+        let shown = color_of(position_at(vec2i(at), point.z), point, drawn.full);
+        let pixel = vec2i(at / SAMPLES_SIDE + frame.first_pixel);
+        color = vec4f(cell_among_neighbours(vec2i(at), point, shown, pixel), 1.0);
+    }
+    // The batches' memory is no longer needed. Each colour is scaled before it is added: colours may be as large as an
+    // f32.
+    workgroupBarrier();
+    staged[in_cell.y * CELL_SIDE + in_cell.x] = bitcast<vec4u>(color * (1.0 / f32(SAMPLES_SIDE * SAMPLES_SIDE)));
+    workgroupBarrier();
+    if i >= SAMPLED_SIDE * SAMPLED_SIDE {
+        return;
+    }
+    let of_cell = vec2u(i % SAMPLED_SIDE, i / SAMPLED_SIDE);
+    let in_part = corner / SAMPLES_SIDE + of_cell;
+    let pixel = in_part + frame.first_pixel;
+    if any(in_part >= frame.size_px / SAMPLES_SIDE) || planes[edge_word(EDGE_SAMPLED, pixel)] <= 0.0 {
+        return;
+    }
+    var sum = vec4f(0.0, 0.0, 0.0, 0.0);
+    for (var k = 0u; k < SAMPLES_SIDE * SAMPLES_SIDE; k++) {
+        let sample = of_cell * SAMPLES_SIDE + vec2u(k % SAMPLES_SIDE, k / SAMPLES_SIDE);
+        sum += bitcast<vec4f>(staged[sample.y * CELL_SIDE + sample.x]);
+    }
+    let shaded = pixel - frame.shade_origin_px;
+    write_color(shaded.y * frame.shade_size_px.x + shaded.x, sum);
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, false, false, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, true, false, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, false, true, false, false));
+}
+
+@compute @workgroup_size(CELL_WORKGROUP)
+fn cell_sided_shadowed_samples(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) i: u32) {
+    draw_samples(workgroup_number(group), i, CellPass(true, true, true, false, false));
+}

@@ -1,0 +1,122 @@
+// Balls and dots (rendering model §11): coverage of a pixel by the ellipse on the screen, and the point of the sphere
+// that a pixel shows. Twin: surfel-math, ball.rs.
+
+// Coverage from which on a pixel counts as fully covered: 1 − 2⁻¹².
+const BALL_FULL: f32 = 0.999755859375;
+// Coverage from which on a fragment shows in the planes of depth, normal and nearest splat.
+const BALL_SOLID: f32 = 0.5;
+
+// The ellipse dx = extent.x·(skew·v + width·u), dy = extent.y·v over the unit disk u² + v² ≤ 1.
+struct Outline {
+    extent: vec2f,
+    skew: f32,
+    width: f32,
+}
+
+fn ball_limited(area: f32) -> f32 {
+    return select(max(area, 0.0), 1.0, BALL_FULL <= area);
+}
+
+// Returns a point's coordinates in the unit disk.
+fn outline_unit(outline: Outline, from_center: vec2f) -> vec2f {
+    let v = from_center.y / outline.extent.y;
+    return vec2f((from_center.x / outline.extent.x - outline.skew * v) / outline.width, v);
+}
+
+fn outline_contains(outline: Outline, from_center: vec2f) -> bool {
+    let at = outline_unit(outline, from_center);
+    return at.x * at.x + at.y * at.y <= 1.0;
+}
+
+// Returns ∫√(1 − v²) from 0 to v, for |v| ≤ 1.
+fn ball_segment(v: f32) -> f32 {
+    let a = abs(v);
+    let rest = max(1.0 - a, 0.0);
+    var t = -0.00026762004958;
+    t = t * a + 0.00142192222639;
+    t = t * a - 0.00400863412805;
+    t = t * a + 0.00951573395277;
+    t = t * a - 0.02734583070739;
+    t = t * a + 0.17809527476217;
+    t = t * a + 0.78539818336870;
+    let area = 0.785398163397 - rest * sqrt(rest) * t;
+    return select(area, -area, v < 0.0);
+}
+
+// Returns the integral up to the column at `x` over the rows between both of `down`, whose segments are `rows`.
+fn ball_left_of(outline: Outline, x: f32, down: vec2f, rows: vec2f) -> f32 {
+    let inside = clamp(x, -1.0, 1.0);
+    let half = outline.width * sqrt(max(1.0 - inside * inside, 0.0));
+    let first = clamp(inside * outline.skew - half, down.x, down.y);
+    let last = clamp(inside * outline.skew + half, down.x, down.y);
+    let before = ball_segment(first) - rows.x;
+    let after = rows.y - ball_segment(last);
+    let full = select(before, -before, x + outline.skew < 0.0) + select(after, -after, x - outline.skew < 0.0);
+    let middle = (first + last) * 0.5;
+    return full * outline.width + (last - first) * (inside - outline.skew * middle);
+}
+
+// Returns the area of the ellipse inside a pixel whose upper left corner has this offset from the ellipse's centre.
+fn outline_coverage(outline: Outline, corner: vec2f) -> f32 {
+    let down = clamp(vec2f(corner.y, corner.y + 1.0) / outline.extent.y, vec2f(-1.0, -1.0), vec2f(1.0, 1.0));
+    let rows = vec2f(ball_segment(down.x), ball_segment(down.y));
+    let left = ball_left_of(outline, corner.x / outline.extent.x, down, rows);
+    let right = ball_left_of(outline, (corner.x + 1.0) / outline.extent.x, down, rows);
+    return ball_limited((right - left) * (outline.extent.x * outline.extent.y));
+}
+
+// Returns the greatest coverage that is the rounding of 0.
+fn outline_rounding(outline: Outline) -> f32 {
+    return outline.extent.x * outline.extent.y * 4e-7;
+}
+
+// Approximates outline_coverage for a large ellipse by the half plane of its tangent.
+fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
+    let at = outline_unit(outline, corner + 0.5);
+    let length = sqrt(at.x * at.x + at.y * at.y);
+    let u_x = 1.0 / (outline.width * outline.extent.x);
+    let v_y = 1.0 / outline.extent.y;
+    let u_y = -(outline.skew / outline.width) * v_y;
+    let safe = max(length, 1e-3);
+    let gradient = vec2f(at.x * u_x / safe, (at.x * u_y + at.y * v_y) / safe);
+    let slope = v2_length(gradient);
+    let distance = (1.0 - length) / slope;
+    let normal = abs(gradient) / slope;
+    let a = max(normal.x, normal.y);
+    let b = max(min(normal.x, normal.y), 1e-3);
+    let sum = (a + b) * 0.5;
+    let difference = (a - b) * 0.5;
+    let p = max(distance + sum, 0.0);
+    let q = max(distance + difference, 0.0);
+    let r = max(distance - difference, 0.0);
+    let s = max(distance - sum, 0.0);
+    let scale = 1.0 / (a * b);
+    let chord = ((p - q) - (r - s)) * scale;
+    let area = ((p * p - q * q) - (r * r - s * s)) * 0.5 * scale;
+    return ball_limited(area - slope * chord * chord * (1.0 / 24.0) * chord);
+}
+
+// The point of a ball that a pixel's centre shows.
+struct BallHit {
+    // Unit outward normal, view axes.
+    normal: vec3f,
+    // Depth over that of the centre (perspective), or less that (orthographic).
+    depth: f32,
+}
+
+// Returns the point. `center` is p_xy/p_z, `size` radius/p_z (orthographic: the radius), and `offset` the pixel's
+// distance from the centre's projection over the focal length.
+fn ball_hit_new(center: vec2f, size: f32, offset: vec2f, projection: Projection) -> BallHit {
+    if projection.kind == ORTHOGRAPHIC {
+        let root = sqrt(max(size * size - v2_dot(offset, offset), 0.0));
+        return BallHit(unit(vec3f(offset, -root)), -root);
+    }
+    let ray = vec3f(center + offset, 1.0);
+    let square = v3_dot(ray, ray);
+    let along = v2_dot(ray.xy, offset);
+    let turn = difference_of_products(center.x, offset.y, center.y, offset.x);
+    let missed = v2_dot(offset, offset) + turn * turn;
+    let root = sqrt(max(square * size * size - missed, 0.0));
+    let tau = -(along + root) / square;
+    return BallHit(unit(vec3f(ray.xy * tau + offset, tau)), 1.0 + tau);
+}

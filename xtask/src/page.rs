@@ -1,0 +1,46 @@
+//! The page of `surfel view`: its tests in headless Chromium.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::python::{self, Tested};
+
+/// Folder of the tests.
+const TESTS: &str = "crates/surfel-view/tests/page";
+/// Files of the tests.
+const FILES: [&str; 4] = ["package.json", "browser.mjs", "test.mjs", "measure.mjs"];
+const CHROMIUM: &str = "/usr/bin/chromium";
+
+/// Tests the page by the program that the earlier tests have built. With `full`, installs Chromium and npm's packages
+/// where they are missing.
+pub(crate) fn test(root: &Path, full: bool) -> Tested {
+    println!("\n== page of surfel view");
+    let runs = |command: &mut Command| command.status().is_ok_and(|status| status.success());
+    if !runs(Command::new("node").arg("--version").stdout(Stdio::null()).stderr(Stdio::null())) {
+        return Tested::Skipped("no node".to_owned());
+    }
+    if full && !Path::new(CHROMIUM).exists() {
+        let install = ["install", "-q", "-y", "--no-install-recommends", "chromium"];
+        runs(Command::new("apt-get").args(install).env("DEBIAN_FRONTEND", "noninteractive"));
+    }
+    if !Path::new(CHROMIUM).exists() {
+        return Tested::Skipped(format!("no {CHROMIUM}: apt-get install chromium"));
+    }
+    let folder = python::target(root).join("page-tests");
+    let copy = |name: &&str| std::fs::copy(root.join(TESTS).join(name), folder.join(name)).map(drop);
+    if let Err(why) = std::fs::create_dir_all(&folder).and_then(|()| FILES.iter().try_for_each(copy)) {
+        eprintln!("error: {} can't be written: {why}", folder.display());
+        return Tested::Failed;
+    }
+    if full && !runs(Command::new("npm").args(["install", "--silent", "--no-audit", "--no-fund"]).current_dir(&folder))
+    {
+        return Tested::Skipped("npm could not install playwright-core and axe-core".to_owned());
+    }
+    if !folder.join("node_modules").is_dir() {
+        return Tested::Skipped(format!("no packages: npm install in {}", folder.display()));
+    }
+    let program = python::target(root).join("debug").join("surfel");
+    let mut command = Command::new("node");
+    command.arg(folder.join("test.mjs")).arg(program).arg(folder.join("screenshots"));
+    if runs(&mut command) { Tested::Passed } else { Tested::Failed }
+}

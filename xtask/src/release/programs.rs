@@ -1,0 +1,240 @@
+//! Steps on the program: the tarball for any Linux, and the Debian package.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran, version};
+use crate::{cargo, python};
+
+/// Platforms of the program: triple, and Debian's name of the processor.
+const PLATFORMS: [(&str, &str); 2] = [("x86_64-unknown-linux-gnu", "amd64"), ("aarch64-unknown-linux-gnu", "arm64")];
+
+/// Maintainer of the Debian packages: a name and an address that the owner reads.
+const MAINTAINER: &str = "The Surfel authors <surfel@example.invalid>";
+
+/// Oldest C library that the program runs with.
+const GLIBC: &str = "2.17";
+
+/// Debian release with an old C library (2.19), and where its packages are.
+const OLD_DEBIAN: [&str; 2] = ["jessie", "http://archive.debian.org/debian"];
+
+/// Texts that every package of the program contains.
+const TEXTS: [&str; 6] =
+    ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE", "THIRD-PARTY.txt", "packaging/surfel.cdx.json"];
+
+/// Builds the program with all features for each platform, and makes a tarball of each with a checksum.
+pub(super) fn tarball(place: &Place) -> Verdict {
+    let zig = [("ziglang", "ziglang"), ("cargo-zigbuild", "cargo_zigbuild")];
+    let python = match python::environment(&place.root, &zig) {
+        Ok(python) => python,
+        Err(why) => return Verdict::Skipped(why),
+    };
+    let built = || {
+        fresh(&place.out.join("programs"))?;
+        let mut made = Vec::new();
+        for (triple, _) in PLATFORMS {
+            if !python::has_target(&place.root, triple) {
+                println!("{triple}: skipped, rustup target add {triple}");
+                continue;
+            }
+            let mut command = cargo(&place.root);
+            command.args(["zigbuild", "--release", "--locked", "--package", "surfel-cli", "--all-features"]);
+            command.args(["--target", &format!("{triple}.{GLIBC}")]);
+            command.env("PATH", python::path(&place.root)?).env("CARGO_ZIGBUILD_PYTHON_PATH", &python);
+            ran(&mut command)?;
+            let program = python::target(&place.root).join(triple).join("release").join("surfel");
+            made.push(pack(place, &program, triple)?);
+        }
+        if made.is_empty() {
+            return Err("no platform was built".to_owned());
+        }
+        checksums(&place.out.join("programs"))?;
+        let tried = in_old_debian(place)?;
+        let sizes = made.iter().map(|tarball| format!("{} {} KB", name_of(tarball), bytes_of(tarball) / 1000));
+        Ok(format!("{}; {tried}", sizes.collect::<Vec<_>>().join(", ")))
+    };
+    built().into()
+}
+
+/// Lays out the program below a folder as it is installed: program, completions, man page and texts.
+fn stage(place: &Place, program: &Path, folder: &Path, documents: &str) -> Result<(), String> {
+    // Completions and man page don't depend on the processor, so the host's program prints them where there is one.
+    let host = python::target(&place.root).join(PLATFORMS[0].0).join("release").join("surfel");
+    let printer = if host.is_file() { &host } else { program };
+    let write = |name: &str, bytes: &[u8]| {
+        let file = folder.join(name);
+        let written =
+            std::fs::create_dir_all(file.parent().unwrap_or(folder)).and_then(|()| std::fs::write(&file, bytes));
+        written.map_err(|error| format!("{}: {error}", file.display()))
+    };
+    let printed = |words: &[&str]| output(Command::new(printer).args(words));
+    write("share/man/man1/surfel.1", &printed(&["man"])?)?;
+    write("share/bash-completion/completions/surfel", &printed(&["completions", "bash"])?)?;
+    write("share/zsh/site-functions/_surfel", &printed(&["completions", "zsh"])?)?;
+    write("share/fish/vendor_completions.d/surfel.fish", &printed(&["completions", "fish"])?)?;
+    for name in TEXTS {
+        let bytes = std::fs::read(place.root.join(name)).map_err(|error| format!("{name}: {error}"))?;
+        write(&format!("{documents}{}", name_of(Path::new(name))), &bytes)?;
+    }
+    let copy = || {
+        std::fs::create_dir_all(folder.join("bin"))?;
+        std::fs::copy(program, folder.join("bin").join("surfel"))
+    };
+    copy().map_err(|error| format!("{}: {error}", program.display()))?;
+    Ok(())
+}
+
+/// Makes the tarball of a platform, with the same bits whenever and wherever it is made.
+fn pack(place: &Place, program: &Path, triple: &str) -> Result<PathBuf, String> {
+    let name = format!("surfel-{}-{triple}", version(&place.root)?);
+    let programs = place.out.join("programs");
+    let folder = programs.join(&name);
+    fresh(&folder)?;
+    stage(place, program, &folder, "")?;
+    let tarball = programs.join(format!("{name}.tar.gz"));
+    let mut tar = Command::new("tar");
+    tar.current_dir(&programs).args(["--sort=name", "--owner=0", "--group=0", "--numeric-owner", "--mode=u=rwX,go=rX"]);
+    tar.arg(format!("--mtime=@{}", epoch(&place.root))).args(["--use-compress-program=gzip -9 -n", "-cf"]);
+    ran(tar.arg(&tarball).arg(&name))?;
+    Ok(tarball)
+}
+
+/// Writes SHA256SUMS of a folder's archives.
+fn checksums(folder: &Path) -> Result<(), String> {
+    let names = files_in(folder, &[".tar.gz", ".deb"]);
+    let sums = output(Command::new("sha256sum").current_dir(folder).args(names.iter().map(|file| name_of(file))))?;
+    std::fs::write(folder.join("SHA256SUMS"), sums).map_err(|error| format!("SHA256SUMS: {error}"))
+}
+
+/// Draws with the tarball's program in a folder with an old Debian.
+fn in_old_debian(place: &Place) -> Result<String, String> {
+    let [release, mirror] = OLD_DEBIAN;
+    if !is_here("debootstrap", "--version") {
+        return Ok(format!("not tried in Debian {release}: no debootstrap (apt-get install debootstrap)"));
+    }
+    let folder = place.out.join(release);
+    if !folder.join("usr").is_dir() {
+        let mut bootstrap = Command::new("debootstrap");
+        bootstrap.args(["--no-check-gpg", "--variant=minbase", release]).arg(&folder);
+        ran(bootstrap.arg(mirror))?;
+    }
+    let own = format!("surfel-{}-{}-unknown-linux-gnu", version(&place.root)?, std::env::consts::ARCH);
+    let program = place.out.join("programs").join(own).join("bin").join("surfel");
+    let put = |from: &Path, to: &str| {
+        std::fs::copy(from, folder.join(to)).map_err(|error| format!("{}: {error}", from.display()))
+    };
+    put(&program, "surfel")?;
+    put(&place.root.join("assets").join("spot").join("spot.obj"), "spot.obj")?;
+    ran(Command::new("chroot").arg(&folder).args(["/surfel", "/spot.obj", "-o", "/spot.png", "--force"]))?;
+    Ok(format!("Debian {release} drew {}", folder.join("spot.png").display()))
+}
+
+/// Makes the Debian packages of the programs that the step `tarball` built.
+pub(super) fn debian(place: &Place) -> Verdict {
+    if !is_here("dpkg-deb", "--version") {
+        return Verdict::Skipped("no dpkg-deb: apt-get install dpkg".to_owned());
+    }
+    let built = || {
+        let mut made = Vec::new();
+        for (triple, processor) in PLATFORMS {
+            let program = python::target(&place.root).join(triple).join("release").join("surfel");
+            if program.is_file() {
+                made.push(package(place, &program, processor)?);
+            }
+        }
+        let tried = made.iter().find(|deb| name_of(deb).contains("amd64")).map(|deb| inspected(deb)).transpose()?;
+        match (made.is_empty(), tried) {
+            (true, _) => Ok(Verdict::Skipped("no program was built by the step tarball".to_owned())),
+            (false, tried) => {
+                checksums(&place.out.join("programs"))?;
+                let sizes = made.iter().map(|deb| format!("{} {} KB", name_of(deb), bytes_of(deb) / 1000));
+                let sizes: Vec<String> = sizes.chain(tried).collect();
+                Ok(Verdict::Passed(sizes.join(", ")))
+            }
+        }
+    };
+    built().unwrap_or_else(Verdict::Failed)
+}
+
+/// Makes one Debian package.
+fn package(place: &Place, program: &Path, processor: &str) -> Result<PathBuf, String> {
+    let version = version(&place.root)?;
+    let programs = place.out.join("programs");
+    let folder = programs.join(format!("debian-{processor}"));
+    fresh(&folder.join("DEBIAN"))?;
+    stage(place, program, &folder.join("usr"), "share/doc/surfel/")?;
+    ran(Command::new("gzip").args(["-9", "-n"]).arg(folder.join("usr/share/man/man1/surfel.1")))?;
+    // Debian's names of what the tarball contains.
+    let documents = folder.join("usr/share/doc/surfel");
+    let rename = |from: &str, to: &str| {
+        std::fs::rename(documents.join(from), documents.join(to)).map_err(|error| format!("{from}: {error}"))
+    };
+    rename("LICENSE-MIT", "copyright")?;
+    rename("CHANGELOG.md", "changelog")?;
+    ran(Command::new("gzip").args(["-9", "-n"]).arg(documents.join("changelog")))?;
+    let zsh = folder.join("usr/share/zsh");
+    std::fs::create_dir_all(zsh.join("vendor-completions")).map_err(|error| error.to_string())?;
+    std::fs::rename(zsh.join("site-functions/_surfel"), zsh.join("vendor-completions/_surfel"))
+        .and_then(|()| std::fs::remove_dir(zsh.join("site-functions")))
+        .map_err(|error| format!("{}: {error}", zsh.display()))?;
+    std::fs::write(folder.join("DEBIAN/control"), control(&version, processor, kibibytes(&folder)))
+        .map_err(|error| format!("control: {error}"))?;
+    let deb = programs.join(format!("surfel_{version}_{processor}.deb"));
+    let mut build = Command::new("dpkg-deb");
+    build.env("SOURCE_DATE_EPOCH", epoch(&place.root)).args(["--root-owner-group", "-Zxz", "--build"]);
+    ran(build.arg(&folder).arg(&deb))?;
+    Ok(deb)
+}
+
+/// Text of the Debian package, wrapped as Debian's policy asks for.
+const DESCRIPTION: &str = "\
+Description: draws scans, point clouds and meshes as smooth surfaces
+ Each point becomes a small disk that lies in the surface, filtered for the
+ screen and blended with its neighbours. Surfel draws images with depth and
+ normals, and orthoimages and surface models as GeoTIFF. It needs no GPU.
+";
+
+fn control(version: &str, processor: &str, kibibytes: u64) -> String {
+    format!(
+        "Package: surfel\nVersion: {version}\nArchitecture: {processor}\n\
+         Maintainer: {MAINTAINER}\nInstalled-Size: {kibibytes}\n\
+         Depends: libc6 (>= {GLIBC}), libgcc-s1 | libgcc1\nRecommends: libvulkan1\nSection: graphics\n\
+         Priority: optional\nHomepage: https://example.invalid/surfel\n{DESCRIPTION}"
+    )
+}
+
+/// Returns the size of a folder's files in KiB.
+fn kibibytes(folder: &Path) -> u64 {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
+    let sizes = entries.map(|path| if path.is_dir() { kibibytes(&path) } else { bytes_of(&path).div_ceil(1024) });
+    sizes.sum()
+}
+
+/// Unpacks a package, and draws with its program.
+fn inspected(deb: &Path) -> Result<String, String> {
+    let folder = deb.with_extension("unpacked");
+    fresh(&folder)?;
+    ran(Command::new("dpkg-deb").arg("--extract").arg(deb).arg(&folder))?;
+    if !cfg!(target_arch = "x86_64") {
+        return Ok("its program wasn't tried on this processor".to_owned());
+    }
+    let printed = output(Command::new(folder.join("usr/bin/surfel")).arg("--version"))?;
+    Ok(format!("its program is {}", String::from_utf8_lossy(&printed).trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn debian_control_has_the_fields_of_policy() {
+        let control = control("1.2.3", "amd64", 7);
+        for field in ["Package: surfel", "Version: 1.2.3", "Architecture: amd64", "Installed-Size: 7", "Maintainer: "] {
+            assert!(control.lines().any(|line| line.starts_with(field)), "{field}");
+        }
+        assert!(
+            control.ends_with(".\n") && control.lines().all(|line| !line.is_empty() && line.len() <= 80),
+            "{control}"
+        );
+    }
+}
