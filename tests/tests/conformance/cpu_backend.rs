@@ -144,7 +144,7 @@ fn cpu_sums_in_f32_where_f16_would_do() {
 #[test]
 fn cpu_region_is_the_same_bits_as_that_part_of_the_whole() {
     let mut cpu = renderer(2, SimdLevel::Best);
-    for case in &drawn() {
+    for case in drawn().iter().filter(|case| case.region.is_none()) {
         let [width, height] = case.camera.size;
         // An odd corner, so that tiles and runs start elsewhere than in the whole image.
         let region = Region { x: width / 3, y: height / 4, width: width.div_ceil(2), height: height.div_ceil(2) };

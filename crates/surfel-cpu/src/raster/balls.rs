@@ -58,6 +58,8 @@ pub(crate) struct BallFragments {
     taken: [usize; LANES],
     /// Number of balls that were evaluated.
     pub tested: u32,
+    /// Number of their fragments in the block's pixels, hidden ones among them.
+    pub inside: u32,
 }
 
 /// Index of a pixel's fragment.
@@ -73,7 +75,7 @@ impl BallFragments {
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, list: BallList<'_>, limit: Lanes<S>) {
         let BallList { balls, at, projection } = list;
         self.fragments.clear();
-        self.tested = 0;
+        (self.tested, self.inside) = (0, 0);
         let mut end = limit;
         let (mut farthest, mut is_nearer) = (largest(end), false);
         for (index, ball) in (0..).zip(balls) {
@@ -92,6 +94,7 @@ impl BallFragments {
             if bits == 0 {
                 continue;
             }
+            self.inside += bits.count_ones();
             if ball.alpha >= 1.0 {
                 let full = there & coverage.one().le(coverage);
                 if full.to_bitmask() != 0 {

@@ -296,6 +296,7 @@ impl<'a> CompositeJob<'a> {
                 let list = BallList { balls: balls.of(block_number), at, projection: lighting.projection() };
                 ball_fragments.gather(simd, list, ends.front);
                 counters.block_pairs += u64::from(ball_fragments.tested);
+                counters.inside += u64::from(ball_fragments.inside);
                 let full = ball_fragments.full_depth(simd, list.balls);
                 let factors = self.extras.ball_factors;
                 let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
