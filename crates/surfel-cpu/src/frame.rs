@@ -239,7 +239,7 @@ impl Drawing<'_> {
         }
         *scratch = own.for_others();
         totals.add_cell(&splats, bytes);
-        totals.add_balls(&balls);
+        totals.add_balls(&balls, balls.counted(view.region, cell.region));
         pools.setup.give_back(splats.segments);
     }
 

@@ -55,10 +55,10 @@ impl Totals {
         self.cell_bytes = self.cell_bytes.max(splats.bytes() + bytes);
     }
 
-    /// Counts a cell's balls.
-    pub(crate) fn add_balls(&mut self, balls: &BallSegment) {
+    /// Counts a cell's balls, of which `drawn` are counted in no other cell.
+    pub(crate) fn add_balls(&mut self, balls: &BallSegment, drawn: usize) {
         self.set_up += balls.set_up as u64;
-        self.drawn += balls.records.len() as u64;
+        self.drawn += drawn as u64;
         self.tile_pairs += balls.lists.len() as u64;
         self.bytes += balls.bytes() as u64;
     }

@@ -12,6 +12,7 @@ use fearless_simd::prelude::SimdMask;
 use glam::Vec3;
 use surfel_math::ball::{LARGE_PX, Outline};
 use surfel_math::{Real, V2, V3};
+use surfel_render::Region;
 
 /// A ball or dot on the screen.
 #[derive(Clone, Copy)]
@@ -56,6 +57,21 @@ impl BallSegment {
     /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         size_of_val(self.records.as_slice()) + self.lists.bytes()
+    }
+
+    /// Returns the number of balls whose centre lies in `cell` after clamping to the view's region `whole`, so that each
+    /// ball is counted in one cell of the view.
+    pub(crate) fn counted(&self, whole: Region, cell: Region) -> usize {
+        let is_in = |pixel: f32, [first, length]: [u32; 2], [start, count]: [u32; 2]| {
+            let pixel = pixel.clamp(first as f32, (first + length).saturating_sub(1) as f32);
+            (start as f32..(start + count) as f32).contains(&pixel)
+        };
+        let is_counted = |ball: &&BallRecord| {
+            let [x, y] = ball.base;
+            is_in(x, [whole.x, whole.width], [cell.x, cell.width])
+                && is_in(y, [whole.y, whole.height], [cell.y, cell.height])
+        };
+        self.records.iter().filter(is_counted).count()
     }
 
     /// Projects the balls of these chunks that may touch the `drawn` blocks of the grid's region. With `alphas`, a
