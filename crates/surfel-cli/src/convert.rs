@@ -86,7 +86,7 @@ fn hybrid(args: &Options, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
     let options = &args.render.splats;
     let request = ConvertRequest { path: input(args), options, stdin: bytes(args)? };
-    let (octree, notes) = surfel::load_octree(input(args), &request.load_options()?, &progress)?;
+    let (octree, notes) = surfel::octree::load_octree(input(args), &request.load_options()?, &progress)?;
     drop(progress);
     for note in &notes {
         console.note(&format!("{}: {note}", stdin::display(input(args))));

@@ -323,7 +323,7 @@ fn gpu_backends_draw_what_the_cpu_draws() {
         // The image is the backend's own, not the other backend's file.
         let stats = f.run(&format!("a.ply --stats --size 8x8 --backend {backend}")).code(0).json();
         assert_eq!(stats["backend"], backend);
-        assert!(stats["passes"]["visibility"].is_number() || stats["passes"].as_object().unwrap().is_empty());
+        assert!(stats["passes"].as_object().unwrap().values().all(Value::is_number));
     }
 }
 

@@ -103,7 +103,7 @@ pub(crate) fn convert(
                 return Ok(report.notes.into_iter().chain([summary]).collect());
             }
             if hybrid {
-                let (octree, notes) = surfel::load_octree(path, &request.load_options()?, progress)?;
+                let (octree, notes) = surfel::octree::load_octree(path, &request.load_options()?, progress)?;
                 surfel::io::save_octree(&output, force, &octree)?;
                 return Ok(notes);
             }

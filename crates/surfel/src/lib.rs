@@ -81,7 +81,7 @@
 //! | Start a backend; list those that work here | [`Backend`], [`BackendOptions`], [`backends`] |
 //! | Describe what is drawn | [`Scene`], [`SplatCloud`], [`Camera`], [`Light`], [`Material`], [`Settings`], [`model`] |
 //! | Render planes, regions and statistics | [`Renderer`], [`View`], [`Planes`], [`Frame`], [`Stats`], [`render`] |
-//! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`load_octree`] |
+//! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`octree`] |
 //! | Load a scene file | [`load_scene`], [`scene`] |
 //! | Apply the flags of `surfel render` | [`request`], [`values`] |
 //! | Draw a scene many times with changing options; pick | [`session`] |
@@ -141,7 +141,7 @@ pub mod memory;
 mod mesh_columns;
 pub mod metadata;
 mod noise;
-mod octree;
+pub mod octree;
 pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho;
@@ -179,7 +179,6 @@ pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends}
 pub use error::Error;
 pub use level_store::LevelStore;
 pub use load::{Conversion, LoadOptions, LoadedCloud, load};
-pub use octree::load_octree;
 pub use render_options::RenderOptions;
 pub use scene::load_scene;
 pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};

@@ -169,8 +169,11 @@ mod tests {
 
     /// Returns disks at random places on a unit square, off its plane by up to `off`.
     fn square(count: usize, off: f64) -> SplatCloud {
-        let random = |k: usize| (k as f64 * 0.754_877_666_246_693).fract();
-        let place = |k: usize| [random(3 * k), random(7 * k + 1), off * (random(11 * k + 2) - 0.5)];
+        // Multiples of three unrelated numbers fill a cube evenly.
+        let fraction = |k: usize, step: f64| (k as f64 * step).fract();
+        let place = |k: usize| {
+            [fraction(k, 0.754_877_666), fraction(k, 0.569_840_291), off * (fraction(k, 0.414_213_562) - 0.5)]
+        };
         let places: Vec<[f32; 3]> = (0..count).map(|k| place(k).map(|x| x as f32)).collect();
         let radius = (surfel_sample::DENSITY / (count as f64).sqrt()) as f32;
         SplatCloud::disks(&places, &vec![[0.0, 0.0, 1.0_f32]; count], &vec![radius; count]).unwrap()

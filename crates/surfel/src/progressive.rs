@@ -82,9 +82,10 @@ pub fn resolve<E: From<Error>>(
     each(request.resolve(loaded, progress, note)?, Detail::Full)
 }
 
-/// Returns the request for an even selection of [`FIRST_POINTS`] of each file.
+/// Returns the request for an even selection of [`FIRST_POINTS`] of each file, with estimates of its own.
 fn sample_of(request: &Request) -> Request {
-    request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0)
+    let coarse = request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0);
+    coarse.with_estimates(Arc::default())
 }
 
 /// Loads a coarse selection of points of files without levels of detail, and returns its request. `None` for files with

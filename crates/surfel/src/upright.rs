@@ -363,9 +363,11 @@ impl Shape {
         self.floors[up as usize]
     }
 
-    /// Returns the evidence of a depth camera that has this direction up, 0 to 1.
+    /// Returns the evidence of a depth camera that has this direction up, 0 to 1; 0 for terrain, which a camera far
+    /// below would see in the same way.
     fn camera_up(&self, up: Up) -> f64 {
         match up {
+            _ if self.ground[2] => 0.0,
             Up::MinusY => self.camera[0],
             Up::PlusY => self.camera[1],
             _ => 0.0,

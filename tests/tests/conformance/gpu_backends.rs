@@ -7,9 +7,7 @@ use glam::DVec3;
 use std::sync::OnceLock;
 use surfel_ash::Limits;
 use surfel_conformance::build::{Splat, camera, cloud, object, with_alpha};
-use surfel_conformance::harness::{
-    ABSOLUTE, RELATIVE, Truth, Verdict, check, compare_frames, reference_frame, render,
-};
+use surfel_conformance::harness::{ABSOLUTE, RELATIVE, Truth, Verdict, check, compare_frames, reference_frame, render};
 use surfel_conformance::polygons::{mesh_object, quad};
 use surfel_conformance::scenes::{self, Case};
 use surfel_model::Storage;

@@ -40,6 +40,12 @@ fn splats_in_16_bits_are_those_of_the_cpu() {
     {
         draws_what_the_cpu_does(&mut narrow, &mut wide);
     }
+}
+
+#[test]
+#[ignore = "minutes on a software driver: cargo xtask test --full"]
+fn splats_in_16_bits_on_wgpu_are_those_of_the_cpu() {
+    let all = Limits::default();
     if let (Some(mut narrow), Some(mut wide)) =
         (validated_gpu::wgpu_with(all, Storage::Quantised), validated_gpu::wgpu())
     {

@@ -178,6 +178,7 @@ class _Figure(TypedDict, total=False):
     view: str | tuple[float, float]
     up: Literal["auto", "+x", "-x", "+y", "-y", "+z", "-z"]
     ortho: bool
+    ortho_height: float
     fov_y: float
     eye: _Numbers
     target: _Numbers
