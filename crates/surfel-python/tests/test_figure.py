@@ -30,9 +30,28 @@ def test_figures_are_saved_and_wrong_ones_refused(tmp_path):
         figure.save(tmp_path / "a.tif")
     with pytest.raises(surfel.UsageError, match="at least two"):
         surfel.figure([points], error_row=True)
-    with pytest.raises(surfel.UsageError, match="shape"):
-        surfel.figure([points[:, :2]])
+    with pytest.raises(surfel.InputError, match=r"inputs\[1\]: points: shape \(300, 2\)"):
+        surfel.figure([points, points[:, :2]])
+    with pytest.raises(surfel.InputError, match=r"^inputs\[0\]: the point cloud has no points"):
+        surfel.figure([np.full((4, 3), np.nan)])
+    with pytest.raises(TypeError, match=r"inputs\[0\]: points: dtype"):
+        surfel.figure([np.array(["chair"])])
+    with pytest.raises(surfel.UsageError, match="annotate=scales: expected some of scale, axes, north"):
+        surfel.figure([points], annotate=["scales"])
     with pytest.raises(surfel.UsageError, match="titles"):
         surfel.figure([points], titles=["a", "b"])
     with pytest.raises(TypeError, match="error_row"):
         surfel.figure([points], error_rows=True)
+
+
+def test_figures_read_arrays_as_scenes_do():
+    points, _ = sphere(900)
+    masked = np.ma.masked_array(points, mask=np.repeat(points[:, 2:] > 0.5, 3, axis=1))
+    integers = np.rint(points * 1000).astype(np.int64)
+    table = np.rec.fromarrays(points.T, names="x,y,z")
+    figure = surfel.figure([points, masked, integers, table], **SMALL)
+    hidden = int((points[:, 2] > 0.5).sum())
+    assert f"inputs[1]: dropped {hidden} points whose coordinates are not finite" in figure.notes
+    assert any(note.startswith(f"inputs[1]: a point cloud: {900 - hidden} splats") for note in figure.notes)
+    assert any(note.startswith("inputs[3]: a point cloud: 900 splats") for note in figure.notes)
+    assert not any("surfel-" in note for note in figure.notes), "no name of a temporary folder"

@@ -396,7 +396,7 @@ def convert(
     **flags: Unpack[_Convert],
 ) -> list[str]: ...
 def figure(
-    inputs: _Path | Iterable[_Path | ArrayLike] | Mapping[str, _Path | ArrayLike], **flags: Unpack[_Figure]
+    inputs: _Path | Iterable[Any] | Mapping[str, Any], **flags: Unpack[_Figure]
 ) -> Figure: ...
 def ortho(
     inputs: _Path | Iterable[_Path] | Scene,

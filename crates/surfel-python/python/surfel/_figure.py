@@ -5,8 +5,8 @@ from __future__ import annotations
 import os
 import tempfile
 
-from . import _flags, _native
-from ._errors import UsageError
+from . import _adapters, _arrays, _flags, _native
+from ._errors import Error, InputError, UsageError
 
 
 class Figure:
@@ -18,10 +18,10 @@ class Figure:
         Notes that the program prints on stderr.
     """
 
-    def __init__(self, native):
+    def __init__(self, native, notes):
         self._native = native
         self._rgba = None
-        self.notes = native.notes
+        self.notes = notes
 
     @property
     def size(self) -> tuple[int, int]:
@@ -89,9 +89,9 @@ def figure(inputs, **flags) -> Figure:
 
     Parameters
     ----------
-    inputs : list or dict of path-like or array-like
-        Files or point arrays of shape (n, 3), a panel for each. The keys of a dict are the panels' titles. A single file
-        may be a scene file.
+    inputs : list or dict of path-like, array-like or object
+        Files, point arrays of shape (n, 3), or objects that `scene` accepts, a panel for each. The keys of a dict are
+        the panels' titles. A single file may be a scene file.
     **flags
         Flags of `surfel figure`, such as `title="Completion"`, `titles=["truth", "ours"]`, `error_row=True`,
         `annotate=["scale", "axes"]`, `width="174mm"`; also those of `Scene.render` for camera, light and colours.
@@ -127,8 +127,20 @@ def figure(inputs, **flags) -> Figure:
         flags["error_row"] = None
     given = _flags.texts(flags, _flags.FIGURE, "figure")
     with tempfile.TemporaryDirectory(prefix="surfel-") as folder:
-        paths = [_path(item, i, folder) for i, item in enumerate(inputs)]
-        return Figure(_native.figure(paths, given))
+        notes: list[str] = []
+        paths = [_path(item, i, folder, notes) for i, item in enumerate(inputs)]
+
+        def named(text: str) -> str:
+            for i, path in enumerate(paths):
+                if os.path.dirname(path) == folder:
+                    text = text.replace(path, f"inputs[{i}]")
+            return text
+
+        try:
+            native = _native.figure(paths, given)
+        except Error as error:
+            raise type(error)(named(str(error))) from None
+        return Figure(native, [*notes, *map(named, native.notes)])
 
 
 def _list(name: str, titles) -> str | None:
@@ -140,15 +152,20 @@ def _list(name: str, titles) -> str | None:
     return ",".join(titles)
 
 
-def _path(item, i: int, folder: str) -> str:
-    """Returns the path of a file, or of a file that points are written to."""
+def _path(item, i: int, folder: str, notes: list[str]) -> str:
+    """Returns the path of a file, or of a file that points or an object are written to."""
     if isinstance(item, (str, os.PathLike)):
         return os.fspath(item)
-    import numpy as np
-
-    points = np.asarray(item)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise UsageError(f"inputs[{i}]: an array of shape {points.shape}, expected a file or points of shape (n, 3)")
-    path = os.path.join(folder, f"{i + 1}.npy")
-    np.save(path, points.astype(np.float64 if points.dtype == np.float64 else np.float32))
+    try:
+        found = _adapters.adapted(item, alone=True)
+        if not isinstance(found, bytes):
+            arrays = found or _arrays.Arrays(item)
+            found, _ = _arrays.to_ply(arrays)
+            notes += arrays.notes
+    except (InputError, TypeError) as error:
+        raise type(error)(f"inputs[{i}]: {error}") from None
+    # The name without its ending is the panel's title, if it is given no other.
+    path = os.path.join(folder, f"{i + 1}.points")
+    with open(path, "wb") as file:
+        file.write(found)
     return path

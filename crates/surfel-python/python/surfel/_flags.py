@@ -75,7 +75,7 @@ def texts(given: dict, known: frozenset, where: str) -> list[tuple[str, str]]:
             continue
         # Each condition and each text is a flag of its own.
         if name in ("where", "text_at") and isinstance(value, (list, tuple)):
-            pairs += [(name, _text(name, one)) for one in value if one is not None]
+            pairs += [(name.replace("_", "-"), _text(name, one)) for one in value if one is not None]
         elif name == "camera" and isinstance(value, (Camera, dict)):
             camera = value if isinstance(value, Camera) else Camera.from_dict(value)
             pairs.append(("camera-object", json.dumps(camera.to_dict())))
