@@ -59,8 +59,8 @@ impl BallSegment {
         size_of_val(self.records.as_slice()) + self.lists.bytes()
     }
 
-    /// Returns the number of balls whose centre lies in `cell` after clamping to the view's region `whole`. Each ball counts
-    /// in one cell of the view.
+    /// Returns the number of balls whose centre lies in `cell` after clamping to the view's region `whole`. Each ball
+    /// counts in one cell of the view.
     pub(crate) fn counted(&self, whole: Region, cell: Region) -> usize {
         let is_in = |pixel: f32, [first, length]: [u32; 2], [start, count]: [u32; 2]| {
             let pixel = pixel.clamp(first as f32, (first + length).saturating_sub(1) as f32);

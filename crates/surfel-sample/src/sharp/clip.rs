@@ -561,7 +561,7 @@ mod tests {
     fn work_of_star(count: u32) -> usize {
         let corner = |i: u32| {
             let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
-            DVec3::new(cos, sin, 0.0) * if i % 2 == 0 { 1.0 } else { 0.1 }
+            DVec3::new(cos, sin, 0.0) * if i.is_multiple_of(2) { 1.0 } else { 0.1 }
         };
         let border = |i: u32| Border {
             conic: Conic::straight(corner(i), corner(i + 1)),
