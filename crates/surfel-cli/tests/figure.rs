@@ -45,6 +45,31 @@ fn figures_are_pdf_svg_and_png() {
 }
 
 #[test]
+fn files_with_few_points_are_drawn_alike() {
+    let f = Folder::new("figure-alike");
+    let sphere = |noise: f64| -> String {
+        let fraction = |i: usize, step: f64| (i as f64 * step).fract();
+        let point = |i: usize| {
+            let (z, a) = (1.0 - (2 * i + 1) as f64 / 2048.0, 2.399_963 * i as f64);
+            let r = 1.0 + noise * (fraction(i, 0.754_877_666) - 0.5);
+            let across = r * (1.0 - z * z).sqrt();
+            format!("{} {} {}\n", across * a.cos(), across * a.sin(), r * z)
+        };
+        (0..2048).map(point).collect()
+    };
+    f.write("smooth.xyz", sphere(0.0));
+    f.write("rough.xyz", sphere(0.2));
+    let said = f.run("figure smooth.xyz -o a.png --size 40x30").code(0).stderr();
+    assert!(!said.contains("balls"), "{said}");
+    let said = f.run("figure smooth.xyz rough.xyz -o b.png --size 40x30").code(0).stderr();
+    for reason in ["smooth.xyz: its points are drawn as balls, because those of other files are", "few and rough"] {
+        assert!(said.contains(reason), "{said}");
+    }
+    let said = f.run("figure smooth.xyz rough.xyz --points-as surface -o c.png --size 40x30").code(0).stderr();
+    assert!(!said.contains("balls"), "{said}");
+}
+
+#[test]
 fn legends_have_the_names_of_classes_and_of_labels() {
     let f = Folder::new("labels");
     f.write("a.csv", classes());

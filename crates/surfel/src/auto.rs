@@ -6,6 +6,7 @@ use crate::framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes,
 use crate::framing::{UpConvention, UpReason, Upright, upright};
 use crate::loaded_objects::{LoadedObjects, ObjectFacts, ObjectNote};
 use crate::patches::Patches;
+use crate::points_as::SparseReason;
 use crate::scene::{assemble, load_bare_objects, load_scene, read_scene_file};
 use crate::{Error, LoadOptions, sheets};
 use std::path::Path;
@@ -115,11 +116,14 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
 }
 
 /// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind
-/// of splat. Returns a note for each. `objects` are those of `loaded`, in order.
+/// of splat. If one has them because its points are few and rough, others with few points have them, too: files that
+/// are compared look alike. Returns a note for each. `objects` are those of `loaded`, in order.
 pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
+    let any_few = loaded.facts.iter().any(|facts| facts.sparse == Some(SparseReason::Few));
     let mut notes = Vec::new();
     for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
-        let Some(reason) = facts.sparse.filter(|_| object.convert.points_as.is_none()) else { continue };
+        let reason = facts.sparse.or((any_few && facts.few).then_some(SparseReason::Others));
+        let Some(reason) = reason.filter(|_| object.convert.points_as.is_none()) else { continue };
         object.convert.points_as = Some(PointsAs::Balls(None));
         let path = object.splats.clone().unwrap_or_default();
         let text =

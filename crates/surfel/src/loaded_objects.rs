@@ -58,6 +58,8 @@ pub struct ObjectFacts {
     pub points: bool,
     /// Reason why the file's points tell no surface, if they don't.
     pub sparse: Option<SparseReason>,
+    /// True if the file's points are so few that they may tell no surface.
+    pub few: bool,
     /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
     /// comment.
     pub sides_known: bool,
@@ -88,6 +90,7 @@ impl Default for ObjectFacts {
             up_reason: None,
             points: false,
             sparse: None,
+            few: false,
             sides_known: false,
             colored: false,
             closed: false,

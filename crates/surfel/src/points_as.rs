@@ -85,6 +85,8 @@ pub enum SparseReason {
     Few,
     /// Many points lie on lines, or are isolated.
     Loose,
+    /// Other files that are drawn with it are few and rough, and its own points are few, without normals and radii.
+    Others,
 }
 
 impl SparseReason {
@@ -96,9 +98,15 @@ impl SparseReason {
         (score >= 1.0).then_some(strongest.0)
     }
 
+    /// True if points may be few enough to tell no surface, whatever their layout.
+    pub(crate) fn may_be_few(report: &PointReport) -> bool {
+        few(report) > 0.0
+    }
+
     /// Returns the reason in the words of a note.
     pub fn words(self) -> &'static str {
         match self {
+            Self::Others => "those of other files are, and they are few",
             Self::Few => "they are few and rough, without normals and radii",
             Self::Loose => "many lie in no surface",
         }
@@ -117,37 +125,46 @@ const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
 /// Fractions of points on lines, or isolated: of a scan, and of a cloud that tells no surface.
 const LOOSE: (f64, f64) = (0.15, 0.45);
 
-/// [`roughness`] up to which points tell their surface, and from which on they don't. Samples of a sphere and of hills
-/// have 0.02 to 0.06; 2,048 points of a chair or a table 0.2 to 0.5.
-const ROUGH: (f64, f64) = (0.08, 0.16);
+/// [`roughness`] up to which points tell their surface, and from which on they don't. 2,048 samples of a sphere and of
+/// hills have 0, 300 of a sphere 0.2; 2,048 of a chair, a bunny or a rocker arm 0.3 to 0.4.
+const ROUGH: (f64, f64) = (0.12, 0.26);
 
-fn strength_of_few(report: &PointReport, cloud: &SplatCloud) -> f64 {
+/// Returns the strength of the number of points alone, from 0 to 1.
+fn few(report: &PointReport) -> f64 {
     if report.splats < FEW.0 || report.normals_given > 0 || report.radii_given > 0 {
         return 0.0;
     }
-    let few = ((FEW.2 / report.splats as f64).ln() / (FEW.2 / FEW.1).ln()).clamp(0.0, 1.0);
+    ((FEW.2 / report.splats as f64).ln() / (FEW.2 / FEW.1).ln()).clamp(0.0, 1.0)
+}
+
+fn strength_of_few(report: &PointReport, cloud: &SplatCloud) -> f64 {
+    let few = few(report);
     if few == 0.0 { 0.0 } else { few * ((roughness(cloud) - ROUGH.0) / (ROUGH.1 - ROUGH.0)).clamp(0.0, 1.0) }
 }
 
 /// Largest number of splats whose neighbours are searched for, and number of neighbours of each.
 const ROUGH_SAMPLES: (usize, usize) = (256, 8);
 
-/// Returns the mean distance of neighbours from a splat's plane, in units of the spacing, over some splats.
+/// Mean distance of neighbours from a splat's plane, in units of the spacing, from which on the splat is rough.
+const OFF_PLANE: f64 = 0.2;
+
+/// Returns the fraction of splats that are rough, from 0 to 1, estimated from some of them.
 fn roughness(cloud: &SplatCloud) -> f64 {
     let (most, neighbours) = ROUGH_SAMPLES;
     if cloud.len() <= neighbours {
         return 0.0;
     }
     let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
-    let mut sum = 0.0;
+    let limit = OFF_PLANE * spacing(cloud) * neighbours as f64;
+    let mut rough = 0;
     let samples: Vec<usize> = (0..cloud.len()).step_by(cloud.len().div_ceil(most)).collect();
     for i in &samples {
         let mut squares: Vec<(f64, usize)> = centers.iter().map(|p| p.distance_squared(centers[*i])).zip(0..).collect();
         squares.select_nth_unstable_by(neighbours, |a, b| a.0.total_cmp(&b.0));
         let off = |(_, k): &(f64, usize)| (centers[*k] - centers[*i]).dot(cloud.normal(*i)).abs();
-        sum += squares[..=neighbours].iter().map(off).sum::<f64>() / neighbours as f64;
+        rough += usize::from(squares[..=neighbours].iter().map(off).sum::<f64>() > limit);
     }
-    sum / samples.len() as f64 / spacing(cloud)
+    rough as f64 / samples.len() as f64
 }
 
 fn strength_of_loose(report: &PointReport, _: &SplatCloud) -> f64 {
@@ -182,7 +199,7 @@ mod tests {
     #[test]
     fn balls_are_chosen_where_points_tell_no_surface() {
         let (rough, smooth) = (square(2048, 0.05), square(2048, 0.0));
-        assert!(roughness(&smooth) < 1e-9 && roughness(&rough) > 0.2, "{}", roughness(&rough));
+        assert!(roughness(&smooth) < 1e-9 && roughness(&rough) > 0.5, "{}", roughness(&rough));
         assert_eq!(SparseReason::of(&report(2048, 0), &rough), Some(SparseReason::Few));
         assert_eq!(SparseReason::of(&report(2048, 0), &smooth), None, "a plane");
         assert_eq!(SparseReason::of(&PointReport { normals_given: 2048, ..report(2048, 0) }, &rough), None);

@@ -330,9 +330,11 @@ fn load_uncolored(
                         } = made;
                         loaded.beside.extend(beside);
                         let is_of_points = matches!(conversion, Conversion::Points(_));
-                        let sparse = match &conversion {
-                            Conversion::Points(report) => SparseReason::of(report, &cloud),
-                            _ => None,
+                        let (sparse, few) = match &conversion {
+                            Conversion::Points(report) => {
+                                (SparseReason::of(report, &cloud), SparseReason::may_be_few(report))
+                            }
+                            _ => (None, false),
                         };
                         let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
                         let transparent = match &geometry {
@@ -362,6 +364,7 @@ fn load_uncolored(
                             up_reason,
                             points,
                             sparse,
+                            few,
                             sides_known,
                             closed,
                             flat,

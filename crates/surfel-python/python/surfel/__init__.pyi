@@ -211,6 +211,7 @@ class _Figure(TypedDict, total=False):
     max_points: int
     all_points: bool
     outliers: Literal["keep", "drop"]
+    points_as: str
     lod_error: float
     all_levels: bool
     splats: int | Literal["auto"]

@@ -230,6 +230,7 @@ FIGURE = frozenset((
     "max_points",
     "all_points",
     "outliers",
+    "points_as",
     "lod_error",
     "all_levels",
     "splats",

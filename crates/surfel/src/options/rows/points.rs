@@ -202,8 +202,8 @@ pub(super) const ROWS: &[Row] = &[
     point(Row::text("points-as", "surface|balls|disks|dots[:R]", |o, text| {
         put(&mut o.render.splats.convert.points_as, values::points_as(text))
     }))
-    .of(Group::Points, Commands::IMAGES)
-    .keyword(Commands::RENDER)
+    .of(Group::Points, Commands::DRAWN)
+    .keyword(Commands::RENDER.and(Commands::FIGURE))
     .help(
         "Draw each point as part of a surface, or as a ball, a disk across its estimated normal or a dot, with radius \
          R in the file's units or in pixels (balls:0.02, dots:2px).",
