@@ -2,7 +2,8 @@
 //! with exact arithmetic, or with a reference that has no difficulty.
 //!
 //! - [`exact`]: a splat in exact arithmetic; `naive`: the published formulas that ours replace, in f32;
-//! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`: all sweeps;
+//! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`,
+//!   `sheets`: all sweeps;
 //! - [`run`]: a backend's results in a sweep; [`page`], [`breaks`]: reports.
 
 mod draw;
@@ -10,6 +11,7 @@ pub mod exact;
 mod naive;
 mod report;
 mod scenes;
+mod sheets;
 mod splats;
 
 pub use draw::{Draw, Outcome, Point, Precision, drawer, first_break, naive_points, run};
@@ -132,6 +134,7 @@ impl Sweep {
 pub fn sweeps() -> Vec<Sweep> {
     let mut all = splats::sweeps();
     all.extend(scenes::sweeps());
+    all.extend(sheets::sweeps());
     all
 }
 
