@@ -86,10 +86,12 @@ fn outline_coverage_of_large(outline: Outline, corner: vec2f) -> f32 {
     let b = max(min(normal.x, normal.y), 1e-3);
     let sum = (a + b) * 0.5;
     let difference = (a - b) * 0.5;
-    let p = max(distance + sum, 0.0);
-    let q = max(distance + difference, 0.0);
-    let r = max(distance - difference, 0.0);
-    let s = max(distance - sum, 0.0);
+    // Farther inside the area is 1, too, but its differences of squares lose all digits.
+    let inside = min(distance, sum);
+    let p = max(inside + sum, 0.0);
+    let q = max(inside + difference, 0.0);
+    let r = max(inside - difference, 0.0);
+    let s = max(inside - sum, 0.0);
     let scale = 1.0 / (a * b);
     let chord = ((p - q) - (r - s)) * scale;
     let area = ((p * p - q * q) - (r * r - s * s)) * 0.5 * scale;

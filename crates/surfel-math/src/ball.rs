@@ -176,6 +176,8 @@ fn beyond<R: Real>(distance: R) -> R {
 fn half_plane<R: Real>(distance: R, a: R, b: R) -> (R, R) {
     let (half, b) = (a.constant(0.5), b.max(a.constant(1e-3)));
     let (sum, difference) = ((a + b) * half, (a - b) * half);
+    // Farther inside the area is 1, too, but its differences of squares lose all digits.
+    let distance = distance.min(sum);
     let (p, q) = (beyond(distance + sum), beyond(distance + difference));
     let (r, s) = (beyond(distance - difference), beyond(distance - sum));
     let scale = a.one() / (a * b);

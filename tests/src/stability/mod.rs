@@ -3,9 +3,10 @@
 //!
 //! - [`exact`]: a splat in exact arithmetic; `naive`: the published formulas that ours replace, in f32;
 //! - [`Sweep`]: a parameter, its images, and the rounding error by the derived law; `splats`, `scenes`,
-//!   `sheets`: all sweeps;
+//!   `sheets`, `balls`: all sweeps;
 //! - [`run`]: a backend's results in a sweep; [`page`], [`breaks`]: reports.
 
+mod balls;
 mod draw;
 pub mod exact;
 mod naive;
@@ -135,6 +136,7 @@ pub fn sweeps() -> Vec<Sweep> {
     let mut all = splats::sweeps();
     all.extend(scenes::sweeps());
     all.extend(sheets::sweeps());
+    all.extend(balls::sweeps());
     all
 }
 
