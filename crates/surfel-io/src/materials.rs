@@ -12,8 +12,12 @@ use std::collections::HashMap;
 use std::sync::Arc;
 use surfel_math::srgb::nearest_8_bit;
 use surfel_model::{
-    AlphaMode, Column3, ExtraColumn, Mesh, MeshMaterial, NormalMap, SeeThroughTextures, Texture, TriangleMaterials,
+    AlphaMode, Column3, ExtraColumn, ExtraValues, Mesh, MeshMaterial, NormalMap, SeeThroughTextures, Texture,
+    TriangleMaterials,
 };
+
+/// Column of triangles, 1 for those that are visible only from outside.
+const SINGLE_SIDED: &str = "single_sided";
 
 /// Material of a part: base colour, alpha mode, normal map and emission.
 #[derive(Clone, Debug)]
@@ -29,6 +33,8 @@ pub(crate) struct Material {
     pub(crate) emission: [f32; 3],
     /// Index of the emission texture in the file's textures, which multiplies the emission.
     pub(crate) emission_map: Option<usize>,
+    /// True if surfaces are visible only from outside.
+    pub(crate) single_sided: bool,
 }
 
 impl Material {
@@ -39,6 +45,7 @@ impl Material {
         normal_map: None,
         emission: [0.0; 3],
         emission_map: None,
+        single_sided: false,
     };
 
     /// True if the material doesn't change colours.
@@ -219,6 +226,12 @@ impl Context<'_> {
             index.min(materials.len()) as u32
         };
         let of_triangle: Vec<u32> = parts.triangles.iter().map(index_of).collect();
+        let is_single = |&i: &u32| u8::from(materials.get(i as usize).is_some_and(|m| m.single_sided));
+        let single_sided: Vec<u8> = of_triangle.iter().map(is_single).collect();
+        // The column is needed only where sides differ.
+        let sides_differ = single_sided.contains(&0) && single_sided.contains(&1);
+        let column = || ExtraColumn { name: SINGLE_SIDED.into(), values: ExtraValues::U8(single_sided) };
+        let triangle_extras = sides_differ.then(column).into_iter().collect();
         let (texture, materials) = shared(TriangleMaterials { materials: all, of_triangle }, alphas.is_some());
         let (origin, positions) =
             if parts.exact { Column3::with_origin(&parts.positions) } else { measured_positions(&parts.positions) };
@@ -233,6 +246,7 @@ impl Context<'_> {
             texture,
             materials,
             vertex_extras: parts.extras,
+            triangle_extras,
             comments: parts.comments,
             ..Mesh::default()
         })

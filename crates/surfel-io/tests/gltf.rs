@@ -10,7 +10,7 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load_bytes};
-use surfel_model::{AlphaMode, Mesh, PointCloud};
+use surfel_model::{AlphaMode, ExtraValues, Mesh, PointCloud};
 
 const F32: u32 = 5126;
 const U8: u32 = 5121;
@@ -264,6 +264,32 @@ fn gltf_material_extensions_are_one_note_and_the_older_model_has_a_color() {
     document["extensionsRequired"] = json!(["KHR_materials_sheen", "EXT_unheard_of"]);
     let error = try_load(&document).unwrap_err();
     assert!(error.contains("requires the glTF extension 'EXT_unheard_of', which is not read"), "{error}");
+}
+
+#[test]
+fn gltf_triangles_have_the_side_of_their_material_if_materials_that_are_used_differ() {
+    let column = |of_primitives: [Value; 3]| {
+        let mut d = Document::default();
+        let position = d.floats(&TRIANGLE, "VEC3", 3);
+        let primitives = of_primitives.map(|material| match material {
+            Value::Null => json!({"attributes": {"POSITION": position}}),
+            material => json!({"attributes": {"POSITION": position}, "material": material}),
+        });
+        let document = d.with(json!({
+            "meshes": [{"primitives": primitives}],
+            "materials": [{}, {"doubleSided": true}, {"doubleSided": false}],
+            "nodes": [{"mesh": 0}],
+        }));
+        let mut extras = mesh(load(&document)).triangle_extras;
+        assert!(extras.len() < 2 && extras.iter().all(|extra| extra.name == "single_sided"));
+        extras.pop().map(|extra| extra.values)
+    };
+    assert_eq!(column([json!(0), json!(1), json!(2)]), Some(ExtraValues::U8(vec![1, 0, 1])));
+    // Triangles without a material have no flag, and count as visible from both sides.
+    assert_eq!(column([json!(2), Value::Null, json!(1)]), Some(ExtraValues::U8(vec![1, 0, 0])));
+    // A file whose exporter never states the flag, and one of a single kind.
+    assert_eq!(column([json!(0), Value::Null, json!(2)]), None);
+    assert_eq!(column([json!(1), json!(1), Value::Null]), None);
 }
 
 /// Returns a document of one textured triangle.

@@ -65,6 +65,8 @@ impl Materials {
         let first_alike = first_alike(asset);
         let primitives = asset.document.gltf.meshes().flat_map(|mesh| mesh.primitives());
         let used: BTreeSet<usize> = primitives.filter_map(|primitive| primitive.material().index()).collect();
+        // Exporters that never state the flag leave all materials single-sided, whatever their surfaces are.
+        let states_sides = used.iter().any(|material| is_double_sided(asset, *material));
         let mut of_image: Vec<Option<Option<usize>>> = vec![None; first_alike.len()];
         for (number, material) in asset.document.gltf.materials().enumerate() {
             let pbr = material.pbr_metallic_roughness();
@@ -80,7 +82,8 @@ impl Materials {
             if alpha == AlphaMode::Opaque {
                 factor[3] = 1.0;
             }
-            let material = Material { factor, alpha, ..Material::WHITE };
+            let single_sided = states_sides && !is_double_sided(asset, number);
+            let material = Material { factor, alpha, single_sided, ..Material::WHITE };
             let mut found = BaseColor { material, transform: None, set: 0, wrap: [Wrap::Repeat; 2] };
             // Uses the first image that can be read: a texture may have a newer format with an older one as fallback.
             let mut read_first = |images: Vec<usize>, context: &mut Context<'_>| {
@@ -153,6 +156,11 @@ impl BaseColor {
         }
         (self.set, self.transform) == (map.set, map.transform)
     }
+}
+
+/// True if a material states that its surfaces are visible from both sides.
+fn is_double_sided(asset: &Asset<'_>, material: usize) -> bool {
+    asset.document.material(material).and_then(|m| m.get("doubleSided")?.as_bool()) == Some(true)
 }
 
 /// Returns a material's emissive colour, linear: the factor times its strength. Unlit materials show only the base

@@ -179,7 +179,8 @@ pub(super) fn resolve(
         if let Some(material) = materials.get_mut(i as usize) {
             let factor = [r, g, b, entry.alpha];
             let alpha = AlphaMode::Blend;
-            *material = Material { factor, texture: image, alpha, normal_map, emission, emission_map };
+            *material =
+                Material { factor, texture: image, alpha, normal_map, emission, emission_map, single_sided: false };
         }
     }
     add_emission(materials.iter_mut(), &mut textures, context);
