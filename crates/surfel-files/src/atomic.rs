@@ -216,8 +216,8 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
     }
 }
 
-/// Removes left-over temporary files when this process first writes to a folder. Listing the folder for every file would
-/// take time that grows with the square of the number of files.
+/// Removes left-over temporary files when this process first writes to a folder. Listing the folder for every file
+/// would take time that grows with the square of the number of files.
 fn remove_left_over_once(folder: &Path) {
     let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
     if SEARCHED.lock().unwrap_or_else(PoisonError::into_inner).insert(absolute) {

@@ -150,7 +150,8 @@ impl<'a> Search<'a> {
             let b = self.points.bounds(leaf);
             want2 = distance2(b.lo, b.hi) * 0.25;
         }
-        // Squared radius of the first scan; if it finds too few, a second one is wider, and a third scans all candidates.
+        // Squared radius of the first scan; if it finds too few, a second one is wider, and a third scans all
+        // candidates.
         let (mut first2, mut is_guess) = if near2 > 0.0 { (near2, true) } else { (f32::INFINITY, false) };
         want2 = want2.min(sure2);
         want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
@@ -347,8 +348,8 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
-/// Selects the candidates within a squared distance, drops the farthest if they are far more than `count`, and ranks the
-/// rest unless it is too many. Returns the number of selected candidates and of those left.
+/// Selects the candidates within a squared distance, drops the farthest if they are far more than `count`, and ranks
+/// the rest unless it is too many. Returns the number of selected candidates and of those left.
 #[inline(always)]
 fn scan_by<S: Simd>(
     simd: S,
