@@ -4,6 +4,7 @@ mod names;
 
 use crate::error::{IoError, WRITE, WRITE_THERE};
 use names::Name;
+use std::collections::BTreeSet;
 use std::fs::{self, File, OpenOptions, TryLockError};
 use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -12,6 +13,9 @@ use tempfile::NamedTempFile;
 
 /// Existing temporary files of this process.
 static TEMPORARY: Mutex<Vec<PathBuf>> = Mutex::new(Vec::new());
+
+/// Folders in which this process has looked for left-over temporary files.
+static SEARCHED: Mutex<BTreeSet<PathBuf>> = Mutex::new(BTreeSet::new());
 
 fn temporary_files() -> MutexGuard<'static, Vec<PathBuf>> {
     TEMPORARY.lock().unwrap_or_else(PoisonError::into_inner)
@@ -106,7 +110,7 @@ impl Pending {
             _ => {}
         }
         let target = if existing.is_some() { fs::canonicalize(path).map_err(system)? } else { path.to_path_buf() };
-        remove_left_over(folder_of(&target));
+        remove_left_over_once(folder_of(&target));
         let (temporary, registered) = registered_in(folder_of(&target)).map_err(system)?;
         let file = temporary.as_file().try_clone().map_err(system)?;
         let sink = BufWriter::with_capacity(1 << 18, file);
@@ -149,7 +153,7 @@ impl Temporary {
     /// # Errors
     /// [`IoError::System`] if the folder can't be written or `content` fails.
     pub fn write(folder: &Path, content: impl FnOnce(&mut dyn Write) -> io::Result<()>) -> Result<Self, IoError> {
-        remove_left_over(folder);
+        remove_left_over_once(folder);
         let written = registered_in(folder).and_then(|(file, registered)| {
             let mut sink = BufWriter::with_capacity(1 << 18, file.as_file());
             content(&mut sink)?;
@@ -209,6 +213,15 @@ fn registered_in(folder: &Path) -> io::Result<(NamedTempFile, Registered)> {
             let registered = Registered(file.path().to_path_buf());
             return Ok((file, registered));
         }
+    }
+}
+
+/// Removes left-over temporary files when this process first writes to a folder. Listing the folder for every file
+/// would take time that grows with the square of the number of files.
+fn remove_left_over_once(folder: &Path) {
+    let absolute = std::path::absolute(folder).unwrap_or_else(|_| folder.to_path_buf());
+    if SEARCHED.lock().unwrap_or_else(PoisonError::into_inner).insert(absolute) {
+        remove_left_over(folder);
     }
 }
 
@@ -312,17 +325,31 @@ mod tests {
         for name in [&here, &elsewhere] {
             fs::write(folder.join(name), "x").unwrap();
         }
-        write(&folder.join("a"), false, |out| out.write_all(b"whole")).unwrap();
+        remove_left_over(&folder);
         assert!(folder.join(&here).exists() && folder.join(&elsewhere).exists());
         child.kill().unwrap();
         child.wait().unwrap();
-        write(&folder.join("b"), false, |out| out.write_all(b"whole")).unwrap();
+        remove_left_over(&folder);
         assert!(!folder.join(&here).exists() && folder.join(&elsewhere).exists());
         // After a month the file counts as left over.
         let old = std::time::SystemTime::now() - names::OLD - std::time::Duration::from_secs(60);
         File::options().write(true).open(folder.join(&elsewhere)).unwrap().set_modified(old).unwrap();
-        write(&folder.join("c"), false, |out| out.write_all(b"whole")).unwrap();
+        remove_left_over(&folder);
         assert!(!folder.join(&elsewhere).exists());
+        fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_folder_is_searched_once() {
+        let folder = std::env::temp_dir().join(format!("surfel-once-{}", std::process::id()));
+        fs::create_dir_all(&folder).unwrap();
+        let left = folder.join(name_of_ended());
+        let exists_after = |name: &str| {
+            fs::write(&left, "x").unwrap();
+            write(&folder.join(name), false, |out| out.write_all(b"whole")).unwrap();
+            left.exists()
+        };
+        assert_eq!(["a", "b"].map(exists_after), [false, true]);
         fs::remove_dir_all(&folder).unwrap();
     }
 

@@ -129,6 +129,19 @@ pub(crate) struct Block<'a> {
     halo: Vec<u32>,
     rows: Vec<u32>,
     summaries: Vec<Summary>,
+    /// Cells of the run that are among more neighbours than the row, by ascending slot, and all of their corners. A
+    /// second search for these neighbours would take longer than everything else.
+    far_cells: Vec<FarCell>,
+    far_corners: Vec<Vec2>,
+}
+
+/// A cell among [`Among::Wide`] or [`Among::Lines`].
+struct FarCell {
+    slot: usize,
+    /// Unit of the corners' coordinates, in steps.
+    unit: f32,
+    /// Index range of the corners in [`Block::far_corners`].
+    corners: Range<usize>,
 }
 
 impl<'a> Block<'a> {
@@ -148,11 +161,14 @@ impl<'a> Block<'a> {
             halo: Vec::new(),
             rows: Vec::new(),
             summaries: Vec::new(),
+            far_cells: Vec::new(),
+            far_corners: Vec::new(),
         }
     }
 
     /// Builds the cells of a run and of the points around it.
     pub(crate) fn measure(&mut self, own: Range<usize>) {
+        self.own = own.clone();
         own.clone().for_each(|slot| self.add_row(slot));
         self.halo.extend(self.rows.iter().filter(|j| !own.contains(&(**j as usize))));
         self.halo.sort_unstable();
@@ -166,7 +182,7 @@ impl<'a> Block<'a> {
             let summary = self.summary(slot, &rows[i * self.scale.degree..(i + 1) * self.scale.degree]);
             self.summaries.push(summary);
         }
-        (self.rows, self.own) = (rows, own);
+        self.rows = rows;
     }
 
     /// Finds the neighbours of a slot and appends them to the rows.
@@ -291,6 +307,11 @@ impl<'a> Block<'a> {
         let square = unit * unit;
         let mut moments = [0.0; 6];
         if self.scale.ellipses {
+            if matches!(among, Among::Wide | Among::Lines) && self.own.contains(&slot) {
+                let start = self.far_corners.len();
+                self.far_corners.extend(self.cell.corners());
+                self.far_cells.push(FarCell { slot, unit, corners: start..self.far_corners.len() });
+            }
             let (u, v) = tangents(self.oriented[slot].normal);
             let at =
                 |i: usize, j: usize| square * (xx * u[i] * u[j] + xy * (u[i] * v[j] + v[i] * u[j]) + yy * v[i] * v[j]);
@@ -403,20 +424,20 @@ impl<'a> Block<'a> {
             return None;
         }
         let ratio = ratio.min(MOST_STRETCHED);
-        let unit = match among {
-            Among::Wide => {
-                let wide = self.wide(slot, self.oriented[slot].farthest2.sqrt());
-                self.build(slot, &wide, among).1
-            }
-            Among::Lines => {
-                let lines = self.lines(slot, near);
-                self.build(slot, lines.as_deref().unwrap_or(near), among).1
-            }
-            _ => self.build(slot, near, among).1,
-        };
         let (direction, root) = (direction.as_vec2(), ratio.sqrt() as f32);
         let round = |c: Vec2| Vec2::new(c.dot(direction) / root, c.dot(direction.perp()) * root);
-        let reach = self.cell.corners().map(|c| round(c).length_squared()).fold(0.0, f32::max).sqrt() * unit;
+        let reach2 = |reach2: f32, c: Vec2| reach2.max(round(c).length_squared());
+        let far = self.far_cells.binary_search_by_key(&slot, |cell| cell.slot).ok().map(|i| &self.far_cells[i]);
+        let (reach2, unit) = match far {
+            Some(FarCell { unit, corners, .. }) => {
+                (self.far_corners[corners.clone()].iter().copied().fold(0.0, reach2), *unit)
+            }
+            None => {
+                let unit = self.build(slot, near, among).1;
+                (self.cell.corners().fold(0.0, reach2), unit)
+            }
+        };
+        let reach = reach2.sqrt() * unit;
         Some((f64::from(direction.to_angle()), ratio, reach))
     }
 }

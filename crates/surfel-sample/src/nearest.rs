@@ -14,8 +14,12 @@ const ROOM: usize = MOST + 2 * LEAF;
 const MOST_GATHERED: usize = 8;
 /// Factor from one query's farthest squared distance to the bound of the next query; most queries are within it.
 const LIKELY: f32 = 1.5;
-/// Number of survivors beyond which the farthest are dropped before the rest is ranked.
+/// Number of survivors up to which they are ranked by SIMD; more are sorted.
 const RANKED: usize = 96;
+/// Number of survivors beyond those asked for that is small enough to stop narrowing the distance, and the maximum
+/// number of steps: equal distances can't be separated.
+const SPARE: usize = LANES;
+const MOST_NARROWED: usize = 16;
 /// Maximum number of levels of boxes, with [`FAN`] boxes in a group.
 const MOST_LEVELS: usize = 10;
 /// Largest number of neighbours of a query.
@@ -146,8 +150,9 @@ impl<'a> Search<'a> {
             let b = self.points.bounds(leaf);
             want2 = distance2(b.lo, b.hi) * 0.25;
         }
-        // Radius of the first scan; a second one scans all candidates if the first finds too few.
-        let mut first2 = if near2 > 0.0 { near2 } else { f32::INFINITY };
+        // Squared radius of the first scan; if it finds too few, a second one is wider, and a third scans all
+        // candidates.
+        let (mut first2, mut is_guess) = if near2 > 0.0 { (near2, true) } else { (f32::INFINITY, false) };
         want2 = want2.min(sure2);
         want2 = if self.points.len() <= MOST { f32::MAX } else { want2.max(4.0) };
         for _ in 0..MOST_GATHERED {
@@ -161,13 +166,17 @@ impl<'a> Search<'a> {
                 continue;
             }
             let bound2 = sure2.min(self.complete2).min(first2);
-            if self.scan(q, bound2, count) {
+            let found = self.scan(q, bound2, count);
+            if found >= count {
                 return true;
             }
             if first2 >= self.complete2 {
                 want2 = (2.0 * self.complete2).min(sure2 * 1.001);
             }
-            first2 = f32::INFINITY;
+            // On a line, distances grow with the number of neighbours; elsewhere they grow less.
+            let times = count as f32 / found.max(1) as f32;
+            first2 = if is_guess { LIKELY * first2 * times * times } else { f32::INFINITY };
+            is_guess = false;
         }
         false
     }
@@ -190,15 +199,16 @@ impl<'a> Search<'a> {
         true
     }
 
-    /// Finds the `count` nearest candidates within a squared distance, nearest first; false if there are fewer.
-    fn scan(&mut self, q: [i32; 3], bound2: f32, count: usize) -> bool {
+    /// Finds the `count` nearest candidates within a squared distance, nearest first, and returns the number of
+    /// candidates within it. Nothing is found if these are fewer.
+    fn scan(&mut self, q: [i32; 3], bound2: f32, count: usize) -> usize {
         let (candidates, survivors) = (&self.candidates, &mut self.survivors);
         survivors.distances2.resize(ROOM, 0.0);
         survivors.places.resize(ROOM, 0);
         survivors.ranks.resize(RANKED, 0);
-        let n = dispatch!(self.level, simd => scan_by(simd, candidates, q, bound2, survivors));
-        if n < count {
-            return false;
+        let (all, n) = dispatch!(self.level, simd => scan_by(simd, candidates, (q, bound2), count, survivors));
+        if all < count {
+            return all;
         }
         let Survivors { distances2, places, ranks, keys } = survivors;
         if n <= RANKED {
@@ -207,16 +217,19 @@ impl<'a> Search<'a> {
                 let rank = *rank as usize % MOST_NEIGHBOURS;
                 (self.slots[rank], self.distances2[rank]) = (candidates.slots[*place as usize], *d2);
             }
-            return true;
+            return all;
         }
         keys.clear();
         keys.extend(distances2.iter().zip(&*places).take(n).map(|(d2, place)| key(*d2, *place)));
-        keys.select_nth_unstable(count - 1);
-        keys[..count].sort_unstable();
+        if n > count + SPARE {
+            keys.select_nth_unstable(count - 1);
+            keys.truncate(count);
+        }
+        keys.sort_unstable();
         for (key, (slot, d2)) in keys.iter().zip(self.slots.iter_mut().zip(&mut self.distances2)).take(count) {
             (*slot, *d2) = (candidates.slots[*key as u32 as usize], f32::from_bits((key >> 32) as u32));
         }
-        true
+        all
     }
 
     /// Searches the tree from its root, without candidates.
@@ -335,9 +348,16 @@ fn difference<S: Simd>(simd: S, coordinates: &[i32; LANES], from: i32x16<S>) -> 
     (i32x16::load_array_ref(simd, coordinates) - from).to_float()
 }
 
-/// Selects the candidates within a squared distance, and ranks them unless they are too many. Returns their number.
+/// Selects the candidates within a squared distance, drops the farthest if they are far more than `count`, and ranks
+/// the rest unless it is too many. Returns the number of selected candidates and of those left.
 #[inline(always)]
-fn scan_by<S: Simd>(simd: S, candidates: &Candidates, q: [i32; 3], bound2: f32, survivors: &mut Survivors) -> usize {
+fn scan_by<S: Simd>(
+    simd: S,
+    candidates: &Candidates,
+    (q, bound2): ([i32; 3], f32),
+    count: usize,
+    survivors: &mut Survivors,
+) -> (usize, usize) {
     // No closures: the compiler doesn't inline them into SIMD code.
     let (qx, qy, qz) = (i32x16::splat(simd, q[0]), i32x16::splat(simd, q[1]), i32x16::splat(simd, q[2]));
     let (bound, zero) = (f32x16::splat(simd, bound2), f32x16::splat(simd, 0.0));
@@ -358,10 +378,55 @@ fn scan_by<S: Simd>(simd: S, candidates: &Candidates, q: [i32; 3], bound2: f32, 
         compress(place, near, &mut survivors.places, n);
         n += near.to_bitmask().count_ones() as usize;
     }
-    if n <= RANKED {
-        rank(simd, &mut survivors.distances2, n, &mut survivors.ranks);
+    let most = RANKED.max(count + SPARE);
+    let left = if n > most { narrow(simd, survivors, n, (count, most)) } else { n };
+    if left <= RANKED {
+        rank(simd, &mut survivors.distances2, left, &mut survivors.ranks);
     }
-    n
+    (n, left)
+}
+
+/// Drops the farthest of `n` survivors, so that at least `count` and, unless many are equally far, at most `most` are
+/// left. Returns the number left.
+#[inline(always)]
+fn narrow<S: Simd>(simd: S, survivors: &mut Survivors, n: usize, (count, most): (usize, usize)) -> usize {
+    let room = n.next_multiple_of(LANES);
+    survivors.distances2[n..room].fill(f32::INFINITY);
+    let groups = survivors.distances2[..room].as_chunks::<LANES>().0;
+    let farthest = survivors.distances2[..n].iter().copied().fold(0.0, f32::max);
+    let (mut low, mut high) = (0.0, farthest);
+    for _ in 0..MOST_NARROWED {
+        let middle = 0.5 * (low + high);
+        let bound = f32x16::splat(simd, middle);
+        let mut within = 0;
+        for group in groups {
+            within += f32x16::load_array_ref(simd, group).simd_le(bound).to_bitmask().count_ones() as usize;
+        }
+        if within < count {
+            low = middle;
+            continue;
+        }
+        high = middle;
+        if within <= most {
+            break;
+        }
+    }
+    let bound = f32x16::splat(simd, high);
+    let mut left = 0;
+    for first in (0..room).step_by(LANES) {
+        let (Some(distances2), Some(places)) =
+            (survivors.distances2[first..].first_chunk(), survivors.places[first..].first_chunk())
+        else {
+            break;
+        };
+        let (d2, place) = (f32x16::load_array_ref(simd, distances2), u32x16::load_array_ref(simd, places));
+        let near = d2.simd_le(bound);
+        // At most as many are left as have been read.
+        compress(d2, near, &mut survivors.distances2, left);
+        compress(place, near, &mut survivors.places, left);
+        left += near.to_bitmask().count_ones() as usize;
+    }
+    left
 }
 
 #[inline(always)]
