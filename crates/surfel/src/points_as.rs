@@ -132,22 +132,23 @@ fn strength_of_few(report: &PointReport, cloud: &SplatCloud) -> f64 {
 /// Largest number of splats whose neighbours are searched for, and number of neighbours of each.
 const ROUGH_SAMPLES: (usize, usize) = (256, 8);
 
-/// Returns the mean distance of neighbours from a splat's plane, in units of the spacing, over some splats.
+/// Returns the mean distance of neighbours from a splat's plane, in units of the spacing, over some splats. A distance
+/// counts as one spacing at most, so that few strays don't decide.
 fn roughness(cloud: &SplatCloud) -> f64 {
     let (most, neighbours) = ROUGH_SAMPLES;
     if cloud.len() <= neighbours {
         return 0.0;
     }
     let centers: Vec<DVec3> = (0..cloud.len()).map(|i| cloud.center(i)).collect();
-    let mut sum = 0.0;
+    let (mut sum, spacing) = (0.0, spacing(cloud));
     let samples: Vec<usize> = (0..cloud.len()).step_by(cloud.len().div_ceil(most)).collect();
     for i in &samples {
         let mut squares: Vec<(f64, usize)> = centers.iter().map(|p| p.distance_squared(centers[*i])).zip(0..).collect();
         squares.select_nth_unstable_by(neighbours, |a, b| a.0.total_cmp(&b.0));
-        let off = |(_, k): &(f64, usize)| (centers[*k] - centers[*i]).dot(cloud.normal(*i)).abs();
+        let off = |(_, k): &(f64, usize)| (centers[*k] - centers[*i]).dot(cloud.normal(*i)).abs().min(spacing);
         sum += squares[..=neighbours].iter().map(off).sum::<f64>() / neighbours as f64;
     }
-    sum / samples.len() as f64 / spacing(cloud)
+    sum / samples.len() as f64 / spacing
 }
 
 fn strength_of_loose(report: &PointReport, _: &SplatCloud) -> f64 {
@@ -169,8 +170,10 @@ mod tests {
 
     /// Returns disks at random places on a unit square, off its plane by up to `off`.
     fn square(count: usize, off: f64) -> SplatCloud {
-        let random = |k: usize| (k as f64 * 0.754_877_666_246_693).fract();
-        let place = |k: usize| [random(3 * k), random(7 * k + 1), off * (random(11 * k + 2) - 0.5)];
+        // Irrational steps that are independent of each other: a neighbour's height says nothing about a point's own.
+        let random = |k: usize, step: f64| (k as f64 * step).fract();
+        let (x, y, z) = (0.754_877_666_246_693, 0.569_840_290_998_053, 0.618_033_988_749_895);
+        let place = |k: usize| [random(k, x), random(k, y), off * (random(k, z) - 0.5)];
         let places: Vec<[f32; 3]> = (0..count).map(|k| place(k).map(|x| x as f32)).collect();
         let radius = (surfel_sample::DENSITY / (count as f64).sqrt()) as f32;
         SplatCloud::disks(&places, &vec![[0.0, 0.0, 1.0_f32]; count], &vec![radius; count]).unwrap()
@@ -182,6 +185,12 @@ mod tests {
         assert!(roughness(&smooth) < 1e-9 && roughness(&rough) > 0.2, "{}", roughness(&rough));
         assert_eq!(SparseReason::of(&report(2048, 0), &rough), Some(SparseReason::Few));
         assert_eq!(SparseReason::of(&report(2048, 0), &smooth), None, "a plane");
+        let strays = (0..60u8).map(|k| [f32::from(k), 3.0 + f32::from(k % 7), f32::from(k % 11) - 5.0]);
+        let places: Vec<[f32; 3]> = (0..2048).map(|i| smooth.center(i).as_vec3().to_array()).chain(strays).collect();
+        let radii = vec![smooth.radius_max(0) as f32; places.len()];
+        let normals = [vec![[0.0, 0.0, 1.0_f32]; 2048], vec![[0.0, 0.6, 0.8]; 60]].concat();
+        let strewn = SplatCloud::disks(&places, &normals, &radii).unwrap();
+        assert_eq!(SparseReason::of(&report(2108, 60), &strewn), None, "a plane and strays: {}", roughness(&strewn));
         assert_eq!(SparseReason::of(&PointReport { normals_given: 2048, ..report(2048, 0) }, &rough), None);
         assert_eq!(SparseReason::of(&report(100, 100), &rough), None, "an example");
         assert_eq!(SparseReason::of(&report(50_000, 30_000), &smooth), Some(SparseReason::Loose));
