@@ -5,6 +5,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::Instant;
 
+use crate::machine::Machine;
+use crate::page::Table;
 use crate::{Failure, clouds};
 
 /// Times the program `surfel` as a whole, from its start to its end, and prints a table.
@@ -22,6 +24,9 @@ pub(crate) struct Arguments {
     /// Number of runs; the fastest one counts.
     #[arg(long, value_name = "N", default_value_t = 5)]
     runs: usize,
+    /// Write the table to a Markdown file, replacing it; docs/data/start.md is made so.
+    #[arg(long, value_name = "FILE.md")]
+    markdown: Option<PathBuf>,
 }
 
 /// Command that is timed.
@@ -43,9 +48,16 @@ impl Row {
 pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let folder = std::env::temp_dir().join(format!("surfel-start-{}", std::process::id()));
     std::fs::create_dir_all(&folder)?;
+    let machine = Machine::this();
     let result = time_all(arguments, &folder);
     std::fs::remove_dir_all(&folder)?;
-    print!("{}", table(&result?, arguments.runs));
+    let rows = result?;
+    print!("{}", table(&rows, arguments.runs).text());
+    if let Some(path) = &arguments.markdown {
+        let text = markdown(&machine, &rows, arguments.runs);
+        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        println!("\nwritten to {}", path.display());
+    }
     Ok(())
 }
 
@@ -115,13 +127,27 @@ fn of_children(stat: &str) -> Option<f64> {
     Some((user? + system?) / 100.0)
 }
 
-fn table(rows: &[Row], runs: usize) -> String {
-    let mut text = "| input | s | CPU s |\n| --- | ---: | ---: |\n".to_owned();
+fn table(rows: &[Row], runs: usize) -> Table {
+    let mut table = Table::new(&["input", "s", "CPU s"]);
     for row in rows {
         let busy = row.busy.map_or("–".to_owned(), |busy| format!("{:.2}", busy / runs.max(1) as f64));
-        text += &format!("| {} | {:.3} | {busy} |\n", row.name, row.best);
+        table.rows.push(vec![row.name.clone(), format!("{:.3}", row.best), busy]);
     }
-    text
+    table
+}
+
+/// Returns the table as a Markdown file that names the machine and its load at the start.
+fn markdown(machine: &Machine, rows: &[Row], runs: usize) -> String {
+    let load = machine.load.map_or("unknown".to_owned(), |load| format!("{load:.1}"));
+    format!(
+        "<!-- Written by `cargo xtask bench start --markdown FILE`. -->\n\n# Start to image\n\n\
+         The whole program, from command to PNG: {}, {} threads, load of the last minute before {load}, commit {}.\n\
+         Seconds of the fastest of {runs} runs, and CPU seconds, the mean of all runs.\n\n{}",
+        machine.cpu,
+        machine.threads,
+        machine.commit,
+        table(rows, runs).markdown()
+    )
 }
 
 #[cfg(test)]
@@ -147,7 +173,9 @@ mod tests {
     #[test]
     fn rows_show_the_fastest_run_and_the_mean_processor_time() {
         let row = |best, busy| Row { best, busy, ..Row::new("Spot", &[]) };
-        let text = table(&[row(0.5, Some(3.0)), row(0.25, None)], 4);
+        let rows = [row(0.5, Some(3.0)), row(0.25, None)];
+        let text = markdown(&Machine { load: Some(1.25), ..Machine::this() }, &rows, 4);
         assert!(text.ends_with("| Spot | 0.500 | 0.75 |\n| Spot | 0.250 | – |\n"), "{text}");
+        assert!(text.contains("fastest of 4 runs") && text.contains("before 1.2, commit"), "{text}");
     }
 }

@@ -187,7 +187,7 @@ pub(crate) fn scene_by(
     let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
     for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
         let covers = |view| sheets::covers_other_surfaces(drawn, view);
-        let is_culled = *is_closed && !view.as_ref().is_some_and(covers);
+        let is_culled = *is_closed && (facts.each_side || !view.as_ref().is_some_and(covers));
         let color = object.material.color;
         object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
     }

@@ -1,6 +1,7 @@
 //! Camera framing: places a camera so that all of a scene fills the image.
 
 use crate::patches::Patches;
+use crate::strays::without_strays;
 pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
@@ -410,44 +411,65 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
-/// Returns a sphere around the scene without its stray points: at most 1 splat in 200, each four times as far out as
-/// the rest. The radius is infinite if there are no stray points.
-fn trimmed(scene: &Scene, (lo, hi): (DVec3, DVec3)) -> (DVec3, f64) {
-    let mut coordinates: [Vec<f64>; 3] = Default::default();
+/// Returns the middle and the radius of a sphere around the scene without its stray points ([`without_strays`]); `None`
+/// if there are no stray points.
+fn trimmed(scene: &Scene) -> Option<(DVec3, f64)> {
+    let mut sample = Vec::new();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
     let step = (total / 20_000).max(1);
-    let mut add = |p: DVec3| coordinates.iter_mut().zip(p.to_array()).for_each(|(c, x)| c.push(x));
     let mut index = 0_usize;
     for object in &scene.objects {
         let len = object.geometry.len();
         if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
             // All splats count, so the ones between samples needn't be visited.
             let first = index.next_multiple_of(step) - index;
-            (first..len).step_by(step).for_each(|i| for_each_of(object, i..i + 1, &mut |p, _| add(p)));
+            (first..len).step_by(step).for_each(|i| for_each_of(object, i..i + 1, &mut |p, _| sample.push(p)));
             index += len;
         } else {
             for_each_of(object, 0..len, &mut |p, _| {
                 if index.is_multiple_of(step) {
-                    add(p);
+                    sample.push(p);
                 }
                 index += 1;
             });
         }
     }
-    let everything = ((lo + hi) * 0.5, f64::INFINITY);
-    let count = coordinates[0].len();
-    if count < 200 {
-        return everything;
-    }
-    let mut distances = vec![0.0; count];
-    let middle = coordinates.clone().map(|mut c| *c.select_nth_unstable_by(count / 2, f64::total_cmp).1);
-    let middle = DVec3::from(middle);
-    for (i, d) in distances.iter_mut().enumerate() {
-        *d = DVec3::new(coordinates[0][i], coordinates[1][i], coordinates[2][i]).distance(middle);
-    }
-    let core = *distances.select_nth_unstable_by(count - 1 - count / 200, f64::total_cmp).1;
-    let farthest = (hi - middle).abs().max((middle - lo).abs()).max_element();
-    if core > 0.0 && farthest > 4.0 * core { (middle, 4.0 * core) } else { everything }
+    let far = |middle: DVec3, limit: f64| {
+        let add = |found: &mut Vec<DVec3>, p: DVec3, _: &Extent| {
+            if p.distance(middle) > limit {
+                found.push(p);
+            }
+        };
+        gathered(scene, &Vec::new(), add, |a, b| [a, b].concat())
+    };
+    without_strays((&sample, total), are_splats(&scene.objects), far)
+}
+
+/// True if all objects are clouds of splats.
+pub(crate) fn are_splats(objects: &[Object]) -> bool {
+    objects.iter().all(|object| matches!(object.geometry, Geometry::Splats(_)))
+}
+
+/// Stray points that [`frame_camera`] leaves out of the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct LeftOut {
+    /// Number of splats.
+    pub(crate) count: usize,
+    /// Distance of the farthest from the middle, relative to the radius of the framed sphere.
+    pub(crate) times: f64,
+}
+
+/// Returns the stray points that are left out of the frame; `None` without any.
+pub(crate) fn left_out(scene: &Scene) -> Option<LeftOut> {
+    let (middle, radius) = trimmed(scene)?;
+    let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
+        let times = p.distance(middle) / radius;
+        if times > 1.0 {
+            *found = LeftOut { count: found.count + 1, times: found.times.max(times) };
+        }
+    };
+    let join = |a: LeftOut, b: LeftOut| LeftOut { count: a.count + b.count, times: a.times.max(b.times) };
+    Some(gathered(scene, &LeftOut { count: 0, times: 0.0 }, add, join)).filter(|found| found.count > 0)
 }
 
 trait Len {
@@ -466,13 +488,14 @@ impl Len for Geometry {
 }
 
 /// Places a camera that shows all of the scene, centred and as large as `options.fill` allows. It fits the ellipses
-/// themselves, not their bounding box. Stray points (at most 1 in 200, four times as far out as the rest) are ignored.
-/// Returns `None` if the scene is empty.
+/// themselves, not their bounding box. Returns `None` if the scene is empty.
+///
+/// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
+/// others, the farthest at least 1.5 times; in other geometry at most 1 in 200, four times as far out as the rest.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
-    let all = bounds(scene, |_| true)?;
-    let (middle, radius) = trimmed(scene, all);
-    let keep = |p: DVec3| p.distance(middle) <= radius;
-    let (lo, hi) = if radius.is_finite() { bounds(scene, keep)? } else { all };
+    let kept = trimmed(scene);
+    let keep = |p: DVec3| kept.is_none_or(|(middle, radius)| p.distance(middle) <= radius);
+    let (lo, hi) = bounds(scene, keep)?;
     let center = (lo + hi) * 0.5;
     let ViewAxes { right, up, forward } = options.axes;
     let [w, h] = options.size.map(f64::from);
@@ -595,10 +618,9 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
 /// Returns the middle of the scene's bounds without stray points, as [`frame_camera`] centres it; `None` without
 /// objects.
 pub fn scene_center(scene: &Scene) -> Option<DVec3> {
-    let all = bounds(scene, |_| true)?;
-    let (middle, radius) = trimmed(scene, all);
-    let kept = if radius.is_finite() { bounds(scene, |p| p.distance(middle) <= radius) } else { Some(all) };
-    kept.map(|(lo, hi)| (lo + hi) * 0.5)
+    let kept = trimmed(scene);
+    let keep = |p: DVec3| kept.is_none_or(|(middle, radius)| p.distance(middle) <= radius);
+    bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)
 }
 
 /// Returns the least and largest coordinates of the scene's splats; `None` without objects.

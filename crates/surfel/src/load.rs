@@ -5,6 +5,8 @@ use crate::coloring::{Coloring, Colorings};
 use crate::framing::{UpConvention, UpReason};
 use crate::levels::{self, LevelReport, Levels};
 use crate::mesh_columns::MeshColumns;
+use crate::single_sided::{states_sides, with_each_side};
+use crate::words::counted;
 use crate::{Error, LevelStore, convert, labels, memory};
 use glam::DVec3;
 use std::borrow::Cow;
@@ -460,10 +462,19 @@ pub(crate) fn splats_of(
         Content::Mesh(mut mesh) => {
             // An inverted mesh may be a room seen from inside, so its backs are drawn.
             closed = surfel_sample::is_closed(&mesh);
-            if surfel_sample::turn_outward(&mut mesh) {
+            // Materials that are single-sided tell which side is meant.
+            if !states_sides(&mesh) && surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
             }
-            let made = convert::mesh(&mesh, path, options, &mut notes, progress)?;
+            let mut made = convert::mesh(&mesh, path, options, &mut notes, progress)?;
+            if !closed && let Some(each_side) = with_each_side(&mesh, &made.0)? {
+                let doubled = counted((each_side.len() - made.0.len()) as u64, "splats");
+                notes.push(format!(
+                    "some materials are double-sided, others not: back faces are culled, and {doubled} of double-sided \
+                     ones are there for each side (--cull none shows all back faces)"
+                ));
+                (made.0, closed) = (each_side, true);
+            }
             on_mesh = MeshColumns::new(mesh);
             made
         }

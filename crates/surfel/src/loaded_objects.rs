@@ -72,6 +72,8 @@ pub struct ObjectFacts {
     pub flat: bool,
     /// True if overlapping splats differ little in depth: they are at least as many as the triangles of their mesh.
     pub fine: bool,
+    /// True if the splats are there for each side that is visible, so that back faces are always culled.
+    pub each_side: bool,
     /// True if only coarse levels of the file were read ([`refine_objects`](crate::scene::refine_objects)).
     pub partial: bool,
     /// True if the file has more points than the point limit.
@@ -96,6 +98,7 @@ impl Default for ObjectFacts {
             closed: false,
             flat: false,
             fine: false,
+            each_side: false,
             partial: false,
             thinned: false,
             noise: false,

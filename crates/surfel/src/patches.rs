@@ -1,6 +1,8 @@
 //! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
 
 use crate::equal;
+use crate::framing::are_splats;
+use crate::strays::without_strays_of;
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
 use surfel_model::{GaussianCloud, Geometry, Object};
@@ -9,10 +11,6 @@ use surfel_model::{GaussianCloud, Geometry, Object};
 pub(crate) const MOST: usize = 20_000;
 /// Fewest patches from which a shape can be estimated.
 const FEWEST: usize = 24;
-/// Stray patches: their largest fraction of a sample, and their least distance relative to the rest. [`crate::framing`]
-/// ignores them too.
-const STRAY: (f64, f64) = (1.0 / 200.0, 4.0);
-
 /// A piece of surface. Lengths are in units of the sample's `scale`.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
@@ -97,7 +95,7 @@ impl Patches {
             take(object, numbers.map(|i| i - first), growth, &mut all);
             first = last;
         }
-        Self::normalised(all)
+        Self::normalised(all, are_splats(objects))
     }
 
     /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
@@ -127,24 +125,18 @@ impl Patches {
                 ..p
             }
         };
-        Self::normalised(numbers.iter().map(in_world).collect())
+        Self::normalised(numbers.iter().map(in_world).collect(), false)
     }
 
-    fn normalised(mut all: Vec<Patch>) -> Option<Self> {
+    fn normalised(mut all: Vec<Patch>, are_splats: bool) -> Option<Self> {
         all.retain(|p| p.position.is_finite() && p.area.is_finite() && p.normal.is_finite());
         if all.len() < FEWEST {
             return None;
         }
-        let half = all.len() / 2;
-        let median = |axis: usize| {
-            let mut values: Vec<f64> = all.iter().map(|p| p.position[axis]).collect();
-            *values.select_nth_unstable_by(half, f64::total_cmp).1
-        };
-        let center = DVec3::new(median(0), median(1), median(2));
-        let mut distances: Vec<f64> = all.iter().map(|p| p.position.distance(center)).collect();
-        let rank = all.len() - 1 - (all.len() as f64 * STRAY.0) as usize;
-        let core = *distances.select_nth_unstable_by(rank, f64::total_cmp).1;
-        all.retain(|p| p.position.distance(center) <= STRAY.1 * core);
+        let positions: Vec<DVec3> = all.iter().map(|p| p.position).collect();
+        if let Some((center, radius)) = without_strays_of(&positions, are_splats) {
+            all.retain(|p| p.position.distance(center) <= radius);
+        }
         let fold = |f: fn(DVec3, DVec3) -> DVec3| all.iter().map(|p| p.position).reduce(f);
         let (lo, hi) = (fold(DVec3::min)?, fold(DVec3::max)?);
         let (middle, scale) = ((lo + hi) * 0.5, 0.5 * (hi - lo).length());

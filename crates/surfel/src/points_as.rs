@@ -202,6 +202,12 @@ mod tests {
         assert!(roughness(&smooth) < 1e-9 && roughness(&rough) > 0.5, "{}", roughness(&rough));
         assert_eq!(SparseReason::of(&report(2048, 0), &rough), Some(SparseReason::Few));
         assert_eq!(SparseReason::of(&report(2048, 0), &smooth), None, "a plane");
+        let strays = (0..60u8).map(|k| [f32::from(k), 3.0 + f32::from(k % 7), f32::from(k % 11) - 5.0]);
+        let places: Vec<[f32; 3]> = (0..2048).map(|i| smooth.center(i).as_vec3().to_array()).chain(strays).collect();
+        let radii = vec![smooth.radius_max(0) as f32; places.len()];
+        let normals = [vec![[0.0, 0.0, 1.0_f32]; 2048], vec![[0.0, 0.6, 0.8]; 60]].concat();
+        let strewn = SplatCloud::disks(&places, &normals, &radii).unwrap();
+        assert_eq!(SparseReason::of(&report(2108, 60), &strewn), None, "a plane and strays: {}", roughness(&strewn));
         assert_eq!(SparseReason::of(&PointReport { normals_given: 2048, ..report(2048, 0) }, &rough), None);
         assert_eq!(SparseReason::of(&report(100, 100), &rough), None, "an example");
         assert_eq!(SparseReason::of(&report(50_000, 30_000), &smooth), Some(SparseReason::Loose));

@@ -8,7 +8,7 @@ use crate::camera::CameraSource;
 use crate::coloring::together::Tallies;
 use crate::coloring::{ColorScale, Coloring, Colorings};
 use crate::estimates::Estimates;
-use crate::framing::{self, ChosenView, NamedView, Upright, ViewChoice};
+use crate::framing::{self, ChosenView, LeftOut, NamedView, Upright, ViewChoice};
 use crate::labels::DEFAULT_LABEL;
 use crate::levels::{Levels, Seen};
 use crate::lights::Lighting;
@@ -482,6 +482,7 @@ impl Request {
         let objects_only = Scene { objects: self.estimates.framed(&loaded).objects, ..Scene::default() };
         if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
             file.camera = framed;
+            note_strays(&objects_only, note);
         }
         file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
         camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
@@ -554,6 +555,9 @@ impl Request {
             .with_turning(options.turntable);
         let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
         let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
+        if own_near && options.eye.is_none() && options.target.is_none() {
+            note_strays(&objects_only, note);
+        }
         let center = self.estimates.center(&objects_only).unwrap_or_default();
         if options.eye.is_some() && options.target.is_none() && own_near {
             file.camera.target = center.into();
@@ -626,6 +630,17 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
     }
     splats::check_used(&options.splats, &loaded.unused, note)?;
     splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
+}
+
+/// Notes how many stray points the framed camera leaves out.
+fn note_strays(scene: &Scene, note: &mut dyn FnMut(String)) {
+    if let Some(LeftOut { count, times }) = framing::left_out(scene) {
+        let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };
+        note(format!(
+            "left {points} out of the frame, up to {times:.0} times as far out as the rest (--outliers drop removes \
+             isolated points; --eye and --target place the camera)"
+        ));
+    }
 }
 
 /// Notes if most trained Gaussians before the camera are closer than the near limit for drawing them.

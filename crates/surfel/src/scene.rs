@@ -15,6 +15,7 @@ use crate::levels::Seen;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
 use crate::noise::{noise_points, surface_of};
 use crate::points_as;
+use crate::single_sided::EACH_SIDE;
 use crate::{Conversion, Error, LoadOptions, LoadedCloud, convert};
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 use std::fs::File;
@@ -369,6 +370,7 @@ fn load_uncolored(
                             closed,
                             flat,
                             fine,
+                            each_side: says(EACH_SIDE),
                             partial,
                             thinned,
                             noise: noise.is_some(),

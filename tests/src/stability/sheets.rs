@@ -70,8 +70,8 @@ pub(super) fn sweeps() -> Vec<Sweep> {
         sweep(
             "sheet-distance",
             "distance of the eye from a thin sheet",
-            "A thin sheet over a floor through a longer and longer lens, until its thickness is within the decision margin \
-             of depths: 1e-4 of them.",
+            "A thin sheet over a floor through a longer and longer lens, until its thickness is within the decision \
+             margin of depths: 1e-4 of them.",
             powers(0.5, 2.0, 0.25),
             100.0,
             |distance| probes(Seen { distance, ..USUAL }),

@@ -11,6 +11,7 @@ mod normals;
 mod page;
 mod planes;
 mod scans;
+mod sheets;
 mod subjects;
 mod textures;
 mod truth;
@@ -140,6 +141,10 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         eprintln!("Gaussians: by order and filter");
         gaussians::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
     }
+    if arguments.wants("sheets") {
+        eprintln!("sheets: both sides of thin and of thick bodies");
+        sheets::all(size, arguments.quick, &mut backends, runs, &mut figures)?;
+    }
     eprintln!("features, planes and formulas");
     let features = costs::table(&mut backends, runs, size)?;
     let planes = planes::table(&mut backends, runs, size)?;
@@ -192,7 +197,7 @@ fn wanted(arguments: &Arguments, size: u32, quick: bool) -> Result<subjects::Sub
     subjects.wanted.retain(|s| arguments.wants(s.name));
     subjects.left_out.retain(|(name, _)| arguments.wants(name));
     if subjects.wanted.is_empty()
-        && !["octree", "points by levels", "Gaussians"].iter().any(|name| arguments.wants(name))
+        && !["octree", "points by levels", "Gaussians", "sheets"].iter().any(|name| arguments.wants(name))
     {
         let why =
             subjects.left_out.iter().map(|(name, why)| format!("; {name} is left out: {why}")).collect::<String>();

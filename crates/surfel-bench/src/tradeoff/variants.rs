@@ -183,6 +183,7 @@ pub(crate) fn default_value(knob: &str) -> &'static str {
         "sort" => "center",
         "Gaussian filter" => "clamp",
         "composite" => "over",
+        "sheets" => "both sides drawn",
         "level of detail" | "levels of points" => "1 px",
         _ => "the defaults",
     }

@@ -1,0 +1,154 @@
+//! Detection of stray points, which would make the rest of a scene small in its image.
+
+use glam::DVec3;
+use surfel_model::{Column3, PointCloud};
+use surfel_sample::{NoProgress, outliers};
+
+/// Divisor of the number of points that gives the largest number of strays of a point cloud.
+const OF_CLOUD: usize = 25;
+/// Ratio of the farthest stray's distance to the rest's, above which strays matter. In perspective, strays toward the
+/// eye make the rest of such a cloud less than half as high as the image.
+const FARTHER: f64 = 1.5;
+/// Enlargement of the sphere around the rest of a sample, for points that aren't in the sample.
+const SLACK: f64 = 1.1;
+/// The same limits for other geometry, whose strays needn't be isolated: trained Gaussians surround their scene with
+/// clumps of far ones.
+const OF_OTHERS: usize = 200;
+const FARTHER_OF_OTHERS: f64 = 4.0;
+/// Number of points below which none is a stray.
+const FEWEST: usize = 200;
+/// Largest number of far points that are judged.
+const JUDGED: usize = 1000;
+
+/// Returns the middle and the radius of a sphere that leaves out the strays of a scene; `None` without strays. `sample`
+/// holds some of the scene's `total` points. `far` returns all points that are farther from a place than a distance.
+///
+/// - The strays of a cloud of splats (`are_splats`) are at most 1 point in 25. Each is isolated by the criteria of
+///   [`outliers`], and the farthest is 1.5 times as far from the middle as all points that aren't isolated. A part of
+///   the surface is therefore never left out.
+/// - The strays of other geometry are at most 1 point in 200, each four times as far out as the rest.
+pub(crate) fn without_strays(
+    (sample, total): (&[DVec3], usize),
+    are_splats: bool,
+    far: impl FnOnce(DVec3, f64) -> Vec<DVec3>,
+) -> Option<(DVec3, f64)> {
+    let count = sample.len();
+    if count < FEWEST {
+        return None;
+    }
+    let median = |axis: usize| {
+        let mut values: Vec<f64> = sample.iter().map(|p| p[axis]).collect();
+        *values.select_nth_unstable_by(count / 2, f64::total_cmp).1
+    };
+    let middle = DVec3::new(median(0), median(1), median(2));
+    let mut distances: Vec<f64> = sample.iter().map(|p| p.distance(middle)).collect();
+    let rank = count - 1 - count / if are_splats { OF_CLOUD } else { OF_OTHERS };
+    let core = *distances.select_nth_unstable_by(rank, f64::total_cmp).1;
+    let limit = core * if are_splats { FARTHER } else { FARTHER_OF_OTHERS };
+    let far = if core > 0.0 { far(middle, limit) } else { Vec::new() };
+    let farthest = far.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
+    if far.is_empty() || !are_splats {
+        return (!far.is_empty()).then_some((middle, limit));
+    }
+    if far.len() * OF_CLOUD > total {
+        return None;
+    }
+    // Far points may be sampled more densely than the others. Parts of the surface are then denser, too.
+    let near = sample.iter().filter(|p| p.distance(middle) <= limit);
+    let judged = near.chain(far.iter().step_by(far.len().div_ceil(JUDGED)));
+    let relative: Vec<DVec3> = judged.map(|p| *p - middle).collect();
+    let cloud = PointCloud { positions: Column3::from_f64(&relative), ..PointCloud::default() };
+    let is_alone = outliers(&cloud, &NoProgress).ok()?;
+    let others = relative.iter().zip(&is_alone).filter(|(_, is_alone)| !**is_alone);
+    let radius = SLACK * others.fold(core, |most, (p, _)| most.max(p.length()));
+    (farthest > FARTHER * radius).then_some((middle, radius))
+}
+
+/// Returns [`without_strays`] of a scene of which all points are known.
+pub(crate) fn without_strays_of(all: &[DVec3], are_splats: bool) -> Option<(DVec3, f64)> {
+    let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
+    without_strays((all, all.len()), are_splats, far)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns `count` points on a sphere about `middle`.
+    fn ball(count: usize, middle: DVec3, radius: f64) -> impl Iterator<Item = DVec3> {
+        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        (0..count).map(move |i| {
+            let z = 1.0 - (2.0 * i as f64 + 1.0) / count as f64;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            middle + DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z) * radius
+        })
+    }
+
+    /// Returns points scattered at 3 to `times` times the radius of a unit sphere.
+    fn strays(count: usize, times: f64) -> impl Iterator<Item = DVec3> {
+        let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+        (0..count).map(move |i| {
+            let share = (i as f64 * 0.618_034).fract();
+            let z = 2.0 * (i as f64 * 0.754_878).fract() - 1.0;
+            let (sin, cos) = (golden * i as f64).sin_cos();
+            DVec3::new(cos * (1.0 - z * z).sqrt(), sin * (1.0 - z * z).sqrt(), z) * (3.0 + (times - 3.0) * share)
+        })
+    }
+
+    #[test]
+    fn few_isolated_points_far_out_are_strays_whatever_the_size() {
+        for count in [2000, 6000] {
+            for (share, times) in [(0.005, 50.0), (0.01, 5.0), (0.03, 3.5), (0.03, 20.0), (0.035, 50.0)] {
+                let alone = (count as f64 * share) as usize;
+                for (scale, offset) in [(1.0, DVec3::ZERO), (1e-6, DVec3::ZERO), (1e3, DVec3::splat(5e6))] {
+                    let all = ball(count, DVec3::ZERO, 1.0).chain(strays(alone, times));
+                    let all: Vec<DVec3> = all.map(|p| p * scale + offset).collect();
+                    let (middle, radius) = without_strays_of(&all, true).unwrap();
+                    assert!(middle.distance(offset) < 0.2 * scale, "{count} {share} {times}");
+                    assert!(radius > scale && radius < 1.4 * scale, "{count} {share} {times} {scale}: {radius}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn small_parts_far_out_and_sparse_surroundings_are_no_strays() {
+        let with = |others: Vec<DVec3>| {
+            without_strays_of(&ball(10_000, DVec3::ZERO, 1.0).chain(others).collect::<Vec<_>>(), true)
+        };
+        assert_eq!(with(Vec::new()), None);
+        // A part of 1 %, as dense as the rest; with strays beyond it, the sphere holds the part.
+        let part = || ball(100, DVec3::X * 12.0, 0.1).collect::<Vec<_>>();
+        assert_eq!(with(part()), None);
+        let (middle, radius) = with(part().into_iter().chain(strays(100, 60.0)).collect()).unwrap();
+        assert!(middle.length() < 0.1 && radius > 12.1 && radius < 14.0, "{radius}");
+        // One point in ten far out isn't few.
+        assert_eq!(with(strays(1000, 6.0).collect()), None);
+        // Points that are little farther out don't matter.
+        assert_eq!(with(ball(50, DVec3::ZERO, 1.5).collect()), None);
+    }
+
+    #[test]
+    fn strays_of_other_geometry_are_few_and_far_in_clumps_or_alone() {
+        let clump: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(40, DVec3::X * 9.0, 0.01)).collect();
+        let (_, radius) = without_strays_of(&clump, false).unwrap();
+        assert!((radius - 4.0).abs() < 0.05, "{radius}");
+        assert_eq!(without_strays_of(&clump, true), None);
+        let many: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(60, DVec3::X * 9.0, 0.01)).collect();
+        assert_eq!(without_strays_of(&many, false), None);
+    }
+
+    #[test]
+    fn strays_and_parts_that_a_sample_misses_count() {
+        let few: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).collect();
+        let with = |others: Vec<DVec3>| {
+            let far =
+                |middle: DVec3, limit: f64| others.iter().copied().filter(|p| p.distance(middle) > limit).collect();
+            without_strays((&few, 1_000_000), true, far)
+        };
+        assert!(with(strays(3, 50.0).collect()).is_some_and(|(_, radius)| radius < 1.2));
+        assert!(with(strays(30_000, 50.0).collect()).is_some_and(|(_, radius)| radius < 1.4));
+        assert_eq!(with(ball(300, DVec3::X * 12.0, 0.05).collect()), None);
+        assert_eq!(with(strays(60_000, 50.0).collect()), None, "not few");
+    }
+}
