@@ -262,7 +262,6 @@ fn extension(path: &Path) -> Option<String> {
 }
 
 /// True if the start of a file contains bytes that aren't text.
-#[cfg_attr(not(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points")), allow(dead_code))]
 pub(crate) fn is_binary(head: &[u8]) -> bool {
     head.iter().any(|b| *b < b' ' && !b.is_ascii_whitespace() && !matches!(b, 0x0b | 0x1a | 0x1b))
 }

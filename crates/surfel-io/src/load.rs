@@ -274,7 +274,8 @@ fn recognise(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOpti
     if tileset::looks_like(bytes) {
         return Ok(Format::Tileset);
     }
-    if head.trim_ascii_start().starts_with(b"{") {
+    // A row of numbers may begin with any byte.
+    if head.trim_ascii_start().starts_with(b"{") && !format::is_binary(head) {
         return Ok(Format::Gltf);
     }
     #[cfg(feature = "off")]

@@ -415,6 +415,21 @@ fn gltf_required_extensions_of_materials_lights_and_textures_do_not_refuse() {
 }
 
 #[test]
+fn gltf_a_relative_center_is_noted() {
+    let mut d = Document::default();
+    let position = d.floats(&TRIANGLE, "VEC3", 3);
+    let mut document = d.with(json!({
+        "meshes": [{"primitives": [{"attributes": {"POSITION": position}}]}],
+        "nodes": [{"mesh": 0}],
+    }));
+    assert_eq!(load(&document).notes, [""; 0]);
+    document["extensionsUsed"] = json!(["CESIUM_RTC"]);
+    document["extensions"] = json!({"CESIUM_RTC": {"center": [-123.5, 234.5, 345_678]}});
+    let note = "its coordinates are relative to the centre (-123.5, 234.5, 345678) of CESIUM_RTC, which isn't added";
+    assert_eq!(load(&document).notes, [note]);
+}
+
+#[test]
 fn gltf_every_triangle_keeps_its_own_texture_and_alpha_mode() {
     let mut d = Document::default();
     let position = d.floats(&TRIANGLE, "VEC3", 3);

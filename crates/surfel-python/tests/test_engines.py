@@ -93,7 +93,8 @@ def same(a, b, planes=("linear", "depth", "normal", "weight")):
 
 def kill_one(engine):
     """Kills a worker that draws, without a chance to say good-bye."""
-    for _ in range(1000):
+    # On a loaded machine, Ray takes more than ten seconds to start its workers.
+    for _ in range(12_000):
         if pids := engine.pids():
             os.kill(pids[0], signal.SIGKILL)
             return pids[0]

@@ -111,7 +111,8 @@ pub(super) fn parse(json: &[u8]) -> Result<CheckedDocument, Problem> {
     }
     check_required(&raw)?;
     let mut read = raw.clone();
-    let notes = strip(&mut read);
+    let mut notes = strip(&mut read);
+    notes.extend(relative_center(&raw));
     // The detour through text uses the crate's own parsing function, which is already compiled; another instantiation
     // would add seconds to each build.
     let text = serde_json::to_vec(&read).map_err(|e| not_valid(&e))?;
@@ -146,6 +147,14 @@ fn check_required(raw: &Value) -> Result<(), Problem> {
         });
     }
     Ok(())
+}
+
+/// Returns a note if the coordinates are relative to a centre.
+fn relative_center(raw: &Value) -> Option<String> {
+    let center = raw.pointer("/extensions/CESIUM_RTC/center")?.as_array()?;
+    let center: Vec<String> =
+        center.iter().take(3).filter_map(Value::as_f64).map(|number| number.to_string()).collect();
+    Some(format!("its coordinates are relative to the centre ({}) of CESIUM_RTC, which isn't added", center.join(", ")))
 }
 
 fn items<'a>(of: &'a Value, key: &str) -> impl Iterator<Item = &'a Value> + use<'a> {

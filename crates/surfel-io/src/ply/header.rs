@@ -228,10 +228,13 @@ struct HeaderLines<'a> {
 
 impl<'a> HeaderLines<'a> {
     fn new(bytes: &'a [u8]) -> Result<Self, Fault> {
-        let (end, position) = match bytes {
-            [b'p', b'l', b'y', b'\r', b'\n', ..] => (b'\n', 5),
-            [b'p', b'l', b'y', b'\n', ..] => (b'\n', 4),
-            [b'p', b'l', b'y', b'\r', ..] => (b'\r', 4),
+        // Some programs write blanks after 'ply'.
+        let rest = bytes.strip_prefix(b"ply").unwrap_or_default();
+        let blanks = rest.iter().take_while(|&&byte| byte == b' ').count();
+        let (end, position) = match &rest[blanks..] {
+            [b'\r', b'\n', ..] => (b'\n', blanks + 5),
+            [b'\n', ..] => (b'\n', blanks + 4),
+            [b'\r', ..] => (b'\r', blanks + 4),
             _ => {
                 let found = quote(&bytes[..bytes.len().min(12)]);
                 let problem = Problem::new(format!("is not a PLY file: it starts with {found}"));
@@ -276,11 +279,13 @@ mod tests {
     fn header_line_endings_of_all_three_kinds() {
         for end in ["\n", "\r\n", "\r"] {
             let text = "ply\nformat ascii 1.0\ncomment  a b \nelement vertex 2\nproperty float x\nend_header\n1 2";
-            let bytes = text.replace('\n', end);
-            let header = parse(bytes.as_bytes()).unwrap();
-            assert_eq!(&bytes[header.body..], "1 2");
-            assert_eq!(header.comments, [" a b"]);
-            assert_eq!(header.elements[0].count, 2);
+            for blanks in ["", " ", "   "] {
+                let bytes = text.replacen('\n', &format!("{blanks}\n"), 1).replace('\n', end);
+                let header = parse(bytes.as_bytes()).unwrap();
+                assert_eq!(&bytes[header.body..], "1 2");
+                assert_eq!(header.comments, [" a b"]);
+                assert_eq!(header.elements[0].count, 2);
+            }
         }
     }
 

@@ -224,9 +224,11 @@ fn digits(value: f64) -> String {
     if value == 0.0 {
         return "0".to_owned();
     }
-    let magnitude = value.abs().log10().floor() as i32;
+    // The exponent after rounding: 0.009999 becomes 0.0100.
+    let rounded = format!("{value:.2e}");
+    let magnitude: i32 = rounded.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0);
     if !(-4..=6).contains(&magnitude) {
-        return format!("{value:.2e}");
+        return rounded;
     }
     format!("{value:.*}", (2 - magnitude).max(0) as usize)
 }
@@ -237,8 +239,8 @@ mod tests {
 
     #[test]
     fn distances_have_three_digits() {
-        let all = [0.0, 1.0, 0.012_345, 123.456, 98_765.4, 1.5e-7].map(digits);
-        assert_eq!(all, ["0", "1.00", "0.0123", "123", "98765", "1.50e-7"]);
+        let all = [0.0, 1.0, 0.012_345, 0.009_999, 123.456, 98_765.4, 1.5e-7].map(digits);
+        assert_eq!(all, ["0", "1.00", "0.0123", "0.0100", "123", "98765", "1.50e-7"]);
     }
 
     #[test]
