@@ -362,6 +362,10 @@ fn lines_of_other_kinds_beside_lines_of_points_are_left_out() {
         assert!(loaded.notes.contains(&note), "{text}{:?}", loaded.notes);
         assert_eq!(places(&points(loaded)), expected, "{text}");
     }
+    for word in ["p", "v", "pt", "pnt", "point", "vertex", "vtx"] {
+        let text = format!("{word} 1.5 2.5 3.5\nother 1 1 1\n{word} 2 3 4\n{word} 3 4 5\n");
+        assert_eq!(places(&points(load("a.txt", &text))), expected, "{text}");
+    }
     // Words of a named column, elements, and other words say something about their point.
     for text in [
         "kind x y z\np 1.5 2.5 3.5\np 2 3 4\nq 3 4 5\n",
