@@ -27,7 +27,7 @@ impl From<Result<String, String>> for Verdict {
     }
 }
 
-/// Checkout, and folder of what is made.
+/// Checkout, and the folder for packages, programs and wheels.
 pub(crate) struct Place {
     root: PathBuf,
     out: PathBuf,
@@ -94,7 +94,7 @@ fn owner_list(root: &Path) -> String {
         "The owner's steps (docs/packages.md explains each):\n\
          1. git grep -l example.invalid/surfel | xargs sed -i 's|https://example.invalid/surfel|REPOSITORY|g'\n\
          2. Where a name is taken on crates.io or PyPI: cargo xtask rename PREFIX, then cargo xtask licences\n\
-         3. Date [{version}] in CHANGELOG.md and CITATION.cff; set MAINTAINER in release/programs.rs; commit\n\
+         3. Date [{version}] in CHANGELOG.md and CITATION.cff; MAINTAINER in xtask/src/release/programs.rs; commit\n\
          4. cargo xtask release --dry-run passes\n\
          5. Once: on PyPI, add this repository's release.yml as a trusted publisher\n\
          6. Once: cargo login\n\

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cargo;
 
-/// Files with pairs of a package and its layer or its features, in which `surfel` is the library.
+/// Files that list packages in pairs with a layer or features. In such a pair `surfel` is a package, not the program.
 const PAIRS: [&str; 2] = ["xtask/tests/dependencies.rs", "xtask/src/release/crates.rs"];
 
 /// File whose content changes.
@@ -32,7 +32,7 @@ pub(crate) fn run(root: &Path, prefix: &str, dry_run: bool) -> bool {
         relock.args(["update", "--workspace", "--offline", "--quiet"]);
         match dry_run || relock.status().is_ok_and(|status| status.success()) {
             true => Ok(changes.len()),
-            false => Err("cargo update --workspace failed, see above".to_owned()),
+            false => Err("files are renamed, but not Cargo.lock: cargo update failed, see above".to_owned()),
         }
     });
     match done {

@@ -152,8 +152,8 @@ pub struct Drawing {
     pub background: [u8; 4],
     /// The parts, from back to front.
     pub items: Vec<Item>,
-    /// Areas of the layout, with their names: title, panel, caption, key, mark. Areas of different names don't overlap,
-    /// except for marks, which lie in their panels.
+    /// Areas of the layout, with their names: title, panel, caption, row label, key, mark. Areas of different names
+    /// don't overlap, except for marks, which lie in their panels.
     pub areas: Vec<(&'static str, Rect)>,
 }
 

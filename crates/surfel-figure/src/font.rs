@@ -5,9 +5,9 @@ use ttf_parser::{Face, GlyphId, OutlineBuilder};
 
 /// The font file.
 pub const FILE: &[u8] = include_bytes!("../fonts/Inter-Regular-subset.ttf");
-/// Families for SVG, of which the first is embedded.
+/// Font families of SVG files; the first is embedded.
 pub const FAMILY: &str = "Inter, Helvetica, Arial, sans-serif";
-/// Height of capital letters and of the tallest parts of letters above the baseline, and depth below it, in ems.
+/// Height of capital letters above the baseline, in ems.
 pub const CAP_HEIGHT: f64 = 0.727;
 /// Largest height of letters above the baseline, in ems.
 pub const ASCENT: f64 = 0.97;

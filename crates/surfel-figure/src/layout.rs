@@ -72,7 +72,7 @@ impl Grid {
 }
 
 impl Figure {
-    /// Places the content.
+    /// Computes the layout: the size of the figure, and the position of each panel, text, mark and key.
     pub fn layout(&self) -> Drawing {
         let (style, em) = (&self.style, self.style.font);
         let (margin, gap) = ((MARGIN * em).round(), (GAP * em).round());
@@ -170,7 +170,7 @@ fn place_panel(panel: &Panel, at: [f64; 2], area: [f64; 2], style: &Style, drawi
     }
 }
 
-/// Returns a centred text of at most this width in pixels: smaller than others, or shortened, if it must be.
+/// Returns a centred text. If it is wider than `width` pixels, the text is shrunk to 75 %, and then shortened.
 fn fitted(text: &str, at: [f64; 2], width: f64, style: &Style) -> Text {
     fitted_at(text, at, width, style.font, style)
 }

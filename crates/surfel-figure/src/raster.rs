@@ -154,7 +154,7 @@ impl Drawing {
         Picture { size: self.size, rgba: canvas.rgba }
     }
 
-    /// Draws the items as a PNG file, which states this number of pixels per inch.
+    /// Encodes the drawing as a PNG file, which states `dpi` pixels per inch if given; empty if it has no pixels.
     pub fn png(&self, dpi: Option<f64>) -> Vec<u8> {
         encode_png(&self.picture(), dpi)
     }

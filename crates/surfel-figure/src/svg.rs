@@ -5,7 +5,7 @@ use crate::{font, raster};
 use std::fmt::Write as _;
 
 impl Drawing {
-    /// Writes the items as an SVG file whose size in CSS pixels is that in pixels.
+    /// Writes the items as an SVG file with one CSS pixel per pixel of the drawing.
     pub fn svg(&self) -> String {
         self.svg_at(None)
     }

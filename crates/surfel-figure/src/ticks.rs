@@ -32,8 +32,8 @@ pub fn round_length(most: f64) -> f64 {
 }
 
 impl Ticks {
-    /// Returns at least two and about `count` ticks for a range. The two ends are returned for ranges that have no room
-    /// for round numbers.
+    /// Returns at least two and about `count` ticks at round values of a range. For a range that is empty, reversed or
+    /// infinite, returns its first end as the only tick.
     pub fn new([lo, hi]: [f64; 2], count: usize) -> Self {
         let is_usable = lo.is_finite() && hi.is_finite() && lo < hi && (hi - lo).is_finite();
         if !is_usable {

@@ -95,8 +95,9 @@ impl<R: Real> Outline<R> {
     /// Returns the area of the ellipse inside a pixel whose upper left corner has this offset from the ellipse's
     /// centre. `S` is [`Rounded`] or, for f64, [`Exact`]. The sum over all pixels is the ellipse's area.
     ///
-    /// The area between two columns is ∫ clamp(X − c(y), −h, h) dy, the ends of a row's chord being c ± h, less the
-    /// same of the other column. The integrand is linear while the column crosses the chord, and ±h before and after.
+    /// The area left of a column at X is ∫ clamp(X − c(y), −h, h) dy plus a constant, where c ± h are the ends of a
+    /// row's chord. The pixel's area is the difference of two such integrals. The integrand is linear in y where the
+    /// column crosses the chord, and ±h before and after.
     #[inline(always)]
     pub fn coverage<S: Segment<R>>(&self, corner: V2<R>) -> R {
         let one = corner.x.one();
@@ -109,13 +110,14 @@ impl<R: Real> Outline<R> {
         Self::limited((right - left) * (self.extent.x * self.extent.y))
     }
 
-    /// Returns the greatest result of [`Self::coverage`] in f32 for a pixel outside of the ellipse: its rounding.
+    /// Returns a bound of the rounding error of [`Self::coverage`] in f32, for pixels outside of the ellipse.
     #[inline(always)]
     pub fn rounding(&self) -> R {
         self.extent.x * self.extent.y * self.extent.x.constant(4e-7)
     }
 
-    /// Returns the integral up to the column at `x`, over the rows between both of `down`; all in half extents.
+    /// Returns the integral of [`Self::coverage`] for a column at `x`, over the rows from `down[0]` to `down[1]`, in
+    /// units of the half extents. `rows` are the values of `S` at these two rows.
     #[inline(always)]
     fn left_of<S: Segment<R>>(&self, x: R, down: [R; 2], rows: [R; 2]) -> R {
         let one = x.one();
@@ -240,11 +242,11 @@ pub fn exact_segment(v: f64) -> f64 {
     0.5 * v.mul_add((1.0 - v * v).max(0.0).sqrt(), v.clamp(-1.0, 1.0).asin())
 }
 
-/// The point of a ball that a pixel's centre shows: of its surface the nearest on the ray, or, where the ray misses the
-/// ball, the point of the ray nearest to its centre.
+/// The point of a ball that a pixel's centre shows: the nearest intersection of the pixel's ray with the sphere. If the
+/// ray misses the ball, the point of the ray that is nearest to the ball's centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BallHit<R> {
-    /// Planar depth over that of the ball's centre (perspective), or less that (orthographic).
+    /// Planar depth divided by that of the ball's centre (perspective), or minus that of the centre (orthographic).
     pub depth: R,
     /// Unit outward normal of the ball there, in view space.
     pub normal: V3<R>,

@@ -24,7 +24,7 @@ const turned = (v, axis, angle) => {
 };
 /** Ten digits are enough for map coordinates, and the same text gives the same image. */
 const text = (v) => v.map((x) => Number(x.toPrecision(10))).join(',');
-const short = (x) => Number(x.toPrecision(7)).toString();
+const short = (x) => (x === null ? '–' : Number(x.toPrecision(7)).toString());
 /** Coordinates of maps have seven digits before the point. */
 const coordinate = (x) => Number(x.toPrecision(11)).toString();
 
@@ -87,7 +87,8 @@ function connect() {
     receive(header, new Blob([new Uint8Array(data, 4 + size)], { type: header.type }));
   };
   socket.onclose = async () => {
-    inFlight = 0;
+    movingIds.clear();
+    waiting.forEach(({ reject }) => reject(new Error('The server is gone.')));
     waiting.clear();
     const answer = await fetch('/', { cache: 'no-store' }).catch(() => null);
     if (answer && answer.status === 403) {
@@ -121,7 +122,7 @@ function receive(header, file) {
     case 'progress': return say(`${header.stage}${header.part === null ? '…' : ` ${Math.round(100 * header.part)} %`}`);
     case 'image': return show(header, file);
     case 'error':
-      if (header.of === 'draw') inFlight = Math.max(0, inFlight - 1);
+      if (header.of === 'draw') settle(header);
       if (answer) return answer.reject(new Error(header.message));
       return say(header.message, true);
     default: if (answer) answer.resolve({ header, file });
@@ -147,7 +148,7 @@ function begin(message) {
 const canvas = $('image');
 const context = canvas.getContext('2d');
 const layers = [null, null]; // newest image of each side: bitmap and header
-let inFlight = 0;            // moving images that are asked for
+const movingIds = new Set(); // requests for moving images of the first side that aren't answered
 let isMoving = false;        // input since the last exact image
 let wanted = null;           // time of input that no image was asked for yet
 let stillTimer = 0;
@@ -185,25 +186,31 @@ function drawMoving(time = performance.now()) {
   sendMoving();
 }
 
+/** Forgets the requests that an image or an error answers: its own, and the older ones that it replaced. */
+function settle({ id, layer }) {
+  if (layer === 1) return;
+  movingIds.forEach((asked) => { if (asked <= id) movingIds.delete(asked); });
+}
+
 function sendMoving() {
-  if (wanted === null || inFlight >= 2) return;
+  if (wanted === null || movingIds.size >= 2) return;
   const size = sizePx().map((side) => Math.max(16, Math.round(side * scale)));
   sideStates().forEach((side, layer) => {
     const id = send({ do: 'draw', layer, state: side, size, moving: true });
     if (!id) return;
     inputTimes.set(id, wanted);
-    if (layer === 0) inFlight += 1;
+    if (layer === 0) movingIds.add(id);
   });
   wanted = null;
 }
 
 async function show(header, file) {
+  settle(header);
+  // About 22 ms per image leave time for encoding and sending.
   if (header.moving && header.layer === 0) {
-    inFlight = Math.max(0, inFlight - 1);
-    // About 22 ms per image leave time for encoding and sending.
     scale = Math.min(1, Math.max(0.25, scale * Math.sqrt(Math.min(1.6, Math.max(0.5, 22 / header.ms)))));
-    sendMoving();
   }
+  sendMoving();
   // A late image of an earlier camera doesn't replace a newer one.
   const isLate = () => layers[header.layer] && header.id < layers[header.layer].header.id;
   if (isLate()) return;
@@ -507,7 +514,7 @@ function toggleSpin() {
   const step = (now) => {
     spinTimer = requestAnimationFrame(step);
     // The next image is asked for when the server is free, so that it turns evenly.
-    if (inFlight >= 2) return;
+    if (movingIds.size >= 2) return;
     orbit((now - last) * 0.0006, 0);
     last = now;
   };

@@ -77,7 +77,7 @@ struct Key {
     inputs: Vec<PathBuf>,
 }
 
-/// A request that was read: its options, and what answers refer to.
+/// Options and identifiers of a request for an image, read from the client's message.
 struct Asked {
     id: Value,
     layer: usize,
@@ -100,7 +100,13 @@ pub(crate) struct Artist {
     bytes: Vec<u8>,
     /// Requests that wait until all points are loaded.
     deferred: Vec<Job>,
+    /// Client and layer whose options each session shows, by the session's key: `None` if neither drew them. Without an
+    /// entry while only a sample is loaded.
+    shown_for: Vec<(Key, Option<Side>)>,
 }
+
+/// A client, by the address of its outbox, and one of its layers.
+type Side = (usize, usize);
 
 impl Artist {
     pub(crate) fn new(hub: Arc<Hub>, fixed: Fixed, initial: Map<String, Value>, config: &Config) -> Self {
@@ -117,7 +123,27 @@ impl Artist {
             sessions: Vec::new(),
             bytes: Vec::new(),
             deferred: Vec::new(),
+            shown_for: Vec::new(),
         }
+    }
+
+    /// Shows the options of a moving image's client and layer, if the session shows those of another.
+    fn show_for(&mut self, job: &Job, asked: &Asked) -> Result<(), String> {
+        let side = (Arc::as_ptr(&job.outbox) as usize, asked.layer);
+        match self.shown_for.iter().find(|(key, _)| *key == asked.key) {
+            Some((_, shown)) if *shown != Some(side) => {
+                self.show(asked)?;
+                self.remember(asked, Some(side));
+                Ok(())
+            }
+            _ => Ok(()),
+        }
+    }
+
+    fn remember(&mut self, asked: &Asked, side: Option<Side>) {
+        self.shown_for.retain(|(key, _)| *key != asked.key);
+        self.shown_for.insert(0, (asked.key.clone(), side));
+        self.shown_for.truncate(MAX_SESSIONS);
     }
 
     /// Loads the scene, and answers requests until the program ends.
@@ -125,6 +151,10 @@ impl Artist {
         let hub = self.hub.clone();
         if let Err(problem) = self.load_first(note) {
             note(&format!("error: {problem}"));
+        }
+        // Requests that only got a sample.
+        for job in std::mem::take(&mut self.deferred) {
+            self.reply(&job);
         }
         loop {
             if let Next::Job(job) = hub.next() {
@@ -161,12 +191,7 @@ impl Artist {
         let session = self.session(&asked.key)?;
         let shown = session.show(&asked.options.render, &report, &mut |text| notes.push(text)).map(|_| ());
         notes.iter().for_each(|text| note(text));
-        shown.map_err(text)?;
-        // Requests that only got a sample.
-        for job in std::mem::take(&mut self.deferred) {
-            self.reply(&job);
-        }
-        Ok(())
+        shown.map_err(text)
     }
 
     /// Loads all points on another thread, and answers requests by the resident sample meanwhile.
@@ -184,8 +209,10 @@ impl Artist {
                 continue;
             }
             // The exact image, and everything else, follows once all points are there.
+            let layer = |job: &Job| job.request["layer"].as_u64().unwrap_or(0);
             self.deferred.retain(|other| {
-                !Arc::ptr_eq(&other.outbox, &job.outbox) || other.request["do"] != "draw" || job.request["do"] != "draw"
+                let are_draws = other.request["do"] == "draw" && job.request["do"] == "draw";
+                !Arc::ptr_eq(&other.outbox, &job.outbox) || !are_draws || layer(other) != layer(&job)
             });
             if self.deferred.len() < MAX_DEFERRED {
                 self.deferred.push(job);
@@ -226,7 +253,8 @@ impl Artist {
         match self.sessions.iter().position(|(known, _)| known == key) {
             Some(place) => self.sessions[..=place].rotate_right(1),
             None => {
-                self.sessions.truncate(MAX_SESSIONS - 1);
+                let is_large = self.sessions.iter().any(|(_, session)| session.is_large());
+                self.sessions.truncate(if is_large { 0 } else { MAX_SESSIONS - 1 });
                 let (stdin, options) = (self.stdin.clone(), self.backend_options.clone());
                 let session = Session::start(key.inputs.clone(), stdin, &key.backend, options);
                 self.sessions.insert(0, (key.clone(), session.map_err(|e| e.to_string())?));
@@ -254,6 +282,7 @@ impl Artist {
         let session = self.session(&asked.key)?;
         let mut notes = Vec::new();
         session.show(&asked.options.render, &report, &mut |text| notes.push(text)).map_err(|e| e.to_string())?;
+        self.remember(asked, None);
         Ok(notes)
     }
 
@@ -262,6 +291,7 @@ impl Artist {
         let start = Instant::now();
         let asked = self.asked(&job.request, MAX_PIXELS)?;
         let notes = self.show(&asked)?;
+        self.remember(&asked, Some((Arc::as_ptr(&job.outbox) as usize, asked.layer)));
         let (png, stats) = self.png(&asked)?;
         let session = self.session(&asked.key)?;
         let Some(Resolved { file, .. }) = session.shown() else { return Err("no scene is shown".to_owned()) };
@@ -304,6 +334,8 @@ impl Artist {
         if session.shown().is_none() {
             return self.draw(job);
         }
+        self.show_for(job, &asked)?;
+        let session = self.session(&asked.key)?;
         let (camera, stats) = session.glance(&asked.options.render).map_err(|e| e.to_string())?;
         let background = session.shown().map_or([0.0; 4], |shown| shown.file.background);
         let [r, g, b, _] = background.map(|c| c as f32);
@@ -371,6 +403,7 @@ impl Artist {
         let (png, _) = self.png(&asked)?;
         // The memory of a large image isn't kept.
         self.bytes = Vec::new();
+        self.session(&asked.key)?.release_memory();
         let header = json!({ "do": "saved", "id": asked.id, "type": "image/png", "size": asked.size });
         job.outbox.push(Outgoing::Binary(packed(&header, &png)));
         Ok(())

@@ -24,9 +24,10 @@ impl Guard {
         &self.token
     }
 
-    /// Returns the header line that stores the token in the browser, out of reach of scripts and other sites.
+    /// Returns the header line that stores the token in the browser, out of reach of scripts and of the requests of other
+    /// sites. A link on another page may lead here: the socket checks its origin.
     pub(crate) fn set_cookie(&self) -> String {
-        format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Strict\r\n", self.cookie, self.token)
+        format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Lax\r\n", self.cookie, self.token)
     }
 
     /// True if the request's address has the token.
@@ -39,7 +40,7 @@ impl Guard {
         request.cookie(&self.cookie).is_some_and(|given| self.is_token(given))
     }
 
-    /// Compares in a time that doesn't depend on the characters.
+    /// True if `given` is the token. The time of the comparison doesn't depend on the characters.
     fn is_token(&self, given: &str) -> bool {
         let differences = given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
         given.len() == self.token.len() && differences == 0

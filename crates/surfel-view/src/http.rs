@@ -96,9 +96,10 @@ fn parse(bytes: &[u8]) -> Result<Option<Request>, Refusal> {
     let target = parsed.path.unwrap_or_default();
     let (path, query) = target.split_once('?').unwrap_or((target, ""));
     let header = |h: &httparse::Header<'_>| {
-        Some((h.name.to_ascii_lowercase(), std::str::from_utf8(h.value).ok()?.trim().to_owned()))
+        // Cookies of other programs on this host may be in any encoding.
+        (h.name.to_ascii_lowercase(), String::from_utf8_lossy(h.value).trim().to_owned())
     };
-    let headers = parsed.headers.iter().map(header).collect::<Option<Vec<_>>>().ok_or(Refusal::Malformed)?;
+    let headers = parsed.headers.iter().map(header).collect();
     let rest = bytes.get(end..).unwrap_or_default().to_vec();
     Ok(Some(Request { path: path.to_owned(), query: query.to_owned(), headers, rest }))
 }

@@ -54,7 +54,7 @@ struct Waiting {
 }
 
 impl Outbox {
-    /// Adds a message, or disconnects a client that too many wait for.
+    /// Adds a message. Closes the outbox, which disconnects the client, if too many messages or bytes wait in it.
     pub(crate) fn push(&self, message: Outgoing) {
         let mut waiting = lock(&self.waiting);
         waiting.messages.push_back(message);
@@ -120,11 +120,22 @@ struct Client {
     outbox: Arc<Outbox>,
     draws: [Option<Value>; LAYERS],
     tasks: VecDeque<Value>,
+    /// True if the last request that was served is one for an image.
+    drew: bool,
 }
 
 impl Client {
+    /// Takes the next request: images and other requests in turn, so that a turntable doesn't delay a pick.
     fn next(&mut self) -> Option<Value> {
-        self.draws.iter_mut().find_map(Option::take).or_else(|| self.tasks.pop_front())
+        if self.drew
+            && let Some(task) = self.tasks.pop_front()
+        {
+            self.drew = false;
+            return Some(task);
+        }
+        let draw = self.draws.iter_mut().find_map(Option::take);
+        self.drew = draw.is_some();
+        draw.or_else(|| self.tasks.pop_front())
     }
 }
 
@@ -153,7 +164,8 @@ impl Hub {
         }
         clients.last_id += 1;
         let (id, outbox) = (clients.last_id, Arc::new(Outbox::default()));
-        clients.all.push(Client { id, outbox: outbox.clone(), draws: Default::default(), tasks: VecDeque::new() });
+        let tasks = VecDeque::new();
+        clients.all.push(Client { id, outbox: outbox.clone(), draws: Default::default(), tasks, drew: false });
         Some((id, outbox))
     }
 
@@ -223,6 +235,23 @@ impl Hub {
 mod tests {
     use super::*;
     use serde_json::json;
+
+    #[test]
+    fn other_requests_are_answered_between_images() {
+        let hub = Hub::default();
+        let (client, _) = hub.join().unwrap();
+        let next = |wanted: &str| {
+            let Next::Job(job) = hub.next() else { panic!("loaded") };
+            assert_eq!(job.request["do"], wanted);
+        };
+        hub.ask(client, json!({ "do": "draw" }));
+        next("draw");
+        for _ in 0..2 {
+            assert!(hub.ask(client, json!({ "do": "pick" })) && hub.ask(client, json!({ "do": "draw" })));
+            next("pick");
+            next("draw");
+        }
+    }
 
     #[test]
     fn newest_image_request_of_each_client_is_answered_in_turn() {

@@ -79,13 +79,14 @@ impl Viewer {
         let host = config.host.as_deref().unwrap_or("127.0.0.1");
         let Some(ip) = guard::loopback_address(host) else {
             return Err(format!(
-                "--host {host}: is not this machine's own address, expected localhost, 127.0.0.1 or ::1\n  help: from \
-                 another machine, ssh -L 8080:127.0.0.1:PORT HOST opens a tunnel, and http://127.0.0.1:8080/ the page"
+                "--host {host}: expected this machine's own address: localhost, 127.0.0.1 or ::1\n  help: to view from \
+                 another machine, add --port 8080 here, run ssh -L 8080:127.0.0.1:8080 HOST there, and open the \
+                 printed address there"
             ));
         };
         let wanted = SocketAddr::new(ip, config.port.unwrap_or(0));
         let failed = |e: std::io::Error| {
-            format!("{wanted}: can't listen there: {e}\n  help: --port chooses another port, and no --port a free one")
+            format!("{wanted}: can't listen there: {e}\n  help: choose another port with --port, or omit --port")
         };
         let listener = TcpListener::bind(wanted).map_err(failed)?;
         let address = listener.local_addr().map_err(failed)?;

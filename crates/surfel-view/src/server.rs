@@ -37,8 +37,8 @@ const FILES: [(&str, &str, &str); 4] = [
 /// Page for requests without the token.
 const CLOSED: &str = "<!doctype html><html lang=\"en\"><meta charset=\"utf-8\"><title>Surfel</title>\
                       <h1>This address is closed</h1>\
-                      <p>Open the address that <code>surfel view</code> printed in the terminal: it has a token, and \
-                      a shared address has none.</p></html>";
+                      <p>Open the address that <code>surfel view</code> printed last in the terminal, with its token. \
+                      An address copied from the browser has no token.</p></html>";
 
 /// State shared by all connections.
 pub(crate) struct Shared {

@@ -1,4 +1,4 @@
-//! State of the page: a JSON object of options by their long names, and what is copied from it.
+//! State of the page: a JSON object of options by their long names, and its export as a command or Python program.
 
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -7,8 +7,9 @@ use surfel::options::{Audience, Commands, Options, Row, Setter, table};
 /// Options of the page's state, by name.
 pub(crate) type State = Map<String, Value>;
 
-/// Options that a client may not set: they open files, or cost memory that the server's owner limits.
-const OWNERS: [&str; 7] = ["memory", "storage", "adapter", "no-metadata", "planes", "label", "columns"];
+/// Options that a client may not set: they open files, or lift limits that the server's owner set.
+const OWNERS: [&str; 8] =
+    ["memory", "storage", "adapter", "no-metadata", "planes", "label", "columns", "allow-outside"];
 
 /// Inputs and options that the page can't change.
 #[derive(Clone, Debug, Default)]
@@ -28,8 +29,8 @@ pub(crate) fn is_for_clients(row: &Row) -> bool {
 fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     let row = table().find(Commands::VIEW, name).filter(|row| is_for_clients(row));
     let row = row.ok_or_else(|| format!("{name}: there is no such option of the page"))?;
-    let names_file = matches!(row.set, Setter::Path(_)) && !row.has_name(value) && value != "builtin";
-    if names_file {
+    let is_builtin = row.name == "matcap" && value == "builtin";
+    if matches!(row.set, Setter::Path(_)) && !row.has_name(value) && !is_builtin {
         return Err(format!("{name}: files are given on the command line, not by the page"));
     }
     Ok(row)
@@ -52,9 +53,16 @@ fn text_of(value: &Value) -> Result<Vec<String>, String> {
 /// Returns names and values of a state's options, the fixed ones first.
 fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, String> {
     let mut flags = Vec::new();
+    let replaces_camera = ["view", "eye", "target"].iter().any(|name| state.contains_key(*name));
     for (name, text) in &fixed.flags {
+        // The page's value replaces one of the command line.
+        if name == "camera" && replaces_camera {
+            continue;
+        }
         let row = table().find(Commands::VIEW, name).ok_or_else(|| format!("there is no option {name}"))?;
-        flags.push((row, text.clone()));
+        if row.is_repeated || !state.contains_key(name) {
+            flags.push((row, text.clone()));
+        }
     }
     // The page's camera replaces a view's, and each projection the other.
     let has = |name: &str| state.contains_key(name);
@@ -64,8 +72,22 @@ fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, St
             || name == "ortho-height" && !has("ortho")
     };
     for (name, value) in state.iter().filter(|(name, _)| !is_replaced(name)) {
-        for text in text_of(value).map_err(|e| format!("{name}: {e}"))? {
-            flags.push((row_for(name, &text)?, text));
+        let texts = text_of(value).map_err(|e| format!("{name}: {e}"))?;
+        for text in &texts {
+            let row = row_for(name, text)?;
+            if texts.len() > 1 && !row.is_repeated {
+                return Err(format!("{name}: expected one value, found {}", texts.len()));
+            }
+            if text.chars().any(char::is_control) {
+                return Err(format!("{name}: expected text without control characters"));
+            }
+            flags.push((row, text.clone()));
+        }
+    }
+    let is_given = |name: &str| flags.iter().any(|(row, _)| row.name == name);
+    for (row, _) in &flags {
+        if let Some(other) = row.conflicts.iter().find(|other| is_given(other)) {
+            return Err(format!("{} and {other} exclude each other", row.name));
         }
     }
     Ok(flags)
@@ -74,7 +96,7 @@ fn flags(fixed: &Fixed, state: &State) -> Result<Vec<(&'static Row, String)>, St
 /// Returns the options of a state for an image of this size in pixels.
 ///
 /// # Errors
-/// What is wrong with an option, for the page.
+/// A message for the page, which names the option and its problem.
 pub(crate) fn options(fixed: &Fixed, state: &State, size: [u32; 2]) -> Result<Options, String> {
     let mut options = Options::default();
     options.inputs.clone_from(&fixed.inputs);
@@ -88,12 +110,19 @@ pub(crate) fn options(fixed: &Fixed, state: &State, size: [u32; 2]) -> Result<Op
 /// Returns the command that writes the image of a state, for a shell.
 pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
     let mut words = vec!["surfel".to_owned(), "render".to_owned()];
-    words.extend(fixed.inputs.iter().map(|path| quoted(&path.to_string_lossy())));
+    for path in &fixed.inputs {
+        let path = path.to_string_lossy();
+        // A name that begins with a hyphen would be a flag; a hyphen alone is stdin.
+        let folder = if path.len() > 1 && path.starts_with('-') { "./" } else { "" };
+        words.push(quoted(&format!("{folder}{path}")));
+    }
     for (row, text) in flags(fixed, state)? {
         match (row.is_switch(), text.as_str()) {
             (true, "on") => words.push(format!("--{}", row.name)),
             (true, _) => {}
-            (false, text) if row.missing.is_some() => words.push(format!("--{}={}", row.name, quoted(text))),
+            (false, text) if row.missing.is_some() || text.starts_with('-') => {
+                words.push(format!("--{}={}", row.name, quoted(text)))
+            }
             (false, text) => words.extend([format!("--{}", row.name), quoted(text)]),
         }
     }
@@ -140,7 +169,12 @@ pub(crate) fn python(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) ->
 fn literal(row: &Row, text: &str) -> String {
     let numbers: Option<Vec<f64>> = text.split(',').map(|part| part.trim().parse().ok()).collect();
     let is_plain = |c: char| c.is_ascii_digit() || "-+.eE, ".contains(c);
-    match numbers.filter(|_| text.chars().all(is_plain)) {
+    // Python has no numbers such as 01.
+    let is_padded = |part: &str| {
+        let digits = part.trim().trim_start_matches(['-', '+']).as_bytes();
+        digits.first() == Some(&b'0') && digits.get(1).is_some_and(u8::is_ascii_digit)
+    };
+    match numbers.filter(|_| text.chars().all(is_plain) && !text.split(',').any(is_padded)) {
         _ if row.is_switch() => "True".to_owned(),
         Some(numbers) if numbers.len() > 1 => format!("({text})"),
         Some(_) if row.python.contains("float") || row.python.contains("int") => text.to_owned(),
@@ -238,6 +272,39 @@ mod tests {
         for row in table().of(Commands::VIEW).filter(|row| matches!(row.set, Setter::Path(_))) {
             let state = state(&json!({ row.name: "../secret.png" }));
             assert!(options(&fixed(), &state, [9, 9]).is_err(), "{}", row.name);
+            let builtin = state_of_builtin(row.name);
+            assert_eq!(options(&fixed(), &builtin, [9, 9]).is_ok(), row.name == "matcap", "{}", row.name);
         }
+    }
+
+    fn state_of_builtin(name: &str) -> State {
+        state(&json!({ name: "builtin" }))
+    }
+
+    #[test]
+    fn states_that_no_command_has_are_refused() {
+        for bad in [
+            json!({ "shadows": ["on", "off"] }),
+            json!({ "color": "red", "color-by": "z" }),
+            json!({ "color-by": "a\u{3}b" }),
+            json!({ "color-by": "a\nb" }),
+            json!({ "allow-outside": "on" }),
+        ] {
+            assert!(command(&fixed(), &state(&bad), [9, 9]).is_err(), "{bad}");
+        }
+        assert!(options(&fixed(), &state(&json!({ "where": ["z>1", "z<2"] })), [9, 9]).is_ok());
+    }
+
+    #[test]
+    fn commands_have_one_value_and_no_word_that_looks_like_a_flag() {
+        let fixed = Fixed {
+            inputs: vec!["-x.ply".into()],
+            flags: vec![("colormap".into(), "my.txt".into()), ("camera".into(), "c.json".into())],
+        };
+        let copied = command(&fixed, &state(&json!({ "colormap": "turbo", "view": "top", "color-by": "-z" })), [9, 9]);
+        let copied = copied.unwrap();
+        assert!(copied.starts_with("surfel render ./-x.ply ") && copied.contains(" --color-by=-z "), "{copied}");
+        assert!(copied.contains("--colormap turbo") && !copied.contains("my.txt"), "{copied}");
+        assert!(!copied.contains("c.json"), "{copied}");
     }
 }

@@ -3,16 +3,17 @@
 //! The surface is always estimated first: up axis, view, sides and radii follow from it. Then every splat of a point is
 //! replaced by one of the chosen kind, with the same attributes.
 //!
-//! A bare file is drawn as balls where its points tell no surface. Each piece of `EVIDENCE` has a strength from 0 to 1,
-//! the score is their sum, and balls are chosen from a score of 1 on:
+//! Bare files are drawn as balls if their points are too sparse or too scattered to estimate a surface. Each piece of
+//! `EVIDENCE` has a strength from 0 to 1. Balls are selected if the score, the sum of the strengths, is at least 1:
 //!
-//! | evidence | 0 | 1 |
+//! | evidence | strength 0 | strength 1 |
 //! | --- | --- | --- |
-//! | few points, without normals or radii, times the next | 16,384 points | 256 to 4,096 points |
-//! | mean distance of neighbours from a point's plane, in spacings | 0.08 | 0.16 |
-//! | points on lines, or isolated | 15 % of the points | 45 % of the points |
+//! | number of points, without normals or radii; multiplied by the strength of the next row | 16,384 | 256 to 4,096 |
+//! | fraction of rough points, whose neighbours are off the point's plane | 0.12 | 0.26 |
+//! | fraction of points on lines, or isolated | 15 % | 45 % |
 //!
-//! Fewer than 256 points are an example that somebody wrote, and each of their splats can be seen.
+//! Clouds of fewer than 256 points are never drawn as balls for being few: such files are mostly written by hand, and
+//! each splat is visible anyway.
 
 use crate::Error;
 use glam::DVec3;
@@ -23,7 +24,7 @@ use surfel_sample::{PointClass, PointReport};
 /// Radius of a ball or disk relative to the spacing of the points: neighbours touch.
 const OF_SPACING: f64 = 0.5;
 
-/// Replaces the splats of an object's points. Objects of other geometry are returned as they are.
+/// Replaces the splats of an object's points. Objects of other geometry don't change.
 ///
 /// # Errors
 /// [`Error::Model`] for a radius that is out of range in the object's units.
@@ -76,7 +77,7 @@ fn spacing(cloud: &SplatCloud) -> f64 {
     *median / surfel_sample::DENSITY
 }
 
-/// Reason why the points of a file tell no surface.
+/// Reason for which no surface is estimated from the points of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SparseReason {
@@ -98,7 +99,7 @@ impl SparseReason {
         (score >= 1.0).then_some(strongest.0)
     }
 
-    /// True if points may be few enough to tell no surface, whatever their layout.
+    /// True if the number of points is small enough to be evidence against a surface.
     pub(crate) fn may_be_few(report: &PointReport) -> bool {
         few(report) > 0.0
     }
@@ -106,9 +107,9 @@ impl SparseReason {
     /// Returns the reason in the words of a note.
     pub fn words(self) -> &'static str {
         match self {
-            Self::Others => "those of other files are, and they are few",
+            Self::Others => "those of other files are, and it has few points, too",
             Self::Few => "they are few and rough, without normals and radii",
-            Self::Loose => "many lie in no surface",
+            Self::Loose => "many are isolated or lie on lines",
         }
     }
 }
@@ -120,12 +121,12 @@ const EVIDENCE: [(SparseReason, Strength); 2] =
 /// Strength of a piece of evidence about points and the splats made of them, from 0 to 1.
 type Strength = fn(&PointReport, &SplatCloud) -> f64;
 
-/// Numbers of points below which a cloud is an example, up to which it is sparse, and from which on it is not.
+/// Numbers of points: the smallest cloud that is judged, the largest sparse one, and the smallest dense one.
 const FEW: (usize, f64, f64) = (256, 4096.0, 16_384.0);
-/// Fractions of points on lines, or isolated: of a scan, and of a cloud that tells no surface.
+/// Fractions of points on lines, or isolated, at which the strength of this evidence is 0 and 1.
 const LOOSE: (f64, f64) = (0.15, 0.45);
 
-/// [`roughness`] up to which points tell their surface, and from which on they don't. 2,048 samples of a sphere and of
+/// [`roughness`] at which the strength of this evidence is 0 and 1. 2,048 samples of a sphere and of
 /// hills have 0, 300 of a sphere 0.2; 2,048 of a chair, a bunny or a rocker arm 0.3 to 0.4.
 const ROUGH: (f64, f64) = (0.12, 0.26);
 

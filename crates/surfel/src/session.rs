@@ -184,6 +184,11 @@ impl Session {
         &self.frame
     }
 
+    /// True if the loaded scenes are too large for another session beside this one.
+    pub fn is_large(&self) -> bool {
+        self.loaded.iter().map(LoadedScene::splats).sum::<u64>() > MOST_SPLATS_OF_TWO
+    }
+
     /// Returns the loaded objects of the scene shown last.
     pub fn objects(&self) -> Option<&LoadedObjects> {
         self.loaded.first().map(|loaded| &loaded.objects)
@@ -263,7 +268,7 @@ impl Session {
                 (resolved.file.lights, resolved.scene.lights, resolved.lighting) = (None, None, None);
             }
             if by_levels {
-                note("not all points fit into memory (--memory): each picture is drawn by levels".to_owned());
+                note("not all points fit into memory (--memory): each image is drawn by levels of detail".to_owned());
             }
             if let Some(facts) = loaded.objects.facts.first_mut().filter(|_| is_bare && options.up.flatten().is_none())
             {
@@ -316,7 +321,7 @@ impl Session {
     }
 
     /// Starts another backend if the current one was selected automatically and can't draw the scene. Returns true if
-    /// the backend is new, which has no scenes.
+    /// another backend was started, in which no scene is resident yet.
     fn settle_backend(&mut self, resolved: &Resolved, note: &mut dyn FnMut(String)) -> Result<bool, Error> {
         let (summary, settings) = (SceneSummary::of(&resolved.scene), &resolved.file.settings);
         let planes = if self.is_for_any_camera { Planes::ALL } else { Planes::COLOR };
@@ -505,7 +510,7 @@ impl LoadedScene {
 }
 
 fn nothing_shown() -> Error {
-    Error::Usage("the session shows no scene yet: call show first".to_owned())
+    Error::Usage("no scene is resident: call show first, or draw_from if not all points fit into memory".to_owned())
 }
 
 /// True if two scenes have the same splats and polygons in the same places.

@@ -20,13 +20,14 @@ const FEWEST: usize = 200;
 /// Largest number of far points that are judged.
 const JUDGED: usize = 1000;
 
-/// Returns the middle and the radius of a sphere that leaves out the strays of a scene; `None` without strays. `sample`
-/// holds some of the scene's `total` points. `far` returns all points that are farther from a place than a distance.
+/// Returns the centre and the radius of a sphere around a scene without its strays; `None` if there are no strays.
+/// `sample` is a selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that
+/// are farther than `distance` from `middle`.
 ///
 /// - The strays of a cloud of splats (`are_splats`) are at most 1 point in 25. Each is isolated by the criteria of
-///   [`outliers`], and the farthest is 1.5 times as far from the middle as all points that aren't isolated. A part of
-///   the surface is therefore never left out.
-/// - The strays of other geometry are at most 1 point in 200, each four times as far out as the rest.
+///   [`outliers`], and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled
+///   points that aren't isolated, so no part of the surface is lost.
+/// - The strays of other geometry are at most 1 point in 200. Each is more than four times as far out as the others.
 pub(crate) fn without_strays(
     (sample, total): (&[DVec3], usize),
     are_splats: bool,

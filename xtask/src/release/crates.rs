@@ -82,7 +82,7 @@ pub(super) fn stranger(place: &Place) -> Verdict {
         fresh(&folder.join("packages"))?;
         let archives = archives(place)?;
         if archives.is_empty() {
-            return Err("no packages, expected those of the step crates".to_owned());
+            return Err("no archives of packages: run cargo xtask release --dry-run crates first".to_owned());
         }
         let mut patches = String::new();
         for archive in &archives {

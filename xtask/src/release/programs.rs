@@ -144,7 +144,7 @@ pub(super) fn debian(place: &Place) -> Verdict {
         }
         let tried = made.iter().find(|deb| name_of(deb).contains("amd64")).map(|deb| inspected(deb)).transpose()?;
         match (made.is_empty(), tried) {
-            (true, _) => Ok(Verdict::Skipped("no program was built by the step tarball".to_owned())),
+            (true, _) => Ok(Verdict::Skipped("no program: run the step tarball before debian".to_owned())),
             (false, tried) => {
                 checksums(&place.out.join("programs"))?;
                 let sizes = made.iter().map(|deb| format!("{} {} KB", name_of(deb), bytes_of(deb) / 1000));

@@ -24,14 +24,14 @@ pub(crate) struct BallView<'a> {
     /// Map of directions from object to view space, and the view position of the object's origin.
     linear: DMat3,
     origin: DVec3,
-    /// Length of a pixel of the image, if radii are in pixels.
+    /// World length of a pixel of the image, if radii are in pixels.
     pixel: Option<BallPixelForm>,
     /// Least radius, in pixels of the view.
     pub least_px: f64,
 }
 
 impl<'a> BallView<'a> {
-    /// Returns all objects of balls as seen in `view`: that of the image or, with a least radius, of a shadow map.
+    /// Returns the objects of balls in a view of the image, or in that of a shadow map if `least_px` is more than 0.
     pub(crate) fn all(balls: &'a [StoredBalls], view: &'a View, plan: &FramePlan, least_px: f64) -> Vec<Self> {
         let of_object = |(index, balls): (usize, &'a StoredBalls)| {
             let m = balls.world_from_object;

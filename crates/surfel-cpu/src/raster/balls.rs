@@ -25,7 +25,7 @@ pub(crate) fn list_balls<'a>(
     lists.finish()
 }
 
-/// Number of balls after which those behind all of a block's pixels are found anew.
+/// Number of balls after which the largest depth at which a fragment can still be visible is computed again.
 const OCCLUDED_EVERY: u32 = 8;
 
 /// The balls of a block.
@@ -42,7 +42,7 @@ pub(crate) struct BallList<'a> {
 pub(crate) struct BlockFragments {
     /// Index in the block's list.
     pub ball: u32,
-    /// Bits of the pixels that have a fragment; the other two are meaningless elsewhere.
+    /// Bits of the pixels that have a fragment; other pixels have meaningless values in `z` and `coverage`.
     there: u32,
     pub z: [f32; LANES],
     pub coverage: [f32; LANES],
@@ -69,8 +69,8 @@ fn index_of(key: u64) -> usize {
 }
 
 impl BallFragments {
-    /// Evaluates the balls of a block, given by its first pixel, as far as they are nearer than `limit` and not behind
-    /// a ball that covers the whole pixel.
+    /// Evaluates the balls of a block in its pixels. Skips fragments behind `limit`, and fragments behind an opaque
+    /// ball that covers the whole pixel.
     #[inline(always)]
     pub(crate) fn gather<S: Simd>(&mut self, simd: S, list: BallList<'_>, limit: Lanes<S>) {
         let BallList { balls, at, projection } = list;

@@ -13,7 +13,7 @@ pub(crate) struct BallChunk {
     pub origin: DVec3,
     /// Radius of a sphere around the origin that contains the centres, in object units.
     pub centers: f64,
-    /// Largest radius of a ball, in its own unit.
+    /// Largest radius of the chunk's balls, in world units, or in pixels of the image if [`StoredBalls::in_pixels`].
     pub largest: f64,
     /// Index of the first ball in the columns.
     pub first: usize,

@@ -19,15 +19,17 @@ use surfel_render::Region;
 pub(crate) struct BallRecord {
     /// Whole pixel near the centre's projection, from which the next two are offsets.
     pub base: [f32; 2],
-    /// Projection of the centre, and centre of the outline.
+    /// Projection of the ball's centre, relative to `base`.
     pub anchor: [f32; 2],
+    /// Centre of the outline, relative to `base`.
     pub middle: [f32; 2],
     /// The outline.
     pub extent: [f32; 2],
     pub skew: f32,
     pub width: f32,
-    /// p_xy/p_z, and radius over p_z (orthographic: unused, radius).
+    /// p_xy/p_z of the centre (perspective only).
     pub slope: [f32; 2],
+    /// Radius over p_z (perspective), or radius (orthographic).
     pub size: f32,
     /// Depth of the centre, and a lower bound of the depth of fragments.
     pub z: f32,
@@ -107,7 +109,7 @@ struct ChunkSetup<'a, 'b> {
 struct Projected<S: Simd> {
     p: V3<Lanes<S>>,
     radius: Lanes<S>,
-    /// Bits of the balls that exist in the view.
+    /// Bits of the balls within the view's range of depths.
     there: u64,
 }
 

@@ -36,7 +36,7 @@ pub(crate) struct Composited<S: Simd> {
 }
 
 impl<S: Simd> Composited<S> {
-    /// Returns nothing, through which everything shows.
+    /// Returns an empty composite: no colour, and a transmittance of 1.
     #[inline(always)]
     pub(crate) fn nothing(simd: S) -> Self {
         let zero = Lanes::splat(simd, 0.0);
@@ -160,8 +160,8 @@ impl<S: Simd> BallBlock<'_, S> {
         color
     }
 
-    /// Writes depth, normal, weight and number of the balls that are shown, where they are nearer than a block's pixels
-    /// and than `until`.
+    /// Writes depth, normal, weight and number of each pixel's nearest solid fragment, if the fragment is nearer than
+    /// the pixel's depth and than `until`.
     #[inline(never)]
     pub(crate) fn show(&self, until: Lanes<S>, pixels: &mut Pixels<S>, target: &mut Target<'_>) {
         let planes = &self.lighting.planes;

@@ -25,7 +25,7 @@ fn splats<'a>(object: &'a Object, path: &Path) -> Result<&'a Arc<SplatCloud>, Er
         Geometry::Octree(_) => "an octree",
         Geometry::Gaussians(_) => "trained Gaussians",
     };
-    let problem = format!("holds {holds}, expected points, splats or a mesh for --error-row");
+    let problem = format!("holds {holds}, which --error-row can't measure: expected points, splats or a mesh file");
     Err(Error::Unsuitable { path: path.to_path_buf(), problem })
 }
 
@@ -45,8 +45,8 @@ fn mesh(path: &Path, options: &LoadOptions) -> Result<Option<Vec<[DVec3; 3]>>, E
     })
 }
 
-/// Returns the distances of the splats of all objects but the first to the first: to the surface of its file's mesh, or
-/// else to its points. `is_of_points` tells that the first file holds points.
+/// Returns the distances from the splats of every object but the first to the first object: to the surface of its
+/// file's mesh, or else to its points. `is_of_points` is true if the first file contains points.
 pub(super) fn distances(
     objects: &[Object],
     paths: &[PathBuf],

@@ -143,11 +143,14 @@ impl FigureRequest<'_> {
         let (count, subjects) = (self.inputs.len(), self.subjects());
         let usage = |text: String| Err(Error::Usage(text));
         if subjects == 0 || !count.is_multiple_of(subjects) {
-            return usage(format!("--subjects {subjects}: {count} inputs can't be divided into rows of equal length"));
+            return usage(format!("--subjects {subjects}: expected a multiple of {subjects} inputs, found {count}"));
         }
         let columns = count / subjects;
         if self.figure.error_row.is_some() && columns < 2 {
-            return usage(format!("--error-row compares files with the first, expected at least two, found {columns}"));
+            return usage(format!(
+                "--error-row compares each subject's files with its first: expected at least two files for each, \
+                 found {columns}"
+            ));
         }
         let titles = self.figure.titles.len();
         if titles != 0 && titles != count && titles != columns {

@@ -134,8 +134,8 @@ impl<'a> Panels<'a> {
             if width < LEAST_WIDTH {
                 let found = whole.round();
                 return Err(Error::Usage(format!(
-                    "--width leaves no room for {columns} panels beside the words: found {found} pixels, expected \
-                     more, or a smaller --font-size"
+                    "--width leaves no room for {columns} panels: found {found} pixels, expected a larger width, or \
+                     fewer columns (--wrap), a smaller --font-size or --no-legend"
                 )));
             }
             self.resize(sized(width, proportions));

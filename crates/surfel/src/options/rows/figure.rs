@@ -38,8 +38,8 @@ pub(super) const ROWS: &[Row] = &[
     .example("a,b"),
     figure(Row::text("subjects", "N", |o, text| put(&mut o.figure.subjects, values::whole(text, 1..=1000))))
         .help(
-            "Number of things that the files show, one after another, with equally many files each (default 1).",
-            "Each has a row, a camera and a light of its own, and its first file is the reference of its row.",
+            "Number of subjects (default 1). The files are divided into as many groups of equal size, in their order.",
+            "Each subject has its own rows, camera and light. Its first file is the reference of --error-row.",
         )
         .everyday()
         .python("int")

@@ -236,7 +236,7 @@ pub(super) const ROWS: &[Row] = &[
         .help(
             "Column names of tables: text, NPY and NPZ (x,y,z,_,r,g,b; _ skips a column).",
             "With types, each of which applies until the next one, also of binary files without a header \
-         (f4:x,y,z,intensity; little-endian): f4 f8 u1 i1 u2 i2 u4 i4 u8 i8.",
+         (f4:x,y,z,intensity): f2 f4 f8 u1 i1 u2 i2 u4 i4 u8 i8, little-endian, or big-endian after >.",
         )
         .everyday()
         .affects(Inputs::ALL, |o| o.columns.is_some())
@@ -266,7 +266,7 @@ pub(super) const ROWS: &[Row] = &[
         .of(Group::Files, Commands::SPLATS)
         .help(
             "Memory budget for points, such as 4G or 512M (default 60 % of the machine's memory).",
-            "Larger point clouds are refused, and COPC is written in pieces that fit.",
+            "Larger point clouds are drawn by level of detail, or refused, and COPC is written in pieces that fit.",
         )
         .python("int | str")
         .example("1.5G")
