@@ -24,7 +24,7 @@ impl Guard {
         &self.token
     }
 
-    /// Returns the header line that stores the token in the browser, out of reach of scripts and of the requests of other
+    /// Returns the header line that stores the token in the browser, out of reach of scripts and of requests from other
     /// sites. A link on another page may lead here: the socket checks its origin.
     pub(crate) fn set_cookie(&self) -> String {
         format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Lax\r\n", self.cookie, self.token)
