@@ -339,6 +339,17 @@ fn spherical(azimuth: f64, elevation: f64) -> DVec3 {
 }
 
 #[test]
+fn extra_bytes_that_no_record_describes_are_noted() {
+    for packed in [false, true] {
+        let (loaded, points) = read(&las_file((4, 7, 2, packed), Vec::new(), 0..9, |_| ()));
+        let notes = loaded.notes.join("\n");
+        assert!(points.len() == 9 && notes.contains("left out 2 extra bytes of each point"), "{notes}");
+        let (loaded, _) = read(&las_file((4, 7, 0, packed), Vec::new(), 0..9, |_| ()));
+        assert!(!loaded.notes.join("\n").contains("extra bytes"), "{:?}", loaded.notes);
+    }
+}
+
+#[test]
 fn scans_of_e57_have_their_poses_colours_and_columns() {
     let (loaded, points) = read(&support::small_e57());
     assert_eq!((loaded.format, loaded.up), (Format::E57, Up::PlusZ));
@@ -371,7 +382,13 @@ fn scans_of_e57_have_their_poses_colours_and_columns() {
     assert_eq!(points.viewpoint, None);
     assert!(points.comments.iter().any(|c| c == "crs EPSG:25832"), "{:?}", points.comments);
     let notes = loaded.notes.join("\n");
-    for what in ["in 2 scans", "left out 8 points flagged as invalid", "40 points without a colour", "'Zone'"] {
+    for what in [
+        "in 2 scans",
+        "left out 8 points flagged as invalid",
+        "40 points without a colour",
+        "'Zone'",
+        "1 of its 2 scans has no 'intensity'",
+    ] {
         assert!(notes.contains(what), "{what}: {notes}");
     }
 }

@@ -1,7 +1,7 @@
 //! Conversion of the points of all scans to rows of a temporary file, for reading block by block.
 
 use super::layout::Layout;
-use super::{File, columns, guarded, none_valid};
+use super::{File, columns, guarded, none_valid, note_missing};
 use crate::bytes::Bytes;
 use crate::crs::Crs;
 use crate::error::{Fault, Problem, unwritable};
@@ -94,6 +94,7 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
         table.roles.normal = Some(table.triple(["nx", "ny", "nz"], NumberType::F32));
     }
     let columns = columns(&layouts)?;
+    note_missing(&layouts, &columns, notes);
     file.check_decoded(&layouts, &columns)?;
     let extras: Vec<(usize, String)> =
         columns.into_iter().map(|(name, kind)| (table.push(&name, kind), name)).collect();

@@ -361,6 +361,19 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
     Ok(columns)
 }
 
+/// Notes columns that some scans lack, whose points get zeros in them.
+fn note_missing(layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>, notes: &mut Vec<String>) {
+    let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.0 == name);
+    for name in columns.keys() {
+        let without = layouts.iter().filter(|layout| !has(layout, name)).count();
+        if without > 0 {
+            let name = quote(name);
+            let have = if without == 1 { "has" } else { "have" };
+            notes.push(format!("{without} of its {} scans {have} no {name}: it is 0 for these points", layouts.len()));
+        }
+    }
+}
+
 /// Returns the problem of a file whose points are all flagged as invalid.
 fn none_valid(invalid: u64) -> Problem {
     Problem::new(format!("holds no point but {invalid} that are flagged as invalid")).expected("at least one")
@@ -388,6 +401,7 @@ fn read_scans(source: &mut dyn Source, context: &mut Context<'_>) -> Result<Cont
     points.colors = layouts.iter().any(|l| l.color.is_some()).then(Vec::new);
     points.scans = (layouts.len() > 1).then(SparseColumn::default);
     let columns = columns(&layouts)?;
+    note_missing(&layouts, &columns, &mut notes);
     file.check_decoded(&layouts, &columns)?;
     points.extras = columns.into_iter().map(|(name, kind)| (name, Typed::new(kind))).collect();
     file.read(&layouts, context.options.repair, &mut notes, |layout, batch| {

@@ -34,6 +34,8 @@ pub(super) struct Header {
     /// Data of LASzip's record.
     pub(super) laszip: Option<Vec<u8>>,
     pub(super) notes: Vec<String>,
+    /// Number of a point's extra bytes that a record describes.
+    pub(super) described: usize,
     /// True if points flagged as withheld are read, too.
     pub(super) reads_withheld: bool,
 }
@@ -166,6 +168,7 @@ impl Header {
             extra: Vec::new(),
             laszip: None,
             notes: Vec::new(),
+            described: 0,
             reads_withheld: false,
         };
         // Waveforms (LAS 1.3) and extended records (1.4) follow the points.
@@ -264,6 +267,7 @@ impl Header {
             for part in 0..parts {
                 if at + bytes > room {
                     self.notes.push(format!("the extra bytes of its points end before {}", crate::error::quote(&name)));
+                    self.described = room;
                     return;
                 }
                 if kind != 0 {
@@ -281,5 +285,11 @@ impl Header {
                 at += bytes;
             }
         }
+        self.described = at;
+    }
+
+    /// Returns the number of a point's extra bytes that no record describes.
+    pub(super) fn undescribed_bytes(&self) -> usize {
+        self.record_bytes.saturating_sub(POINT_BYTES[usize::from(self.format)] + self.described)
     }
 }

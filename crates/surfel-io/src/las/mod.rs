@@ -205,6 +205,10 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
         return Err(Problem::new(what).expected("at least one"));
     }
     let mut notes = std::mem::take(&mut header.notes);
+    let undescribed = header.undescribed_bytes();
+    if undescribed > 0 {
+        notes.push(format!("left out {undescribed} extra bytes of each point that the file doesn't describe"));
+    }
     if has_8_bit_colors {
         notes.push("its colours count to 255 instead of 65535: taken as 8 bits".into());
     }

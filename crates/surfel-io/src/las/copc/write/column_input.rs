@@ -309,6 +309,7 @@ impl ColumnInput {
             extra: extra.collect(),
             laszip: None,
             notes: notes.chain((left_out > 0).then(dropped)).chain(is_unsaid.then(unsaid)).collect(),
+            described: self.record_bytes() - POINT_BYTES[usize::from(self.format())],
             reads_withheld: false,
         }
     }
