@@ -1,7 +1,7 @@
 //! Camera framing: places a camera so that all of a scene fills the image.
 
 use crate::patches::Patches;
-use crate::strays::without_strays;
+use crate::strays::{are_splats, without_strays};
 pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
@@ -443,11 +443,6 @@ fn trimmed(scene: &Scene) -> Option<(DVec3, f64)> {
         gathered(scene, &Vec::new(), add, |a, b| [a, b].concat())
     };
     without_strays((&sample, total), are_splats(&scene.objects), far)
-}
-
-/// True if all objects are clouds of splats.
-pub(crate) fn are_splats(objects: &[Object]) -> bool {
-    objects.iter().all(|object| matches!(object.geometry, Geometry::Splats(_)))
 }
 
 /// Stray points that [`frame_camera`] leaves out of the frame.

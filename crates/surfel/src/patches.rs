@@ -1,8 +1,7 @@
 //! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
 
 use crate::equal;
-use crate::framing::are_splats;
-use crate::strays::without_strays_of;
+use crate::strays::{are_splats, without_strays_of};
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
 use surfel_model::{GaussianCloud, Geometry, Object};

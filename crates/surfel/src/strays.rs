@@ -1,7 +1,7 @@
 //! Detection of stray points, which would make the rest of a scene small in its image.
 
 use glam::DVec3;
-use surfel_model::{Column3, PointCloud};
+use surfel_model::{Column3, Geometry, Object, PointCloud};
 use surfel_sample::{NoProgress, outliers};
 
 /// Divisor of the number of points that gives the largest number of strays of a point cloud.
@@ -63,6 +63,11 @@ pub(crate) fn without_strays(
     let others = relative.iter().zip(&is_alone).filter(|(_, is_alone)| !**is_alone);
     let radius = SLACK * others.fold(core, |most, (p, _)| most.max(p.length()));
     (farthest > FARTHER * radius).then_some((middle, radius))
+}
+
+/// True if all objects are clouds of splats.
+pub(crate) fn are_splats(objects: &[Object]) -> bool {
+    objects.iter().all(|object| matches!(object.geometry, Geometry::Splats(_)))
 }
 
 /// Returns [`without_strays`] of a scene of which all points are known.
