@@ -122,7 +122,7 @@ function receive(header, file) {
     case 'progress': return say(`${header.stage}${header.part === null ? '…' : ` ${Math.round(100 * header.part)} %`}`);
     case 'image': return show(header, file);
     case 'error':
-      if (header.of === 'draw') settle(header);
+      if (header.of === 'draw') forgetAsked(header);
       if (answer) return answer.reject(new Error(header.message));
       return say(header.message, true);
     default: if (answer) answer.resolve({ header, file });
@@ -187,7 +187,7 @@ function drawMoving(time = performance.now()) {
 }
 
 /** Forgets the requests that an image or an error answers: its own, and the older ones that it replaced. */
-function settle({ id, layer }) {
+function forgetAsked({ id, layer }) {
   if (layer === 1) return;
   movingIds.forEach((asked) => { if (asked <= id) movingIds.delete(asked); });
 }
@@ -205,7 +205,7 @@ function sendMoving() {
 }
 
 async function show(header, file) {
-  settle(header);
+  forgetAsked(header);
   // About 22 ms per image leave time for encoding and sending.
   if (header.moving && header.layer === 0) {
     scale = Math.min(1, Math.max(0.25, scale * Math.sqrt(Math.min(1.6, Math.max(0.5, 22 / header.ms)))));
