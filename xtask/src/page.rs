@@ -7,6 +7,8 @@ use crate::python::{self, Tested};
 
 /// Folder of the tests.
 const TESTS: &str = "crates/surfel-view/tests/page";
+/// The page's script, whose syntax is checked wherever there is node.
+const SCRIPT: &str = "crates/surfel-view/page/view.js";
 /// Files of the tests.
 const FILES: [&str; 4] = ["package.json", "browser.mjs", "test.mjs", "measure.mjs"];
 const CHROMIUM: &str = "/usr/bin/chromium";
@@ -18,6 +20,9 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     let runs = |command: &mut Command| command.status().is_ok_and(|status| status.success());
     if !runs(Command::new("node").arg("--version").stdout(Stdio::null()).stderr(Stdio::null())) {
         return Tested::Skipped("no node".to_owned());
+    }
+    if !runs(Command::new("node").arg("--check").arg(root.join(SCRIPT))) {
+        return Tested::Failed;
     }
     if full && !Path::new(CHROMIUM).exists() {
         let install = ["install", "-q", "-y", "--no-install-recommends", "chromium"];
