@@ -154,9 +154,11 @@ mod tests {
 
     #[test]
     fn labels_and_axes_are_where_the_camera_sees_them() {
-        let mut options = FigureOptions::default();
-        options.texts = vec![([0.0, 10.0, 0.0], "top".into()), ([0.0, 0.0, 20.0], "behind".into())];
-        options.marks = vec![MarkKind::Axes];
+        let options = FigureOptions {
+            texts: vec![([0.0, 10.0, 0.0], "top".into()), ([0.0, 0.0, 20.0], "behind".into())],
+            marks: vec![MarkKind::Axes],
+            ..FigureOptions::default()
+        };
         let camera = camera();
         let view = View::new(&camera).unwrap();
         let marks = of_panel(&camera, &view, &options, &[], &[]);
