@@ -79,9 +79,8 @@ fn noise_and_withheld_points_move_no_frame_and_are_no_surface() {
         // The automatic view and up axis, too.
         let (found, said) = eye(words);
         assert!((found[2] - clean[2]).abs() < 30.0 && said.contains("up is +z"), "{words}: {found:?} {said}");
-        // With all classes they are points like any others: a few of them, far up, are strays.
-        let (_, said) = eye(&format!("{words} --view 30,30 --classes all"));
-        assert!(!said.contains(names) && said.contains("36 stray points out of the frame"), "{words}: {said}");
+        let (found, said) = eye(&format!("{words} --view 30,30 --classes all"));
+        assert!(apart(&found) > 20.0 && !said.contains("out of the frame"), "{words}: {found:?} {said}");
         let model = |flags: &str| {
             f.run(&format!("ortho {words} --gsd 0.5 --dsm dsm.tif -f --outliers keep {flags}")).code(0).stderr()
         };

@@ -177,7 +177,7 @@ pub(crate) fn scene_by(
                 let problem = "the objects have no finite extent to look at: give a camera (--camera, --eye)";
                 Error::Model(surfel_model::ModelError::Conflict(problem.to_owned()))
             };
-            estimates.camera(&scene, framing).ok_or_else(nothing)?
+            estimates.camera(loaded, &scene, framing).ok_or_else(nothing)?
         }
     };
     let mut objects = objects;

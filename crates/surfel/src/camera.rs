@@ -3,6 +3,7 @@
 use crate::Error;
 use crate::framing::{self, DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
 use crate::render_options::RenderOptions;
+use crate::strays::Sphere;
 use glam::{DQuat, DVec3};
 use std::collections::HashSet;
 use std::path::{Path, PathBuf};
@@ -55,8 +56,15 @@ pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
         || options.tile.is_some()
 }
 
-/// Frames the scene again for `--view`, with the projection of `camera` unless flags state another.
-pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, options: &RenderOptions) -> Option<Camera> {
+/// Frames the part of the scene inside a sphere again for `--view`, with the projection of `camera` unless flags state
+/// another.
+pub(crate) fn reframe(
+    camera: &Camera,
+    scene: &Scene,
+    kept: Option<Sphere>,
+    up: Up,
+    options: &RenderOptions,
+) -> Option<Camera> {
     let view = options.view?;
     let size = options.size.unwrap_or(camera.size);
     let projection = match (options.ortho || options.fov_y.is_some(), camera.projection) {
@@ -67,7 +75,7 @@ pub(crate) fn reframe(camera: &Camera, scene: &Scene, up: Up, options: &RenderOp
     };
     let axes = ViewAxes::of_choice(view, &scene.objects, up);
     let turning = options.turntable.then(|| up.vector());
-    framing::frame_camera(scene, &FrameOptions { axes, projection, size, fill: FILL, turning })
+    framing::frame_within(scene, kept, &FrameOptions { axes, projection, size, fill: FILL, turning })
 }
 
 fn fov_of(focal_px: f64, height_px: u32) -> f64 {

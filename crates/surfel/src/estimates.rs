@@ -3,6 +3,7 @@
 use crate::framing::{self, FrameOptions};
 use crate::lights::Lighting;
 use crate::loaded_objects::LoadedObjects;
+use crate::strays::Sphere;
 use crate::whites::Whites;
 use glam::DVec3;
 use std::sync::{Mutex, OnceLock, PoisonError};
@@ -12,6 +13,7 @@ use surfel_model::{Camera, Scene, Up};
 #[derive(Debug, Default)]
 pub(crate) struct Estimates {
     framed: OnceLock<LoadedObjects>,
+    kept: OnceLock<Option<Sphere>>,
     center: OnceLock<Option<DVec3>>,
     whites: OnceLock<Whites>,
     closed: OnceLock<Vec<bool>>,
@@ -39,9 +41,16 @@ impl Estimates {
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
     }
 
-    /// Returns [`framing::scene_center`].
-    pub(crate) fn center(&self, scene: &Scene) -> Option<DVec3> {
-        *self.center.get_or_init(|| framing::scene_center(scene))
+    /// Returns the sphere that is framed: without stray points, unless the options ask for all classes. `None` if all
+    /// points are framed.
+    pub(crate) fn kept(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<Sphere> {
+        let find = || if loaded.frames_all() { None } else { framing::without_strays_of(scene) };
+        *self.kept.get_or_init(find)
+    }
+
+    /// Returns [`framing::center_within`] the sphere that is framed.
+    pub(crate) fn center(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<DVec3> {
+        *self.center.get_or_init(|| framing::center_within(scene, self.kept(loaded, scene)))
     }
 
     pub(crate) fn whites(&self, loaded: &LoadedObjects) -> &Whites {
@@ -57,8 +66,8 @@ impl Estimates {
         last(&self.lighting, up, |up| Lighting::of(loaded, *up))
     }
 
-    /// Returns [`framing::frame_camera`].
-    pub(crate) fn camera(&self, scene: &Scene, options: FrameOptions) -> Option<Camera> {
-        last(&self.camera, options, |options| framing::frame_camera(scene, options))
+    /// Returns [`framing::frame_within`] the sphere that is framed.
+    pub(crate) fn camera(&self, loaded: &LoadedObjects, scene: &Scene, options: FrameOptions) -> Option<Camera> {
+        last(&self.camera, options, |options| framing::frame_within(scene, self.kept(loaded, scene), options))
     }
 }

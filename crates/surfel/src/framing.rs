@@ -1,7 +1,7 @@
 //! Camera framing: places a camera so that all of a scene fills the image.
 
 use crate::patches::Patches;
-use crate::strays::{are_splats, without_strays};
+use crate::strays::{Sphere, are_splats, without_strays};
 pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
@@ -411,9 +411,9 @@ fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, 
     gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
 }
 
-/// Returns the middle and the radius of a sphere around the scene without its stray points ([`without_strays`]); `None`
-/// if there are no stray points.
-fn trimmed(scene: &Scene) -> Option<(DVec3, f64)> {
+/// Returns the sphere around the scene without its stray points ([`without_strays`]); `None` if there are no stray
+/// points.
+pub(crate) fn without_strays_of(scene: &Scene) -> Option<Sphere> {
     let mut sample = Vec::new();
     let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
     let step = (total / 20_000).max(1);
@@ -454,11 +454,10 @@ pub(crate) struct LeftOut {
     pub(crate) times: f64,
 }
 
-/// Returns the stray points that are left out of the frame; `None` without any.
-pub(crate) fn left_out(scene: &Scene) -> Option<LeftOut> {
-    let (middle, radius) = trimmed(scene)?;
+/// Counts the points outside of the sphere that is framed.
+pub(crate) fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
     let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
-        let times = p.distance(middle) / radius;
+        let times = p.distance(kept.middle) / kept.radius;
         if times > 1.0 {
             *found = LeftOut { count: found.count + 1, times: found.times.max(times) };
         }
@@ -488,8 +487,12 @@ impl Len for Geometry {
 /// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
 /// others, the farthest at least 1.5 times; in other geometry at most 1 in 200, four times as far out as the rest.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
-    let kept = trimmed(scene);
-    let keep = |p: DVec3| kept.is_none_or(|(middle, radius)| p.distance(middle) <= radius);
+    frame_within(scene, without_strays_of(scene), options)
+}
+
+/// Places a camera like [`frame_camera`] that shows the part of the scene inside a sphere; all of it without one.
+pub(crate) fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions) -> Option<Camera> {
+    let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     let (lo, hi) = bounds(scene, keep)?;
     let center = (lo + hi) * 0.5;
     let ViewAxes { right, up, forward } = options.axes;
@@ -610,11 +613,10 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
     if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
 }
 
-/// Returns the middle of the scene's bounds without stray points, as [`frame_camera`] centres it; `None` without
-/// objects.
-pub fn scene_center(scene: &Scene) -> Option<DVec3> {
-    let kept = trimmed(scene);
-    let keep = |p: DVec3| kept.is_none_or(|(middle, radius)| p.distance(middle) <= radius);
+/// Returns the middle of the bounds of a scene's part inside a sphere, as [`frame_within`] centres it; of all of the scene
+/// without a sphere. `None` without objects.
+pub(crate) fn center_within(scene: &Scene, kept: Option<Sphere>) -> Option<DVec3> {
+    let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)
 }
 

@@ -38,7 +38,7 @@ pub fn studio_lights(camera: &Camera) -> Vec<Light> {
 pub(crate) struct Lighting {
     /// Direction that the objects face as a whole, a unit vector or zero.
     facing: DVec3,
-    /// How strongly the key light rakes over them, 0 to 1.
+    /// Strength with which the key light rakes over the objects, 0 to 1.
     share: f64,
 }
 

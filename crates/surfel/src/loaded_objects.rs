@@ -78,6 +78,8 @@ pub struct ObjectFacts {
     pub partial: bool,
     /// True if the file has more points than the point limit.
     pub thinned: bool,
+    /// True if the options ask for points of all classes, so that strays are framed, too.
+    pub all_classes: bool,
     /// True if some points are noise or withheld; such points don't influence the camera ([`LoadedObjects::framed`]).
     pub noise: bool,
     /// True if some splats are transparent and none is a Gaussian. The opacity of a Gaussian surface depends on how
@@ -101,6 +103,7 @@ impl Default for ObjectFacts {
             each_side: false,
             partial: false,
             thinned: false,
+            all_classes: false,
             noise: false,
             transparent: false,
         }

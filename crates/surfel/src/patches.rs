@@ -133,8 +133,8 @@ impl Patches {
             return None;
         }
         let positions: Vec<DVec3> = all.iter().map(|p| p.position).collect();
-        if let Some((center, radius)) = without_strays_of(&positions, are_splats) {
-            all.retain(|p| p.position.distance(center) <= radius);
+        if let Some(sphere) = without_strays_of(&positions, are_splats) {
+            all.retain(|p| sphere.contains(p.position));
         }
         let fold = |f: fn(DVec3, DVec3) -> DVec3| all.iter().map(|p| p.position).reduce(f);
         let (lo, hi) = (fold(DVec3::min)?, fold(DVec3::max)?);

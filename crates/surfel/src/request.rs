@@ -19,6 +19,7 @@ use crate::scene::{
     auto_points_as, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap,
     load_objects, parse_scene_file, read_scene_file, refine_objects,
 };
+use crate::strays::Sphere;
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
 use std::collections::BTreeSet;
@@ -115,13 +116,17 @@ pub struct Resolved {
     pub colorings: Colorings,
     /// Default lights, which follow the camera; `None` if the scene has lights of its own.
     pub(crate) lighting: Option<Lighting>,
+    /// True if stray points are framed, too ([`LoadedObjects::frames_all`]).
+    pub(crate) frames_all: bool,
 }
 
 impl Resolved {
     /// Returns the camera for these options, starting from `given` or else the scene's own camera.
     pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
         let given = given.unwrap_or(&self.file.camera);
-        let reframed = camera::reframe(given, &self.scene, self.up, options);
+        let leaves_strays = options.view.is_some() && !self.frames_all;
+        let kept = if leaves_strays { framing::without_strays_of(&self.scene) } else { None };
+        let reframed = camera::reframe(given, &self.scene, kept, self.up, options);
         let mut camera = reframed.unwrap_or_else(|| given.clone());
         camera::apply_flags(&mut camera, &self.scene, self.up, false, options);
         camera
@@ -226,23 +231,25 @@ impl Request {
                 let settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), options);
                 let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| bare_object(path)).collect();
                 objects.iter_mut().try_for_each(|object| apply(options, object))?;
-                let (options, pictures, base) = (options.clone(), pictures.clone(), PathBuf::new());
-                let level_store = Arc::default();
-                let (scene, has_unused_lights) = (None, false);
-                Ok(Self {
-                    options,
-                    pictures,
-                    camera,
-                    settings,
-                    objects,
-                    base,
-                    scene,
-                    has_unused_lights,
-                    level_store,
-                    has_rows: false,
-                    estimates: Arc::default(),
-                })
+                Ok(Self { camera, ..Self::bare(options, pictures, settings, objects) })
             }
+        }
+    }
+
+    /// Returns a request without a scene file and a camera.
+    fn bare(options: &RenderOptions, pictures: &Pictures, settings: Settings, objects: Vec<ObjectFile>) -> Self {
+        Self {
+            options: options.clone(),
+            pictures: pictures.clone(),
+            camera: None,
+            settings,
+            objects,
+            base: PathBuf::new(),
+            scene: None,
+            has_unused_lights: false,
+            level_store: Arc::default(),
+            has_rows: false,
+            estimates: Arc::default(),
         }
     }
 
@@ -271,22 +278,8 @@ impl Request {
         let (settings, objects) = (file.settings, file.objects.clone());
         let chooses_shader = keys.contains("shader") || options.shader.is_some() || options.matcap.is_some();
         let has_unused_lights = !chooses_shader && file.lights.as_ref().is_some_and(|lights| !lights.is_empty());
-        let (options, pictures, scene) = (options.clone(), pictures.clone(), Some((file, name)));
-        let level_store = Arc::default();
-        let camera = given;
-        Ok(Self {
-            options,
-            pictures,
-            camera,
-            settings,
-            objects,
-            base,
-            scene,
-            has_unused_lights,
-            level_store,
-            has_rows: false,
-            estimates: Arc::default(),
-        })
+        let (camera, scene) = (given, Some((file, name)));
+        Ok(Self { camera, base, scene, has_unused_lights, ..Self::bare(options, pictures, settings, objects) })
     }
 
     /// Shares a cache of files with levels of detail between successive requests.
@@ -480,9 +473,12 @@ impl Request {
         }
         let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
         let objects_only = Scene { objects: self.estimates.framed(&loaded).objects, ..Scene::default() };
-        if let Some(framed) = camera::reframe(&file.camera, &objects_only, up, options) {
-            file.camera = framed;
-            note_strays(&objects_only, note);
+        if options.view.is_some() {
+            let kept = self.estimates.kept(&loaded, &objects_only);
+            if let Some(framed) = camera::reframe(&file.camera, &objects_only, kept, up, options) {
+                file.camera = framed;
+                note_strays(&objects_only, kept, note);
+            }
         }
         file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
         camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
@@ -490,6 +486,7 @@ impl Request {
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
         let turntable = Turntable { center: file.camera.target.into(), axis };
+        let frames_all = loaded.frames_all();
         let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
@@ -499,7 +496,8 @@ impl Request {
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
         let has_own_camera = self.options.view.is_none();
-        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting: None })
+        let lighting = None;
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting, frames_all })
     }
 
     fn scene_of_geometry(
@@ -556,9 +554,9 @@ impl Request {
         let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
         let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
         if own_near && options.eye.is_none() && options.target.is_none() {
-            note_strays(&objects_only, note);
+            note_strays(&objects_only, self.estimates.kept(&framed, &objects_only), note);
         }
-        let center = self.estimates.center(&objects_only).unwrap_or_default();
+        let center = self.estimates.center(&framed, &objects_only).unwrap_or_default();
         if options.eye.is_some() && options.target.is_none() && own_near {
             file.camera.target = center.into();
         }
@@ -577,6 +575,7 @@ impl Request {
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
+        let frames_all = loaded.frames_all();
         let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
         let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
         loaded.draw_points(&file.objects)?;
@@ -584,7 +583,8 @@ impl Request {
         absolute_paths(&mut file, Path::new(""))?;
         scene.matcap = matcap(&mut file, options)?;
         note_near(&scene, &file.camera, note);
-        Ok(Resolved { file, scene, turntable, up, has_own_camera: !own_near, beside, colorings, lighting })
+        let has_own_camera = !own_near;
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting, frames_all })
     }
 }
 
@@ -633,8 +633,8 @@ fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(St
 }
 
 /// Notes how many stray points the framed camera leaves out.
-fn note_strays(scene: &Scene, note: &mut dyn FnMut(String)) {
-    if let Some(LeftOut { count, times }) = framing::left_out(scene) {
+fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)) {
+    if let Some(LeftOut { count, times }) = kept.and_then(|kept| framing::left_out(scene, &kept)) {
         let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };
         note(format!(
             "left {points} out of the frame, up to {times:.0} times as far out as the rest (--outliers drop removes \

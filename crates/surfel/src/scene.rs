@@ -24,8 +24,8 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_io::{Content, IoError, Loaded};
 use surfel_model::{
-    CloudData, Color, GaussianCloud, Geometry, Matcap, Mesh, Object, ObjectFile, OnInvalid, Scene, SceneFile, Shader,
-    SplatCloud,
+    Classes, CloudData, Color, GaussianCloud, Geometry, Matcap, Mesh, Object, ObjectFile, OnInvalid, Scene, SceneFile,
+    Shader, SplatCloud,
 };
 use surfel_sample::Progress;
 
@@ -212,6 +212,11 @@ impl LoadedObjects {
         Self { objects, facts: self.facts.clone(), ..Self::default() }
     }
 
+    /// True if stray points are framed like all others, since the options ask for all classes.
+    pub(crate) fn frames_all(&self) -> bool {
+        self.facts.iter().any(|facts| facts.all_classes)
+    }
+
     /// True if there are objects and all of them consist of trained Gaussians.
     pub fn all_gaussians(&self) -> bool {
         let mut geometries = self.objects.iter().map(|object| &object.geometry);
@@ -373,6 +378,7 @@ fn load_uncolored(
                             each_side: says(EACH_SIDE),
                             partial,
                             thinned,
+                            all_classes: options.classes == Some(Classes::All),
                             noise: noise.is_some(),
                             transparent,
                             colored: false,

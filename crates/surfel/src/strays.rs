@@ -20,7 +20,21 @@ const FEWEST: usize = 200;
 /// Largest number of far points that are judged.
 const JUDGED: usize = 1000;
 
-/// Returns the centre and the radius of a sphere around a scene without its strays; `None` if there are no strays.
+/// Sphere in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sphere {
+    pub(crate) middle: DVec3,
+    pub(crate) radius: f64,
+}
+
+impl Sphere {
+    /// True if the sphere contains a point.
+    pub(crate) fn contains(&self, p: DVec3) -> bool {
+        p.distance(self.middle) <= self.radius
+    }
+}
+
+/// Returns a sphere around a scene without its strays; `None` if there are no strays.
 /// `sample` is a selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that
 /// are farther than `distance` from `middle`.
 ///
@@ -32,7 +46,7 @@ pub(crate) fn without_strays(
     (sample, total): (&[DVec3], usize),
     are_splats: bool,
     far: impl FnOnce(DVec3, f64) -> Vec<DVec3>,
-) -> Option<(DVec3, f64)> {
+) -> Option<Sphere> {
     let count = sample.len();
     if count < FEWEST {
         return None;
@@ -49,7 +63,7 @@ pub(crate) fn without_strays(
     let far = if core > 0.0 { far(middle, limit) } else { Vec::new() };
     let farthest = far.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
     if far.is_empty() || !are_splats {
-        return (!far.is_empty()).then_some((middle, limit));
+        return (!far.is_empty()).then_some(Sphere { middle, radius: limit });
     }
     if far.len() * OF_CLOUD > total {
         return None;
@@ -62,7 +76,7 @@ pub(crate) fn without_strays(
     let is_alone = outliers(&cloud, &NoProgress).ok()?;
     let others = relative.iter().zip(&is_alone).filter(|(_, is_alone)| !**is_alone);
     let radius = SLACK * others.fold(core, |most, (p, _)| most.max(p.length()));
-    (farthest > FARTHER * radius).then_some((middle, radius))
+    (farthest > FARTHER * radius).then_some(Sphere { middle, radius })
 }
 
 /// True if all objects are clouds of splats.
@@ -71,7 +85,7 @@ pub(crate) fn are_splats(objects: &[Object]) -> bool {
 }
 
 /// Returns [`without_strays`] of a scene of which all points are known.
-pub(crate) fn without_strays_of(all: &[DVec3], are_splats: bool) -> Option<(DVec3, f64)> {
+pub(crate) fn without_strays_of(all: &[DVec3], are_splats: bool) -> Option<Sphere> {
     let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
     without_strays((all, all.len()), are_splats, far)
 }
@@ -109,7 +123,7 @@ mod tests {
                 for (scale, offset) in [(1.0, DVec3::ZERO), (1e-6, DVec3::ZERO), (1e3, DVec3::splat(5e6))] {
                     let all = ball(count, DVec3::ZERO, 1.0).chain(strays(alone, times));
                     let all: Vec<DVec3> = all.map(|p| p * scale + offset).collect();
-                    let (middle, radius) = without_strays_of(&all, true).unwrap();
+                    let Sphere { middle, radius } = without_strays_of(&all, true).unwrap();
                     assert!(middle.distance(offset) < 0.2 * scale, "{count} {share} {times}");
                     assert!(radius > scale && radius < 1.4 * scale, "{count} {share} {times} {scale}: {radius}");
                 }
@@ -126,7 +140,7 @@ mod tests {
         // A part of 1 %, as dense as the rest; with strays beyond it, the sphere holds the part.
         let part = || ball(100, DVec3::X * 12.0, 0.1).collect::<Vec<_>>();
         assert_eq!(with(part()), None);
-        let (middle, radius) = with(part().into_iter().chain(strays(100, 60.0)).collect()).unwrap();
+        let Sphere { middle, radius } = with(part().into_iter().chain(strays(100, 60.0)).collect()).unwrap();
         assert!(middle.length() < 0.1 && radius > 12.1 && radius < 14.0, "{radius}");
         // One point in ten far out isn't few.
         assert_eq!(with(strays(1000, 6.0).collect()), None);
@@ -137,7 +151,7 @@ mod tests {
     #[test]
     fn strays_of_other_geometry_are_few_and_far_in_clumps_or_alone() {
         let clump: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(40, DVec3::X * 9.0, 0.01)).collect();
-        let (_, radius) = without_strays_of(&clump, false).unwrap();
+        let Sphere { radius, .. } = without_strays_of(&clump, false).unwrap();
         assert!((radius - 4.0).abs() < 0.05, "{radius}");
         assert_eq!(without_strays_of(&clump, true), None);
         let many: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(60, DVec3::X * 9.0, 0.01)).collect();
@@ -152,8 +166,8 @@ mod tests {
                 |middle: DVec3, limit: f64| others.iter().copied().filter(|p| p.distance(middle) > limit).collect();
             without_strays((&few, 1_000_000), true, far)
         };
-        assert!(with(strays(3, 50.0).collect()).is_some_and(|(_, radius)| radius < 1.2));
-        assert!(with(strays(30_000, 50.0).collect()).is_some_and(|(_, radius)| radius < 1.4));
+        assert!(with(strays(3, 50.0).collect()).is_some_and(|sphere| sphere.radius < 1.2));
+        assert!(with(strays(30_000, 50.0).collect()).is_some_and(|sphere| sphere.radius < 1.4));
         assert_eq!(with(ball(300, DVec3::X * 12.0, 0.05).collect()), None);
         assert_eq!(with(strays(60_000, 50.0).collect()), None, "not few");
     }

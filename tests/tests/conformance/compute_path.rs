@@ -178,7 +178,7 @@ fn agrees_with_the_cpu(renderer: &mut impl Renderer, case: &Case) -> Stats {
     stats
 }
 
-/// Of 140 × 140 cells of samples nearly every one is active: more than there is room for at first.
+/// Draws 140 × 140 cells of samples, nearly all of them active: more than the first capacity.
 fn draws_again_where_active_cells_do_not_fit(renderer: &mut impl Renderer) {
     let stats = agrees_with_the_cpu(renderer, &wall(40_000, 0.003, 1.5, [560, 560]));
     assert!(counter(&stats, "sample_cells").unwrap() > f64::from(1 << 14), "{stats:?}");

@@ -161,7 +161,7 @@ fn abuffer_has_every_surface_or_is_refused(mut renderer: impl Renderer) {
     let mut reference = surfel_reference::Renderer::new(Default::default()).unwrap();
     // Fewer surfaces than the first layers, as many, and more that need further rounds; with samples, too.
     for (count, edge_aa) in
-        [(3, EdgeAa::Off), (16, EdgeAa::Off), (40, EdgeAa::Off), (12, EdgeAa::Samples), (130, EdgeAa::Off)]
+        [(3, EdgeAa::Off), (16, EdgeAa::Off), (40, EdgeAa::Off), (40, EdgeAa::Samples), (130, EdgeAa::Off)]
     {
         let case = stack(count, edge_aa);
         let want = reference_frame(&mut reference, &case).unwrap();
