@@ -320,7 +320,7 @@ fn mutations_of_scene_files() {
 }
 
 #[test]
-#[ignore = "a minute: cargo xtask test --full"]
+#[ignore = "28 s: cargo xtask test --full"]
 fn mutations_of_scans() {
     let file = |kind| support::las_file(kind, Vec::new(), 0..40, |_| ());
     // The last bytes of a compressed file are its chunk table.

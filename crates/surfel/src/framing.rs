@@ -613,8 +613,8 @@ fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) ->
     if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
 }
 
-/// Returns the middle of the bounds of a scene's part inside a sphere, as [`frame_within`] centres it; of all of the scene
-/// without a sphere. `None` without objects.
+/// Returns the middle of the bounds of a scene's part inside a sphere, as [`frame_within`] centres it. Without a sphere
+/// it is the middle of all of the scene. `None` without objects.
 pub(crate) fn center_within(scene: &Scene, kept: Option<Sphere>) -> Option<DVec3> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)

@@ -136,7 +136,6 @@ fn a_column_of_long_facets_has_no_pinholes() {
 }
 
 #[test]
-#[ignore = "a minute: cargo xtask test --full"]
 fn nine_solids_have_no_pinholes_at_five_sizes() {
     for (name, corners) in solids() {
         check(name, &corners, &SIZES);

@@ -43,6 +43,7 @@ pub(super) fn ball_cases() -> Vec<Case> {
         shadows_of_balls(1.0),
         shadows_of_balls(0.02),
         region_of_balls(),
+        ball_beyond_the_view(),
     ];
     for shader in [Shader::Unlit, Shader::Normal, Shader::Depth, Shader::Matcap, Shader::Edl, Shader::Toon] {
         cases.push(small.with(&format!("{shader:?}").to_lowercase(), |s| s.shader = shader));
@@ -91,6 +92,13 @@ fn lit(name: &str, objects: Vec<Object>, camera: Camera) -> Case {
 fn large_balls() -> Case {
     let balls = points(24, [0.1, 0.6], 5);
     lit("large_balls", vec![object(ball_cloud(&balls, false, false))], camera(2.2, 70.0, [96, 72]))
+}
+
+/// Catches lost digits inside a large outline: a ball of 300 times its distance covers all of the view.
+fn ball_beyond_the_view() -> Case {
+    let ball = ball_cloud(&[(DVec3::NEG_Z * 301.0, 300.0)], false, false);
+    let view = Camera { target: [0.0, 0.0, -1.0], ..camera(0.0, 60.0, [24, 24]) };
+    lit("ball_beyond_the_view", vec![object(ball)], view)
 }
 
 /// Catches wrong coverage where outlines are strongly curved: balls of 1 to 4 pixels.

@@ -131,7 +131,7 @@ fn draws_every_scene_of_samples(backend: &mut impl Renderer) {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "118 s on lavapipe with two cores: cargo xtask test --full"]
 fn gpus_draw_every_scene_of_samples_as_the_reference_does() {
     if let Some(mut ash) = validated_gpu::ash() {
         draws_every_scene_of_samples(&mut ash);

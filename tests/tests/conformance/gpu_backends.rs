@@ -44,7 +44,7 @@ fn ash_agrees_with_the_reference_on_every_scene() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "79 s on lavapipe with two cores: cargo xtask test --full"]
 fn wgpu_agrees_with_the_reference_on_every_scene() {
     if let Some(renderer) = validated_gpu::wgpu() {
         agrees_with_the_reference_on_every_scene(renderer);
@@ -288,7 +288,7 @@ fn scene_of_any_size_agrees_with_the_reference(mut renderer: impl Renderer) {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "131 s on lavapipe with two cores: cargo xtask test --full"]
 fn ash_and_wgpu_draw_the_same_image_on_one_driver() {
     let (Some(mut ash), Some(mut wgpu)) = (validated_gpu::ash(), validated_gpu::wgpu()) else { return };
     if ash.info().adapter != wgpu.info().adapter {
@@ -346,7 +346,7 @@ fn draws_the_same_in_parts(whole: &mut impl Renderer, parts: &mut impl Renderer,
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "134 s on lavapipe with two cores: cargo xtask test --full"]
 fn scenes_and_images_too_large_for_the_device_are_drawn_in_parts() {
     let all = Limits::default();
     for storage in [Storage::F32, Storage::Quantised] {

@@ -43,7 +43,7 @@ fn splats_in_16_bits_are_those_of_the_cpu() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "94 s on lavapipe with two cores: cargo xtask test --full"]
 fn splats_in_16_bits_on_wgpu_are_those_of_the_cpu() {
     let all = Limits::default();
     if let (Some(mut narrow), Some(mut wide)) =

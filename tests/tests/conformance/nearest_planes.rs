@@ -129,7 +129,7 @@ fn cpu_shows_the_nearest_splat() {
 
 /// On GPUs every 40th besides the first of each kind: a software driver takes minutes for all.
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "32 s on lavapipe with two cores: cargo xtask test --full"]
 fn wgpu_shows_the_nearest_splat() {
     if let Some(mut renderer) = crate::validated_gpu::wgpu() {
         agrees(&mut renderer, 40);

@@ -162,7 +162,7 @@ fn preset_fidelity_holds_on_cpu() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "78 s on lavapipe with two cores: cargo xtask test --full"]
 fn preset_fidelity_holds_on_wgpu() {
     // `gpu_backends` compares every scene's image with that of ash.
     if let Some(mut renderer) = validated_gpu::wgpu() {
@@ -172,7 +172,7 @@ fn preset_fidelity_holds_on_wgpu() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "96 s on lavapipe with two cores: cargo xtask test --full"]
 fn preset_fidelity_holds_on_ash() {
     if let Some(mut renderer) = validated_gpu::ash() {
         hold_fidelity(&mut renderer, 1);

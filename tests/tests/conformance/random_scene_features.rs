@@ -37,7 +37,7 @@ fn random_scenes_cpu_agrees_with_the_reference() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "15 s on lavapipe with two cores: cargo xtask test --full"]
 fn random_scenes_wgpu_agrees_with_the_reference() {
     if let Some(wgpu) = validated_gpu::wgpu() {
         agrees(wgpu, 200..220, 12);
@@ -46,7 +46,6 @@ fn random_scenes_wgpu_agrees_with_the_reference() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn random_scenes_ash_agrees_with_the_reference() {
     if let Some(ash) = validated_gpu::ash() {
         agrees(ash, 300..320, 12);

@@ -35,7 +35,7 @@ fn stability_of_the_reference_and_the_cpu() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
+#[ignore = "52 s on lavapipe with two cores: cargo xtask test --full"]
 fn stability_of_gpus() {
     let ash = validated_gpu::ash().map(|ash| (Precision::GPU, drawer(ash)));
     let wgpu = validated_gpu::wgpu().map(|wgpu| (Precision::GPU, drawer(wgpu)));

@@ -227,7 +227,6 @@ fn cpu_draws_gaussians_as_the_reference_does() {
 }
 
 #[test]
-#[ignore = "minutes on a software driver: cargo xtask test --full"]
 fn wgpu_draws_gaussians_as_the_reference_does() {
     if let Some(mut renderer) = wgpu() {
         agrees(&mut renderer);
