@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 22] = [
+const LAYERS: [(&str, u32); 23] = [
     ("surfel-math", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
@@ -18,6 +18,7 @@ const LAYERS: [(&str, u32); 22] = [
     ("surfel-images", 3),
     ("surfel-io", 4),
     ("surfel-render", 4),
+    ("surfel-light", 5),
     ("surfel-reference", 5),
     ("surfel-cpu", 5),
     ("surfel-shaders", 5),
@@ -34,7 +35,7 @@ const LAYERS: [(&str, u32); 22] = [
 ];
 
 /// Packages whose direct and indirect dependencies include no GPU crate.
-const GPU_FREE: [&str; 11] = [
+const GPU_FREE: [&str; 12] = [
     "surfel-math",
     "surfel-model",
     "surfel-metrics",
@@ -45,6 +46,7 @@ const GPU_FREE: [&str; 11] = [
     "surfel-files",
     "surfel-images",
     "surfel-io",
+    "surfel-light",
     "surfel-sample",
 ];
 const GPU: [&str; 3] = ["wgpu", "ash", "naga"];

@@ -13,13 +13,13 @@ use serde_json::{Map, Value, json};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use surfel::backend::Chosen;
+use surfel::backend::{Chosen, summary_of};
 use surfel::io::ShowPath as _;
 use surfel::io::atomic::target;
 use surfel::model::SceneFile;
 use surfel::options::Options;
 use surfel::progressive::Detail;
-use surfel::render::{Capabilities, RendererInfo, SceneSummary, unsupported};
+use surfel::render::{Capabilities, RendererInfo, unsupported};
 use surfel::request::{self, RenderOptions};
 use surfel::{
     Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
@@ -323,7 +323,7 @@ impl<'a> Session<'a> {
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
         let planes = planes(&args.render, args.render.verify, self.output.as_ref());
-        let summary = SceneSummary::of(&resolved.scene);
+        let summary = summary_of(&resolved.scene);
         let settings = &resolved.file.settings;
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
         let mut other = None;

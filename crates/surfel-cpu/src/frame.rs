@@ -15,6 +15,7 @@ use crate::raster::depth::occlusion;
 use crate::raster::inputs::{RasterFrame, RasterInputs};
 use crate::raster::listing::Listing;
 use crate::raster::sums::number_of;
+use crate::scene::balls::StoredBalls;
 use crate::scene::mesh::StoredMesh;
 use crate::scene::numbers::SplatNumbers;
 use crate::scene::resident::ResidentScene;
@@ -30,6 +31,7 @@ use crate::setup::record::Record;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::tiny::TinyFinder;
 use crate::setup::triangles::{TriangleSegment, project};
+use crate::shade::balls::BallLook;
 use crate::shade::lighting::Lighting;
 use crate::shade::shadow_draw::ShadowDrawing;
 use crate::shade::shadow_map::ShadowMap;
@@ -42,7 +44,7 @@ use crate::tiles::pool::Pool;
 use crate::tiles::target::{Target, TileBackground};
 use fearless_simd::Simd;
 use std::time::Instant;
-use surfel_model::{Cull, Filter, Light};
+use surfel_model::{Cull, Filter, Light, Shader};
 use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 
 /// Memory that is reused from frame to frame.
@@ -100,7 +102,7 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
         samples,
         setup: CellSetup { instructions, objects: &objects, tiny: tiny.as_ref(), pool: &pools.setup },
         balls: &balls,
-        ball_factors: scene.balls.iter().map(|of| of.material.factors().map(|f| f as f32)).collect(),
+        ball_looks: ball_looks(scene, plan),
         meshes: if plan.has(Pass::Polygons) { &scene.meshes } else { &[] },
         raster: RasterFrame { numbers: numbers.clone(), ..raster_frame(scene, view, plan) },
         layers: Layers::new(plan),
@@ -114,13 +116,23 @@ pub(crate) fn draw(inputs: &FrameInputs<'_>, frame: &mut Frame, stats: &mut Stat
     totals.report(plan, stats);
 }
 
+/// Returns the look of each object of balls.
+fn ball_looks<'a>(scene: &'a ResidentScene, plan: &FramePlan) -> Vec<BallLook<'a>> {
+    let shows_light = plan.shader == Shader::Unlit;
+    let look = |of: &'a StoredBalls| BallLook {
+        factors: of.material.factors().map(|f| f as f32),
+        light: of.light.as_deref().filter(|_| shows_light),
+    };
+    scene.balls.iter().map(look).collect()
+}
+
 /// Data shared by all cells of a frame.
 struct Drawing<'a> {
     inputs: &'a FrameInputs<'a>,
     setup: CellSetup<'a>,
     balls: &'a [BallView<'a>],
-    /// Ambient, diffuse, specular and shininess factors of each object of balls.
-    ball_factors: Vec<[f32; 4]>,
+    /// Look of each object of balls.
+    ball_looks: Vec<BallLook<'a>>,
     meshes: &'a [StoredMesh],
     raster: RasterFrame,
     layers: Layers,
@@ -195,7 +207,7 @@ impl Drawing<'_> {
                 transparent: &splats.transparent,
                 layers: self.layers,
                 balls: &balls,
-                ball_factors: &self.ball_factors,
+                ball_looks: &self.ball_looks,
             },
             opaque_splats_only: is_opaque_splats_only(plan),
         };

@@ -10,7 +10,7 @@ use std::time::Instant;
 use surfel_model::{Scene, Settings, Storage};
 use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
-pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin] };
+pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin, Feature::Sky] };
 
 /// Stack size of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3
 /// MiB, more than the default stack. Unused stack occupies no memory.

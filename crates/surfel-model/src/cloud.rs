@@ -1,7 +1,7 @@
 //! Splat clouds as structures of arrays: an absent attribute needs no memory.
 
 use crate::column::{retain, retain_rows};
-use crate::{ClipColumns, Column3, ExtraColumn, ModelError, Up};
+use crate::{BallLight, ClipColumns, Column3, ExtraColumn, ModelError, Up};
 use glam::{DVec3, Vec3};
 
 /// Extent of the splats (rendering model §2).
@@ -47,6 +47,9 @@ pub struct CloudData {
     pub alphas: Option<Vec<f32>>,
     /// Shading normals in object space, of any length but zero, one per splat; the outward normal when absent.
     pub shading_normals: Option<Column3>,
+    /// Light stored in balls, one per ball, by which shader `unlit` multiplies their colours; other splats store light
+    /// in their colours.
+    pub ball_light: Option<Vec<BallLight>>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
     /// Σw inside the cloud's own surface at cutoff 2, greater than 0 (rendering model §5, coverage); `None` if unknown.
@@ -77,6 +80,7 @@ impl CloudData {
             colors: None,
             alphas: None,
             shading_normals: None,
+            ball_light: None,
             clips: None,
             interior_weight: None,
             oriented: false,
@@ -115,6 +119,9 @@ impl CloudData {
         if let Some(c) = &mut self.shading_normals {
             c.retain(keep);
         }
+        if let Some(c) = &mut self.ball_light {
+            retain(c, keep);
+        }
         if let Some(clips) = &mut self.clips {
             if let Some(c) = &mut clips.curves {
                 retain(c, keep);
@@ -145,6 +152,7 @@ impl CloudData {
             self.colors.as_ref().map(|c| ("colors", c.len())),
             self.alphas.as_ref().map(|c| ("alphas", c.len())),
             self.shading_normals.as_ref().map(|c| ("shading_normals", c.len())),
+            self.ball_light.as_ref().map(|c| ("ball_light", c.len())),
             clips.and_then(|c| c.curves.as_ref()).map(|c| ("clip curves", c.len())),
             clips.and_then(|c| c.lines.as_ref()).map(|c| ("clip lines", c.len())),
             clips.and_then(|c| c.modes.as_ref()).map(|c| ("clip modes", c.len())),
@@ -207,6 +215,11 @@ impl CloudData {
             && !(0.0..=1.0).contains(&a)
         {
             return Some(format!("its alpha is {a}, expected a number in [0, 1]"));
+        }
+        if let Some(light) = self.ball_light.as_ref().map(|c| c[i])
+            && light.to_array().iter().any(|x| !x.is_finite())
+        {
+            return Some("its stored light is not finite".into());
         }
         self.clip_problem(i)
     }
@@ -445,6 +458,10 @@ impl SplatCloud {
                            none to measure them in";
             return Err(ModelError::Conflict(message.into()));
         }
+        if data.ball_light.is_some() && !matches!(data.shape, Shape::Balls { .. }) {
+            let message = "only balls store light besides their colours: multiply the colours of other splats by it";
+            return Err(ModelError::Conflict(message.into()));
+        }
         if !data.origin.is_finite() {
             return Err(ModelError::range("origin", data.origin, "finite coordinates"));
         }
@@ -635,6 +652,7 @@ impl SplatCloud {
             + d.colors.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
             + d.alphas.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
             + d.shading_normals.as_ref().map_or(0, Column3::bytes)
+            + d.ball_light.as_ref().map_or(0, |v| size_of_val(v.as_slice()))
             + clips
             + [&d.rows, &d.labels].into_iter().flatten().map(|v| size_of_val(v.as_slice())).sum::<usize>()
             + d.extras.iter().map(|e| e.values.bytes()).sum::<usize>()

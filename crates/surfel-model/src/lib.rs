@@ -39,6 +39,7 @@
 //! # Features
 //! `serde` makes the types of scene files serialisable. `rayon` checks and sorts splats on all threads.
 
+mod ball_light;
 mod camera;
 mod choice;
 mod chunk;
@@ -61,12 +62,14 @@ mod range;
 mod scene;
 mod setters;
 mod settings;
+mod sky;
 mod table_columns;
 mod texture;
 mod up;
 
 pub use glam;
 
+pub use ball_light::BallLight;
 pub use camera::{Camera, MAX_IMAGE_PIXELS, MAX_IMAGE_SIDE, Projection};
 pub use choice::{Chosen, Classes, Returns, choose};
 pub use chunk::{CHUNK_SPLATS, ChunkSpace, Storage, StoredSplat, chunks, stored_axes};
@@ -89,6 +92,7 @@ pub use settings::{
     Accumulate, ClipPolicy, Composite, DepthTolerance, EdgeAa, Filter, MOST_LOD_ERROR_PX, Mapping, Settings, Shader,
     Sort, Transparency,
 };
+pub use sky::{Ground, GroundStyle, Sky, SkyArea};
 pub use table_columns::{NumberFormat, TableColumn, TableColumns};
 pub use texture::{KnownMipmaps, Mipmaps, SeeThroughTextures, Texture};
 pub use up::Up;

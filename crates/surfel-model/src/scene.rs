@@ -2,7 +2,7 @@
 
 use crate::range::{finite, positive};
 use crate::{
-    Camera, Color, ConvertOptions, GaussianCloud, Light, Matcap, Mesh, ModelError, Octree, Settings, SplatCloud, Up,
+    Camera, Color, ConvertOptions, GaussianCloud, Ground, Light, Matcap, Mesh, ModelError, Octree, Settings, Sky, SplatCloud, Up,
 };
 use glam::{DAffine3, DMat4};
 #[cfg(feature = "serde")]
@@ -127,6 +127,11 @@ pub struct Scene {
     pub ambient: [f64; 3],
     /// Lights; `None` means one white directional light along the view.
     pub lights: Option<Vec<Light>>,
+    /// Light from all around, which replaces the lights. It must be stored before a backend can draw the scene
+    /// (package `surfel-light`; the facade's `Backend` stores it by itself).
+    pub sky: Option<Sky>,
+    /// Ground that receives the shadows of the sky.
+    pub ground: Option<Ground>,
     /// Image for the shader `matcap`; `None` means the built-in one.
     pub matcap: Option<Arc<Matcap>>,
     /// Objects in drawing order, which affects only rounding.
@@ -147,6 +152,7 @@ impl Scene {
         for (i, light) in self.lights.iter().flatten().enumerate() {
             light.validate(i)?;
         }
+        validate_sky(self.sky.as_ref(), self.ground.as_ref())?;
         for (i, object) in self.objects.iter().enumerate() {
             object.material.validate(i)?;
             let m = object.world_from_object;
@@ -162,6 +168,15 @@ impl Scene {
         }
         Ok(())
     }
+}
+
+fn validate_sky(sky: Option<&Sky>, ground: Option<&Ground>) -> Result<(), ModelError> {
+    sky.map_or(Ok(()), Sky::validate)?;
+    ground.map_or(Ok(()), Ground::validate)?;
+    if ground.is_some() && sky.is_none() {
+        return Err(ModelError::Conflict("the scene has a ground and no sky, whose shadows fall on it".into()));
+    }
+    Ok(())
 }
 
 impl Scene {
@@ -239,6 +254,12 @@ pub struct SceneFile {
     /// Lights; one white directional light along the view by default.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub lights: Option<Vec<Light>>,
+    /// Light from all around, which replaces the lights.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub sky: Option<Sky>,
+    /// Ground that receives the shadows of the sky.
+    #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
+    pub ground: Option<Ground>,
     /// Image of a lit sphere for the shader `matcap`; a built-in one by default.
     #[cfg_attr(feature = "serde", serde(default, skip_serializing_if = "Option::is_none"))]
     pub matcap: Option<PathBuf>,

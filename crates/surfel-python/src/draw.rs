@@ -8,6 +8,7 @@ use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use surfel::backend::summary_of;
 use surfel::metadata::{self, Content};
 use surfel::model::SceneFile;
 use surfel::paths::is_stdin;
@@ -218,7 +219,7 @@ impl Input {
         let read_for = loaded.facts.iter().any(|facts| facts.partial).then(|| pictures.clone());
         let resolve = || request.resolve(loaded, progress, &mut |note| notes.push(note));
         let resolved = on_threads(threads, resolve)??;
-        let summary = SceneSummary::of(&resolved.scene);
+        let summary = summary_of(&resolved.scene);
         let (options, resident) = (options.clone(), Mutex::default());
         let notes = self.named_notes(notes).into();
         let (beside, bytes) = (resolved.beside.clone(), self.bytes.clone());

@@ -11,7 +11,7 @@ use surfel_math::ball::{BallHit, Exact, LEAST_TEXELS, Outline, SOLID};
 use surfel_math::basis::unit;
 use surfel_math::bounds::Extent;
 use surfel_math::{V2, V3};
-use surfel_model::Shape;
+use surfel_model::{BallLight, Shape};
 use surfel_render::{FramePlan, Region, View, ball_scale};
 
 /// A projected ball or dot.
@@ -34,6 +34,8 @@ pub(crate) struct ScreenBall {
     alpha: f64,
     /// Ambient, diffuse, specular and shininess factors.
     pub material: [f64; 4],
+    /// Light stored in the ball, if there is any.
+    pub light: Option<BallLight>,
 }
 
 /// A fragment of a ball.
@@ -84,6 +86,7 @@ impl<'a> BallView<'a> {
                     color: object.cloud.color(i).map(f64::from),
                     alpha: if plan.ball_alphas { f64::from(object.cloud.alpha(i)) } else { 1.0 },
                     material: object.material.factors(),
+                    light: object.cloud.data().ball_light.as_ref().map(|light| light[i]),
                     ..ball
                 })
             };
@@ -108,8 +111,8 @@ impl<'a> BallView<'a> {
         // Pixels are touched whose squares, not only their centres, the ellipse reaches.
         let half = outline.extent + V2::new(0.5, 0.5);
         let extent = Extent { min: middle - half, max: middle + half };
-        let (index, color, alpha, material) = (0, [1.0; 3], 1.0, [0.0; 4]);
-        Some(ScreenBall { index, center, radius, flat, anchor, outline, extent, color, alpha, material })
+        let (index, color, alpha, material, light) = (0, [1.0; 3], 1.0, [0.0; 4], None);
+        Some(ScreenBall { index, center, radius, flat, anchor, outline, extent, color, alpha, material, light })
     }
 }
 

@@ -12,7 +12,7 @@ use surfel_math::V2;
 use surfel_math::basis::unit;
 use surfel_math::srgb::limit_color;
 use surfel_math::toon;
-use surfel_model::{Light, Matcap, Shader};
+use surfel_model::{BallLight, Light, Matcap, Shader};
 use surfel_render::{FramePlan, View};
 
 /// Everything that lights a scene.
@@ -104,6 +104,9 @@ impl Lighting<'_> {
         let albedo = DVec3::from(ball.color);
         let point = Point { at: self.position(pixel, depth), depth, normal, albedo, material: ball.material };
         let (mut color, marginal) = self.color(&point);
+        if let Some(light) = ball.light.filter(|_| self.plan.shader == Shader::Unlit) {
+            color *= stored_light(&light, normal);
+        }
         if self.plan.shader == Shader::Edl {
             // Eye-dome lighting darkens a tilted plane by about its cosine.
             color *= self.cosine_to_eye(&point).abs();
@@ -232,6 +235,15 @@ impl Lighting<'_> {
             _ => (DVec3::Z, DVec3::ZERO),
         }
     }
+}
+
+/// Returns the light stored in a ball for a unit normal (§12).
+fn stored_light(light: &BallLight, n: DVec3) -> f64 {
+    let [xx, yy, zz, xy, xz, yz] = light.quadratic.map(f64::from);
+    let linear = DVec3::from(light.linear.map(f64::from)).dot(n);
+    let squares = xx * n.x * n.x + yy * n.y * n.y + zz * n.z * n.z;
+    let products = xy * n.x * n.y + xz * n.x * n.z + yz * n.y * n.z;
+    (linear + squares + 2.0 * products).max(0.0)
 }
 
 /// Returns the angle between unit vectors, accurate at both ends.

@@ -44,6 +44,10 @@ features! {
     Gaussians,
     /// Balls and dots (§11).
     Balls,
+    /// Light stored in balls (§12).
+    BallLight,
+    /// A sky whose light isn't stored in splats (§12); no backend supports it.
+    Sky,
     /// The decision margin plane.
     Margin,
 }
@@ -59,9 +63,9 @@ pub struct Capabilities {
 }
 
 impl Capabilities {
-    /// Returns the capabilities of a backend that supports everything.
+    /// Returns the capabilities of a backend that supports everything that any backend does.
     pub const fn everything(backend: &'static str) -> Self {
-        Self { backend, lacks: &[] }
+        Self { backend, lacks: &[Feature::Sky] }
     }
 
     /// True if the backend supports a feature.

@@ -38,6 +38,10 @@ pub struct SceneSummary {
     pub balls: u64,
     /// True if some balls' radii are in pixels.
     pub has_balls_in_pixels: bool,
+    /// True if some balls store light.
+    pub has_ball_light: bool,
+    /// True if the scene has a sky, whose light isn't stored yet.
+    pub has_sky: bool,
     /// True if some cloud or mesh has colours.
     pub colors: bool,
     /// True if some splat has an alpha below 1.
@@ -70,7 +74,8 @@ impl SceneSummary {
     /// Summarises a scene.
     pub fn of(scene: &Scene) -> Self {
         let lights_nearby = scene.lights.iter().flatten().any(|light| !matches!(light, Light::Directional { .. }));
-        let mut summary = Self { lights_nearby, shadows: ShadowScene::of(scene), ..Self::default() };
+        let has_sky = scene.sky.is_some();
+        let mut summary = Self { lights_nearby, has_sky, shadows: ShadowScene::of(scene), ..Self::default() };
         let mut first_factors = None;
         for (i, object) in scene.objects.iter().enumerate() {
             summary.surfaces |= !matches!(object.geometry, Geometry::Gaussians(_));
@@ -79,6 +84,7 @@ impl SceneSummary {
                     summary.balls += cloud.len() as u64;
                     let is_in_pixels = matches!(cloud.data().shape, Shape::Balls { in_pixels: true, .. });
                     summary.has_balls_in_pixels |= is_in_pixels;
+                    summary.has_ball_light |= cloud.data().ball_light.is_some();
                     summary.colors |= cloud.data().colors.is_some();
                     if cloud.data().rows.is_none() {
                         summary.without_rows.get_or_insert(i);

@@ -197,6 +197,8 @@ pub(crate) fn scene_by(
         camera,
         background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
         ambient: AMBIENT,
+        sky: None,
+        ground: None,
         matcap: None,
         objects,
         settings: options.settings,

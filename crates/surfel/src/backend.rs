@@ -4,7 +4,8 @@
 pub use surfel_ash::GpuPath;
 #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 use surfel_model::Storage;
-use surfel_model::{Scene, Settings};
+use surfel_light::{LightError, LightOptions, LitGround, LitScene, light_scene};
+use surfel_model::{Ground, Scene, Settings, Shader, Sky};
 use surfel_render::{
     Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
     unsupported,
@@ -137,9 +138,17 @@ pub enum Backend {
     Reference(surfel_reference::Renderer),
 }
 
-/// A scene resident in a [`Backend`].
-#[non_exhaustive]
-pub enum BackendScene {
+/// A scene resident in a [`Backend`]. The light of its sky is stored in it.
+pub struct BackendScene {
+    resident: Resident,
+    /// Sky and ground of the scene.
+    light: (Option<Sky>, Option<Ground>),
+    /// The ground, and the background behind it (linear premultiplied RGBA).
+    ground: Option<(LitGround, [f32; 4])>,
+}
+
+/// A scene in the memory of a renderer.
+enum Resident {
     /// Scene in the memory of a Vulkan device.
     #[cfg(feature = "ash")]
     Ash(Box<<surfel_ash::Renderer as Renderer>::Scene>),
@@ -214,7 +223,7 @@ impl Backend {
         planes: Planes,
         options: &BackendOptions,
     ) -> Result<Self, BackendError> {
-        let summary = SceneSummary::of(scene);
+        let summary = summary_of(scene);
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|missing| missing.to_string());
         Ok(Self::choose(options, refuses)?.backend)
     }
@@ -351,10 +360,11 @@ impl Backend {
         samples: u32,
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
-        match (self, scene) {
+        let (settings, drawn) = (&scene.settings(settings), scene.planes(planes));
+        let stats = match (self, &scene.resident) {
             #[cfg(feature = "reference")]
-            (Self::Reference(renderer), BackendScene::Reference(scene)) => {
-                renderer.render_supersampled(scene, view, settings, planes, samples, frame)
+            (Self::Reference(renderer), Resident::Reference(scene)) => {
+                renderer.render_supersampled(scene, view, settings, drawn, samples, frame)
             }
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) if !backend.can_supersample() => Err(RenderError::Unsupported {
@@ -365,8 +375,64 @@ impl Backend {
             }),
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) => Err(elsewhere(backend)),
+        }?;
+        scene.draw_ground(view, planes, frame);
+        Ok(stats)
+    }
+
+    /// Uploads a scene whose light is stored.
+    fn upload_stored(
+        &mut self,
+        scene: &Scene,
+        progress: &mut dyn FnMut(UploadProgress),
+    ) -> Result<Resident, RenderError> {
+        match self {
+            #[cfg(feature = "ash")]
+            Self::Ash(renderer) => {
+                renderer.upload_reporting(scene, progress).map(|scene| Resident::Ash(Box::new(scene)))
+            }
+            #[cfg(feature = "wgpu")]
+            Self::Wgpu(renderer) => {
+                renderer.upload_reporting(scene, progress).map(|scene| Resident::Wgpu(Box::new(scene)))
+            }
+            #[cfg(feature = "cpu")]
+            Self::Cpu(renderer) => renderer.upload_reporting(scene, progress).map(Resident::Cpu),
+            #[cfg(feature = "reference")]
+            Self::Reference(renderer) => renderer.upload_reporting(scene, progress).map(Resident::Reference),
         }
     }
+}
+
+impl BackendScene {
+    /// Returns the settings with which the stored light is shown.
+    fn settings(&self, settings: &Settings) -> Settings {
+        match (&self.light.0, settings.shader) {
+            (Some(_), Shader::Phong) => settings.with_shader(Shader::Unlit),
+            _ => *settings,
+        }
+    }
+
+    /// Returns the planes to be drawn, for the planes that are asked for.
+    fn planes(&self, planes: Planes) -> Planes {
+        let has_ground = self.ground.is_some() && planes.shows_color();
+        planes.with_color(planes.color || has_ground)
+    }
+
+    /// Draws ground and background behind the colours of a frame that the ground isn't in yet.
+    fn draw_ground(&self, view: &View, planes: Planes, frame: &mut Frame) {
+        let Some((ground, background)) = self.ground.as_ref().filter(|_| planes.shows_color()) else { return };
+        ground.draw_behind(view, *background, frame.color_mut());
+        if planes.rgba8 {
+            frame.encode(planes);
+        }
+    }
+}
+
+/// Returns the summary of a scene as a [`Backend`] stores it, with the light of its sky.
+pub fn summary_of(scene: &Scene) -> SceneSummary {
+    let summary = SceneSummary::of(scene);
+    let has_ball_light = summary.has_ball_light || summary.has_sky && summary.balls > 0;
+    SceneSummary { has_ball_light, has_sky: false, ..summary }
 }
 
 /// Returns the capabilities of a backend, if they are known before it starts.
@@ -388,6 +454,14 @@ fn has_device_for(name: &str) -> bool {
     let has = |path: &str| std::path::Path::new(path).exists();
     // Kernel drivers: DRM, NVIDIA's own, the GPU of Windows below WSL, and drivers of phones.
     ["/dev/dri", "/dev/nvidiactl", "/dev/dxg", "/dev/kgsl-3d0", "/dev/mali0"].into_iter().any(has)
+}
+
+/// Returns the error for a scene whose light can't be stored.
+fn not_lit(backend: &Backend, error: LightError) -> RenderError {
+    match error {
+        LightError::Model(error) => error.into(),
+        other => RenderError::Backend { backend: backend.info().backend, message: other.to_string() },
+    }
 }
 
 /// Returns the error for a scene that was uploaded to another backend.
@@ -431,26 +505,24 @@ impl Renderer for Backend {
         scene: &Scene,
         progress: &mut dyn FnMut(UploadProgress),
     ) -> Result<BackendScene, RenderError> {
-        match self {
-            #[cfg(feature = "ash")]
-            Self::Ash(renderer) => {
-                renderer.upload_reporting(scene, progress).map(|scene| BackendScene::Ash(Box::new(scene)))
-            }
-            #[cfg(feature = "wgpu")]
-            Self::Wgpu(renderer) => {
-                renderer.upload_reporting(scene, progress).map(|scene| BackendScene::Wgpu(Box::new(scene)))
-            }
-            #[cfg(feature = "cpu")]
-            Self::Cpu(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Cpu),
-            #[cfg(feature = "reference")]
-            Self::Reference(renderer) => renderer.upload_reporting(scene, progress).map(BackendScene::Reference),
-        }
+        let LitScene { scene: lit, ground } = match &scene.sky {
+            Some(_) => light_scene(scene, &LightOptions::default()).map_err(|e| not_lit(self, e))?,
+            None => LitScene { scene: scene.clone(), ground: None },
+        };
+        let resident = self.upload_stored(&lit, progress)?;
+        let [r, g, b, a] = scene.background;
+        let ground = ground.map(|ground| (ground, [r * a, g * a, b * a, a].map(|c| c as f32)));
+        Ok(BackendScene { resident, light: (scene.sky.clone(), scene.ground), ground })
     }
 
     fn relight(&mut self, resident: &mut BackendScene, scene: &Scene) -> Result<bool, RenderError> {
-        match (self, resident) {
+        let has_same_light = resident.light.0 == scene.sky && resident.light.1 == scene.ground;
+        if scene.sky.is_some() || !has_same_light {
+            return Ok(has_same_light);
+        }
+        match (self, &mut resident.resident) {
             #[cfg(feature = "cpu")]
-            (Self::Cpu(renderer), BackendScene::Cpu(resident)) => renderer.relight(resident, scene),
+            (Self::Cpu(renderer), Resident::Cpu(resident)) => renderer.relight(resident, scene),
             #[allow(unreachable_patterns, reason = "a program with the CPU backend alone has no other")]
             _ => Ok(false),
         }
@@ -464,25 +536,28 @@ impl Renderer for Backend {
         planes: Planes,
         frame: &mut Frame,
     ) -> Result<Stats, RenderError> {
-        match (self, scene) {
+        let (settings, drawn) = (&scene.settings(settings), scene.planes(planes));
+        let stats = match (self, &scene.resident) {
             #[cfg(feature = "reference")]
-            (Self::Reference(renderer), BackendScene::Reference(scene)) => {
-                renderer.render_into(scene, view, settings, planes, frame)
+            (Self::Reference(renderer), Resident::Reference(scene)) => {
+                renderer.render_into(scene, view, settings, drawn, frame)
             }
             #[cfg(feature = "cpu")]
-            (Self::Cpu(renderer), BackendScene::Cpu(scene)) => {
-                renderer.render_into(scene, view, settings, planes, frame)
+            (Self::Cpu(renderer), Resident::Cpu(scene)) => {
+                renderer.render_into(scene, view, settings, drawn, frame)
             }
             #[cfg(feature = "ash")]
-            (Self::Ash(renderer), BackendScene::Ash(scene)) => {
-                renderer.render_into(scene, view, settings, planes, frame)
+            (Self::Ash(renderer), Resident::Ash(scene)) => {
+                renderer.render_into(scene, view, settings, drawn, frame)
             }
             #[cfg(feature = "wgpu")]
-            (Self::Wgpu(renderer), BackendScene::Wgpu(scene)) => {
-                renderer.render_into(scene, view, settings, planes, frame)
+            (Self::Wgpu(renderer), Resident::Wgpu(scene)) => {
+                renderer.render_into(scene, view, settings, drawn, frame)
             }
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) => Err(elsewhere(backend)),
-        }
+        }?;
+        scene.draw_ground(view, planes, frame);
+        Ok(stats)
     }
 }

@@ -155,6 +155,7 @@ pub mod scene;
 pub mod session;
 mod sheets;
 mod single_sided;
+mod sky;
 pub mod splat_file;
 pub mod splats;
 mod strays;

@@ -5,13 +5,14 @@ use crate::camera::CameraSource;
 use crate::coloring::{ColorScale, Coloring};
 use crate::framing::ViewChoice;
 use crate::options::{self, Commands, Options};
+use crate::sky::NamedLight;
 use crate::style::{Choices, Style};
 use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_model::{
     Accumulate, Camera, ClipPolicy, Color, Colormap, Composite, Condition, ConvertOptions, Cull, DepthTolerance,
-    EdgeAa, Filter, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
+    EdgeAa, Filter, GroundStyle, Light, Mapping, Shader, Sort, TextureSampling, Transparency, Up,
 };
 use surfel_render::{Planes, Preset, Region};
 
@@ -92,6 +93,14 @@ pub struct RenderOptions {
     pub all_levels: bool,
     /// True if lights cast shadows.
     pub shadows: bool,
+    /// Named light; `None`: that of the style or the scene file, else lights that follow the camera.
+    pub light: Option<NamedLight>,
+    /// Number of directions of a light's sky, 1 to 65,536.
+    pub light_directions: Option<u32>,
+    /// True if light that surfaces reflect to each other is added.
+    pub bounce: Option<bool>,
+    /// Ground below the scene; `Some(None)` for no ground.
+    pub ground: Option<Option<GroundStyle>>,
     /// Choices that other options leave open.
     pub style: Option<Style>,
     /// Colour of all objects, instead of those of their files.
@@ -245,9 +254,10 @@ impl RenderOptions {
     pub const MORE_PLANES: [&str; 9] =
         ["index", "object", "label", "position", "alpha", "median_depth", "distortion", "depth", "normal"];
 
-    /// Sets the options that aren't set to the choices of the style, and removes the style.
+    /// Sets the options that aren't set to the choices of the style, except light and ground, which depend on the
+    /// objects.
     pub(crate) fn apply_style(&mut self) {
-        let Some(Choices { size, background, edge_aa }) = self.style.take().map(Style::choices) else { return };
+        let Some(Choices { size, background, edge_aa, .. }) = self.style.map(Style::choices) else { return };
         self.size.get_or_insert(size);
         self.background.get_or_insert(background);
         self.edge_aa.get_or_insert(edge_aa);
@@ -281,6 +291,8 @@ impl RenderOptions {
             (self.shader.is_some(), "shader"),
             (self.matcap.is_some(), "matcap"),
             (self.shadows, "shadows"),
+            (self.light.is_some(), "light"),
+            (self.ground.flatten().is_some(), "ground"),
             (self.edge_aa.is_some(), "edge-aa"),
             (self.transparency.is_some(), "transparency"),
             (self.clip.is_some(), "clip"),
@@ -363,9 +375,51 @@ impl RenderOptions {
                 "--{flag} is for surfaces, and --{over} for Gaussians drawn as they were trained: leave out one"
             )));
         }
+        self.check_light()?;
         let part = (self.region.is_some() && self.tile.is_some()).then_some(("region", "tile"));
         match of_view.chain(of_cameras).chain(lens).chain(part).next() {
             Some((a, b)) => Err(Error::Usage(format!("--{a} and --{b} contradict each other: give one of them"))),
+            None => Ok(()),
+        }
+    }
+
+    /// True if nothing but a style's light is asked for that a sky can't have.
+    fn takes_light_of_style(&self) -> bool {
+        let is_plain = self.shader.is_none_or(|shader| shader == Shader::Phong);
+        is_plain && self.matcap.is_none() && !self.shadows && self.lights.is_none() && !self.cameras
+    }
+
+    /// Returns the light, whether light is reflected, and the ground, for objects that can store light or can't.
+    pub(crate) fn light(&self, can_store: bool) -> (Option<NamedLight>, bool, Option<GroundStyle>) {
+        let style = self.style.filter(|_| can_store && self.takes_light_of_style()).map(Style::choices);
+        let of_ground = self.ground.flatten().map(|_| NamedLight::Studio);
+        let light = self.light.or(style.as_ref().map(|style| style.light)).or(of_ground);
+        let style = style.filter(|_| light != Some(NamedLight::Headlight));
+        let bounce = self.bounce.unwrap_or(style.as_ref().is_some_and(|style| style.bounce));
+        (light, bounce, self.ground.unwrap_or(style.map(|style| style.ground)))
+    }
+
+    /// Refuses flags that contradict a light.
+    fn check_light(&self) -> Result<(), Error> {
+        let follows = self.light == Some(NamedLight::Headlight);
+        let of_sky = [
+            (self.ground.flatten().is_some(), "ground"),
+            (self.bounce == Some(true), "bounce"),
+            (self.light_directions.is_some(), "light-directions"),
+        ];
+        if let Some((_, flag)) = of_sky.into_iter().find(|(given, _)| follows && *given) {
+            return Err(Error::Usage(format!("--{flag} is for --light studio, sky or sun: give one of them")));
+        }
+        let is_lit = self.light.is_some_and(|light| light != NamedLight::Headlight);
+        let others = [
+            (self.shader.is_some_and(|shader| !matches!(shader, Shader::Phong | Shader::Unlit)), "shader"),
+            (self.matcap.is_some(), "matcap"),
+            (self.shadows, "shadows"),
+        ];
+        match others.into_iter().find(|(given, _)| is_lit && *given) {
+            Some((_, flag)) => Err(Error::Usage(format!(
+                "--{flag} and --light contradict each other: light of a sky is stored in the colours, with its shadows"
+            ))),
             None => Ok(()),
         }
     }

@@ -19,6 +19,7 @@ use crate::scene::{
     auto_points_as, auto_transparency, auto_up, bare_object, is_scene_file, load_bare_objects, load_matcap,
     load_objects, parse_scene_file, read_scene_file, refine_objects,
 };
+use crate::sky::SkyAndGround;
 use crate::strays::Sphere;
 use crate::{Error, LevelStore, LoadOptions, camera, splats};
 use glam::DVec3;
@@ -482,6 +483,10 @@ impl Request {
         }
         file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
         camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
+        let kept = self.estimates.kept(&loaded, &objects_only);
+        let given = SkyAndGround { sky: file.sky.take(), ground: file.ground.take() };
+        let found = (up.vector(), &file.camera);
+        SkyAndGround::of(given, options, (&objects_only, kept), found)?.put(&mut file);
         cull(&mut file, options);
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
@@ -571,8 +576,12 @@ impl Request {
             (None, false) => Some(lighting.lights(&file.camera)),
         };
         let lighting = (options.lights.is_none() && !options.cameras).then_some(lighting);
-        drop((framed, objects_only));
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
+        let kept = self.estimates.kept(&framed, &objects_only);
+        let found = (up.vector(), &file.camera);
+        SkyAndGround::of(SkyAndGround::default(), options, (&objects_only, kept), found)?.put(&mut file);
+        let lighting = lighting.filter(|_| file.sky.is_none());
+        drop((framed, objects_only));
         cull(&mut file, options);
         let turntable = Turntable { center, axis: up.vector() };
         let frames_all = loaded.frames_all();

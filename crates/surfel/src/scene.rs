@@ -488,6 +488,8 @@ pub fn assemble(file: &SceneFile, objects: Vec<Object>) -> Result<Scene, Error> 
         background: file.background,
         ambient: file.ambient,
         lights: file.lights.clone(),
+        sky: file.sky.clone(),
+        ground: file.ground,
         matcap: None,
         objects,
     };

@@ -1,7 +1,7 @@
 //! Sessions: a scene in memory that is drawn many times, with options that change from image to image.
 
 use crate::attributes::{class_counts, classes, column};
-use crate::backend::Chosen;
+use crate::backend::{Chosen, summary_of};
 use crate::camera;
 use crate::coloring::{Category, ColorScale, Coloring};
 use crate::estimates::Estimates;
@@ -323,7 +323,7 @@ impl Session {
     /// Starts another backend if the current one was selected automatically and can't draw the scene. Returns true if
     /// another backend was started, in which no scene is resident yet.
     fn settle_backend(&mut self, resolved: &Resolved, note: &mut dyn FnMut(String)) -> Result<bool, Error> {
-        let (summary, settings) = (SceneSummary::of(&resolved.scene), &resolved.file.settings);
+        let (summary, settings) = (summary_of(&resolved.scene), &resolved.file.settings);
         let planes = if self.is_for_any_camera { Planes::ALL } else { Planes::COLOR };
         let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
         if self.backend_name != "auto" || refuses(&self.backend.info().capabilities).is_none() {
@@ -525,8 +525,9 @@ fn have_same_splats(a: &Resolved, b: &Resolved) -> bool {
         };
         geometry && a.world_from_object == b.world_from_object
     };
+    let have_same_light = a.scene.sky == b.scene.sky && a.scene.ground == b.scene.ground;
     let (a, b) = (&a.scene.objects, &b.scene.objects);
-    a.len() == b.len() && a.iter().zip(b).all(is_same)
+    have_same_light && a.len() == b.len() && a.iter().zip(b).all(is_same)
 }
 
 /// Returns the settings for images while something moves.

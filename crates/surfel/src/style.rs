@@ -1,6 +1,7 @@
 //! Styles: choices for an image that its options leave open.
 
-use surfel_model::EdgeAa;
+use crate::sky::NamedLight;
+use surfel_model::{EdgeAa, GroundStyle};
 
 /// A named set of choices.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -14,13 +15,24 @@ pub(crate) struct Choices {
     pub(crate) size: [u32; 2],
     pub(crate) background: [f64; 4],
     pub(crate) edge_aa: EdgeAa,
+    /// Light and ground of objects that can store light.
+    pub(crate) light: NamedLight,
+    pub(crate) bounce: bool,
+    pub(crate) ground: GroundStyle,
 }
 
 impl Style {
     /// Returns all choices of the style.
     pub(crate) fn choices(self) -> Choices {
         match self {
-            Self::Figure => Choices { size: [2048, 2048], background: [1.0; 4], edge_aa: EdgeAa::Samples },
+            Self::Figure => Choices {
+                size: [2048, 2048],
+                background: [1.0; 4],
+                edge_aa: EdgeAa::Samples,
+                light: NamedLight::Studio,
+                bounce: true,
+                ground: GroundStyle::Shadow,
+            },
         }
     }
 }

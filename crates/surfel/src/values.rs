@@ -7,6 +7,8 @@
 
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
+pub use crate::sky::NamedLight;
+
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use crate::style::Style;
 use serde_json::Value;
@@ -14,7 +16,7 @@ use std::ops::Range;
 use surfel_math::srgb;
 use surfel_model::{
     Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
+    GroundStyle, MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
     Transparency, Up,
 };
 use surfel_render::{Preset, Region};
@@ -51,6 +53,14 @@ named!(colormap, COLORMAPS, Colormap, [
 named!(point_colors, POINT_COLORS, PointColors, ["as-is" => PointColors::AsIs, "fit" => PointColors::Fit]);
 named!(outliers, OUTLIERS, Outliers, ["keep" => Outliers::Keep, "drop" => Outliers::Drop]);
 named!(returns, RETURNS, Returns, ["last" => Returns::Last, "first" => Returns::First, "single" => Returns::Single]);
+named!(light, LIGHTS, NamedLight, [
+    "headlight" => NamedLight::Headlight, "studio" => NamedLight::Studio, "sky" => NamedLight::Sky,
+    "sun" => NamedLight::Sun,
+]);
+named!(ground, GROUNDS, Option<GroundStyle>, [
+    "none" => None, "shadow" => Some(GroundStyle::Shadow), "plane" => Some(GroundStyle::Plane),
+    "grid" => Some(GroundStyle::Grid),
+]);
 named!(style, STYLES, Style, ["figure" => Style::Figure]);
 named!(mapping, MAPPINGS, Mapping, ["exact" => Mapping::Exact, "affine" => Mapping::Affine]);
 named!(accumulate, ACCUMULATES, Accumulate, ["f32" => Accumulate::F32, "f16" => Accumulate::F16]);

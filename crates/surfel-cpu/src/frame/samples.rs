@@ -90,7 +90,7 @@ impl Drawing<'_> {
                     transparent: &splats.transparent,
                     layers: self.layers,
                     balls: &balls,
-                    ball_factors: &self.ball_factors,
+                    ball_looks: &self.ball_looks,
                 },
                 opaque_splats_only: is_opaque_splats_only(plan),
             },

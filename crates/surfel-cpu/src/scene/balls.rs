@@ -4,7 +4,7 @@ use crate::scene::cloud::CHUNK;
 use crate::simd::lanes::LANES;
 use glam::{DAffine3, DVec3};
 use std::sync::Arc;
-use surfel_model::{Material, Shape, SplatCloud};
+use surfel_model::{BallLight, Material, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
 /// A chunk of up to 256 neighbouring balls.
@@ -38,6 +38,8 @@ pub(crate) struct StoredBalls {
     pub colors: Option<Vec<[f32; 3]>>,
     /// Opacity; `None` if every ball is opaque.
     pub alphas: Option<Vec<f32>>,
+    /// Light stored in every ball.
+    pub light: Option<Vec<BallLight>>,
     /// Row and label of every slot, if the cloud has rows and labels.
     pub rows: Option<Arc<[u32]>>,
     pub labels: Option<Vec<u32>>,
@@ -75,6 +77,7 @@ impl StoredBalls {
             radii: slots.iter().map(|&i| (f64::from(radii[i]) * scale) as f32).collect(),
             colors: data.colors.as_ref().map(|colors| slots.iter().map(|&i| colors[i]).collect()),
             alphas: cloud.is_transparent().then(|| slots.iter().map(|&i| cloud.alpha(i)).collect()),
+            light: data.ball_light.as_ref().map(|light| slots.iter().map(|&i| light[i]).collect()),
             rows: data.rows.as_ref().map(|rows| of_slots(rows).into()),
             labels: data.labels.as_ref().map(of_slots),
         };
@@ -106,6 +109,7 @@ impl StoredBalls {
         let floats = self.centers.iter().chain([&self.radii]).chain(&self.alphas);
         floats.map(|column| size_of_val(column.as_slice())).sum::<usize>()
             + self.colors.as_ref().map_or(0, |colors| size_of_val(colors.as_slice()))
+            + self.light.as_ref().map_or(0, |light| size_of_val(light.as_slice()))
             + self.rows.as_ref().map_or(0, |rows| size_of_val(&**rows))
             + self.labels.as_ref().map_or(0, |labels| size_of_val(labels.as_slice()))
             + size_of_val(self.chunks.as_slice())

@@ -17,7 +17,7 @@ use crate::screen::tile::{TileJob, TileScratch};
 use crate::setup::balls::BallSegment;
 use crate::setup::segment::TransparentSegment;
 use crate::setup::triangles::TriangleSegment;
-use crate::shade::balls::{BallBlock, Composited};
+use crate::shade::balls::{BallBlock, BallLook, Composited};
 use crate::shade::resolve::{divided, lit, outline_limit};
 use crate::shade::surface::Shaded;
 use crate::shade::transparent::{CompositedLayers, Layers, composite};
@@ -41,8 +41,8 @@ pub(crate) struct Extras<'a> {
     pub transparent: &'a [TransparentSegment],
     pub layers: Layers,
     pub balls: &'a BallSegment,
-    /// Ambient, diffuse, specular and shininess factors of each object of balls.
-    pub ball_factors: &'a [[f32; 4]],
+    /// Look of each object of balls.
+    pub ball_looks: &'a [BallLook<'a>],
 }
 
 /// Drawing of a cell's tiles.
@@ -298,8 +298,8 @@ impl<'a> CompositeJob<'a> {
                 counters.block_pairs += u64::from(ball_fragments.tested);
                 counters.inside += u64::from(ball_fragments.inside);
                 let full = ball_fragments.full_depth(simd, list.balls);
-                let factors = self.extras.ball_factors;
-                let mut balls = BallBlock { simd, list, lighting, factors, fragments: ball_fragments };
+                let looks = self.extras.ball_looks;
+                let mut balls = BallBlock { simd, list, lighting, looks, fragments: ball_fragments };
                 if let Some(opaque_depth) = ends.layers {
                     let block = TransparentBlock {
                         simd,
@@ -348,7 +348,7 @@ impl<'a> CompositeJob<'a> {
         let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
         ball_fragments.gather(simd, list, until);
         let mut balls =
-            BallBlock { simd, list, lighting, factors: self.extras.ball_factors, fragments: ball_fragments };
+            BallBlock { simd, list, lighting, looks: self.extras.ball_looks, fragments: ball_fragments };
         balls.fragments.skip(&from.to_array());
         let mut composited = Composited::nothing(simd);
         balls.composite(until, &mut composited);

@@ -39,8 +39,9 @@ pub(crate) struct BallRecord {
     pub alpha: f32,
     /// Number of the slot among all splats.
     pub number: u32,
-    /// Index among the scene's objects of balls.
+    /// Index among the scene's objects of balls, and the slot in the object's columns.
     pub object: u32,
+    pub slot: u32,
     pub flat: bool,
     /// True if the outline is so large that f32 loses the digits of its area.
     pub is_large: bool,
@@ -219,6 +220,7 @@ impl ChunkSetup<'_, '_> {
                 alpha: balls.alphas.as_ref().filter(|_| self.alphas).map_or(1.0, |alphas| alphas[slot]),
                 number: self.view.first_number + slot as u32,
                 object: self.view.index,
+                slot: slot as u32,
                 flat: balls.flat,
                 is_large: large >> i & 1 != 0,
             });

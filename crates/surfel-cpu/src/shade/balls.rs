@@ -12,15 +12,24 @@ use crate::tiles::target::{Pixels, Target};
 use fearless_simd::prelude::SimdMask;
 use fearless_simd::{Simd, mask32x16};
 use surfel_math::{Real, V3};
-use surfel_model::Shader;
+use surfel_model::{BallLight, Shader};
+
+/// Look of an object of balls.
+#[derive(Clone, Copy)]
+pub(crate) struct BallLook<'a> {
+    /// Ambient, diffuse, specular and shininess factors.
+    pub factors: [f32; 4],
+    /// Light stored in every slot (§12), if the shader shows it.
+    pub light: Option<&'a [BallLight]>,
+}
 
 /// The balls of a block whose fragments are gathered.
 pub(crate) struct BallBlock<'a, S: Simd> {
     pub simd: S,
     pub list: BallList<'a>,
     pub lighting: &'a Lighting,
-    /// Ambient, diffuse, specular and shininess factors of each object of balls.
-    pub factors: &'a [[f32; 4]],
+    /// Look of each object of balls.
+    pub looks: &'a [BallLook<'a>],
     pub fragments: &'a mut BallFragments,
 }
 
@@ -113,7 +122,7 @@ impl<S: Simd> BallBlock<'_, S> {
             flat |= u64::from(ball.flat) << lane;
             coverage[lane] = of.coverage[lane];
             if differ {
-                let own = self.factors.get(ball.object as usize).copied().unwrap_or_default();
+                let own = self.looks.get(ball.object as usize).map(|look| look.factors).unwrap_or_default();
                 factors.iter_mut().zip(own).for_each(|(field, value)| field[lane] = value);
             }
         }
@@ -132,15 +141,41 @@ impl<S: Simd> BallBlock<'_, S> {
             true => factors.map(|field| Lanes::load(simd, &field)),
             false => self.lighting.material.map(|m| Lanes::splat(simd, m)),
         };
+        let normal = transform(&self.lighting.rays.world_from_view, normal);
+        let mut albedo = V3::new(lane(6), lane(7), lane(8));
+        if self.looks.iter().any(|look| look.light.is_some()) {
+            albedo = albedo * self.stored_light(found, bits, normal);
+        }
         let surface = Surface {
             covered: mask32x16::from_bitmask(simd, bits),
-            albedo: V3::new(lane(6), lane(7), lane(8)),
-            normal: transform(&self.lighting.rays.world_from_view, normal),
+            albedo,
+            normal,
             z: lane(9),
             material,
             weight: Lanes::load(simd, &coverage),
         };
         (surface, lane(10))
+    }
+
+    /// Returns the stored light of fragments with these unit normals in world space; 1 for balls without any.
+    #[inline(always)]
+    fn stored_light(&self, found: &[usize; LANES], bits: u64, n: V3<Lanes<S>>) -> Lanes<S> {
+        let mut stored = [[0.0f32; LANES]; 9];
+        let mut without = 0u64;
+        for lane in ones(bits) {
+            let ball = &self.list.balls[self.fragments.fragments[found[lane]].ball as usize];
+            let light = self.looks.get(ball.object as usize).and_then(|look| look.light);
+            match light.and_then(|light| light.get(ball.slot as usize)) {
+                Some(light) => stored.iter_mut().zip(light.to_array()).for_each(|(field, value)| field[lane] = value),
+                None => without |= 1 << lane,
+            }
+        }
+        let [x, y, z, xx, yy, zz, xy, xz, yz] = stored.map(|field| Lanes::load(self.simd, &field));
+        let linear = n.x.mul_add(x, n.y.mul_add(y, n.z * z));
+        let squares = (n.x * n.x).mul_add(xx, (n.y * n.y).mul_add(yy, n.z * n.z * zz));
+        let products = (n.x * n.y).mul_add(xy, (n.x * n.z).mul_add(xz, n.y * n.z * yz));
+        let light = (linear + squares + products + products).max(n.x.zero());
+        Lanes::select(mask32x16::from_bitmask(self.simd, without), n.x.one(), light)
     }
 
     /// Returns the colours that the plan's shader computes.

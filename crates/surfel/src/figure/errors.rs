@@ -98,6 +98,10 @@ pub(super) fn painted(object: &Object, distances: &[f64], map: &ColorMap, end: f
 /// Changes a scene and its settings so that light changes the lightness of colours a little and never their hue: the
 /// light is white and mostly even, and nothing shines. Unlit scenes aren't changed.
 pub(super) fn make_readable(scene: &mut Scene, settings: &mut Settings, view: &View) {
+    if let Some(sky) = &mut scene.sky {
+        sky.even = EVEN_LIGHT;
+        return;
+    }
     if settings.shader == Shader::Unlit {
         return;
     }

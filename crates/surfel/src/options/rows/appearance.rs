@@ -23,6 +23,31 @@ pub(super) const ROWS: &[Row] = &[
         .help("Let lights cast shadows.", "")
         .everyday()
         .synonyms(&["shadow"]),
+    setting(Row::text("light", "LIGHT", |o, text| put(&mut o.render.light, values::light(text))))
+        .names(|| names_of(values::LIGHTS))
+        .help(
+            "Light: lights that follow the camera (headlight), or a sky with soft shadows: studio with a large soft \
+             light, sky alone, or sun.",
+            "Light of a sky stands still when the camera moves.",
+        )
+        .everyday()
+        .example("studio")
+        .synonyms(&["lights", "sky", "ambient-occlusion", "ao", "environment", "envmap", "hdri"]),
+    setting(Row::text("ground", "GROUND", |o, text| put(&mut o.render.ground, values::ground(text))))
+        .names(|| names_of(values::GROUNDS))
+        .help(
+            "Ground below the scene: only the shadow on it, a plane, or a grid.",
+            "Without --light, the light is studio.",
+        )
+        .everyday()
+        .example("shadow")
+        .synonyms(&["floor", "shadow-catcher", "plane", "grid"]),
+    setting(Row::text("bounce", "on|off", |o, text| put(&mut o.render.bounce, values::switch(text))))
+        .missing("on")
+        .help("Add light that surfaces reflect to each other, to the light of a sky.", "")
+        .python("bool")
+        .example("on")
+        .synonyms(&["global-illumination", "gi", "indirect"]),
     setting(Row::text("edge-aa", "on|off|samples", |o, text| put(&mut o.render.edge_aa, values::edge_aa(text))))
         .names(|| names_of(values::EDGE_AA))
         .missing("on")
@@ -126,6 +151,13 @@ pub(super) const ROWS: &[Row] = &[
         )
         .expert()
         .scene("settings.sort"),
+    setting(Row::text("light-directions", "N", |o, text| {
+        put(&mut o.render.light_directions, values::whole(text, 1..=65_536))
+    }))
+    .help("Number of directions from which the light of a sky comes.", "The default is 128.")
+    .expert()
+    .python("int")
+    .example("256"),
     setting(Row::text("samples", "N", |o, text| put(&mut o.render.samples, values::whole(text, 1..=64))))
         .of(Group::Appearance, Commands::RENDER)
         .help("Average NxN unfiltered samples per pixel (backend reference only).", "")

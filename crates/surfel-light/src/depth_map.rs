@@ -1,0 +1,169 @@
+//! Depths of the surfaces that a direction of light reaches first.
+
+use crate::casters::{Caster, Casters};
+use glam::{Vec2, Vec3};
+use surfel_math::V2;
+use surfel_math::basis::orthonormal;
+
+/// Orthographic depth map of the unit sphere along a direction.
+pub(crate) struct DepthMap {
+    side: usize,
+    right: Vec3,
+    down: Vec3,
+    /// Direction in which the light travels.
+    forward: Vec3,
+    /// Least depth of each texel, row by row; infinite where there is no surface.
+    depths: Vec<f32>,
+}
+
+/// Half-width in texels below which a splat is drawn as one texel.
+const TINY: f32 = 0.6;
+
+impl DepthMap {
+    /// Creates an empty map of side×side texels.
+    pub(crate) fn new(side: usize) -> Self {
+        Self { side, right: Vec3::X, down: Vec3::Y, forward: Vec3::Z, depths: vec![f32::INFINITY; side * side] }
+    }
+
+    /// Draws all surfaces as the light from the direction `toward` sees them.
+    pub(crate) fn draw(&mut self, casters: &Casters, toward: Vec3) {
+        let (right, down) = orthonormal(toward.as_dvec3());
+        (self.right, self.down, self.forward) = (right.as_vec3(), down.as_vec3(), -toward);
+        self.depths.fill(f32::INFINITY);
+        for caster in &casters.casters {
+            match caster {
+                Caster::Disk { center, s, t, clip } => {
+                    self.draw_disk(*center, [*s, *t], clip.map(|clip| &casters.clips[clip as usize]));
+                }
+                Caster::Ball { center, radius } => self.draw_ball(*center, *radius),
+                Caster::Triangle(corners) => self.draw_triangle(corners),
+            }
+        }
+    }
+
+    /// Length of a texel.
+    pub(crate) fn texel(side: usize) -> f32 {
+        2.0 / side as f32
+    }
+
+    fn scale(&self) -> f32 {
+        0.5 * self.side as f32
+    }
+
+    /// Returns the position in texels and the depth of a point.
+    #[inline]
+    fn project(&self, p: Vec3) -> (Vec2, f32) {
+        let scale = self.scale();
+        (Vec2::new(p.dot(self.right), p.dot(self.down)) * scale + scale, p.dot(self.forward))
+    }
+
+    /// Returns a vector in texels, and its part along the light.
+    #[inline]
+    fn turn(&self, v: Vec3) -> (Vec2, f32) {
+        (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
+    }
+
+    /// Lowers the depth of the texel that contains a point.
+    #[inline]
+    fn put(&mut self, at: Vec2, depth: f32) {
+        let (x, y) = (at.x as usize, at.y as usize);
+        if at.x >= 0.0 && at.y >= 0.0 && x < self.side && y < self.side {
+            let texel = &mut self.depths[y * self.side + x];
+            *texel = texel.min(depth);
+        }
+    }
+
+    /// Returns the texels whose centres lie within `half` of a coordinate.
+    fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
+        // Conversions saturate.
+        let first = (middle - half - 0.5).ceil().max(0.0) as usize;
+        let end = (middle + half - 0.5).floor() + 1.0;
+        first..(end.max(0.0) as usize).min(self.side)
+    }
+
+    fn draw_disk(&mut self, center: Vec3, [s, t]: [Vec3; 2], clip: Option<&surfel_math::clip::Clip<f64>>) {
+        let (middle, depth) = self.project(center);
+        let ((s, s_depth), (t, t_depth)) = (self.turn(s), self.turn(t));
+        let half = Vec2::new((s.x * s.x + t.x * t.x).sqrt(), (s.y * s.y + t.y * t.y).sqrt());
+        if clip.is_none() {
+            // A splat between the texels' centres isn't lost.
+            self.put(middle, depth);
+        }
+        if half.x < TINY && half.y < TINY {
+            return;
+        }
+        let inverse = 1.0 / s.perp_dot(t);
+        if !inverse.is_finite() {
+            return;
+        }
+        for y in self.span(middle.y, half.y) {
+            for x in self.span(middle.x, half.x) {
+                let d = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - middle;
+                let (u, v) = (d.perp_dot(t) * inverse, s.perp_dot(d) * inverse);
+                let is_kept = |clip: &surfel_math::clip::Clip<f64>| clip.keeps(V2::new(f64::from(u), f64::from(v)));
+                if u * u + v * v <= 1.0 && clip.is_none_or(is_kept) {
+                    let texel = &mut self.depths[y * self.side + x];
+                    *texel = texel.min(depth + u * s_depth + v * t_depth);
+                }
+            }
+        }
+    }
+
+    fn draw_ball(&mut self, center: Vec3, radius: f32) {
+        let (middle, depth) = self.project(center);
+        let half = radius * self.scale();
+        self.put(middle, depth - radius);
+        for y in self.span(middle.y, half) {
+            for x in self.span(middle.x, half) {
+                let d = (Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - middle) / half;
+                let inside = 1.0 - d.length_squared();
+                if inside >= 0.0 {
+                    let texel = &mut self.depths[y * self.side + x];
+                    *texel = texel.min(depth - radius * inside.sqrt());
+                }
+            }
+        }
+    }
+
+    fn draw_triangle(&mut self, corners: &[Vec3; 3]) {
+        let [(a, a_depth), (b, b_depth), (c, c_depth)] = corners.map(|corner| self.project(corner));
+        let (ab, ac) = (b - a, c - a);
+        let middle = (a + b + c) / 3.0;
+        self.put(middle, (a_depth + b_depth + c_depth) / 3.0);
+        let inverse = 1.0 / ab.perp_dot(ac);
+        if !inverse.is_finite() {
+            return;
+        }
+        let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
+        let (half, center) = (0.5 * (hi - lo), 0.5 * (hi + lo));
+        for y in self.span(center.y, half.y) {
+            for x in self.span(center.x, half.x) {
+                let d = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - a;
+                let (u, v) = (d.perp_dot(ac) * inverse, ab.perp_dot(d) * inverse);
+                if u >= 0.0 && v >= 0.0 && u + v <= 1.0 {
+                    let texel = &mut self.depths[y * self.side + x];
+                    *texel = texel.min(a_depth + u * (b_depth - a_depth) + v * (c_depth - a_depth));
+                }
+            }
+        }
+    }
+
+    /// Returns the share of the light that reaches a point, 0 to 1: the bilinear mean over the four texels around it.
+    #[inline]
+    pub(crate) fn share(&self, p: Vec3) -> f32 {
+        let (at, depth) = self.project(p);
+        let at = at - 0.5;
+        let floor = at.floor();
+        let (x, y) = (floor.x as i32, floor.y as i32);
+        let last = self.side as i32 - 1;
+        if x < 0 || y < 0 || x >= last || y >= last {
+            return 1.0;
+        }
+        let first = y as usize * self.side + x as usize;
+        let lit = |at: usize| if depth <= self.depths[at] { 1.0f32 } else { 0.0 };
+        let (fx, fy) = (at.x - floor.x, at.y - floor.y);
+        let [a, b, c, d] = [first, first + 1, first + self.side, first + self.side + 1].map(lit);
+        let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
+        top + (bottom - top) * fy
+    }
+}

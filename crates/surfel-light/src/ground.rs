@@ -1,0 +1,231 @@
+//! The ground: its light, and its image behind a frame.
+
+use crate::casters::{Casters, Sphere};
+use crate::directions::{Ray, open};
+use crate::receivers::{Receiver, gather};
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+use surfel_math::basis::{orthonormal, unit};
+use surfel_math::V2;
+use surfel_model::{Ground, GroundStyle};
+use surfel_render::View;
+
+/// Number of points of the ground at which its light is computed, along each of its two axes.
+const POINTS: usize = 384;
+/// Half-width of the square in which the ground is in shadow, in radii of the scene.
+const EXTENT: f64 = 6.0;
+/// Crowding of the points toward the middle: a point at u from −1 to 1 lies at sinh(u·CROWDING)/sinh(CROWDING).
+const CROWDING: f64 = 3.0;
+/// Share of the half-width at which the ground begins to fade.
+const FADE: f64 = 0.5;
+/// Linear grey of the plane.
+const PLANE_ALBEDO: f64 = 0.75;
+/// Linear grey and opacity of the grid's lines.
+const LINE: (f64, f64) = (0.1, 0.5);
+/// Width of the grid's lines in pixels.
+const LINE_PX: f64 = 1.2;
+/// Number of the grid's lines over the radius of the scene, about.
+const LINES: f64 = 4.0;
+
+/// Ground whose light is computed.
+#[derive(Clone, Debug)]
+pub struct LitGround {
+    style: GroundStyle,
+    /// Foot of the scene's centre.
+    origin: DVec3,
+    /// Unit axes along the plane, and its upward normal.
+    axes: [DVec3; 2],
+    normal: DVec3,
+    /// Half-width of the square in world units.
+    half: f64,
+    /// Distance between lines of the grid.
+    spacing: f64,
+    /// Brightness where no shadow falls.
+    whole: f32,
+    /// Light that reaches each point, over the light where nothing hides it; row by row.
+    shares: Vec<f32>,
+}
+
+impl LitGround {
+    /// Computes the light of a ground below a scene.
+    pub(crate) fn of(ground: &Ground, casters: &Casters, sphere: &Sphere, rays: &[Ray], side: usize) -> Self {
+        let normal = unit(ground.normal.into());
+        let point = DVec3::from(ground.point);
+        let origin = sphere.center - normal * normal.dot(sphere.center - point);
+        let (u, v) = orthonormal(normal);
+        let half = EXTENT * sphere.radius;
+        let coordinate = |i: usize| half * warped(2.0 * i as f64 / (POINTS - 1) as f64 - 1.0);
+        let receiver = |at: usize| Receiver {
+            position: sphere.point(origin + u * coordinate(at % POINTS) + v * coordinate(at / POINTS)),
+            normal: normal.as_vec3(),
+            radius: 0.0,
+            has_two_sides: false,
+        };
+        let receivers: Vec<Receiver> = (0..POINTS * POINTS).map(receiver).collect();
+        let whole: f32 = open(rays, normal.as_vec3()).into_iter().sum();
+        let share = |light: crate::receivers::Light| {
+            let [sky, areas] = light.front;
+            if whole > 0.0 { ((sky + areas) / whole).min(1.0) } else { 1.0 }
+        };
+        let shares = gather(casters, rays, &receivers, side).into_iter().map(share).collect();
+        let spacing = round_length(sphere.radius / LINES);
+        Self { style: ground.style, origin, axes: [u, v], normal, half, spacing, whole, shares }
+    }
+
+    /// Returns the share of the light that reaches a point of the plane, given along its axes in world units.
+    fn share(&self, at: DVec2) -> f64 {
+        let place = |x: f64| 0.5 * (unwarped(x / self.half) + 1.0) * (POINTS - 1) as f64;
+        let (x, y) = (place(at.x), place(at.y));
+        let last = (POINTS - 1) as f64;
+        if !(x >= 0.0 && y >= 0.0 && x < last && y < last) {
+            return 1.0;
+        }
+        let (fx, fy) = (x.fract(), y.fract());
+        let first = y as usize * POINTS + x as usize;
+        let at = |i: usize| f64::from(self.shares[i]);
+        let mix = |a: f64, b: f64, f: f64| a + (b - a) * f;
+        let top = mix(at(first), at(first + 1), fx);
+        mix(top, mix(at(first + POINTS), at(first + POINTS + 1), fx), fy)
+    }
+
+    /// Returns the colour of a point of the plane: linear premultiplied RGBA. `footprint` is the size of a pixel along
+    /// the axes.
+    fn color(&self, at: DVec2, footprint: DVec2) -> [f64; 4] {
+        let far = at.length() / self.half;
+        let fade = 1.0 - smoothstep((far - FADE) / (1.0 - FADE));
+        let share = 1.0 - (1.0 - self.share(at)) * fade;
+        let shadow = [0.0, 0.0, 0.0, 1.0 - share];
+        match self.style {
+            GroundStyle::Shadow => shadow,
+            GroundStyle::Plane => {
+                let level = PLANE_ALBEDO * f64::from(self.whole) * share;
+                [level * fade, level * fade, level * fade, fade]
+            }
+            GroundStyle::Grid => {
+                let lines = [(at.x, footprint.x), (at.y, footprint.y)].map(|(x, pixel)| self.line(x, pixel));
+                let alpha = LINE.1 * fade * (1.0 - (1.0 - lines[0]) * (1.0 - lines[1]));
+                let level = LINE.0 * alpha;
+                over([level, level, level, alpha], shadow)
+            }
+        }
+    }
+
+    /// Returns the share of a pixel of this width that the lines along one axis cover.
+    fn line(&self, x: f64, pixel: f64) -> f64 {
+        let half = 0.5 * LINE_PX * pixel;
+        // Mean of the lines over the pixel: a difference of the integral of their comb.
+        let integral = |x: f64| {
+            let turns = x / self.spacing;
+            let width = (2.0 * half / self.spacing).min(1.0);
+            let (whole, part) = ((turns + 0.5 * width).floor(), (turns + 0.5 * width).rem_euclid(1.0));
+            (whole * width + part.min(width)) * self.spacing
+        };
+        if pixel > 0.0 { ((integral(x + 0.5 * pixel) - integral(x - 0.5 * pixel)) / pixel).clamp(0.0, 1.0) } else { 0.0 }
+    }
+
+    /// Draws the ground behind a frame's colours (linear premultiplied RGBA, of the view's region), and `background`
+    /// behind both. Nothing is drawn where the plane is seen from below.
+    pub fn draw_behind(&self, view: &View, background: [f32; 4], colors: &mut [[f32; 4]]) {
+        let width = view.region.width as usize;
+        let background = background.map(f64::from);
+        colors.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, colors)| {
+            for (column, color) in colors.iter_mut().enumerate() {
+                if color[3] >= 1.0 {
+                    continue;
+                }
+                let pixel = [view.region.x as usize + column, view.region.y as usize + row].map(|i| i as f64 + 0.5);
+                let ground = self.seen(view, pixel).map_or([0.0; 4], |(at, footprint)| self.color(at, footprint));
+                *color = over(color.map(f64::from), over(ground, background)).map(|c| c as f32);
+            }
+        });
+    }
+
+    /// Returns the point of the plane that a pixel shows, and the size of the pixel along the plane's axes.
+    fn seen(&self, view: &View, [x, y]: [f64; 2]) -> Option<(DVec2, DVec2)> {
+        let at = self.hit(view, x, y)?;
+        let (right, below) = (self.hit(view, x + 1.0, y)?, self.hit(view, x, y + 1.0)?);
+        Some((at, (right - at).abs() + (below - at).abs()))
+    }
+
+    /// Returns where the ray through a point of the image meets the plane from above.
+    fn hit(&self, view: &View, x: f64, y: f64) -> Option<DVec2> {
+        let (from, direction) = view.projection.ray(V2::new(x, y));
+        let world_from_view = view.view_from_world.transpose();
+        let in_world = |v: surfel_math::V3<f64>| world_from_view * DVec3::new(v.x, v.y, v.z);
+        let (from, direction) = (view.eye + in_world(from), in_world(direction));
+        let (height, fall) = (self.normal.dot(from - self.origin), -self.normal.dot(direction));
+        let distance = height / fall;
+        if !(fall > 0.0 && distance > 0.0 && distance.is_finite()) {
+            return None;
+        }
+        let point = from + direction * distance - self.origin;
+        Some(DVec2::new(point.dot(self.axes[0]), point.dot(self.axes[1])))
+    }
+}
+
+/// Returns one premultiplied colour over another.
+fn over(front: [f64; 4], back: [f64; 4]) -> [f64; 4] {
+    std::array::from_fn(|i| front[i] + (1.0 - front[3]) * back[i])
+}
+
+fn warped(u: f64) -> f64 {
+    (CROWDING * u).sinh() / CROWDING.sinh()
+}
+
+fn unwarped(x: f64) -> f64 {
+    (x * CROWDING.sinh()).asinh() / CROWDING
+}
+
+fn smoothstep(x: f64) -> f64 {
+    let x = x.clamp(0.0, 1.0);
+    x * x * (3.0 - 2.0 * x)
+}
+
+/// Returns the largest of 1, 2 and 5 times a power of ten that isn't larger than a length.
+fn round_length(length: f64) -> f64 {
+    let power = 10f64.powf(length.log10().floor());
+    let digit = [5.0, 2.0].into_iter().find(|digit| digit * power <= length * (1.0 + 1e-9)).unwrap_or(1.0);
+    digit * power
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn points_of_the_ground_crowd_toward_the_middle() {
+        for u in [-1.0, -0.5, 0.0, 0.25, 1.0] {
+            assert!((unwarped(warped(u)) - u).abs() < 1e-12);
+        }
+        assert!(warped(0.1) < 0.04 && warped(1.0) == 1.0);
+    }
+
+    #[test]
+    fn lines_of_the_grid_are_round_distances_apart() {
+        for (length, expected) in [(0.3, 0.2), (1.0, 1.0), (4.99, 2.0), (7.0, 5.0), (99.0, 50.0), (1e-3, 1e-3)] {
+            let found = round_length(length);
+            assert!((found - expected).abs() < 1e-9 * expected, "{length}: {found}, expected {expected}");
+        }
+    }
+
+    #[test]
+    fn lines_cover_their_share_of_pixels_of_any_size() {
+        let ground = LitGround {
+            style: GroundStyle::Grid,
+            origin: DVec3::ZERO,
+            axes: [DVec3::X, DVec3::Y],
+            normal: DVec3::Z,
+            half: 6.0,
+            spacing: 1.0,
+            whole: 1.0,
+            shares: vec![1.0; POINTS * POINTS],
+        };
+        assert!((ground.line(0.0, 0.01) - 1.0).abs() < 1e-9 && ground.line(0.5, 0.01) == 0.0);
+        // A pixel beside a line, and pixels that are as wide as three lines are apart.
+        let beside = ground.line(0.01, 0.01);
+        assert!((beside - 0.1).abs() < 1e-9, "{beside}");
+        assert!((ground.line(0.3, 3.0) - 1.0).abs() < 1e-9);
+        let mean: f64 = (0..1000).map(|i| ground.line(f64::from(i) * 0.001, 0.02)).sum::<f64>() / 1000.0;
+        assert!((mean - LINE_PX * 0.02).abs() < 1e-4, "{mean}");
+    }
+}

@@ -1,0 +1,69 @@
+//! Sums of the light that reaches points of surfaces.
+
+use crate::depth_map::DepthMap;
+use crate::directions::Ray;
+use crate::casters::Casters;
+use glam::Vec3;
+use rayon::prelude::*;
+
+/// Distance from a surface, in texels, at which its light is looked up, so that it casts no shadow on itself: the
+/// four texels that are looked at have their centres within √2 texels.
+const OFFSET_TEXELS: f32 = 1.5;
+/// The same in radii of a splat: neighbours of a curved surface stand out of each other's disks.
+const OFFSET_RADII: f32 = 0.05;
+
+/// Point of a surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Receiver {
+    /// Position in the coordinates of the maps.
+    pub position: Vec3,
+    /// Unit normal.
+    pub normal: Vec3,
+    /// Radius of the splat; 0 for a vertex.
+    pub radius: f32,
+    /// True if the surface may be seen from both sides.
+    pub has_two_sides: bool,
+}
+
+/// Light that reaches a receiver.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct Light {
+    /// Light of the sky and of its areas on the front.
+    pub front: [f32; 2],
+    /// The same on the back.
+    pub back: [f32; 2],
+}
+
+/// Draws depth maps of side×side texels for all rays, and sums their light over the receivers.
+///
+/// Each receiver's sums are in the order of the rays, so that they don't depend on the number of threads.
+pub(crate) fn gather(casters: &Casters, rays: &[Ray], receivers: &[Receiver], side: usize) -> Vec<Light> {
+    let mut light = vec![Light::default(); receivers.len()];
+    let mut maps: Vec<DepthMap> = Vec::new();
+    for rays in rays.chunks(rayon::current_num_threads().clamp(1, 16)) {
+        maps.resize_with(rays.len().max(maps.len()), || DepthMap::new(side));
+        maps.par_iter_mut().zip(rays).for_each(|(map, ray)| map.draw(casters, ray.toward));
+        let add = |(light, receiver): (&mut Light, &Receiver)| {
+            for (map, ray) in maps.iter().zip(rays) {
+                light.add(receiver, ray, map, side);
+            }
+        };
+        light.par_iter_mut().zip(receivers).with_min_len(1024).for_each(add);
+    }
+    light
+}
+
+impl Light {
+    #[inline]
+    fn add(&mut self, receiver: &Receiver, ray: &Ray, map: &DepthMap, side: usize) {
+        let cosine = receiver.normal.dot(ray.toward);
+        if cosine <= 0.0 && !receiver.has_two_sides {
+            return;
+        }
+        let offset = OFFSET_TEXELS * DepthMap::texel(side) + OFFSET_RADII * receiver.radius;
+        let from = receiver.position + receiver.normal * offset.copysign(cosine);
+        let light = ray.weight * cosine.abs() * map.share(from);
+        let sums = if cosine > 0.0 { &mut self.front } else { &mut self.back };
+        sums[usize::from(!ray.is_sky)] += light;
+    }
+}

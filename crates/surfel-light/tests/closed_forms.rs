@@ -1,0 +1,185 @@
+//! Visibility of the sky and shadows of areas, where they are known in closed form or by casting rays.
+
+use glam::{DVec3, Vec3};
+use std::f64::consts::{PI, TAU};
+use surfel_light::{LightOptions, light_scene};
+use surfel_model::{
+    CloudData, Column3, Geometry, Ground, GroundStyle, Mesh, Object, OnInvalid, Scene, Shape, Sky, SkyArea, SplatCloud,
+};
+
+/// Largest error of the share of the sky that a point sees: that of 512 directions, and of maps of 512² texels.
+const TOLERANCE: f64 = 0.02;
+
+fn cloud(points: &[(DVec3, DVec3)], radius: f64) -> SplatCloud {
+    let centers = Column3::from_f64(&points.iter().map(|(p, _)| *p).collect::<Vec<_>>());
+    let normals = Column3::from_f64(&points.iter().map(|(_, n)| *n).collect::<Vec<_>>());
+    let shape = Shape::Disks { normals, radii: vec![radius as f32; points.len()] };
+    let data = CloudData { oriented: true, ..CloudData::new(DVec3::ZERO, centers, shape) };
+    SplatCloud::new(data, OnInvalid::Refuse).unwrap().0
+}
+
+/// Returns a square of disks on the plane z = 0, out to `half`, `step` apart.
+fn floor(half: f64, step: f64) -> SplatCloud {
+    let count = (half / step) as i32;
+    let at = |i: i32| f64::from(i) * step;
+    let points: Vec<_> = (-count..=count)
+        .flat_map(|y| (-count..=count).map(move |x| (DVec3::new(at(x), at(y), 0.0), DVec3::Z)))
+        .collect();
+    cloud(&points, step)
+}
+
+/// Returns points of the unit sphere whose z is at least `lowest`, in equal areas.
+fn sphere(count: u32, lowest: f64) -> impl Iterator<Item = DVec3> {
+    (0..count).map(move |i| {
+        let z = lowest + (1.0 - lowest) * (f64::from(i) + 0.5) / f64::from(count);
+        let (sine, turn) = ((1.0 - z * z).sqrt(), TAU * 0.618_033_988_749_895 * f64::from(i));
+        DVec3::new(sine * turn.cos(), sine * turn.sin(), z)
+    })
+}
+
+fn sky() -> Sky {
+    Sky { directions: 512, ..Sky::new([0.0, 0.0, 1.0]) }
+}
+
+/// Returns the brightness and the position of every splat of an object, once the scene's light is stored.
+fn lit(objects: Vec<Object>, sky: Sky, object: usize) -> Vec<(DVec3, f64)> {
+    let scene = Scene { sky: Some(sky), objects, ..Scene::default() };
+    let lit = light_scene(&scene, &LightOptions::default()).unwrap();
+    let Geometry::Splats(cloud) = &lit.scene.objects[object].geometry else { panic!("no splats") };
+    (0..cloud.len()).map(|i| (cloud.center(i), f64::from(cloud.color(i)[0]))).collect()
+}
+
+fn assert_near(found: &[(DVec3, f64)], expected: impl Fn(DVec3) -> Option<f64>) {
+    let mut compared = 0;
+    let mut worst = (0.0, DVec3::ZERO, 0.0, 0.0);
+    for (p, value) in found {
+        let Some(expected) = expected(*p) else { continue };
+        compared += 1;
+        let error = (value - expected).abs();
+        if error > worst.0 {
+            worst = (error, *p, *value, expected);
+        }
+    }
+    let (error, p, value, expected) = worst;
+    assert!(compared > 50, "only {compared} points were compared");
+    assert!(error < TOLERANCE, "{p}: {value}, expected {expected}");
+}
+
+#[test]
+fn a_sphere_on_a_plane_hides_its_form_factor() {
+    let ball = cloud(&sphere(6000, -1.0).map(|n| (n + DVec3::Z, n)).collect::<Vec<_>>(), 0.06);
+    let found = lit(vec![floor(3.0, 0.1).into(), ball.into()], sky(), 0);
+    // The form factor of a sphere of radius 1 whose centre is at the distance D from a plane's point and at height 1.
+    assert_near(&found, |p| {
+        let distance = (p.x * p.x + p.y * p.y + 1.0).sqrt();
+        let is_beside_contact = p.x.hypot(p.y) > 0.15;
+        (is_beside_contact && p.abs().max_element() < 2.9).then_some(1.0 - distance.powi(-3))
+    });
+}
+
+#[test]
+fn a_ball_on_a_plane_hides_as_much() {
+    let ball = SplatCloud::balls(&[[0.0, 0.0, 1.0]], &[1.0]).unwrap();
+    let found = lit(vec![floor(3.0, 0.1).into(), ball.into()], sky(), 0);
+    assert_near(&found, |p| {
+        let distance = (p.x * p.x + p.y * p.y + 1.0).sqrt();
+        (p.x.hypot(p.y) > 0.15 && p.abs().max_element() < 2.9).then_some(1.0 - distance.powi(-3))
+    });
+}
+
+#[test]
+fn every_point_of_a_hemispherical_bowl_sees_half_of_the_sky() {
+    let bowl: Vec<_> = sphere(8000, 0.0).map(|n| (-n, n)).collect();
+    let found = lit(vec![cloud(&bowl, 0.05).into()], sky(), 0);
+    // By reciprocity the upper half of the sphere takes half of what leaves any point of the lower half.
+    assert_near(&found, |p| (p.z < -0.1).then_some(0.5));
+}
+
+#[test]
+fn two_walls_hide_the_angles_below_their_tops() {
+    let wall = |x: f32| {
+        let corners = [[x, -30.0, 0.0], [x, 30.0, 0.0], [x, 30.0, 1.0], [x, -30.0, 1.0]];
+        let positions = Column3::from_f32(corners.map(Vec3::from).to_vec());
+        Object::from(Mesh { positions, triangles: vec![[0, 1, 2], [0, 2, 3]], ..Mesh::default() })
+    };
+    // The maps show the floor; of the walls, which are longer, they show what is near.
+    let strip: Vec<_> = (-18..=18)
+        .flat_map(|x| (-10..=10).map(move |y| (DVec3::new(f64::from(x) * 0.05, f64::from(y) * 0.05, 0.0), DVec3::Z)))
+        .collect();
+    let found = lit(vec![cloud(&strip, 0.05).into(), wall(-1.0), wall(1.0)], sky(), 0);
+    // A wall of height 1 at the distance d hides (1 - cos(atan(1/d)))/2.
+    assert_near(&found, |p| {
+        let seen = |distance: f64| 0.5 * distance / distance.hypot(1.0);
+        Some(seen(1.0 - p.x) + seen(1.0 + p.x))
+    });
+}
+
+#[test]
+fn the_shadow_of_a_disk_below_an_area_equals_that_of_rays() {
+    let toward = DVec3::new(0.3, 0.0, 1.0).normalize();
+    let area = SkyArea { toward: toward.into(), half_angle_deg: 12.0, strength: 1.0 };
+    let sky = Sky { above: 0.0, areas: vec![area], directions: 256, ..sky() };
+    let disk = SplatCloud::disks(&[[0.0f32, 0.0, 1.0]], &[[0.0f32, 0.0, 1.0]], &[0.5]).unwrap();
+    let found = lit(vec![floor(1.5, 0.03).into(), disk.into()], sky, 0);
+    let (right, up) = (DVec3::Y, toward.cross(DVec3::Y));
+    let rays: Vec<DVec3> = (0..4096)
+        .map(|i| {
+            let cosine = 1.0 - (1.0 - (12.0 * PI / 180.0).cos()) * (f64::from(i) + 0.5) / 4096.0;
+            let (sine, turn) = ((1.0 - cosine * cosine).sqrt(), TAU * 0.618_033_988_749_895 * f64::from(i));
+            toward * cosine + (right * turn.cos() + up * turn.sin()) * sine
+        })
+        .collect();
+    let (mut whole, mut sum, mut count) = (0.0, 0.0, 0);
+    for ray in &rays {
+        whole += ray.dot(toward);
+    }
+    for (p, value) in found.iter().filter(|(p, _)| p.abs().max_element() < 1.2) {
+        let is_open = |ray: &&DVec3| (*p + **ray / ray.z).truncate().length() > 0.5;
+        let expected: f64 = rays.iter().filter(is_open).map(|ray| ray.z).sum::<f64>() / whole;
+        sum += (value - expected) * (value - expected);
+        count += 1;
+    }
+    let rmse = (sum / f64::from(count)).sqrt();
+    assert!(count > 5000 && rmse < 0.02, "{rmse} over {count} points");
+}
+
+#[test]
+fn an_object_far_away_neither_widens_the_maps_nor_takes_light() {
+    let near = floor(1.0, 0.05);
+    let disk = SplatCloud::disks(&[[0.0f32, 0.0, 0.3]], &[[0.0f32, 0.0, 1.0]], &[0.3]).unwrap();
+    let alone = lit(vec![near.clone().into(), disk.clone().into()], sky(), 0);
+    let stray = SplatCloud::disks(&[[1e5f32, 0.0, 0.0]], &[[0.0f32, 0.0, 1.0]], &[0.1]).unwrap();
+    let beside = lit(vec![near.into(), disk.into(), stray.into()], sky(), 0);
+    let difference = alone.iter().zip(&beside).map(|((_, a), (_, b))| (a - b).abs()).fold(0.0, f64::max);
+    assert!(difference < 0.01, "{difference}");
+    assert!(alone.iter().any(|(_, value)| *value < 0.6), "the disk hides a part of the sky");
+}
+
+#[test]
+fn stored_light_is_the_same_for_any_number_of_threads() {
+    let objects = || vec![floor(1.0, 0.05).into(), SplatCloud::balls(&[[0.0, 0.0, 0.3]], &[0.3]).unwrap().into()];
+    let area = SkyArea { toward: [1.0, 0.0, 1.0], half_angle_deg: 5.0, strength: 0.5 };
+    let ground = Ground { style: GroundStyle::Shadow, point: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+    let with = |threads: usize| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let sky = Sky { areas: vec![area], below: 0.2, bounce: true, directions: 32, ..sky() };
+        let scene = Scene { sky: Some(sky), ground: Some(ground), objects: objects(), ..Scene::default() };
+        let lit = pool.install(|| light_scene(&scene, &LightOptions::default())).unwrap();
+        assert_eq!(lit.scene.background, [0.0; 4]);
+        lit.scene.objects.iter().map(|object| format!("{:?}", object.geometry)).collect::<Vec<_>>()
+    };
+    assert_eq!(with(1), with(3));
+}
+
+#[test]
+fn scenes_without_a_sky_stay_as_they_are_and_ground_needs_one() {
+    let scene = Scene::from(floor(1.0, 0.5));
+    let lit = light_scene(&scene, &LightOptions::default()).unwrap();
+    let [Geometry::Splats(before), Geometry::Splats(after)] = [&scene, &lit.scene].map(|s| &s.objects[0].geometry)
+    else {
+        panic!("no splats")
+    };
+    assert!(std::sync::Arc::ptr_eq(before, after) && lit.ground.is_none());
+    let ground = Ground { style: GroundStyle::Shadow, point: [0.0; 3], normal: [0.0, 0.0, 1.0] };
+    assert!(Scene { ground: Some(ground), ..scene }.validate().is_err());
+}

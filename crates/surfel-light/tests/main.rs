@@ -1,0 +1,3 @@
+//! Stored light against closed forms.
+
+mod closed_forms;

@@ -1,0 +1,43 @@
+//! Light stored for a ball.
+
+use glam::Vec3;
+
+/// Light that reaches a ball from all sides (rendering model §12): the brightness of a white surface with the unit
+/// normal n is max(0, b·n + nᵀ·Q·n), in world space.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct BallLight {
+    /// b.
+    pub linear: [f32; 3],
+    /// Q_xx, Q_yy, Q_zz, Q_xy, Q_xz and Q_yz.
+    pub quadratic: [f32; 6],
+}
+
+impl BallLight {
+    /// Returns the brightness of a white surface with this unit normal.
+    pub fn toward(&self, n: Vec3) -> f32 {
+        let [xx, yy, zz, xy, xz, yz] = self.quadratic;
+        let squares = xx * n.x * n.x + yy * n.y * n.y + zz * n.z * n.z;
+        let products = xy * n.x * n.y + xz * n.x * n.z + yz * n.y * n.z;
+        (Vec3::from(self.linear).dot(n) + squares + 2.0 * products).max(0.0)
+    }
+
+    /// Adds a sample: the projection on polynomials of degree 2 of the light `amount` on the unit normal `n`, where
+    /// amounts are multiplied by the weights of a mean over the sphere.
+    pub fn add(&mut self, n: Vec3, amount: f32) {
+        // Σ over the degrees l of (2l + 1)·P_l(n·m): 1 + 3·n·m + 5/2·(3·(n·m)² − 1).
+        for (linear, n) in self.linear.iter_mut().zip(n.to_array()) {
+            *linear += 3.0 * amount * n;
+        }
+        let (square, constant) = (7.5 * amount, -1.5 * amount);
+        let products = [n.x * n.x, n.y * n.y, n.z * n.z, n.x * n.y, n.x * n.z, n.y * n.z];
+        for (i, (q, product)) in self.quadratic.iter_mut().zip(products).enumerate() {
+            *q += square * product + if i < 3 { constant } else { 0.0 };
+        }
+    }
+
+    /// Returns the nine numbers: b, then Q.
+    pub fn to_array(self) -> [f32; 9] {
+        let ([a, b, c], [d, e, f, g, h, i]) = (self.linear, self.quadratic);
+        [a, b, c, d, e, f, g, h, i]
+    }
+}
