@@ -18,6 +18,8 @@ pub(crate) struct DepthMap {
 
 /// Half-width in texels below which a splat is drawn as one texel.
 const TINY: f32 = 0.6;
+/// Largest slope of a surface along the light at which its depths are followed, in texels of depth per texel.
+const MOST_SLOPE: f32 = 8.0;
 
 impl DepthMap {
     /// Creates an empty map of side×side texels.
@@ -85,17 +87,14 @@ impl DepthMap {
         let (middle, depth) = self.project(center);
         let ((s, s_depth), (t, t_depth)) = (self.turn(s), self.turn(t));
         let half = Vec2::new((s.x * s.x + t.x * t.x).sqrt(), (s.y * s.y + t.y * t.y).sqrt());
-        if clip.is_none() {
-            // A splat between the texels' centres isn't lost.
-            self.put(middle, depth);
-        }
-        if half.x < TINY && half.y < TINY {
-            return;
-        }
         let inverse = 1.0 / s.perp_dot(t);
-        if !inverse.is_finite() {
+        if half.x < TINY && half.y < TINY || !inverse.is_finite() {
+            if clip.is_none() {
+                self.put(middle, depth);
+            }
             return;
         }
+        let mut is_lost = clip.is_none();
         for y in self.span(middle.y, half.y) {
             for x in self.span(middle.x, half.x) {
                 let d = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - middle;
@@ -104,15 +103,19 @@ impl DepthMap {
                 if u * u + v * v <= 1.0 && clip.is_none_or(is_kept) {
                     let texel = &mut self.depths[y * self.side + x];
                     *texel = texel.min(depth + u * s_depth + v * t_depth);
+                    is_lost = false;
                 }
             }
+        }
+        if is_lost {
+            self.put(middle, depth);
         }
     }
 
     fn draw_ball(&mut self, center: Vec3, radius: f32) {
         let (middle, depth) = self.project(center);
         let half = radius * self.scale();
-        self.put(middle, depth - radius);
+        let mut is_lost = true;
         for y in self.span(middle.y, half) {
             for x in self.span(middle.x, half) {
                 let d = (Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - middle) / half;
@@ -120,20 +123,20 @@ impl DepthMap {
                 if inside >= 0.0 {
                     let texel = &mut self.depths[y * self.side + x];
                     *texel = texel.min(depth - radius * inside.sqrt());
+                    is_lost = false;
                 }
             }
+        }
+        if is_lost {
+            self.put(middle, depth - radius);
         }
     }
 
     fn draw_triangle(&mut self, corners: &[Vec3; 3]) {
         let [(a, a_depth), (b, b_depth), (c, c_depth)] = corners.map(|corner| self.project(corner));
         let (ab, ac) = (b - a, c - a);
-        let middle = (a + b + c) / 3.0;
-        self.put(middle, (a_depth + b_depth + c_depth) / 3.0);
         let inverse = 1.0 / ab.perp_dot(ac);
-        if !inverse.is_finite() {
-            return;
-        }
+        let mut is_lost = true;
         let (lo, hi) = (a.min(b).min(c), a.max(b).max(c));
         let (half, center) = (0.5 * (hi - lo), 0.5 * (hi + lo));
         for y in self.span(center.y, half.y) {
@@ -143,14 +146,19 @@ impl DepthMap {
                 if u >= 0.0 && v >= 0.0 && u + v <= 1.0 {
                     let texel = &mut self.depths[y * self.side + x];
                     *texel = texel.min(a_depth + u * (b_depth - a_depth) + v * (c_depth - a_depth));
+                    is_lost = false;
                 }
             }
         }
+        if is_lost {
+            self.put((a + b + c) / 3.0, (a_depth + b_depth + c_depth) / 3.0);
+        }
     }
 
-    /// Returns the share of the light that reaches a point, 0 to 1: the bilinear mean over the four texels around it.
+    /// Returns the share of the light that reaches a point of a surface, 0 to 1: the bilinear mean over the four texels
+    /// around it. At each of them the point's depth is that of the plane with the unit normal `normal`.
     #[inline]
-    pub(crate) fn share(&self, p: Vec3) -> f32 {
+    pub(crate) fn share(&self, p: Vec3, normal: Vec3) -> f32 {
         let (at, depth) = self.project(p);
         let at = at - 0.5;
         let floor = at.floor();
@@ -160,10 +168,17 @@ impl DepthMap {
             return 1.0;
         }
         let first = y as usize * self.side + x as usize;
-        let lit = |at: usize| if depth <= self.depths[at] { 1.0f32 } else { 0.0 };
-        let (fx, fy) = (at.x - floor.x, at.y - floor.y);
-        let [a, b, c, d] = [first, first + 1, first + self.side, first + self.side + 1].map(lit);
-        let (top, bottom) = (a + (b - a) * fx, c + (d - c) * fx);
-        top + (bottom - top) * fy
+        let part = at - floor;
+        // Along the plane, depth falls by this much per texel.
+        let along = normal.dot(self.forward);
+        let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / along;
+        let texel = 1.0 / self.scale();
+        let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) * texel;
+        let base = depth + slope.dot(part);
+        let lit = |at: usize, depth: f32| if depth <= self.depths[at] { 1.0f32 } else { 0.0 };
+        let (a, b) = (lit(first, base), lit(first + 1, base - slope.x));
+        let (c, d) = (lit(first + self.side, base - slope.y), lit(first + self.side + 1, base - slope.x - slope.y));
+        let (top, bottom) = (a + (b - a) * part.x, c + (d - c) * part.x);
+        top + (bottom - top) * part.y
     }
 }

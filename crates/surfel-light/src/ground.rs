@@ -5,8 +5,8 @@ use crate::directions::{Ray, open};
 use crate::receivers::{Receiver, gather};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
-use surfel_math::basis::{orthonormal, unit};
 use surfel_math::V2;
+use surfel_math::basis::{orthonormal, unit};
 use surfel_model::{Ground, GroundStyle};
 use surfel_render::View;
 
@@ -120,7 +120,11 @@ impl LitGround {
             let (whole, part) = ((turns + 0.5 * width).floor(), (turns + 0.5 * width).rem_euclid(1.0));
             (whole * width + part.min(width)) * self.spacing
         };
-        if pixel > 0.0 { ((integral(x + 0.5 * pixel) - integral(x - 0.5 * pixel)) / pixel).clamp(0.0, 1.0) } else { 0.0 }
+        if pixel > 0.0 {
+            ((integral(x + 0.5 * pixel) - integral(x - 0.5 * pixel)) / pixel).clamp(0.0, 1.0)
+        } else {
+            0.0
+        }
     }
 
     /// Draws the ground behind a frame's colours (linear premultiplied RGBA, of the view's region), and `background`

@@ -2,7 +2,8 @@
 
 use crate::range::{finite, positive};
 use crate::{
-    Camera, Color, ConvertOptions, GaussianCloud, Ground, Light, Matcap, Mesh, ModelError, Octree, Settings, Sky, SplatCloud, Up,
+    Camera, Color, ConvertOptions, GaussianCloud, Ground, Light, Matcap, Mesh, ModelError, Octree, Settings, Sky,
+    SplatCloud, Up,
 };
 use glam::{DAffine3, DMat4};
 #[cfg(feature = "serde")]

@@ -118,11 +118,7 @@ impl Sky {
             strength(&format!("sky.areas[{i}].strength"), area.strength)?;
             if !(area.half_angle_deg > 0.0 && area.half_angle_deg <= 90.0) {
                 let expected = "a number greater than 0, at most 90";
-                return Err(ModelError::range(
-                    format!("sky.areas[{i}].half_angle_deg"),
-                    area.half_angle_deg,
-                    expected,
-                ));
+                return Err(ModelError::range(format!("sky.areas[{i}].half_angle_deg"), area.half_angle_deg, expected));
             }
         }
         Ok(())

@@ -2,9 +2,9 @@
 
 #[cfg(feature = "ash")]
 pub use surfel_ash::GpuPath;
+use surfel_light::{LightError, LightOptions, LitGround, LitScene, light_scene};
 #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 use surfel_model::Storage;
-use surfel_light::{LightError, LightOptions, LitGround, LitScene, light_scene};
 use surfel_model::{Ground, Scene, Settings, Shader, Sky};
 use surfel_render::{
     Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
@@ -543,17 +543,11 @@ impl Renderer for Backend {
                 renderer.render_into(scene, view, settings, drawn, frame)
             }
             #[cfg(feature = "cpu")]
-            (Self::Cpu(renderer), Resident::Cpu(scene)) => {
-                renderer.render_into(scene, view, settings, drawn, frame)
-            }
+            (Self::Cpu(renderer), Resident::Cpu(scene)) => renderer.render_into(scene, view, settings, drawn, frame),
             #[cfg(feature = "ash")]
-            (Self::Ash(renderer), Resident::Ash(scene)) => {
-                renderer.render_into(scene, view, settings, drawn, frame)
-            }
+            (Self::Ash(renderer), Resident::Ash(scene)) => renderer.render_into(scene, view, settings, drawn, frame),
             #[cfg(feature = "wgpu")]
-            (Self::Wgpu(renderer), Resident::Wgpu(scene)) => {
-                renderer.render_into(scene, view, settings, drawn, frame)
-            }
+            (Self::Wgpu(renderer), Resident::Wgpu(scene)) => renderer.render_into(scene, view, settings, drawn, frame),
             #[allow(unreachable_patterns, reason = "a program with one backend has no other's scenes")]
             (backend, _) => Err(elsewhere(backend)),
         }?;

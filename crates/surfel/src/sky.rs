@@ -1,10 +1,10 @@
 //! Skies of named lights, and the ground below a scene.
 
+use crate::Error;
 use crate::framing::ViewAxes;
 use crate::render_options::RenderOptions;
 use crate::strays::Sphere;
 use crate::values::LIGHTS;
-use crate::Error;
 use glam::DVec3;
 use surfel_model::{Camera, Geometry, Ground, GroundStyle, Object, Scene, SceneFile, Shader, Sky, SkyArea};
 use surfel_render::ball_scale;

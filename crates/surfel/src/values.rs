@@ -16,8 +16,8 @@ use std::ops::Range;
 use surfel_math::srgb;
 use surfel_model::{
     Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,
-    GroundStyle, MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount, TableColumns,
-    Transparency, Up,
+    GroundStyle, MAX_IMAGE_SIDE, Mapping, Outliers, PointColors, PointsAs, Returns, Shader, Sort, SplatCount,
+    TableColumns, Transparency, Up,
 };
 use surfel_render::{Preset, Region};
 

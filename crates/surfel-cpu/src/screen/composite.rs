@@ -347,8 +347,7 @@ impl<'a> CompositeJob<'a> {
         let lighting = self.tiles.lighting;
         let list = BallList { balls: balls.of(block), at, projection: lighting.projection() };
         ball_fragments.gather(simd, list, until);
-        let mut balls =
-            BallBlock { simd, list, lighting, looks: self.extras.ball_looks, fragments: ball_fragments };
+        let mut balls = BallBlock { simd, list, lighting, looks: self.extras.ball_looks, fragments: ball_fragments };
         balls.fragments.skip(&from.to_array());
         let mut composited = Composited::nothing(simd);
         balls.composite(until, &mut composited);
