@@ -27,10 +27,13 @@ const BALL_ALPHA: u32 = 14u;
 const BALL_FLAGS: u32 = 15u;
 const BALL_COLOR: u32 = 16u;
 const BALL_MATERIAL: u32 = 19u;
-const BALL_WORDS: u32 = 24u;
+// Stored light, in place of the material, which the shader that shows it doesn't need.
+const BALL_LIGHT: u32 = 19u;
+const BALL_WORDS: u32 = 28u;
 
 const BALL_IS_FLAT: u32 = 1u;
 const BALL_IS_LARGE: u32 = 2u;
+const BALL_HAS_LIGHT: u32 = 4u;
 
 // A fragment, by its depth and its record; a depth of 0 means none.
 struct BallFragment {
@@ -164,10 +167,25 @@ fn shown_ball(pixel: vec2i, until: f32) -> BallFragment {
     return found;
 }
 
+fn ball_triple(at: u32) -> vec3f {
+    return vec3f(ball_pair(at), ball_number(at + 2u));
+}
+
+// Returns the light stored at some words for a unit normal in world space (§12).
+fn stored_light(at: u32, n: vec3f) -> f32 {
+    let linear = v3_dot(ball_triple(at), n);
+    let squares = v3_dot(ball_triple(at + 3u), n * n);
+    let products = v3_dot(ball_triple(at + 6u), vec3f(n.x * n.y, n.x * n.z, n.y * n.z));
+    return max(0.0, linear + squares + 2.0 * products);
+}
+
 fn ball_point(fragment: BallFragment, pixel: vec2i) -> Point {
     let at = ball_record_at(fragment.record);
     let normal = frame.world_from_view * ball_hit(at, pixel).normal;
-    let color = vec3f(ball_pair(at + BALL_COLOR), ball_number(at + BALL_COLOR + 2u));
+    var color = ball_triple(at + BALL_COLOR);
+    if (balls[at + BALL_FLAGS] & BALL_HAS_LIGHT) != 0u {
+        color *= stored_light(at + BALL_LIGHT, normal);
+    }
     let material = vec4f(ball_pair(at + BALL_MATERIAL), ball_pair(at + BALL_MATERIAL + 2u));
     return Point(color, normal, material, fragment.z, fragment.coverage, true);
 }

@@ -27,6 +27,26 @@ const IMAGES: &[(&str, &[&str])] = &[
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
+/// The same for images of [`GENERATED`] inputs.
+const LIT: &[(&str, &[&str])] = &[(
+    "figure-studio",
+    &[
+        "assets/generated/spot-scan.xyz",
+        "--light",
+        "studio",
+        "--ground",
+        "shadow",
+        "--bounce",
+        "--color",
+        "#c8b8a0",
+        "--background",
+        "white",
+        "--edge-aa=samples",
+        "--size",
+        "640x480",
+    ],
+)];
+
 /// Folder of generated inputs of figures.
 const GENERATED: &str = "assets/generated";
 
@@ -67,6 +87,12 @@ const FIGURES: &[(&str, &[&str], &str)] = &[
         "--color-by height --colormap plasma --value-title height_[dm] --annotate scale,axes --unit dm --view 150,15 \
          --text-at 0.42,0.75,-0.35=ear --text-at 0,0.2,0.65=back --width 560",
     ),
+    (
+        "figure-soft",
+        &["chair-truth.xyz", "chair-partial.xyz", "chair-fine.xyz"],
+        "--titles Ground_truth,Input,Completed --view 40,25 --light studio --bounce --ground shadow --color steelblue \
+         --width 800",
+    ),
 ];
 
 /// Images of models that the repository may not contain: name of the scene in assets/gallery/models, and file of the
@@ -84,7 +110,7 @@ pub(crate) fn run(root: &Path) -> bool {
     let image = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
         && CONVERSIONS.iter().all(|arguments| surfel(root, &[arguments, &["--force"][..]].concat()))
-        && IMAGES.iter().all(image)
+        && IMAGES.iter().chain(LIT).all(image)
         && village(root)
         && FIGURES.iter().all(|figure| draw_figure(root, figure))
 }

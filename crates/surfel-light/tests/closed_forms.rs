@@ -77,14 +77,14 @@ fn below_a_sphere(p: DVec3) -> Option<f64> {
 #[test]
 fn a_sphere_on_a_plane_hides_its_form_factor() {
     let ball = cloud(&sphere(6000, -1.0).map(|n| (n + DVec3::Z, n)).collect::<Vec<_>>(), 0.06);
-    let found = lit(vec![floor(3.0, 0.1).into(), ball.into()], sky(), 0);
+    let found = lit(vec![floor(3.0, 0.05).into(), ball.into()], sky(), 0);
     assert_near(&found, below_a_sphere);
 }
 
 #[test]
 fn a_ball_on_a_plane_hides_as_much() {
     let ball = SplatCloud::balls(&[[0.0, 0.0, 1.0]], &[1.0]).unwrap();
-    let found = lit(vec![floor(3.0, 0.1).into(), ball.into()], sky(), 0);
+    let found = lit(vec![floor(3.0, 0.05).into(), ball.into()], sky(), 0);
     assert_near(&found, below_a_sphere);
 }
 

@@ -411,7 +411,6 @@ pub fn unsupported(
         (Feature::EdgeSamples, settings.edge_aa == EdgeAa::Samples && planes.color && of_surfaces),
         (Feature::Gaussians, !of_surfaces),
         (Feature::Balls, summary.balls > 0),
-        (Feature::BallLight, summary.has_ball_light && settings.shader == Shader::Unlit && planes.color),
         (Feature::Sky, summary.has_sky),
         (Feature::Margin, planes.margin),
     ];
@@ -457,11 +456,6 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
             "a ball or dot",
             "is in the scene (\"points_as\")",
             "choose --backend cpu, or --points-as surface or disks",
-        ),
-        Feature::BallLight => (
-            "light stored in balls",
-            "is in the scene",
-            "choose --backend cpu, --light headlight, or --points-as disks",
         ),
         Feature::Sky => ("a sky", "is in the scene", "store its light first (surfel_light::light_scene)"),
         Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),

@@ -44,8 +44,6 @@ features! {
     Gaussians,
     /// Balls and dots (§11).
     Balls,
-    /// Light stored in balls (§12).
-    BallLight,
     /// A sky whose light isn't stored in splats (§12); no backend supports it.
     Sky,
     /// The decision margin plane.

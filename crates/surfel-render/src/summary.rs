@@ -38,8 +38,6 @@ pub struct SceneSummary {
     pub balls: u64,
     /// True if some balls' radii are in pixels.
     pub has_balls_in_pixels: bool,
-    /// True if some balls store light.
-    pub has_ball_light: bool,
     /// True if the scene has a sky, whose light isn't stored yet.
     pub has_sky: bool,
     /// True if some cloud or mesh has colours.
@@ -84,7 +82,6 @@ impl SceneSummary {
                     summary.balls += cloud.len() as u64;
                     let is_in_pixels = matches!(cloud.data().shape, Shape::Balls { in_pixels: true, .. });
                     summary.has_balls_in_pixels |= is_in_pixels;
-                    summary.has_ball_light |= cloud.data().ball_light.is_some();
                     summary.colors |= cloud.data().colors.is_some();
                     if cloud.data().rows.is_none() {
                         summary.without_rows.get_or_insert(i);

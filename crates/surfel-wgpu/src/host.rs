@@ -17,15 +17,7 @@ use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 /// - A-buffers: the number of remaining layers would have to be read back.
 const CAPABILITIES: Capabilities = Capabilities {
     backend: crate::NAME,
-    lacks: &[
-        Feature::ABuffer,
-        Feature::BallLight,
-        Feature::Balls,
-        Feature::EdgeSamples,
-        Feature::Gaussians,
-        Feature::Margin,
-        Feature::Sky,
-    ],
+    lacks: &[Feature::ABuffer, Feature::Balls, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin, Feature::Sky],
 };
 
 impl Renderer {

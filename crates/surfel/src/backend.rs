@@ -430,9 +430,7 @@ impl BackendScene {
 
 /// Returns the summary of a scene as a [`Backend`] stores it, with the light of its sky.
 pub fn summary_of(scene: &Scene) -> SceneSummary {
-    let summary = SceneSummary::of(scene);
-    let has_ball_light = summary.has_ball_light || summary.has_sky && summary.balls > 0;
-    SceneSummary { has_ball_light, has_sky: false, ..summary }
+    SceneSummary { has_sky: false, ..SceneSummary::of(scene) }
 }
 
 /// Returns the capabilities of a backend, if they are known before it starts.

@@ -486,7 +486,7 @@ impl Request {
         let kept = self.estimates.kept(&loaded, &objects_only);
         let given = SkyAndGround { sky: file.sky.take(), ground: file.ground.take() };
         let found = (up.vector(), &file.camera);
-        SkyAndGround::of(given, options, (&objects_only, kept), found)?.put(&mut file);
+        SkyAndGround::of(given, file.settings.shader, options, (&objects_only, kept), found)?.put(&mut file);
         cull(&mut file, options);
         // A scene file's camera turns around its target, about the scene's up axis or else its own.
         let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
@@ -579,7 +579,8 @@ impl Request {
         file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
         let kept = self.estimates.kept(&framed, &objects_only);
         let found = (up.vector(), &file.camera);
-        SkyAndGround::of(SkyAndGround::default(), options, (&objects_only, kept), found)?.put(&mut file);
+        let none = SkyAndGround::default();
+        SkyAndGround::of(none, file.settings.shader, options, (&objects_only, kept), found)?.put(&mut file);
         let lighting = lighting.filter(|_| file.sky.is_none());
         drop((framed, objects_only));
         cull(&mut file, options);

@@ -73,13 +73,15 @@ pub(crate) struct SkyAndGround {
 }
 
 impl SkyAndGround {
-    /// Applies the options to the sky and ground of a scene file. `scene` has the framed objects, and `kept` is the
-    /// sphere of what isn't stray.
+    /// Applies the options to the sky and ground of a scene file, which are left out under a shader that stored light
+    /// has no effect on. `scene` has the framed objects, and `kept` is the sphere of what isn't stray.
     ///
     /// # Errors
-    /// [`Error::Usage`] if the options ask for a sky, and an object can't store its light.
+    /// [`Error::Usage`] if the options ask for a sky and an object can't store its light, or for details of a sky and
+    /// there is none.
     pub(crate) fn of(
-        file: Self,
+        mut file: Self,
+        shader: Shader,
         options: &RenderOptions,
         (scene, kept): (&Scene, Option<Sphere>),
         (up, camera): (DVec3, &Camera),
@@ -89,6 +91,9 @@ impl SkyAndGround {
             Geometry::Gaussians(_) => Some("trained Gaussians"),
             Geometry::Splats(_) | Geometry::Mesh(_) => None,
         });
+        if !matches!(shader, Shader::Phong | Shader::Unlit) {
+            file = Self::default();
+        }
         let (light, bounce, style) = options.light(unable.is_none());
         let mut sky = match light {
             Some(light) => light.sky(up, camera),
@@ -99,6 +104,13 @@ impl SkyAndGround {
                 "--light {}: the input is {unable}, and only splats, points and meshes can store light: leave out \
                  --light and --ground",
                 light.name()
+            )));
+        }
+        let of_sky =
+            [(options.bounce == Some(true), "bounce"), (options.light_directions.is_some(), "light-directions")];
+        if let Some((_, flag)) = of_sky.into_iter().find(|(is_given, _)| *is_given && sky.is_none()) {
+            return Err(Error::Usage(format!(
+                "--{flag} is for the light of a sky: give --light studio, sky or sun, too"
             )));
         }
         if let Some(sky) = &mut sky {

@@ -12,5 +12,6 @@ mod out_of_sight;
 mod refined;
 mod rooms;
 mod session;
+mod sky;
 mod swap;
 mod whites;

@@ -6,8 +6,8 @@ use crate::polygons::{mesh_object, quad};
 use crate::random::Random;
 use glam::{DAffine3, DMat3, DVec3};
 use surfel_model::{
-    Camera, CloudData, Column3, EdgeAa, Light, Object, OnInvalid, Projection, Scene, Shader, Shape, SplatCloud,
-    Transparency,
+    BallLight, Camera, CloudData, Column3, EdgeAa, Light, Object, OnInvalid, Projection, Scene, Shader, Shape,
+    SplatCloud, Transparency,
 };
 
 pub(super) fn ball_cases() -> Vec<Case> {
@@ -44,6 +44,8 @@ pub(super) fn ball_cases() -> Vec<Case> {
         shadows_of_balls(0.02),
         region_of_balls(),
         ball_beyond_the_view(),
+        balls_with_stored_light(),
+        balls_with_stored_light().sampled(),
     ];
     for shader in [Shader::Unlit, Shader::Normal, Shader::Depth, Shader::Matcap, Shader::Edl, Shader::Toon] {
         cases.push(small.with(&format!("{shader:?}").to_lowercase(), |s| s.shader = shader));
@@ -99,6 +101,26 @@ fn ball_beyond_the_view() -> Case {
     let ball = ball_cloud(&[(DVec3::NEG_Z * 301.0, 300.0)], false, false);
     let view = Camera { target: [0.0, 0.0, -1.0], ..camera(0.0, 60.0, [24, 24]) };
     lit("ball_beyond_the_view", vec![object(ball)], view)
+}
+
+/// Catches stored light that isn't shown, or by a wrong normal: of a turned object beside one without light.
+fn balls_with_stored_light() -> Case {
+    let mut random = Random::new(14);
+    let cloud = ball_cloud(&points(60, [0.05, 0.3], 12), false, false);
+    let mut light = || {
+        let mut light = BallLight::default();
+        for _ in 0..6 {
+            light.add(random.direction().as_vec3(), random.range(0.0, 0.4) as f32);
+        }
+        light
+    };
+    let data = CloudData { ball_light: Some((0..cloud.len()).map(|_| light()).collect()), ..cloud.into_data() };
+    let mut turned = object(SplatCloud::new(data, OnInvalid::Refuse).expect("scenes hold valid splats").0);
+    turned.world_from_object = DAffine3::from_rotation_x(0.7) * DAffine3::from_rotation_y(-0.4);
+    let other = object(ball_cloud(&points(20, [0.05, 0.2], 13), false, false));
+    let mut case = lit("balls_with_stored_light", vec![turned, other], camera(2.4, 52.0, [80, 80]));
+    case.settings.shader = Shader::Unlit;
+    case
 }
 
 /// Catches wrong coverage where outlines are strongly curved: balls of 1 to 4 pixels.

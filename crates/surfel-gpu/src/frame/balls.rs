@@ -9,7 +9,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use surfel_math::V3;
 use surfel_math::ball::{LARGE_PX, LEAST_TEXELS, Outline};
-use surfel_model::Shape;
+use surfel_model::{Shader, Shape};
 use surfel_render::{FramePlan, Pass, Region, View, ball_scale};
 use surfel_shaders::layout;
 
@@ -166,10 +166,17 @@ impl<'a> BallView<'a> {
         words.f64(at(layout::BALL_SIZE), radius * inverse).f64(at(layout::BALL_Z), center.z);
         let alpha = if self.plan.ball_alphas { cloud.alpha(i) } else { 1.0 };
         let is_large = outline.extent.x * outline.extent.y > LARGE_PX * LARGE_PX;
-        let flags = if self.flat { layout::BALL_IS_FLAT } else { 0 } | if is_large { layout::BALL_IS_LARGE } else { 0 };
+        let stored = cloud.data().ball_light.as_ref().filter(|_| self.plan.shader == Shader::Unlit);
+        let flag = |is_set: bool, flag: u32| if is_set { flag } else { 0 };
+        let flags = flag(self.flat, layout::BALL_IS_FLAT)
+            | flag(is_large, layout::BALL_IS_LARGE)
+            | flag(stored.is_some(), layout::BALL_HAS_LIGHT);
         words.f32(at(layout::BALL_ALPHA), alpha).u32(at(layout::BALL_FLAGS), flags);
         words.f64s(at(layout::BALL_COLOR), cloud.color(i).map(f64::from));
-        words.f64s(at(layout::BALL_MATERIAL), self.balls.material.factors());
+        match stored {
+            Some(light) => words.f64s(at(layout::BALL_LIGHT), light[i].to_array().map(f64::from)),
+            None => words.f64s(at(layout::BALL_MATERIAL), self.balls.material.factors()),
+        };
         let record = words.into_words().try_into().ok()?;
         Some(ScreenBall { record, cells: [x0, y0, x1, y1], member: [self.index, i as u32] })
     }

@@ -6,7 +6,7 @@ use crate::passes::pixel_pass::PixelPass;
 use surfel_render::{Feature, FramePlan};
 
 /// Features that no GPU backend draws.
-pub const UNSUPPORTED: &[Feature] = &[Feature::BallLight, Feature::Margin, Feature::Sky];
+pub const UNSUPPORTED: &[Feature] = &[Feature::Margin, Feature::Sky];
 
 /// Parts of a scene that may touch a tile, as indices of segments.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
