@@ -721,7 +721,7 @@ function showClasses() {
 function showScene() {
   showLegend();
   // Trained Gaussians have no surface to shade.
-  for (const name of ['shader', 'shadows', 'edge-aa']) {
+  for (const name of ['shader', 'light', 'ground', 'bounce', 'shadows', 'edge-aa']) {
     const element = controls.get(name)?.element;
     if (element) element.hidden = Boolean(scene?.gaussians);
   }

@@ -6,6 +6,7 @@ mod features;
 mod figures;
 mod formulas;
 mod gaussians;
+mod light;
 mod measure;
 mod normals;
 mod page;
@@ -105,6 +106,7 @@ pub(crate) struct Findings {
     pub textures: Table,
     pub scans: Table,
     pub normals: Table,
+    pub light: Table,
     /// Other backends, with tables of the fidelity of their knobs.
     pub others: Vec<(BackendFacts, Table)>,
 }
@@ -149,6 +151,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let features = costs::table(&mut backends, runs, size)?;
     let planes = planes::table(&mut backends, runs, size)?;
     let (formulas, normals) = (formulas::table()?, normals::table());
+    let light = light::table()?;
     let textures = textures::table(&mut backends, size)?;
     let scans = scans::table(&mut backends, runs, size)?;
     drop(backends);
@@ -162,7 +165,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let values = verdict::values(&figures);
     let others = figures.others.iter().map(|other| (other.backend.clone(), verdict::fidelity(other))).collect();
     figures.seconds = Some(start.elapsed().as_secs_f64());
-    let findings = Findings { values, features, planes, formulas, textures, scans, normals, others, figures };
+    let findings = Findings { values, features, planes, formulas, textures, scans, normals, light, others, figures };
     for (title, table) in tables(&findings) {
         println!("{title}\n\n{}", table.text());
     }
@@ -235,6 +238,7 @@ fn tables(findings: &Findings) -> Vec<(String, Table)> {
         ("Textures".to_owned(), findings.textures.clone()),
         ("Splats of points".to_owned(), findings.scans.clone()),
         ("Normals".to_owned(), findings.normals.clone()),
+        ("Light of a sky".to_owned(), findings.light.clone()),
     ];
     for (backend, table) in &findings.others {
         let kind = if backend.is_software { ", software Vulkan" } else { "" };

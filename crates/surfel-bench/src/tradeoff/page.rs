@@ -10,7 +10,7 @@ use super::verdict;
 
 /// Returns a self-contained page.
 pub(crate) fn page(findings: &Findings) -> String {
-    let Findings { figures, values, features, planes, formulas, textures, scans, normals, others } = findings;
+    let Findings { figures, values, features, planes, formulas, textures, scans, normals, light, others } = findings;
     let mut page = Page::new("Speed against accuracy");
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each image below \
@@ -100,6 +100,13 @@ pub(crate) fn page(findings: &Findings) -> String {
          colour changes by no more than the angle in radians, and a step of 8-bit colour is 4e-3.",
     );
     page.table(normals);
+    page.section("Light of a sky");
+    page.paragraph(
+        "Light on a floor below a ball of 6000 disks, against the closed form of the ball's form factor. The first row \
+         is the default; 'light-directions' sets the number of directions. Times are those of storing the light, once \
+         for all images.",
+    );
+    page.table(light);
     for (backend, table) in others {
         page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
         let software = if backend.is_software {
