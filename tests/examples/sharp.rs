@@ -88,6 +88,8 @@ fn scene(cloud: SplatCloud, cull: Cull, oriented: Option<bool>) -> Scene {
         up: None,
         background: [1.0; 4],
         ambient: [1.0; 3],
+        sky: None,
+        ground: None,
         matcap: None,
         lights: Some(vec![light([-0.3, -0.8, -0.5], 0.45), light([0.7, -0.2, -0.5], 0.25)]),
         objects: vec![object],

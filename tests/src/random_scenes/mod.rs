@@ -46,6 +46,8 @@ pub fn case(seed: u64) -> Case {
         background: looks::background(&mut random),
         ambient: looks::light_color(&mut random),
         lights: looks::lights(&mut random, settings.shader),
+        sky: None,
+        ground: None,
         matcap: looks::matcap(seed, settings.shader),
         objects,
     };

@@ -59,6 +59,8 @@ pub fn store(case: &Case, folder: &Path) -> Result<PathBuf, IoError> {
         background: scene.background,
         ambient: scene.ambient,
         lights: scene.lights.clone(),
+        sky: None,
+        ground: None,
         matcap: scene.matcap.is_some().then_some(ball),
         objects,
         settings: case.settings,

@@ -23,6 +23,8 @@ pub(crate) fn scene(file: &SceneFile, folder: &Path) -> Scene {
         background: file.background,
         ambient: file.ambient,
         lights: file.lights.clone(),
+        sky: None,
+        ground: None,
         matcap: file.matcap.as_ref().map(|ball| Arc::new(surfel_io::load_matcap(&folder.join(ball)).unwrap())),
         objects: objects.collect(),
     }

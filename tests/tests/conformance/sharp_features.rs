@@ -83,8 +83,7 @@ fn differences(mesh: &Mesh, splats: usize, policy: ClipPolicy) -> Vec<Difference
     let (cloud, _) = sharp_splats_from_mesh(mesh, &options, &NoProgress).unwrap();
     let mut object = object(cloud);
     object.material.cull = Cull::Back;
-    let scene =
-        Scene { up: None, background: [0.0; 4], ambient: [0.0; 3], lights: None, matcap: None, objects: vec![object] };
+    let scene = Scene { ambient: [0.0; 3], objects: vec![object], ..Scene::default() };
     let cast = Cast::new(mesh);
     let mut reference = Reference::new(Default::default()).unwrap();
     let resident = reference.upload(&scene).unwrap();
