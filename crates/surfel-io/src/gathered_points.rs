@@ -1,7 +1,7 @@
 //! Points of several parts of a file, or of several files, merged into one cloud. A column that only some parts have is
 //! filled for the others.
 
-use crate::columns::{measured_positions, to_f64};
+use crate::columns::{measured_positions, rounding_note_of_step, to_f64};
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::Fault;
@@ -17,15 +17,24 @@ pub(crate) struct PointsPart {
     /// Point colours, in linear RGB and alpha.
     pub(crate) colors: Option<Vec<[f32; 4]>>,
     pub(crate) extras: Vec<ExtraColumn>,
+    /// Largest rounding step of the positions, if the file stores them as 32-bit floats; otherwise 0.
+    pub(crate) step: f64,
 }
 
 impl PointsPart {
     /// Transforms the points and normals.
     pub(crate) fn place(&mut self, world_from_part: DAffine3) {
+        self.step *= largest_scale(world_from_part);
         self.positions.iter_mut().for_each(|p| *p = world_from_part.transform_point3(*p));
         let normals = inverse_transpose(world_from_part);
         self.normals.iter_mut().flatten().for_each(|n| *n = transform_normal(normals, *n));
     }
+}
+
+/// Returns the largest factor by which a transformation scales an axis.
+pub(crate) fn largest_scale(world: DAffine3) -> f64 {
+    let m = world.matrix3;
+    [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
 }
 
 /// Returns the inverse transpose up to scale, which is finite for any finite matrix.
@@ -52,6 +61,8 @@ pub(crate) struct GatheredPoints {
     any_normal: bool,
     any_color: bool,
     extras: Vec<ExtraColumn>,
+    /// Largest rounding step of all parts.
+    step: f64,
     /// Indices of columns by name.
     extra_of: HashMap<String, usize>,
 }
@@ -59,6 +70,7 @@ pub(crate) struct GatheredPoints {
 impl GatheredPoints {
     pub(crate) fn add(&mut self, part: PointsPart) {
         let before = self.positions.len();
+        self.step = self.step.max(part.step);
         self.positions.extend(part.positions);
         let total = self.positions.len();
         self.any_normal |= part.normals.is_some();
@@ -95,9 +107,18 @@ impl GatheredPoints {
 
     /// Returns all parts as one.
     pub(crate) fn into_part(self) -> PointsPart {
-        let Self { positions, normals, colors, any_normal, any_color, extras, .. } = self;
+        let Self { positions, normals, colors, any_normal, any_color, extras, step, .. } = self;
         let extras = Self::filled(extras, positions.len());
-        PointsPart { positions, normals: any_normal.then_some(normals), colors: any_color.then_some(colors), extras }
+        let (normals, colors) = (any_normal.then_some(normals), any_color.then_some(colors));
+        PointsPart { positions, normals, colors, extras, step }
+    }
+
+    /// Adds a note if the points are rounded because they are far from the origin.
+    pub(crate) fn note_rounding(&self, context: &mut Context<'_>) {
+        let none = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        let finite = self.positions.iter().filter(|p| p.is_finite());
+        let (min, max) = finite.fold(none, |(min, max), p| (min.min(*p), max.max(*p)));
+        rounding_note_of_step(self.step, min, max).into_iter().for_each(|note| context.note(note));
     }
 
     /// Returns the cloud, without non-finite positions.
@@ -146,8 +167,8 @@ mod tests {
         let part = |x: f64, normal: bool, extras| PointsPart {
             positions: vec![DVec3::X * x],
             normals: normal.then(|| vec![[0.0, 0.0, 1.0]]),
-            colors: None,
             extras,
+            ..PointsPart::default()
         };
         let mut all = GatheredPoints::default();
         all.add(part(1.0, false, vec![]));

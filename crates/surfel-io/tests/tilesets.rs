@@ -191,6 +191,32 @@ fn places_on_earth_are_turned_to_east_north_and_up() {
 }
 
 #[test]
+fn coordinates_about_the_earths_centre_as_floats_are_said_to_be_rounded() {
+    let square = |x: f32| [[x, -20.0, 5.0], [x, 20.0, 5.0], [x + 9.0, 0.0, -20.0], [x, 0.0, 20.0]];
+    let rounding = |loaded: &Loaded| loaded.notes.iter().find(|n| n.contains("rounded to steps")).cloned();
+    let alone = |tile: &[u8]| load_bytes(tile, None, Path::new("t"), &LoadOptions::default()).unwrap();
+    let note = "its coordinates are 32-bit floats far from the origin: they are rounded to steps of 0.5 there";
+    assert_eq!(rounding(&alone(&plain(&square(6_378_137.0)))).as_deref(), Some(note));
+    // A centre, or the tile's transform, keeps the floats small.
+    let features = json!({"POINTS_LENGTH": 4, "RTC_CENTER": [6_378_137, 0, 0], "POSITION": {"byteOffset": 0}});
+    let tile = pnts(&features, &floats(square(0.0).as_flattened()), &Value::Null, &[]);
+    assert_eq!(rounding(&alone(&tile)), None);
+    let with = |points: &[[f32; 3]], uri: &str, transform: Value| {
+        let root = json!({"content": {"uri": uri}, "transform": transform});
+        let tile = if uri == "a.pnts" { plain(points) } else { glb(points, false) };
+        read(&[(uri, tile), ("tileset.json", tileset(root))], false).unwrap()
+    };
+    let moved = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 6_378_137.0, 0, 0, 1]);
+    let scaled = json!([0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 0.5, 0, 0, 0, 0, 1]);
+    for uri in ["a.pnts", "a.glb"] {
+        assert_eq!(rounding(&with(&square(0.0), uri, moved.clone())), None);
+        // Steps are those after the transform: of 1 m in the tile, and 0.5 m in the world.
+        let loaded = with(&square(12_756_274.0), uri, scaled.clone());
+        assert_eq!(rounding(&loaded).as_deref(), Some(note), "{uri}");
+    }
+}
+
+#[test]
 fn what_cannot_be_read_is_told_and_left_out_on_request() {
     let root = json!({"refine": "ADD", "contents": [{"uri": "a.pnts"}, {"uri": "gone.pnts"}]});
     let files = [("a.pnts", plain(&[[1.0; 3]])), ("tileset.json", tileset(root))];

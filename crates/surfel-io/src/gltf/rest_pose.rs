@@ -3,6 +3,7 @@
 use super::buffers::Asset;
 use super::nodes::Nodes;
 use crate::error::Problem;
+use crate::gathered_points::largest_scale;
 use glam::{DAffine3, DMat3, DMat4, DVec3};
 use gltf::Skin;
 use std::rc::Rc;
@@ -35,10 +36,7 @@ impl Pose {
     /// Returns the largest factor by which the pose scales lengths; 1 for skins.
     pub(super) fn scale(&self) -> f64 {
         match self {
-            Self::Rigid(world) => {
-                let m = world.matrix3;
-                [m.x_axis, m.y_axis, m.z_axis].iter().map(|axis| axis.length()).fold(0.0, f64::max)
-            }
+            Self::Rigid(world) => largest_scale(*world),
             Self::Skinned(_) => 1.0,
         }
     }

@@ -171,7 +171,7 @@ impl Gathered {
         if primitive.mode() == Mode::Points {
             for pose in &poses {
                 let Vertices { positions, normals, colors, .. } = surface.place(pose);
-                self.points.add(PointsPart { positions, normals, colors, extras: extras.clone() });
+                self.points.add(PointsPart { positions, normals, colors, extras: extras.clone(), step: self.step });
             }
             return Ok(());
         }

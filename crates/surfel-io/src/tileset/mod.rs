@@ -118,6 +118,7 @@ fn finish(mut points: GatheredPoints, context: &mut Context<'_>) -> Result<Conte
         let problem = Problem::new("holds no points").expected("tiles of points, as glTF or pnts");
         return Err(problem.help("open its tiles of triangles (GLB) one by one").into());
     }
+    points.note_rounding(context);
     if let Some(earth) = earth::Horizon::of(&points.positions) {
         points.turn(earth.center, earth.local_from_earth);
         context.note(earth.to_string());

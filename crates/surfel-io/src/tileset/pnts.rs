@@ -1,6 +1,7 @@
 //! Reader of `pnts`, the point tiles of 3D Tiles 1.0: a header, a feature table and a batch table.
 
 use crate::color::linear_of_unit;
+use crate::columns::f32_step;
 use crate::error::{Fault, Location, Problem};
 use crate::gathered_points::PointsPart;
 use crate::scene_file::json_problem;
@@ -81,7 +82,10 @@ impl<'a> Table<'a> {
         let count = self.json.get("POINTS_LENGTH").and_then(Value::as_u64).and_then(|n| usize::try_from(n).ok());
         let count = count.ok_or_else(|| Problem::new("the pnts tile has no POINTS_LENGTH"))?;
         let center = self.json.get("RTC_CENTER").and_then(numbers).map_or(DVec3::ZERO, DVec3::from_array);
+        let mut step = 0.0;
         let positions = if let Some(raw) = self.column("POSITION", count, 12)? {
+            let finite = floats(raw).flatten().filter(|c| c.is_finite());
+            step = f32_step(finite.fold(0.0, |most: f32, c| most.max(c.abs())).into());
             floats(raw).map(|p| center + DVec3::from(p.map(f64::from))).collect()
         } else if let Some(raw) = self.column("POSITION_QUANTIZED", count, 6)? {
             let of = |key: &str| self.json.get(key).and_then(numbers).map(DVec3::from_array);
@@ -97,7 +101,8 @@ impl<'a> Table<'a> {
         } else {
             return Err(Problem::new("the pnts tile has no positions").expected("POSITION or POSITION_QUANTIZED"));
         };
-        Ok(PointsPart { positions, normals: self.normals(count)?, colors: self.colors(count)?, extras: Vec::new() })
+        let (normals, colors) = (self.normals(count)?, self.colors(count)?);
+        Ok(PointsPart { positions, normals, colors, extras: Vec::new(), step })
     }
 
     fn normals(&self, count: usize) -> Result<Option<Vec<[f32; 3]>>, Problem> {
