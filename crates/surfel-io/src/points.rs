@@ -23,6 +23,8 @@ pub(crate) struct Table {
     hidden: usize,
     rows: usize,
     names: Option<Vec<String>>,
+    /// Last comment before the points, if it has as many words as a row has columns, but doesn't name a position.
+    comment: Option<String>,
     /// Numbers of the columns in the file, from 1.
     numbers: Vec<usize>,
     comments: Vec<String>,
@@ -68,10 +70,13 @@ impl Table {
             return Ok((columns, roles));
         }
         let (roles, reasons) = Roles::by_content(&mut columns, &self.numbers)?;
-        if self.width > 3 || !reasons.is_empty() {
+        if self.width > 3 || !reasons.is_empty() || self.comment.is_some() {
             let names: Vec<&str> = columns.iter().map(|c| c.name.as_str()).collect();
-            let named = self.names.as_ref().map(Vec::len);
-            let why = named.map_or_else(|| "no first line names them".into(), |n| format!("the line of names has {n}"));
+            let why = match (&self.names, &self.comment) {
+                (Some(names), _) => format!("the line of names has {}", names.len()),
+                (None, Some(comment)) => format!("the comment above them, {}, doesn't name x, y and z", quote(comment)),
+                (None, None) => "no first line names them".into(),
+            };
             context.note(column_roles::as_note(&format!("took the columns as {}: {why}", list(&names)), &reasons));
         }
         Ok((columns, roles))
@@ -138,6 +143,7 @@ pub(crate) fn unpack(
     // Number of cells in a row, the same in all rows; only some are read.
     let mut cells = kept.map_or(0, <[bool]>::len);
     let mut header: Option<Vec<String>> = None;
+    let mut last_comment = String::new();
     let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
     // True while the last three of seven columns are bytes, as the colours of a PTS file are.
     let mut ends_in_bytes = true;
@@ -149,6 +155,7 @@ pub(crate) fn unpack(
                 // The last comment before the points that contains column names.
                 header = names(text.as_bytes(), dialect).or(header.take());
                 if !text.is_empty() {
+                    text.clone_into(&mut last_comment);
                     table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
                 }
             }
@@ -240,6 +247,9 @@ pub(crate) fn unpack(
             columns.columns().iter().filter_map(|column| column.name.as_deref().map(raw_rows::usual_name)).collect(),
         );
     } else {
+        let has_word_per_column =
+            |text: &String| [dialect.words(text.as_bytes()).count(), text.split_whitespace().count()].contains(&cells);
+        table.comment = Some(last_comment).filter(|text| header.is_none() && has_word_per_column(text));
         plan.notes(header.as_deref().filter(|names| names.len() == cells)).into_iter().for_each(|n| context.note(n));
         table.names = header.map(|names| chosen(names, kept));
         if pts && ends_in_bytes && table.names.is_none() {

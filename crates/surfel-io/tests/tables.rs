@@ -263,6 +263,29 @@ fn the_note_says_what_decided() {
 }
 
 #[test]
+fn comment_that_names_other_columns_is_said_to_be_passed_over() {
+    let notes = |text: &str| load("a.txt", text).notes;
+    let note = |names: &str, comment: &str| {
+        format!(
+            "took the columns as {names}: the comment above them, '{comment}', doesn't name x, y and z; --columns names \
+             them otherwise"
+        )
+    };
+    assert_eq!(notes("# foo bar baz\n1 2 3\n4 5 6\n"), [note("x y z", "foo bar baz")]);
+    assert_eq!(notes("// foo, bar, baz\n\n1,2,3\n4,5,6\n"), [note("x y z", "foo, bar, baz")]);
+    assert_eq!(notes("# a\n# u v w t\n1 2 3 4\n"), [note("x y z intensity", "u v w t")]);
+    // Other comments name no columns, and names of positions are obeyed.
+    for text in
+        ["# foo bar\n1 2 3\n", "# foo bar baz\n# by hand\n1 2 3\n", "# x y z\n1 2 3\n", "1 2 3\n# foo bar baz\n"]
+    {
+        assert_eq!(notes(text), [""; 0], "{text}");
+    }
+    let named = LoadOptions { columns: Some("x,y,z".parse().unwrap()), ..LoadOptions::default() };
+    let text = &b"# foo bar baz\n1 2 3\n"[..];
+    assert_eq!(load_bytes(text, None, Path::new("a.txt"), &named).unwrap().notes, [""; 0]);
+}
+
+#[test]
 fn few_rows_are_taken_by_their_number_of_columns() {
     for (text, expected) in [
         ("1 2 3 4\n", "x y z intensity"),
