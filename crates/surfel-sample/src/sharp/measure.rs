@@ -157,12 +157,10 @@ struct SplatIndex<'a> {
 
 impl<'a> SplatIndex<'a> {
     fn new(splats: &'a [ClippedSplat]) -> Self {
-        // Corners of the rectangle around each ellipse.
-        let around = |s: &ClippedSplat| {
-            [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)].map(|(u, v)| s.center + s.s * u + s.t * v)
-        };
-        let boxes = Boxes::new(&splats.iter().map(around).collect::<Vec<_>>());
-        Self { splats, clips: splats.iter().map(clip_of).collect(), boxes }
+        let clips: Vec<Option<Clip<f64>>> = splats.iter().map(clip_of).collect();
+        let around = |(splat, clip): (&ClippedSplat, &Option<Clip<f64>>)| hull(splat, clip.as_ref());
+        let boxes = Boxes::new(&splats.iter().zip(&clips).map(around).collect::<Vec<_>>());
+        Self { splats, clips, boxes }
     }
 
     /// Returns the distance of a point to the nearest splat; calls `seen` for each splat compared.
@@ -179,6 +177,34 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
     let columns =
         surfel_model::ClipColumns { curves: splat.curve.map(|c| vec![c]), lines: Some(vec![splat.lines]), modes: None };
     columns.clip(0, surfel_model::ClipPolicy::Exact)
+}
+
+/// Maximum number of corners of a square that four lines clip.
+const HULL_CORNERS: usize = 8;
+
+/// Returns the corners, some of them repeated, of a polygon about the visible part of a splat: of the square about its
+/// disk, clipped by its lines. The disk of a sliver may be thousands of times as wide as its visible part, and the
+/// squares of slivers that cross all overlap.
+fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
+    /// Tolerance for rounding, relative to a line's coefficients.
+    const SLACK: f64 = 1e-9;
+    let mut corners: Vec<V2<f64>> =
+        [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)].map(|(u, v)| V2::new(u, v)).into();
+    // The lines of these splats are joined by "and", and their coefficients are 1 at most.
+    for line in clip.iter().flat_map(|clip| &clip.lines) {
+        let inside = |p: V2<f64>| line.at(p) + SLACK;
+        let next = corners.iter().cycle().skip(1);
+        let edges = corners.iter().zip(next).map(|(p, q)| ((*p, inside(*p)), (*q, inside(*q))));
+        corners = edges
+            .flat_map(|((p, at_p), (q, at_q))| {
+                let crossing = ((at_p < 0.0) != (at_q < 0.0)).then(|| p + (q - p) * (at_p / (at_p - at_q)));
+                (at_p >= 0.0).then_some(p).into_iter().chain(crossing)
+            })
+            .collect();
+    }
+    let at = |uv: &V2<f64>| splat.center + splat.s * uv.x + splat.t * uv.y;
+    let last = corners.last().map_or(splat.center, at);
+    std::array::from_fn(|i| corners.get(i).map_or(last, at))
 }
 
 /// Returns points of the unit disk, evenly spread (Vogel 1979).
@@ -252,6 +278,31 @@ mod tests {
             back.distance(a + ((b - a) + (c - a)) / 3.0, &|| asked.set(asked.get() + 1));
         }
         asked.get()
+    }
+
+    #[test]
+    fn hull_holds_the_visible_part_and_little_else() {
+        let mut random = crate::mesh::random::Random::new(4);
+        let mut number = || random.unit() as f32 * 2.0 - 1.0;
+        for count in (0..=4).cycle().take(200) {
+            let mut lines = [surfel_model::NO_LINE; 4];
+            for line in lines.iter_mut().take(count) {
+                *line = surfel_model::ClipLine { a: number(), b: number(), c: 0.5 * number() };
+            }
+            let splat = ClippedSplat { s: DVec3::X * 2.0, t: DVec3::Y * 3.0, lines, ..ClippedSplat::default() };
+            let clip = clip_of(&splat);
+            let corners = hull(&splat, clip.as_ref()).map(|p| V2::new(p.x / 2.0, p.y / 3.0));
+            let keeps = |uv: V2<f64>| {
+                lines[..count].iter().all(|l| f64::from(l.a) * uv.x + f64::from(l.b) * uv.y + f64::from(l.c) >= -1e-8)
+            };
+            let seen: Vec<V2<f64>> = spiral(500).filter(|uv| clip.is_none_or(|c| c.keeps(*uv))).collect();
+            assert!(seen.is_empty() || corners.iter().all(|corner| keeps(*corner)), "{lines:?}");
+            // Visible points are left of every edge.
+            for (p, q) in corners.iter().zip(corners.iter().cycle().skip(1)) {
+                let edge = *q - *p;
+                assert!(seen.iter().all(|s| edge.x * (s.y - p.y) - edge.y * (s.x - p.x) >= -1e-9), "{lines:?}");
+            }
+        }
     }
 
     #[test]
