@@ -234,6 +234,10 @@ pub(super) fn shapes() -> Vec<Shape> {
             }),
         ),
     ];
-    all.extend(tables.map(|(name, n, counts, make)| Shape::new(name, (n, counts), make)));
+    // A table of more than 128 columns is refused.
+    all.extend(tables.map(|(name, n, counts, make)| {
+        let shape = Shape::new(name, (n, counts), make);
+        if name.starts_with("CSV of many") { shape.refused() } else { shape }
+    }));
     all
 }
