@@ -50,6 +50,11 @@ impl<T: Scalar> SparseColumn<T> {
         self.values.extend(values);
     }
 
+    /// True if all values so far are zero.
+    pub(crate) fn is_zero(&self) -> bool {
+        self.values.is_empty()
+    }
+
     /// Returns the column, unless all values are zero.
     pub(crate) fn finish(self, name: String) -> Option<ExtraColumn> {
         let mut values = self.values;
@@ -95,6 +100,11 @@ impl WideColors {
                 *c = table[usize::from(exact_8_bit(*c).unwrap_or(0))];
             }
         }
+    }
+
+    /// True if a colour so far isn't black.
+    pub(crate) fn any(&self) -> bool {
+        self.any
     }
 
     /// Returns the colours as linear RGB, unless all are black, and true if they range only to 255.

@@ -170,6 +170,47 @@ fn columns_that_say_nothing_are_left_out_and_8_bit_colours_are_mended() {
 }
 
 /// Builds an extra-bytes description: name, type, and scale.
+/// Bytes per point of the columns in memory, besides colours, and of reading.
+fn column_bytes(points: &PointCloud) -> u64 {
+    let position_bytes = if points.positions.low().is_some() { 24 } else { 12 };
+    12 + position_bytes + points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum::<u64>()
+}
+
+#[test]
+fn memory_of_points_is_that_of_the_columns_that_hold_values() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a");
+    // Files with all columns, with colours and intensities, and with positions alone.
+    let keep = |columns: usize, p: &mut ::las::Point| {
+        let bare =
+            ::las::Point { x: p.x, y: p.y, z: p.z, gps_time: p.gps_time.map(|_| 0.0), ..::las::Point::default() };
+        let (color, intensity, nir) = (p.color, p.intensity, p.nir);
+        match columns {
+            0 => *p = ::las::Point { color: color.map(|_| ::las::Color::default()), nir: nir.map(|_| 0), ..bare },
+            1 => *p = ::las::Point { color, intensity, nir: nir.map(|_| 0), ..bare },
+            _ => {}
+        }
+    };
+    for format in [0, 1, 2, 3, 6, 7, 8] {
+        for (columns, packed) in [0, 1, 2].into_iter().flat_map(|columns| [(columns, false), (columns, true)]) {
+            let file = las_file((4, format, 0, packed), Vec::new(), 0..9000, |p| keep(columns, p));
+            let (_, points) = read(&file);
+            std::fs::write(&path, file).unwrap();
+            let count = surfel_io::survey_points(&path, None).unwrap();
+            let what = format!("format {format}, {columns} columns, packed {packed}");
+            assert_eq!((count.points, count.row_bytes), (9000, column_bytes(&points)), "{what}");
+            assert_eq!(count.has_colors, points.colors.is_some(), "{what}");
+        }
+    }
+    // A damaged chunk hides the columns: all are assumed.
+    let mut file = las_file((4, 7, 0, true), Vec::new(), 0..9000, |p| keep(0, p));
+    let start = u32::from_le_bytes(file[96..100].try_into().unwrap()) as usize;
+    file[start + 8 + 36 + 4..start + 8 + 36 + 40].fill(0xff);
+    std::fs::write(&path, file).unwrap();
+    let count = surfel_io::survey_points(&path, None).unwrap();
+    assert_eq!((count.row_bytes, count.has_colors), (12 + 12 + 36, true));
+}
+
 fn extra_field(name: &str, kind: u8, scaled: Option<(f64, f64)>) -> Vec<u8> {
     let mut record = vec![0; 192];
     record[2] = kind;

@@ -141,8 +141,8 @@ mod tests {
 
     #[test]
     fn bytes_of_points_are_near_what_was_measured() {
-        // Peak of 4 million points minus that of 500 points, per point, at 512² on the CPU backend or of a conversion,
-        // whichever is larger.
+        // Peak of 4 million points (2 million of some LAS and LAZ) minus that of 500 points, per point, at 512² on
+        // the CPU backend or of a conversion, whichever is larger.
         for (what, measured, row_bytes, has_normals, has_colors) in [
             ("PLY x y z", 67, 12, false, false),
             ("PLY with colours", 91, 15, false, true),
@@ -156,10 +156,15 @@ mod tests {
             ("NPZ with colours", 94, 15, false, true),
             ("PCD with colours", 90, 20, false, true),
             ("E57 with colours", 91, 19, false, true),
-            ("LAS of format 7, all columns", 135, 36 + 9, false, true),
-            ("LAS of format 7, few columns", 102, 36 + 9, false, true),
-            ("LAZ of format 7", 131, 20 + 40, false, true),
-            ("LAZ of format 6", 121, 14 + 40, false, false),
+            // 24 bytes for reading and positions, and the columns that hold values.
+            ("LAS of format 7, all columns", 135, 24 + 26, false, true),
+            ("LAS of format 7, few columns", 102, 24, false, true),
+            ("LAS of format 7, positions alone", 71, 24, false, false),
+            ("LAS of format 6, all columns", 98, 24 + 26, false, false),
+            ("LAS of format 1, all columns", 97, 24 + 21, false, false),
+            ("LAZ of format 7, all columns", 131, 24 + 26, false, true),
+            ("LAZ of format 7, few columns", 94, 24, false, true),
+            ("LAZ of format 6, all columns", 121, 24 + 26, false, false),
             ("text x y z", 67, 21, false, false),
             ("text x y z, long numbers", 84, 48, false, false),
             ("text with intensity", 73, 24, false, false),

@@ -121,6 +121,43 @@ fn resize(bytes: &mut Vec<u8>, length: usize) -> Result<(), Problem> {
     Ok(())
 }
 
+/// Maximum number of compressed bytes that [`first_points`] reads.
+const MAX_FIRST: u64 = 64 << 20;
+
+/// Decodes the first points of a file, at most `most`. Returns `None` for files that aren't compressed in chunks, that
+/// are damaged, or whose first chunk is very large.
+pub(super) fn first_points(
+    source: &mut dyn Source,
+    header: &mut Header,
+    file_bytes: u64,
+    most: u64,
+) -> Option<Vec<u8>> {
+    let (vlr, kind) = checked_vlr(header).ok()?;
+    let (at, size) = (header.start + 8, header.record_bytes as u64);
+    let left = file_bytes.checked_sub(at)?;
+    let wanted = most.min(header.count);
+    let (points, bytes) = match (kind, is_layered(&vlr)) {
+        // Without layers, points follow one another; a compressed point is hardly larger than twice its record.
+        (2, false) if !vlr.uses_variable_size_chunks() => {
+            (wanted.min(u64::from(vlr.chunk_size())), left.min(2 * wanted * size + 4096))
+        }
+        (3, true) => {
+            let (points, bytes) = layers_at(source, at, &vlr, header.record_bytes).ok()?;
+            (wanted.min(points), bytes)
+        }
+        _ => return None,
+    };
+    if points == 0 || bytes > left.min(MAX_FIRST) {
+        return None;
+    }
+    let mut packed = vec![0; bytes as usize];
+    source.seek(SeekFrom::Start(at)).ok()?;
+    source.read_exact(&mut packed).ok()?;
+    let mut records = vec![0; (points * size) as usize];
+    decode(&packed, &mut records, &vlr, &[(points, bytes)]).ok()?;
+    Some(records)
+}
+
 /// Reads a file of LASzip's compressor 1: a single piece, whose end follows only from the header's count.
 fn read_in_one_piece(
     source: &mut dyn Source,

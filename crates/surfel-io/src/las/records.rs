@@ -16,6 +16,8 @@ pub(super) fn has_colors(format: u8) -> bool {
 /// A column that blocks of records are appended to.
 trait Gather: Send {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize);
+    /// Returns the bytes per point; 0 while all values are zero.
+    fn value_bytes(&self) -> usize;
     fn finish(self: Box<Self>) -> Option<ExtraColumn>;
 }
 
@@ -30,6 +32,10 @@ impl<T: Scalar, F: Fn(&[u8]) -> T + Send> Gather for Field<T, F> {
     fn append(&mut self, records: &[u8], record_bytes: usize, expected: usize) {
         let values = records.chunks_exact(record_bytes).map(&self.read);
         self.column.append(records.len() / record_bytes, expected, values);
+    }
+
+    fn value_bytes(&self) -> usize {
+        if self.column.is_zero() { 0 } else { size_of::<T>() }
     }
 
     fn finish(self: Box<Self>) -> Option<ExtraColumn> {
@@ -169,6 +175,16 @@ impl Columns {
         self.grid.len()
     }
 
+    /// Returns the bytes per point of the columns other than position and colour so far, without columns of zeros.
+    pub(super) fn extra_bytes(&self) -> usize {
+        self.extras.iter().map(|extra| extra.value_bytes()).sum()
+    }
+
+    /// True if some point so far has a colour other than black.
+    pub(super) fn any_color(&self) -> bool {
+        self.colors.as_ref().is_some_and(|(_, colors)| colors.any())
+    }
+
     /// Appends whole records, except withheld ones.
     pub(super) fn append(&mut self, records: &mut [u8]) {
         let size = self.record_bytes;
@@ -263,6 +279,14 @@ pub(super) fn value_of(kind: u8) -> fn(&[u8]) -> f64 {
     }
 }
 
+/// True if f32 rounds away more than a quarter of a step of coordinates in these bounds.
+pub(super) fn needs_low_part(min: DVec3, max: DVec3, scale: DVec3) -> bool {
+    let origin = Column3::origin_of(min, max);
+    // f32 rounds by at most 2⁻²⁴ of a number.
+    let lost = (min - origin).abs().max((max - origin).abs()) * 2f64.powi(-24);
+    lost.cmpgt(scale.abs() * 0.25).any()
+}
+
 /// Converts grid points i·scale + offset to positions relative to an origin, in the memory of the grid. The part that
 /// f32 rounds away is stored if it exceeds a quarter of a step, where the step would be ambiguous.
 pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (DVec3, Column3) {
@@ -279,9 +303,7 @@ pub(super) fn on_grid(mut grid: Vec<[i32; 3]>, scale: DVec3, offset: DVec3) -> (
     let origin = Column3::origin_of(min, max);
     let rest = offset - origin;
     let from_origin = |p: [i32; 3]| DVec3::new(p[0].into(), p[1].into(), p[2].into()) * scale + rest;
-    // f32 rounds by at most 2⁻²⁴ of a number.
-    let lost = (min - origin).abs().max((max - origin).abs()) * 2f64.powi(-24);
-    let lows = lost.cmpgt(scale.abs() * 0.25).any().then(|| {
+    let lows = needs_low_part(min, max, scale).then(|| {
         let low = |p: &[i32; 3]| from_origin(*p) - from_origin(*p).as_vec3().as_dvec3();
         grid.par_iter().map(|p| low(p).as_vec3()).collect::<Vec<Vec3>>()
     });
