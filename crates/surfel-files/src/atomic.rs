@@ -117,6 +117,11 @@ impl Pending {
         Ok(Self { sink, temporary, _registered: registered, path: path.to_path_buf(), target, existing, overwrite })
     }
 
+    /// Returns the path of the temporary file, for another program that writes the content.
+    pub fn temporary_path(&self) -> &Path {
+        self.temporary.path()
+    }
+
     /// Makes the complete file appear.
     ///
     /// # Errors

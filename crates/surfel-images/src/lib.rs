@@ -1,4 +1,4 @@
-//! Readers and writers of still images: frames as PNG, JPEG, EXR, NPZ or TIFF, and textures.
+//! Readers and writers of images: frames as PNG, JPEG, EXR, NPZ or TIFF, films of frames, and textures.
 //!
 //! Main types and functions, in reading order:
 //!
@@ -9,7 +9,8 @@
 //! 4. [`stitch()`](stitch::stitch) combines tiles to one image, of which only a few rows are in memory;
 //! 5. [`TextureDecoder`](texture::TextureDecoder) and [`load_matcap`](texture::load_matcap) read textures of meshes,
 //!    and matcaps;
-//! 6. [`color`] converts between the sRGB-encoded levels of files and linear values.
+//! 6. [`film::FilmWriter`] encodes frames as animated PNG, GIF or MP4;
+//! 7. [`color`] converts between the sRGB-encoded levels of files and linear values.
 //!
 //! ```
 //! use std::path::Path;
@@ -38,7 +39,7 @@
 //!
 //! # Features
 //! All features are on by default: `jpeg` and `exr` (images, read and written), `webp` (images, read), `npz` (NumPy
-//! archives of planes, written) and `tiff` (stitched images, written). PNG needs none.
+//! archives of planes, written), `tiff` (stitched images, written) and `gif` (films, written). PNG and MP4 need none.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
@@ -46,6 +47,7 @@ pub mod color;
 mod decode;
 #[cfg(feature = "exr")]
 mod exr;
+pub mod film;
 #[cfg(feature = "jpeg")]
 mod jpeg;
 #[cfg(feature = "jpeg")]
