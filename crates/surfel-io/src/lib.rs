@@ -11,8 +11,10 @@
 //! * [`save_splat_ply`] writes a splat cloud without loss; [`save_octree`] an octree of splats and polygons.
 //! * [`save_png`], `save_exr` (feature `exr`), `save_jpeg` (feature `jpeg`) and `save_npz` (feature `npy`) write the
 //!   planes of a frame ([`PlanesView`]); [`read_image`] reads them ([`Planes`]). They are those of `surfel-images`.
+//! * [`film::FilmWriter`] writes films as animated PNG, GIF (feature `gif`) or MP4, which ffmpeg encodes.
 //! * `write_geotiffs` (feature `geotiff`) writes georeferenced images, tile by tile.
-//! * [`scene_file`] reads and writes scene and camera files; [`cameras`] reads cameras of other programs.
+//! * [`scene_file`] reads and writes scene and camera files; [`camera_path`] reads the cameras of a film; [`cameras`]
+//!   reads cameras of other programs.
 //! * `copc` (feature `laz`) reads parts of COPC files, and writes them.
 //! * [`IoError`] names the file, the place in it, and what was expected; [`atomic::write`] writes any file, complete or
 //!   not at all. Both are those of `surfel-files`.
@@ -57,11 +59,13 @@
 //! | `zstd` | SPZ of version 4 |
 //! | `jpeg`, `webp`, `exr` | JPEG and EXR images, read and written; WebP images, read |
 //! | `geotiff` | GeoTIFF images, written |
+//! | `gif` | GIF films, written |
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
 mod ascii;
 mod bytes;
+pub mod camera_path;
 pub mod cameras;
 #[cfg(feature = "points")]
 mod colmap_points;
@@ -147,8 +151,9 @@ pub use ply::write::{save_splat_ply, write_splat_ply};
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 pub use raw_rows::check_columns;
 pub use surfel_files::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
-pub use surfel_files::{atomic, input};
+pub use surfel_files::{atomic, input, programs};
 pub(crate) use surfel_files::{error, input as files};
+pub use surfel_images::film;
 pub use surfel_images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};
 pub use surfel_images::texture::load_matcap;
 pub use surfel_images::{BitDepth, PngOptions, save_png, to_srgb8, write_png};

@@ -52,7 +52,7 @@ pub fn to_json_pretty(file: &SceneFile) -> String {
     text
 }
 
-fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Fault> {
+pub(crate) fn json<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, Fault> {
     serde_json::from_slice(bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes)).map_err(|e| json_problem(&e).into())
 }
 
