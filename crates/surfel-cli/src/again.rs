@@ -39,7 +39,7 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     let drawn = json(args, DRAWN_KEY, text(DRAWN_KEY))?;
     let mut render = render_options(args, &drawn)?;
     render.inputs.push(path.to_path_buf());
-    let target = Output::new(&output, args.force, render.png16, render.exr_f32)?;
+    let target = Output::still(&output, args.force, render.png16, render.exr_f32)?;
     let is_exr = image.depth.is_some() || image.weight.is_some();
     if is_exr != matches!(target.format, Format::Exr { .. }) || target.format == Format::Jpeg {
         let format = if is_exr { "an EXR" } else { "a PNG" };

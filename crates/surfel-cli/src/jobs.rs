@@ -365,7 +365,7 @@ fn check(words: &[String], args: &JobsArgs) -> Result<(), Failure> {
         return Err(Failure::usage("flags after -- are those of surfel render"));
     };
     let output = render.output.as_deref().unwrap_or(Path::new(""));
-    let format = crate::output::Output::new(output, false, render.png16, render.exr_f32)?;
+    let format = crate::output::Output::still(output, false, render.png16, render.exr_f32)?;
     for (several, names, placeholder) in [
         (args.frames.is_some_and(|n| n > 1), format.names_frames(), "{frame}"),
         (args.cameras.is_some(), format.names_cameras(), "{name}"),

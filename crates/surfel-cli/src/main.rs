@@ -12,6 +12,7 @@ mod console;
 mod convert;
 mod failure;
 mod figure;
+mod film;
 mod info;
 mod jobs;
 mod ortho;
@@ -21,6 +22,7 @@ mod parse;
 mod pieces;
 mod render;
 mod resolve;
+mod series;
 mod serve;
 #[cfg(unix)]
 mod signals;

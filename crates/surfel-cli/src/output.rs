@@ -5,22 +5,34 @@ use crate::stdin::is_stdin;
 use crate::stdout;
 use std::path::{Path, PathBuf};
 use surfel::Frame;
+use surfel::film::FilmFormat;
 use surfel::io::ShowPath as _;
 use surfel::io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
 
 /// Format of an image file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Format {
-    Png { sixteen: bool },
+    Png {
+        sixteen: bool,
+    },
     Jpeg,
-    Exr { f32_color: bool },
+    Exr {
+        f32_color: bool,
+    },
     Npz,
+    /// A film, which a [`crate::film::Film`] writes.
+    Film,
 }
 
 impl Format {
     /// True if files of this format contain more planes than colour.
     pub(crate) fn has_planes(self) -> bool {
         matches!(self, Self::Exr { .. } | Self::Npz)
+    }
+
+    /// True for films.
+    pub(crate) fn is_film(self) -> bool {
+        self == Self::Film
     }
 }
 
@@ -61,17 +73,39 @@ impl Output {
             Some("jpg" | "jpeg") => Format::Jpeg,
             Some("exr") => Format::Exr { f32_color: exr_f32 },
             Some("npz") => Format::Npz,
+            _ if FilmFormat::of(path).is_some() => Format::Film,
             _ => {
-                let what = "expected a name that ends in .png, .jpg, .exr or .npz, or - for PNG on stdout";
+                let what = "expected a name that ends in .png, .jpg, .exr or .npz, in .mp4, .gif or .apng for a film, \
+                            or - for PNG on stdout";
                 return Err(Failure::usage(format!("-o {name}: {what}")));
             }
         };
         Ok(Self { template: Some(name), format, force })
     }
 
+    /// Checks file name and format like [`Output::new`], for commands that write no films.
+    pub(crate) fn still(path: &Path, force: bool, png16: bool, exr_f32: bool) -> Result<Self, Failure> {
+        let output = Self::new(path, force, png16, exr_f32)?;
+        if output.format.is_film() {
+            let what = "expected the name of an image, found that of a film, which `surfel render` writes";
+            return Err(Failure::usage(format!("-o {}: {what}", path.shown())));
+        }
+        Ok(output)
+    }
+
     /// Allows existing files to be replaced from now on, since this run has written them.
     pub(crate) fn replace(&mut self) {
         self.force = true;
+    }
+
+    /// Returns the name of the film, if the output is one.
+    pub(crate) fn film(&self) -> Option<&Path> {
+        self.template.as_deref().map(Path::new).filter(|_| self.format.is_film())
+    }
+
+    /// True if existing files are replaced.
+    pub(crate) fn overwrites(&self) -> bool {
+        self.force
     }
 
     /// True if the images go to stdout.
@@ -154,6 +188,10 @@ impl Output {
             (Some(path), Format::Exr { f32_color }) => {
                 surfel::io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
             }
+            (Some(path), Format::Film) => {
+                let what = "is written frame by frame";
+                return Err(Failure::other(format!("{}: {what}", path.shown())));
+            }
             (Some(path), Format::Npz) => surfel::io::save_npz(path, self.force, &planes)?,
             (Some(path), Format::Jpeg) => {
                 let [r, g, b, _] = background.map(|c| c as f32);
@@ -185,8 +223,10 @@ mod tests {
 
     #[test]
     fn other_formats_are_a_usage_error() {
-        for name in ["a.gif", "a", "png", ".png/"] {
+        for name in ["a.bmp", "a", "png", ".png/"] {
             assert!(Output::new(Path::new(name), false, false, false).is_err(), "{name}");
         }
+        assert!(Output::new(Path::new("a.gif"), false, false, false).unwrap().format.is_film());
+        assert!(Output::still(Path::new("a.gif"), false, false, false).is_err());
     }
 }

@@ -17,16 +17,23 @@ pub(crate) struct Pictures {
     frames: Vec<u32>,
     /// Range of the list of images that this run draws.
     drawn: Range<usize>,
+    /// True if the images of each input are one film, which isn't divided.
+    are_films: bool,
 }
 
 impl Pictures {
     /// Selects this run's shard of the images of `inputs` inputs, each with `frames` frames.
-    pub(crate) fn of(args: &Options, inputs: usize, frames: u32, console: &Console) -> Result<Self, Failure> {
+    pub(crate) fn of(
+        args: &Options,
+        inputs: usize,
+        (frames, are_films): (u32, bool),
+        console: &Console,
+    ) -> Result<Self, Failure> {
         let frames: Vec<u32> = match args.frame_range {
             None => (0..frames).collect(),
             Some(range) => range.checked(frames as usize).map_err(Failure::usage)?.collect(),
         };
-        let pictures = inputs * frames.len();
+        let pictures = if are_films { inputs } else { inputs * frames.len() };
         let mut drawn = 0..pictures;
         let told = match args.shard {
             Some(part) => Some((part, None)),
@@ -47,11 +54,14 @@ impl Pictures {
             };
             console.note(&format!("shard {} of {}{from}: {which} of {pictures} pictures", part.index(), part.count()));
         }
-        Ok(Self { frames, drawn })
+        Ok(Self { frames, drawn, are_films })
     }
 
     /// Returns the frames to draw of an input, by its number.
     pub(crate) fn of_input(&self, input: usize) -> &[u32] {
+        if self.are_films {
+            return if self.drawn.contains(&input) { &self.frames } else { &[] };
+        }
         let (start, count) = (input * self.frames.len(), self.frames.len());
         let within = |picture: usize| picture.saturating_sub(start).min(count);
         self.frames.get(within(self.drawn.start)..within(self.drawn.end)).unwrap_or_default()
@@ -121,8 +131,11 @@ pub(crate) fn with_shard(output: &Path, shard: Option<Part>) -> PathBuf {
 
 /// Refuses combinations of flags that make no sense.
 pub(crate) fn check(args: &Options, to_files: bool) -> Result<(), Failure> {
-    if args.frame_range.is_some() && args.frames.is_none() && args.cameras.is_none() {
-        return Err(Failure::usage("--frame-range is of several frames: give --turntable --frames N, or --cameras"));
+    let moves = args.render.turntable || args.path.is_some();
+    if args.frame_range.is_some() && !moves && !args.sequence && args.cameras.is_none() {
+        return Err(Failure::usage(
+            "--frame-range is of several frames: give --turntable --frames N, --path, --sequence or --cameras",
+        ));
     }
     if args.skip_existing && !to_files {
         return Err(Failure::usage("--skip-existing is for images in files: give -o a file name"));
@@ -178,10 +191,12 @@ mod tests {
 
     #[test]
     fn shards_of_several_inputs_are_stretches_of_one_list() {
-        let pictures = |drawn| Pictures { frames: vec![0, 2, 4], drawn };
+        let pictures = |drawn| Pictures { frames: vec![0, 2, 4], drawn, are_films: false };
         let of = |p: &Pictures| [0, 1, 2].map(|input| p.of_input(input).to_vec());
         assert_eq!(of(&pictures(0..9)), [vec![0, 2, 4], vec![0, 2, 4], vec![0, 2, 4]]);
         assert_eq!(of(&pictures(2..4)), [vec![4], vec![0], vec![]]);
         assert!(of(&pictures(6..6)).iter().all(Vec::is_empty));
+        let films = Pictures { are_films: true, ..pictures(1..2) };
+        assert_eq!(of(&films), [vec![], vec![0, 2, 4], vec![]]);
     }
 }

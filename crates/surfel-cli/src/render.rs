@@ -1,10 +1,14 @@
 //! `surfel render`.
 
+mod sequence;
+
 use crate::console::{self, Console};
 use crate::failure::Failure;
+use crate::film::Film;
 use crate::output::{self, Format, Output};
 use crate::pieces::{self, Pictures};
 use crate::resolve::{self, Resolved, Source, resolve, resolve_progressively};
+use crate::series::{self, Series};
 use crate::stats;
 use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
@@ -14,6 +18,7 @@ use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
 use surfel::backend::{Chosen, summary_of};
+use surfel::film::FilmEncoder;
 use surfel::io::ShowPath as _;
 use surfel::io::atomic::target;
 use surfel::model::SceneFile;
@@ -32,7 +37,7 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     let output =
         output.map(|o| Output::new(&pieces::with_tile(o, args), args.force, args.png16, args.exr_f32)).transpose()?;
     check(args, output.as_ref())?;
-    let apart = args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
+    let apart = !args.sequence && args.inputs.len() > 1 && output.as_ref().is_some_and(Output::names_inputs);
     let shared;
     let args = if apart && args.render.splats.shared_range {
         shared = with_shared_range(args, console)?;
@@ -46,7 +51,11 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
     }
     let label = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
     session.check_names(label)?;
-    let drawn = session.draw(resolve::source(&args.inputs, &session.stdin)?, label)?;
+    let drawn = if args.sequence {
+        session.draw_sequence()?
+    } else {
+        session.draw(resolve::source(&args.inputs, &session.stdin)?, label)?
+    };
     if args.names_output && args.output.is_none() {
         drawn.files.iter().for_each(|file| console.note(&format!("wrote {}", file.shown())));
     }
@@ -77,26 +86,6 @@ fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failu
     Ok(args)
 }
 
-/// Largest length in bytes of a camera's name used in a file name: systems allow 255 including the extension.
-const MOST_NAME_BYTES: usize = 200;
-
-/// Refuses a camera whose name can't be used for its image; `path` is the cameras' file.
-fn check_camera_name(name: &str, path: &Path) -> Result<(), Failure> {
-    let what = if name.len() > MOST_NAME_BYTES {
-        format!("of {} bytes, expected at most {MOST_NAME_BYTES}", name.len())
-    } else if name.contains('\0') {
-        "with a zero byte".to_owned()
-    } else {
-        return Ok(());
-    };
-    let start: String = name.chars().take(40).collect();
-    Err(Failure::input(format!(
-        "{}: has a camera name {what}, which no image can be called by: {start}…\n  help: rename the camera, or call \
-         the images by {{frame}}",
-        path.shown()
-    )))
-}
-
 /// Returns the output of `surfel INPUT` without -o: INPUT's name with .png, in the current folder.
 pub(crate) fn default_output(args: &Options) -> Option<PathBuf> {
     let wanted = args.names_output && !args.print_scene && !args.stats && !args.render.verify;
@@ -110,8 +99,10 @@ pub(crate) struct Session<'a> {
     stdin: Rc<Stdin>,
     threads: usize,
     console: &'a Console,
-    /// Cameras of `--cameras`, with the names of their images.
-    cameras: Vec<(String, Camera)>,
+    /// Cameras of the images of a scene.
+    series: Series,
+    /// Encoder, if the output is a film.
+    encoder: Option<FilmEncoder>,
     /// Index of each input's first occurrence.
     input_numbers: HashMap<&'a Path, usize>,
     /// Images that this run draws.
@@ -141,26 +132,16 @@ impl<'a> Session<'a> {
         console: &'a Console,
     ) -> Result<Self, Failure> {
         let draws = output.is_some() || args.stats || args.render.verify;
-        let cameras =
-            args.cameras.as_ref().map(|path| camera::named(path, args.render.size)).transpose()?.unwrap_or_default();
-        if cameras.len() > 1 && output.as_ref().is_some_and(|o| !o.names_cameras()) {
-            return Err(Failure::usage(format!(
-                "--cameras has {} cameras, expected {{name}} in the name, as in -o out/{{name}}.png",
-                cameras.len()
-            )));
-        }
-        if output.as_ref().is_some_and(Output::names_cameras) {
-            let path = args.cameras.as_deref().unwrap_or(Path::new(""));
-            cameras.iter().try_for_each(|(name, _)| check_camera_name(name, path))?;
-        }
-        // No set of cameras has more than 10 million.
-        let frames = if cameras.is_empty() { args.frames.unwrap_or(1) } else { cameras.len() as u32 };
-        let inputs = if output.as_ref().is_some_and(Output::names_inputs) { args.inputs.len() } else { 1 };
+        let series = Series::of(args, output.as_ref())?;
+        let encoder = output.as_ref().and_then(Output::film).map(FilmEncoder::find).transpose()?;
+        let names_inputs = !args.sequence && output.as_ref().is_some_and(Output::names_inputs);
+        let inputs = if names_inputs { args.inputs.len() } else { 1 };
+        let frames = (series.count(), encoder.is_some());
         let pictures = if draws { Pictures::of(args, inputs, frames, console)? } else { Pictures::default() };
         let backend = if draws { Some(start(args, threads, console)?) } else { None };
         let input_numbers = args.inputs.iter().enumerate().rev().map(|(i, input)| (input.as_path(), i)).collect();
         let stdin = Rc::new(stdin);
-        Ok(Self { args, output, stdin, threads, console, cameras, input_numbers, pictures, backend })
+        Ok(Self { args, output, stdin, threads, console, series, encoder, input_numbers, pictures, backend })
     }
 
     /// Returns the frames of an input that are drawn.
@@ -168,13 +149,32 @@ impl<'a> Session<'a> {
         self.pictures.of_input(self.input_numbers.get(label).copied().unwrap_or(0))
     }
 
-    /// Returns the files of a scene drawn by this backend, one per frame; empty for stdout.
+    /// Returns the name of a frame's image, or of the film; `None` for stdout.
+    fn path(&self, backend: &Backend, label: &Path, frame: u32) -> Option<PathBuf> {
+        let input = self.args.inputs.get(frame as usize).filter(|_| self.args.sequence);
+        let input = input.map_or(label, PathBuf::as_path);
+        self.output.as_ref()?.path(backend.info().backend, frame, self.series.name(frame), input)
+    }
+
+    /// Returns the images of a scene's frames; empty for stdout and for films.
+    fn paths(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
+        let frames = if self.encoder.is_some() { &[] } else { self.frames_of(label) };
+        frames.iter().filter_map(|frame| self.path(backend, label, *frame)).collect()
+    }
+
+    /// Returns the files of a scene drawn by this backend: one per frame, or a film; empty for stdout.
     fn names(&self, backend: &Backend, label: &Path) -> Vec<PathBuf> {
-        let name = |frame: u32| {
-            let camera = self.cameras.get(frame as usize).map_or("", |(name, _)| name.as_str());
-            self.output.as_ref()?.path(backend.info().backend, frame, camera, label)
-        };
-        self.frames_of(label).iter().copied().filter_map(name).collect()
+        match (&self.encoder, self.frames_of(label).first()) {
+            (Some(_), Some(first)) => self.path(backend, label, *first).into_iter().collect(),
+            _ => self.paths(backend, label),
+        }
+    }
+
+    /// Prepares the film of a scene, if the output is one.
+    fn film(&self, backend: &Backend, label: &Path, frames: usize) -> Option<Film<'_>> {
+        let (output, encoder) = (self.output.as_ref()?, self.encoder.as_ref()?);
+        let path = self.names(backend, label).into_iter().next()?;
+        Some(Film::new(&path, output, encoder, frames as u32, series::rate(self.args)))
     }
 
     /// Refuses files that couldn't be written, before the work is done.
@@ -271,18 +271,16 @@ impl<'a> Session<'a> {
         let (args, console) = (self.args, self.console);
         if let Some(backend) = self.backend.as_ref().filter(|_| !args.print_scene) {
             let (frames, names) = (self.frames_of(label).len(), self.names(backend, label));
-            if names.iter().filter(|path| self.skips(path)).count() == frames && names.len() == frames {
-                if frames > 0 {
-                    console.note(&format!("all of {frames} pictures exist, so that none is drawn"));
+            let expected = if self.encoder.is_some() { frames.min(1) } else { frames };
+            if names.iter().filter(|path| self.skips(path)).count() == expected && names.len() == expected {
+                if expected > 0 {
+                    console.note(&format!("all of {expected} pictures exist, so that none is drawn"));
                 }
                 let stats = args.stats.then(|| json!({ "frames": 0, "runs": 0 }));
                 return Ok(Drawn { stats, ..Drawn::default() });
             }
         }
-        let pictures = match &self.cameras[..] {
-            [] => request::Pictures::Turn(args.frames.unwrap_or(1)),
-            given => request::Pictures::Cameras(given.iter().map(|(_, camera)| camera.clone()).collect()),
-        };
+        let pictures = self.series.pictures.clone();
         if !args.progressive {
             let resolved = resolve(source, &pictures, args, &self.stdin, console)?;
             return self.draw_scene(resolved, Detail::Full, label);
@@ -348,7 +346,7 @@ impl<'a> Session<'a> {
         label: &Path,
     ) -> Result<Drawn, Failure> {
         let (args, console) = (self.args, self.console);
-        let names = self.names(backend, label);
+        let names = self.paths(backend, label);
         let frame_and_name = |(i, &frame): (usize, &u32)| (frame, names.get(i).map(PathBuf::as_path));
         let mut pictures: Vec<_> = self.frames_of(label).iter().enumerate().map(frame_and_name).collect();
         let all = pictures.len();
@@ -360,15 +358,11 @@ impl<'a> Session<'a> {
             pictures.iter().try_for_each(|(_, path)| output.check(*path))?;
         }
         let last_upload = pictures.len() == 1 && !args.render.verify;
-        let (runs, frame) = (Vec::new(), Frame::default());
-        let mut job = Job { args, console, planes, last_upload, runs, frame, scene: None, why_blank: None };
-        let (mut carried, mut files, mut blank) = (None, Vec::new(), 0);
-        let frames = pictures.len() as u32;
+        let mut job = Job::new(args, console, planes, last_upload);
+        let mut sink = Sink::new(self.film(backend, label, pictures.len()));
+        let (mut carried, frames) = (None, pictures.len() as u32);
         for (index, path) in pictures {
-            let (camera, moved) = match self.cameras.get(index as usize) {
-                Some((_, camera)) => (camera::with_near(camera.clone(), &resolved.scene), None),
-                None => resolved.turned(index, args.frames.unwrap_or(1)),
-            };
+            let (camera, moved) = resolved.picture(&self.series.pictures, index);
             job.render(backend, &mut resolved, detail, &camera, moved.as_ref())?;
             if detail == Detail::Coarse {
                 if let (Some(output), Some(path)) = (&self.output, path) {
@@ -378,35 +372,15 @@ impl<'a> Session<'a> {
                 }
                 continue;
             }
-            blank += u32::from(unseen::is_blank(&job.frame, resolved.file.background));
-            if let Some(output) = &self.output {
-                let scene = SceneFile {
-                    camera,
-                    lights: moved.map_or_else(|| resolved.file.lights.clone(), |moved| moved.lights),
-                    ..resolved.file.clone()
-                };
-                let metadata = self.metadata(output, path, (&scene, &resolved.beside), backend, &mut carried)?;
-                self.tell_of_alpha(output, path, &job.frame, scene.background);
-                match output.write(path, &job.frame, scene.background, metadata) {
-                    // Another run drew the same image in the meantime.
-                    Err(_) if path.is_some_and(|path| self.skips(path)) => {}
-                    written => written?,
-                }
-                files.extend(path.map(Path::to_path_buf));
-                if let (Some(path), Some(last)) = (path, job.runs.last()) {
-                    console.detail(&format!("{}: {:.1} ms, {} splats", path.shown(), last.frame_ms, last.splats));
-                }
-            }
+            let lights = moved.map_or_else(|| resolved.file.lights.clone(), |moved| moved.lights);
+            let scene = SceneFile { camera, lights, ..resolved.file.clone() };
+            self.put(&mut sink, path, &job, (&scene, &resolved.beside), (backend, &mut carried))?;
         }
         if detail == Detail::Coarse {
             return Ok(Drawn::default());
         }
-        // A part of an image may well be blank.
-        if blank > 0 && args.render.tile.is_none() && args.render.region.is_none() {
-            let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
-            let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
-            console.note(&format!("nothing is seen{of_all}: {why}"));
-        }
+        let why = job.why_blank.unwrap_or_else(|| unseen::why_blank(&resolved.scene));
+        let files = sink.finish(console, frames, is_whole(args).then_some(why))?;
         let verified = if args.render.verify {
             let view = camera::view(&resolved.file.camera, &args.render)?;
             let drawn = (backend.info().backend, &job.frame);
@@ -426,6 +400,35 @@ impl<'a> Session<'a> {
         Ok(Drawn { files, stats, verified })
     }
 
+    /// Writes a drawn frame as an image, or adds it to the film. `carried` are the hashes of the inputs.
+    fn put(
+        &self,
+        sink: &mut Sink<'_>,
+        path: Option<&Path>,
+        job: &Job<'_>,
+        (scene, beside): (&SceneFile, &BTreeSet<PathBuf>),
+        (backend, carried): (&Backend, &mut Option<Vec<metadata::Input>>),
+    ) -> Result<(), Failure> {
+        let console = self.console;
+        sink.blank += u32::from(unseen::is_blank(&job.frame, scene.background));
+        if let Some(film) = &mut sink.film {
+            film.push(&job.frame, scene.background, console)?;
+        } else if let Some(output) = &self.output {
+            let metadata = self.metadata(output, path, (scene, beside), backend, carried)?;
+            self.tell_of_alpha(output, path, &job.frame, scene.background);
+            match output.write(path, &job.frame, scene.background, metadata) {
+                // Another run drew the same image in the meantime.
+                Err(_) if path.is_some_and(|path| self.skips(path)) => {}
+                written => written?,
+            }
+            sink.files.extend(path.map(Path::to_path_buf));
+        }
+        if let (Some(path), Some(last)) = (path, job.runs.last()) {
+            console.detail(&format!("{}: {:.1} ms, {} splats", path.shown(), last.frame_ms, last.splats));
+        }
+        Ok(())
+    }
+
     /// Returns the metadata of the image at `path`. The inputs' hashes are `carried` from frame to frame.
     fn metadata(
         &self,
@@ -435,7 +438,7 @@ impl<'a> Session<'a> {
         backend: &Backend,
         carried: &mut Option<Vec<metadata::Input>>,
     ) -> Result<Vec<(String, String)>, Failure> {
-        if self.args.no_metadata || matches!(output.format, Format::Jpeg | Format::Npz) {
+        if self.args.no_metadata || matches!(output.format, Format::Jpeg | Format::Npz | Format::Film) {
             return Ok(Vec::new());
         }
         let inputs = match carried.take() {
@@ -501,7 +504,7 @@ fn asks_for_planes(args: &Options) -> bool {
 fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> Planes {
     options.planes_besides(match output.map(|output| output.format) {
         Some(format) if format.has_planes() => Planes::ALL,
-        Some(Format::Png { sixteen: false }) if !verifies => Planes::RGBA8,
+        Some(Format::Png { sixteen: false } | Format::Film) if !verifies => Planes::RGBA8,
         _ => Planes::COLOR,
     })
 }
@@ -510,6 +513,7 @@ fn planes(options: &RenderOptions, verifies: bool, output: Option<&Output>) -> P
 fn check(args: &Options, output: Option<&Output>) -> Result<(), Failure> {
     let stdout = output.is_some_and(Output::is_stdout);
     pieces::check(args, output.is_some_and(|output| !output.is_stdout()))?;
+    series::check(args, output)?;
     if output.is_none() && !args.print_scene && !args.stats && !args.render.verify {
         let expected = match args.inputs.len() {
             1 => "expected -o OUT.png, .jpg, .exr or .npz (or --print-scene, --stats, --verify)",
@@ -534,18 +538,17 @@ fn check(args: &Options, output: Option<&Output>) -> Result<(), Failure> {
         };
         return Err(Failure::usage(format!("{flag} and the image can't both go to stdout: give -o a file name")));
     }
-    if args.frames.is_some_and(|n| n > 1) && output.is_some_and(|o| !o.names_frames()) {
-        return Err(Failure::usage(
-            "--frames writes several files, expected {frame} in the name, as in -o f_{frame}.png",
-        ));
-    }
     if args.render.samples.is_some() && !matches!(args.backend_name(), "auto" | "reference") {
         return Err(Failure::usage(format!("--samples needs --backend reference, found {}", args.backend_name())));
     }
     if let Some(format) = output.map(|o| o.format).filter(|format| !format.has_planes())
         && asks_for_planes(args)
     {
-        let found = if format == Format::Jpeg { "a JPEG" } else { "a PNG" };
+        let found = match format {
+            Format::Film => "a film",
+            Format::Jpeg => "a JPEG",
+            _ => "a PNG",
+        };
         let flag = if args.render.planes.is_empty() { "--label" } else { "--planes" };
         let message = format!("{flag} is for EXR and NPZ, but -o names {found}, which holds colour alone");
         return Err(Failure::usage(message));
@@ -614,6 +617,40 @@ fn print_scene(file: &SceneFile) -> Result<(), Failure> {
     stdout::result(text.as_bytes())
 }
 
+/// True if images are shown whole: a part of an image may well be blank.
+fn is_whole(args: &Options) -> bool {
+    args.render.tile.is_none() && args.render.region.is_none()
+}
+
+/// Destination of the frames of a scene or a sequence.
+struct Sink<'a> {
+    /// The film, unless each frame is an image.
+    film: Option<Film<'a>>,
+    /// Files that have been written.
+    files: Vec<PathBuf>,
+    /// Number of frames that show nothing.
+    blank: u32,
+}
+
+impl<'a> Sink<'a> {
+    fn new(film: Option<Film<'a>>) -> Self {
+        Self { film, files: Vec::new(), blank: 0 }
+    }
+
+    /// Completes a film of `frames` frames, and returns all files. Notes frames that show nothing, if `why` is given.
+    fn finish(self, console: &Console, frames: u32, why: Option<&str>) -> Result<Vec<PathBuf>, Failure> {
+        let Self { film, mut files, blank } = self;
+        if let Some(film) = film.filter(|_| frames > 0) {
+            files.push(film.finish(console)?);
+        }
+        if let Some(why) = why.filter(|_| blank > 0) {
+            let of_all = if frames > 1 { format!(" in {blank} of {frames} pictures") } else { String::new() };
+            console.note(&format!("nothing is seen{of_all}: {why}"));
+        }
+        Ok(files)
+    }
+}
+
 /// State shared by the frames of a scene.
 struct Job<'a> {
     args: &'a Options,
@@ -628,7 +665,12 @@ struct Job<'a> {
     why_blank: Option<&'static str>,
 }
 
-impl Job<'_> {
+impl<'a> Job<'a> {
+    fn new(args: &'a Options, console: &'a Console, planes: Planes, last_upload: bool) -> Self {
+        let (runs, frame) = (Vec::new(), Frame::default());
+        Self { args, console, planes, last_upload, runs, frame, scene: None, why_blank: None }
+    }
+
     fn upload(&self, backend: &mut Backend, scene: &Scene) -> Result<BackendScene, Failure> {
         let bar = self.console.progress();
         let mut last = None;
@@ -651,7 +693,11 @@ impl Job<'_> {
     ) -> Result<(), Failure> {
         let view = camera::view(camera, &self.args.render)?;
         let resident = match (self.scene.take(), moved) {
-            (_, Some(moved)) => self.upload(backend, moved)?,
+            (Some(mut resident), Some(moved)) => match backend.relight(&mut resident, moved)? {
+                true => resident,
+                false => self.upload(backend, moved)?,
+            },
+            (None, Some(moved)) => self.upload(backend, moved)?,
             (Some(resident), None) => resident,
             (None, None) => {
                 let resident = self.upload(backend, &resolved.scene)?;

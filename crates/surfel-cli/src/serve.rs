@@ -213,7 +213,7 @@ impl<'a> Server<'a> {
 
     fn draw(&mut self, request: &Request) -> Result<Value, Failure> {
         let path = request.output.as_path();
-        let output = Output::new(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
+        let output = Output::still(path, request.force || self.args.force, self.args.png16, self.args.exr_f32)?;
         output.check(Some(path))?;
         // The scene's camera already includes the flags for it; the request's fields act like such flags.
         let mut said = self.args.render.clone();

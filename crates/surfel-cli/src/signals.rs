@@ -1,4 +1,4 @@
-//! Signals that end the program, after its temporary files are removed.
+//! Signals that end the program, after the programs that it started are ended and its temporary files removed.
 
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM, SIGXFSZ};
 use signal_hook::iterator::Signals;
@@ -6,9 +6,9 @@ use std::ffi::c_int;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Starts a thread that waits for termination signals, removes temporary files, and ends the program as the signal
-/// would have. Without the thread, the next run removes the files. Signals that the parent ignored (`nohup`) stay
-/// ignored.
+/// Starts a thread that waits for termination signals, kills encoders, removes temporary files, and ends the program as
+/// the signal would have. Without the thread, the next run removes the files. Signals that the parent ignored (`nohup`)
+/// stay ignored.
 pub(crate) fn watch() {
     // With a handler, a write beyond `ulimit -f` fails with an error instead of killing the program.
     let _ = signal_hook::flag::register(SIGXFSZ, Arc::new(AtomicBool::new(false)));
@@ -17,6 +17,7 @@ pub(crate) fn watch() {
     let Ok(mut signals) = Signals::new(watched) else { return };
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
+            surfel::io::programs::kill_all();
             surfel::io::atomic::remove_temporary_files();
             let _ = signal_hook::low_level::emulate_default_handler(signal);
             std::process::exit(128 + signal);

@@ -19,7 +19,7 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     let extension = args.output.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     let is_tiff = matches!(extension.as_deref(), Some("tif" | "tiff"));
     let output = if is_tiff { args.output.with_extension("png") } else { args.output.clone() };
-    let output = Output::new(&output, args.force, false, false)?;
+    let output = Output::still(&output, args.force, false, false)?;
     if output.is_stdout() {
         return Err(Failure::usage("-o -: a whole image goes to a file, expected a name in .png, .tif or .exr"));
     }

@@ -6,6 +6,7 @@ mod colors;
 mod common;
 mod exit_codes;
 mod figure;
+mod film;
 mod gaussians;
 mod interface;
 mod levels;

@@ -82,6 +82,18 @@ fn fov_of(focal_px: f64, height_px: u32) -> f64 {
     2.0 * (0.5 * f64::from(height_px) / focal_px).atan().to_degrees()
 }
 
+/// Returns the camera for an image of another size with the same proportions.
+pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
+    let [x, y] = [0, 1].map(|k| f64::from(size[k]) / f64::from(camera.size[k]));
+    let projection = match camera.projection {
+        Projection::Intrinsics { fx, fy, cx, cy } => {
+            Projection::Intrinsics { fx: fx * x, fy: fy * y, cx: cx * x, cy: cy * y }
+        }
+        other => other,
+    };
+    Camera { size, projection, ..camera.clone() }
+}
+
 /// Applies the options to a camera. `own_near`: the near plane isn't given, so it is fitted to the scene.
 pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
     let before = camera.clone();

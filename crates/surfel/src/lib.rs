@@ -128,6 +128,7 @@ mod error;
 mod estimates;
 pub mod figure;
 mod figure_options;
+pub mod film;
 pub mod framing;
 mod front;
 pub mod info;

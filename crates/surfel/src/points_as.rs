@@ -22,7 +22,7 @@ use surfel_model::{CloudData, Column3, DOT_PX, Geometry, Object, OnInvalid, Poin
 use surfel_sample::{PointClass, PointReport};
 
 /// Radius of a ball or disk relative to the spacing of the points: neighbours touch.
-const OF_SPACING: f64 = 0.5;
+pub(crate) const OF_SPACING: f64 = 0.5;
 
 /// Replaces the splats of an object's points. Objects of other geometry don't change.
 ///
@@ -67,7 +67,7 @@ pub(crate) fn redraw(object: &mut Object, points_as: PointsAs) -> Result<(), Err
 }
 
 /// Returns the typical spacing of the points that a cloud's splats cover: the square root of the area per point.
-fn spacing(cloud: &SplatCloud) -> f64 {
+pub(crate) fn spacing(cloud: &SplatCloud) -> f64 {
     let mut radii: Vec<f64> = (0..cloud.len()).map(|i| cloud.radius_max(i)).collect();
     let middle = radii.len() / 2;
     if radii.is_empty() {

@@ -133,6 +133,31 @@ impl Resolved {
         camera
     }
 
+    /// Returns the camera of an image, by its index, and the scene if its lights differ from those of the first image.
+    pub fn picture(&self, pictures: &Pictures, index: u32) -> (Camera, Option<Scene>) {
+        let own = &self.file.camera;
+        match pictures {
+            Pictures::Turn(frames) => self.turned(index, *frames),
+            Pictures::Cameras(cameras) => {
+                let camera = cameras.get(index as usize).unwrap_or(own).clone();
+                (camera::with_near(camera, &self.scene), None)
+            }
+            Pictures::Path(cameras) => {
+                let camera = cameras.get(index as usize).unwrap_or(own).clone();
+                let moved = self.lighting.filter(|_| index > 0).map(|lighting| self.lit(lighting.lights(&camera)));
+                (camera, moved)
+            }
+            Pictures::One | Pictures::Any => (own.clone(), None),
+        }
+    }
+
+    /// Returns the scene with other lights, which cast shadows if its own lights do.
+    pub(crate) fn lit(&self, lights: Vec<Light>) -> Scene {
+        let has_shadows = self.scene.lights.iter().flatten().any(Light::casts_shadow);
+        let lights = if has_shadows { with_shadows(lights) } else { lights };
+        Scene { lights: Some(lights), ..self.scene.clone() }
+    }
+
     /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turn of `frames` frames, and the scene if its
     /// lights move.
     pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
@@ -158,6 +183,8 @@ pub enum Pictures {
     Cameras(Vec<Camera>),
     /// A turn around the scene, with this number of images.
     Turn(u32),
+    /// A film from a camera that moves along a path. Default lights follow the camera.
+    Path(Vec<Camera>),
     /// Any number of images from cameras that aren't known yet, so all points are read. If nodes were selected for
     /// other images before, only the coarsest levels remain.
     Any,
@@ -165,14 +192,16 @@ pub enum Pictures {
 
 impl Pictures {
     fn first_camera(&self) -> Option<&Camera> {
-        if let Self::Cameras(cameras) = self { cameras.first() } else { None }
+        if let Self::Cameras(cameras) | Self::Path(cameras) = self { cameras.first() } else { None }
     }
 
     /// Returns the views of all images, given the scene's camera.
     fn views(&self, camera: &Camera, turntable: &Turntable, options: &RenderOptions) -> Result<Vec<View>, Error> {
         let turned = |i: u32, frames: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
         match self {
-            Self::Cameras(cameras) if !cameras.is_empty() => cameras.iter().map(|c| camera::view(c, options)).collect(),
+            Self::Cameras(cameras) | Self::Path(cameras) if !cameras.is_empty() => {
+                cameras.iter().map(|c| camera::view(c, options)).collect()
+            }
             Self::Turn(n @ 2..) => (0..*n).map(|i| camera::view(&turned(i, *n), options)).collect(),
             _ => Ok(vec![camera::view(camera, options)?]),
         }
@@ -684,10 +713,15 @@ fn out_of_range(name: &Path, e: &ModelError) -> Error {
 
 /// Determines the up axis from the files or their shape, and notes how to override it.
 fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
-    let Upright { up, reason } = auto_up(loaded);
+    let found = auto_up(loaded);
+    note(up_note(found));
+    found.up
+}
+
+/// Returns the note on an up axis that no option states.
+pub(crate) fn up_note(Upright { up, reason }: Upright) -> String {
     let other = if up == Up::PlusZ { Up::PlusY } else { Up::PlusZ };
-    note(format!("up is {up} ({reason}); if that is wrong: --up {other}"));
-    up
+    format!("up is {up} ({reason}); if that is wrong: --up {other}")
 }
 
 fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {

@@ -7,7 +7,7 @@ use crate::coloring::{Category, ColorScale, Coloring};
 use crate::estimates::Estimates;
 use crate::framing::{self, ViewAxes};
 use crate::metadata::{self, Input};
-use crate::request::{Pictures, Request, Resolved, Source, with_shadows};
+use crate::request::{Pictures, Request, Resolved, Source};
 use crate::scene::LoadedObjects;
 use crate::{
     Backend, BackendOptions, BackendScene, Error, LevelStore, LoadOptions, NoProgress, RenderOptions, levels,
@@ -19,7 +19,7 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_math::srgb::nearest_8_bit;
-use surfel_model::{Camera, EdgeAa, ExtraColumn, Geometry, Light, Object, ObjectFile, Projection, Scene, Settings};
+use surfel_model::{Camera, EdgeAa, ExtraColumn, Geometry, Object, ObjectFile, Projection, Scene, Settings};
 use surfel_render::{
     Capabilities, Frame, Planes, Preset, Region, Renderer as _, SceneSummary, Stats, View, unsupported,
 };
@@ -400,10 +400,7 @@ impl Session {
         let camera = moved(&shown.resolved, options, &loaded.corners);
         let view = View::new(&camera).map_err(|e| Error::Usage(e.to_string()))?;
         if let Some(lighting) = shown.resolved.lighting {
-            let lights = lighting.lights(&camera);
-            let has_shadows = shown.resolved.scene.lights.iter().flatten().any(Light::casts_shadow);
-            let lights = if has_shadows { with_shadows(lights) } else { lights };
-            let scene = Scene { lights: Some(lights), ..shown.resolved.scene.clone() };
+            let scene = shown.resolved.lit(lighting.lights(&camera));
             if self.backend.relight(resident, &scene)? {
                 shown.options = None;
             }

@@ -9,6 +9,7 @@
 
 pub use crate::sky::NamedLight;
 
+use crate::film::FrameRate;
 use crate::framing::{NamedView, ViewAngles, ViewChoice};
 use crate::style::Style;
 use serde_json::Value;
@@ -113,6 +114,12 @@ impl Part {
         let edge = |part: u32| u64::from(part) * length / u64::from(self.count);
         edge(self.index)..edge(self.index + 1)
     }
+}
+
+/// Parses a number of frames a second, 0.01 to 240.
+pub fn frame_rate(text: &str) -> Result<FrameRate, String> {
+    let rate = text.trim().parse().ok().and_then(FrameRate::new);
+    rate.ok_or_else(|| format!("expected a number of frames a second from 0.01 to {}", FrameRate::MOST))
 }
 
 /// Parses `I/N`, part I of N: N from 1 to 1,000,000, I from 0 to N.

@@ -1,12 +1,13 @@
 //! Panels of a figure: their places, their sizes, and their images.
 
 use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks};
+use crate::camera::resized;
 use crate::{Backend, Camera, Error, Frame, Planes, Renderer as _, Scene};
 use std::path::Path;
 use std::sync::Arc;
 use surfel_figure::{Figure, Key, Panel, Picture, Row, Style};
 use surfel_math::srgb;
-use surfel_model::{MAX_IMAGE_SIDE, Projection};
+use surfel_model::MAX_IMAGE_SIDE;
 
 /// Size of words in points in figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
@@ -203,18 +204,6 @@ fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
     points.map_or(own.max(LEAST_FONT), |points| points * request.dpi() / POINTS)
 }
 
-/// Returns the camera for an image of another size with the same proportions.
-fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
-    let [x, y] = [0, 1].map(|k| f64::from(size[k]) / f64::from(camera.size[k]));
-    let projection = match camera.projection {
-        Projection::Intrinsics { fx, fy, cx, cy } => {
-            Projection::Intrinsics { fx: fx * x, fy: fy * y, cx: cx * x, cy: cy * y }
-        }
-        other => other,
-    };
-    Camera { size, projection, ..camera.clone() }
-}
-
 fn stem(path: &Path) -> String {
     path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
 }
@@ -236,6 +225,7 @@ fn digits(value: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use surfel_model::Projection;
 
     #[test]
     fn distances_have_three_digits() {

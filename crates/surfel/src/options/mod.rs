@@ -26,6 +26,7 @@ pub use near::Near;
 pub use row::{Audience, Commands, EXPERT, Group, Inputs, Row, Setter};
 
 use crate::figure_options::FigureOptions;
+use crate::film::FrameRate;
 use crate::render_options::RenderOptions;
 use crate::values::{FrameRange, Part};
 use std::path::PathBuf;
@@ -69,8 +70,14 @@ pub struct Options {
     pub ascii: bool,
     /// File or folder of cameras.
     pub cameras: Option<PathBuf>,
-    /// Number of frames of a turntable.
+    /// Number of frames of a turntable or of a camera path.
     pub frames: Option<u32>,
+    /// File of a camera path.
+    pub path: Option<PathBuf>,
+    /// True if the inputs are frames of a film.
+    pub sequence: bool,
+    /// Number of frames a second of films.
+    pub fps: Option<FrameRate>,
     /// Frames or cameras to draw.
     pub frame_range: Option<FrameRange>,
     /// Shard of a job.

@@ -27,7 +27,8 @@ const fn job(row: Row) -> Row {
 
 pub(super) const ROWS: &[Row] = &[
     output_of("OUT", Commands::RENDER).help(
-        "Image to write: .png, .exr, .npz or .jpg (quality 92, blended onto the background), or - for PNG on stdout.",
+        "Image to write: .png, .exr, .npz or .jpg (quality 92, blended onto the background), or - for PNG on stdout; \
+         or a film: .mp4 (encoded by the installed ffmpeg), .gif or .apng.",
         "The name may contain {backend} {frame} {input} {name} {tile}. `surfel INPUT` alone writes INPUT's name with \
          .png to the current folder.",
     ),
@@ -163,20 +164,41 @@ pub(super) const ROWS: &[Row] = &[
             "",
         )
         .expert()
-        .conflicts(&["frames", "samples", "print-scene"])
+        .conflicts(&["frames", "samples", "print-scene", "turntable", "path", "sequence"])
         .built(cfg!(feature = "reference"))
         .synonyms(&["check", "validate"]),
     series(Row::text("frames", "N", |o, text| put(&mut o.frames, values::whole(text, 1..=1_000_000))))
-        .help("Number of images; OUT must contain {frame}.", "")
+        .help(
+            "Number of images of --turntable or --path; OUT names a film, or contains {frame}.",
+            "By default a film of a turn lasts 4 seconds, and one along a path as long as its times state, or 2 \
+             seconds from key to key.",
+        )
         .everyday()
         .example("7")
-        .requires(&["turntable"])
         .synonyms(&["frame-count", "n-frames", "images"]),
     series(Row::switch("turntable", |o, on| o.render.turntable = on))
         .help("Turn the scene about its up axis, once over all frames.", "")
         .everyday()
-        .requires(&["frames"])
         .synonyms(&["orbit", "spin", "turn", "animate", "animation", "movie"]),
+    series(Row::path("path", "KEYS.json", |o, path| put_path(&mut o.path, path)))
+        .help(
+            "Move the camera smoothly through the keys of a JSON file, cameras as in scene files with optional times.",
+            "`surfel view` copies such a file of the views that it keeps.",
+        )
+        .example("keys.json")
+        .conflicts(&["camera", "view", "eye", "target", "camera-up", "fov-y", "ortho", "turntable"])
+        .synonyms(&["keys", "keyframes", "camera-path", "fly", "flythrough", "spline"]),
+    series(Row::switch("sequence", |o, on| o.sequence = on))
+        .help(
+            "Each INPUT is a frame, in this order, not an object of one scene.",
+            "Camera, light, up axis, colours and the size of balls are chosen once, from up to 12 of the files.",
+        )
+        .conflicts(&["frames", "progressive", "tile"])
+        .synonyms(&["time-series", "timeseries", "temporal", "4d", "animate-files"]),
+    series(Row::text("fps", "N", |o, text| put(&mut o.fps, values::frame_rate(text))))
+        .help("Frames a second of a film (default 25); a GIF has at most 50.", "")
+        .example("7")
+        .synonyms(&["framerate", "frame-rate", "rate"]),
     series(Row::path("cameras", "FILE|DIR", |o, path| {
         o.render.cameras = true;
         put_path(&mut o.cameras, path)
@@ -188,7 +210,21 @@ pub(super) const ROWS: &[Row] = &[
          lit along the view.",
     )
     .example("cameras.json")
-    .conflicts(&["camera", "view", "eye", "target", "camera-up", "fov-y", "ortho", "frames", "verify", "print-scene"])
+    .conflicts(&[
+        "camera",
+        "view",
+        "eye",
+        "target",
+        "camera-up",
+        "fov-y",
+        "ortho",
+        "frames",
+        "turntable",
+        "path",
+        "sequence",
+        "verify",
+        "print-scene",
+    ])
     .synonyms(&["poses", "colmap", "transforms", "trajectory"]),
     series(Row::text("frame-range", "A-B[:STEP]", |o, text| put(&mut o.frame_range, values::frame_range(text))))
         .help("Draw only these frames or cameras, counted from 0: A-B, or every STEPth with A-B:STEP.", "")

@@ -1,0 +1,68 @@
+//! Films: the encoder of a run, and the film that is being written.
+
+use crate::console::Console;
+use crate::failure::Failure;
+use crate::output::Output;
+use std::path::{Path, PathBuf};
+use surfel::Frame;
+use surfel::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate};
+use surfel::io::ShowPath as _;
+
+/// A film that is being written. Its encoder starts with the first frame, which tells the size.
+pub(crate) struct Film<'a> {
+    path: PathBuf,
+    encoder: &'a FilmEncoder,
+    overwrite: bool,
+    frames: u32,
+    rate: FrameRate,
+    writer: Option<FilmWriter>,
+}
+
+impl<'a> Film<'a> {
+    /// Prepares a film of this many frames.
+    pub(crate) fn new(path: &Path, output: &Output, encoder: &'a FilmEncoder, frames: u32, rate: FrameRate) -> Self {
+        let (path, overwrite) = (path.to_path_buf(), output.overwrites());
+        Self { path, encoder, overwrite, frames, rate, writer: None }
+    }
+
+    /// Adds a frame; without alpha it is blended onto the background's linear RGB.
+    pub(crate) fn push(&mut self, frame: &Frame, [r, g, b, _]: [f64; 4], console: &Console) -> Result<(), Failure> {
+        let planes = frame.planes();
+        let writer = match &mut self.writer {
+            Some(writer) => writer,
+            None => {
+                let background = [r, g, b].map(|c| c as f32);
+                let size = [frame.width(), frame.height()];
+                let options = FilmOptions { size, frames: self.frames, rate: self.rate, background };
+                tell_of_alpha(&self.path, self.encoder, frame, [r, g, b], console);
+                let writer = FilmWriter::create(&self.path, self.overwrite, self.encoder, &options)?;
+                self.writer.insert(writer)
+            }
+        };
+        Ok(writer.push(&planes)?)
+    }
+
+    /// Completes the film, and notes its length and its encoder.
+    pub(crate) fn finish(self, console: &Console) -> Result<PathBuf, Failure> {
+        let Some(writer) = self.writer else { return Ok(self.path) };
+        writer.finish()?;
+        let (frames, rate) = (self.frames, self.rate);
+        let seconds = f64::from(frames) / rate.per_second();
+        let frames = if frames == 1 { "1 frame".to_owned() } else { format!("{frames} frames") };
+        let path = self.path.shown();
+        console.note(&format!("{path}: {frames}, {seconds:.1} s at {rate} a second, encoded by {}", self.encoder));
+        Ok(self.path)
+    }
+}
+
+/// Notes that a film has no alpha, if its first frame has some.
+fn tell_of_alpha(path: &Path, encoder: &FilmEncoder, frame: &Frame, [r, g, b]: [f64; 3], console: &Console) {
+    let is_transparent = frame.rgba8().iter().any(|pixel| pixel[3] < 255);
+    if is_transparent && !encoder.format().has_alpha() {
+        let path = path.shown();
+        console.note(&format!(
+            "{path}: this format has no transparency, so the frames are blended onto the background's colour \
+             {r},{g},{b}"
+        ));
+    }
+}

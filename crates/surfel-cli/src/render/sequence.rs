@@ -1,0 +1,136 @@
+//! Sequences: each input is a frame. While a frame is drawn, the next one is loaded.
+
+use super::{Drawn, Job, Session, Sink, choose, planes, print_scene};
+use crate::failure::Failure;
+use crate::stats;
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use surfel::film::Sequence;
+use surfel::progressive::Detail;
+use surfel::render::{Capabilities, SceneSummary, unsupported};
+use surfel::request::Resolved;
+use surfel::{Backend, Error, NoProgress, Planes, Progress as _, Renderer as _};
+
+/// A loaded frame, and the notes on its file.
+type Loaded = Result<(Resolved, Vec<String>), Error>;
+
+impl Session<'_> {
+    /// Draws each input as a frame of one film, or as a numbered image.
+    pub(super) fn draw_sequence(&mut self) -> Result<Drawn, Failure> {
+        let (args, console) = (self.args, self.console);
+        let sequence = self.survey()?;
+        if args.print_scene {
+            print_scene(&sequence.scene(0))?;
+        }
+        let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
+        let label = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
+        let mut frames: Vec<(u32, Option<PathBuf>)> =
+            self.frames_of(label).iter().map(|index| (*index, None)).collect();
+        frames.iter_mut().zip(self.paths(&backend, label)).for_each(|((_, path), own)| *path = Some(own));
+        let all = frames.len();
+        frames.retain(|(_, path)| !path.as_ref().is_some_and(|path| self.skips(path)));
+        if frames.len() < all {
+            console.note(&format!("left out {} of {all} pictures, which exist", all - frames.len()));
+        }
+        let planes = planes(&args.render, false, self.output.as_ref());
+        let mut job = Job::new(args, console, planes, true);
+        let mut sink = Sink::new(self.film(&backend, label, frames.len()));
+        let other = self.draw_frames(&sequence, &frames, &mut backend, (&mut job, &mut sink))?;
+        let files = sink.finish(console, frames.len() as u32, job.why_blank)?;
+        let stats = args.stats.then(|| {
+            let (size, info) = ([job.frame.width(), job.frame.height()], other.as_ref().unwrap_or(&backend).info());
+            stats::json(&job.runs, info, size, frames.len() as u32, None)
+        });
+        self.backend = Some(backend);
+        Ok(Drawn { files, stats, verified: None })
+    }
+
+    /// Chooses what all frames share, and prints the notes.
+    fn survey(&self) -> Result<Sequence, Failure> {
+        let (progress, mut notes) = (self.console.progress(), Vec::new());
+        let note = &mut |note| notes.push(note);
+        let found = Sequence::survey(&self.args.inputs, &self.args.render, &self.series.pictures, &progress, note);
+        drop(progress);
+        notes.iter().for_each(|note| self.console.note(note));
+        Ok(found?)
+    }
+
+    /// Draws the frames in order. Returns the backend that drew them, if it is another than the given one.
+    fn draw_frames(
+        &self,
+        sequence: &Sequence,
+        frames: &[(u32, Option<PathBuf>)],
+        backend: &mut Backend,
+        (job, sink): (&mut Job<'_>, &mut Sink<'_>),
+    ) -> Result<Option<Backend>, Failure> {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(self.threads).build();
+        let pool = pool.map_err(|error| Failure::other(format!("can't start {} threads: {error}", self.threads)))?;
+        let indices: Vec<usize> = frames.iter().map(|(index, _)| *index as usize).collect();
+        // A loaded frame is handed over when the one before has been drawn: two are in memory.
+        let (sender, receiver) = sync_channel(0);
+        std::thread::scope(|scope| {
+            scope.spawn(move || pool.install(|| load(sequence, &indices, &sender)));
+            self.draw_loaded(frames, &receiver, backend, (job, sink))
+        })
+    }
+
+    fn draw_loaded(
+        &self,
+        frames: &[(u32, Option<PathBuf>)],
+        loaded: &Receiver<Loaded>,
+        backend: &mut Backend,
+        (job, sink): (&mut Job<'_>, &mut Sink<'_>),
+    ) -> Result<Option<Backend>, Failure> {
+        let bar = self.console.progress();
+        bar.stage("frames", frames.len() as u64);
+        let mut other = None;
+        for ((_, path), next) in frames.iter().zip(loaded) {
+            let (mut resolved, notes) = next?;
+            notes.iter().for_each(|note| self.console.detail(note));
+            if other.is_none() {
+                other = self.suitable(backend, &resolved, job.planes)?;
+            }
+            let backend = other.as_mut().unwrap_or(backend);
+            self.draw_frame(job, backend, &mut resolved, (path.as_deref(), sink))?;
+            bar.advance(1);
+        }
+        Ok(other)
+    }
+
+    /// Returns another backend if the current one was selected automatically and can't draw the scene.
+    fn suitable(&self, backend: &Backend, resolved: &Resolved, planes: Planes) -> Result<Option<Backend>, Failure> {
+        let (summary, settings) = (SceneSummary::of(&resolved.scene), resolved.file.settings);
+        let refuses = |c: &Capabilities| unsupported(&summary, &settings, planes, c).map(|e| e.to_string());
+        if self.args.backend_name() != "auto" || refuses(&backend.info().capabilities).is_none() {
+            return Ok(None);
+        }
+        choose(self.args, self.threads, self.console, refuses).map(Some)
+    }
+
+    fn draw_frame(
+        &self,
+        job: &mut Job<'_>,
+        backend: &mut Backend,
+        resolved: &mut Resolved,
+        (path, sink): (Option<&Path>, &mut Sink<'_>),
+    ) -> Result<(), Failure> {
+        job.scene = None;
+        let camera = resolved.file.camera.clone();
+        job.render(backend, resolved, Detail::Full, &camera, None)?;
+        let file = resolved.file.clone();
+        // Each frame has a file of its own.
+        self.put(sink, path, job, (&file, &resolved.beside), (backend, &mut None))
+    }
+}
+
+/// Loads frames in order until all are loaded, one fails, or nobody receives them.
+fn load(sequence: &Sequence, indices: &[usize], frames: &SyncSender<Loaded>) {
+    for index in indices {
+        let mut notes = Vec::new();
+        let loaded = sequence.load(*index, &NoProgress, &mut |note| notes.push(note));
+        let is_last = loaded.is_err();
+        if frames.send(loaded.map(|resolved| (resolved, notes))).is_err() || is_last {
+            return;
+        }
+    }
+}
