@@ -86,8 +86,8 @@ pub(crate) enum From {
     Options,
     /// A camera given by the caller, and true if near and far planes are fitted to the scene.
     Camera(Camera, bool),
-    /// Frame index and number of frames of a turntable.
-    Turn(u32, u32),
+    /// Index of an image of the job's pictures: a turntable or a camera path.
+    Picture(u32),
 }
 
 /// An image that was drawn.
@@ -237,14 +237,19 @@ pub(crate) fn draw(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Pr
 }
 
 fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progress) -> Result<Drawn, Error> {
+    let prepared = input.prepare(&job.options, &job.pictures, job.who.options.threads, progress)?;
+    draw_prepared(&prepared, job, from)
+}
+
+/// Draws an image of a scene that is framed and lit.
+pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Result<Drawn, Error> {
     let (options, threads) = (&job.options, job.who.options.threads);
-    let prepared = input.prepare(options, &job.pictures, threads, progress)?;
     let Resolved { file, scene, .. } = &prepared.resolved;
     let (camera, moved) = match from {
         From::Options => (file.camera.clone(), None),
         From::Camera(camera, true) => (camera::with_near(camera.clone(), scene), None),
         From::Camera(camera, false) => (camera.clone(), None),
-        From::Turn(index, frames) => prepared.resolved.turned(*index, *frames),
+        From::Picture(index) => prepared.resolved.picture(&job.pictures, *index),
     };
     let view = camera::view(&camera, options)?;
     let refuses = |c: &Capabilities| {
@@ -277,7 +282,7 @@ fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progr
     let scene = SceneFile { camera, lights, ..file.clone() };
     let fits_depth = match from {
         From::Camera(_, fits) => *fits,
-        From::Options | From::Turn(..) => match &options.camera {
+        From::Options | From::Picture(_) => match &options.camera {
             Some(given) => given.fits_depth(),
             None => !prepared.resolved.has_own_camera,
         },
@@ -288,6 +293,14 @@ fn draw_unnamed(input: &Arc<Input>, job: &Job, from: &From, progress: &dyn Progr
 }
 
 impl Prepared {
+    /// Wraps a scene that is drawn once.
+    pub(crate) fn alone(resolved: Resolved, notes: Vec<String>) -> Self {
+        let summary = SceneSummary::of(&resolved.scene);
+        let files = Arc::new(Files { beside: resolved.beside.clone(), ..Files::default() });
+        let (options, resident, notes) = (RenderOptions::default(), Mutex::default(), notes.into());
+        Self { options, read_for: None, resolved, summary, notes, resident, files }
+    }
+
     fn resident(
         &self,
         key: (&'static str, bool),

@@ -80,6 +80,19 @@ fn slice<'a, T: Element>(values: &'a Values<'_, T>) -> PyResult<Option<&'a [T]>>
 }
 
 impl NativeFrame {
+    /// Calls `use_colors` with the colours, and the background in linear RGBA.
+    pub(crate) fn with_colors<T: Send>(
+        &self,
+        py: Python<'_>,
+        use_colors: impl FnOnce(&PlanesView<'_>, [f64; 4]) -> T + Send,
+    ) -> PyResult<T> {
+        let linear = values::<f32>(py, self.linear.as_ref())?;
+        let color = slice(&linear)?.map(|values| values.as_chunks().0);
+        let planes = PlanesView { width: self.width, height: self.height, color, ..PlanesView::default() };
+        let background = self.recipe.as_ref().map_or([0.0; 4], |recipe| recipe.scene.background);
+        Ok(py.detach(|| use_colors(&planes, background)))
+    }
+
     pub(crate) fn new(py: Python<'_>, drawn: Drawn) -> PyResult<Self> {
         let Drawn { frame, stats, recipe } = drawn;
         let stats = stats_json(&stats, &recipe);

@@ -5,7 +5,7 @@
 //!
 //! - `scene`: scenes in Python, and their arguments; `draw`: drawing of frames from a scene's files and options;
 //! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
-//! - `figure`: the command `figure`; `files`: the commands `convert`, `ortho`, `info`, `compare` and `backends`;
+//! - `figure`: the command `figure`; `film`: sequences and films; `files`: the commands `convert`, `ortho`, `info`, `compare` and `backends`;
 //! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
 //!   memory that arguments require; `pool`: started backends, reused from frame to frame.
 //!
@@ -22,6 +22,7 @@ mod draw;
 mod errors;
 mod figure;
 mod files;
+mod film;
 mod frame;
 mod interrupt;
 mod many;
@@ -39,6 +40,8 @@ mod native {
     use crate::figure::{NativeFigure, figure};
     #[pymodule_export]
     use crate::files::{backends, compare, convert, info, ortho};
+    #[pymodule_export]
+    use crate::film::{NativeFilm, NativeSequence, film_frames};
     #[pymodule_export]
     use crate::frame::{NativeFrame, frame_of};
     #[pymodule_export]

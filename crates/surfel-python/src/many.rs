@@ -17,15 +17,15 @@ const MOST: usize = 4;
 pub(crate) enum Views {
     /// Cameras of a list: names, cameras, and true if near and far planes are fitted to the scene.
     Cameras(Vec<(String, Camera, bool)>),
-    /// Number of frames of a turntable.
-    Turn(u32),
+    /// Number of frames of a turntable or a camera path.
+    Frames(u32),
 }
 
 impl Views {
     fn len(&self) -> usize {
         match self {
             Self::Cameras(cameras) => cameras.len(),
-            Self::Turn(frames) => *frames as usize,
+            Self::Frames(frames) => *frames as usize,
         }
     }
 
@@ -36,9 +36,9 @@ impl Views {
                 let (name, camera, fits) = cameras.get(index)?;
                 Some((name.clone(), From::Camera(camera.clone(), *fits)))
             }
-            Self::Turn(frames) => {
+            Self::Frames(frames) => {
                 let index = u32::try_from(index).ok().filter(|index| index < frames)?;
-                Some((format!("{index:04}"), From::Turn(index, *frames)))
+                Some((format!("{index:04}"), From::Picture(index)))
             }
         }
     }
@@ -137,9 +137,10 @@ impl NativeFrames {
     fn start(py: Python<'_>, input: Arc<Input>, job: Job, views: Arc<Views>) -> PyResult<Self> {
         let all = std::thread::available_parallelism().map_or(1, usize::from);
         let threads = if job.who.options.threads == 0 { all } else { job.who.options.threads };
-        // A GPU draws one image at a time. A turntable does, too: its lights move, so that the scene is uploaded for
-        // each image.
-        let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || job.options.turntable;
+        // A GPU draws one image at a time. A film does, too: its lights move, so that the scene is uploaded for each
+        // image.
+        let is_film = matches!(*views, Views::Frames(_));
+        let alone = matches!(job.who.name.as_str(), "wgpu" | "ash") || is_film;
         let workers = if alone { 1 } else { threads.min(MOST).min(views.len()).max(1) };
         let shared = Shared { state: Mutex::default(), changed: Condvar::new(), views, ahead: workers + 1 };
         // Dropped where a thread doesn't start, which ends those that did.

@@ -2,6 +2,7 @@
 
 use crate::draw::{From, Input, Job, draw};
 use crate::errors;
+use crate::film::{Keys, camera_path};
 use crate::frame::NativeFrame;
 use crate::interrupt;
 use crate::many::{NativeMany, Views};
@@ -229,7 +230,7 @@ impl NativeScene {
         NativeFrame::new(py, drawn)
     }
 
-    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable.
+    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable or a camera path.
     fn many(
         &self,
         py: Python<'_>,
@@ -237,16 +238,24 @@ impl NativeScene {
         planes: Vec<String>,
         path: Option<PathBuf>,
         json: Option<String>,
-        frames: Option<u32>,
+        moving: (Option<u32>, Keys),
     ) -> PyResult<NativeMany> {
-        let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some())?;
-        let views = match frames {
+        let (frames, keys) = moving;
+        let moves = keys != (None, None);
+        let mut job = job(py, &flags, &planes, frames.is_none(), frames.is_some() && !moves)?;
+        let keys = camera_path(keys, &job.options).map_err(|error| errors::raise(py, &error))?;
+        let views = match (frames, keys) {
             // The Python half checks the number.
-            Some(frames) => {
-                job.pictures = Arc::new(Pictures::Turn(frames));
-                Views::Turn(frames)
+            (Some(frames), Some(path)) => {
+                let cameras = path.cameras(frames).map_err(|error| errors::raise(py, &error))?;
+                job.pictures = Arc::new(Pictures::Path(cameras));
+                Views::Frames(frames)
             }
-            None => {
+            (Some(frames), None) => {
+                job.pictures = Arc::new(Pictures::Turn(frames));
+                Views::Frames(frames)
+            }
+            (None, _) => {
                 let found = cameras((path, json), job.options.size).map_err(|error| errors::raise(py, &error))?;
                 let all = found.iter().map(|(_, camera, _)| camera.clone()).collect();
                 job.pictures = Arc::new(Pictures::Cameras(all));

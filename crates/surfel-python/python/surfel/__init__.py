@@ -18,6 +18,7 @@ from ._camera import Camera
 from ._errors import BackendError, Error, InputError, UsageError
 from ._figure import Figure, figure
 from ._files import backends, compare, convert, info, ortho
+from ._film import film
 from ._image import Image
 from ._native import __version__
 from ._scene import Scene, again, open, scene
@@ -37,6 +38,7 @@ __all__ = [
     "compare",
     "convert",
     "figure",
+    "film",
     "info",
     "open",
     "ortho",

@@ -14,6 +14,8 @@ _Plane = Literal[
     "color", "depth", "normal", "weight", "index", "object", "label", "position", "alpha", "median_depth", "distortion"
 ]
 
+_CameraPath = _Path | Iterable[Camera] | Mapping[str, Any]
+
 # Generated from the options table:
 class _RenderFlags(TypedDict, total=False):
     force: bool
@@ -365,9 +367,20 @@ class Scene:
         cameras: _Path | Iterable[tuple[ArrayLike, ArrayLike] | Mapping[str, Any] | Camera] | None = ...,
         *,
         frames: int | None = ...,
+        path: _CameraPath | None = ...,
         planes: _Plane | Iterable[_Plane] | None = ...,
         **flags: Unpack[_Render],
     ) -> Iterator[Image]: ...
+    def film(
+        self,
+        output: _Path,
+        *,
+        frames: int | None = ...,
+        path: _CameraPath | None = ...,
+        cameras: _Path | Iterable[tuple[ArrayLike, ArrayLike] | Mapping[str, Any] | Camera] | None = ...,
+        fps: float = ...,
+        **flags: Unpack[_Render],
+    ) -> list[str]: ...
     def prepare(self, **flags: Unpack[_Render]) -> list[str]: ...
     def info(self) -> dict[str, Any]: ...
     def save(
@@ -399,6 +412,15 @@ def convert(
 def figure(
     inputs: _Path | Iterable[Any] | Mapping[str, Any], **flags: Unpack[_Figure]
 ) -> Figure: ...
+def film(
+    inputs: _Path | Iterable[Any],
+    output: _Path,
+    *,
+    turntable: bool = ...,
+    path: _CameraPath | None = ...,
+    fps: float = ...,
+    **flags: Unpack[_Render],
+) -> list[str]: ...
 def ortho(
     inputs: _Path | Iterable[_Path] | Scene,
     output: _Path | None = ...,

@@ -6,7 +6,7 @@ import json
 import operator
 import os
 
-from . import _adapters, _arrays, _flags, _native
+from . import _adapters, _arrays, _film, _flags, _native
 from ._camera import Camera, opencv
 from ._errors import InputError, UsageError
 from ._image import Image
@@ -113,7 +113,7 @@ class Scene:
             camera = json.dumps(opencv(K, world_from_camera, None))
         return Image(self._native.render(self._texts(flags, "render"), _flags.planes_of(planes), camera))
 
-    def render_many(self, cameras=None, *, frames=None, planes=None, **flags):
+    def render_many(self, cameras=None, *, frames=None, path=None, planes=None, **flags):
         """Renders an image from each camera, and yields images in order. The scene is uploaded once.
 
         Parameters
@@ -122,7 +122,10 @@ class Scene:
             A file or folder that `--cameras` reads (COLMAP, transforms.json, KITTI, ...), or a list of Cameras, of
             pairs (K, world_from_camera), or of dicts with K, world_from_camera and optionally `size` and `name`.
         frames : int, optional
-            Number of frames of one turn about the scene's up axis (`--turntable`), in place of `cameras`.
+            Number of frames of one turn about the scene's up axis (`--turntable`), or along `path`, in place of
+            `cameras`.
+        path : path-like, list of Camera, or dict, optional
+            A camera path: a file of `--path`, its content, or the cameras that it leads through.
         planes, **flags
             As in `render`.
 
@@ -138,7 +141,7 @@ class Scene:
         Exception
             As in `render`.
         """
-        frames = self._many(cameras, frames, planes, flags).start()
+        frames = self._many(cameras, frames, planes, flags, path).start()
         try:
             while (drawn := frames.next()) is not None:
                 name, frame = drawn
@@ -146,21 +149,72 @@ class Scene:
         finally:
             frames.close()
 
-    def _many(self, cameras, frames, planes, flags):
+    def film(self, output, *, frames=None, path=None, cameras=None, fps=25, force=False, **flags) -> list[str]:
+        """Draws a film: one turn about the scene's up axis, or along a path of the camera.
+
+        Parameters
+        ----------
+        output : path-like
+            A name that ends in .mp4 (encoded by the installed ffmpeg), .gif or .apng.
+        frames : int, optional
+            Number of frames. By default a turn lasts 4 seconds, and a path as long as its times state, or 2 seconds
+            from key to key.
+        path, cameras
+            As in `render_many`; without both, the scene turns.
+        fps : float
+            Frames a second; a GIF has at most 50.
+        force : bool
+            True overwrites an existing file.
+        **flags
+            As in `render`.
+
+        Returns
+        -------
+        list of str
+            Notes, as the program prints them.
+
+        Raises
+        ------
+        FileExistsError
+            The file exists and `force` is False.
+        Exception
+            As in `render`.
+        """
+        if frames is None and cameras is None:
+            frames = _native.film_frames(_film.keys(path), str(fps))
+        many = self._many(cameras, frames, "color", flags, path)
+        notes: list[str] = []
+
+        def natives():
+            drawn = many.start()
+            try:
+                while (one := drawn.next()) is not None:
+                    notes[:] = Image(one[1]).notes
+                    yield one[1]
+            finally:
+                drawn.close()
+
+        note = _film.write(output, len(many), fps, force, natives())
+        return [*notes, note]
+
+    def _many(self, cameras, frames, planes, flags, path=None):
         """Prepares the images of `render_many` without drawing any."""
+        keys = _film.keys(path)
+        if path is not None and frames is None and cameras is None:
+            frames = _native.film_frames(keys, "25")
         if (cameras is None) == (frames is None):
             raise UsageError("cameras or frames: expected one of them")
-        path, text = None, None
+        file, text = None, None
         if frames is not None:
             frames = operator.index(frames)
             if not 1 <= frames <= _MOST_FRAMES:
                 raise UsageError(f"frames={frames}: expected a whole number from 1 to {_MOST_FRAMES}")
         if isinstance(cameras, (str, os.PathLike)):
-            path = os.fspath(cameras)
+            file = os.fspath(cameras)
         elif cameras is not None:
             listed = _listed(cameras, flags.get("size", self._base.get("size")))
             text = json.dumps(listed) if listed else None
-        return self._native.many(self._texts(flags, "render_many"), _flags.planes_of(planes), path, text, frames)
+        return self._native.many(self._texts(flags, "render_many"), _flags.planes_of(planes), file, text, (frames, keys))
 
     def prepare(self, **flags) -> list[str]:
         """Loads the files and converts them to splats, as the first `render` with these flags would do.
