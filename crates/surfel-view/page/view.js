@@ -797,17 +797,33 @@ $('measure').onclick = async () => {
 };
 
 // ---------------------------------------------------------------- copying and saving
+async function copied(text) {
+  $('copied').hidden = false;
+  $('copied').value = text;
+  $('copied').select();
+  await navigator.clipboard?.writeText(text).then(() => say('Copied.'), () => say('The text is below: copy it from there.'));
+}
 for (const button of document.querySelectorAll('[data-copy]')) {
   button.onclick = async () => {
     try {
       const { header } = await ask({ do: 'copy', as: button.dataset.copy, state, size: sizePx() });
-      $('copied').hidden = false;
-      $('copied').value = header.text;
-      $('copied').select();
-      await navigator.clipboard?.writeText(header.text).then(() => say('Copied.'), () => say('The text is below: copy it from there.'));
+      await copied(header.text);
     } catch (error) { say(error.message, true); }
   };
 }
+
+/** Copies the cameras of all kept views as the keys of a camera path, for `surfel render --path`. */
+$('copy-path').onclick = async () => {
+  try {
+    const keys = [];
+    for (const { name, state: saved } of kept()) {
+      const { header } = await ask({ do: 'copy', as: 'scene', state: saved, size: sizePx() });
+      keys.push({ name, camera: JSON.parse(header.text).camera });
+    }
+    drawStill();
+    await copied(`${JSON.stringify({ keys }, null, 2)}\n`);
+  } catch (error) { say(error.message, true); }
+};
 
 $('save').onclick = async () => {
   try {
@@ -830,6 +846,7 @@ function writeKept(views) {
   showKept();
 }
 function showKept() {
+  $('copy-path').hidden = kept().length < 2;
   $('kept').replaceChildren(...kept().map(({ name, state: saved }, i) => {
     const go = make('button', { type: 'button' }, name);
     go.onclick = () => { state = { ...saved }; writeFragment(); showControls(); drawStill(); };

@@ -135,6 +135,17 @@ async function run(browser) {
     await exactAfter(page, () => page.getByRole('button', { name: 'first', exact: true }).click());
     assert.deepEqual(await state(page), before);
   });
+  await step('copy a path through two kept views', async () => {
+    assert.ok(await page.locator('#copy-path').isHidden());
+    await exactAfter(page, () => page.getByRole('button', { name: 'Right', exact: true }).click());
+    await page.getByLabel('Name of this view').fill('second');
+    await page.getByRole('button', { name: 'Keep view' }).click();
+    await page.getByRole('button', { name: 'Copy path' }).click();
+    await until(page, 'the path', () => document.getElementById('copied').value.includes('"keys"'));
+    const input = JSON.parse(await page.inputValue('#copied')).keys;
+    assert.deepEqual(input.map(({ name }) => name), ['first', 'second']);
+    assert.notDeepEqual(input[0].camera.eye, input[1].camera.eye);
+  });
   await step('everything by keyboard', async () => {
     const base = page.url().split('#')[0];
     await page.goto('about:blank');
