@@ -95,6 +95,9 @@ const FIGURES: &[(&str, &[&str], &str)] = &[
     ),
 ];
 
+/// Number of scans of the film of docs/films.md.
+const SWINGS: usize = 24;
+
 /// Images of models that the repository may not contain: name of the scene in assets/gallery/models, and file of the
 /// model.
 const MODELS: &[(&str, &str)] = &[("lion", "lion_takanawa.ply"), ("igea", "igea.ply")];
@@ -105,7 +108,7 @@ const PLACEHOLDER: &str = "MODELS/";
 /// Output folder of the models' images, relative to the workspace: among build results, outside of the tree.
 const MODEL_IMAGES: &str = "target/gallery";
 
-/// Draws every image of docs/gallery.md, and the figures of docs/figures.md.
+/// Draws every image of docs/gallery.md, the figures of docs/figures.md and the film of docs/films.md.
 pub(crate) fn run(root: &Path) -> bool {
     let image = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
@@ -113,6 +116,7 @@ pub(crate) fn run(root: &Path) -> bool {
         && IMAGES.iter().chain(LIT).all(image)
         && village(root)
         && FIGURES.iter().all(|figure| draw_figure(root, figure))
+        && film(root)
 }
 
 /// Draws the images of the models in a folder, which is relative to the current folder.
@@ -167,6 +171,21 @@ fn village(root: &Path) -> bool {
         eprintln!("error: could not write {GENERATED}/village.txt by python3 assets/tutorial/village.py: {error}");
     }
     written.is_ok()
+}
+
+/// Draws the film of scans that a script of Python's standard library generates.
+fn film(root: &Path) -> bool {
+    let script = ["assets/tutorial/swing.py", GENERATED];
+    let written = Command::new("python3").current_dir(root).args(script).status();
+    if !written.is_ok_and(|status| status.success()) {
+        eprintln!("error: could not run python3 {}", script.join(" "));
+        return false;
+    }
+    let scans: Vec<String> = (0..SWINGS).map(|i| format!("{GENERATED}/swing-{i:02}.csv")).collect();
+    let scans: Vec<&str> = scans.iter().map(String::as_str).collect();
+    let flags = "--sequence --color-by speed --up +z --view 25,25 --size 320x200 --fps 12";
+    let words = [&["render"], &scans[..], &flags.split(' ').collect::<Vec<_>>()].concat();
+    draw(root, &words, "docs/images/film-sequence.gif")
 }
 
 /// Draws a figure of files in the folder of generated inputs. An underscore in its flags is a space.
