@@ -9,8 +9,6 @@ use rayon::prelude::*;
 /// Distance from a surface, in texels, at which its light is looked up, so that a curved surface casts no shadow on
 /// itself. A plane wouldn't even without it.
 const OFFSET_TEXELS: f32 = 0.35;
-/// The same in radii of a splat: neighbours of a curved surface stand out of each other's disks.
-const OFFSET_RADII: f32 = 0.05;
 
 /// Point of a surface.
 #[derive(Clone, Copy, Debug)]
@@ -19,8 +17,8 @@ pub(crate) struct Receiver {
     pub position: Vec3,
     /// Unit normal.
     pub normal: Vec3,
-    /// Radius of the splat; 0 for a vertex.
-    pub radius: f32,
+    /// Distance from the surface at which the light is looked up, besides that in texels: the noise of its splats.
+    pub noise: f32,
     /// True if the surface may be seen from both sides.
     pub has_two_sides: bool,
 }
@@ -60,7 +58,7 @@ impl Light {
         if cosine <= 0.0 && !receiver.has_two_sides {
             return;
         }
-        let offset = OFFSET_TEXELS * DepthMap::texel(side) + OFFSET_RADII * receiver.radius;
+        let offset = OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise;
         let from = receiver.position + receiver.normal * offset.copysign(cosine);
         let light = ray.weight * cosine.abs() * map.share(from, receiver.normal);
         let sums = if cosine > 0.0 { &mut self.front } else { &mut self.back };

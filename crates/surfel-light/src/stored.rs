@@ -16,6 +16,13 @@ const BALL_NORMALS: usize = 14;
 /// Weights of an axis and of a diagonal in the mean over the sphere, which is exact for polynomials up to degree 5
 /// (Lebedev 1976).
 const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
+/// Number of splats from which the noise of a cloud is estimated, and of their neighbours.
+const NOISE_SAMPLES: usize = 4096;
+const NEIGHBOURS: usize = 8;
+/// Noise over the 90th percentile of heights, and the least noise: neighbours of a curved surface stand out of each
+/// other's disks.
+const NOISE_FACTOR: f32 = 1.5;
+const LEAST_NOISE: f32 = 0.05;
 /// Linear RGB to luminance (BT.709).
 const LUMINANCE: Vec3 = Vec3::new(0.2126, 0.7152, 0.0722);
 
@@ -53,7 +60,7 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
                 around.map(|normal| Receiver {
                     position: center + normal * radius,
                     normal,
-                    radius: 0.0,
+                    noise: 0.0,
                     has_two_sides: false,
                 })
             };
@@ -62,10 +69,11 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
         Geometry::Splats(cloud) => {
             let knows_front = object.material.is_oriented(cloud) || object.material.cull == Cull::Back;
             let has_two_sides = object.material.two_sided && !knows_front;
+            let noise = noise_of(cloud);
             let of_splat = |i: usize| Receiver {
                 position: sphere.point(m.transform_point3(cloud.center(i))),
                 normal: in_world(&normals, cloud.shading_normal(i)),
-                radius: sphere.length(m.transform_vector3(cloud.axes(i).0).length()),
+                noise: noise * sphere.length(m.transform_vector3(cloud.axes(i).0).length()),
                 has_two_sides,
             };
             (0..cloud.len()).map(of_splat).collect()
@@ -74,13 +82,34 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
             let of_vertex = |(i, normal): (usize, Vec3)| Receiver {
                 position: sphere.point(m.transform_point3(mesh.origin + mesh.positions.get(i))),
                 normal: in_world(&normals, normal.as_dvec3()),
-                radius: 0.0,
+                noise: 0.0,
                 has_two_sides: true,
             };
             vertex_normals(mesh).into_iter().enumerate().map(of_vertex).collect()
         }
         Geometry::Octree(_) | Geometry::Gaussians(_) => Vec::new(),
     }
+}
+
+/// Returns the noise of a cloud: how far neighbours lie off each other's planes, in half-axes of a splat.
+fn noise_of(cloud: &SplatCloud) -> f32 {
+    let order = cloud.morton_order();
+    let step = order.len().div_ceil(NOISE_SAMPLES).max(1);
+    let of_splat = |at: usize| {
+        let i = order[at] as usize;
+        let (center, normal, reach) = (cloud.center(i), cloud.normal(i), cloud.axes(i).0.length());
+        let around = at.saturating_sub(NEIGHBOURS / 2)..(at + NEIGHBOURS / 2 + 1).min(order.len());
+        let offsets = order[around].iter().map(|j| cloud.center(*j as usize) - center);
+        let near = offsets.filter(|offset| offset.length() <= reach);
+        near.map(|offset| normal.dot(offset).abs() / reach).fold(0.0, f64::max)
+    };
+    let mut heights: Vec<f64> = (0..order.len()).step_by(step).map(of_splat).collect();
+    if heights.is_empty() {
+        return LEAST_NOISE;
+    }
+    let place = heights.len() * 9 / 10;
+    let height = *heights.select_nth_unstable_by(place, f64::total_cmp).1;
+    (NOISE_FACTOR * height as f32).clamp(LEAST_NOISE, 1.0)
 }
 
 fn in_world(normals: &DMat3, normal: glam::DVec3) -> Vec3 {

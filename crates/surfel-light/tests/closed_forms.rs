@@ -70,21 +70,21 @@ fn assert_near(found: &[(DVec3, f64)], expected: impl Fn(DVec3) -> Option<f64>) 
 /// along their normals by a part of the gap.
 fn below_a_sphere(p: DVec3) -> Option<f64> {
     let distance = (p.x * p.x + p.y * p.y + 1.0).sqrt();
-    let is_resolved = p.x.hypot(p.y) > 0.5 && p.abs().max_element() < 2.9;
+    let is_resolved = p.x.hypot(p.y) > 0.5 && p.abs().max_element() < 1.9;
     is_resolved.then_some(1.0 - distance.powi(-3))
 }
 
 #[test]
 fn a_sphere_on_a_plane_hides_its_form_factor() {
     let ball = cloud(&sphere(6000, -1.0).map(|n| (n + DVec3::Z, n)).collect::<Vec<_>>(), 0.06);
-    let found = lit(vec![floor(3.0, 0.05).into(), ball.into()], sky(), 0);
+    let found = lit(vec![floor(2.0, 0.05).into(), ball.into()], sky(), 0);
     assert_near(&found, below_a_sphere);
 }
 
 #[test]
 fn a_ball_on_a_plane_hides_as_much() {
     let ball = SplatCloud::balls(&[[0.0, 0.0, 1.0]], &[1.0]).unwrap();
-    let found = lit(vec![floor(3.0, 0.05).into(), ball.into()], sky(), 0);
+    let found = lit(vec![floor(2.0, 0.05).into(), ball.into()], sky(), 0);
     assert_near(&found, below_a_sphere);
 }
 

@@ -44,7 +44,7 @@ impl NamedLight {
                 Some(Parts { above: 0.55, below: 0.2, area: Some((DVec3::new(-0.55, 0.6, 0.9), 15.0, 0.6)) })
             }
             Self::Sky => Some(Parts { above: 1.0, below: 0.3, area: None }),
-            Self::Sun => Some(Parts { above: 0.4, below: 0.15, area: Some((DVec3::new(-0.7, 0.45, 0.8), 1.5, 0.85)) }),
+            Self::Sun => Some(Parts { above: 0.4, below: 0.15, area: Some((DVec3::new(-0.7, 0.45, 0.8), 3.0, 0.85)) }),
         }
     }
 
