@@ -267,8 +267,8 @@ fn comment_that_names_other_columns_is_said_to_be_passed_over() {
     let notes = |text: &str| load("a.txt", text).notes;
     let note = |names: &str, comment: &str| {
         format!(
-            "took the columns as {names}: the comment above them, '{comment}', doesn't name x, y and z; --columns names \
-             them otherwise"
+            "took the columns as {names}: the comment above them, '{comment}', doesn't name x, y and z; --columns \
+             names them otherwise"
         )
     };
     assert_eq!(notes("# foo bar baz\n1 2 3\n4 5 6\n"), [note("x y z", "foo bar baz")]);

@@ -66,8 +66,8 @@ fn assert_near(found: &[(DVec3, f64)], expected: impl Fn(DVec3) -> Option<f64>) 
 }
 
 /// Returns the share of the sky that a point of the plane z = 0 sees beside a sphere of radius 1 that rests on it: all
-/// but the form factor of the sphere, whose centre is at the distance D and at height 1. Near the contact points are moved
-/// along their normals by a part of the gap.
+/// but the form factor of the sphere, whose centre is at the distance D and at height 1. Near the contact, points are
+/// moved along their normals by a part of the gap.
 fn below_a_sphere(p: DVec3) -> Option<f64> {
     let distance = (p.x * p.x + p.y * p.y + 1.0).sqrt();
     let is_resolved = p.x.hypot(p.y) > 0.5 && p.abs().max_element() < 1.9;

@@ -1,5 +1,6 @@
 //! Films: sequences of files, and files of frames.
 
+use crate::camera_path::{Keys, camera_path};
 use crate::draw::{From, Job, Prepared, draw_prepared, on_threads};
 use crate::errors;
 use crate::frame::NativeFrame;
@@ -8,21 +9,9 @@ use crate::scene::{Flags, job, wrong};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use surfel::film::{CameraPath, FilmEncoder, FilmOptions, FilmWriter, FrameRate, Sequence};
+use surfel::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate, Sequence};
 use surfel::request::{Pictures, RenderOptions};
 use surfel::values;
-
-/// Cameras of a path: a file, or its content.
-pub(crate) type Keys = (Option<PathBuf>, Option<String>);
-
-/// Reads a camera path.
-pub(crate) fn camera_path(keys: Keys, options: &RenderOptions) -> Result<Option<CameraPath>, surfel::Error> {
-    match keys {
-        (Some(path), _) => CameraPath::read(&path, options).map(Some),
-        (None, Some(text)) => CameraPath::parse(text.as_bytes(), "path".as_ref(), options).map(Some),
-        (None, None) => Ok(None),
-    }
-}
 
 /// Files that are the frames of one film.
 #[pyclass(frozen, module = "surfel._native", name = "Sequence")]

@@ -5,7 +5,8 @@
 //!
 //! - `scene`: scenes in Python, and their arguments; `draw`: drawing of frames from a scene's files and options;
 //! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
-//! - `figure`: the command `figure`; `film`: sequences and films; `files`: the commands `convert`, `ortho`, `info`, `compare` and `backends`;
+//! - `figure`: the command `figure`; `film`: sequences and films; `camera_path`: their cameras; `files`: the commands
+//!   `convert`, `ortho`, `info`, `compare` and `backends`;
 //! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
 //!   memory that arguments require; `pool`: started backends, reused from frame to frame.
 //!
@@ -18,6 +19,7 @@
 //! The package lies above the facade `surfel`, as the command line does, and draws the same bits. Its Cargo features
 //! `cpu`, `reference`, `sharp` (all on by default), `zstd` and `gpu` are those of the facade.
 
+mod camera_path;
 mod draw;
 mod errors;
 mod figure;

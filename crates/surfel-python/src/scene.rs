@@ -1,8 +1,8 @@
 //! Scenes in Python, and their arguments.
 
+use crate::camera_path::{Keys, camera_path};
 use crate::draw::{From, Input, Job, draw};
 use crate::errors;
-use crate::film::{Keys, camera_path};
 use crate::frame::NativeFrame;
 use crate::interrupt;
 use crate::many::{NativeMany, Views};
@@ -230,7 +230,8 @@ impl NativeScene {
         NativeFrame::new(py, drawn)
     }
 
-    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable or a camera path.
+    /// Prepares an image for each camera of a file, a folder or JSON, or for each frame of a turntable or a camera
+    /// path.
     fn many(
         &self,
         py: Python<'_>,

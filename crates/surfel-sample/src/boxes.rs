@@ -55,8 +55,8 @@ struct Fan {
     along: DVec3,
     /// A box about the unit vectors from the point to all other corners, at right angles to the edge.
     directions: OrientedBox,
-    /// A lower bound of the length of a mean, with any weights, of the unit vectors of one shape: 1 for slivers, less for
-    /// shapes that are wide at the centre.
+    /// A lower bound of the length of a mean, with any weights, of the unit vectors of one shape: 1 for slivers, less
+    /// for shapes that are wide at the centre.
     least_mean: f64,
     /// True if all shapes have exactly the same distance from points to which the centre is nearest.
     are_equally_near: bool,
@@ -266,7 +266,8 @@ impl Fan {
         d - self.along * d.dot(self.along)
     }
 
-    /// The distance of a point from the edge's line, and the largest product of its direction with those of the corners.
+    /// The distance of a point from the edge's line, and the largest product of its direction with those of the
+    /// corners.
     fn distance_and_support(&self, p: DVec3) -> (f64, f64) {
         let d = self.across(p);
         (d.length(), self.directions.support(d.normalize_or_zero()))
@@ -363,8 +364,8 @@ mod tests {
         }
     }
 
-    /// Counts the calls of `distance` for points near the middle of pages about an edge, or of slivers about a corner in
-    /// all directions: three points in each, ever nearer to the middle.
+    /// Counts the calls of `distance` for points near the middle of pages about an edge, or of slivers about a corner
+    /// in all directions: three points in each, ever nearer to the middle.
     fn work_of_hub(count: u32, is_book: bool) -> usize {
         let mut random = Random::new(8);
         let spine = [DVec3::ZERO, DVec3::Z];

@@ -205,8 +205,8 @@ mod tests {
         let folder = folder("store-converts");
         let (input, converted) = (folder.join("in.las"), folder.join("out.copc.laz"));
         levels::save_copc(std::slice::from_ref(&input), &converted, &CopcRequest::default(), &NoProgress).unwrap();
-        // Enough for the 100 bytes per point that a view needs, but not for the 200 bytes that all points need.
-        let (memory, eye) = ("12M", [20.0, -150.0, 80.0]);
+        // Less than the some 75 bytes per point that all points need.
+        let (memory, eye) = ("10M", [20.0, -150.0, 80.0]);
         let store = Arc::new(LevelStore { least_memory: 0, ..LevelStore::default() });
         let (found, notes) = resolved(&request(&input, memory, &store), eye).unwrap();
         assert!(notes.iter().any(|note| note.contains("written by levels first")), "{notes:?}");

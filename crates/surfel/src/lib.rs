@@ -141,6 +141,7 @@ mod loaded_objects;
 pub mod memory;
 mod mesh_columns;
 pub mod metadata;
+mod named_light;
 mod noise;
 pub mod octree;
 pub mod options;

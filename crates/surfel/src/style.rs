@@ -1,6 +1,6 @@
 //! Styles: choices for an image that its options leave open.
 
-use crate::sky::NamedLight;
+use crate::named_light::NamedLight;
 use surfel_model::{EdgeAa, GroundStyle};
 
 /// A named set of choices.

@@ -7,7 +7,7 @@
 
 #![expect(clippy::missing_errors_doc, reason = "all fail alike: what is expected, where the text is something else")]
 
-pub use crate::sky::NamedLight;
+pub use crate::named_light::NamedLight;
 
 use crate::film::FrameRate;
 use crate::framing::{NamedView, ViewAngles, ViewChoice};

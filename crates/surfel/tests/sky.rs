@@ -25,7 +25,7 @@ fn ball(name: &str) -> PathBuf {
 
 fn options(flags: &[(&str, &str)]) -> RenderOptions {
     let mut options = RenderOptions::default();
-    for (name, text) in [("size", "64x64"), ("up", "+z"), ("view", "30,35"), ("light-directions", "64")] {
+    for (name, text) in [("size", "64x64"), ("up", "+z"), ("view", "30,35"), ("light-directions", "16")] {
         options.set(name, text).unwrap();
     }
     flags.iter().for_each(|(name, text)| options.set(name, text).unwrap());

@@ -1,8 +1,8 @@
 //! Reduction of frames to 256 colours.
 //!
 //! The colours of a frame are divided where their squared error is largest, and refined once by the means of what is
-//! nearest to each. A colour of a large area, such as the background, is in the palette exactly. A palette is used for later frames, too, as long as a new one would hardly be better. Still parts of
-//! a film then don't flicker.
+//! nearest to each. A colour of a large area, such as the background, is in the palette exactly. A palette is used
+//! for later frames, too, as long as a new one would hardly be better. Still parts of a film then don't flicker.
 //!
 //! A colour between two of the palette becomes a mixture of both, in a fixed pattern (ordered dithering). The pattern
 //! stands still, unlike one that diffuses errors, and a colour of the palette itself is never mixed.

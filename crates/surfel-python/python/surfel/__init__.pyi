@@ -34,6 +34,9 @@ class _RenderFlags(TypedDict, total=False):
     preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     shadows: bool
+    light: Literal["headlight", "studio", "sky", "sun"]
+    ground: Literal["none", "shadow", "plane", "grid"]
+    bounce: bool
     edge_aa: bool | Literal["on", "off", "samples"]
     style: Literal["figure"]
     background: _Numbers | str
@@ -84,6 +87,7 @@ class _RenderFlags(TypedDict, total=False):
     accumulate: Literal["f32", "f16"]
     clip: Literal["exact", "paper", "line", "off"]
     sort: Literal["center", "pixel"]
+    light_directions: int
     samples: int
     storage: Literal[16, 32, "16", "32"]
 
@@ -190,6 +194,9 @@ class _Figure(TypedDict, total=False):
     preset: Literal["fastest", "fast", "balanced", "quality", "reference"]
     shader: Literal["unlit", "phong", "toon", "normal", "depth", "matcap", "edl"]
     shadows: bool
+    light: Literal["headlight", "studio", "sky", "sun"]
+    ground: Literal["none", "shadow", "plane", "grid"]
+    bounce: bool
     edge_aa: bool | Literal["on", "off", "samples"]
     style: Literal["figure"]
     background: _Numbers | str
@@ -238,6 +245,7 @@ class _Figure(TypedDict, total=False):
     accumulate: Literal["f32", "f16"]
     clip: Literal["exact", "paper", "line", "off"]
     sort: Literal["center", "pixel"]
+    light_directions: int
     samples: int
     storage: Literal[16, 32, "16", "32"]
 
