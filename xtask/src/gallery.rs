@@ -43,7 +43,7 @@ const LIT: &[(&str, &[&str])] = &[(
         "white",
         "--edge-aa=samples",
         "--size",
-        "640x480",
+        "480x360",
     ],
 )];
 
@@ -91,7 +91,7 @@ const FIGURES: &[(&str, &[&str], &str)] = &[
         "figure-soft",
         &["chair-truth.xyz", "chair-partial.xyz", "chair-fine.xyz"],
         "--titles Ground_truth,Input,Completed --view 40,25 --light studio --bounce --ground shadow --color steelblue \
-         --width 800",
+         --width 640",
     ),
 ];
 

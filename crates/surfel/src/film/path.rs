@@ -1,10 +1,10 @@
 //! Paths of a camera through keys.
 //!
 //! Positions follow cubic splines through the keys (Catmull and Rom 1974, with intervals of their own: Barry and
-//! Goldman 1988), so that neither position nor speed jumps. Without times, intervals are the square roots of the distances
-//! between keys, the *centripetal* choice, which has no loops (Yuksel, Schaefer, Keyser 2011). Viewing directions and
-//! up vectors follow the same construction on the sphere, with arcs of great circles in place of lines. The axes of each
-//! camera are orthonormal.
+//! Goldman 1988), so that neither position nor speed jumps. Without times, intervals are the square roots of the
+//! distances between keys, the *centripetal* choice, which has no loops (Yuksel, Schaefer, Keyser 2011). Viewing
+//! directions and up vectors follow the same construction on the sphere, with arcs of great circles in place of lines.
+//! The axes of each camera are orthonormal.
 //!
 //! What moves less, the eye or the target, follows its own spline. The other follows from the direction and the
 //! distance, whose logarithm is on a spline, too. A camera that circles a target so remains at its distance, and one
