@@ -19,6 +19,8 @@ const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
 /// Number of splats from which the noise of a cloud is estimated, and of their neighbours.
 const NOISE_SAMPLES: usize = 4096;
 const NEIGHBOURS: usize = 8;
+/// Number of splats below which a cloud has the least noise.
+const FEWEST_NOISY: usize = 64;
 /// Noise over the 90th percentile of heights, and the least noise: neighbours of a curved surface stand out of each
 /// other's disks.
 const NOISE_FACTOR: f32 = 1.5;
@@ -104,7 +106,7 @@ fn noise_of(cloud: &SplatCloud) -> f32 {
         near.map(|offset| normal.dot(offset).abs() / reach).fold(0.0, f64::max)
     };
     let mut heights: Vec<f64> = (0..order.len()).step_by(step).map(of_splat).collect();
-    if heights.is_empty() {
+    if order.len() < FEWEST_NOISY {
         return LEAST_NOISE;
     }
     let place = heights.len() * 9 / 10;
