@@ -7,6 +7,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use surfel_math::V2;
 use surfel_math::basis::{orthonormal, unit};
+use surfel_math::toon::smoothstep;
 use surfel_model::{Ground, GroundStyle};
 use surfel_render::View;
 
@@ -92,7 +93,7 @@ impl LitGround {
     /// the axes.
     fn color(&self, at: DVec2, footprint: DVec2) -> [f64; 4] {
         let far = at.length() / self.half;
-        let fade = 1.0 - smoothstep((far - FADE) / (1.0 - FADE));
+        let fade = 1.0 - smoothstep(far, FADE, 1.0);
         let share = 1.0 - (1.0 - self.share(at)) * fade;
         let shadow = [0.0, 0.0, 0.0, 1.0 - share];
         match self.style {
@@ -180,12 +181,8 @@ fn unwarped(x: f64) -> f64 {
     (x * CROWDING.sinh()).asinh() / CROWDING
 }
 
-fn smoothstep(x: f64) -> f64 {
-    let x = x.clamp(0.0, 1.0);
-    x * x * (3.0 - 2.0 * x)
-}
-
-/// Returns the largest of 1, 2 and 5 times a power of ten that isn't larger than a length.
+/// Returns the largest of 1, 2 and 5 times a power of ten that isn't larger than a length, as the scale bars of
+/// `surfel-figure` have it, which this package needn't depend on.
 fn round_length(length: f64) -> f64 {
     let power = 10f64.powf(length.log10().floor());
     let digit = [5.0, 2.0].into_iter().find(|digit| digit * power <= length * (1.0 + 1e-9)).unwrap_or(1.0);

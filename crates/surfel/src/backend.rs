@@ -503,10 +503,8 @@ impl Renderer for Backend {
         scene: &Scene,
         progress: &mut dyn FnMut(UploadProgress),
     ) -> Result<BackendScene, RenderError> {
-        let LitScene { scene: lit, ground } = match &scene.sky {
-            Some(_) => light_scene(scene, &LightOptions::default()).map_err(|e| not_lit(self, e))?,
-            None => LitScene { scene: scene.clone(), ground: None },
-        };
+        let lit = light_scene(scene, &LightOptions::default()).map_err(|e| not_lit(self, e))?;
+        let LitScene { scene: lit, ground } = lit;
         let resident = self.upload_stored(&lit, progress)?;
         let [r, g, b, a] = scene.background;
         let ground = ground.map(|ground| (ground, [r * a, g * a, b * a, a].map(|c| c as f32)));

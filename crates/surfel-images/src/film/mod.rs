@@ -4,7 +4,7 @@
 //! memory at a time, and the file appears once it is complete. Animated PNG and GIF are encoded here. MP4 is encoded by
 //! `ffmpeg`, which is started as a program of its own and gets the frames through a pipe.
 //!
-//! Of these formats only animated PNG has alpha; frames of the others are blended onto a background.
+//! Animated PNG alone has alpha; frames of the other formats are blended onto a background.
 
 mod apng;
 mod ffmpeg;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 
@@ -129,18 +130,25 @@ def figure(inputs, **flags) -> Figure:
     with tempfile.TemporaryDirectory(prefix="surfel-") as folder:
         notes: list[str] = []
         paths = [_path(item, i, folder, notes) for i, item in enumerate(inputs)]
-
-        def named(text: str) -> str:
-            for i, path in enumerate(paths):
-                if os.path.dirname(path) == folder:
-                    text = text.replace(path, f"inputs[{i}]")
-            return text
-
-        try:
+        with named(paths, folder) as name:
             native = _native.figure(paths, given)
-        except Error as error:
-            raise type(error)(named(str(error))) from None
-        return Figure(native, [*notes, *map(named, native.notes)])
+            return Figure(native, [*notes, *map(name, native.notes)])
+
+
+@contextlib.contextmanager
+def named(paths: list[str], folder: str):
+    """Names temporary files after their inputs, in messages of errors and by the function that it returns."""
+
+    def name(text: str) -> str:
+        for i, path in enumerate(paths):
+            if os.path.dirname(path) == folder:
+                text = text.replace(path, f"inputs[{i}]")
+        return text
+
+    try:
+        yield name
+    except Error as error:
+        raise type(error)(name(str(error))) from None
 
 
 def _list(name: str, titles) -> str | None:

@@ -8,7 +8,7 @@ import tempfile
 
 from . import _figure, _flags, _native
 from ._camera import Camera
-from ._errors import Error, UsageError
+from ._errors import UsageError
 
 
 def keys(path) -> tuple[str | None, str | None]:
@@ -77,17 +77,8 @@ def film(inputs, output, *, turntable=False, path=None, fps=25, force=False, **f
     with tempfile.TemporaryDirectory(prefix="surfel-") as folder:
         notes: list[str] = []
         paths = [_figure._path(item, i, folder, notes) for i, item in enumerate(inputs)]
-
-        def named(text: str) -> str:
-            for i, name in enumerate(paths):
-                if os.path.dirname(name) == folder:
-                    text = text.replace(name, f"inputs[{i}]")
-            return text
-
-        try:
+        with _figure.named(paths, folder) as name:
             sequence = _native.Sequence(paths, texts, turntable, keys(path))
             drawn = (sequence.draw(i) for i in range(len(sequence)))
             note = write(output, len(sequence), fps, force, drawn)
-        except Error as error:
-            raise type(error)(named(str(error))) from None
-        return [*notes, *map(named, sequence.notes), note]
+            return [*notes, *map(name, sequence.notes), note]

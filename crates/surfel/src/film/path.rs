@@ -6,9 +6,9 @@
 //! directions and up vectors follow the same construction on the sphere, with arcs of great circles in place of lines.
 //! The axes of each camera are orthonormal.
 //!
-//! What moves less, the eye or the target, follows its own spline. The other follows from the direction and the
-//! distance, whose logarithm is on a spline, too. A camera that circles a target so remains at its distance, and one
-//! that looks around stays in its place.
+//! The eye or the target, whichever moves less, has a spline of its own. The other one lies at the distance and
+//! in the direction that splines give; that of the distance runs through logarithms. So a camera that circles a target
+//! remains at its distance, and one that looks around stays in its place.
 
 use crate::Error;
 use crate::camera::resized;
