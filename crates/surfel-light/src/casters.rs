@@ -2,7 +2,7 @@
 
 use glam::{DAffine3, DVec3, Vec3};
 use surfel_math::clip::Clip;
-use surfel_model::{ClipPolicy, Geometry, Mesh, Object, Scene, Shape, SplatCloud};
+use surfel_model::{ClipPolicy, Cull, Geometry, Mesh, Object, Scene, Shape, SplatCloud};
 use surfel_render::ball_scale;
 
 /// Share of points that lie within the sphere from which the size of the maps follows.
@@ -104,8 +104,9 @@ fn place(object: &Object, i: usize) -> Option<(DVec3, f64)> {
 /// A surface that casts a shadow.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Caster {
-    /// An ellipse of these half-axes, with the index of its clip.
-    Disk { center: Vec3, s: Vec3, t: Vec3, clip: Option<u32> },
+    /// An ellipse of these half-axes, with the index of its clip. If `facing` isn't 0, `facing`·(s × t) points out of a
+    /// closed surface, of which only what faces the light needs to be drawn.
+    Disk { center: Vec3, s: Vec3, t: Vec3, clip: Option<u32>, facing: f32 },
     /// A ball.
     Ball { center: Vec3, radius: f32 },
     /// A triangle.
@@ -125,7 +126,7 @@ impl Casters {
         let mut all = Self::default();
         for object in &scene.objects {
             match &object.geometry {
-                Geometry::Splats(cloud) => all.add_cloud(cloud, &object.world_from_object, sphere),
+                Geometry::Splats(cloud) => all.add_cloud(cloud, object, sphere),
                 Geometry::Mesh(mesh) => all.add_mesh(mesh, &object.world_from_object, sphere),
                 Geometry::Octree(_) | Geometry::Gaussians(_) => {}
             }
@@ -133,7 +134,13 @@ impl Casters {
         all
     }
 
-    fn add_cloud(&mut self, cloud: &SplatCloud, m: &DAffine3, sphere: &Sphere) {
+    fn add_cloud(&mut self, cloud: &SplatCloud, object: &Object, sphere: &Sphere) {
+        let m = &object.world_from_object;
+        // A mirroring matrix turns s × t around.
+        let facing = match object.material.cull {
+            Cull::None => 0.0,
+            Cull::Back => m.matrix3.determinant().signum() as f32,
+        };
         let is_within = |center: Vec3| center.length_squared() <= 1.0;
         let opaque = |i: &usize| cloud.alpha(*i) >= 1.0;
         self.casters.reserve(cloud.len());
@@ -159,7 +166,7 @@ impl Casters {
                 self.clips.push(clip);
                 (self.clips.len() - 1) as u32
             });
-            self.casters.push(Caster::Disk { center, s, t, clip });
+            self.casters.push(Caster::Disk { center, s, t, clip, facing });
         }
     }
 

@@ -34,7 +34,8 @@ impl DepthMap {
         self.depths.fill(f32::INFINITY);
         for caster in &casters.casters {
             match caster {
-                Caster::Disk { center, s, t, clip } => {
+                Caster::Disk { s, t, facing, .. } if facing * s.cross(*t).dot(toward) < 0.0 => {}
+                Caster::Disk { center, s, t, clip, .. } => {
                     self.draw_disk(*center, [*s, *t], clip.map(|clip| &casters.clips[clip as usize]));
                 }
                 Caster::Ball { center, radius } => self.draw_ball(*center, *radius),
@@ -86,23 +87,28 @@ impl DepthMap {
     fn draw_disk(&mut self, center: Vec3, [s, t]: [Vec3; 2], clip: Option<&surfel_math::clip::Clip<f64>>) {
         let (middle, depth) = self.project(center);
         let ((s, s_depth), (t, t_depth)) = (self.turn(s), self.turn(t));
-        let half = Vec2::new((s.x * s.x + t.x * t.x).sqrt(), (s.y * s.y + t.y * t.y).sqrt());
+        let half_height = (s.y * s.y + t.y * t.y).sqrt();
+        let is_tiny = half_height < TINY && s.x * s.x + t.x * t.x < TINY * TINY;
         let inverse = 1.0 / s.perp_dot(t);
-        if half.x < TINY && half.y < TINY || !inverse.is_finite() {
+        if is_tiny || !inverse.is_finite() {
             if clip.is_none() {
                 self.put(middle, depth);
             }
             return;
         }
+        // (u, v) of a texel is right·dx + down·dy, and u² + v² ≤ 1 holds on an interval of each row.
+        let (right, down) = (Vec2::new(t.y, -s.y) * inverse, Vec2::new(-t.x, s.x) * inverse);
+        let slope = Vec2::new(s_depth, t_depth);
+        let (along, skew) = (right.length_squared(), right.dot(down));
         let mut is_lost = clip.is_none();
-        for y in self.span(middle.y, half.y) {
-            for x in self.span(middle.x, half.x) {
-                let d = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - middle;
-                let (u, v) = (d.perp_dot(t) * inverse, s.perp_dot(d) * inverse);
-                let is_kept = |clip: &surfel_math::clip::Clip<f64>| clip.keeps(V2::new(f64::from(u), f64::from(v)));
-                if u * u + v * v <= 1.0 && clip.is_none_or(is_kept) {
+        for y in self.span(middle.y, half_height) {
+            let dy = y as f32 + 0.5 - middle.y;
+            let half = (along - dy * dy * inverse * inverse).max(0.0).sqrt() / along;
+            for x in self.span(middle.x - skew / along * dy, half) {
+                let at = right * (x as f32 + 0.5 - middle.x) + down * dy;
+                if clip.is_none_or(|clip| clip.keeps(V2::new(f64::from(at.x), f64::from(at.y)))) {
                     let texel = &mut self.depths[y * self.side + x];
-                    *texel = texel.min(depth + u * s_depth + v * t_depth);
+                    *texel = texel.min(depth + at.dot(slope));
                     is_lost = false;
                 }
             }
