@@ -19,6 +19,8 @@ const MEAN_WEIGHTS: [f32; 2] = [1.0 / 15.0, 3.0 / 40.0];
 /// Number of splats from which the noise of a cloud is estimated, and of their neighbours.
 const NOISE_SAMPLES: usize = 4096;
 const NEIGHBOURS: usize = 8;
+/// Largest distance of a neighbour along the splat's plane, in half-axes; its height is at most one half-axis.
+const BESIDE: f64 = 1.25;
 /// Number of splats below which a cloud has the least noise.
 const FEWEST_NOISY: usize = 64;
 /// Noise over the 90th percentile of heights, and the least noise: neighbours of a curved surface stand out of each
@@ -102,8 +104,12 @@ fn noise_of(cloud: &SplatCloud) -> f32 {
         let (center, normal, reach) = (cloud.center(i), cloud.normal(i), cloud.axes(i).0.length());
         let around = at.saturating_sub(NEIGHBOURS / 2)..(at + NEIGHBOURS / 2 + 1).min(order.len());
         let offsets = order[around].iter().map(|j| cloud.center(*j as usize) - center);
-        let near = offsets.filter(|offset| offset.length() <= reach);
-        near.map(|offset| normal.dot(offset).abs() / reach).fold(0.0, f64::max)
+        let heights = offsets.filter_map(|offset| {
+            let height = normal.dot(offset);
+            let is_beside = (offset - normal * height).length() <= BESIDE * reach;
+            (is_beside && height.abs() <= reach).then_some(height.abs() / reach)
+        });
+        heights.fold(0.0, f64::max)
     };
     let mut heights: Vec<f64> = (0..order.len()).step_by(step).map(of_splat).collect();
     if order.len() < FEWEST_NOISY {

@@ -208,3 +208,16 @@ fn backs_of_closed_surfaces_may_be_left_out_also_mirrored() {
         }
     }
 }
+
+#[test]
+fn noisy_points_of_a_plane_do_not_hide_each_other() {
+    let at = |i: i32| f64::from(i) * 0.05;
+    // Heights of up to two fifths of a radius, as scanners have them, and as golden turns scatter them.
+    let height = |i: i32, j: i32| 0.02 * (TAU * 0.618_033_988_749_895 * f64::from(i * 41 + j)).sin();
+    let points: Vec<_> =
+        (-40..=40).flat_map(|j| (-40..=40).map(move |i| (DVec3::new(at(i), at(j), height(i, j)), DVec3::Z))).collect();
+    let found = lit(vec![cloud(&points, 0.05).into()], sky(), 0);
+    let inner = found.iter().filter(|(p, _)| p.x.abs() < 1.8 && p.y.abs() < 1.8);
+    let darkest = inner.map(|(_, light)| *light).fold(1.0, f64::min);
+    assert!(darkest > 0.85, "{darkest}");
+}
