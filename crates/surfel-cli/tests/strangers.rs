@@ -3,6 +3,8 @@
 
 use crate::common;
 
+#[cfg(unix)]
+use common::ignores_signal;
 use common::{Folder, cube};
 use std::time::Duration;
 
@@ -186,14 +188,6 @@ fn ended_by(f: &Folder, signal: &str) -> usize {
     panic!("{signal} never came in the middle of writing");
 }
 
-/// True if this process, and so its children, ignores SIGINT; false where that isn't known.
-#[cfg(unix)]
-fn ignores_interrupts() -> bool {
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).map(str::trim);
-    ignored.and_then(|mask| u64::from_str_radix(mask, 16).ok()).is_some_and(|mask| mask & 2 != 0)
-}
-
 #[cfg(unix)]
 #[test]
 fn a_signal_leaves_no_temporary_file_and_the_next_run_removes_what_a_kill_left() {
@@ -201,7 +195,7 @@ fn a_signal_leaves_no_temporary_file_and_the_next_run_removes_what_a_kill_left()
     f.write("many.ply", many());
     assert_eq!(ended_by(&f, "-TERM"), 0);
     // A shell's background jobs ignore it, and what is ignored at the start stays ignored.
-    if !ignores_interrupts() {
+    if !ignores_signal(2) {
         assert_eq!(ended_by(&f, "-INT"), 0);
     }
     assert_eq!(ended_by(&f, "-KILL"), 1);

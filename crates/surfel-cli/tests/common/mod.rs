@@ -110,6 +110,14 @@ impl Drop for Folder {
     }
 }
 
+/// True if this process, and so its children, ignores the signal of this number; false where that isn't known.
+#[cfg(unix)]
+pub fn ignores_signal(number: u32) -> bool {
+    let status = fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let ignored = status.lines().find_map(|line| line.strip_prefix("SigIgn:")).map(str::trim);
+    ignored.and_then(|mask| u64::from_str_radix(mask, 16).ok()).is_some_and(|mask| mask >> (number - 1) & 1 == 1)
+}
+
 /// Result of a run.
 pub struct Run(Output, String);
 
