@@ -66,55 +66,76 @@ impl DepthMap {
         (Vec2::new(v.dot(self.right), v.dot(self.down)) * self.scale(), v.dot(self.forward))
     }
 
-    /// Lowers the depth of the texel that contains a point.
+    /// Lowers the depth of the texel that contains a point of a plane, to the plane's depth at the texel's centre.
     #[inline]
-    fn put(&mut self, at: Vec2, depth: f32) {
+    fn put(&mut self, at: Vec2, depth: f32, normal: Vec3) {
         let (x, y) = (at.x as usize, at.y as usize);
         if at.x >= 0.0 && at.y >= 0.0 && x < self.side && y < self.side {
+            let to_center = Vec2::new(x as f32 + 0.5, y as f32 + 0.5) - at;
+            let depth = depth - self.fall(normal).dot(to_center);
             let texel = &mut self.depths[y * self.side + x];
             *texel = texel.min(depth);
         }
     }
 
+    /// Returns how much the depth of a plane falls per texel along both axes of the map, at most [`MOST_SLOPE`]. The
+    /// normal may have any length.
+    #[inline]
+    fn fall(&self, normal: Vec3) -> Vec2 {
+        let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / normal.dot(self.forward);
+        let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) / self.scale();
+        // A plane along the light has no slope.
+        if slope.is_finite() { slope } else { Vec2::ZERO }
+    }
+
     /// Returns the texels whose centres lie within `half` of a coordinate.
     fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
-        // Conversions saturate.
-        let first = (middle - half - 0.5).ceil().max(0.0) as usize;
-        let end = (middle + half - 0.5).floor() + 1.0;
-        first..(end.max(0.0) as usize).min(self.side)
+        let (lo, hi) = ((middle - half - 0.5).max(0.0), middle + half + 0.5);
+        // Conversions truncate and saturate: they are the floor of numbers that aren't negative.
+        let first = lo as usize;
+        first + usize::from(first as f32 != lo)..(hi.max(0.0) as usize).min(self.side)
     }
 
     fn draw_disk(&mut self, center: Vec3, [s, t]: [Vec3; 2], clip: Option<&surfel_math::clip::Clip<f64>>) {
         let (middle, depth) = self.project(center);
+        let normal = s.cross(t);
         let ((s, s_depth), (t, t_depth)) = (self.turn(s), self.turn(t));
         let half_height = (s.y * s.y + t.y * t.y).sqrt();
         let is_tiny = half_height < TINY && s.x * s.x + t.x * t.x < TINY * TINY;
         let inverse = 1.0 / s.perp_dot(t);
         if is_tiny || !inverse.is_finite() {
             if clip.is_none() {
-                self.put(middle, depth);
+                self.put(middle, depth, normal);
             }
             return;
         }
         // (u, v) of a texel is right·dx + down·dy, and u² + v² ≤ 1 holds on an interval of each row.
         let (right, down) = (Vec2::new(t.y, -s.y) * inverse, Vec2::new(-t.x, s.x) * inverse);
         let slope = Vec2::new(s_depth, t_depth);
-        let (along, skew) = (right.length_squared(), right.dot(down));
+        let (along, skew, steepness) = (right.length_squared(), right.dot(down), right.dot(slope));
+        let over_along = 1.0 / along;
         let mut is_lost = clip.is_none();
         for y in self.span(middle.y, half_height) {
             let dy = y as f32 + 0.5 - middle.y;
-            let half = (along - dy * dy * inverse * inverse).max(0.0).sqrt() / along;
-            for x in self.span(middle.x - skew / along * dy, half) {
-                let at = right * (x as f32 + 0.5 - middle.x) + down * dy;
-                if clip.is_none_or(|clip| clip.keeps(V2::new(f64::from(at.x), f64::from(at.y)))) {
-                    let texel = &mut self.depths[y * self.side + x];
-                    *texel = texel.min(depth + at.dot(slope));
-                    is_lost = false;
+            let half = (along - dy * dy * inverse * inverse).max(0.0).sqrt() * over_along;
+            let span = self.span(middle.x - skew * over_along * dy, half);
+            let first = span.start as f32 + 0.5 - middle.x;
+            let start = depth + dy * down.dot(slope) + first * steepness;
+            let row = &mut self.depths[y * self.side..][span];
+            is_lost &= row.is_empty();
+            for (i, texel) in row.iter_mut().enumerate() {
+                let i = i as f32;
+                let is_kept = clip.is_none_or(|clip| {
+                    let at = right * (first + i) + down * dy;
+                    clip.keeps(V2::new(f64::from(at.x), f64::from(at.y)))
+                });
+                if is_kept {
+                    *texel = texel.min(start + i * steepness);
                 }
             }
         }
         if is_lost {
-            self.put(middle, depth);
+            self.put(middle, depth, normal);
         }
     }
 
@@ -134,7 +155,7 @@ impl DepthMap {
             }
         }
         if is_lost {
-            self.put(middle, depth - radius);
+            self.put(middle, depth - radius, self.forward);
         }
     }
 
@@ -157,7 +178,8 @@ impl DepthMap {
             }
         }
         if is_lost {
-            self.put((a + b + c) / 3.0, (a_depth + b_depth + c_depth) / 3.0);
+            let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+            self.put((a + b + c) / 3.0, (a_depth + b_depth + c_depth) / 3.0, normal);
         }
     }
 
@@ -167,19 +189,14 @@ impl DepthMap {
     pub(crate) fn share(&self, p: Vec3, normal: Vec3) -> f32 {
         let (at, depth) = self.project(p);
         let at = at - 0.5;
-        let floor = at.floor();
-        let (x, y) = (floor.x as i32, floor.y as i32);
-        let last = self.side as i32 - 1;
-        if x < 0 || y < 0 || x >= last || y >= last {
+        let last = (self.side - 1) as f32;
+        if !(at.x >= 0.0 && at.y >= 0.0 && at.x < last && at.y < last) {
             return 1.0;
         }
-        let first = y as usize * self.side + x as usize;
-        let part = at - floor;
-        // Along the plane, depth falls by this much per texel.
-        let along = normal.dot(self.forward);
-        let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / along;
-        let texel = 1.0 / self.scale();
-        let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) * texel;
+        let (x, y) = (at.x as usize, at.y as usize);
+        let first = y * self.side + x;
+        let part = at - Vec2::new(x as f32, y as f32);
+        let slope = self.fall(normal);
         let base = depth + slope.dot(part);
         let lit = |at: usize, depth: f32| if depth <= self.depths[at] { 1.0f32 } else { 0.0 };
         let (a, b) = (lit(first, base), lit(first + 1, base - slope.x));

@@ -1,8 +1,8 @@
 //! The ground: its light, and its image behind a frame.
 
-use crate::casters::{Casters, Sphere};
+use crate::casters::Sphere;
 use crate::directions::{Ray, open};
-use crate::receivers::{Receiver, gather};
+use crate::receivers::{Light, Receiver};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use surfel_math::V2;
@@ -28,9 +28,9 @@ const LINE_PX: f64 = 1.2;
 /// Number of the grid's lines over the radius of the scene, about.
 const LINES: f64 = 4.0;
 
-/// Ground whose light is computed.
+/// Square of a ground in which shadows fall.
 #[derive(Clone, Debug)]
-pub struct LitGround {
+pub(crate) struct Plane {
     style: GroundStyle,
     /// Foot of the scene's centre.
     origin: DVec3,
@@ -39,6 +39,37 @@ pub struct LitGround {
     normal: DVec3,
     /// Half-width of the square in world units.
     half: f64,
+    /// Sphere of the scene.
+    sphere: Sphere,
+}
+
+impl Plane {
+    /// Returns the square of a ground below a scene.
+    pub(crate) fn of(ground: &Ground, sphere: &Sphere) -> Self {
+        let normal = unit(ground.normal.into());
+        let origin = sphere.center - normal * normal.dot(sphere.center - DVec3::from(ground.point));
+        let (u, v) = orthonormal(normal);
+        Self { style: ground.style, origin, axes: [u, v], normal, half: EXTENT * sphere.radius, sphere: *sphere }
+    }
+
+    /// Returns the points at which the light is computed, row by row.
+    pub(crate) fn receivers(&self) -> Vec<Receiver> {
+        let coordinate = |i: usize| self.half * warped(2.0 * i as f64 / (POINTS - 1) as f64 - 1.0);
+        let [u, v] = self.axes;
+        let receiver = |at: usize| Receiver {
+            position: self.sphere.point(self.origin + u * coordinate(at % POINTS) + v * coordinate(at / POINTS)),
+            normal: self.normal.as_vec3(),
+            noise: 0.0,
+            has_two_sides: false,
+        };
+        (0..POINTS * POINTS).map(receiver).collect()
+    }
+}
+
+/// Ground whose light is computed.
+#[derive(Clone, Debug)]
+pub struct LitGround {
+    plane: Plane,
     /// Distance between lines of the grid.
     spacing: f64,
     /// Brightness where no shadow falls.
@@ -48,34 +79,21 @@ pub struct LitGround {
 }
 
 impl LitGround {
-    /// Computes the light of a ground below a scene.
-    pub(crate) fn of(ground: &Ground, casters: &Casters, sphere: &Sphere, rays: &[Ray], side: usize) -> Self {
-        let normal = unit(ground.normal.into());
-        let point = DVec3::from(ground.point);
-        let origin = sphere.center - normal * normal.dot(sphere.center - point);
-        let (u, v) = orthonormal(normal);
-        let half = EXTENT * sphere.radius;
-        let coordinate = |i: usize| half * warped(2.0 * i as f64 / (POINTS - 1) as f64 - 1.0);
-        let receiver = |at: usize| Receiver {
-            position: sphere.point(origin + u * coordinate(at % POINTS) + v * coordinate(at / POINTS)),
-            normal: normal.as_vec3(),
-            noise: 0.0,
-            has_two_sides: false,
-        };
-        let receivers: Vec<Receiver> = (0..POINTS * POINTS).map(receiver).collect();
-        let whole: f32 = open(rays, normal.as_vec3()).into_iter().sum();
-        let share = |light: crate::receivers::Light| {
+    /// Returns the ground with the light of its [`Plane::receivers`].
+    pub(crate) fn of(plane: Plane, rays: &[Ray], light: &[Light]) -> Self {
+        let whole: f32 = open(rays, plane.normal.as_vec3()).into_iter().sum();
+        let share = |light: &Light| {
             let [sky, areas] = light.front;
             if whole > 0.0 { ((sky + areas) / whole).min(1.0) } else { 1.0 }
         };
-        let shares = gather(casters, rays, &receivers, side).into_iter().map(share).collect();
-        let spacing = round_length(sphere.radius / LINES);
-        Self { style: ground.style, origin, axes: [u, v], normal, half, spacing, whole, shares }
+        let shares = light.iter().map(share).collect();
+        let spacing = round_length(plane.sphere.radius / LINES);
+        Self { plane, spacing, whole, shares }
     }
 
     /// Returns the share of the light that reaches a point of the plane, given along its axes in world units.
     fn share(&self, at: DVec2) -> f64 {
-        let place = |x: f64| 0.5 * (unwarped(x / self.half) + 1.0) * (POINTS - 1) as f64;
+        let place = |x: f64| 0.5 * (unwarped(x / self.plane.half) + 1.0) * (POINTS - 1) as f64;
         let (x, y) = (place(at.x), place(at.y));
         let last = (POINTS - 1) as f64;
         if !(x >= 0.0 && y >= 0.0 && x < last && y < last) {
@@ -92,11 +110,11 @@ impl LitGround {
     /// Returns the colour of a point of the plane: linear premultiplied RGBA. `footprint` is the size of a pixel along
     /// the axes.
     fn color(&self, at: DVec2, footprint: DVec2) -> [f64; 4] {
-        let far = at.length() / self.half;
+        let far = at.length() / self.plane.half;
         let fade = 1.0 - smoothstep(far, FADE, 1.0);
         let share = 1.0 - (1.0 - self.share(at)) * fade;
         let shadow = [0.0, 0.0, 0.0, 1.0 - share];
-        match self.style {
+        match self.plane.style {
             GroundStyle::Shadow => shadow,
             GroundStyle::Plane => {
                 let level = PLANE_ALBEDO * f64::from(self.whole) * share;
@@ -158,13 +176,13 @@ impl LitGround {
         let world_from_view = view.view_from_world.transpose();
         let in_world = |v: surfel_math::V3<f64>| world_from_view * DVec3::new(v.x, v.y, v.z);
         let (from, direction) = (view.eye + in_world(from), in_world(direction));
-        let (height, fall) = (self.normal.dot(from - self.origin), -self.normal.dot(direction));
+        let (height, fall) = (self.plane.normal.dot(from - self.plane.origin), -self.plane.normal.dot(direction));
         let distance = height / fall;
         if !(fall > 0.0 && distance > 0.0 && distance.is_finite()) {
             return None;
         }
-        let point = from + direction * distance - self.origin;
-        Some(DVec2::new(point.dot(self.axes[0]), point.dot(self.axes[1])))
+        let point = from + direction * distance - self.plane.origin;
+        Some(DVec2::new(point.dot(self.plane.axes[0]), point.dot(self.plane.axes[1])))
     }
 }
 
@@ -211,12 +229,10 @@ mod tests {
 
     #[test]
     fn lines_cover_their_share_of_pixels_of_any_size() {
+        let sphere = Sphere { center: DVec3::ZERO, radius: 1.5 };
+        let ground = Ground { style: GroundStyle::Grid, point: [0.0; 3], normal: [0.0, 0.0, 1.0] };
         let ground = LitGround {
-            style: GroundStyle::Grid,
-            origin: DVec3::ZERO,
-            axes: [DVec3::X, DVec3::Y],
-            normal: DVec3::Z,
-            half: 6.0,
+            plane: Plane::of(&ground, &sphere),
             spacing: 1.0,
             whole: 1.0,
             shares: vec![1.0; POINTS * POINTS],

@@ -43,6 +43,7 @@ mod stored;
 pub use ground::LitGround;
 
 use casters::{Casters, Sphere};
+use ground::Plane;
 use surfel_model::{Geometry, ModelError, Scene};
 
 /// Reason why a scene's light can't be stored.
@@ -75,7 +76,7 @@ pub struct LightOptions {
 
 impl Default for LightOptions {
     fn default() -> Self {
-        Self { map_side: 512 }
+        Self { map_side: 384 }
     }
 }
 
@@ -97,7 +98,7 @@ pub struct LitScene {
 /// Computes and stores the light of a scene's sky. A scene without a sky stays as it is.
 ///
 /// The result is the same for any number of threads. Time is proportional to the number of directions times the
-/// number of splats; memory is 48 bytes a splat (680 a ball) besides the copy of the scene.
+/// number of splats; memory is 48 bytes a splat (680 a ball), and 10 MB for a ground, besides the copy of the scene.
 ///
 /// # Errors
 /// [`LightError::Unsuitable`] for octrees and Gaussians; [`LightError::Model`] for numbers out of range.
@@ -117,10 +118,12 @@ pub fn light_scene(scene: &Scene, options: &LightOptions) -> Result<LitScene, Li
     let side = options.map_side.max(16) as usize;
     let (rays, casters) = (directions::rays(sky), Casters::of(scene, &sphere));
     let receivers = stored::receivers(scene, &sphere);
-    let light = receivers::gather(&casters, &rays, &receivers, side);
+    let plane = scene.ground.as_ref().map(|ground| Plane::of(ground, &sphere));
+    let of_ground = plane.as_ref().map(Plane::receivers).unwrap_or_default();
+    let [light, light_of_ground] = receivers::gather(&casters, &rays, [&receivers, &of_ground], side);
+    drop((casters, receivers, of_ground));
     lit.objects = stored::store(scene, sky, &rays, &light)?;
-    drop((receivers, light));
-    let ground = scene.ground.as_ref().map(|ground| LitGround::of(ground, &casters, &sphere, &rays, side));
+    let ground = plane.map(|plane| LitGround::of(plane, &rays, &light_of_ground));
     if ground.is_some() {
         lit.background = [0.0; 4];
     }

@@ -32,11 +32,17 @@ pub(crate) struct Light {
     pub back: [f32; 2],
 }
 
-/// Draws depth maps of side×side texels for all rays, and sums their light over the receivers.
+/// Draws depth maps of side×side texels for all rays, each once, and sums their light over groups of receivers. Returns
+/// the light of each group.
 ///
 /// Each receiver's sums are in the order of the rays, so that they don't depend on the number of threads.
-pub(crate) fn gather(casters: &Casters, rays: &[Ray], receivers: &[Receiver], side: usize) -> Vec<Light> {
-    let mut light = vec![Light::default(); receivers.len()];
+pub(crate) fn gather<const N: usize>(
+    casters: &Casters,
+    rays: &[Ray],
+    receivers: [&[Receiver]; N],
+    side: usize,
+) -> [Vec<Light>; N] {
+    let mut light = receivers.map(|group| vec![Light::default(); group.len()]);
     let mut maps: Vec<DepthMap> = Vec::new();
     for rays in rays.chunks(rayon::current_num_threads().clamp(1, 16)) {
         maps.resize_with(rays.len().max(maps.len()), || DepthMap::new(side));
@@ -46,7 +52,9 @@ pub(crate) fn gather(casters: &Casters, rays: &[Ray], receivers: &[Receiver], si
                 light.add(receiver, ray, map, side);
             }
         };
-        light.par_iter_mut().zip(receivers).with_min_len(1024).for_each(add);
+        for (light, receivers) in light.iter_mut().zip(receivers) {
+            light.par_iter_mut().zip(receivers).with_min_len(1024).for_each(add);
+        }
     }
     light
 }

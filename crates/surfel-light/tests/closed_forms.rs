@@ -8,7 +8,7 @@ use surfel_model::{
     SplatCloud,
 };
 
-/// Largest error of the share of the sky that a point sees: that of 512 directions, and of maps of 512² texels.
+/// Largest error of the share of the sky that a point sees: that of 512 directions, and of maps of 384² texels.
 const TOLERANCE: f64 = 0.02;
 
 fn cloud(points: &[(DVec3, DVec3)], radius: f64) -> SplatCloud {
@@ -207,6 +207,32 @@ fn backs_of_closed_surfaces_may_be_left_out_also_mirrored() {
             assert!(front.iter().any(|(_, light)| *light < 0.3), "the ball casts a shadow");
         }
     }
+}
+
+#[test]
+fn splats_and_triangles_smaller_than_a_texel_cast_no_shadow_on_their_plane() {
+    let sky = Sky { directions: 48, ..sky() };
+    let brightest = |found: &[(DVec3, f64)]| found.iter().map(|(_, value)| *value).fold(0.0, f64::max);
+    // A texel is 0.0074 wide.
+    let dense = floor(1.0, 0.005);
+    let found = lit(vec![dense.into()], sky.clone(), 0);
+    let whole = brightest(&found);
+    assert!((whole - 1.0).abs() < 0.01, "{whole}");
+    let darkest = found.iter().map(|(_, value)| *value).fold(1.0, f64::min);
+    assert!(whole - darkest < 0.01, "{darkest} to {whole}");
+
+    const SIDE: u32 = 240;
+    let at = |i: u32| f64::from(i) / f64::from(SIDE - 1) * 2.0 - 1.0;
+    let positions: Vec<Vec3> =
+        (0..SIDE * SIDE).map(|i| DVec3::new(at(i % SIDE), at(i / SIDE), 0.0).as_vec3()).collect();
+    let squares = (0..SIDE - 1).flat_map(|y| (0..SIDE - 1).map(move |x| y * SIDE + x));
+    let triangles = squares.flat_map(|i| [[i, i + 1, i + SIDE], [i + 1, i + SIDE + 1, i + SIDE]]).collect();
+    let mesh = Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() };
+    let scene = Scene { sky: Some(sky), objects: vec![mesh.into()], ..Scene::default() };
+    let lit = light_scene(&scene, &LightOptions::default()).unwrap();
+    let Geometry::Mesh(mesh) = &lit.scene.objects[0].geometry else { panic!("no mesh") };
+    let darkest = mesh.colors.as_ref().unwrap().iter().map(|color| color[0]).fold(1.0, f32::min);
+    assert!(f64::from(darkest) > whole - 0.01, "{darkest}");
 }
 
 #[test]

@@ -17,6 +17,10 @@ pub enum NamedLight {
     Sun,
 }
 
+/// Share of even light, so that what no direction reaches isn't black: splats inside of a body that show through gaps,
+/// and the inside of foliage.
+const EVEN: f64 = 0.08;
+
 /// Strengths of a named light's sky, and its area.
 struct Parts {
     above: f64,
@@ -61,7 +65,7 @@ impl NamedLight {
             half_angle_deg,
             strength,
         });
-        Some(Sky { above, below, areas: areas.into_iter().collect(), ..Sky::new(up.into()) })
+        Some(Sky { above, below, even: EVEN, areas: areas.into_iter().collect(), ..Sky::new(up.into()) })
     }
 }
 

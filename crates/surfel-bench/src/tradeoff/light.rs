@@ -10,9 +10,19 @@ use surfel::model::{Geometry, Object, Sky};
 use surfel::{Scene, SplatCloud};
 use surfel_light::{LightOptions, light_scene};
 
-/// Numbers of directions, and sides of the maps; the defaults are 128 and 512.
-const LEVELS: [(u32, u32); 9] =
-    [(128, 512), (16, 512), (32, 512), (64, 512), (256, 512), (512, 512), (128, 128), (128, 256), (128, 1024)];
+/// Numbers of directions, and sides of the maps; the defaults are 128 and 384.
+const LEVELS: [(u32, u32); 10] = [
+    (128, 384),
+    (16, 384),
+    (32, 384),
+    (64, 384),
+    (256, 384),
+    (512, 384),
+    (128, 128),
+    (128, 256),
+    (128, 512),
+    (128, 1024),
+];
 /// Half-width of the floor in radii of the ball on it, and distance between its splats.
 const FLOOR: (f32, f32) = (3.0, 0.05);
 /// Number of splats of the ball.
