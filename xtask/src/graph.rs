@@ -8,7 +8,7 @@ use serde_json::Value;
 use crate::cargo;
 
 /// Features of the shipped program and extension module.
-const SHIPPED: &str = "surfel-cli/gpu,surfel-cli/zstd,surfel-python/gpu,surfel-python/zstd";
+const SHIPPED: &str = "surfel-cli/gpu,surfel-cli/mcp,surfel-cli/zstd,surfel-python/gpu,surfel-python/zstd";
 
 /// Package that is shipped, or depends on one that is.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

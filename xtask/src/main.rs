@@ -25,8 +25,8 @@ use std::process::{Command, ExitCode};
 
 use suites::Gpu;
 
-/// Features that no package enables by default but that are tested: the program's GPU backends.
-const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash";
+/// Features that no package enables by default but that are tested: the program's GPU backends, and `surfel mcp`.
+const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash,surfel-cli/mcp";
 
 const HELP: &str = "\
 The project's chores.

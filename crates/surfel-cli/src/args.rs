@@ -1,5 +1,5 @@
-//! The command line's grammar: commands and their options. Options of `render`, `convert`, `ortho`, `serve`, `again`
-//! and `info` come from the table in [`surfel::options`].
+//! The command line's grammar: commands and their options. Options of `render`, `figure`, `convert`, `ortho`, `serve`,
+//! `view`, `again` and `info` come from the table in [`surfel::options`].
 
 use crate::values::{self, Threshold};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
@@ -34,6 +34,8 @@ pub(crate) enum Command {
     Jobs(JobsArgs),
     Compare(CompareArgs),
     Backends(BackendsArgs),
+    #[cfg(feature = "mcp")]
+    Mcp(McpArgs),
     /// Options, and names and texts of those that were given.
     View(Box<Options>, Vec<(String, String)>),
     Completions(CompletionsArgs),
@@ -54,7 +56,7 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
     let of = |name: &'static str, about: &'static str| of_table(table, clap::Command::new(name).about(about));
     let plain = |name: &'static str, about: &'static str| clap::Command::new(name).about(about);
     let global = table.of(Commands::ALL).filter(|row| row.commands == Commands::ALL);
-    clap::Command::new("surfel")
+    let command = clap::Command::new("surfel")
         .version(env!("CARGO_PKG_VERSION"))
         .about("Renders splats, scans, point clouds and meshes by surface splatting")
         .long_about(
@@ -109,7 +111,13 @@ pub(crate) fn grammar(table: &Table) -> clap::Command {
             1..,
         )))
         .subcommand(derived::<CompletionsArgs>("completions", "Print a completion script for a shell"))
-        .subcommand(plain("man", "Print the manual page"))
+        .subcommand(plain("man", "Print the manual page"));
+    #[cfg(feature = "mcp")]
+    let command = command.subcommand(derived::<McpArgs>(
+        "mcp",
+        "Offer inspect, render, pick and compare as tools of the Model Context Protocol, on stdin and stdout",
+    ));
+    command
 }
 
 /// Returns a command with derived arguments. Doc comments of flattened arguments would replace `about`.
@@ -287,6 +295,8 @@ pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
         "jobs" => Command::Jobs(JobsArgs::from_arg_matches(of)?),
         "compare" => Command::Compare(CompareArgs::from_arg_matches(of)?),
         "backends" => Command::Backends(BackendsArgs::from_arg_matches(of)?),
+        #[cfg(feature = "mcp")]
+        "mcp" => Command::Mcp(McpArgs::from_arg_matches(of)?),
         "view" => Command::View(options(Commands::VIEW)?, given(table(), Commands::VIEW, of)),
         "completions" => Command::Completions(CompletionsArgs::from_arg_matches(of)?),
         _ => Command::Man,
@@ -304,6 +314,14 @@ pub(crate) fn parsed(matches: &ArgMatches) -> Result<Cli, clap::Error> {
         value.map_or(Ok(()), |value| row.set(&mut set, &value)).map_err(wrong)?;
     }
     Ok(Cli { command, program: set })
+}
+
+#[cfg(feature = "mcp")]
+#[derive(Args, Debug)]
+pub(crate) struct McpArgs {
+    /// Files, and folders with files, that the tools may read; without any, the current folder.
+    #[arg(value_name = "PATH")]
+    pub(crate) roots: Vec<PathBuf>,
 }
 
 #[derive(Args, Debug)]

@@ -15,6 +15,8 @@ mod figure;
 mod film;
 mod info;
 mod jobs;
+#[cfg(feature = "mcp")]
+mod mcp;
 mod ortho;
 mod output;
 mod pages;
@@ -102,6 +104,8 @@ fn execute(command: Command, threads: usize, console: &Console) -> Result<(), Fa
         Command::Jobs(args) => jobs::run(&args, console),
         Command::Compare(args) => compare::run(&args),
         Command::Backends(args) => backends::run(args.json),
+        #[cfg(feature = "mcp")]
+        Command::Mcp(args) => mcp::run(&args, threads, console),
         Command::View(args, given) => view::run(&args, given, threads, console),
         Command::Completions(args) => pages::completions(args.shell),
         Command::Man => pages::man(),

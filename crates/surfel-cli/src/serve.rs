@@ -10,8 +10,8 @@ use crate::render::{backend_options, drawn, start};
 use crate::stdin::is_stdin;
 use crate::stdout;
 use serde_json::{Value, json};
-use std::io::{self, BufRead, Read};
 use std::path::{Path, PathBuf};
+use surfel::io::lines::{Line, read_line};
 use surfel::metadata::{self, Input};
 use surfel::model::SceneFile;
 use surfel::options::Options;
@@ -29,10 +29,10 @@ const KEPT_PIXELS: usize = 1 << 22;
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     check(args)?;
     let mut server = Server::start(args, threads, console)?;
-    let mut input = io::stdin().lock();
+    let mut input = std::io::stdin().lock();
     let mut line = Vec::new();
     loop {
-        let answer = match read_line(&mut input, &mut line) {
+        let answer = match read_line(&mut input, &mut line, MAX_LINE) {
             Ok(Line::End) => return Ok(()),
             Ok(Line::Whole) if line.trim_ascii().is_empty() => continue,
             Ok(Line::Whole) => server.answer(&line),
@@ -52,34 +52,6 @@ fn check(args: &Options) -> Result<(), Failure> {
         return Err(Failure::usage("-: stdin has the requests, expected a scene file, splats, points or meshes"));
     }
     Ok(())
-}
-
-#[derive(Debug, PartialEq, Eq)]
-enum Line {
-    End,
-    Whole,
-    TooLong,
-}
-
-/// Reads a line, storing at most [`MAX_LINE`] bytes of it.
-fn read_line(input: &mut impl BufRead, line: &mut Vec<u8>) -> io::Result<Line> {
-    line.clear();
-    let count = input.by_ref().take(MAX_LINE as u64 + 1).read_until(b'\n', line)?;
-    if count == 0 {
-        return Ok(Line::End);
-    }
-    if line.last() == Some(&b'\n') || count <= MAX_LINE {
-        return Ok(Line::Whole);
-    }
-    loop {
-        let buffer = input.fill_buf()?;
-        let newline = buffer.iter().position(|&byte| byte == b'\n');
-        let (used, ended) = (newline.map_or(buffer.len(), |at| at + 1), newline.is_some() || buffer.is_empty());
-        input.consume(used);
-        if ended {
-            return Ok(Line::TooLong);
-        }
-    }
 }
 
 /// A request for an image.
@@ -265,26 +237,6 @@ impl<'a> Server<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn lines_are_read_up_to_a_length() {
-        let long = "x".repeat(MAX_LINE + 5);
-        let fits = "y".repeat(MAX_LINE);
-        let text = format!("a\n{long}\n\n{fits}\n{long}");
-        let mut input = io::BufReader::with_capacity(7, text.as_bytes());
-        let mut line = Vec::new();
-        let mut next = || {
-            let found = read_line(&mut input, &mut line).unwrap();
-            assert!(line.len() <= MAX_LINE + 1);
-            (found, line.len())
-        };
-        assert_eq!(next(), (Line::Whole, 2));
-        assert_eq!(next().0, Line::TooLong);
-        assert_eq!(next(), (Line::Whole, 1));
-        assert_eq!(next(), (Line::Whole, MAX_LINE + 1));
-        assert_eq!(next().0, Line::TooLong);
-        assert_eq!(next().0, Line::End);
-    }
 
     #[test]
     fn requests_that_say_something_else_are_refused() {

@@ -11,6 +11,8 @@ mod gaussians;
 mod interface;
 mod levels;
 mod losses;
+#[cfg(feature = "mcp")]
+mod mcp;
 mod net;
 mod options;
 mod ortho;

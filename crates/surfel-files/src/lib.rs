@@ -7,8 +7,9 @@
 //!    it ([`Location`]), what is wrong and what was expected ([`Problem`]);
 //! 2. [`atomic`]: [`atomic::write`] writes a temporary file that replaces the target once it is complete;
 //! 3. [`input`]: reads whole files up to a limit, and the files that a file refers to ([`input::Siblings`]);
-//! 4. [`programs`]: other programs, which never outlive this one;
-//! 5. [`ShowPath`]: paths in messages, with control characters escaped.
+//! 4. [`lines`]: lines of a stream, up to a length;
+//! 5. [`programs`]: other programs, which never outlive this one;
+//! 6. [`ShowPath`]: paths in messages, with control characters escaped.
 //!
 //! ```
 //! use std::path::Path;
@@ -35,6 +36,7 @@
 pub mod atomic;
 pub mod error;
 pub mod input;
+pub mod lines;
 pub mod programs;
 
 pub use error::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};

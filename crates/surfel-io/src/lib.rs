@@ -151,7 +151,7 @@ pub use ply::write::{save_splat_ply, write_splat_ply};
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 pub use raw_rows::check_columns;
 pub use surfel_files::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
-pub use surfel_files::{atomic, input, programs};
+pub use surfel_files::{atomic, input, lines, programs};
 pub(crate) use surfel_files::{error, input as files};
 pub use surfel_images::film;
 pub use surfel_images::stitch::{ImageHeader, Samples, Tile, read_image_header, stitch};

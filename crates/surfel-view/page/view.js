@@ -453,7 +453,7 @@ canvas.addEventListener('wheel', (event) => {
   zoom(Math.exp(Math.max(-200, Math.min(200, pixels)) * 0.0015), event.clientX - box.left, event.clientY - box.top);
 }, { passive: false });
 
-/** Keys: what they do, and their help. Those that f3d has mean the same here. */
+/** Keys: what they do, and their help. Digits, Enter, S, A, B and H mean what they do in f3d. */
 const KEYS = {
   ArrowLeft: [() => orbit(-0.09, 0), '← → ↑ ↓', 'turn (with Shift: move)'],
   ArrowRight: [() => orbit(0.09, 0)], ArrowUp: [() => orbit(0, -0.09)], ArrowDown: [() => orbit(0, 0.09)],

@@ -2,25 +2,22 @@
 
 use crate::Config;
 use crate::hub::{Hub, Job, Next, Outgoing};
+use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, picked_json};
 use crate::state::{self, Fixed, State, name_of};
 use serde_json::{Map, Value, json};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use surfel::io::{JpegOptions, PlanesView, PngOptions, write_jpeg, write_png};
+use surfel::io::{JpegOptions, write_jpeg};
 use surfel::options::Options;
 use surfel::request::Resolved;
-use surfel::session::Session;
-use surfel::session::{Loaded, Loader};
-use surfel::{BackendOptions, Error, Frame, Planes, Progress, Renderer as _, metadata};
-use surfel_metrics::{CompareOptions, Image};
+use surfel::session::{Loaded, Loader, Session};
+use surfel::{BackendOptions, Error, Frame, Planes, Progress, Renderer as _, Stats};
 
 /// Largest number of pixels of an image on the page.
 const MAX_PIXELS: u64 = 1 << 24;
 /// Largest number of pixels of a saved image.
 const MAX_SAVED_PIXELS: u64 = 1 << 25;
-/// Largest number of sessions: two sides of a comparison may have different backends or inputs.
-const MAX_SESSIONS: usize = 2;
 /// Largest number of requests that wait for loading.
 const MAX_DEFERRED: usize = 64;
 /// Size of the image that the scene is first framed for.
@@ -70,13 +67,6 @@ impl Progress for Report<'_> {
     }
 }
 
-/// Backend and inputs of a session.
-#[derive(Clone, Debug, PartialEq)]
-struct Key {
-    backend: String,
-    inputs: Vec<PathBuf>,
-}
-
 /// Options and identifiers of a request for an image, read from the client's message.
 struct Asked {
     id: Value,
@@ -92,10 +82,7 @@ pub(crate) struct Artist {
     hub: Arc<Hub>,
     fixed: Fixed,
     initial: Map<String, Value>,
-    stdin: Option<Arc<[u8]>>,
-    backend_options: BackendOptions,
-    /// Sessions, the one used last first.
-    sessions: Vec<(Key, Session)>,
+    sessions: Sessions,
     /// Scratch space for images.
     bytes: Vec<u8>,
     /// Requests that wait until all points are loaded.
@@ -113,18 +100,8 @@ impl Artist {
         let flag = |name: &str| fixed.flags.iter().find(|(known, _)| known == name).map(|(_, text)| text.clone());
         let options = BackendOptions::default().with_threads(config.threads).with_adapter(flag("adapter"));
         let backend_options = options.with_quantised(flag("storage").as_deref() == Some("16"));
-        let stdin = config.stdin.clone();
-        Self {
-            hub,
-            fixed,
-            initial,
-            stdin,
-            backend_options,
-            sessions: Vec::new(),
-            bytes: Vec::new(),
-            deferred: Vec::new(),
-            shown_for: Vec::new(),
-        }
+        let sessions = Sessions::new(config.stdin.clone(), backend_options);
+        Self { hub, fixed, initial, sessions, bytes: Vec::new(), deferred: Vec::new(), shown_for: Vec::new() }
     }
 
     /// Shows the options of a moving image's client and layer, if the session shows those of another.
@@ -248,19 +225,8 @@ impl Artist {
         Ok(Asked { id: request["id"].clone(), layer, state, size, key, options })
     }
 
-    /// Returns the session of a backend and inputs, which it starts if there is none.
     fn session(&mut self, key: &Key) -> Result<&mut Session, String> {
-        match self.sessions.iter().position(|(known, _)| known == key) {
-            Some(place) => self.sessions[..=place].rotate_right(1),
-            None => {
-                let is_large = self.sessions.iter().any(|(_, session)| session.is_large());
-                self.sessions.truncate(if is_large { 0 } else { MAX_SESSIONS - 1 });
-                let (stdin, options) = (self.stdin.clone(), self.backend_options.clone());
-                let session = Session::start(key.inputs.clone(), stdin, &key.backend, options);
-                self.sessions.insert(0, (key.clone(), session.map_err(|e| e.to_string())?));
-            }
-        }
-        self.sessions.first_mut().map(|(_, session)| session).ok_or_else(|| "no session".to_owned())
+        self.sessions.of(key)
     }
 
     fn answer(&mut self, job: &Job) -> Result<(), String> {
@@ -310,17 +276,9 @@ impl Artist {
     }
 
     /// Draws the shown scene and encodes it as the file that `surfel render` writes.
-    fn png(&mut self, asked: &Asked) -> Result<(Vec<u8>, surfel::Stats), String> {
-        let text = |e: Error| e.to_string();
-        let Options { render, no_metadata, quantised, .. } = &asked.options;
+    fn png(&mut self, asked: &Asked) -> Result<(Vec<u8>, Stats), String> {
         let mut bytes = std::mem::take(&mut self.bytes);
-        bytes.clear();
-        let session = self.session(&asked.key)?;
-        let stats = session.draw(render, Planes::RGBA8).map_err(text)?;
-        let metadata = if *no_metadata { Vec::new() } else { metadata_of(session, &asked.options, *quantised)? };
-        let options = PngOptions { metadata, ..PngOptions::default() };
-        write_png(&mut bytes, &session.frame().planes(), &options)
-            .map_err(|e| format!("can't encode the image: {e}"))?;
+        let stats = draw_png(self.session(&asked.key)?, &asked.options, &mut bytes)?;
         let png = bytes.clone();
         self.bytes = bytes;
         Ok((png, stats))
@@ -363,15 +321,7 @@ impl Artist {
         let inputs: Vec<String> = asked.key.inputs.iter().map(|path| name_of(path)).collect();
         let session = self.session(&asked.key)?;
         let picked = session.pick(at).map_err(|e| e.to_string())?;
-        let found = picked.map(|picked| {
-            let values: Map<String, Value> = picked.values.into_iter().map(|(name, v)| (name, json!(v))).collect();
-            json!({
-                "position": picked.position, "normal": picked.normal, "depth": picked.depth, "at": at,
-                "object": picked.row.map(|(object, _)| object),
-                "input": picked.row.and_then(|(object, _)| inputs.get(object)),
-                "row": picked.row.map(|(_, row)| row), "values": values,
-            })
-        });
+        let found = picked.map(|picked| picked_json(picked, at, &inputs));
         let answer = json!({ "do": "picked", "id": asked.id, "picked": found });
         job.outbox.push(Outgoing::Text(answer.to_string()));
         Ok(())
@@ -424,40 +374,14 @@ impl Artist {
             sides.push((session.frame().clone(), stats.frame_ms));
         }
         let [(a, a_ms), (b, b_ms)] = &sides[..] else { return Err("expected two states".to_owned()) };
-        let image = |frame: &'_ Frame| frame.color().as_flattened().to_vec();
-        let (first_color, second_color) = (image(a), image(b));
-        let image = |color| Image::new(a.width(), a.height(), color).map_err(|e| e.to_string());
-        let options = CompareOptions::default();
-        let compared = surfel_metrics::compare(&image(&first_color)?, &image(&second_color)?, &options);
-        let compared = compared.map_err(|e| e.to_string())?;
-        let mut bytes = Vec::new();
-        if let Some(map) = &compared.flip {
-            let linear = |c: u8| surfel::math::srgb::decode(f64::from(c) / 255.0) as f32;
-            let colors: Vec<[f32; 4]> =
-                map.to_magma().into_iter().map(|[r, g, b]| [linear(r), linear(g), linear(b), 1.0]).collect();
-            let view =
-                PlanesView { width: map.width, height: map.height, color: Some(&colors), ..PlanesView::default() };
-            write_png(&mut bytes, &view, &PngOptions::default()).map_err(|e| e.to_string())?;
+        let difference = Difference::between(a, b)?;
+        let mut header = json!({ "do": "compared", "id": first.id, "type": "image/png", "frame_ms": [a_ms, b_ms] });
+        if let (Value::Object(header), Value::Object(measures)) = (&mut header, difference.to_json()) {
+            header.extend(measures);
         }
-        let header = json!({
-            "do": "compared", "id": first.id, "type": "image/png", "frame_ms": [a_ms, b_ms],
-            "max_abs": compared.max_abs, "rmse": compared.rmse, "flip": compared.flip_mean,
-            "psnr": if compared.psnr.is_finite() { json!(compared.psnr) } else { Value::Null },
-        });
-        job.outbox.push(Outgoing::Binary(packed(&header, &bytes)));
+        job.outbox.push(Outgoing::Binary(packed(&header, &difference.map)));
         Ok(())
     }
-}
-
-/// Returns the metadata of the shown scene's image in the current folder, as `surfel render` writes it.
-fn metadata_of(session: &mut Session, options: &Options, quantised: bool) -> Result<Vec<(String, String)>, String> {
-    let text = |e: Error| e.to_string();
-    let hashes = session.hashes().map_err(text)?;
-    let Some(Resolved { file, .. }) = session.shown() else { return Err("no scene is shown".to_owned()) };
-    let info = session.backend().info();
-    let drawn = metadata::drawn(&options.render, &file.camera, quantised, info).map_err(text)?;
-    let entries = metadata::entries(Path::new("."), file, &hashes, &drawn, false).map_err(text)?;
-    Ok(entries.unwrap_or_default())
 }
 
 /// Joins a header and a file: the header's length in four bytes, little-endian, the header and the file.

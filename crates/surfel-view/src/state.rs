@@ -31,7 +31,7 @@ fn row_for(name: &str, value: &str) -> Result<&'static Row, String> {
     let row = row.ok_or_else(|| format!("{name}: there is no such option of the page"))?;
     let is_builtin = row.name == "matcap" && value == "builtin";
     if matches!(row.set, Setter::Path(_)) && !row.has_name(value) && !is_builtin {
-        return Err(format!("{name}: files are given on the command line, not by the page"));
+        return Err(format!("{name}: files are given on the command line only"));
     }
     Ok(row)
 }

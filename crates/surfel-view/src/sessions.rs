@@ -1,0 +1,119 @@
+//! Sessions of a viewer: scenes in memory by backend and inputs, and what is made of their images.
+
+use serde_json::{Map, Value, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel::io::{PlanesView, PngOptions, write_png};
+use surfel::options::Options;
+use surfel::request::Resolved;
+use surfel::session::{Picked, Session};
+use surfel::{BackendOptions, Error, Frame, Planes, Renderer as _, Stats, metadata};
+use surfel_metrics::{CompareOptions, Comparison, Image};
+
+/// Largest number of sessions: two sides of a comparison may have different backends or inputs.
+pub(crate) const MAX_SESSIONS: usize = 2;
+
+/// Backend and inputs of a session.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Key {
+    pub(crate) backend: String,
+    pub(crate) inputs: Vec<PathBuf>,
+}
+
+/// Sessions, the one used last first.
+pub(crate) struct Sessions {
+    stdin: Option<Arc<[u8]>>,
+    backend_options: BackendOptions,
+    all: Vec<(Key, Session)>,
+}
+
+impl Sessions {
+    /// Creates an empty list. `stdin` is the content of the input `-`.
+    pub(crate) fn new(stdin: Option<Arc<[u8]>>, backend_options: BackendOptions) -> Self {
+        Self { stdin, backend_options, all: Vec::new() }
+    }
+
+    /// Returns the session of a backend and inputs, which it starts if there is none.
+    pub(crate) fn of(&mut self, key: &Key) -> Result<&mut Session, String> {
+        match self.all.iter().position(|(known, _)| known == key) {
+            Some(place) => self.all[..=place].rotate_right(1),
+            None => {
+                let is_large = self.all.iter().any(|(_, session)| session.is_large());
+                self.all.truncate(if is_large { 0 } else { MAX_SESSIONS - 1 });
+                let (stdin, options) = (self.stdin.clone(), self.backend_options.clone());
+                let session = Session::start(key.inputs.clone(), stdin, &key.backend, options);
+                self.all.insert(0, (key.clone(), session.map_err(|e| e.to_string())?));
+            }
+        }
+        self.all.first_mut().map(|(_, session)| session).ok_or_else(|| "no session".to_owned())
+    }
+}
+
+/// Draws the shown scene and encodes it as the file that `surfel render` writes. `bytes` is replaced.
+pub(crate) fn draw_png(session: &mut Session, options: &Options, bytes: &mut Vec<u8>) -> Result<Stats, String> {
+    bytes.clear();
+    let stats = session.draw(&options.render, Planes::RGBA8).map_err(|e| e.to_string())?;
+    let metadata = if options.no_metadata { Vec::new() } else { metadata_of(session, options)? };
+    let png = PngOptions { metadata, ..PngOptions::default() };
+    write_png(bytes, &session.frame().planes(), &png).map_err(|e| format!("can't encode the image: {e}"))?;
+    Ok(stats)
+}
+
+/// Returns the metadata of the shown scene's image in the current folder, as `surfel render` writes it.
+fn metadata_of(session: &mut Session, options: &Options) -> Result<Vec<(String, String)>, String> {
+    let text = |e: Error| e.to_string();
+    let hashes = session.hashes().map_err(text)?;
+    let Some(Resolved { file, .. }) = session.shown() else { return Err("no scene is shown".to_owned()) };
+    let info = session.backend().info();
+    let drawn = metadata::drawn(&options.render, &file.camera, options.quantised, info).map_err(text)?;
+    let entries = metadata::entries(Path::new("."), file, &hashes, &drawn, false).map_err(text)?;
+    Ok(entries.unwrap_or_default())
+}
+
+/// Describes what was picked at a pixel. `inputs` are the names of the objects' files.
+pub(crate) fn picked_json(picked: Picked, at: [u32; 2], inputs: &[String]) -> Value {
+    let values: Map<String, Value> = picked.values.into_iter().map(|(name, v)| (name, json!(v))).collect();
+    json!({
+        "position": picked.position, "normal": picked.normal, "depth": picked.depth, "at": at,
+        "object": picked.row.map(|(object, _)| object),
+        "input": picked.row.and_then(|(object, _)| inputs.get(object)),
+        "row": picked.row.map(|(_, row)| row), "values": values,
+    })
+}
+
+/// Returns a frame's colours as an image to compare.
+fn image_of(frame: &Frame) -> Result<Image<'_>, String> {
+    Image::new(frame.width(), frame.height(), frame.color().as_flattened()).map_err(|e| e.to_string())
+}
+
+/// Difference between two frames.
+pub(crate) struct Difference {
+    comparison: Comparison,
+    /// FLIP's error map as a PNG.
+    pub(crate) map: Vec<u8>,
+}
+
+impl Difference {
+    /// Measures the difference of `b` from `a`, the reference.
+    pub(crate) fn between(a: &Frame, b: &Frame) -> Result<Self, String> {
+        let comparison = surfel_metrics::compare(&image_of(a)?, &image_of(b)?, &CompareOptions::default());
+        let comparison = comparison.map_err(|e| e.to_string())?;
+        let mut map = Vec::new();
+        if let Some(flip) = &comparison.flip {
+            let linear = |c: u8| surfel::math::srgb::decode(f64::from(c) / 255.0) as f32;
+            let colors: Vec<[f32; 4]> =
+                flip.to_magma().into_iter().map(|[r, g, b]| [linear(r), linear(g), linear(b), 1.0]).collect();
+            let view =
+                PlanesView { width: flip.width, height: flip.height, color: Some(&colors), ..PlanesView::default() };
+            write_png(&mut map, &view, &PngOptions::default()).map_err(|e| e.to_string())?;
+        }
+        Ok(Self { comparison, map })
+    }
+
+    /// Returns the measures as JSON; an infinite PSNR is null.
+    pub(crate) fn to_json(&self) -> Value {
+        let Comparison { max_abs, rmse, flip_mean, psnr, .. } = &self.comparison;
+        let psnr = if psnr.is_finite() { json!(psnr) } else { Value::Null };
+        json!({ "max_abs": max_abs, "rmse": rmse, "flip": flip_mean, "psnr": psnr })
+    }
+}
