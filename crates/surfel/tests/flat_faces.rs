@@ -136,8 +136,16 @@ fn a_column_of_long_facets_has_no_pinholes() {
 }
 
 #[test]
-fn nine_solids_have_no_pinholes_at_five_sizes() {
+fn nine_solids_have_no_pinholes_at_three_sizes() {
     for (name, corners) in solids() {
-        check(name, &corners, &SIZES);
+        check(name, &corners, &SIZES[..3]);
+    }
+}
+
+#[test]
+#[ignore = "25 s: cargo xtask test --full"]
+fn nine_solids_have_no_pinholes_at_large_sizes() {
+    for (name, corners) in solids() {
+        check(name, &corners, &SIZES[3..]);
     }
 }
