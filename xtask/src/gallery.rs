@@ -1,4 +1,5 @@
-//! `cargo xtask gallery`: draws the images of docs/gallery.md, and of models that the repository may not contain.
+//! `cargo xtask gallery`: draws the images of docs/gallery.md and docs/figures.md, and of models that the repository may
+//! not contain.
 
 use std::path::Path;
 use std::process::Command;
@@ -27,73 +28,15 @@ const IMAGES: &[(&str, &[&str])] = &[
     ("sharp-part", &["assets/gallery/sharp-part.json"]),
 ];
 
-/// The same for images of [`GENERATED`] inputs.
-const LIT: &[(&str, &[&str])] = &[(
-    "figure-studio",
-    &[
-        "assets/generated/spot-scan.xyz",
-        "--light",
-        "studio",
-        "--ground",
-        "shadow",
-        "--bounce",
-        "--color",
-        "#c8b8a0",
-        "--background",
-        "white",
-        "--edge-aa=samples",
-        "--size",
-        "480x360",
-    ],
-)];
-
 /// Folder of generated inputs of figures.
 const GENERATED: &str = "assets/generated";
 
-/// Figures of docs/figures.md: name of the image, files in [`GENERATED`], and flags.
-const FIGURES: &[(&str, &[&str], &str)] = &[
-    (
-        "figure-completion",
-        &["chair-truth.xyz", "chair-partial.xyz", "chair-coarse.xyz", "chair-fine.xyz"],
-        "--titles Ground_truth,Input,Coarse,Fine --view 40,25 --error-row --unit m --size 3x4 --width 900",
-    ),
-    (
-        "figure-subjects",
-        &[
-            "chair-truth.xyz",
-            "chair-coarse.xyz",
-            "chair-fine.xyz",
-            "table-truth.xyz",
-            "table-coarse.xyz",
-            "table-fine.xyz",
-        ],
-        "--subjects 2 --titles Ground_truth,Coarse,Fine --row-titles Chair,Table --view 40,25 --color steelblue \
-         --width 640",
-    ),
-    (
-        "figure-mesh",
-        &["../spot/spot.obj", "spot-scan.xyz"],
-        "--titles Model,Scan --view 150,15 --error-row=inferno --color #c8b8a0 --width 640",
-    ),
-    (
-        "figure-classes",
-        &["village.txt"],
-        "--classes !7 --color-by classification --value-title class --annotate scale,north --unit m --view top --ortho \
-         --width 800",
-    ),
-    (
-        "figure-height",
-        &["spot-scan.xyz"],
-        "--color-by height --colormap plasma --value-title height_[dm] --annotate scale,axes --unit dm --view 150,15 \
-         --text-at 0.42,0.75,-0.35=ear --text-at 0,0.2,0.65=back --width 560",
-    ),
-    (
-        "figure-soft",
-        &["chair-truth.xyz", "chair-partial.xyz", "chair-fine.xyz"],
-        "--titles Ground_truth,Input,Completed --view 40,25 --light studio --bounce --ground shadow --color steelblue \
-         --width 640",
-    ),
-];
+/// Page whose commands are run.
+const PAGE: &str = "docs/figures.md";
+/// Width of the page's figures in pixels, in place of that in their commands.
+const FIGURE_WIDTH: &str = "720";
+/// Size of the page's other images, likewise.
+const IMAGE_SIZE: &str = "640x480";
 
 /// Number of scans of the film of docs/films.md.
 const SWINGS: usize = 24;
@@ -113,9 +56,9 @@ pub(crate) fn run(root: &Path) -> bool {
     let image = |(name, arguments): &(&str, &[&str])| draw(root, arguments, &format!("docs/images/{name}.png"));
     assets::run(root)
         && CONVERSIONS.iter().all(|arguments| surfel(root, &[arguments, &["--force"][..]].concat()))
-        && IMAGES.iter().chain(LIT).all(image)
+        && IMAGES.iter().all(image)
         && village(root)
-        && FIGURES.iter().all(|figure| draw_figure(root, figure))
+        && page(root)
         && film(root)
 }
 
@@ -188,15 +131,84 @@ fn film(root: &Path) -> bool {
     draw(root, &words, "docs/images/film-sequence.gif")
 }
 
-/// Draws a figure of files in the folder of generated inputs. An underscore in its flags is a space.
-fn draw_figure(root: &Path, (name, files, flags): &(&str, &[&str], &str)) -> bool {
-    let file = format!("docs/images/{name}.png");
-    println!("{file}");
-    let inputs = files.iter().map(|name| format!("{GENERATED}/{name}"));
-    let flags = flags.split(' ').map(|flag| flag.replace('_', " "));
-    let words: Vec<String> = std::iter::once("figure".to_owned()).chain(inputs).chain(flags).collect();
-    let words: Vec<&str> = words.iter().map(String::as_str).collect();
-    surfel(root, &[&words, &["-o", &file, "--force", "--backend", "cpu"][..]].concat())
+/// Draws the images of the page by its own commands.
+fn page(root: &Path) -> bool {
+    let text = match std::fs::read_to_string(root.join(PAGE)) {
+        Ok(text) => text,
+        Err(error) => {
+            eprintln!("error: could not read {PAGE}: {error}");
+            return false;
+        }
+    };
+    commands(&text).iter().all(|(image, words)| {
+        let words: Vec<&str> = words.iter().map(String::as_str).collect();
+        draw(root, &words, &format!("docs/images/{image}.png"))
+    })
+}
+
+/// Returns the images of a page whose text before them is a command of the program: their names, and the command's
+/// words without its output, in the size of the page's images.
+fn commands(page: &str) -> Vec<(String, Vec<String>)> {
+    let (mut command, mut is_command, mut found) = (String::new(), false, Vec::new());
+    for line in page.lines() {
+        if let Some(language) = line.strip_prefix("```") {
+            is_command = language == "sh";
+            if is_command {
+                command.clear();
+            }
+        } else if is_command {
+            command += line.strip_suffix('\\').unwrap_or(line);
+            command.push(' ');
+        } else if let Some((_, rest)) = line.split_once("](images/").filter(|(text, _)| text.starts_with("![")) {
+            let name = rest.strip_suffix(".png)").unwrap_or(rest);
+            if let Some(words) = std::mem::take(&mut command).strip_prefix("surfel ") {
+                found.push((name.to_owned(), sized(&split(words))));
+            }
+        }
+    }
+    found
+}
+
+/// Splits a shell's words, of which some are in single quotes.
+fn split(text: &str) -> Vec<String> {
+    let (mut words, mut word, mut is_quoted) = (Vec::new(), String::new(), false);
+    for letter in text.chars() {
+        match letter {
+            '\'' => is_quoted = !is_quoted,
+            ' ' if !is_quoted => words.extend(Some(std::mem::take(&mut word)).filter(|word| !word.is_empty())),
+            _ => word.push(letter),
+        }
+    }
+    words.extend(Some(word).filter(|word| !word.is_empty()));
+    words.iter().flat_map(|word| expanded(word)).collect()
+}
+
+/// Expands the lists in braces of a word, as shells do.
+fn expanded(word: &str) -> Vec<String> {
+    let Some((before, (list, after))) = word.split_once('{').and_then(|(a, b)| Some((a, b.split_once('}')?))) else {
+        return vec![word.to_owned()];
+    };
+    let rest = expanded(after);
+    list.split(',').flat_map(|item| rest.iter().map(move |after| format!("{before}{item}{after}"))).collect()
+}
+
+/// Replaces a command's output and size.
+fn sized(words: &[String]) -> Vec<String> {
+    let is_figure = words.first().is_some_and(|word| word == "figure");
+    // The size of a figure's panel states their proportions.
+    let replaced: &[&str] = if is_figure { &["-o", "--width", "--dpi"] } else { &["-o", "--size"] };
+    let mut all = Vec::new();
+    let mut words = words.iter();
+    while let Some(word) = words.next() {
+        if replaced.contains(&word.as_str()) {
+            words.next();
+        } else {
+            all.push(word.clone());
+        }
+    }
+    let size = if is_figure { ["--width", FIGURE_WIDTH] } else { ["--size", IMAGE_SIZE] };
+    all.extend(size.map(str::to_owned));
+    all
 }
 
 /// Runs the program, built for release.
@@ -215,6 +227,21 @@ fn surfel(root: &Path, arguments: &[&str]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn commands_of_a_page_are_those_above_its_images() {
+        let page = "```sh\nsurfel figure a.ply \\\n       'b c.ply' --width 85mm -o x.pdf\n```\n\n![Two](images/two.png)\n\n\
+                    ![Other](images/other.png)\n```sh\nsurfel a.ply --size 9x9 -o a.png\n```\n![One](images/one.png)\n";
+        let found = commands(page);
+        let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["two", "one"]);
+        assert_eq!(found[0].1, ["figure", "a.ply", "b c.ply", "--width", FIGURE_WIDTH]);
+        assert_eq!(found[1].1, ["a.ply", "--size", IMAGE_SIZE]);
+        assert_eq!(expanded("{a,b}-{c,d}.x"), ["a-c.x", "a-d.x", "b-c.x", "b-d.x"]);
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let own = commands(&std::fs::read_to_string(root.join(PAGE)).unwrap());
+        assert_eq!(own.len(), 12, "{own:?}");
+    }
 
     #[test]
     fn gallery_scenes_of_models_name_them_in_the_folder_that_is_given() {

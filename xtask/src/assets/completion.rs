@@ -1,37 +1,73 @@
-//! A chair and a table as completion papers show them: the whole shape, its visible part, and two completions of that
-//! part, with 2,048 points or fewer each.
+//! A chair, a table and a shelf as completion papers show them: the whole shape, its visible part, and four completions
+//! of that part, with 2,048 points or fewer each.
 
 use super::scan::SplitMix;
 use std::fmt::Write as _;
 
 const POINTS: usize = 2048;
-/// Files of a shape: what the name ends in, and the noise of points that the visible part lacks and of those it has.
-const FILES: [(&str, f64, f64); 4] =
-    [("truth", 0.0, 0.0), ("partial", 0.0, 0.0), ("coarse", 0.022, 0.008), ("fine", 0.007, 0.003)];
+
+/// A file of a shape.
+struct File {
+    /// End of the file's name.
+    name: &'static str,
+    /// Noise of the points that the visible part lacks.
+    far: f64,
+    /// Noise of the points that the visible part has.
+    near: f64,
+    /// Side of the cells to whose centres points that the visible part lacks are moved; 0 for none.
+    cell: f64,
+    /// True if each point has the label of its part.
+    has_labels: bool,
+}
+
+const EXACT: File = File { name: "truth.xyz", far: 0.0, near: 0.0, cell: 0.0, has_labels: false };
+
+/// Files of a shape: the whole, its visible part, four completions, and the whole with labels.
+const FILES: [File; 7] = [
+    EXACT,
+    File { name: "partial.xyz", ..EXACT },
+    File { name: "coarse.xyz", far: 0.022, near: 0.008, ..EXACT },
+    File { name: "fine.xyz", far: 0.007, near: 0.003, ..EXACT },
+    File { name: "voxels.xyz", far: 0.006, near: 0.002, cell: 0.05, ..EXACT },
+    File { name: "loose.xyz", far: 0.014, near: 0.014, ..EXACT },
+    File { name: "parts.csv", has_labels: true, ..EXACT },
+];
 
 type Point = [f64; 3];
 
-/// An axis-aligned box: centre and size; z is up.
-struct Part(Point, Point);
+/// An axis-aligned box: centre, size and label; z is up.
+struct Part(Point, Point, u8);
+
+/// Labels of parts, as assets/gallery/parts.txt names them.
+const SEAT: u8 = 1;
+const BACK: u8 = 2;
+const LEG: u8 = 3;
 
 fn chair() -> Vec<Part> {
-    let legs = [-0.22, 0.22].into_iter().flat_map(|x| [-0.22, 0.22].map(|y| Part([x, y, 0.21], [0.05, 0.05, 0.42])));
-    let seat = [Part([0.0, 0.0, 0.45], [0.5, 0.5, 0.06]), Part([0.0, -0.22, 0.8], [0.5, 0.06, 0.65])];
+    let legs =
+        [-0.22, 0.22].into_iter().flat_map(|x| [-0.22, 0.22].map(|y| Part([x, y, 0.21], [0.05, 0.05, 0.42], LEG)));
+    let seat = [Part([0.0, 0.0, 0.45], [0.5, 0.5, 0.06], SEAT), Part([0.0, -0.22, 0.8], [0.5, 0.06, 0.65], BACK)];
     seat.into_iter().chain(legs).collect()
 }
 
 fn table() -> Vec<Part> {
-    let legs = [-0.44, 0.44].into_iter().flat_map(|x| [-0.3, 0.3].map(|y| Part([x, y, 0.24], [0.06, 0.06, 0.48])));
-    std::iter::once(Part([0.0, 0.0, 0.5], [1.0, 0.7, 0.05])).chain(legs).collect()
+    let legs = [-0.44, 0.44].into_iter().flat_map(|x| [-0.3, 0.3].map(|y| Part([x, y, 0.24], [0.06, 0.06, 0.48], LEG)));
+    std::iter::once(Part([0.0, 0.0, 0.5], [1.0, 0.7, 0.05], SEAT)).chain(legs).collect()
 }
 
-/// Returns the files of both shapes: names and points, a line each.
+fn shelf() -> Vec<Part> {
+    let sides = [-0.3, 0.3].into_iter().map(|x| Part([x, 0.0, 0.5], [0.04, 0.28, 1.0], BACK));
+    let boards = [0.04, 0.35, 0.66, 0.97].into_iter().map(|z| Part([0.0, 0.0, z], [0.56, 0.28, 0.04], SEAT));
+    sides.chain(boards).collect()
+}
+
+/// Returns the files of all shapes: names and points, a line each.
 pub(super) fn files() -> Vec<(String, Vec<u8>)> {
-    let shapes = [("chair", chair()), ("table", table())];
+    let shapes = [("chair", chair()), ("table", table()), ("shelf", shelf())];
     let files = shapes.iter().enumerate().flat_map(|(s, (name, parts))| {
         FILES.iter().enumerate().map(move |(f, file)| {
             let mut random = SplitMix(1000 + 10 * s as u64 + f as u64);
-            (format!("{name}-{}.xyz", file.0), points(parts, file, &mut random).into_bytes())
+            (format!("{name}-{}", file.name), points(parts, file, &mut random).into_bytes())
         })
     });
     files.collect()
@@ -42,10 +78,10 @@ fn is_seen([x, y, _]: Point) -> bool {
     x + 0.5 * y < 0.05
 }
 
-fn points(parts: &[Part], (name, far, near): &(&str, f64, f64), random: &mut SplitMix) -> String {
-    let faces = |Part(_, [x, y, z]): &Part| [y * z, x * z, x * y];
+fn points(parts: &[Part], file: &File, random: &mut SplitMix) -> String {
+    let faces = |Part(_, [x, y, z], _): &Part| [y * z, x * z, x * y];
     let total: f64 = parts.iter().flat_map(faces).sum();
-    let mut text = String::new();
+    let mut text = if file.has_labels { "x,y,z,part\n".to_owned() } else { String::new() };
     for _ in 0..POINTS {
         // A face by its area, and a place on one of its two sides.
         let mut left = random.unit() * total;
@@ -55,16 +91,22 @@ fn points(parts: &[Part], (name, far, near): &(&str, f64, f64), random: &mut Spl
             left -= area;
             left < 0.0
         });
-        let Some((Part(center, size), axis, _)) = found else { continue };
+        let Some((Part(center, size, label), axis, _)) = found else { continue };
         let mut p = [0, 1, 2].map(|k| center[k] + (random.unit() - 0.5) * size[k]);
         p[axis] = center[axis] + if random.unit() < 0.5 { -0.5 } else { 0.5 } * size[axis];
-        if *name == "partial" && !is_seen(p) {
+        if file.name == "partial.xyz" && !is_seen(p) {
             continue;
         }
-        let noise = if is_seen(p) { near } else { far };
+        if file.cell > 0.0 && !is_seen(p) {
+            p = p.map(|c| ((c / file.cell).floor() + 0.5) * file.cell);
+        }
+        let noise = if is_seen(p) { file.near } else { file.far };
         let [x, y, z] = p.map(|c| c + noise * (random.unit() + random.unit() + random.unit() - 1.5) * 2.0);
         // Writing to a string can't fail.
-        let _ = writeln!(text, "{x:.5} {y:.5} {z:.5}");
+        let _ = match file.has_labels {
+            true => writeln!(text, "{x:.5},{y:.5},{z:.5},{label}"),
+            false => writeln!(text, "{x:.5} {y:.5} {z:.5}"),
+        };
     }
     text
 }
@@ -76,11 +118,12 @@ mod tests {
     #[test]
     fn shapes_are_whole_or_seen_from_one_side() {
         let files = files();
-        assert_eq!(files.len(), 8);
+        assert_eq!(files.len(), 21);
         for (name, bytes) in &files {
             let text = std::str::from_utf8(bytes).unwrap();
             let count = text.lines().count();
             let is_partial = name.contains("partial");
+            let count = count - usize::from(name.ends_with(".csv"));
             assert_eq!(count == POINTS, !is_partial, "{name}: {count}");
             assert!(count > 600, "{name}: {count}");
         }
