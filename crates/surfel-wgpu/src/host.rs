@@ -15,6 +15,8 @@ use surfel_render::{Capabilities, Feature, Planes, RenderError, View, plan};
 /// - Edges by samples: the host's depth buffer has one depth per pixel, too few to test samples against.
 /// - Trained Gaussians: they would have to be blended with the host's geometry fragment by fragment.
 /// - A-buffers: the number of remaining layers would have to be read back.
+/// - Balls: no variant of the pass that writes into a host's target shades them.
+/// - The margin and a sky whose light isn't stored: no GPU backend draws them.
 const CAPABILITIES: Capabilities = Capabilities {
     backend: crate::NAME,
     lacks: &[Feature::ABuffer, Feature::Balls, Feature::EdgeSamples, Feature::Gaussians, Feature::Margin, Feature::Sky],
@@ -36,7 +38,7 @@ impl Renderer {
     ///
     /// # Errors
     /// - [`RenderError::Model`] for settings out of range, [`RenderError::NoInteriorWeight`] for clouds that lack one;
-    /// - [`RenderError::Unsupported`] for edges by samples, A-buffers and trained Gaussians;
+    /// - [`RenderError::Unsupported`] for edges by samples, A-buffers, balls and trained Gaussians;
     /// - [`RenderError::Backend`] for a region larger than the largest texture, and for targets that wgpu refuses.
     pub fn render_to_view(
         &mut self,

@@ -78,16 +78,19 @@
 //!
 //! | task | items |
 //! | --- | --- |
-//! | Start a backend; list those that work here | [`Backend`], [`BackendOptions`], [`backends`] |
+//! | Start a backend; list those that work here | [`Backend`], [`BackendOptions`], [`backends`], [`mod@backend`] |
 //! | Describe what is drawn | [`Scene`], [`SplatCloud`], [`Camera`], [`Light`], [`Material`], [`Settings`], [`model`] |
 //! | Render planes, regions and statistics | [`Renderer`], [`View`], [`Planes`], [`Frame`], [`Stats`], [`render`] |
 //! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`octree`] |
 //! | Load a scene file | [`load_scene`], [`scene`] |
-//! | Apply the flags of `surfel render` | [`request`], [`values`] |
+//! | Apply the flags of `surfel render` | [`request`], [`options`], [`values`], [`style`], [`paths`] |
 //! | Draw a scene many times with changing options; pick | [`session`] |
 //! | Place a camera; estimate the up axis and the best view | [`framing`], [`camera`] |
 //! | Colour splats by an attribute; label them | [`coloring`], [`labels`] |
 //! | Draw more points than fit into memory; show a coarse image first | [`levels`], [`memory`], [`progressive`] |
+//! | Draw figures for papers, and films | [`figure`], [`film`] |
+//! | Drop points that no view shows | [`unseen`] |
+//! | Word numbers and counts in messages | [`words`] |
 //! | Write splats | [`splat_file`], [`splats`] |
 //! | Draw orthoimages | [`ortho`] |
 //! | Describe files; store how an image was made; compare images | [`info`], [`metadata`], [`compare`] |

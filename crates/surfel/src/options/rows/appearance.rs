@@ -60,7 +60,7 @@ pub(super) const ROWS: &[Row] = &[
         .names(|| names_of(values::STYLES))
         .help(
             "Choices for an image that other options leave open: figure, for papers, has 2048x2048 pixels, a white \
-             background and smooth edges.",
+             background, smooth edges, the light of a studio with one bounce, and a shadow on the ground.",
             "",
         )
         .everyday()
