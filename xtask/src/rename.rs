@@ -177,13 +177,15 @@ fn calls(text: &str, names: &BTreeSet<String>, new: &dyn Fn(&str) -> String) -> 
         ",",
         "cargo install ",
         "cargo binstall ",
+        "pip install ",
+        "--only-binary ",
         "docs.rs/",
         "[package.",
     ];
     let mut text = text.to_owned();
     for name in names {
         for start in starts {
-            for end in [" ", "`", "\"", ")", "\n", "/", ","] {
+            for end in [" ", "`", "\"", ")", "\n", "/", ",", "["] {
                 // Features of a package follow a slash, as in `surfel-cli/wgpu`.
                 if (start == "--features " || start == ",") != (end == "/") {
                     continue;
@@ -228,6 +230,7 @@ mod tests {
             ),
             ("crates/surfel-tests/src/lib.rs", "pub use surfel::draw;\n"),
             ("notes.md", "`cargo run -p surfel-cli`, `cargo doc -p surfel`, `crates/surfel-cli/src`, `surfel-tests`\n"),
+            ("python/errors.py", "'pip install surfel[ray] --only-binary surfel)'\nimport surfel\n"),
             ("fuzz/Cargo.toml", "[workspace]\n\n[dependencies]\nsurfel = { path = \"../crates/surfel\" }\n"),
             ("xtask/src/main.rs", "const FEATURES: &str = \"surfel-cli/wgpu,surfel-cli/ash\";\n"),
         ];
@@ -252,8 +255,10 @@ mod tests {
         assert!(read("crates/surfel/Cargo.toml").contains("docs.rs/splatter\"\n\n[lib]\nname = \"surfel\"\n"));
         assert_eq!(read("crates/surfel-cli/src/main.rs"), "fn main() {\n    surfel::draw();\n}\n");
         assert_eq!(read("xtask/src/main.rs"), "const FEATURES: &str = \"splatter-cli/wgpu,splatter-cli/ash\";\n");
+        let hint = "'pip install splatter[ray] --only-binary splatter)'\nimport surfel\n";
+        assert_eq!(read("python/errors.py"), hint);
         assert!(read("fuzz/Cargo.toml").contains("surfel = { package = \"splatter\", path = \"../crates/surfel\" }"));
-        assert_eq!(before.len(), 6, "{before:?}");
+        assert_eq!(before.len(), 7, "{before:?}");
         // Cargo finds the packages by their new names, and the code still compiles.
         let mut check = cargo(&root);
         check.args(["check", "--workspace", "--offline", "--quiet"]).env("CARGO_TARGET_DIR", root.join("target"));

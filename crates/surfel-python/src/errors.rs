@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use std::io::ErrorKind;
 use std::path::PathBuf;
 use surfel::Error;
+use surfel::backend::BackendError;
 use surfel::io::IoError;
 use surfel::io::ShowPath as _;
 use surfel::render::RenderError;
@@ -90,6 +91,11 @@ pub(crate) fn exception(py: Python<'_>, class: &str, message: &str) -> PyErr {
     }
 }
 
+/// Returns how pip installs the package with a feature of Cargo.
+pub(crate) fn how_to_build(py: Python<'_>, feature: &str) -> PyResult<String> {
+    py.import("surfel._errors")?.call_method1("how_to_build", (feature,))?.extract()
+}
+
 /// Creates a `UsageError`.
 pub(crate) fn usage(py: Python<'_>, message: &str) -> PyErr {
     exception(py, "UsageError", message)
@@ -115,6 +121,12 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
         }
         Error::Input(text) if text == interrupt::DEFECT => "Error",
         Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",
+        Error::Backend(BackendError::NotBuilt { name, feature, available }) => {
+            // The message has flags of pip, which aren't keyword arguments.
+            let made =
+                py.import("surfel._errors").and_then(|m| m.call_method1("not_built", (name, feature, available)));
+            return made.map_or_else(|failed| failed, PyErr::from_value);
+        }
         Error::Backend(_) | Error::Render(RenderError::Unsupported { .. }) => "BackendError",
         e if e.is_bad_input() => "InputError",
         _ => "Error",

@@ -285,13 +285,25 @@ pub(crate) fn compare(
 
 /// Lists the backends and whether this machine can run them, as JSON.
 #[pyfunction]
-pub(crate) fn backends(py: Python<'_>) -> String {
-    let entry = |b: surfel::backend::BackendInfo| match b.state {
-        Ok(info) => json!({ "name": b.name, "available": true, "adapter": info.adapter, "driver": info.driver,
-                            "threads": info.threads, "reason": null }),
-        Err(reason) => json!({ "name": b.name, "available": false, "adapter": null, "driver": null, "threads": null,
-                               "reason": reason }),
+pub(crate) fn backends(py: Python<'_>) -> PyResult<String> {
+    let entry = |b: surfel::backend::BackendInfo| {
+        let reason = match (b.missing_feature, &b.state) {
+            (Some(feature), _) => Some(format!("not built in: {}", errors::how_to_build(py, feature)?)),
+            (None, Err(reason)) => Some(reason.clone()),
+            (None, Ok(_)) => None,
+        };
+        let info = b.state.ok();
+        let info = info.as_ref();
+        Ok(json!({
+            "name": b.name,
+            "available": info.is_some(),
+            "adapter": info.map(|info| &info.adapter),
+            "driver": info.map(|info| &info.driver),
+            "threads": info.map(|info| info.threads),
+            "reason": reason,
+        }))
     };
-    let list: serde_json::Value = py.detach(|| surfel::backends().into_iter().map(entry).collect());
-    list.to_string()
+    let infos = py.detach(surfel::backends);
+    let list: serde_json::Value = infos.into_iter().map(entry).collect::<PyResult<_>>()?;
+    Ok(list.to_string())
 }

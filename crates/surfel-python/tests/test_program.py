@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import surfel
 from conftest import SCENES, words_of
+from surfel import _errors
 
 
 def chunks(png):
@@ -280,6 +281,17 @@ def test_info_compare_convert_and_backends_are_the_programs(program, data, tmp_p
     assert (tmp_path / "p.surfel").read_bytes() == (tmp_path / "q.surfel").read_bytes()
     named = {backend["name"]: backend for backend in surfel.backends()}
     assert named["cpu"]["available"] and named["reference"]["available"]
+
+
+def test_backends_that_are_not_built_in_are_explained_in_words_of_pip():
+    text = str(_errors.not_built("wgpu", "gpu", "cpu, reference"))
+    assert "'wgpu' is not built into this installation, which has cpu, reference" in text
+    assert "pip install surfel --force-reinstall --only-binary surfel" in text
+    assert "--config-settings build-args='--features gpu'" in text and "cargo" not in text
+    for backend in surfel.backends():
+        if "not built in" in (backend["reason"] or ""):
+            with pytest.raises(surfel.BackendError, match="pip install"):
+                surfel.scene([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]).render(size=(8, 8), backend=backend["name"])
 
 
 def test_points_by_levels_are_the_programs(program, tmp_path):

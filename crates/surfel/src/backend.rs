@@ -170,18 +170,24 @@ pub struct BackendInfo {
     pub name: &'static str,
     /// Renderer description, or the reason why the backend isn't available.
     pub state: Result<RendererInfo, String>,
+    /// Cargo feature that would build the backend in; `None` if it is built in.
+    pub missing_feature: Option<&'static str>,
 }
 
 /// Returns all backends, fastest first, with their availability on this machine.
 pub fn backends() -> Vec<BackendInfo> {
-    let state = |name| match Backend::by_name(name, &BackendOptions::default()) {
-        Ok(backend) => Ok(backend.info().clone()),
-        Err(BackendError::NotBuilt { feature, .. }) => {
-            Err(format!("not built into this program (cargo build --release --features {feature})"))
-        }
-        Err(error) => Err(error.to_string()),
+    let info = |name| {
+        let (state, missing_feature) = match Backend::by_name(name, &BackendOptions::default()) {
+            Ok(backend) => (Ok(backend.info().clone()), None),
+            Err(BackendError::NotBuilt { feature, .. }) => {
+                let reason = format!("not built into this program (cargo build --release --features {feature})");
+                (Err(reason), Some(feature))
+            }
+            Err(error) => (Err(error.to_string()), None),
+        };
+        BackendInfo { name, state, missing_feature }
     };
-    NAMES.into_iter().map(|name| BackendInfo { name, state: state(name) }).collect()
+    NAMES.into_iter().map(info).collect()
 }
 
 /// Selected backend, and the reasons against faster ones.

@@ -16,3 +16,18 @@ class InputError(Error, ValueError):
 
 class BackendError(Error, RuntimeError):
     """The backend is unavailable, or doesn't draw what is requested."""
+
+
+def not_built(name: str, feature: str, available: str) -> BackendError:
+    """Returns the error for a backend that this installation was built without."""
+    return BackendError(
+        f"backend '{name}' is not built into this installation, which has {available}: {how_to_build(feature)}"
+    )
+
+
+def how_to_build(feature: str) -> str:
+    """Returns how pip installs the package with a feature of Cargo."""
+    return (
+        "wheels have every backend (pip install surfel --force-reinstall --only-binary surfel); a checkout builds it "
+        f"with pip install . --config-settings build-args='--features {feature}'"
+    )
