@@ -45,8 +45,18 @@ fn written(root: &Path) -> Result<std::path::PathBuf, String> {
 
 /// Returns the first program of the section on the library.
 pub(crate) fn program_of(readme: &str) -> Option<&str> {
-    let section = readme.split_once("## As a library")?.1;
-    let program = section.split_once("```rust")?.1.split_once('\n')?.1;
+    first_block(readme, "## As a library", "```rust")
+}
+
+/// Returns the first program of the section on Python.
+pub(crate) fn python_of(readme: &str) -> Option<&str> {
+    first_block(readme, "## In Python", "```python")
+}
+
+/// Returns the first block of code after a heading.
+fn first_block<'a>(page: &'a str, heading: &str, fence: &str) -> Option<&'a str> {
+    let section = page.split_once(heading)?.1;
+    let program = section.split_once(fence)?.1.split_once('\n')?.1;
     Some(program.split_once("```")?.0)
 }
 
@@ -68,12 +78,14 @@ fn ran(root: &Path, folder: &Path, words: &[&str], stack: Option<&str>) -> Resul
 
 #[cfg(test)]
 mod tests {
-    use super::program_of;
+    use super::{program_of, python_of};
 
     #[test]
-    fn readme_has_a_program() {
+    fn readme_has_programs() {
         let readme = std::fs::read_to_string(crate::workspace_root().join("README.md")).unwrap();
         let program = program_of(&readme).unwrap();
         assert!(program.starts_with("use surfel::") && program.contains("fn main()") && program.ends_with("}\n"));
+        let python = python_of(&readme).unwrap();
+        assert!(python.starts_with("import surfel\n") && python.contains("surfel.open(\"scan.ply\")"), "{python}");
     }
 }

@@ -204,6 +204,15 @@ pub(crate) fn has_target(root: &Path, triple: &str) -> bool {
     installed.is_ok_and(|output| String::from_utf8_lossy(&output.stdout).lines().any(|line| line.trim() == triple))
 }
 
+/// Returns a clause that lists the targets of these that rustup hasn't installed; empty if none is missing.
+pub(crate) fn not_installed(root: &Path, triples: &[&str]) -> String {
+    let missing: Vec<&str> = triples.iter().filter(|triple| !has_target(root, triple)).copied().collect();
+    match missing.is_empty() {
+        true => String::new(),
+        false => format!("; skipped, rustup target add {}", missing.join(" ")),
+    }
+}
+
 /// Returns the search path with the environment's programs first.
 pub(crate) fn path(root: &Path) -> Result<std::ffi::OsString, String> {
     let others = std::env::var_os("PATH").unwrap_or_default();

@@ -4,20 +4,64 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran};
+use crate::front_page;
 use crate::python::{self, Platform, TARGETS};
 
 /// Maximum size of a wheel in bytes.
 const MOST_BYTES: u64 = 25_000_000;
 
-/// Program that a fresh environment runs: the image of a few points, drawn without any file of the checkout.
-const SNIPPET: &str = "\
-import numpy, surfel
-points = numpy.random.default_rng(1).normal(size=(2000, 3))
-points /= numpy.linalg.norm(points, axis=1)[:, None]
-image = surfel.scene(points).render(size=(64, 48))
-assert image.rgba.shape == (48, 64, 4) and image.rgba[24, 32, 3] == 255, image.rgba[24, 32]
+/// Lines after README.md's Python program, which check the image that it drew.
+const CHECKS: &str = "\
+assert image.rgba.shape == (768, 1024, 4), image.rgba.shape
+assert image.rgba[384, 512, 3] == 255, image.rgba[384, 512]
 print('drew', image.rgba.shape)
 ";
+
+/// Lines after the program in an installation without GPU backends: the error has words of pip.
+const WITHOUT_GPU: &str = "\
+try:
+    surfel.open('scan.ply').render(size=(8, 8), backend='wgpu')
+except surfel.BackendError as error:
+    assert 'pip install' in str(error) and '--features gpu' in str(error), error
+else:
+    raise SystemExit('wgpu is built in')
+";
+
+/// Number of points in the file that README.md's Python program opens.
+const POINTS: u32 = 4000;
+
+/// Folder of README.md's Python program and the file that it opens, below the folder of the dry run.
+const PAGE: &str = "front-page";
+
+/// Writes README.md's Python program with checks after it, and the scan that it opens: points on a sphere. Returns the
+/// program's path.
+fn write_page(place: &Place, checks: &[&str]) -> Result<PathBuf, String> {
+    let folder = place.out.join(PAGE);
+    fresh(&folder)?;
+    let failed = |error: std::io::Error| format!("{}: {error}", folder.display());
+    let readme = std::fs::read_to_string(place.root.join("README.md")).map_err(failed)?;
+    let program = front_page::python_of(&readme).ok_or("README.md has no program under '## In Python'")?;
+    std::fs::write(folder.join("scan.ply"), sphere(POINTS)).map_err(failed)?;
+    let file = folder.join("page.py");
+    std::fs::write(&file, format!("{program}{}", checks.concat())).map_err(failed)?;
+    Ok(file)
+}
+
+/// Returns a PLY file of points that are spread evenly over the unit sphere, along a spiral.
+fn sphere(points: u32) -> String {
+    let mut text = format!(
+        "ply\nformat ascii 1.0\nelement vertex {points}\nproperty float x\nproperty float y\nproperty float z\n"
+    );
+    text += "end_header\n";
+    let turn = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    for i in 0..points {
+        let z = 1.0 - (2.0 * f64::from(i) + 1.0) / f64::from(points);
+        let radius = (1.0 - z * z).sqrt();
+        let (sin, cos) = (turn * f64::from(i)).sin_cos();
+        text += &format!("{:.6} {:.6} {z:.6}\n", radius * cos, radius * sin);
+    }
+    text
+}
 
 fn wheels(place: &Place) -> PathBuf {
     place.out.join("wheels")
@@ -58,58 +102,74 @@ pub(super) fn build(place: &Place) -> Verdict {
         if made.len() != installed.len() {
             return Err(format!("{} wheels, expected {}", made.len(), installed.len()));
         }
-        let missing = TARGETS.len() - installed.len();
-        let missing = if missing == 0 { String::new() } else { format!("; {missing} targets aren't installed") };
-        Ok(format!("{} wheels, each built twice with the same bits{missing}", made.len()))
+        let sizes: Vec<String> =
+            made.iter().map(|wheel| format!("{} {} KB", name_of(wheel), bytes_of(wheel) / 1000)).collect();
+        let missing: Vec<&str> = TARGETS.iter().map(|platform| platform.triple).collect();
+        let missing = python::not_installed(&place.root, &missing);
+        Ok(format!("{}, each built twice with the same bits{missing}", sizes.join(", ")))
     };
     built().into()
 }
 
-/// Installs each wheel into a fresh environment and draws: this machine's in a virtual environment, and all in
-/// containers of their platforms, where docker runs them (other processors by qemu-user).
+/// Installs each wheel into a fresh environment, and draws by README.md's program: this machine's wheel in a virtual
+/// environment, and all in containers of their platforms, where docker runs them (other processors by qemu-user).
 pub(super) fn environments(place: &Place) -> Verdict {
     let made = files_in(&wheels(place), &[".whl"]);
     if made.is_empty() {
-        return Verdict::Skipped("no wheels were built".to_owned());
+        return Verdict::Skipped("there are no wheels: run the step wheels before environments".to_owned());
     }
     let tried = || {
-        let snippet = place.out.join("snippet.py");
-        std::fs::write(&snippet, SNIPPET).map_err(|error| error.to_string())?;
-        let own = format!("_{}.whl", std::env::consts::ARCH);
-        let mut tried = 0;
-        if cfg!(target_env = "gnu") {
-            for wheel in
-                made.iter().filter(|wheel| name_of(wheel).contains("manylinux") && name_of(wheel).ends_with(&own))
-            {
-                in_environment(place, &place.out.join("environment"), wheel, &snippet)?;
-                tried += 1;
-            }
-        }
+        let page = write_page(place, &[CHECKS])?;
         let has_docker = is_here("docker", "info");
-        for platform in TARGETS.iter().filter(|_| has_docker) {
-            for wheel in made.iter().filter(|wheel| platform.made(&name_of(wheel))) {
+        let (mut tried, mut untried) = (0, Vec::new());
+        for wheel in &made {
+            let name = name_of(wheel);
+            let is_own = cfg!(target_env = "gnu")
+                && name.contains("manylinux")
+                && name.ends_with(&format!("_{}.whl", std::env::consts::ARCH));
+            if is_own {
+                in_environment(&place.out.join("environment"), wheel, &page)?;
+            }
+            let platform = TARGETS.iter().find(|platform| has_docker && platform.made(&name));
+            if let Some(platform) = platform {
                 in_container(place, platform, wheel)?;
+            }
+            if is_own || platform.is_some() {
                 tried += 1;
+            } else {
+                untried.push(name);
             }
         }
-        let rest = if has_docker { "" } else { "; without docker, those of other platforms weren't tried" };
-        Ok(format!("{tried} environments drew{rest}"))
+        Ok(outcome(tried, has_docker, &untried))
     };
-    tried().into()
+    tried().unwrap_or_else(Verdict::Failed)
 }
 
-/// Installs a wheel into a virtual environment, and draws from an empty folder.
-fn in_environment(place: &Place, folder: &Path, wheel: &Path, snippet: &Path) -> Result<(), String> {
+/// Returns the verdict on wheels of which `tried` drew. Passes if at least one drew.
+fn outcome(tried: usize, has_docker: bool, untried: &[String]) -> Verdict {
+    let mut detail = format!("{tried} of {} wheels drew in a fresh environment", tried + untried.len());
+    if !untried.is_empty() {
+        detail += &format!("; not tried: {}", untried.join(", "));
+    }
+    if !has_docker {
+        detail += "; docker doesn't run, so none was tried in a container";
+    }
+    if tried == 0 { Verdict::Skipped(detail) } else { Verdict::Passed(detail) }
+}
+
+/// Installs a wheel into a new virtual environment, and runs a program in the program's folder.
+fn in_environment(folder: &Path, wheel: &Path, program: &Path) -> Result<(), String> {
     fresh(folder)?;
     ran(Command::new("python3").args(["-m", "venv"]).arg(folder))?;
     let python = folder.join("bin").join("python");
     ran(Command::new(&python).args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check"]).arg(wheel))?;
-    ran(Command::new(&python).arg(snippet).current_dir(&place.out))
+    let mut draw = Command::new(&python);
+    ran(draw.arg(program).current_dir(program.parent().unwrap_or(folder)))
 }
 
-/// Installs a wheel into a container, and draws.
+/// Installs a wheel into a container, and runs README.md's program.
 fn in_container(place: &Place, platform: &Platform, wheel: &Path) -> Result<(), String> {
-    let script = format!("pip install --quiet /out/wheels/{} && python /out/snippet.py", name_of(wheel));
+    let script = format!("pip install --quiet /out/wheels/{} && cd /out/{PAGE} && python page.py", name_of(wheel));
     let mut command = Command::new("docker");
     command.args(["run", "--rm", "--platform", platform.docker, "--volume"]);
     command.arg(format!("{}:/out:ro", place.out.display()));
@@ -128,16 +188,39 @@ pub(super) fn source(place: &Place) -> Verdict {
         let mut sdist = Command::new(&python);
         ran(sdist.current_dir(&place.root).args(["-m", "maturin", "sdist", "--out"]).arg(&folder))?;
         let archive = files_in(&folder, &[".tar.gz"]).pop().ok_or("maturin made no source distribution")?;
-        let elsewhere = std::env::temp_dir().join("surfel-sdist");
+        let elsewhere = std::env::temp_dir().join(format!("surfel-sdist-{}", std::process::id()));
         fresh(&elsewhere)?;
         let mut build = Command::new(&python);
         build.current_dir(&elsewhere).args(["-m", "pip", "wheel", "--no-deps", "--wheel-dir"]).arg(&elsewhere);
-        ran(build.arg(&archive))?;
+        ran(build.arg(&archive).env("CARGO_TARGET_DIR", place.out.join("sdist-target")))?;
         let wheel = files_in(&elsewhere, &[".whl"]).pop().ok_or("pip made no wheel")?;
-        let snippet = place.out.join("snippet.py");
-        std::fs::write(&snippet, SNIPPET).map_err(|error| error.to_string())?;
-        in_environment(place, &elsewhere.join("environment"), &wheel, &snippet)?;
+        in_environment(&elsewhere.join("environment"), &wheel, &write_page(place, &[CHECKS, WITHOUT_GPU])?)?;
+        std::fs::remove_dir_all(&elsewhere).map_err(|error| format!("{}: {error}", elsewhere.display()))?;
         Ok(format!("{}, {} KB, builds and draws", name_of(&archive), bytes_of(&archive) / 1000))
     };
     built().into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn environments_pass_only_if_a_wheel_drew() {
+        let untried = ["a.whl".to_owned(), "b.whl".to_owned()];
+        assert!(matches!(outcome(0, true, &untried), Verdict::Skipped(why) if why.contains("a.whl, b.whl")));
+        assert!(matches!(outcome(1, false, &untried), Verdict::Passed(detail) if detail.starts_with("1 of 3")));
+    }
+
+    #[test]
+    fn sphere_is_a_file_of_points_at_distance_one() {
+        let text = sphere(100);
+        let (header, rows) = text.split_once("end_header\n").unwrap();
+        assert!(header.contains("element vertex 100\n"));
+        assert_eq!(rows.lines().count(), 100);
+        for row in rows.lines() {
+            let squares = row.split(' ').map(|number| number.parse::<f64>().unwrap().powi(2));
+            assert!((squares.sum::<f64>() - 1.0).abs() < 1e-5, "{row}");
+        }
+    }
 }
