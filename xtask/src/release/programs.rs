@@ -15,8 +15,14 @@ const MAINTAINER: &str = "The Surfel authors <surfel@example.invalid>";
 /// Oldest C library that the program runs with.
 const GLIBC: &str = "2.17";
 
-/// Debian release with an old C library (2.19), and where its packages are.
-const OLD_DEBIAN: [&str; 2] = ["jessie", "http://archive.debian.org/debian"];
+/// Debian releases with their C libraries' versions and their mirrors, oldest first. The program is tried in the first
+/// one that can be downloaded.
+const OLD_DEBIANS: [[&str; 3]; 4] = [
+    ["jessie", "2.19", "http://archive.debian.org/debian"],
+    ["buster", "2.28", "http://archive.debian.org/debian"],
+    ["bullseye", "2.31", "http://deb.debian.org/debian"],
+    ["bookworm", "2.36", "http://deb.debian.org/debian"],
+];
 
 /// Texts that every package of the program contains.
 const TEXTS: [&str; 6] =
@@ -31,7 +37,7 @@ pub(super) fn tarball(place: &Place) -> Verdict {
     };
     let built = || {
         fresh(&place.out.join("programs"))?;
-        let mut made = Vec::new();
+        let (mut made, mut symbols) = (Vec::new(), Vec::new());
         for (triple, _) in PLATFORMS {
             if !python::has_target(&place.root, triple) {
                 println!("{triple}: skipped, rustup target add {triple}");
@@ -43,6 +49,7 @@ pub(super) fn tarball(place: &Place) -> Verdict {
             command.env("PATH", python::path(&place.root)?).env("CARGO_ZIGBUILD_PYTHON_PATH", &python);
             ran(&mut command)?;
             let program = python::target(&place.root).join(triple).join("release").join("surfel");
+            symbols.push(needed_glibc(&program)?);
             made.push(pack(place, &program, triple)?);
         }
         if made.is_empty() {
@@ -50,8 +57,9 @@ pub(super) fn tarball(place: &Place) -> Verdict {
         }
         checksums(&place.out.join("programs"))?;
         let tried = in_old_debian(place)?;
+        let missing = python::not_installed(&place.root, &PLATFORMS.map(|(triple, _)| triple));
         let sizes = made.iter().map(|tarball| format!("{} {} KB", name_of(tarball), bytes_of(tarball) / 1000));
-        Ok(format!("{}; {tried}", sizes.collect::<Vec<_>>().join(", ")))
+        Ok(format!("{}{missing}; {}; {tried}", sizes.collect::<Vec<_>>().join(", "), symbols.join(", ")))
     };
     built().into()
 }
@@ -106,27 +114,77 @@ fn checksums(folder: &Path) -> Result<(), String> {
     std::fs::write(folder.join("SHA256SUMS"), sums).map_err(|error| format!("SHA256SUMS: {error}"))
 }
 
-/// Draws with the tarball's program in a folder with an old Debian.
+/// Checks that a program needs no symbol of a C library that is newer than [`GLIBC`].
+fn needed_glibc(program: &Path) -> Result<String, String> {
+    if !is_here("readelf", "--version") {
+        return Ok("symbols not checked: no readelf (apt-get install binutils)".to_owned());
+    }
+    let printed = output(Command::new("readelf").args(["--version-info", "--wide"]).arg(program))?;
+    let newest = newest_glibc(&String::from_utf8_lossy(&printed));
+    let [major, minor] = newest.ok_or_else(|| format!("{}: needs no symbol of glibc", program.display()))?;
+    match numbers(GLIBC) {
+        Some(oldest) if [major, minor] <= oldest => Ok(format!("symbols of glibc {major}.{minor} at most")),
+        _ => Err(format!("{}: needs glibc {major}.{minor}, expected at most {GLIBC}", program.display())),
+    }
+}
+
+/// Returns the newest version of glibc that readelf's list of symbol versions names: major and minor number.
+fn newest_glibc(listed: &str) -> Option<[u32; 2]> {
+    listed.split_whitespace().filter_map(|word| numbers(word.strip_prefix("GLIBC_")?)).max()
+}
+
+/// Returns the major and minor number of a version.
+fn numbers(version: &str) -> Option<[u32; 2]> {
+    let mut parts = version.split('.').map_while(|part| part.parse().ok());
+    Some([parts.next()?, parts.next()?])
+}
+
+/// Draws with the tarball's program in a folder with an old Debian. The text states what was tried, or why nothing was.
 fn in_old_debian(place: &Place) -> Result<String, String> {
-    let [release, mirror] = OLD_DEBIAN;
-    if !is_here("debootstrap", "--version") {
-        return Ok(format!("not tried in Debian {release}: no debootstrap (apt-get install debootstrap)"));
-    }
-    let folder = place.out.join(release);
-    if !folder.join("usr").is_dir() {
-        let mut bootstrap = Command::new("debootstrap");
-        bootstrap.args(["--no-check-gpg", "--variant=minbase", release]).arg(&folder);
-        ran(bootstrap.arg(mirror))?;
-    }
     let own = format!("surfel-{}-{}-unknown-linux-gnu", version(&place.root)?, std::env::consts::ARCH);
     let program = place.out.join("programs").join(own).join("bin").join("surfel");
-    let put = |from: &Path, to: &str| {
-        std::fs::copy(from, folder.join(to)).map_err(|error| format!("{}: {error}", from.display()))
-    };
-    put(&program, "surfel")?;
-    put(&place.root.join("assets").join("spot").join("spot.obj"), "spot.obj")?;
-    ran(Command::new("chroot").arg(&folder).args(["/surfel", "/spot.obj", "-o", "/spot.png", "--force"]))?;
-    Ok(format!("Debian {release} drew {}", folder.join("spot.png").display()))
+    if !program.is_file() {
+        return Ok("not tried in an old Debian: no program for this processor".to_owned());
+    }
+    if !is_here("debootstrap", "--version") {
+        return Ok("not tried in an old Debian: no debootstrap (apt-get install debootstrap)".to_owned());
+    }
+    let mut unreachable = Vec::new();
+    for [release, glibc, mirror] in OLD_DEBIANS {
+        let folder = place.out.join(release);
+        if !is_bootstrapped(&folder, release, mirror)? {
+            unreachable.push(release);
+            continue;
+        }
+        let put = |from: &Path, to: &str| {
+            std::fs::copy(from, folder.join(to)).map_err(|error| format!("{}: {error}", from.display()))
+        };
+        put(&program, "surfel")?;
+        put(&place.root.join("assets").join("spot").join("spot.obj"), "spot.obj")?;
+        ran(Command::new("chroot").arg(&folder).args(["/surfel", "/spot.obj", "-o", "/spot.png", "--force"]))?;
+        let skipped = match unreachable.is_empty() {
+            true => String::new(),
+            false => format!(", not in {}, which debootstrap can't make here", unreachable.join(" and ")),
+        };
+        return Ok(format!("draws in Debian {release} (glibc {glibc}){skipped}"));
+    }
+    Ok(format!("not tried in an old Debian: debootstrap makes none of {}", unreachable.join(", ")))
+}
+
+/// True if the folder has the Debian release, or if debootstrap makes it. The folder gets its name when it is complete.
+fn is_bootstrapped(folder: &Path, release: &str, mirror: &str) -> Result<bool, String> {
+    if folder.is_dir() {
+        return Ok(true);
+    }
+    let part = folder.with_extension("part");
+    fresh(&part)?;
+    let mut bootstrap = Command::new("debootstrap");
+    bootstrap.args(["--no-check-gpg", "--variant=minbase", release]).arg(&part);
+    if let Err(why) = ran(bootstrap.arg(mirror)) {
+        println!("{why}");
+        return fresh(&part).map(|()| false);
+    }
+    std::fs::rename(&part, folder).map(|()| true).map_err(|error| format!("{}: {error}", part.display()))
 }
 
 /// Makes the Debian packages of the programs that the step `tarball` built.
@@ -225,6 +283,26 @@ fn inspected(deb: &Path) -> Result<String, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn newest_version_of_glibc_is_compared_by_number() {
+        let listed = "0x0010: Name: GLIBC_2.9  Flags: none\n0x0020: Name: GLIBC_2.2.5\n Name: GLIBC_2.17 Version: 3\n\
+                      0x0030: Name: GCC_4.2.0\n 0x40: Name: GLIBC_PRIVATE";
+        assert_eq!(newest_glibc(listed), Some([2, 17]));
+        assert_eq!(newest_glibc("Name: GCC_4.2.0"), None);
+        assert!(numbers("2.9") < numbers(GLIBC) && numbers("2.18") > numbers(GLIBC));
+    }
+
+    #[test]
+    fn half_made_debian_is_not_reused() {
+        let folder = std::env::temp_dir().join(format!("surfel-debian-{}", std::process::id()));
+        let part = folder.with_extension("part");
+        std::fs::create_dir_all(part.join("usr")).unwrap();
+        let made = is_bootstrapped(&folder, "no-such-release", "file:///no-such-mirror");
+        let left = std::fs::read_dir(&part).unwrap().count();
+        std::fs::remove_dir_all(&part).unwrap();
+        assert_eq!((made, folder.exists(), left), (Ok(false), false, 0));
+    }
 
     #[test]
     fn debian_control_has_the_fields_of_policy() {
