@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use super::{Place, Verdict, bytes_of, files_in, fresh, name_of, output, ran, version};
+use super::{Place, Verdict, bytes_of, files_in, fresh, is_here, name_of, output, ran, version};
 use crate::cargo;
 
 /// Library whose features are checked, each alone: the reader of every format.
@@ -78,7 +78,9 @@ pub(super) fn package(place: &Place) -> Verdict {
 /// from its archive with all features.
 pub(super) fn stranger(place: &Place) -> Verdict {
     let drawn = || {
-        let folder = std::env::temp_dir().join("surfel-stranger");
+        // The sources are outside of the checkout, and what cargo builds of them is inside.
+        let folder = std::env::temp_dir().join(format!("surfel-stranger-{}", std::process::id()));
+        let target = place.out.join("stranger-target");
         fresh(&folder.join("packages"))?;
         let archives = archives(place)?;
         if archives.is_empty() {
@@ -95,16 +97,18 @@ pub(super) fn stranger(place: &Place) -> Verdict {
         }
         write_project(place, &folder, &patches)?;
         let mut draw = cargo(&folder);
-        ran(draw.args(["run", "--release"]).env("CARGO_TARGET_DIR", folder.join("target")))?;
-        let image = folder.join("out.png");
-        if bytes_of(&image) == 0 {
-            return Err("the project drew no out.png".to_owned());
+        ran(draw.args(["run", "--release"]).env("CARGO_TARGET_DIR", &target))?;
+        let image = place.out.join("stranger.png");
+        let drawn = std::fs::copy(folder.join("out.png"), &image);
+        if drawn.map_err(|error| format!("the project drew no out.png: {error}"))? == 0 {
+            return Err("the project's out.png is empty".to_owned());
         }
         let mut all = cargo(&folder);
         let names = published(&place.root)?;
         all.args(["check", "--all-features"]).args(names.iter().flat_map(|package| ["--package", &package.name]));
-        ran(all.env("CARGO_TARGET_DIR", folder.join("target")))?;
-        Ok(format!("{} packages build from their archives; {} was drawn", archives.len(), image.display()))
+        ran(all.env("CARGO_TARGET_DIR", &target))?;
+        std::fs::remove_dir_all(&folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+        Ok(format!("{} packages build from their archives; {} was drawn", archives.len(), name_of(&image)))
     };
     drawn().into()
 }
@@ -154,21 +158,39 @@ pub(super) fn features(place: &Place) -> Verdict {
 
 /// Compares the interfaces of the libraries with those of the last release, whose tag is the baseline.
 pub(super) fn semver(place: &Place) -> Verdict {
-    if output(cargo(&place.root).args(["semver-checks", "--version"])).is_err() {
+    let current = match version(&place.root) {
+        Ok(current) => current,
+        Err(why) => return Verdict::Failed(why),
+    };
+    // Sorted by version, the newest first.
+    let listed = ["tag", "--list", "v*", "--sort=-version:refname"];
+    let tags = output(Command::new("git").current_dir(&place.root).args(listed)).unwrap_or_default();
+    let tags = String::from_utf8_lossy(&tags);
+    let Some(tag) = baseline(&tags, &current) else {
+        return Verdict::Skipped(format!("git has no tag of a release before {current}, which would be the baseline"));
+    };
+    if !is_here("cargo-semver-checks", "--help") {
         return Verdict::Skipped("no cargo-semver-checks: cargo install cargo-semver-checks".to_owned());
     }
-    let changelog = std::fs::read_to_string(place.root.join("CHANGELOG.md")).unwrap_or_default();
-    let mut releases = changelog.lines().filter_map(|line| line.strip_prefix("## [")?.split_once(']'));
-    let Some((last, _)) = releases.nth(1) else {
-        return Verdict::Skipped("CHANGELOG.md has no earlier release to compare with".to_owned());
-    };
-    let tag = format!("v{last}");
-    let mut known = Command::new("git");
-    known.current_dir(&place.root).args(["rev-parse", "--verify", "--quiet", &format!("refs/tags/{tag}")]);
-    if output(&mut known).is_err() {
-        return Verdict::Skipped(format!("git has no tag {tag}, which is the baseline"));
-    }
     let mut command = cargo(&place.root);
-    command.args(["semver-checks", "--workspace", "--baseline-rev", &tag]);
+    command.args(["semver-checks", "--workspace", "--baseline-rev", tag]);
     ran(&mut command).map(|()| format!("interfaces compared with {tag}")).into()
+}
+
+/// Returns the newest tag of another version than the current one. `tags` lists tags, the newest first.
+fn baseline<'a>(tags: &'a str, current: &str) -> Option<&'a str> {
+    tags.lines().find(|tag| tag.strip_prefix('v').is_some_and(|version| version != current))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn baseline_is_the_last_release() {
+        assert_eq!(baseline("v0.3.0\nv0.2.1\nv0.2.0\n", "0.3.0"), Some("v0.2.1"));
+        assert_eq!(baseline("v0.2.0\n", "0.3.0"), Some("v0.2.0"));
+        assert_eq!(baseline("v0.2.0\n", "0.2.0"), None);
+        assert_eq!(baseline("", "0.2.0"), None);
+    }
 }
