@@ -10,6 +10,9 @@ use serde_json::Value;
 /// is published as wheels.
 const PRIVATE: [&str; 5] = ["surfel-bench", "surfel-benches", "surfel-conformance", "surfel-python", "xtask"];
 
+/// Number of published libraries, which docs/packages.md states.
+const LIBRARIES: usize = 18;
+
 /// Package that may be published.
 struct Package {
     name: String,
@@ -98,6 +101,14 @@ fn packages_have_metadata() {
     let mut without = published().pop().unwrap();
     without.metadata["keywords"] = Value::Array(Vec::new());
     assert_eq!(metadata_problems(&without).len(), 1, "the check finds what is missing");
+}
+
+#[test]
+fn libraries_are_as_many_as_the_page_on_packages_states() {
+    let packages = published();
+    let (libraries, programs): (Vec<&Package>, Vec<&Package>) = packages.iter().partition(|package| package.is_library);
+    assert_eq!(libraries.len(), LIBRARIES, "correct the table of docs/packages.md, too");
+    assert_eq!(programs.iter().map(|package| package.name.as_str()).collect::<Vec<_>>(), ["surfel-cli"]);
 }
 
 /// True if a published package may contain the file: sources, shaders, the viewer's page, a font, an example, the
