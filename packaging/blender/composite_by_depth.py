@@ -13,6 +13,7 @@ Without a .blend file, a cone and a ring stand in the scene as an example. The c
 
 import json
 import math
+import os
 import struct
 import sys
 
@@ -123,7 +124,8 @@ def main():
     words = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else sys.argv[1:]
     if len(words) != 2:
         raise SystemExit("usage: composite_by_depth.py IMAGE.exr OUTPUT.png")
-    exr, output = words
+    # Blender resolves relative paths against the folder of the .blend file.
+    exr, output = map(os.path.abspath, words)
     camera = json.loads(text_of(exr, "surfel:camera"))
     scene = bpy.context.scene
     if not bpy.data.filepath:

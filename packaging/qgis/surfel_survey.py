@@ -5,6 +5,8 @@ profile. The program `surfel` is searched on the path, or is named by the enviro
 Headless:
 
     qgis_process run script:surfelsurvey -- INPUT=tile.laz GSD=0.1 ORTHO=rgb.tif DSM=dsm.tif COPC=all.copc.laz
+
+Debian's wrapper qgis_process of QGIS 3.22 passes an option that it doesn't know: call qgis_process.bin there.
 """
 
 import os
