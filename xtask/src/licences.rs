@@ -150,10 +150,10 @@ mod tests {
             needs: needs.iter().map(ToString::to_string).collect(),
             ..Package::default()
         };
-        let packages = [package("b", &[]), package("surfel-cli", &["pkg:cargo/b@1.0.0"])];
+        let packages = [package("b", &[]), package(ROOTS[0], &["pkg:cargo/b@1.0.0"])];
         let sbom = sbom(&packages, "1.0.0");
         assert_eq!(sbom["components"][0]["purl"], "pkg:cargo/b@1.0.0");
-        assert_eq!(sbom["dependencies"][0]["dependsOn"], json!(["pkg:cargo/surfel-cli@1.0.0"]));
+        assert_eq!(sbom["dependencies"][0]["dependsOn"], json!([format!("pkg:cargo/{}@1.0.0", ROOTS[0])]));
         assert_eq!(sbom["dependencies"][2]["dependsOn"], json!(["pkg:cargo/b@1.0.0"]));
         assert_eq!(sbom["metadata"]["component"]["version"], "1.0.0");
     }
