@@ -97,7 +97,7 @@ pub(super) fn stranger(place: &Place) -> Verdict {
         }
         write_project(place, &folder, &patches)?;
         let mut draw = cargo(&folder);
-        ran(draw.args(["run", "--release"]).env("CARGO_TARGET_DIR", &target))?;
+        ran(draw.arg("run").env("CARGO_TARGET_DIR", &target))?;
         let image = place.out.join("stranger.png");
         let drawn = std::fs::copy(folder.join("out.png"), &image);
         if drawn.map_err(|error| format!("the project drew no out.png: {error}"))? == 0 {
