@@ -16,7 +16,7 @@ python3 assets/tutorial/village.py > $generated/village.txt
 draw convert $generated/village.txt -o $village
 
 # README and tutorial.
-draw $generated/village.txt --classes '!7' --size 960x640 -o $images/village.png
+draw $generated/village.txt --classes '!7' --size 720x480 -o $images/village.png
 draw $generated/part.obj --sharp --splats 960 --size 480x320 -o $images/part.png
 draw $generated/spot-scan.xyz --size 480x480 -o $images/tutorial-scan.png
 draw $generated/spot-scan.xyz --where 'x>0' --size 480x480 -o $images/tutorial-lying.png
