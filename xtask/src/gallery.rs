@@ -1,5 +1,5 @@
-//! `cargo xtask gallery`: draws the images of docs/gallery.md and docs/figures.md, and of models that the repository may
-//! not contain.
+//! `cargo xtask gallery`: draws the images of docs/gallery.md and docs/figures.md, and of models that the repository
+//! may not contain.
 
 use std::path::Path;
 use std::process::Command;
@@ -230,7 +230,7 @@ mod tests {
 
     #[test]
     fn commands_of_a_page_are_those_above_its_images() {
-        let page = "```sh\nsurfel figure a.ply \\\n       'b c.ply' --width 85mm -o x.pdf\n```\n\n![Two](images/two.png)\n\n\
+        let page = "```sh\nsurfel figure a.ply \\\n 'b c.ply' --width 85mm -o x.pdf\n```\n\n![Two](images/two.png)\n\n\
                     ![Other](images/other.png)\n```sh\nsurfel a.ply --size 9x9 -o a.png\n```\n![One](images/one.png)\n";
         let found = commands(page);
         let names: Vec<&str> = found.iter().map(|(name, _)| name.as_str()).collect();

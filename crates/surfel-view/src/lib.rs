@@ -18,11 +18,12 @@
 //! - `hub` holds the newest request of each page and the newest image for it, so that nothing grows without bound;
 //! - `artist` draws on one thread, by a [`surfel::session::Session`] per backend, which `sessions` keeps;
 //! - `state` maps the page's state, an object of options, to the options table, and to commands;
-//! - [`mcp`] offers what the page does as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
+//! - `mcp` offers what the page does as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
 //! - `page/` has the page: HTML, CSS and JavaScript, without a build step.
 //!
 //! # Layer
-//! The crate lies between `surfel`, which loads and draws, and `surfel-cli`, whose commands `view` and `mcp` it implements.
+//! The crate lies between `surfel`, which loads and draws, and `surfel-cli`, whose commands `view` and `mcp` it
+//! implements.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
