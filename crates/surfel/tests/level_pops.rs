@@ -319,6 +319,7 @@ fn levels_are_the_same_whether_nodes_are_kept() {
 
 /// Patches whose estimated normals flip aren't smooth surfaces here: they are at borders.
 #[test]
+#[ignore = "26 s: cargo xtask test --full"]
 fn levels_of_estimated_splats_do_not_pop() {
     let (_folder, path) = hills(Colors::Fields, false);
     let fields = fly(&path, ABOVE, 1);
