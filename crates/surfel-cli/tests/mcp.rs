@@ -158,6 +158,8 @@ fn wrong_calls_are_answered_and_the_next_one_works() {
         ("render", of(json!({ "views": ["somewhere"] })), "somewhere"),
         ("render", of(json!({ "size": [100_000, 100_000] })), "pixels"),
         ("render", of(json!({ "size": [0, 4] })), "pixels"),
+        // A product beyond 64 bits.
+        ("render", of(json!({ "size": [u32::MAX, u32::MAX], "views": ["top", "top", "top"] })), "pixels"),
         ("render", of(json!({ "options": { "matcap": "/etc/passwd" } })), "command line only"),
         ("render", of(json!({ "options": { "allow-outside": "on" } })), "no such option"),
         ("render", of(json!({ "options": { "shader": "shiny" } })), "shader"),

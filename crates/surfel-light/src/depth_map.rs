@@ -88,12 +88,14 @@ impl DepthMap {
         if slope.is_finite() { slope } else { Vec2::ZERO }
     }
 
-    /// Returns the texels whose centres lie within `half` of a coordinate.
+    /// Returns the map's texels whose centres lie within `half` of a coordinate.
     fn span(&self, middle: f32, half: f32) -> std::ops::Range<usize> {
         let (lo, hi) = ((middle - half - 0.5).max(0.0), middle + half + 0.5);
         // Conversions truncate and saturate: they are the floor of numbers that aren't negative.
-        let first = lo as usize;
-        first + usize::from(first as f32 != lo)..(hi.max(0.0) as usize).min(self.side)
+        let end = (hi.max(0.0) as usize).min(self.side);
+        let floor = lo as usize;
+        let first = floor + usize::from(floor as f32 != lo);
+        first.min(end)..end
     }
 
     fn draw_disk(&mut self, center: Vec3, [s, t]: [Vec3; 2], clip: Option<&surfel_math::clip::Clip<f64>>) {

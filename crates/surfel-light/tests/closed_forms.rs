@@ -236,6 +236,17 @@ fn splats_and_triangles_smaller_than_a_texel_cast_no_shadow_on_their_plane() {
 }
 
 #[test]
+fn a_stray_disk_that_reaches_out_of_the_maps_keeps_to_them() {
+    // Its centre is in the scene, and its radius doesn't widen the sphere that the maps show.
+    let normals = sphere(40, -1.0);
+    for normal in normals {
+        let stray = cloud(&[(DVec3::new(0.7, -0.6, 0.2), normal)], 40.0);
+        let found = lit(vec![floor(1.0, 0.05).into(), stray.into()], Sky { directions: 32, ..sky() }, 0);
+        assert!(found.iter().all(|(_, value)| (0.0..=1.01).contains(value)), "{normal}");
+    }
+}
+
+#[test]
 fn noisy_points_of_a_plane_do_not_hide_each_other() {
     let at = |i: i32| f64::from(i) * 0.05;
     // Heights of up to two fifths of a radius, as scanners have them, and as golden turns scatter them.

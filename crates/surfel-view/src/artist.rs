@@ -2,7 +2,7 @@
 
 use crate::Config;
 use crate::hub::{Hub, Job, Next, Outgoing};
-use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, picked_json};
+use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, draw_timed, picked_json};
 use crate::state::{self, Fixed, State, name_of};
 use serde_json::{Map, Value, json};
 use std::path::Path;
@@ -12,7 +12,7 @@ use surfel::io::{JpegOptions, write_jpeg};
 use surfel::options::Options;
 use surfel::request::Resolved;
 use surfel::session::{Loaded, Loader, Session};
-use surfel::{BackendOptions, Error, Frame, Planes, Progress, Renderer as _, Stats};
+use surfel::{BackendOptions, Error, Frame, Progress, Renderer as _, Stats};
 
 /// Largest number of pixels of an image on the page.
 const MAX_PIXELS: u64 = 1 << 24;
@@ -367,11 +367,7 @@ impl Artist {
             let state = job.request[side].as_object().ok_or("a, b: expected two states")?.clone();
             let asked = self.asked_of(&job.request, &state, first.size)?;
             self.show(&asked)?;
-            let session = self.session(&asked.key)?;
-            // The first image after an upload also fills caches.
-            session.draw(&asked.options.render, Planes::COLOR).map_err(|e| e.to_string())?;
-            let stats = session.draw(&asked.options.render, Planes::COLOR).map_err(|e| e.to_string())?;
-            sides.push((session.frame().clone(), stats.frame_ms));
+            sides.push(draw_timed(self.session(&asked.key)?, &asked.options)?);
         }
         let [(a, a_ms), (b, b_ms)] = &sides[..] else { return Err("expected two states".to_owned()) };
         let difference = Difference::between(a, b)?;

@@ -59,6 +59,15 @@ pub(crate) fn draw_png(session: &mut Session, options: &Options, bytes: &mut Vec
     Ok(stats)
 }
 
+/// Draws the shown scene to compare it. Returns the frame and its milliseconds.
+pub(crate) fn draw_timed(session: &mut Session, options: &Options) -> Result<(Frame, f64), String> {
+    let text = |e: Error| e.to_string();
+    // The first image after an upload also fills caches.
+    session.draw(&options.render, Planes::COLOR).map_err(text)?;
+    let stats = session.draw(&options.render, Planes::COLOR).map_err(text)?;
+    Ok((session.frame().clone(), stats.frame_ms))
+}
+
 /// Returns the metadata of the shown scene's image in the current folder, as `surfel render` writes it.
 fn metadata_of(session: &mut Session, options: &Options) -> Result<Vec<(String, String)>, String> {
     let text = |e: Error| e.to_string();

@@ -1,7 +1,7 @@
 //! The tools: their descriptions, their arguments, and their results.
 
 use super::access::Access;
-use crate::sessions::{Difference, Key, Sessions, draw_png, picked_json};
+use crate::sessions::{Difference, Key, Sessions, draw_png, draw_timed, picked_json};
 use crate::state::{self, Fixed, State, name_of};
 use data_encoding::BASE64;
 use serde_json::{Map, Value, json};
@@ -10,7 +10,7 @@ use surfel::io::{LoadOptions, to_srgb8};
 use surfel::options::Options;
 use surfel::scene::is_scene_file;
 use surfel::session::Session;
-use surfel::{BackendOptions, Error, Frame, NoProgress, Planes, Renderer as _};
+use surfel::{BackendOptions, Frame, NoProgress, Planes, Renderer as _};
 use surfel_figure::{Figure, Panel, Picture, Row, Style};
 
 /// Largest number of views of a request.
@@ -354,12 +354,7 @@ impl Tools {
             state.extend(own.options()?);
             let asked = Asked::new(of_paths.paths(&self.access)?, state, arguments.text("view")?, size)?;
             notes.extend(self.show(&asked)?.into_iter().map(|note| format!("{name}: {note}")));
-            let session = self.sessions.of(&asked.key)?;
-            // The first image after an upload also fills caches.
-            let text = |e: Error| e.to_string();
-            session.draw(&asked.options.render, Planes::COLOR).map_err(text)?;
-            let stats = session.draw(&asked.options.render, Planes::COLOR).map_err(text)?;
-            drawn.push((session.frame().clone(), stats.frame_ms));
+            drawn.push(draw_timed(self.sessions.of(&asked.key)?, &asked.options)?);
         }
         let [(a, a_ms), (b, b_ms)] = &drawn[..] else { return Err("expected two sides".to_owned()) };
         let difference = Difference::between(a, b)?;
@@ -372,7 +367,7 @@ impl Tools {
 
 /// Refuses images that are too large together.
 fn check_pixels(size: [u32; 2], count: usize) -> Result<(), String> {
-    let pixels = u64::from(size[0]) * u64::from(size[1]) * count as u64;
+    let pixels = (u64::from(size[0]) * u64::from(size[1])).saturating_mul(count as u64);
     if pixels == 0 || pixels > MAX_PIXELS {
         let [width, height] = size;
         return Err(format!(
