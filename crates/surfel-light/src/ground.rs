@@ -19,6 +19,9 @@ const EXTENT: f64 = 4.0;
 const CROWDING: f64 = 2.0;
 /// Share of the half-width at which the ground begins to fade.
 const FADE: f64 = 0.5;
+/// Width of the border of an image in which its shadow fades, as a fraction of the shorter side. Framed objects end
+/// before it.
+const BORDER: f64 = 0.05;
 /// Linear grey of the plane.
 const PLANE_ALBEDO: f64 = 0.75;
 /// Linear grey and opacity of the grid's lines.
@@ -158,9 +161,21 @@ impl LitGround {
                 }
                 let pixel = [view.region.x as usize + column, view.region.y as usize + row].map(|i| i as f64 + 0.5);
                 let ground = self.seen(view, pixel).map_or([0.0; 4], |(at, footprint)| self.color(at, footprint));
+                let ground = ground.map(|c| c * self.fade(view.size, pixel));
                 *color = over(color.map(f64::from), over(ground, background)).map(|c| c as f32);
             }
         });
+    }
+
+    /// Returns the factor by which a shadow without a plane fades toward the border of an image of this size in pixels,
+    /// so that no edge appears where the image lies on a page of its background's colour.
+    fn fade(&self, size: [u32; 2], pixel: [f64; 2]) -> f64 {
+        if self.plane.style != GroundStyle::Shadow {
+            return 1.0;
+        }
+        let [width, height] = size.map(f64::from);
+        let inside = pixel[0].min(width - pixel[0]).min(pixel[1]).min(height - pixel[1]);
+        smoothstep(inside, 0.0, BORDER * width.min(height))
     }
 
     /// Returns the point of the plane that a pixel shows, and the size of the pixel along the plane's axes.
@@ -210,6 +225,8 @@ fn round_length(length: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use surfel_model::Camera;
+    use surfel_render::Region;
 
     #[test]
     fn points_of_the_ground_crowd_toward_the_middle() {
@@ -217,6 +234,35 @@ mod tests {
             assert!((unwarped(warped(u)) - u).abs() < 1e-12);
         }
         assert!(warped(0.1) < 0.06 && warped(1.0) == 1.0);
+    }
+
+    #[test]
+    fn shadows_fade_toward_the_border_of_an_image_and_planes_do_not() {
+        let sphere = Sphere { center: DVec3::ZERO, radius: 1.0 };
+        let ground = |style| LitGround {
+            plane: Plane::of(&Ground { style, point: [0.0; 3], normal: [0.0, 0.0, 1.0] }, &sphere),
+            spacing: 1.0,
+            whole: 1.0,
+            shares: vec![0.5; POINTS * POINTS],
+        };
+        // From 1 above the plane, so that nearly all of the image has the whole shadow.
+        let camera = Camera::perspective([0.0, -0.1, 1.0], [0.0; 3], 45.0, [200, 100]);
+        let drawn = |style, region: Option<Region>| {
+            let view = View::of_region(&camera, region).unwrap();
+            let mut colors = vec![[0.0; 4]; view.pixels()];
+            ground(style).draw_behind(&view, [0.0; 4], &mut colors);
+            colors
+        };
+        let shadow = drawn(GroundStyle::Shadow, None);
+        let alpha = |x: usize, y: usize| shadow[y * 200 + x][3];
+        assert!((alpha(100, 50) - 0.5).abs() < 1e-6 && (alpha(5, 50) - 0.5).abs() < 1e-6);
+        for (x, y) in [(0, 50), (199, 50), (100, 0), (100, 99)] {
+            assert!(alpha(x, y) < 0.02, "{x} {y}: {}", alpha(x, y));
+        }
+        assert!(drawn(GroundStyle::Plane, None)[0][3] > 0.99);
+        // The border is that of the image, not of a region.
+        let region = drawn(GroundStyle::Shadow, Some(Region { x: 100, y: 50, width: 20, height: 20 }));
+        assert!((region[0][3] - 0.5).abs() < 1e-6);
     }
 
     #[test]

@@ -25,7 +25,8 @@
 //!
 //! # Reading order
 //! [`light_scene`]; `directions.rs`, the rays of a sky; `casters.rs` and `depth_map.rs`, what hides them;
-//! `receivers.rs`, the sums; `stored.rs`, what the scene stores; [`LitGround`].
+//! `receivers.rs`, the sums; `stored.rs`, what the scene stores;
+//! `buried.rs`, splats that take their neighbours' light; [`LitGround`].
 //!
 //! # Layer
 //! The crate lies above `surfel-model` and `surfel-render`, and below the facade `surfel`, whose backends call it when
@@ -33,6 +34,7 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+mod buried;
 mod casters;
 mod depth_map;
 mod directions;

@@ -1,5 +1,6 @@
 //! Light stored in the colours of splats and vertices, and in the coefficients of balls.
 
+use crate::buried::buried;
 use crate::casters::Sphere;
 use crate::directions::{Ray, open};
 use crate::receivers::{Light, Receiver};
@@ -158,12 +159,13 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
             }
             Geometry::Splats(cloud) => {
                 let light = next(cloud.len());
-                let color = |i: usize| {
-                    let normal = in_world(&normals, cloud.shading_normal(i));
-                    shading.color(cloud.color(i), normal, &light[i])
+                let color = |i: usize, lit_as: usize| {
+                    let normal = in_world(&normals, cloud.shading_normal(lit_as));
+                    shading.color(cloud.color(i), normal, &light[lit_as])
                 };
-                let colors = Some((0..cloud.len()).map(color).collect());
-                SplatCloud::new(CloudData { colors, ..cloud.data().clone() }, OnInvalid::Refuse)?.0.into()
+                let mut colors: Vec<[f32; 3]> = (0..cloud.len()).map(|i| color(i, i)).collect();
+                buried(cloud, light).into_iter().for_each(|(i, lit)| colors[i] = color(i, lit));
+                SplatCloud::new(CloudData { colors: Some(colors), ..cloud.data().clone() }, OnInvalid::Refuse)?.0.into()
             }
             Geometry::Mesh(mesh) => {
                 let light = next(mesh.positions.len());

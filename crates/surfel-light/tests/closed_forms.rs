@@ -258,3 +258,22 @@ fn noisy_points_of_a_plane_do_not_hide_each_other() {
     let darkest = inner.map(|(_, light)| *light).fold(1.0, f64::min);
     assert!(darkest > 0.85, "{darkest}");
 }
+
+#[test]
+fn splats_that_face_into_the_ground_have_the_light_of_those_around_them() {
+    // A floor of which every 41st splat faces down.
+    let plane = floor(1.0, 0.05);
+    let points: Vec<_> =
+        (0..plane.len()).map(|i| (plane.center(i), if i % 41 == 7 { DVec3::NEG_Z } else { DVec3::Z })).collect();
+    let found = lit(vec![cloud(&points, 0.05).into()], sky(), 0);
+    assert_near(&found, |_| Some(1.0));
+
+    // A floor with a lower side of its own, which stays dark.
+    let both: Vec<_> = [DVec3::Z, DVec3::NEG_Z]
+        .into_iter()
+        .flat_map(|n| (0..plane.len()).map(move |i| (i, n)))
+        .map(|(i, normal)| (plane.center(i) + 0.001 * normal, normal))
+        .collect();
+    let found = lit(vec![cloud(&both, 0.05).into()], sky(), 0);
+    assert_near(&found, |p| Some(if p.z > 0.0 { 1.0 } else { 0.0 }));
+}

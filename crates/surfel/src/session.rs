@@ -2,7 +2,7 @@
 
 use crate::attributes::{class_counts, classes, column};
 use crate::backend::{Chosen, summary_of};
-use crate::camera;
+use crate::camera::{self, resized};
 use crate::coloring::{Category, ColorScale, Coloring};
 use crate::estimates::Estimates;
 use crate::framing::{self, ViewAxes};
@@ -536,13 +536,8 @@ fn coarse_settings(settings: Settings) -> Settings {
 
 /// Returns the camera of these options for a scene with these corners, with near and far planes that enclose it.
 fn moved(resolved: &Resolved, options: &RenderOptions, corners: &[DVec3]) -> Camera {
-    let mut camera = resolved.file.camera.clone();
-    let size = options.size.unwrap_or(camera.size);
-    if let Projection::Intrinsics { fx, fy, cx, cy } = camera.projection {
-        let (x, y) = (f64::from(size[0]) / f64::from(camera.size[0]), f64::from(size[1]) / f64::from(camera.size[1]));
-        camera.projection = Projection::Intrinsics { fx: fx * x, fy: fy * y, cx: cx * x, cy: cy * y };
-    }
-    camera.size = size;
+    let own = &resolved.file.camera;
+    let mut camera = resized(own, options.size.unwrap_or(own.size));
     camera.eye = options.eye.unwrap_or(camera.eye);
     camera.target = options.target.unwrap_or(camera.target);
     camera.up = options.camera_up.unwrap_or(camera.up);

@@ -6,6 +6,7 @@ use crate::{Camera, Error, View};
 use glam::DVec3;
 use surfel_figure::{Axis, Mark, round_length};
 use surfel_math::V3;
+use surfel_model::Projection;
 
 /// Largest length of a scale bar as a fraction of the panel's width.
 const SCALE_SHARE: f64 = 0.25;
@@ -16,6 +17,10 @@ const AXES: [(&str, DVec3, [u8; 3]); 3] =
     [("x", DVec3::X, [196, 48, 43]), ("y", DVec3::Y, [44, 140, 60]), ("z", DVec3::Z, [38, 92, 178])];
 /// Colour of frusta.
 const FRUSTUM: [u8; 3] = [200, 70, 20];
+/// Fraction of a panel that frusta may fill, measured from its centre.
+const FRUSTA_FILL: f64 = 0.95;
+/// Number of times that the camera moves away from frusta, whose drawn length grows with its distance.
+const STEPS: u32 = 8;
 /// Number of parts of an edge that are hidden or visible.
 const PARTS: u32 = 48;
 /// Slack of the depth test, relative to the depth.
@@ -48,7 +53,7 @@ pub(super) fn of_panel(
             MarkKind::North => Some(north(view)),
         });
     }
-    let length = FRUSTUM_SHARE * DVec3::from(camera.eye).distance(DVec3::from(camera.target));
+    let length = frustum_length(camera);
     for camera in frusta {
         marks.extend(frustum(camera, view, length, depth));
     }
@@ -89,19 +94,64 @@ fn north(view: &View) -> Mark {
     Mark::North { direction: [north.x, north.y] }
 }
 
-/// Returns the visible edges of a camera's frustum, `length` units long.
-fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark> {
-    let Ok(own) = View::new(camera) else { return Vec::new() };
+/// Returns the length of the frusta that a camera sees.
+fn frustum_length(camera: &Camera) -> f64 {
+    FRUSTUM_SHARE * DVec3::from(camera.eye).distance(DVec3::from(camera.target))
+}
+
+/// Returns the eye and the four corners of a camera's frustum, `length` units long, in world space. `None` for a camera
+/// without a view.
+fn pyramid(camera: &Camera, length: f64) -> Option<(DVec3, [DVec3; 4])> {
+    let own = View::new(camera).ok()?;
     let [width, height] = own.size.map(f64::from);
     let world = |x: f64, y: f64| {
         let (origin, direction) = own.projection.ray(surfel_math::V2::new(x, y));
         let at = origin + direction * length;
         own.view_from_world.transpose() * DVec3::new(at.x, at.y, at.z) + own.eye
     };
-    let corners = [world(0.0, 0.0), world(width, 0.0), world(width, height), world(0.0, height)];
+    Some((own.eye, [world(0.0, 0.0), world(width, 0.0), world(width, height), world(0.0, height)]))
+}
+
+/// Returns the visible edges of a camera's frustum, `length` units long.
+fn frustum(camera: &Camera, view: &View, length: f64, depth: &[f32]) -> Vec<Mark> {
+    let Some((eye, corners)) = pyramid(camera, length) else { return Vec::new() };
     let sides = (0..4).map(|k| [corners[k], corners[(k + 1) % 4]]);
-    let edges = corners.iter().map(|corner| [own.eye, *corner]).chain(sides);
+    let edges = corners.iter().map(|corner| [eye, *corner]).chain(sides);
     edges.flat_map(|edge| visible(edge.map(|p| in_view(view, p)), view, depth)).collect()
+}
+
+/// Returns a camera that sees what `camera` sees and all frusta: a perspective camera moves away along its view, and
+/// an orthographic one shows a larger height.
+pub(super) fn including(camera: &Camera, frusta: &[Camera]) -> Camera {
+    let mut wide = camera.clone();
+    for _ in 0..STEPS {
+        let Ok(view) = View::new(&wide) else { break };
+        let length = frustum_length(&wide);
+        let pyramids = frusta.iter().filter_map(|camera| pyramid(camera, length));
+        let points = pyramids.flat_map(|(eye, corners)| corners.into_iter().chain([eye])).map(|p| in_view(&view, p));
+        let points: Vec<DVec3> = points.filter(|p| p.is_finite()).collect();
+        let nearest = points.iter().map(|p| p.z).fold(f64::INFINITY, f64::min);
+        let half = [0, 1].map(|k| 0.5 * FRUSTA_FILL * f64::from(view.size[k]) / view.projection.focal_px[k]);
+        // Points that are outside of the panel, or before the near plane, move the camera back or raise its height.
+        let (mut back, mut factor) = ((wide.near - nearest).max(0.0), 1.0f64);
+        for p in &points {
+            let reach = (p.x.abs() / half[0]).max(p.y.abs() / half[1]);
+            match wide.projection {
+                Projection::Orthographic { .. } => factor = factor.max(reach),
+                Projection::Perspective { .. } | Projection::Intrinsics { .. } => back = back.max(reach - p.z),
+            }
+        }
+        if points.is_empty() || back == 0.0 && factor == 1.0 {
+            break;
+        }
+        if let Projection::Orthographic { height } = &mut wide.projection {
+            *height *= factor;
+        }
+        wide.eye = (DVec3::from(wide.eye) - view.forward() * back).into();
+        wide.near = (wide.near + back).min(nearest + back);
+        wide.far = wide.far.map(|far| far + back);
+    }
+    wide
 }
 
 /// Returns the parts of a view-space edge that nothing hides.
@@ -167,6 +217,29 @@ mod tests {
         assert_eq!(axes[0].direction, [1.0, 0.0, 0.0]);
         assert_eq!(axes[1].direction, [0.0, -1.0, 0.0]);
         assert_eq!(axes[2].direction, [0.0, 0.0, -1.0]);
+    }
+
+    #[test]
+    fn cameras_move_away_until_they_see_all_frusta() {
+        let around = |at: [f64; 3]| Camera::perspective(at, [0.0; 3], 40.0, [100, 100]);
+        let others = [around([30.0, 0.0, 0.0]), around([0.0, -8.0, 2.0]), around([1.0, 1.0, 14.0])];
+        let mut ortho = camera();
+        (ortho.projection, ortho.far) = (Projection::Orthographic { height: 4.0 }, Some(20.0));
+        for narrow in [camera(), ortho] {
+            let wide = including(&narrow, &others);
+            let view = View::new(&wide).unwrap();
+            assert!(View::new(&narrow).unwrap().forward().distance(view.forward()) < 1e-12);
+            for other in &others {
+                let (eye, corners) = pyramid(other, frustum_length(&wide)).unwrap();
+                for point in corners.into_iter().chain([eye]) {
+                    let at = pixel(&view, in_view(&view, point)).unwrap();
+                    assert!(at.iter().all(|x| (0.0..=400.0).contains(x)), "{point} is at {at:?}");
+                }
+            }
+            // What is in the panel already moves nothing.
+            assert_eq!(including(&wide, &[around([0.0, 1.0, 0.0])]), wide);
+            assert_eq!(including(&narrow, &[]), narrow);
+        }
     }
 
     #[test]

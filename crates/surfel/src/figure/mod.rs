@@ -118,6 +118,8 @@ struct Subject<'a> {
     is_of_points: bool,
     /// True if each object is a panel of its own.
     is_split: bool,
+    /// True if the camera is placed so that it sees the files, and may move away from them.
+    is_framed: bool,
     /// Distances of all panels but the first to the first.
     distances: Vec<Vec<f64>>,
 }
@@ -245,7 +247,8 @@ impl FigureRequest<'_> {
             let is_of_points = loaded.facts.first().is_some_and(|facts| facts.points);
             let resolved = request.resolve(loaded, progress, note)?;
             let is_split = !is_scene;
-            subjects.push(Subject { paths, resolved, is_of_points, is_split, distances: Vec::new() });
+            let is_framed = !resolved.has_own_camera && options.eye.is_none() && options.target.is_none();
+            subjects.push(Subject { paths, resolved, is_of_points, is_split, is_framed, distances: Vec::new() });
         }
         Ok(subjects)
     }

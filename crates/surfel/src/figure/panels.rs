@@ -163,7 +163,10 @@ impl<'a> Panels<'a> {
         let cell = &self.cells[at];
         let subject = &subjects[cell.subject];
         let resolved = &subject.resolved;
-        let camera = resized(&resolved.file.camera, self.size);
+        let mut camera = resized(&resolved.file.camera, self.size);
+        if subject.is_framed {
+            camera = marks::including(&camera, frusta);
+        }
         let view = crate::camera::view(&camera, self.request.render)?;
         let mut settings = resolved.file.settings;
         let mut scene = Scene { objects: Vec::new(), ..resolved.scene.clone() };

@@ -1,0 +1,53 @@
+//! Splats that no light reaches among lit ones.
+//!
+//! In folds of scanned surfaces some splats lie below their neighbours or face inward, so that all of the sky is hidden
+//! from them. Where their rims are visible, they would be black spots.
+
+use crate::receivers::Light;
+use surfel_model::SplatCloud;
+
+/// Largest light of a buried splat, and least light of a lit one, as fractions of the mean of all splats. Where light
+/// fades, splats between both lie between.
+const DARK: f32 = 0.05;
+const BRIGHT: f32 = 0.25;
+/// Number of splats in Morton order before and after a splat among which those around it are found.
+const WINDOW: usize = 32;
+/// Largest distance of splats around a splat, in its half-axes s.
+const AROUND: f64 = 3.0;
+/// Least number of splats around a buried splat, and the least fraction of them that are lit: on thin sheets whose
+/// lower side is dark, half of them are.
+const FEWEST: u32 = 8;
+const LIT: f64 = 0.6;
+
+/// Finds the buried splats of a cloud, each with the nearest lit splat, whose light is its own. `light` has the light
+/// of each splat.
+pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
+    let total = |i: usize| {
+        let Light { front, back } = light[i];
+        (front[0] + front[1]).max(back[0] + back[1])
+    };
+    let mean = (0..light.len()).map(|i| f64::from(total(i))).sum::<f64>() / light.len().max(1) as f64;
+    let (dark, bright) = (DARK * mean as f32, BRIGHT * mean as f32);
+    if mean <= 0.0 || !(0..light.len()).any(|i| total(i) <= dark) {
+        return Vec::new();
+    }
+    let order = cloud.morton_order();
+    let lit_near = |at: usize| {
+        let i = order[at] as usize;
+        let (center, reach) = (cloud.center(i), AROUND * cloud.axes(i).0.length());
+        let window = at.saturating_sub(WINDOW)..(at + WINDOW + 1).min(order.len());
+        let around = order[window].iter().map(|j| *j as usize).filter(|j| *j != i);
+        let around = around.map(|j| (cloud.center(j).distance(center), j)).filter(|(distance, _)| *distance <= reach);
+        let (mut count, mut lit, mut nearest) = (0u32, 0u32, None::<(f64, usize)>);
+        for (distance, j) in around {
+            count += 1;
+            if total(j) >= bright {
+                lit += 1;
+                nearest = nearest.filter(|(least, _)| *least <= distance).or(Some((distance, j)));
+            }
+        }
+        let is_buried = count >= FEWEST && f64::from(lit) >= LIT * f64::from(count);
+        nearest.filter(|_| is_buried).map(|(_, j)| (i, j))
+    };
+    (0..order.len()).filter(|at| total(order[*at] as usize) <= dark).filter_map(lit_near).collect()
+}
