@@ -41,6 +41,7 @@
 
 mod ball_light;
 mod camera;
+mod camera_matrices;
 mod choice;
 mod chunk;
 mod clip;

@@ -212,6 +212,35 @@ mod tests {
     }
 
     #[test]
+    fn views_of_an_engine_s_matrices_project_to_its_pixels() {
+        use glam::dcamera::rh;
+        use glam::{DMat4, DVec4};
+        let matrix = rh::view::look_at_mat4(DVec3::new(3.0, -2.0, 5.0), DVec3::new(0.5, 0.25, 0.0), DVec3::Y);
+        let (near, far, size) = (0.1, 50.0, [640, 480]);
+        // Off the centre, and square pixels.
+        let perspective = DMat4::from_cols(
+            DVec4::new(1.5, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, 2.0, 0.0, 0.0),
+            DVec4::new(0.25, -0.125, far / (near - far), -1.0),
+            DVec4::new(0.0, 0.0, near * far / (near - far), 0.0),
+        );
+        let orthographic = rh::proj::directx::orthographic(-3.0, 5.0, -4.0, 2.0, near, far);
+        for clip_from_view in [perspective, orthographic] {
+            let camera = Camera::from_matrices(matrix, clip_from_view, [near, far], size).unwrap();
+            let view = View::new(&camera).unwrap();
+            for i in 0..50 {
+                let at = |k: f64| (k * f64::from(i)).sin();
+                let p = DVec3::new(at(1.0), at(2.3), at(3.7));
+                let clip = clip_from_view * matrix * p.extend(1.0);
+                let (x, y) = (320.0 * (1.0 + clip.x / clip.w), 240.0 * (1.0 - clip.y / clip.w));
+                let seen = view.view_from_world * (p - view.eye);
+                let found = view.projection.pixel(surfel_math::V3::new(seen.x, seen.y, seen.z));
+                assert!((found.x - x).hypot(found.y - y) < 1e-9, "{found:?}, expected {x} {y}");
+            }
+        }
+    }
+
+    #[test]
     fn a_region_outside_the_image_is_refused() {
         let region = |x, y, width, height| View::of_region(&camera(), Some(Region { x, y, width, height }));
         assert!(region(0, 0, 200, 100).is_ok());

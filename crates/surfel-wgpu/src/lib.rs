@@ -28,13 +28,15 @@
 //! # A host's image
 //! A program that owns a wgpu device passes it to [`Renderer::from_device`]. [`Renderer::render_to_view`] then records
 //! the scene into the program's command encoder: the splats are tested against the program's depth buffer, and write
-//! it. `examples/among_triangles.rs` is a complete host: `cargo run -p surfel-wgpu --example among_triangles --
+//! it. [`wgpu`] is the version of wgpu that this crate uses, and
+//! [`Camera::from_matrices`](surfel_model::Camera::from_matrices) makes a camera of the program's matrices.
+//! `examples/among_triangles.rs` is a complete host: `cargo run -p surfel-wgpu --example among_triangles --
 //! image.png`.
 //!
 //! ```no_run
 //! use surfel_model::{Camera, Scene, Settings};
 //! use surfel_render::{RenderError, View};
-//! use surfel_wgpu::{HostDepth, HostTarget, Renderer};
+//! use surfel_wgpu::{HostDepth, HostTarget, Renderer, wgpu};
 //!
 //! /// Draws a scene over what the host has drawn. The depth buffer stores near/z; the splats' near plane is the same.
 //! fn draw(
@@ -96,6 +98,8 @@ pub use scene::ResidentScene;
 pub use surfel_gpu::{FillRate, FillRateProbe, GpuPath, Limits};
 pub use surfel_model::Storage;
 pub use surfel_render::UploadProgress;
+/// The version of wgpu whose types this crate's functions take.
+pub use wgpu;
 
 use surfel_render::Capabilities;
 

@@ -84,6 +84,7 @@ impl FrameRate {
         f64::from(self.0) / 100.0
     }
 
+    #[cfg(any(feature = "gif", test))]
     /// Returns the time of a frame, by its number, in units of 1/`unit` seconds, rounded.
     fn time(self, frame: u64, unit: u64) -> u64 {
         let rate = u64::from(self.0);
