@@ -693,7 +693,7 @@ impl<'a> Job<'a> {
     ) -> Result<(), Failure> {
         let view = camera::view(camera, &self.args.render)?;
         let resident = match (self.scene.take(), moved) {
-            (Some(mut resident), Some(moved)) => match backend.relight(&mut resident, moved)? {
+            (Some(mut resident), Some(moved)) => match backend.update(&mut resident, moved)? {
                 true => resident,
                 false => self.upload(backend, moved)?,
             },

@@ -76,10 +76,13 @@ impl surfel_render::Renderer for Renderer {
         self.threads.install(|| ResidentScene::new(scene, self.storage))
     }
 
-    fn relight(&mut self, resident: &mut ResidentScene, scene: &Scene) -> Result<bool, RenderError> {
+    fn update(&mut self, resident: &mut ResidentScene, scene: &Scene) -> Result<bool, RenderError> {
         scene.validate()?;
-        resident.relight(scene);
-        Ok(true)
+        let is_same = resident.geometry.is_of(scene);
+        if is_same {
+            resident.update(scene);
+        }
+        Ok(is_same)
     }
 
     fn render_into(

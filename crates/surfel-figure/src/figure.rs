@@ -9,6 +9,8 @@ use std::sync::Arc;
 pub struct Figure {
     /// Line of text above the panels.
     pub title: Option<String>,
+    /// Lines of text above the columns of panels; empty for none.
+    pub headings: Vec<String>,
     /// Rows of panels.
     pub rows: Vec<Row>,
     /// Colour bars and legends, in a column to the right of the panels.
@@ -134,6 +136,8 @@ pub enum KeyContent {
         colors: Vec<Rgb>,
         /// Values at the ends.
         range: [f64; 2],
+        /// True if larger values occur, which have the last colour. The bar ends in an arrow.
+        is_exceeded: bool,
     },
     /// A coloured square and a text for each category.
     Legend(Vec<(String, Rgb)>),
@@ -143,7 +147,16 @@ impl Key {
     /// Creates a colour bar from its title, its colours from the least value to the largest, and the values at its
     /// ends.
     pub fn bar(title: &str, colors: Vec<Rgb>, range: [f64; 2]) -> Self {
-        Self { title: title.to_owned(), content: KeyContent::Bar { colors, range }, rows: 0..0 }
+        Self { title: title.to_owned(), content: KeyContent::Bar { colors, range, is_exceeded: false }, rows: 0..0 }
+    }
+
+    /// Ends a colour bar in an arrow if values are larger than its end. Legends don't change.
+    #[must_use]
+    pub fn exceeded(mut self, exceeded: bool) -> Self {
+        if let KeyContent::Bar { is_exceeded, .. } = &mut self.content {
+            *is_exceeded = exceeded;
+        }
+        self
     }
 
     /// Creates a legend from its title, and the texts and colours of its entries.

@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 /// Lengths in ems.
 const BAR_WIDTH: f64 = 1.0;
+const ARROW: f64 = 0.8;
 const BAR_HEIGHT: (f64, f64) = (7.0, 26.0);
 const TICK: f64 = 0.35;
 const TICK_GAP: f64 = 0.3;
@@ -46,10 +47,15 @@ impl SizedKey {
             sized.text([0.0, font::CAP_HEIGHT * style.font], title, style);
         }
         match &key.content {
-            KeyContent::Bar { colors, range } => {
-                let height = bar_height(height - top, style);
+            KeyContent::Bar { colors, range, is_exceeded } => {
+                let arrow = if *is_exceeded { ARROW * style.font } else { 0.0 };
+                let height = bar_height(height - top - arrow, style);
                 let ticks = Ticks::new(*range, tick_count(height, style));
-                sized.bar(Rect::new([0.0, top], [BAR_WIDTH * style.font, height]), colors, *range, &ticks, style);
+                let bar = Rect::new([0.0, top + arrow], [BAR_WIDTH * style.font, height]);
+                if let Some(color) = colors.last().filter(|_| *is_exceeded) {
+                    sized.arrow(bar, arrow, *color, style);
+                }
+                sized.bar(bar, colors, *range, &ticks, style);
             }
             KeyContent::Legend(entries) => sized.legend(entries, top, (height - top).max(0.0), style),
         }
@@ -92,6 +98,15 @@ impl SizedKey {
             self.text([end + TICK_GAP * em, y + 0.5 * font::CAP_HEIGHT * em], label.clone(), style);
         }
         self.extend([right + TICK * em, bottom]);
+    }
+
+    /// Draws the arrow above a bar, in the colour of all values beyond its end.
+    fn arrow(&mut self, bar: Rect, height: f64, color: Rgb, style: &Style) {
+        let ([left, top], right) = (bar.at, bar.end()[0]);
+        let corners = vec![[left, top], [0.5 * (left + right), top - height], [right, top]];
+        self.drawing.items.push(Item::Polygon(corners.clone(), color));
+        let width = (0.06 * style.font).max(1.0);
+        self.drawing.items.push(Item::Line { points: corners, width, color: style.ink() });
     }
 
     fn legend(&mut self, entries: &[(String, Rgb)], top: f64, height: f64, style: &Style) {

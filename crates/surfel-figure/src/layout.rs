@@ -80,12 +80,19 @@ impl Figure {
         let tops = grid.tops(gap);
         let mut drawing = Drawing { background: style.background, ..Drawing::default() };
         let title_height = if self.title.is_some() { (TITLE_HEIGHT * em).round() } else { 0.0 };
-        let origin = [margin, margin + title_height];
+        let heading_height = if self.headings.is_empty() { 0.0 } else { (CAPTION_HEIGHT * em).round() };
+        let origin = [margin, margin + title_height + heading_height];
         let (left, mut x) = (origin[0] + grid.labels, Vec::new());
         let mut next = left;
         for width in &grid.columns {
             x.push(next);
             next += width + gap;
+        }
+        for ((heading, x), width) in self.headings.iter().zip(&x).zip(&grid.columns) {
+            let baseline = origin[1] - 0.5 * (CAPTION_HEIGHT - font::CAP_HEIGHT) * em;
+            let text = fitted(heading, [x + 0.5 * width, baseline], *width, style);
+            drawing.areas.push(("heading", text.bounds()));
+            drawing.items.push(Item::Text(text));
         }
         for (r, row) in self.rows.iter().enumerate() {
             let (top, (height, _)) = (origin[1] + tops[r], grid.rows[r]);

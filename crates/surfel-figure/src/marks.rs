@@ -61,11 +61,15 @@ impl Placer<'_> {
         bounds
     }
 
-    /// Draws a line with a border that sets it off from the image.
+    /// Draws the border that sets a line off from the image.
+    fn border(&mut self, points: Vec<[f64; 2]>, width: f64) {
+        let (width, color) = (width + 2.0 * HALO * self.em(), self.style.halo());
+        self.drawing.items.push(Item::Line { points, width, color });
+    }
+
+    /// Draws a line with its border.
     fn stroke(&mut self, points: Vec<[f64; 2]>, width: f64, color: Rgb) {
-        let border =
-            Item::Line { points: points.clone(), width: width + 2.0 * HALO * self.em(), color: self.style.halo() };
-        self.drawing.items.push(border);
+        self.border(points.clone(), width);
         self.drawing.items.push(Item::Line { points, width, color });
     }
 
@@ -94,11 +98,14 @@ impl Placer<'_> {
         let mut order: Vec<&Axis> = axes.iter().collect();
         // The farthest first.
         order.sort_by(|a, b| b.direction[2].total_cmp(&a.direction[2]));
+        let width = (LINE * em).max(1.0);
+        let tip_of = |axis: &Axis| [0, 1].map(|k| origin[k] + AXIS * em * axis.direction[k]);
+        // The border of an axis covers no other axis.
+        axes.iter().for_each(|axis| self.border(vec![origin, tip_of(axis)], width));
         for axis in order {
             let [x, y, _] = axis.direction;
-            let length = x.hypot(y);
-            let tip = [origin[0] + AXIS * em * x, origin[1] + AXIS * em * y];
-            self.stroke(vec![origin, tip], (LINE * em).max(1.0), axis.color);
+            let (length, tip) = (x.hypot(y), tip_of(axis));
+            self.drawing.items.push(Item::Line { points: vec![origin, tip], width, color: axis.color });
             // An axis along the view has its name beside the origin.
             let away = if length > 0.05 { [x / length, y / length] } else { [-0.7, 0.7] };
             let name = [tip[0] + away[0] * AXIS_NAME * em, tip[1] + away[1] * AXIS_NAME * em];
@@ -122,6 +129,8 @@ impl Placer<'_> {
         let tip = 0.5 * ARROW;
         self.stroke(vec![at(-tip, 0.0), at(tip - 0.4, 0.0)], (0.14 * em).max(1.0), ink);
         let head = vec![at(tip, 0.0), at(tip - 0.95, 0.42), at(tip - 0.75, 0.0), at(tip - 0.95, -0.42)];
+        let outline = head.iter().chain(&head[..2]).copied().collect();
+        self.border(outline, 0.0);
         self.drawing.items.push(Item::Polygon(head, ink));
         let [nx, ny] = at(tip + 0.6, 0.0);
         self.words("N", [nx, ny + 0.5 * font::CAP_HEIGHT * em], Anchor::Middle, ink);

@@ -1,7 +1,7 @@
 //! Layouts at several sizes: nothing overlaps, everything fits, and SVG and PDF contain the words.
 
 use std::process::Command;
-use surfel_figure::{Axis, Drawing, Figure, Key, Mark, Panel, Picture, Rect, Row, Style};
+use surfel_figure::{Axis, Drawing, Figure, Item, Key, Mark, Panel, Picture, Rect, Row, Style};
 
 /// Sizes of panels, and of the text in them.
 const SIZES: [([u32; 2], f64); 5] =
@@ -29,12 +29,15 @@ fn figure(size: [u32; 2], font: f64) -> Figure {
     let entries = classes.iter().enumerate().map(|(i, name)| ((*name).to_owned(), [40 * i as u8, 90, 10])).collect();
     Figure {
         title: Some("Completion of scans, a title that is rather long for small figures".into()),
+        headings: ["First", "Second", "A third heading with too many words for its column"].map(str::to_owned).to_vec(),
         rows: vec![
             row(["Ground truth", "Ours", "A method with a long name (Someone et al. 2024)"]),
             row(["", "b", "c"]),
         ],
         keys: vec![
-            Key::bar("distance [mm]", vec![[0, 0, 0], [255, 0, 0], [255, 255, 0]], [0.0, 3.7]).beside(0..1),
+            Key::bar("distance [mm]", vec![[0, 0, 0], [255, 0, 0], [255, 255, 0]], [0.0, 3.7])
+                .exceeded(true)
+                .beside(0..1),
             Key::legend("classes", entries).beside(1..2),
         ],
         style: Style::new(font),
@@ -100,6 +103,30 @@ fn a_fixed_width_is_the_width() {
     assert_eq!(figure.layout().size[0], natural + 60);
     figure.style.width = Some(10);
     assert_eq!(figure.layout().size[0], natural, "nothing is cut");
+}
+
+#[test]
+fn headings_are_above_their_columns() {
+    let drawing = figure([200, 200], 12.0).layout();
+    let area = |name: &str, n: usize| drawing.areas.iter().filter(|(area, _)| *area == name).nth(n).unwrap().1;
+    for n in 0..3 {
+        let (heading, panel) = (area("heading", n), area("panel", n));
+        assert!(heading.end()[1] <= panel.at[1] && heading.at[1] >= area("title", 0).end()[1]);
+        let middle = |rect: Rect| rect.at[0] + 0.5 * rect.size[0];
+        assert!((middle(heading) - middle(panel)).abs() < 1.0);
+    }
+}
+
+#[test]
+fn bars_end_in_an_arrow_where_values_are_larger() {
+    let drawing = |exceeded| {
+        let key = Key::bar("distance", vec![[0; 3], [255, 200, 0]], [0.0, 1.0]).exceeded(exceeded);
+        Figure { keys: vec![key], style: Style::new(16.0), ..Figure::default() }.layout()
+    };
+    let has_arrow = |drawing: &Drawing| {
+        drawing.items.iter().any(|item| matches!(item, Item::Polygon(corners, [255, 200, 0]) if corners.len() == 3))
+    };
+    assert!(has_arrow(&drawing(true)) && !has_arrow(&drawing(false)));
 }
 
 #[test]

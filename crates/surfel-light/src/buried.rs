@@ -22,10 +22,7 @@ const LIT: f64 = 0.6;
 /// Finds the buried splats of a cloud, each with the nearest lit splat, whose light is its own. `light` has the light
 /// of each splat.
 pub(crate) fn buried(cloud: &SplatCloud, light: &[Light]) -> Vec<(usize, usize)> {
-    let total = |i: usize| {
-        let Light { front, back } = light[i];
-        (front[0] + front[1]).max(back[0] + back[1])
-    };
+    let total = |i: usize| light[i].total();
     let mean = (0..light.len()).map(|i| f64::from(total(i))).sum::<f64>() / light.len().max(1) as f64;
     let (dark, bright) = (DARK * mean as f32, BRIGHT * mean as f32);
     if mean <= 0.0 || !(0..light.len()).any(|i| total(i) <= dark) {

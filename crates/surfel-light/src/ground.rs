@@ -2,7 +2,7 @@
 
 use crate::casters::Sphere;
 use crate::directions::{Ray, open};
-use crate::receivers::{Light, Receiver};
+use crate::receivers::{Light, Receiver, Sides};
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 use surfel_math::V2;
@@ -21,7 +21,7 @@ const CROWDING: f64 = 2.0;
 const FADE: f64 = 0.5;
 /// Width of the border of an image in which its shadow fades, as a fraction of the shorter side. Framed objects end
 /// before it.
-const BORDER: f64 = 0.05;
+const BORDER: f64 = 0.1;
 /// Linear grey of the plane.
 const PLANE_ALBEDO: f64 = 0.75;
 /// Linear grey and opacity of the grid's lines.
@@ -63,7 +63,7 @@ impl Plane {
             position: self.sphere.point(self.origin + u * coordinate(at % POINTS) + v * coordinate(at / POINTS)),
             normal: self.normal.as_vec3(),
             noise: 0.0,
-            has_two_sides: false,
+            sides: Sides::Front,
         };
         (0..POINTS * POINTS).map(receiver).collect()
     }
@@ -255,7 +255,7 @@ mod tests {
         };
         let shadow = drawn(GroundStyle::Shadow, None);
         let alpha = |x: usize, y: usize| shadow[y * 200 + x][3];
-        assert!((alpha(100, 50) - 0.5).abs() < 1e-6 && (alpha(5, 50) - 0.5).abs() < 1e-6);
+        assert!((alpha(100, 50) - 0.5).abs() < 1e-6 && (alpha(10, 50) - 0.5).abs() < 1e-6);
         for (x, y) in [(0, 50), (199, 50), (100, 0), (100, 99)] {
             assert!(alpha(x, y) < 0.02, "{x} {y}: {}", alpha(x, y));
         }

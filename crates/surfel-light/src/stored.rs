@@ -3,7 +3,7 @@
 use crate::buried::buried;
 use crate::casters::Sphere;
 use crate::directions::{Ray, open};
-use crate::receivers::{Light, Receiver};
+use crate::receivers::{Light, Receiver, Sides};
 use glam::{DMat3, Vec3};
 use surfel_math::basis::{normal_matrix, unit};
 use surfel_model::{BallLight, CloudData, Cull, Geometry, Material, Mesh, Object, OnInvalid, Scene, Sky, SplatCloud};
@@ -66,20 +66,24 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
                     position: center + normal * radius,
                     normal,
                     noise: 0.0,
-                    has_two_sides: false,
+                    sides: Sides::Front,
                 })
             };
             (0..cloud.len()).flat_map(of_ball).collect()
         }
         Geometry::Splats(cloud) => {
             let knows_front = object.material.is_oriented(cloud) || object.material.cull == Cull::Back;
-            let has_two_sides = object.material.two_sided && !knows_front;
+            let sides = match (object.material.two_sided, object.material.cull) {
+                (true, _) if !knows_front => Sides::Both,
+                (true, Cull::None) => Sides::FrontAndSparseBack,
+                _ => Sides::Front,
+            };
             let noise = noise_of(cloud);
             let of_splat = |i: usize| Receiver {
                 position: sphere.point(m.transform_point3(cloud.center(i))),
                 normal: in_world(&normals, cloud.shading_normal(i)),
                 noise: noise * sphere.length(m.transform_vector3(cloud.axes(i).0).length()),
-                has_two_sides,
+                sides,
             };
             (0..cloud.len()).map(of_splat).collect()
         }
@@ -88,7 +92,7 @@ fn of_object(object: &Object, sphere: &Sphere) -> Vec<Receiver> {
                 position: sphere.point(m.transform_point3(mesh.origin + mesh.positions.get(i))),
                 normal: in_world(&normals, normal.as_dvec3()),
                 noise: 0.0,
-                has_two_sides: true,
+                sides: Sides::Both,
             };
             vertex_normals(mesh).into_iter().enumerate().map(of_vertex).collect()
         }
@@ -149,7 +153,8 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
     };
     let mut objects = Vec::with_capacity(scene.objects.len());
     for object in &scene.objects {
-        let shading = Shading { sky, rays, material: &object.material };
+        let material = &object.material;
+        let shading = Shading { sky, rays, material };
         let normals = normal_matrix(&object.world_from_object.matrix3);
         let geometry = match &object.geometry {
             Geometry::Splats(cloud) if cloud.is_balls() => {
@@ -158,7 +163,11 @@ pub(crate) fn store(scene: &Scene, sky: &Sky, rays: &[Ray], light: &[Light]) -> 
                 SplatCloud::new(data, OnInvalid::Refuse)?.0.into()
             }
             Geometry::Splats(cloud) => {
-                let light = next(cloud.len());
+                let mut light = next(cloud.len()).to_vec();
+                if material.is_oriented(cloud) {
+                    light.iter_mut().for_each(Light::prefer_front);
+                }
+                let light = &light;
                 let color = |i: usize, lit_as: usize| {
                     let normal = in_world(&normals, cloud.shading_normal(lit_as));
                     shading.color(cloud.color(i), normal, &light[lit_as])

@@ -260,20 +260,25 @@ fn noisy_points_of_a_plane_do_not_hide_each_other() {
 }
 
 #[test]
-fn splats_that_face_into_the_ground_have_the_light_of_those_around_them() {
-    // A floor of which every 41st splat faces down.
+fn splats_that_face_into_a_body_have_the_light_of_its_outside() {
     let plane = floor(1.0, 0.05);
-    let points: Vec<_> =
-        (0..plane.len()).map(|i| (plane.center(i), if i % 41 == 7 { DVec3::NEG_Z } else { DVec3::Z })).collect();
-    let found = lit(vec![cloud(&points, 0.05).into()], sky(), 0);
-    assert_near(&found, |_| Some(1.0));
-
+    let found = |points: &[(DVec3, DVec3)], cull: Cull| {
+        let mut object = Object::from(cloud(points, 0.05));
+        object.material.cull = cull;
+        lit(vec![object], sky(), 0)
+    };
+    // A floor of which every 41st splat faces down: the light of the other side, or of the splats around.
+    let normal = |i: usize| if i % 41 == 7 { DVec3::NEG_Z } else { DVec3::Z };
+    let points: Vec<_> = (0..plane.len()).map(|i| (plane.center(i), normal(i))).collect();
+    for cull in [Cull::None, Cull::Back] {
+        assert_near(&found(&points, cull), |_| Some(1.0));
+    }
+    // A floor that faces down altogether.
+    let down: Vec<_> = points.iter().map(|(p, _)| (*p, DVec3::NEG_Z)).collect();
+    assert_near(&found(&down, Cull::None), |_| Some(1.0));
+    assert_near(&found(&down, Cull::Back), |_| Some(0.0));
     // A floor with a lower side of its own, which stays dark.
-    let both: Vec<_> = [DVec3::Z, DVec3::NEG_Z]
-        .into_iter()
-        .flat_map(|n| (0..plane.len()).map(move |i| (i, n)))
-        .map(|(i, normal)| (plane.center(i) + 0.001 * normal, normal))
-        .collect();
-    let found = lit(vec![cloud(&both, 0.05).into()], sky(), 0);
-    assert_near(&found, |p| Some(if p.z > 0.0 { 1.0 } else { 0.0 }));
+    let sides = |(p, _): &(DVec3, DVec3)| [DVec3::Z, DVec3::NEG_Z].map(|normal| (*p + 0.001 * normal, normal));
+    let both: Vec<_> = points.iter().flat_map(sides).collect();
+    assert_near(&found(&both, Cull::Back), |p| Some(if p.z > 0.0 { 1.0 } else { 0.0 }));
 }

@@ -51,6 +51,7 @@ mod preset;
 mod renderer;
 #[cfg(feature = "save")]
 mod save;
+mod scene_geometry;
 mod shadow;
 mod stats;
 mod summary;
@@ -69,6 +70,7 @@ pub use plan::{
 };
 pub use preset::{Preset, Promise, inside_surfaces};
 pub use renderer::{Capabilities, Feature, Renderer, RendererInfo, UploadProgress};
+pub use scene_geometry::SceneGeometry;
 pub use shadow::{SHADOW_BIAS_RADII, SHADOW_MAP_SIDE, ShadowMap, ShadowScene};
 pub use stats::{PassTime, Stats};
 pub use summary::{GaussianColors, SceneOctree, SceneSummary};

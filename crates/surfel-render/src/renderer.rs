@@ -153,12 +153,14 @@ pub trait Renderer {
         self.upload(scene)
     }
 
-    /// Replaces lights, ambient light, background, matcap and materials of a resident scene by those of `scene`, whose
-    /// objects must be the resident ones. Returns false if this backend can't: `scene` must then be uploaded.
+    /// Replaces everything but the geometry of a resident scene by that of `scene`: matrices, materials, lights, ambient
+    /// light, background and matcap. No splat is copied. Returns false, and changes nothing, if `scene` has other
+    /// objects than the resident scene, or doesn't share their geometry with it by `Arc`, or if this backend can't
+    /// update: `scene` must then be uploaded.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid.
-    fn relight(&mut self, _resident: &mut Self::Scene, _scene: &Scene) -> Result<bool, RenderError> {
+    fn update(&mut self, _resident: &mut Self::Scene, _scene: &Scene) -> Result<bool, RenderError> {
         Ok(false)
     }
 

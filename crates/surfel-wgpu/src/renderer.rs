@@ -526,6 +526,10 @@ impl surfel_render::Renderer for Renderer {
         Ok(resident)
     }
 
+    fn update(&mut self, resident: &mut ResidentScene, scene: &Scene) -> Result<bool, RenderError> {
+        resident.cpu.update(scene)
+    }
+
     fn render_into(
         &mut self,
         scene: &ResidentScene,

@@ -21,6 +21,8 @@ use surfel_sample::Progress;
 pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
 /// Fraction of an automatic image's width or height that the scene fills.
 const FILL: f64 = 0.9;
+/// The same fraction if shadows need room around the scene.
+const FILL_ABOVE_GROUND: f64 = 0.8;
 /// Layers of transparent splats in automatic images. Two panes of glass have four surfaces; everything behind the third
 /// is blended as one layer.
 const LAYERS: u32 = 4;
@@ -54,6 +56,8 @@ pub struct AutoOptions {
     pub settings: Settings,
     /// True if the framed camera leaves room for the scene to turn about its up axis.
     pub turning: bool,
+    /// True if the framed camera leaves room for shadows on the ground.
+    pub ground: bool,
 }
 
 impl AutoOptions {
@@ -66,6 +70,7 @@ impl AutoOptions {
         with_background background: Option<[f64; 4]>,
         with_settings settings: Settings,
         with_turning turning: bool,
+        with_ground ground: bool,
     }
 }
 
@@ -80,6 +85,7 @@ impl Default for AutoOptions {
             background: None,
             settings: Preset::Balanced.apply(Settings::default().with_shader(Shader::Phong)),
             turning: false,
+            ground: false,
         }
     }
 }
@@ -170,7 +176,7 @@ pub(crate) fn scene_by(
                 axes: ViewAxes::of_choice(options.view, &loaded.objects, up),
                 projection: options.projection,
                 size: options.size,
-                fill: FILL,
+                fill: if options.ground { FILL_ABOVE_GROUND } else { FILL },
                 turning: options.turning.then(|| up.vector()),
             };
             let nothing = || {

@@ -1,14 +1,15 @@
 //! Backend selection: one enum over all backends that are built in.
 
+use glam::DAffine3;
 #[cfg(feature = "ash")]
 pub use surfel_ash::GpuPath;
 use surfel_light::{LightError, LightOptions, LitGround, LitScene, light_scene};
 #[cfg(any(feature = "cpu", feature = "wgpu", feature = "ash"))]
 use surfel_model::Storage;
-use surfel_model::{Ground, Scene, Settings, Shader, Sky};
+use surfel_model::{Ground, Material, Object, Scene, Settings, Shader, Sky};
 use surfel_render::{
-    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneSummary, Stats, UploadProgress, View,
-    unsupported,
+    Capabilities, Frame, Planes, RenderError, Renderer, RendererInfo, SceneGeometry, SceneSummary, Stats,
+    UploadProgress, View, unsupported,
 };
 #[cfg(all(feature = "wgpu", not(feature = "ash")))]
 pub use surfel_wgpu::GpuPath;
@@ -141,10 +142,36 @@ pub enum Backend {
 /// A scene resident in a [`Backend`]. The light of its sky is stored in it.
 pub struct BackendScene {
     resident: Resident,
-    /// Sky and ground of the scene.
-    light: (Option<Sky>, Option<Ground>),
+    /// Scene whose light is stored; `None` without a sky.
+    light: Option<LitBy>,
     /// The ground, and the background behind it (linear premultiplied RGBA).
     ground: Option<(LitGround, [f32; 4])>,
+}
+
+/// The parts of a scene on which its stored light depends.
+#[derive(Clone, Debug)]
+struct LitBy {
+    geometry: SceneGeometry,
+    sky: Option<Sky>,
+    ground: Option<Ground>,
+    background: [f64; 4],
+    objects: Vec<(DAffine3, Material)>,
+}
+
+impl LitBy {
+    fn of(scene: &Scene) -> Self {
+        let objects = scene.objects.iter().map(|object| (object.world_from_object, object.material)).collect();
+        let (sky, ground, background) = (scene.sky.clone(), scene.ground, scene.background);
+        Self { geometry: SceneGeometry::of(scene), sky, ground, background, objects }
+    }
+
+    /// True if the light of another scene is the same.
+    fn is_of(&self, scene: &Scene) -> bool {
+        let of = |object: &Object| (object.world_from_object, object.material);
+        self.geometry.is_of(scene)
+            && (&self.sky, self.ground, self.background) == (&scene.sky, scene.ground, scene.background)
+            && self.objects.iter().copied().eq(scene.objects.iter().map(of))
+    }
 }
 
 /// A scene in the memory of a renderer.
@@ -412,7 +439,7 @@ impl Backend {
 impl BackendScene {
     /// Returns the settings with which the stored light is shown.
     fn settings(&self, settings: &Settings) -> Settings {
-        match (&self.light.0, settings.shader) {
+        match (&self.light, settings.shader) {
             (Some(_), Shader::Phong) => settings.with_shader(Shader::Unlit),
             _ => *settings,
         }
@@ -514,18 +541,24 @@ impl Renderer for Backend {
         let resident = self.upload_stored(&lit, progress)?;
         let [r, g, b, a] = scene.background;
         let ground = ground.map(|ground| (ground, [r * a, g * a, b * a, a].map(|c| c as f32)));
-        Ok(BackendScene { resident, light: (scene.sky.clone(), scene.ground), ground })
+        let light = scene.sky.is_some().then(|| LitBy::of(scene));
+        Ok(BackendScene { resident, light, ground })
     }
 
-    fn relight(&mut self, resident: &mut BackendScene, scene: &Scene) -> Result<bool, RenderError> {
-        let has_same_light = resident.light.0 == scene.sky && resident.light.1 == scene.ground;
-        if scene.sky.is_some() || !has_same_light {
-            return Ok(has_same_light);
+    fn update(&mut self, resident: &mut BackendScene, scene: &Scene) -> Result<bool, RenderError> {
+        if scene.sky.is_some() || resident.light.is_some() {
+            return Ok(resident.light.as_ref().is_some_and(|light| light.is_of(scene)));
         }
         match (self, &mut resident.resident) {
+            #[cfg(feature = "ash")]
+            (Self::Ash(renderer), Resident::Ash(resident)) => renderer.update(resident, scene),
+            #[cfg(feature = "wgpu")]
+            (Self::Wgpu(renderer), Resident::Wgpu(resident)) => renderer.update(resident, scene),
             #[cfg(feature = "cpu")]
-            (Self::Cpu(renderer), Resident::Cpu(resident)) => renderer.relight(resident, scene),
-            #[allow(unreachable_patterns, reason = "a program with the CPU backend alone has no other")]
+            (Self::Cpu(renderer), Resident::Cpu(resident)) => renderer.update(resident, scene),
+            #[cfg(feature = "reference")]
+            (Self::Reference(renderer), Resident::Reference(resident)) => renderer.update(resident, scene),
+            #[allow(unreachable_patterns, reason = "a program with one backend has no other")]
             _ => Ok(false),
         }
     }

@@ -41,6 +41,8 @@ pub struct LoadedObjects {
     pub colorings: Colorings,
     /// Colouring requests, one per object.
     pub color_jobs: ColorJobs,
+    /// True if balls and disks of no stated radius have one radius in all objects, since they are compared.
+    pub has_one_radius: bool,
 }
 
 /// Colouring requests for the objects of [`LoadedObjects`].

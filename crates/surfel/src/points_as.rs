@@ -24,23 +24,38 @@ use surfel_sample::{PointClass, PointReport};
 /// Radius of a ball or disk relative to the spacing of the points: neighbours touch.
 pub(crate) const OF_SPACING: f64 = 0.5;
 
-/// Replaces the splats of an object's points. Objects of other geometry don't change.
+/// Returns the radius in world units that an object's points get as balls or disks of no stated radius: half of their
+/// spacing. `None` for other points and other geometry.
+pub(crate) fn own_radius(object: &Object, points_as: PointsAs) -> Option<f64> {
+    let Geometry::Splats(cloud) = &object.geometry else { return None };
+    let is_own = matches!(points_as, PointsAs::Balls(None) | PointsAs::Disks(None)) && !cloud.is_balls();
+    is_own.then(|| OF_SPACING * spacing(cloud))
+}
+
+/// Returns the median of radii; of an even number the larger one in the middle.
+pub(crate) fn median(mut radii: Vec<f64>) -> Option<f64> {
+    radii.sort_unstable_by(f64::total_cmp);
+    radii.get(radii.len() / 2).copied()
+}
+
+/// Replaces the splats of an object's points. Balls and disks of no stated radius have the radius `shared`, or else
+/// their [`own_radius`]. Objects of other geometry don't change.
 ///
 /// # Errors
 /// [`Error::Model`] for a radius that is out of range in the object's units.
-pub(crate) fn redraw(object: &mut Object, points_as: PointsAs) -> Result<(), Error> {
+pub(crate) fn redraw(object: &mut Object, points_as: PointsAs, shared: Option<f64>) -> Result<(), Error> {
+    let own = || shared.or_else(|| own_radius(object, points_as)).map(PointRadius::World);
+    let given = match points_as {
+        PointsAs::Surface => None,
+        PointsAs::Balls(radius) | PointsAs::Disks(radius) => radius.or_else(own),
+        PointsAs::Dots(radius) => radius.or(Some(PointRadius::Pixels(DOT_PX))),
+    };
     let Geometry::Splats(cloud) = &object.geometry else { return Ok(()) };
     if cloud.is_balls() || points_as == PointsAs::Surface {
         return Ok(());
     }
-    let own = || Some(PointRadius::World(OF_SPACING * spacing(cloud)));
-    let (radius, flat) = match points_as {
-        PointsAs::Surface => return Ok(()),
-        PointsAs::Balls(radius) => (radius.or_else(own), false),
-        PointsAs::Disks(radius) => (radius.or_else(own), false),
-        PointsAs::Dots(radius) => (radius.or(Some(PointRadius::Pixels(DOT_PX))), true),
-    };
-    let (radius, in_pixels) = match radius {
+    let flat = matches!(points_as, PointsAs::Dots(_));
+    let (radius, in_pixels) = match given {
         Some(PointRadius::Pixels(radius)) => (radius, true),
         Some(PointRadius::World(radius)) => (radius, false),
         None => return Ok(()),
@@ -177,6 +192,8 @@ fn strength_of_loose(report: &PointReport, _: &SplatCloud) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::auto::bare_object;
+    use crate::loaded_objects::{LoadedObjects, ObjectFacts};
 
     fn report(splats: usize, loose: usize) -> PointReport {
         let mut report = PointReport { splats, normals_estimated: splats, ..PointReport::default() };
@@ -231,7 +248,7 @@ mod tests {
             (PointsAs::Dots(Some(PointRadius::World(3.0))), 3.0, true),
         ] {
             let mut object = Object::from(cloud.clone());
-            redraw(&mut object, kind).unwrap();
+            redraw(&mut object, kind, None).unwrap();
             let Geometry::Splats(found) = &object.geometry else { panic!("{kind}") };
             assert_eq!((found.len(), found.color(3), found.is_balls()), (9, [0.5, 0.25, 1.0], is_balls), "{kind}");
             assert_eq!((&found.data().rows, found.center(5)), (&cloud.data().rows, cloud.center(5)));
@@ -240,5 +257,27 @@ mod tests {
             };
             assert!(radii.iter().all(|r| (f64::from(*r) - radius).abs() < 1e-6), "{kind}: {radii:?}");
         }
+    }
+
+    #[test]
+    fn files_that_are_compared_have_balls_of_one_radius() {
+        let clouds = [square(1024, 0.0), square(4096, 0.0), square(400, 0.0)];
+        let points_as = Some(PointsAs::Balls(None));
+        let radii = |has_one_radius: bool| {
+            let mut loaded = LoadedObjects { has_one_radius, ..LoadedObjects::default() };
+            loaded.objects = clouds.clone().map(Object::from).to_vec();
+            loaded.facts = vec![ObjectFacts { points: true, ..ObjectFacts::default() }; 3];
+            let mut file = bare_object("a.xyz".as_ref());
+            file.convert.points_as = points_as;
+            loaded.draw_points(&vec![file; 3]).unwrap();
+            let radius = |object: &Object| match &object.geometry {
+                Geometry::Splats(cloud) => cloud.radius_max(0) as f32,
+                _ => panic!(),
+            };
+            loaded.objects.iter().map(radius).collect::<Vec<_>>()
+        };
+        let own = [1024.0_f32, 4096.0, 400.0].map(|count| 0.5 / count.sqrt());
+        assert!(radii(false).iter().zip(own).all(|(found, own)| (found - own).abs() < 1e-6));
+        assert!(radii(true).iter().all(|found| (found - own[0]).abs() < 1e-6), "the median");
     }
 }

@@ -584,7 +584,8 @@ impl Request {
             .with_camera(given_camera)
             .with_background(options.background)
             .with_settings(settings)
-            .with_turning(options.turntable);
+            .with_turning(options.turntable)
+            .with_ground(options.light(true).2.is_some());
         let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
         let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
         if own_near && options.eye.is_none() && options.target.is_none() {

@@ -185,9 +185,13 @@ impl LoadedObjects {
     /// # Errors
     /// [`Error::Model`] for a radius that is out of range.
     pub fn draw_points(&mut self, objects: &[ObjectFile]) -> Result<(), Error> {
+        let chosen = |facts: &ObjectFacts, file: &ObjectFile| file.convert.points_as.filter(|_| facts.points);
+        let own = self.objects.iter().zip(&self.facts).zip(objects);
+        let own = own.filter_map(|((object, facts), file)| points_as::own_radius(object, chosen(facts, file)?));
+        let shared = if self.has_one_radius { points_as::median(own.collect()) } else { None };
         for ((object, facts), file) in self.objects.iter_mut().zip(&self.facts).zip(objects) {
-            if let Some(points_as) = file.convert.points_as.filter(|_| facts.points) {
-                points_as::redraw(object, points_as)?;
+            if let Some(points_as) = chosen(facts, file) {
+                points_as::redraw(object, points_as, shared)?;
             }
         }
         Ok(())

@@ -307,7 +307,7 @@ impl Session {
         let before = loaded.shown.take().filter(|shown| !is_new && have_same_splats(&shown.resolved, &resolved));
         let mut kept = before.and_then(|shown| shown.resident);
         if let Some(resident) = &mut kept
-            && !self.backend.relight(resident, &resolved.scene)?
+            && !self.backend.update(resident, &resolved.scene)?
         {
             kept = None;
         }
@@ -401,7 +401,7 @@ impl Session {
         let view = View::new(&camera).map_err(|e| Error::Usage(e.to_string()))?;
         if let Some(lighting) = shown.resolved.lighting {
             let scene = shown.resolved.lit(lighting.lights(&camera));
-            if self.backend.relight(resident, &scene)? {
+            if self.backend.update(resident, &scene)? {
                 shown.options = None;
             }
         }

@@ -53,4 +53,5 @@ mod textured_meshes;
 mod thin_sheets;
 mod trained_gaussians;
 mod transparency_closed_forms;
+mod updated_scenes;
 mod validated_gpu;

@@ -104,6 +104,15 @@ impl StoredBalls {
         Some(stored)
     }
 
+    /// Replaces matrix and material. Balls in world units are stored anew if their sizes change.
+    pub(crate) fn place(&mut self, cloud: &SplatCloud, world_from_object: DAffine3, material: Material) {
+        let has_same_sizes = self.in_pixels || ball_scale(&world_from_object) == ball_scale(&self.world_from_object);
+        (self.world_from_object, self.material) = (world_from_object, material);
+        if !has_same_sizes && let Some(stored) = Self::new(cloud, world_from_object, material, self.source) {
+            *self = stored;
+        }
+    }
+
     /// Returns the heap memory in use, in bytes.
     pub(crate) fn bytes(&self) -> usize {
         let floats = self.centers.iter().chain([&self.radii]).chain(&self.alphas);

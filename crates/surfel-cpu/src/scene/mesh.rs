@@ -124,6 +124,12 @@ impl StoredMesh {
         }
     }
 
+    /// Replaces matrix and material by those of an object.
+    pub(crate) fn place(&mut self, object: &Object) {
+        (self.world_from_object, self.material) = (object.world_from_object, object.material);
+        self.normals = normal_matrix(&object.world_from_object.matrix3);
+    }
+
     /// Returns the indices of a part's triangles.
     pub(crate) fn part(&self, part: u32) -> &[u32] {
         self.parts.get(part as usize).and_then(|part| self.order.get(part.triangles.clone())).unwrap_or_default()

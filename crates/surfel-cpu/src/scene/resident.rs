@@ -7,11 +7,13 @@ use crate::scene::numbers::SplatNumbers;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::srgb::limit_color;
-use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Scene, Storage};
-use surfel_render::{Identity, RenderError, SceneSummary};
+use surfel_model::{GaussianCloud, Geometry, KnownMipmaps, Light, Matcap, Material, NO_LABEL, Object, Scene, Storage};
+use surfel_render::{Identity, RenderError, SceneGeometry, SceneSummary};
 
 /// An object of Gaussians.
 pub(crate) struct StoredGaussians {
+    /// Index of the scene's object.
+    pub(crate) source: usize,
     pub(crate) gaussians: Arc<GaussianCloud>,
     pub(crate) world_from_object: DAffine3,
 }
@@ -19,6 +21,8 @@ pub(crate) struct StoredGaussians {
 /// A scene as this backend stores it.
 pub struct ResidentScene {
     pub(crate) summary: SceneSummary,
+    /// Identity of the objects' geometry.
+    pub(crate) geometry: SceneGeometry,
     pub(crate) clouds: Vec<StoredObject>,
     pub(crate) balls: Vec<StoredBalls>,
     pub(crate) meshes: Vec<StoredMesh>,
@@ -59,7 +63,7 @@ impl ResidentScene {
                 }
                 Geometry::Gaussians(cloud) => {
                     let world_from_object = object.world_from_object;
-                    gaussians.push(StoredGaussians { gaussians: cloud.clone(), world_from_object });
+                    gaussians.push(StoredGaussians { source: index, gaussians: cloud.clone(), world_from_object });
                 }
                 Geometry::Octree(octree) => {
                     let mut stored = StoredObject::of_octree(index, octree, object, storage);
@@ -76,6 +80,7 @@ impl ResidentScene {
         }
         let mut resident = Self {
             summary: SceneSummary::of(scene),
+            geometry: SceneGeometry::of(scene),
             clouds,
             balls,
             meshes,
@@ -100,21 +105,34 @@ impl ResidentScene {
         self.background = [r * a, g * a, b * a, a].map(limit_color);
     }
 
-    /// Replaces everything but the geometry by that of a scene with the same objects.
-    pub(crate) fn relight(&mut self, scene: &Scene) {
+    /// Replaces everything but the geometry by that of a scene with the same geometry.
+    pub(crate) fn update(&mut self, scene: &Scene) {
         self.light(scene);
         self.summary = SceneSummary::of(scene);
         for stored in &mut self.clouds {
             let Some(object) = scene.objects.get(stored.source) else { continue };
+            stored.world_from_object = object.world_from_object;
             match &object.geometry {
                 Geometry::Splats(cloud) => stored.set_material(object.material, cloud),
                 Geometry::Octree(octree) => stored.set_material(object.material, octree.cloud()),
                 Geometry::Mesh(_) | Geometry::Gaussians(_) => {}
             }
         }
+        for stored in &mut self.balls {
+            if let Some(Object { geometry: Geometry::Splats(cloud), world_from_object, material }) =
+                scene.objects.get(stored.source)
+            {
+                stored.place(cloud, *world_from_object, *material);
+            }
+        }
         for stored in &mut self.meshes {
             if let Some(object) = scene.objects.get(stored.source) {
-                stored.material = object.material;
+                stored.place(object);
+            }
+        }
+        for stored in &mut self.gaussians {
+            if let Some(object) = scene.objects.get(stored.source) {
+                stored.world_from_object = object.world_from_object;
             }
         }
     }

@@ -128,7 +128,8 @@ impl ProjectedGaussians {
         let mut order: Vec<(u64, u32, u32)> = Vec::new();
         let mut seen = Vec::new();
         let mut first = 0;
-        for (cloud, UploadedGaussians { cloud: gaussians, world_from_object }) in scene.gaussians.iter().enumerate() {
+        for (cloud, UploadedGaussians { cloud: gaussians, world_from_object, .. }) in scene.gaussians.iter().enumerate()
+        {
             let of_view = GaussianView::new(gaussians, world_from_object, (view, plan));
             let key = |i: usize| match by_pixel {
                 // The depth is rounded as in the shader, so that no fragment is nearer than the record being read.

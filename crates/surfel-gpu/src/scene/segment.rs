@@ -6,8 +6,9 @@ use crate::scene::limits::Limits;
 use glam::DAffine3;
 use std::sync::Arc;
 use surfel_math::kernel::interior_weight_at_cutoff;
-use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, SplatCloud, Storage};
-use surfel_render::{FramePlan, SceneSummary};
+use surfel_math::srgb::limit_color;
+use surfel_model::{GaussianCloud, Light, Matcap, Material, Mesh, Octree, Scene, SplatCloud, Storage};
+use surfel_render::{FramePlan, RenderError, SceneGeometry, SceneSummary};
 use surfel_shaders::layout;
 
 /// Splats of an object that one buffer holds. This is the data that frames need on the CPU.
@@ -80,6 +81,8 @@ pub(crate) struct UploadedBalls {
 /// Object of trained Gaussians, which the CPU projects for each frame.
 #[derive(Clone, Debug)]
 pub(crate) struct UploadedGaussians {
+    /// Index of the object in the scene.
+    pub source: u32,
     pub cloud: Arc<GaussianCloud>,
     pub world_from_object: DAffine3,
 }
@@ -95,7 +98,9 @@ pub struct UploadedScene {
     pub segments: Vec<Segment>,
     /// Words of the shaders' `texels`, at least one.
     pub texels: Vec<u32>,
-    /// Identity of this upload; two uploads of the same scene differ.
+    /// Identity of the objects' geometry.
+    pub(crate) geometry: SceneGeometry,
+    /// Identity of the objects as they are placed now; two uploads of the same scene differ.
     pub(crate) identity: Arc<()>,
     pub(crate) objects: Vec<UploadedObject>,
     pub(crate) meshes: Vec<UploadedMesh>,
@@ -121,6 +126,54 @@ pub struct RecordBytes {
 }
 
 impl UploadedScene {
+    /// Replaces everything but the geometry by that of `scene`. Returns false, and changes nothing, if the scene has
+    /// other geometry than the uploaded one.
+    ///
+    /// # Errors
+    /// [`RenderError::Model`] if the scene is invalid.
+    pub fn update(&mut self, scene: &Scene) -> Result<bool, RenderError> {
+        scene.validate()?;
+        if !self.geometry.is_of(scene) {
+            return Ok(false);
+        }
+        self.summary = SceneSummary::of(scene);
+        self.light(scene);
+        let place = |source: u32, matrix: &mut DAffine3, material: &mut Material| {
+            let Some(object) = scene.objects.get(source as usize) else { return false };
+            let is_other = (*matrix, *material) != (object.world_from_object, object.material);
+            (*matrix, *material) = (object.world_from_object, object.material);
+            is_other
+        };
+        let mut is_other = false;
+        for object in &mut self.objects {
+            is_other |= place(object.source, &mut object.world_from_object, &mut object.material);
+        }
+        for mesh in &mut self.meshes {
+            is_other |= place(mesh.source, &mut mesh.world_from_object, &mut mesh.material);
+        }
+        for balls in &mut self.balls {
+            is_other |= place(balls.source, &mut balls.world_from_object, &mut balls.material);
+        }
+        for gaussians in &mut self.gaussians {
+            is_other |= place(gaussians.source, &mut gaussians.world_from_object, &mut Material::default());
+        }
+        if is_other {
+            // Shadow maps show the objects where they were.
+            self.identity = Arc::new(());
+        }
+        Ok(true)
+    }
+
+    /// Stores the parts of a scene that aren't geometry.
+    pub(crate) fn light(&mut self, scene: &Scene) {
+        let [r, g, b, a] = scene.background;
+        self.material = scene.objects.first().map_or(Material::default(), |object| object.material);
+        self.lights.clone_from(&scene.lights);
+        self.ambient = scene.ambient;
+        self.matcap.clone_from(&scene.matcap);
+        self.background = [r * a, g * a, b * a, a].map(limit_color);
+    }
+
     /// Returns the sizes of each segment's records, and true if all segments share one buffer of records.
     pub fn records(&self, limits: Limits) -> (Vec<RecordBytes>, bool) {
         let each: Vec<RecordBytes> =

@@ -10,10 +10,9 @@ use crate::scene::stored_splats::{StoredLayout, StoredWriter};
 use crate::scene::textures::TextureBuffer;
 use std::collections::VecDeque;
 use std::sync::Arc;
-use surfel_math::srgb::limit_color;
 use surfel_model::{ChunkSpace, Storage, chunks};
 use surfel_model::{Geometry, Material, Scene, SplatCloud};
-use surfel_render::{RenderError, SceneSummary};
+use surfel_render::{RenderError, SceneGeometry, SceneSummary};
 use surfel_shaders::layout;
 
 /// Maximum number of splats of a segment, whose records then take 144 MiB.
@@ -60,7 +59,6 @@ impl Upload {
             let most = limits.buffer_bytes;
             return refused(format!("the device's storage buffers hold {most} bytes, too few to draw from"));
         }
-        let [r, g, b, a] = scene.background;
         let (mut objects, mut meshes) = (Vec::new(), Vec::new());
         let mut textures = TextureBuffer::default();
         // Of equally near polygons the first is drawn, so octrees come after all meshes.
@@ -95,7 +93,7 @@ impl Upload {
                     }
                 }
                 Geometry::Gaussians(cloud) => {
-                    gaussians.push(UploadedGaussians { cloud: cloud.clone(), world_from_object });
+                    gaussians.push(UploadedGaussians { source, cloud: cloud.clone(), world_from_object });
                 }
                 Geometry::Octree(octree) => {
                     let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
@@ -134,23 +132,25 @@ impl Upload {
         if needed > limits.memory_bytes {
             return Err(RenderError::SceneTooLarge { backend, needed, available: limits.memory_bytes });
         }
-        let scene = UploadedScene {
+        let mut uploaded = UploadedScene {
             balls,
-            material: scene.objects.first().map_or(Material::default(), |object| object.material),
+            material: Material::default(),
             summary,
             storage,
             segments: Vec::with_capacity(segments.len()),
             texels: textures.words,
+            geometry: SceneGeometry::of(scene),
             identity: Arc::new(()),
             objects,
             meshes,
             gaussians,
-            lights: scene.lights.clone(),
-            ambient: scene.ambient,
-            matcap: scene.matcap.clone(),
-            background: [r * a, g * a, b * a, a].map(limit_color),
+            lights: None,
+            ambient: [0.0; 3],
+            matcap: None,
+            background: [0.0; 4],
         };
-        Ok(Self { scene, segments, splat_bytes, needed_bytes: needed })
+        uploaded.light(scene);
+        Ok(Self { scene: uploaded, segments, splat_bytes, needed_bytes: needed })
     }
 
     /// Returns the size of all segments' splats together, bytes.

@@ -134,6 +134,8 @@ impl Subject<'_> {
 struct ErrorColors {
     map: ColorMap,
     end: f64,
+    /// True if distances are larger than the end.
+    is_exceeded: bool,
 }
 
 impl FigureRequest<'_> {
@@ -243,7 +245,8 @@ impl FigureRequest<'_> {
         let mut subjects = Vec::new();
         for paths in self.inputs.chunks(of_subject) {
             let request = Request::new(source(paths)?, &Pictures::One, &options)?;
-            let loaded = request.load(self.stdin.clone(), progress)?;
+            let mut loaded = request.load(self.stdin.clone(), progress)?;
+            loaded.has_one_radius = true;
             let is_of_points = loaded.facts.first().is_some_and(|facts| facts.points);
             let resolved = request.resolve(loaded, progress, note)?;
             let is_split = !is_scene;
@@ -260,9 +263,10 @@ impl FigureRequest<'_> {
             let objects = &subject.resolved.scene.objects;
             subject.distances = errors::distances(objects, subject.paths, subject.is_of_points, progress)?;
         }
-        let all = subjects.iter().flat_map(|subject| &subject.distances);
-        let end = self.figure.error_max.unwrap_or_else(|| errors::end_of_range(all));
-        Ok(Some(ErrorColors { map: map.into(), end }))
+        let all = || subjects.iter().flat_map(|subject| &subject.distances);
+        let end = self.figure.error_max.unwrap_or_else(|| errors::end_of_range(all()));
+        let is_exceeded = all().flatten().any(|distance| *distance > end);
+        Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))
     }
 
     /// Returns the colour bars and legends.
@@ -274,7 +278,7 @@ impl FigureRequest<'_> {
                 Some(unit) => format!("distance [{unit}]"),
                 None => "distance".to_owned(),
             };
-            Key::bar(&title, colors.map.levels(), [0.0, colors.end])
+            Key::bar(&title, colors.map.levels(), [0.0, colors.end]).exceeded(colors.is_exceeded)
         });
         // With one row of each kind, each key stands beside its own row.
         let rows = |row: usize| if is_one_row && errors.is_some() { row..row + 1 } else { 0..0 };

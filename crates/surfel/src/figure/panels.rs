@@ -72,7 +72,11 @@ impl<'a> Panels<'a> {
         let level = |value: f64| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
         let [r, g, b] = [r, g, b].map(|c| level(srgb::encode(c.clamp(0.0, 1.0))));
         let style = Style { font: font(request, size), background: [r, g, b, level(a)], width: None };
-        let figure = Figure { title: request.figure.title.clone(), rows: Vec::new(), keys, style };
+        let title = request.figure.title.clone();
+        let mut figure = Figure { title, keys, style, ..Figure::default() };
+        if subjects.len() > 1 && request.figure.titles.len() == request.columns() {
+            figure.headings.clone_from(&request.figure.titles);
+        }
         let mut panels = Self { request, figure, cells: Vec::new(), size };
         subjects.iter().enumerate().for_each(|(i, subject)| panels.add(i, subject, subjects.len()));
         panels.fit()?;
@@ -83,7 +87,6 @@ impl<'a> Panels<'a> {
     fn add(&mut self, subject: usize, content: &Subject<'_>, subjects: usize) {
         let (columns, options) = (self.request.columns(), self.request.figure);
         let count = content.panels();
-        let is_last = subject + 1 == subjects;
         for first in (0..count).step_by(columns) {
             let members = first..count.min(first + columns);
             let row_title = options.row_titles.get(subject * count.div_ceil(columns) + first / columns).cloned();
@@ -93,7 +96,7 @@ impl<'a> Panels<'a> {
                 let of_file = || content.paths.get(member).filter(|_| count > 1 || subjects > 1).map(|path| stem(path));
                 let caption = match options.titles.len() {
                     0 => of_file(),
-                    n if n == count && subjects > 1 => options.titles.get(member).cloned().filter(|_| is_last),
+                    n if n == count && subjects > 1 => None,
                     _ => options.titles.get(index).cloned(),
                 };
                 Some(Panel { caption: caption.filter(|text| !text.is_empty()), ..Panel::empty(self.size) })

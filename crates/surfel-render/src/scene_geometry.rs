@@ -1,0 +1,66 @@
+//! Identity of a scene's geometry.
+
+use std::sync::{Arc, Weak};
+use surfel_model::{GaussianCloud, Geometry, Mesh, Octree, Scene, SplatCloud};
+
+/// Identity of the geometry of a scene's objects: tells whether another scene has the same clouds and meshes in memory,
+/// without keeping them there.
+#[derive(Clone, Debug, Default)]
+pub struct SceneGeometry(Vec<Identity>);
+
+#[derive(Clone, Debug)]
+enum Identity {
+    Splats(Weak<SplatCloud>),
+    Mesh(Weak<Mesh>),
+    Octree(Weak<Octree>),
+    Gaussians(Weak<GaussianCloud>),
+}
+
+impl SceneGeometry {
+    /// Returns the identity of a scene's geometry.
+    pub fn of(scene: &Scene) -> Self {
+        let identity = |geometry: &Geometry| match geometry {
+            Geometry::Splats(cloud) => Identity::Splats(Arc::downgrade(cloud)),
+            Geometry::Mesh(mesh) => Identity::Mesh(Arc::downgrade(mesh)),
+            Geometry::Octree(octree) => Identity::Octree(Arc::downgrade(octree)),
+            Geometry::Gaussians(cloud) => Identity::Gaussians(Arc::downgrade(cloud)),
+        };
+        Self(scene.objects.iter().map(|object| identity(&object.geometry)).collect())
+    }
+
+    /// True if a scene has the same objects in the same order: each shares its geometry, by `Arc`, with that of this
+    /// identity.
+    pub fn is_of(&self, scene: &Scene) -> bool {
+        // A weak pointer keeps its address from being used again.
+        let is_same = |(known, found): (&Identity, &Geometry)| match (known, found) {
+            (Identity::Splats(known), Geometry::Splats(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
+            (Identity::Mesh(known), Geometry::Mesh(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
+            (Identity::Octree(known), Geometry::Octree(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
+            (Identity::Gaussians(known), Geometry::Gaussians(found)) => Weak::as_ptr(known) == Arc::as_ptr(found),
+            _ => false,
+        };
+        let found = scene.objects.iter().map(|object| &object.geometry);
+        self.0.len() == scene.objects.len() && self.0.iter().zip(found).all(is_same)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Object;
+
+    #[test]
+    fn scenes_share_geometry_by_its_place_in_memory() {
+        let cloud = || SplatCloud::disks(&[[0.0; 3]], &[[0.0, 0.0, 1.0]], &[1.0]).unwrap();
+        let scene = Scene::from(cloud());
+        let geometry = SceneGeometry::of(&scene);
+        let mut moved = scene.clone();
+        moved.objects[0].world_from_object.translation.x = 3.0;
+        assert!(geometry.is_of(&moved));
+        moved.objects.push(Object::from(cloud()));
+        assert!(!geometry.is_of(&moved) && !geometry.is_of(&Scene::from(cloud())));
+        // The place of a cloud that is gone isn't that of a new one.
+        drop((scene, moved));
+        assert!(!geometry.is_of(&Scene::from(cloud())));
+    }
+}
