@@ -1,5 +1,9 @@
 //! A hierarchy of oriented boxes around shapes, searched for the nearest shape. Axis-aligned boxes of slivers that meet
 //! in a point, as in a fan, all overlap; oriented boxes don't.
+//!
+//! Boxes around groups of long shapes that cross overlap however they are oriented. Where the two halves of a node
+//! overlap and its shapes are long, each long shape is cut into two pieces, which are sorted into the hierarchy one by
+//! one (early split clipping: Ernst and Greiner 2007). A piece stands for its whole shape, so that distances are exact.
 
 use crate::eigen::symmetric3;
 use glam::DVec3;
@@ -14,6 +18,17 @@ const SLACK: f64 = 1e-9;
 /// Minimum number of shapes of a node that may have a hub while its parent has none. In ordinary meshes fewer triangles
 /// share a corner.
 const LEAST_AT_HUB: usize = 16;
+/// Limits from which the long shapes of a node are cut: the number of its shapes, and the overlap of its two children
+/// along the axis by which they are divided, relative to both together. Triangles of a surface that are no slivers
+/// overlap by an eighth at most, where they are as many, and the pages of a book by a third.
+const CROSSING: (usize, f64) = (128, 0.5);
+/// The same limits within a node whose shapes were cut. Fewer shapes are compared one by one.
+const STILL_CROSSING: (usize, f64) = (8, 0.1);
+/// Smallest length of a shape that is cut, relative to the diagonal of its node.
+const LEAST_LENGTH: f64 = 0.2;
+/// Maximum number of cuts, per shape on average and in total.
+const MOST_CUTS_EACH: usize = 63;
+const MOST_CUTS: usize = 1 << 20;
 /// Tolerance for rounding of a squared sine.
 const SINE2_SLACK: f64 = 1e-14;
 
@@ -29,7 +44,7 @@ struct OrientedBox {
 /// A box around some of the shapes.
 struct Node {
     bounds: OrientedBox,
-    /// Range of the node's shapes in [`Boxes::order`].
+    /// Range of a leaf's shapes in [`Boxes::order`].
     shapes: Range<usize>,
     /// Index of the second child; the first child follows its node. 0 for a leaf.
     second: usize,
@@ -66,31 +81,119 @@ struct Fan {
 pub(crate) struct Boxes {
     /// Nodes in preorder: a node, its first subtree, its second subtree.
     nodes: Vec<Node>,
+    /// Shapes of the leaves. A shape that was cut is in several.
     order: Vec<u32>,
     slack: f64,
 }
 
+/// Shapes and the pieces of those that are cut. A piece is addressed by a number above those of the shapes.
+struct Pieces<'a, const N: usize> {
+    shapes: &'a [[DVec3; N]],
+    /// Shape and corners of each piece.
+    cut: Vec<(u32, Vec<DVec3>)>,
+}
+
+impl<const N: usize> Pieces<'_, N> {
+    fn corners(&self, i: u32) -> &[DVec3] {
+        let whole = self.shapes.get(i as usize).map(<[DVec3; N]>::as_slice);
+        whole.unwrap_or_else(|| &self.cut[i as usize - self.shapes.len()].1)
+    }
+
+    fn shape(&self, i: u32) -> u32 {
+        (i as usize).checked_sub(self.shapes.len()).map_or(i, |piece| self.cut[piece].0)
+    }
+
+    /// Returns by how much the first `middle` pieces and the others overlap along an axis, relative to the extent of
+    /// all.
+    fn overlap(&self, order: &[u32], middle: usize, axis: DVec3) -> f64 {
+        let ends = |half: &[u32]| {
+            let along = half.iter().flat_map(|i| self.corners(*i)).map(|p| p.dot(axis));
+            along.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
+        };
+        let [(a, b), (c, d)] = [&order[..middle], &order[middle..]].map(|half| ends(half).into());
+        (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
+    }
+
+    /// Cuts the pieces of at least this length into halves, as long as `room` allows, and returns all; `None` if none
+    /// is cut.
+    fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
+        let mut all = Vec::with_capacity(2 * order.len());
+        let mut cuts = 0;
+        for i in order {
+            let [a, b] = longest(self.corners(*i));
+            if cuts == room || a.distance(b) < length {
+                all.push(*i);
+                continue;
+            }
+            cuts += 1;
+            let shape = self.shape(*i);
+            for half in halves(self.corners(*i), [a, b]) {
+                all.push((self.shapes.len() + self.cut.len()) as u32);
+                self.cut.push((shape, half));
+            }
+        }
+        (cuts > 0).then_some(all)
+    }
+}
+
+/// Returns the two corners that are farthest apart.
+fn longest(corners: &[DVec3]) -> [DVec3; 2] {
+    let pairs = corners.iter().enumerate().flat_map(|(i, a)| corners[..i].iter().map(move |b| [*a, *b]));
+    let first = [corners[0]; 2];
+    pairs.fold(first, |best, pair| if distance2(pair) > distance2(best) { pair } else { best })
+}
+
+fn distance2([a, b]: [DVec3; 2]) -> f64 {
+    a.distance_squared(b)
+}
+
+/// Returns the corners of the two halves of a flat convex shape, cut at right angles to a segment through its middle.
+fn halves(corners: &[DVec3], [start, end]: [DVec3; 2]) -> [Vec<DVec3>; 2] {
+    let (middle, along) = (0.5 * (start + end), end - start);
+    let height = |p: &DVec3| (*p - middle).dot(along);
+    let (below, above): (Vec<DVec3>, Vec<DVec3>) = corners.iter().partition(|p| height(p) < 0.0);
+    // Lines between both sides meet the cut in a segment.
+    let across = |a: &DVec3, b: &DVec3| *a + (*b - *a) * (height(a) / (height(a) - height(b)));
+    let met: Vec<DVec3> = below.iter().flat_map(|a| above.iter().map(move |b| across(a, b))).collect();
+    let ends = longest(&met);
+    [below, above].map(|mut half| {
+        half.extend(ends);
+        half
+    })
+}
+
 impl Boxes {
-    /// Builds boxes around shapes; each shape is within the hull of its points.
+    /// Builds boxes around shapes. Each shape is flat, and within the hull of its points.
     pub(crate) fn new<const N: usize>(shapes: &[[DVec3; N]]) -> Self {
-        let mut boxes = Self { nodes: Vec::new(), order: (0..shapes.len() as u32).collect(), slack: 0.0 };
+        let mut boxes = Self { nodes: Vec::new(), order: Vec::with_capacity(shapes.len()), slack: 0.0 };
         if !shapes.is_empty() {
-            boxes.build(shapes, 0..shapes.len(), false);
+            let mut pieces = Pieces { shapes, cut: Vec::new() };
+            let mut order: Vec<u32> = (0..shapes.len() as u32).collect();
+            let room = shapes.len().saturating_mul(MOST_CUTS_EACH).min(MOST_CUTS);
+            boxes.build(&mut pieces, &mut order, (room, CROSSING), false);
         }
         boxes.slack = boxes.nodes.first().map_or(0.0, |root| SLACK * DVec3::from(root.bounds.half).length());
         boxes
     }
 
-    /// Builds the boxes of some shapes; `is_at_hub` is true if they share a corner.
-    fn build<const N: usize>(&mut self, shapes: &[[DVec3; N]], range: Range<usize>, is_at_hub: bool) {
-        let order = &self.order[range.clone()];
-        let bounds = OrientedBox::about(order.iter().flat_map(|i| shapes[*i as usize]));
+    /// Builds the boxes of some pieces, with `room` cuts at most, from the limits `crossing` on. `is_at_hub` is true if
+    /// the pieces share a corner.
+    fn build<const N: usize>(
+        &mut self,
+        pieces: &mut Pieces<N>,
+        order: &mut [u32],
+        (room, crossing): (usize, (usize, f64)),
+        is_at_hub: bool,
+    ) {
+        let bounds = OrientedBox::about(order.iter().flat_map(|i| pieces.corners(*i)));
         let may_have_hub = is_at_hub || order.len() >= LEAST_AT_HUB;
-        let hub = if may_have_hub { Hub::of(shapes, order).map(Box::new) } else { None };
+        let hub = if may_have_hub { Hub::of(pieces, order).map(Box::new) } else { None };
         let is_at_hub = hub.is_some();
         let index = self.nodes.len();
-        if range.len() <= LEAF {
-            self.nodes.push(Node { bounds, shapes: range, second: 0, hub });
+        if order.len() <= LEAF {
+            let start = self.order.len();
+            self.order.extend(order.iter().map(|i| pieces.shape(*i)));
+            self.nodes.push(Node { bounds, shapes: start..self.order.len(), second: 0, hub });
             return;
         }
         // Split along the axis on which the shapes' centres are farthest apart. For slivers side by side this isn't the
@@ -98,8 +201,13 @@ impl Boxes {
         let fan = hub.as_ref().map(|hub| hub.edge.as_ref().unwrap_or(&hub.corner));
         let axes = fan.map_or(bounds.axes, |fan| fan.directions.axes);
         let place = |i: u32| {
-            let shape = &shapes[i as usize];
-            fan.map_or_else(|| shape.iter().sum::<DVec3>(), |fan| fan.directions_of(shape).sum())
+            let corners = pieces.corners(i);
+            match fan {
+                Some(fan) => fan.directions_of(corners).sum(),
+                // The mean of a whole shape's corners, times their number, so that no digit changes.
+                None if corners.len() == N => corners.iter().sum::<DVec3>(),
+                None => corners.iter().sum::<DVec3>() * (N as f64 / corners.len() as f64),
+            }
         };
         let mut places: Vec<(DVec3, u32)> = order.iter().map(|i| (place(*i), *i)).collect();
         let spread = axes.map(|axis| {
@@ -108,13 +216,23 @@ impl Boxes {
             most - least
         });
         let axis = axes[(0..3).fold(0, |best, k| if spread[k] > spread[best] { k } else { best })];
-        let middle = range.len() / 2;
+        let middle = order.len() / 2;
         places.select_nth_unstable_by(middle, |(p, i), (q, j)| p.dot(axis).total_cmp(&q.dot(axis)).then(i.cmp(j)));
-        self.order[range.clone()].iter_mut().zip(places).for_each(|(place, (_, i))| *place = i);
-        self.nodes.push(Node { bounds, shapes: range.clone(), second: 0, hub });
-        self.build(shapes, range.start..range.start + middle, is_at_hub);
+        order.iter_mut().zip(places).for_each(|(place, (_, i))| *place = i);
+        if hub.is_none() && order.len() >= crossing.0 && pieces.overlap(order, middle, axis) > crossing.1 {
+            let length = LEAST_LENGTH * 2.0 * DVec3::from(bounds.half).length();
+            if let Some(mut all) = pieces.halved(order, length, room) {
+                let room = room - (all.len() - order.len());
+                self.build(pieces, &mut all, (room, STILL_CROSSING), false);
+                return;
+            }
+        }
+        self.nodes.push(Node { bounds, shapes: 0..0, second: 0, hub });
+        let (low, high) = order.split_at_mut(middle);
+        let each = (room / 2, crossing);
+        self.build(pieces, low, each, is_at_hub);
         self.nodes[index].second = self.nodes.len();
-        self.build(shapes, range.start + middle..range.end, is_at_hub);
+        self.build(pieces, high, each, is_at_hub);
     }
 
     /// Returns the smallest `distance` about `p`, and the index of its shape; the first of equally near shapes wins.
@@ -155,17 +273,17 @@ impl Boxes {
 }
 
 impl OrientedBox {
-    fn about(points: impl Iterator<Item = DVec3> + Clone) -> Self {
+    fn about<'a>(points: impl Iterator<Item = &'a DVec3> + Clone) -> Self {
         let count = points.clone().count().max(1) as f64;
         let mean = points.clone().sum::<DVec3>() / count;
         let mut moments = [0.0; 6];
-        for d in points.clone().map(|p| p - mean) {
+        for d in points.clone().map(|p| *p - mean) {
             let products = [d.x * d.x, d.x * d.y, d.x * d.z, d.y * d.y, d.y * d.z, d.z * d.z];
             moments.iter_mut().zip(products).for_each(|(sum, product)| *sum += product);
         }
         let (_, axes) = symmetric3(moments);
         let mut ends = [[f64::INFINITY, f64::NEG_INFINITY]; 3];
-        for d in points.map(|p| p - mean) {
+        for d in points.map(|p| *p - mean) {
             for (end, axis) in ends.iter_mut().zip(axes) {
                 let along = d.dot(axis);
                 *end = [end[0].min(along), end[1].max(along)];
@@ -197,28 +315,28 @@ impl Node {
 }
 
 impl Hub {
-    /// The hub of some of the shapes, if all share a corner.
-    fn of<const N: usize>(shapes: &[[DVec3; N]], order: &[u32]) -> Option<Self> {
-        let first = shapes[*order.first()? as usize];
+    /// The hub of some pieces, if all share a corner.
+    fn of<const N: usize>(pieces: &Pieces<N>, order: &[u32]) -> Option<Self> {
+        let first = pieces.corners(*order.first()?);
         let mut shared: Vec<DVec3> = first.to_vec();
         // True while the corners that shapes share have the same numbers in all of them.
         let mut are_aligned = true;
         for i in order {
-            let shape = shapes[*i as usize];
-            shared.retain(|p| shape.contains(p));
-            are_aligned &= shape.iter().zip(&first).all(|(p, q)| p == q || !shared.contains(q));
+            let corners = pieces.corners(*i);
+            shared.retain(|p| corners.contains(p));
+            are_aligned &= corners.iter().zip(first).all(|(p, q)| p == q || !shared.contains(q));
             if shared.is_empty() {
                 return None;
             }
         }
-        let all = || order.iter().map(|i| &shapes[*i as usize]);
+        let all = || order.iter().map(|i| pieces.corners(*i));
         let is_large = order.len() >= LEAST_AT_HUB;
         let corner = Fan::about([shared[0]; 2], all(), is_large);
         let edge = match shared[..] {
             [start, end] if start != end => Some(Fan::about([start, end], all(), is_large && are_aligned)),
             _ => None,
         };
-        Some(Self { corner, edge, first: *order.iter().min()? })
+        Some(Self { corner, edge, first: order.iter().map(|i| pieces.shape(*i)).min()? })
     }
 
     /// True if the corner, or the edge, has the nearest point of every shape.
@@ -234,11 +352,7 @@ impl Hub {
 }
 
 impl Fan {
-    fn about<'a, const N: usize>(
-        ends: [DVec3; 2],
-        shapes: impl Iterator<Item = &'a [DVec3; N]>,
-        are_equally_near: bool,
-    ) -> Self {
+    fn about<'a>(ends: [DVec3; 2], shapes: impl Iterator<Item = &'a [DVec3]>, are_equally_near: bool) -> Self {
         let along = (ends[1] - ends[0]).normalize_or_zero();
         let directions = OrientedBox { center: DVec3::ZERO, axes: [DVec3::ZERO; 3], half: [0.0; 3] };
         let mut fan = Self { ends, along, directions, least_mean: 1.0, are_equally_near };
@@ -250,7 +364,7 @@ impl Fan {
             let middle = of_shape.iter().sum::<DVec3>().normalize_or_zero();
             fan.least_mean = of_shape.iter().fold(fan.least_mean, |least, unit| least.min(unit.dot(middle)));
         }
-        fan.directions = OrientedBox::about(units.into_iter());
+        fan.directions = OrientedBox::about(units.iter());
         fan
     }
 
@@ -401,6 +515,74 @@ mod tests {
                 "{is_book}: {work:?}"
             );
             assert!(work[2] < 3 * 60 * 4000, "{is_book}: {work:?}");
+        }
+    }
+
+    /// Counts the calls of `distance` for needles that cross each other in a cube, with one query about each.
+    fn work_of_needles(count: u32) -> usize {
+        let mut random = Random::new(12);
+        let mut place = move || DVec3::new(random.unit(), random.unit(), random.unit());
+        let shapes: Vec<[DVec3; 3]> = (0..count).map(|_| (place(), place())).map(|(a, b)| [a, b, b + 1e-4]).collect();
+        let boxes = Boxes::new(&shapes);
+        let mut asked = 0;
+        for (own, [a, b, _]) in shapes.iter().enumerate() {
+            // As far aside as needles are apart on average.
+            let p = 0.5 * (a + b) + (place() - 0.5) / f64::from(count).sqrt();
+            let found = boxes.nearest(p, |i| {
+                asked += 1;
+                closest(p, shapes[i]).0
+            });
+            if own % (count as usize / 20) == 0 {
+                let all = (0..shapes.len()).map(|i| (closest(p, shapes[i]).0, i));
+                assert_eq!(Some(found), all.reduce(|a, b| if b < a { b } else { a }), "{own} of {count}");
+            }
+        }
+        asked
+    }
+
+    #[test]
+    fn work_among_crossing_needles_is_nearly_linear() {
+        let work = [1000, 2000, 4000, 8000].map(work_of_needles);
+        assert!(work.windows(2).all(|w| w[1] as f64 <= 2.5 * w[0] as f64), "{work:?}");
+        assert!(work[3] < 20 * 8000, "{work:?}");
+    }
+
+    #[test]
+    fn only_long_shapes_whose_boxes_overlap_are_cut() {
+        let mut random = Random::new(13);
+        let mut place = move || DVec3::new(random.unit(), random.unit(), random.unit());
+        let surface = |p: DVec3| DVec3::new(p.x, p.y, 0.1 * (5.0 * p.x).sin());
+        let small: Vec<[DVec3; 3]> =
+            (0..2000).map(|_| surface(place())).map(|p| [p, p + 0.02 * DVec3::X, p + 0.02 * DVec3::Y]).collect();
+        assert_eq!(Boxes::new(&small).order.len(), 2000);
+        let slivers: Vec<[DVec3; 3]> = (0..2000).map(|_| DVec3::X * place().x).map(|p| [p, p, p + DVec3::Y]).collect();
+        assert_eq!(Boxes::new(&slivers).order.len(), 2000);
+        let long: Vec<[DVec3; 2]> = (0..2000).map(|_| [place(), place()]).collect();
+        let cut = Boxes::new(&long).order.len();
+        assert!(cut > 3 * 2000 && cut <= (1 + MOST_CUTS_EACH) * 2000, "{cut}");
+    }
+
+    #[test]
+    fn halves_of_a_shape_are_all_of_it() {
+        let mut random = Random::new(14);
+        let mut number = || random.unit() * 2.0 - 1.0;
+        for _ in 0..200 {
+            let corners: Vec<DVec3> = (0..5).map(|_| DVec3::new(number(), number(), 0.0)).collect();
+            let ends = longest(&corners);
+            let parts = halves(&corners, ends);
+            let (middle, along) = (0.5 * (ends[0] + ends[1]), ends[1] - ends[0]);
+            // The support of both halves together, in any direction, is that of the shape.
+            for _ in 0..20 {
+                let d = DVec3::new(number(), number(), 0.0);
+                let support = |corners: &[DVec3]| corners.iter().map(|p| p.dot(d)).fold(f64::NEG_INFINITY, f64::max);
+                let of_parts = parts.iter().map(|part| support(part)).fold(f64::NEG_INFINITY, f64::max);
+                assert!((support(&corners) - of_parts).abs() < 1e-12);
+            }
+            // Each is on its side, and both meet in the same two points.
+            for (part, sign) in parts.iter().zip([-1.0, 1.0]) {
+                assert!(part.iter().all(|p| (*p - middle).dot(along) * sign >= -1e-12), "{parts:?}");
+            }
+            assert_eq!(parts[0][parts[0].len() - 2..], parts[1][parts[1].len() - 2..]);
         }
     }
 
