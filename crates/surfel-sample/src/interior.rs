@@ -13,6 +13,12 @@ const PROBES: usize = 4096;
 /// threads.
 const CHUNK: usize = 1 << 14;
 
+/// Largest mean number of probes that a splat may meet. Where more disks overlap, as those of slivers about one corner,
+/// fewer splats are probed, so that the work doesn't grow with the product of splats and probes.
+const MOST_MET: usize = 256;
+/// Number of splats by which this mean is measured.
+const EXAMINED: usize = 256;
+
 /// Number of splats from which splats far from all probes are sifted out by a grid first.
 const LEAST_SIFTED: usize = 16 * PROBES;
 
@@ -31,26 +37,19 @@ struct Probe {
 /// the line meets within r_max of that point. Clips are ignored. The weight is dimensionless; `None` for an empty
 /// cloud, and for balls.
 ///
+/// Where a splat may meet more than 256 probes on average, m is reduced in proportion, as the rendering model defines.
+///
 /// The probes are stored in a tree and all splats are tested against it, so only the probes need memory.
 pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
     let count = cloud.len();
     if cloud.is_balls() {
         return None;
     }
-    let (probes, of) = {
-        let m = count.min(PROBES);
-        let index = |i: usize| (i as u128 * count as u128 / m as u128) as usize;
-        distinct((0..m).map(|i| probe(cloud, index(i))).collect())
-    };
-    let places: Vec<DVec3> = probes.iter().map(|p| p.at).collect();
-    let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
-    let tree = KdTree::new(&places);
-    let largest = tree.largest_below(&reach);
-    let bounds = tree.bounds_below();
-    let nearby = if count < LEAST_SIFTED { None } else { Nearby::of(&places, &reach) };
+    let probes = Probes::few_enough(cloud);
+    let nearby = if count < LEAST_SIFTED { None } else { Nearby::of(&probes.places(), &probes.reach()) };
 
     let partial = map_tasks(count.div_ceil(CHUNK), |chunk| {
-        let mut sums = vec![0.0; probes.len()];
+        let mut sums = vec![0.0; probes.all.len()];
         for j in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
             // Relative to the origin: adding the origin would cost digits.
             let center = cloud.data().centers.get(j);
@@ -63,19 +62,76 @@ pub fn interior_weight(cloud: &SplatCloud) -> Option<f64> {
                 continue;
             }
             let splat = Splat::of(cloud, j, center, cloud.radius_max(j));
-            tree.visit_below(&|node| splat.may_meet(bounds[node], largest[node]), &mut |slot| {
-                let probe = tree.index(slot);
-                sums[probe] += splat.weight(&probes[probe]);
-            });
+            probes.visit(&splat, &mut |i| sums[i] += splat.weight(&probes.all[i]));
         }
         sums
     });
-    let mut sums = vec![0.0; probes.len()];
+    let mut sums = vec![0.0; probes.all.len()];
     for chunk in partial {
         sums.iter_mut().zip(chunk).for_each(|(sum, part)| *sum += part);
     }
-    let mut sums: Vec<f64> = of.into_iter().map(|probe| sums[probe]).collect();
+    let mut sums: Vec<f64> = probes.of.iter().map(|probe| sums[*probe]).collect();
     crate::radii::median(&mut sums).filter(|w| w.is_finite() && *w > 0.0)
+}
+
+/// Probes of a cloud in a spatial index.
+struct Probes {
+    /// Probes without repetitions.
+    all: Vec<Probe>,
+    /// Index in `all` of each probe.
+    of: Vec<usize>,
+    tree: KdTree,
+    /// Largest reach, and bounds, of the probes below each node.
+    largest: Vec<f64>,
+    bounds: Vec<(DVec3, DVec3)>,
+}
+
+impl Probes {
+    /// Probes `m` splats of a cloud.
+    fn new(cloud: &SplatCloud, m: usize) -> Self {
+        let (all, of) = distinct((0..m).map(|i| probe(cloud, nth(i, m, cloud.len()))).collect());
+        let tree = KdTree::new(&all.iter().map(|p| p.at).collect::<Vec<_>>());
+        let reach: Vec<f64> = all.iter().map(|p| p.reach).collect();
+        Self { largest: tree.largest_below(&reach), bounds: tree.bounds_below(), tree, all, of }
+    }
+
+    /// Probes as many splats as the interior weight needs, or fewer if splats meet too many.
+    fn few_enough(cloud: &SplatCloud) -> Self {
+        let m = cloud.len().min(PROBES);
+        let probes = Self::new(cloud, m);
+        let examined = cloud.len().min(EXAMINED);
+        let met = map_tasks(examined, |i| {
+            let j = nth(i, examined, cloud.len());
+            let splat = Splat::of(cloud, j, cloud.data().centers.get(j), cloud.radius_max(j));
+            let mut met = 0;
+            probes.visit(&splat, &mut |i| {
+                let Probe { at, reach, .. } = probes.all[i];
+                met += usize::from(splat.may_meet((at, at), reach));
+            });
+            met
+        });
+        let (met, most) = (met.iter().sum::<usize>(), MOST_MET * examined);
+        if met <= most { probes } else { Self::new(cloud, (m * most).div_ceil(met)) }
+    }
+
+    /// Visits all probes whose line may meet a splat, and some others.
+    fn visit(&self, splat: &Splat, visit: &mut impl FnMut(usize)) {
+        let enters = |node: usize| splat.may_meet(self.bounds[node], self.largest[node]);
+        self.tree.visit_below(&enters, &mut |slot| visit(self.tree.index(slot)));
+    }
+
+    fn places(&self) -> Vec<DVec3> {
+        self.all.iter().map(|p| p.at).collect()
+    }
+
+    fn reach(&self) -> Vec<f64> {
+        self.all.iter().map(|p| p.reach).collect()
+    }
+}
+
+/// Returns the index of the i-th of `m` splats spread evenly over `count`.
+fn nth(i: usize, m: usize, count: usize) -> usize {
+    (i as u128 * count as u128 / m as u128) as usize
 }
 
 /// Grid cells with splats near probes. In a large cloud, most splats are near no probe.
@@ -315,19 +371,61 @@ mod tests {
             let s: Vec<glam::Vec3> = spokes.iter().map(|s| *s * 0.73).collect();
             let t: Vec<glam::Vec3> = spokes.iter().map(|s| glam::Vec3::Z.cross(*s) * (4.0 / count as f32)).collect();
             let cloud = SplatCloud::ellipses(&centers, &s, &t).unwrap();
-            let probes: Vec<Probe> = (0..cloud.len()).map(|k| probe(&cloud, k)).collect();
-            let tree = KdTree::new(&probes.iter().map(|p| p.at).collect::<Vec<_>>());
-            let reach: Vec<f64> = probes.iter().map(|p| p.reach).collect();
-            let (largest, bounds) = (tree.largest_below(&reach), tree.bounds_below());
+            let probes = Probes::new(&cloud, cloud.len());
             let mut visited = 0;
             for j in 0..cloud.len() {
                 let splat = Splat::of(&cloud, j, cloud.data().centers.get(j), cloud.radius_max(j));
-                tree.visit_below(&|node| splat.may_meet(bounds[node], largest[node]), &mut |_| visited += 1);
+                probes.visit(&splat, &mut |_| visited += 1);
             }
             visited
         };
         let work = [500, 1000, 2000, 4000].map(work);
         assert!(work.windows(2).all(|w| w[1] <= 23 * w[0] / 10) && work[3] < 100 * 4000, "{work:?}");
+    }
+
+    /// Disks that all contain the origin, in all directions or in those of a book's pages.
+    fn crowd(count: u32, is_book: bool) -> SplatCloud {
+        let mut random = crate::mesh::random::Random::new(31);
+        let mut vector = || DVec3::new(random.unit(), random.unit(), random.unit()) * 2.0 - 1.0;
+        let mut columns: [Vec<glam::Vec3>; 3] = Default::default();
+        for i in 0..count {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(count)).sin_cos();
+            let (s, t) = if is_book {
+                (DVec3::new(cos, sin, 0.0), DVec3::Z)
+            } else {
+                let s = vector();
+                (s.normalize(), 0.3 * s.cross(vector()).normalize())
+            };
+            let [centers, first, second] = &mut columns;
+            centers.push((s * 0.3).as_vec3());
+            first.push(s.as_vec3());
+            second.push(t.as_vec3());
+        }
+        let [centers, s, t] = columns;
+        SplatCloud::ellipses(&centers, &s, &t).unwrap()
+    }
+
+    #[test]
+    fn crowded_splats_are_compared_with_few_probes() {
+        for is_book in [false, true] {
+            let work = [500, 1000, 2000, 4000, 8000].map(|count| {
+                let cloud = crowd(count, is_book);
+                let probes = Probes::few_enough(&cloud);
+                let mut visited = 0;
+                for j in 0..cloud.len() {
+                    let splat = Splat::of(&cloud, j, cloud.data().centers.get(j), cloud.radius_max(j));
+                    probes.visit(&splat, &mut |_| visited += 1);
+                }
+                visited
+            });
+            assert!(work.windows(2).skip(1).all(|w| w[1] <= 23 * w[0] / 10), "{is_book}: {work:?}");
+            assert!(work[4] < 2 * MOST_MET * 8000, "{is_book}: {work:?}");
+            // All splats are probed where they are few, and fewer give nearly the same median.
+            let (few, many) = (crowd(250, is_book), crowd(4000, is_book));
+            assert_eq!(interior_weight(&few), Some(by_all_pairs(&few)));
+            let (weight, all) = (interior_weight(&many).unwrap(), by_all_pairs(&many));
+            assert!((weight / all - 1.0).abs() < 0.1, "{is_book}: {weight} {all}");
+        }
     }
 
     #[test]
