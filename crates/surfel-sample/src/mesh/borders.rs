@@ -9,12 +9,15 @@ use super::parts::Sample;
 use crate::radii;
 use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
+use std::collections::HashMap;
 use surfel_model::{ClipColumns, ClipLine, NO_LINE};
 
 /// Maximum number of lines of a splat, as in the rendering model (§7).
 const MOST_LINES: usize = 4;
 /// Maximum number of edge pieces tested for one splat. An edge between two faces has two, one for either side.
 const MOST_PIECES: usize = 48;
+/// Number of pieces in one place above which each region has an index of its own. An edge of a surface has two.
+const MOST_IN_PLACE: usize = MOST_PIECES / 2;
 /// Limits for edges that clip a splat: the height over the splat's plane, relative to its radius (`FARTHEST`), and the
 /// cosine between the face's normal and the splat's, about 70° (`FACING`). Other edges belong to another part of the
 /// surface.
@@ -60,10 +63,19 @@ struct Piece {
 
 /// All borders of a surface, cut into pieces no longer than a splat's radius, in a spatial index.
 pub(crate) struct Borders {
-    tree: KdTree,
     pieces: Vec<Piece>,
+    /// An index for each smooth region, if many regions meet in one edge, as the pages of a book do; otherwise one for
+    /// all, under `None`. With one index, a splat at such an edge would be compared with the pieces of other regions.
+    indices: HashMap<Option<u32>, PieceIndex>,
+    is_crowded: bool,
     /// Half the length of the longest piece.
     half: f64,
+}
+
+/// Numbers of some pieces, and the tree of their middles.
+struct PieceIndex {
+    pieces: Vec<u32>,
+    tree: KdTree,
 }
 
 /// Visible part of a splat's disk, in (u, v).
@@ -142,8 +154,22 @@ impl Borders {
                 half = half.max(0.5 * a.distance(b) / parts as f64);
             }
         }
-        let middles: Vec<DVec3> = pieces.iter().map(|piece| 0.5 * (piece.ends[0] + piece.ends[1])).collect();
-        Self { tree: KdTree::new(&middles), pieces, half }
+        let middle = |piece: &Piece| 0.5 * (piece.ends[0] + piece.ends[1]);
+        let mut in_place: HashMap<[u64; 3], usize> = HashMap::new();
+        for piece in &pieces {
+            *in_place.entry(middle(piece).to_array().map(f64::to_bits)).or_default() += 1;
+        }
+        let is_crowded = in_place.into_values().any(|count| count > MOST_IN_PLACE);
+        let mut of_region: HashMap<Option<u32>, Vec<u32>> = HashMap::new();
+        for (i, piece) in (0..).zip(&pieces) {
+            of_region.entry(is_crowded.then_some(piece.region)).or_default().push(i);
+        }
+        let indexed = |own: Vec<u32>| {
+            let tree = KdTree::new(&own.iter().map(|i| middle(&pieces[*i as usize])).collect::<Vec<_>>());
+            PieceIndex { pieces: own, tree }
+        };
+        let indices = of_region.into_iter().map(|(region, own)| (region, indexed(own))).collect();
+        Self { pieces, indices, is_crowded, half }
     }
 
     /// Creates the buffer for [`Self::keep`].
@@ -218,11 +244,12 @@ impl Borders {
         (!lines.is_empty()).then(|| Kept { area: area(&polygon), lines })
     }
 
-    /// Returns the pieces near a splat in the splat's (u, v), nearest first.
+    /// Returns the pieces of a region near a splat in the splat's (u, v), nearest first.
     fn segments(&self, p: DVec3, (s, t): (DVec3, DVec3), region: u32, found: &mut Nearest) -> Vec<Segment> {
+        let Some(own) = self.indices.get(&self.is_crowded.then_some(region)) else { return Vec::new() };
         let radius = s.length();
         found.look_within(radius + self.half);
-        self.tree.nearest(p, found);
+        own.tree.nearest(p, found);
         if found.items().is_empty() {
             return Vec::new();
         }
@@ -232,7 +259,7 @@ impl Borders {
             DVec2::new(d.dot(s) / s.length_squared(), d.dot(t) / t.length_squared())
         };
         let near = |slot: &(f64, u32)| {
-            let piece = &self.pieces[self.tree.index(slot.1 as usize)];
+            let piece = &self.pieces[own.pieces[own.tree.index(slot.1 as usize)] as usize];
             let facing = piece.normal.dot(normal);
             // For an edge between two faces of the region, use the side on which the splat is.
             let is_own =
@@ -530,5 +557,34 @@ mod tests {
         let least = kept.least();
         kept.widen(least);
         assert!((kept.area - LEAST_AT_OPEN_EDGES).abs() < 1e-3, "{kept:?}");
+    }
+
+    #[test]
+    fn each_page_of_a_book_ends_at_the_spine() {
+        let pages = 300;
+        let rim = (0..pages).map(|i| DVec2::from_angle(std::f64::consts::TAU * f64::from(i) / f64::from(pages)) * 9.0);
+        let positions: Vec<DVec3> =
+            [DVec3::ZERO, DVec3::Z * 9.0].into_iter().chain(rim.map(|p| p.extend(4.5))).collect();
+        let mesh = surface(&positions, (0..pages as u32).map(|i| [0, 1, i + 2]).collect());
+        let geometry = Geometry::new(&mesh);
+        let smooth = geometry.smooth();
+        let density = Density::even(&geometry, 1.0 / radii::DENSITY);
+        let borders = Borders::new(&geometry, &smooth.borders, &smooth.regions, (&density, 1.0), 100_000);
+        // A splat is compared with the pieces of its own page alone, not with those of all pages at the spine.
+        assert!(borders.indices.len() == pages as usize && borders.indices.values().all(|own| own.tree.len() < 60));
+        for face in [0, 77, 150, 299] {
+            let away = positions[face + 2].with_z(0.0).normalize();
+            let (p, normal) = (0.3 * away + DVec3::Z * 4.5, geometry.normals[face]);
+            let (u, v) = surfel_math::basis::orthonormal(normal);
+            let kept = borders.keep(p, (u, v), smooth.regions[face], &mut Borders::nearest()).unwrap();
+            let at = |q: DVec3| DVec2::new((q - p).dot(u), (q - p).dot(v));
+            assert!(keeps(&kept, at(p)) && !keeps(&kept, at(p - 0.4 * away)), "page {face}: {kept:?}");
+        }
+        // Few pages share one index.
+        let mesh = Mesh { triangles: (0..8).map(|i| [0, 1, i + 2]).collect(), ..mesh };
+        let geometry = Geometry::new(&mesh);
+        let smooth = geometry.smooth();
+        let few = Borders::new(&geometry, &smooth.borders, &smooth.regions, (&density, 1.0), 1000);
+        assert_eq!(few.indices.len(), 1);
     }
 }
