@@ -6,8 +6,8 @@ use surfel_io::PointCount;
 use surfel_model::PointCloud;
 
 /// Peak bytes per point until it is drawn, besides its row of the file: reading, finding neighbours, making a splat,
-/// and uploading to the CPU backend. For 4 million points of PLY, PCD, NPY, NPZ, LAS, LAZ, E57 and text, measured peaks
-/// are within 20 % of these constants plus the row.
+/// and uploading to the CPU backend. For 3 to 4 million points of PLY, PCD, NPY, NPZ, LAS, LAZ, E57 and text, measured
+/// peaks are within 20 % of these constants plus the row.
 const PREPARED_BYTES: u64 = 49;
 /// Peak bytes per point with a normal, and with a normal and a radius.
 const NORMAL_BYTES: u64 = 44;
@@ -18,6 +18,11 @@ const COLOR_BYTES: u64 = 24;
 pub(crate) const KNOWN_BYTES: u64 = 90;
 /// Peak bytes per point of such a COPC file with colours, both the point's and its level's; 105 were measured.
 pub(crate) const KNOWN_COLORED_BYTES: u64 = 110;
+/// Peak bytes per point that the heap of the C library retains of freed arrays, and the number of points from which it
+/// retains next to none: glibc returns arrays of 32 MiB to the system at once, and most arrays have 12 to 16 bytes a
+/// point. With 0.5 to 2 million points, measured peaks are 16 to 46 bytes above the other constants' sum.
+const RETAINED_BYTES: u64 = 28;
+const RETAINED_POINTS: u64 = (32 << 20) / 16;
 /// Fraction of the machine's memory that may be used; the rest is for the machine's own needs.
 const SHARE: f64 = 0.6;
 
@@ -70,13 +75,19 @@ fn group_limit(mounted: &Path, groups: &str) -> Option<u64> {
 pub(crate) fn loaded_bytes(count: &PointCount) -> u64 {
     let known = match count {
         PointCount { has_radii: true, .. } => RADIUS_BYTES,
-        PointCount { has_normals: true, .. } => NORMAL_BYTES,
-        _ => PREPARED_BYTES,
+        PointCount { has_normals: true, .. } => NORMAL_BYTES + retained_bytes(count.points),
+        _ => PREPARED_BYTES + retained_bytes(count.points),
     };
     known + count.row_bytes + if count.has_colors { COLOR_BYTES } else { 0 }
 }
 
-/// Returns the peak bytes per point until it is drawn, for points that have been read.
+/// Returns the peak bytes per point that the heap retains of points whose neighbours are searched.
+fn retained_bytes(points: u64) -> u64 {
+    if points < RETAINED_POINTS && cfg!(target_env = "gnu") { RETAINED_BYTES } else { 0 }
+}
+
+/// Returns the peak bytes per point until it is drawn, for points that have been read. What the heap retains doesn't
+/// count: the points may be those of a COPC file that were chosen to fit.
 pub(crate) fn prepared_bytes(points: &PointCloud) -> u64 {
     let extra_bytes: u64 = points.extras.iter().map(|extra| extra.values.value_bytes() as u64).sum();
     let known = if points.normals.is_some() { NORMAL_BYTES } else { PREPARED_BYTES };
@@ -141,42 +152,72 @@ mod tests {
 
     #[test]
     fn bytes_of_points_are_near_what_was_measured() {
-        // Peak of 4 million points (2 million of some LAS and LAZ) minus that of 500 points, per point, at 512² on
-        // the CPU backend or of a conversion, whichever is larger.
-        for (what, measured, row_bytes, has_normals, has_colors) in [
-            ("PLY x y z", 67, 12, false, false),
-            ("PLY with colours", 91, 15, false, true),
-            ("PLY with normals", 75, 24, true, false),
-            ("PLY with normals and colours", 94, 27, true, true),
-            ("PLY of f64", 81, 24, false, false),
-            ("PLY with colours and 8 floats", 128, 47, false, true),
-            ("PLY of f64 with colours", 99, 27, false, true),
-            ("NPY", 67, 12, false, false),
-            ("NPY of f64", 67, 24, false, false),
-            ("NPZ with colours", 94, 15, false, true),
-            ("PCD with colours", 90, 20, false, true),
-            ("E57 with colours", 91, 19, false, true),
-            // 24 bytes for reading and positions, and the columns that hold values.
-            ("LAS of format 7, all columns", 135, 24 + 26, false, true),
-            ("LAS of format 7, few columns", 102, 24, false, true),
-            ("LAS of format 7, positions alone", 71, 24, false, false),
-            ("LAS of format 6, all columns", 98, 24 + 26, false, false),
-            ("LAS of format 1, all columns", 97, 24 + 21, false, false),
-            ("LAZ of format 7, all columns", 131, 24 + 26, false, true),
-            // With a fixed threshold for large allocations of the C library; its heap keeps up to 50 bytes more.
-            ("LAZ of format 7, few columns", 94, 24, false, true),
-            ("LAZ of format 6, all columns", 121, 24 + 26, false, false),
-            ("text x y z", 67, 21, false, false),
-            ("text x y z, long numbers", 84, 48, false, false),
-            ("text with intensity", 73, 24, false, false),
-            ("text with colours", 111, 39, false, true),
-            ("text with colours, short numbers", 104, 32, false, true),
-            ("CSV with colours", 103, 32, false, true),
-            ("PTS", 119, 35, false, true),
+        // Peak minus that of 500 points, per point, at 512² on the CPU backend or of a conversion, whichever is larger.
+        const LARGE: u64 = 4_000_000;
+        for (what, points, measured, row_bytes, has_normals, has_colors) in [
+            ("PLY x y z", LARGE, 67, 12, false, false),
+            ("PLY with colours", LARGE, 91, 15, false, true),
+            ("PLY with normals", LARGE, 75, 24, true, false),
+            ("PLY with normals and colours", LARGE, 94, 27, true, true),
+            ("PLY of f64", LARGE, 81, 24, false, false),
+            ("PLY with colours and 8 floats", LARGE, 128, 47, false, true),
+            ("PLY of f64 with colours", LARGE, 99, 27, false, true),
+            ("NPY", LARGE, 67, 12, false, false),
+            ("NPY of f64", LARGE, 67, 24, false, false),
+            ("NPZ with colours", LARGE, 94, 15, false, true),
+            ("PCD with colours", LARGE, 90, 20, false, true),
+            ("E57 with colours", LARGE, 91, 19, false, true),
+            // 24 bytes for reading and positions, and the columns that hold values. The heap's threshold for large
+            // arrays was fixed for all columns.
+            ("LAS of format 7, all columns", LARGE, 135, 24 + 26, false, true),
+            ("LAS of format 7, few columns", LARGE, 102, 24, false, true),
+            ("LAS of format 7, positions alone", LARGE, 71, 24, false, false),
+            ("LAS of format 6, all columns", LARGE, 98, 24 + 26, false, false),
+            ("LAS of format 1, all columns", LARGE, 97, 24 + 21, false, false),
+            ("LAZ of format 7, all columns", LARGE, 131, 24 + 26, false, true),
+            ("LAZ of format 6, all columns", LARGE, 121, 24 + 26, false, false),
+            ("LAZ of format 0, positions alone", LARGE, 73, 24, false, false),
+            ("LAZ of format 0 with intensity", LARGE, 81, 24 + 2, false, false),
+            ("LAS of format 0, positions alone", LARGE, 76, 24, false, false),
+            ("LAZ of format 0, positions alone", 3_000_000, 76, 24, false, false),
+            ("LAZ of format 0, positions alone", 2_150_000, 84, 24, false, false),
+            ("LAZ of format 0, positions alone", 2_600_000, 76, 24, false, false),
+            ("LAZ of format 7, few columns", LARGE, 98, 24, false, true),
+            ("LAZ of format 7, few columns", 3_000_000, 100, 24, false, true),
+            ("text x y z", LARGE, 67, 21, false, false),
+            ("text x y z, long numbers", LARGE, 84, 48, false, false),
+            ("text with intensity", LARGE, 73, 24, false, false),
+            ("text with colours", LARGE, 111, 39, false, true),
+            ("text with colours, short numbers", LARGE, 104, 32, false, true),
+            ("CSV with colours", LARGE, 103, 32, false, true),
+            ("PTS", LARGE, 119, 35, false, true),
+            // Smaller files, of whose arrays the heap retains some.
+            ("PLY x y z", 2_000_000, 92, 12, false, false),
+            ("PLY with colours", 2_000_000, 104, 15, false, true),
+            ("PLY with normals", 2_000_000, 84, 24, true, false),
+            ("NPY", 2_000_000, 89, 12, false, false),
+            ("NPY of f64", 2_000_000, 89, 24, false, false),
+            ("LAS of format 0, positions alone", 2_000_000, 109, 24, false, false),
+            ("LAS of format 1, five columns", 2_000_000, 129, 24 + 13, false, false),
+            ("LAS of format 6 with intensity", 2_000_000, 121, 24 + 2, false, false),
+            ("LAS of format 7, few columns", 2_000_000, 138, 24, false, true),
+            ("LAS of format 7, three columns", 2_000_000, 149, 24 + 11, false, true),
+            ("LAZ of format 0, positions alone", 2_000_000, 118, 24, false, false),
+            ("LAZ of format 0, positions alone", 1_000_000, 112, 24, false, false),
+            ("LAZ of format 0, positions alone", 500_000, 100, 24, false, false),
+            ("LAZ of format 0 with intensity", 2_000_000, 111, 24 + 2, false, false),
+            ("LAZ of format 1, five columns", 2_000_000, 118, 24 + 13, false, false),
+            ("LAZ of format 6 with intensity", 2_000_000, 119, 24 + 2, false, false),
+            ("LAZ of format 7, few columns", 2_000_000, 135, 24, false, true),
+            ("LAZ of format 7, few columns", 1_000_000, 136, 24, false, true),
+            ("LAZ of format 7, three columns", 2_000_000, 139, 24 + 11, false, true),
+            ("text x y z", 2_000_000, 113, 21, false, false),
+            ("text with colours, short numbers", 2_000_000, 137, 32, false, true),
         ] {
-            let count = PointCount { points: 1, has_radii: false, has_normals, has_colors, row_bytes };
+            let count = PointCount { points, has_radii: false, has_normals, has_colors, row_bytes };
             let estimate = loaded_bytes(&count) as f64;
-            assert!((estimate / f64::from(measured) - 1.0).abs() < 0.2, "{what}: {estimate}");
+            let is_near = (estimate / f64::from(measured) - 1.0).abs() < 0.2;
+            assert!(is_near || !cfg!(target_env = "gnu"), "{points} points of {what}: {estimate}");
         }
     }
 
