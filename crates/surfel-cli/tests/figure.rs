@@ -62,7 +62,7 @@ fn files_with_few_points_are_drawn_alike() {
     let said = f.run("figure smooth.xyz -o a.png --size 40x30").code(0).stderr();
     assert!(!said.contains("balls"), "{said}");
     let said = f.run("figure smooth.xyz rough.xyz -o b.png --size 40x30").code(0).stderr();
-    for reason in ["smooth.xyz: its points are drawn as balls, because those of other files are", "few and rough"] {
+    for reason in ["smooth.xyz: its points are drawn as balls, because those of other files are", "few, and rough"] {
         assert!(said.contains(reason), "{said}");
     }
     let said = f.run("figure smooth.xyz rough.xyz --points-as surface -o c.png --size 40x30").code(0).stderr();

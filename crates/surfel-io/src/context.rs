@@ -16,6 +16,9 @@ use surfel_model::{CloudData, Mesh, OnInvalid, PointCloud, SplatCloud};
 /// Note about alphas that are all 0.
 pub(crate) const ZERO_ALPHAS: &str = "took everything as opaque: its alphas are all 0";
 
+/// Note about colours that are all black.
+const ALL_BLACK: &str = "took it as without colours: they are all black";
+
 /// Maximum number of notes per file: nobody reads more.
 const MOST_NOTES: usize = 1000;
 
@@ -90,6 +93,14 @@ impl<'a> Context<'a> {
         }
     }
 
+    /// Drops colours that are all black: some tools write 0 for an unset colour, and black hides every shape.
+    pub(crate) fn leave_out_black(&mut self, colors: &mut Option<Vec<[f32; 3]>>) {
+        if colors.as_ref().is_some_and(|all| !all.is_empty() && all.iter().all(|color| *color == [0.0; 3])) {
+            *colors = None;
+            self.note(ALL_BLACK.into());
+        }
+    }
+
     /// Validates splats; with `repair`, drops invalid ones.
     pub(crate) fn splats(&mut self, mut data: CloudData) -> Result<Content, Fault> {
         let on_invalid = if self.options.repair { OnInvalid::Drop } else { OnInvalid::Refuse };
@@ -105,6 +116,7 @@ impl<'a> Context<'a> {
     pub(crate) fn points(&mut self, mut points: PointCloud) -> Result<Content, Fault> {
         points.check_columns()?;
         self.leave_out_zero_alphas(&mut points.alphas);
+        self.leave_out_black(&mut points.colors);
         let dropped = points.drop_non_finite();
         if dropped > 0 {
             self.note(format!("dropped {} whose coordinates are not finite", counted(dropped as u64, "points")));

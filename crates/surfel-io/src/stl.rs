@@ -69,8 +69,8 @@ fn colors(bytes: &[u8], count: usize) -> Option<(Vec<Option<FaceColor>>, &'stati
     let color = |bits: u16, red: u16, blue: u16| [linear(bits >> red), linear(bits >> 5), linear(bits >> blue), 1.0];
     if let Some([r, g, b, a]) = color_of_all(bytes) {
         let [r, g, b] = [r, g, b].map(|level| table[usize::from(level)]);
-        // A colour with alpha 0 isn't meant to be invisible.
-        let of_all = [r, g, b, if a == 0 { 1.0 } else { f32::from(a) / 255.0 }];
+        // A colour with alpha 0 isn't meant to be invisible, and a blank ends a colour without alpha.
+        let of_all = [r, g, b, if matches!(a, 0 | b' ') { 1.0 } else { f32::from(a) / 255.0 }];
         // If all attributes are 0, they are unused and don't mean black.
         let are_used = attributes.clone().any(|bits| bits != 0);
         let own = |bits: u16| if are_used && bits & 0x8000 == 0 { color(bits, 0, 10) } else { of_all };

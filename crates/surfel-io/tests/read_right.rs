@@ -564,6 +564,11 @@ fn stl_colors_follow_either_convention() {
     // All attribute bytes zero: the colour of all triangles, not black; its alpha of 0 is ignored.
     let (found, alphas, _) = colors(b"COLOR=\xff\x00\x00\x00", &[0, 0]);
     assert_eq!((found, alphas), (vec![red, red], None));
+    // A blank ends a colour without alpha; other fourth bytes are its alpha.
+    let (_, alphas, _) = colors(b"COLOR=\xff\x00\x00 MATERIAL=", &[0, 0]);
+    assert_eq!(alphas, None);
+    let (_, alphas, _) = colors(b"COLOR=\xff\x00\x00\x33,MATERIAL=", &[0, 0]);
+    assert_eq!(alphas, Some(vec![0.2; 4]));
     assert_eq!(colors(b"plain", &[0, 7]), (vec![None, None], None, String::new()));
     // 16 of 31 is level 132 of 255.
     let (found, ..) = colors(b"", &[0x8000 | 16 << 5]);
@@ -597,6 +602,28 @@ fn alphas_that_are_all_0_mean_opaque() {
                  property float nx\nproperty float ny\nproperty float nz\nproperty float radius\nproperty float alpha\n\
                  end_header\n0 0 0 0 0 1 1 0\n";
     assert_eq!(splats(read(Format::Ply, splat)).data().alphas, None);
+}
+
+#[test]
+fn colors_that_are_all_black_are_none() {
+    const NOTE: &str = "took it as without colours: they are all black";
+    let color = [("uchar", "red"), ("uchar", "green"), ("uchar", "blue")];
+    for (level, is_black) in [(0.0, true), (1.0, false)] {
+        let rows = [[1., 2., 3., 0., 0., 0.], [2., 2., 3., 0., level, 0.]];
+        for bytes in in_all_encodings("vertex", &[], &with(&XYZ, &color), &[&rows[0], &rows[1]]) {
+            let loaded = read(Format::Ply, bytes);
+            assert_eq!(loaded.notes.contains(&NOTE.to_owned()), is_black);
+            assert_eq!(points(loaded).colors.is_none(), is_black);
+        }
+        let mesh_file = format!(
+            "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n\
+             property uchar red\nproperty uchar green\nproperty uchar blue\nelement face 1\n\
+             property list uchar int vertex_indices\nend_header\n0 0 0 0 0 0\n1 0 0 0 0 0\n0 1 0 0 {level} 0\n3 0 1 2\n"
+        );
+        let loaded = read(Format::Ply, mesh_file.as_str());
+        assert_eq!(loaded.notes.contains(&NOTE.to_owned()), is_black);
+        assert_eq!(mesh(loaded).colors.is_none(), is_black);
+    }
 }
 
 #[test]

@@ -58,6 +58,8 @@ pub(crate) enum Outside {
     Outward {
         /// Up axis, a unit vector.
         up: DVec3,
+        /// True if the up axis is certain, so that ground faces up.
+        is_certain: bool,
     },
 }
 
@@ -66,7 +68,7 @@ impl Outside {
     pub(crate) fn at(self, place: DVec3) -> DVec3 {
         match self {
             Self::Toward(viewpoint) => (viewpoint - place).normalize_or(DVec3::Z),
-            Self::Outward { up } => up,
+            Self::Outward { up, .. } => up,
         }
     }
 }
@@ -132,10 +134,10 @@ pub(crate) fn normals(
         progress.advance(oriented.len() as u64);
     });
     let patches: Vec<Patches> = blocks.into_iter().map(|block| block.patches).collect();
-    if let Outside::Outward { up } = outside {
+    if let Outside::Outward { up, is_certain } = outside {
         progress.stage("orientation", 1);
         let edges = edges.into_inner().unwrap_or_else(PoisonError::into_inner);
-        orient(points, &mut all, &given, (labels, patches, edges), up);
+        orient(points, &mut all, &given, (labels, patches, edges), (up, is_certain));
         progress.advance(1);
     }
     let slots = level.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -420,7 +422,7 @@ fn orient(
     all: &mut [Oriented],
     given: &(impl Fn(usize) -> Vec3 + Sync),
     (labels, blocks, edges): (Vec<u16>, Vec<Patches>, Vec<[u32; 2]>),
-    up: DVec3,
+    up: (DVec3, bool),
 ) {
     let mut first = Vec::with_capacity(blocks.len());
     let mut sizes = Vec::new();
@@ -513,14 +515,14 @@ impl Default for Evidence {
     }
 }
 
-/// Returns, for each root, true if its set must be flipped.
+/// Returns, for each root, true if its set must be flipped. `up` is the up axis, and true if it is certain.
 fn signs(
     points: &SortedPoints,
     all: &[Oriented],
     given: &(impl Fn(usize) -> Vec3 + Sync),
     atlas: &Atlas,
     roots: &[(u32, bool)],
-    up: DVec3,
+    (up, is_certain): (DVec3, bool),
 ) -> Vec<bool> {
     let directions = directions();
     // Strays are outermost, and give no information about a surface.
@@ -582,9 +584,13 @@ fn signs(
         // A closed surface gets close to 14 votes. A sheet gets about none, because its extreme points look the same
         // from both sides; so does a shallow valley seen from below. The up axis then decides. If that is undecided too
         // (a wall), the outward votes decide, however few.
+        // If the up axis is certain, a valley of any depth is ground: all its normals have upward parts, while those of
+        // an object add up to little.
         let outward = outward(e);
-        let is_undecided = outward.abs() < SHEET && e.up.abs() > 0.01 * e.count;
-        if is_undecided { e.up < 0.0 } else { outward < 0.0 }
+        let level = e.up.abs() / e.count;
+        let is_ground = is_certain && level > outward.abs() / directions.len() as f64;
+        let is_undecided = outward.abs() < SHEET && level > 0.01;
+        if is_ground || is_undecided { e.up < 0.0 } else { outward < 0.0 }
     };
     sets.iter().map(flip).collect()
 }
@@ -612,7 +618,8 @@ mod tests {
     /// Returns the percentage of normals with the wrong sign relative to `outward`.
     fn wrong(positions: &[DVec3], outward: &[DVec3]) -> f64 {
         let points = SortedPoints::new(positions.len(), |i| positions[i]).unwrap();
-        let (all, _) = normals(&points, 16, None, Outside::Outward { up: DVec3::Z }, false, &NoProgress);
+        let (all, _) =
+            normals(&points, 16, None, Outside::Outward { up: DVec3::Z, is_certain: false }, false, &NoProgress);
         let is_wrong = |slot: &usize| {
             let exact = outward[points.inputs(*slot)[0] as usize];
             all[*slot].normal.as_dvec3().dot(exact) < 0.0

@@ -67,7 +67,7 @@ pub fn splats_from_points(
     let degree = options.neighbours.min(sorted.len() - 1);
     let outside = match options.viewpoint.or(points.viewpoint) {
         Some(v) => Outside::Toward((v - points.origin - sorted.center) / sorted.step),
-        None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector) },
+        None => Outside::Outward { up: points.up.map_or(DVec3::Z, Up::vector), is_certain: points.up.is_some() },
     };
     let mut layout = lay_out(&given, &sorted, degree, (outside, options), progress);
     let lone = Spacing::Unknown(LONE_RADIUS / radii::DENSITY / sorted.step);

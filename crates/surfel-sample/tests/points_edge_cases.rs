@@ -111,6 +111,27 @@ fn orientation_of_valleys_and_leaning_sheets_is_up() {
 }
 
 #[test]
+fn orientation_of_deep_valleys_is_up_if_the_up_axis_is_certain() {
+    // A gorge whose sides rise by 60° is convex from below, and so is a mountain from above.
+    let gorge = |height: f64, up| {
+        let place = |p: &DVec3| DVec3::new(p.x, p.y, height * (p.x - 0.5).abs());
+        let positions: Vec<DVec3> = disk(8000, 3).iter().map(place).collect();
+        let cloud = PointCloud { up, ..points(&positions, None) };
+        let (cloud, _) = splats_from_points(&cloud, &PointOptions::default(), &NoProgress).unwrap();
+        (0..cloud.len()).filter(|i| cloud.normal(*i).z < 0.0).count()
+    };
+    assert_eq!(gorge(1.7, Some(Up::PlusZ)), 0);
+    assert_eq!(gorge(-1.7, Some(Up::PlusZ)), 0);
+    assert!(gorge(1.7, None) > 7900, "an object's shell faces away from its inside");
+    // A closed object keeps its outside.
+    let mut random = Lcg(5);
+    let ball: Vec<DVec3> = (0..4000).map(|_| random.sphere()).collect();
+    let cloud = PointCloud { up: Some(Up::PlusZ), ..points(&ball, None) };
+    let (cloud, _) = splats_from_points(&cloud, &PointOptions::default(), &NoProgress).unwrap();
+    assert!((0..ball.len()).all(|i| cloud.normal(i).dot(ball[i]) > 0.0));
+}
+
+#[test]
 fn disks_of_points_in_no_surface_are_as_large_as_their_neighbours_are_far() {
     // A ball of leaves.
     let mut random = Lcg(31);

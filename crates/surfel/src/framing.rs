@@ -1,7 +1,7 @@
 //! Camera framing: places a camera so that all of a scene fills the image.
 
 use crate::patches::Patches;
-use crate::strays::{Sphere, are_splats, without_strays};
+use crate::strays::{Kind, Sphere, without_strays};
 pub use crate::upright::{UpConvention, UpReason, Upright};
 use crate::{upright, viewpoint};
 use glam::{DQuat, DVec3};
@@ -293,8 +293,9 @@ impl Extent<'_> {
 }
 
 /// Calls `f` with the centre and extent of each splat of an object, in world space. Mesh vertices have zero extent.
-/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0.
-fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &Extent)) {
+/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0. Gaussians have at
+/// most the length `longest`.
+fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
     // Upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
     let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
@@ -332,8 +333,10 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
             let are_faint = !opacities.iter().any(is_shown);
             for i in range.filter(|i| are_faint || is_shown(&opacities[*i])) {
                 let (s, t) = gaussians.ellipse(i);
-                let axes = || (m.transform_vector3(s), m.transform_vector3(t));
-                let reach = (s.length_squared() + t.length_squared()).sqrt() * growth;
+                let reach = reach_of(gaussians, i);
+                let part = if reach > longest { longest / reach } else { 1.0 };
+                let axes = || (m.transform_vector3(s * part), m.transform_vector3(t * part));
+                let reach = reach * part * growth;
                 f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes, outline: None });
             }
         }
@@ -349,6 +352,27 @@ fn for_each_of(object: &Object, range: Range<usize>, f: &mut dyn FnMut(DVec3, &E
     }
 }
 
+/// Divisor of the number of Gaussians that gives the number of needles.
+const ONE_NEEDLE_IN: usize = 50;
+/// Largest number of Gaussians whose length is measured.
+const MEASURED: usize = 20_000;
+
+/// Returns the radius of a sphere about a Gaussian's centre that contains its ellipse.
+fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
+    let (s, t) = gaussians.ellipse(i);
+    (s.length_squared() + t.length_squared()).sqrt()
+}
+
+/// Returns the length of the Gaussians that are no needles. Needles are the longest 1 in 50. They would make the rest of
+/// a scene small, although they are seen only faintly far from their centres. Infinite for other geometry.
+fn longest(object: &Object) -> f64 {
+    let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
+    let step = gaussians.len().div_ceil(MEASURED).max(1);
+    let mut all: Vec<f64> = (0..gaussians.len()).step_by(step).map(|i| reach_of(gaussians, i)).collect();
+    let Some(rank) = all.len().checked_sub(1 + all.len() / ONE_NEEDLE_IN) else { return f64::INFINITY };
+    *all.select_nth_unstable_by(rank, f64::total_cmp).1
+}
+
 /// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk starts with `none`, and `join` combines
 /// the chunk results in order.
 fn gathered<T: Clone + Send + Sync>(
@@ -358,15 +382,15 @@ fn gathered<T: Clone + Send + Sync>(
     join: impl Fn(T, T) -> T,
 ) -> T {
     const PART: usize = 1 << 15;
-    let part = |object: &Object, range: Range<usize>| {
+    let part = |object: &Object, range: Range<usize>, longest: f64| {
         let mut found = none.clone();
-        for_each_of(object, range, &mut |p, splat| add(&mut found, p, splat));
+        for_each_of(object, range, longest, &mut |p, splat| add(&mut found, p, splat));
         found
     };
     let of_object = |object: &Object| {
-        let count = object.geometry.len();
+        let (count, longest) = (object.geometry.len(), longest(object));
         let parts = (0..count.div_ceil(PART)).into_par_iter();
-        parts.map(|i| part(object, i * PART..count.min((i + 1) * PART))).collect::<Vec<T>>()
+        parts.map(|i| part(object, i * PART..count.min((i + 1) * PART), longest)).collect::<Vec<T>>()
     };
     scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
 }
@@ -423,10 +447,12 @@ pub(crate) fn without_strays_of(scene: &Scene) -> Option<Sphere> {
         if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
             // All splats count, so the ones between samples needn't be visited.
             let first = index.next_multiple_of(step) - index;
-            (first..len).step_by(step).for_each(|i| for_each_of(object, i..i + 1, &mut |p, _| sample.push(p)));
+            (first..len)
+                .step_by(step)
+                .for_each(|i| for_each_of(object, i..i + 1, f64::INFINITY, &mut |p, _| sample.push(p)));
             index += len;
         } else {
-            for_each_of(object, 0..len, &mut |p, _| {
+            for_each_of(object, 0..len, f64::INFINITY, &mut |p, _| {
                 if index.is_multiple_of(step) {
                     sample.push(p);
                 }
@@ -442,7 +468,7 @@ pub(crate) fn without_strays_of(scene: &Scene) -> Option<Sphere> {
         };
         gathered(scene, &Vec::new(), add, |a, b| [a, b].concat())
     };
-    without_strays((&sample, total), are_splats(&scene.objects), far)
+    without_strays((&sample, total), Kind::of(&scene.objects), far)
 }
 
 /// Stray points that [`frame_camera`] leaves out of the frame.
@@ -485,7 +511,8 @@ impl Len for Geometry {
 /// themselves, not their bounding box. Returns `None` if the scene is empty.
 ///
 /// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
-/// others, the farthest at least 1.5 times; in other geometry at most 1 in 200, four times as far out as the rest.
+/// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other geometry
+/// at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than the next.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }

@@ -458,7 +458,11 @@ pub(crate) fn splats_of(
             (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
         }
         Content::Gaussians(_) => return Err(not_splats(path)),
-        Content::Points(points) => convert::points(points, path, options, &mut notes, progress)?,
+        Content::Points(mut points) => {
+            // Ground faces up where the format says which way that is.
+            points.up = points.up.or(up_reason.map(|_| loaded.up));
+            convert::points(points, path, options, &mut notes, progress)?
+        }
         Content::Mesh(mut mesh) => {
             // An inverted mesh may be a room seen from inside, so its backs are drawn.
             closed = surfel_sample::is_closed(&mesh);

@@ -1,7 +1,7 @@
 //! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
 
 use crate::equal;
-use crate::strays::{are_splats, without_strays_of};
+use crate::strays::{Kind, without_strays_of};
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
 use surfel_model::{GaussianCloud, Geometry, Object};
@@ -94,7 +94,7 @@ impl Patches {
             take(object, numbers.map(|i| i - first), growth, &mut all);
             first = last;
         }
-        Self::normalised(all, are_splats(objects))
+        Self::normalised(all, Kind::of(objects))
     }
 
     /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
@@ -124,16 +124,16 @@ impl Patches {
                 ..p
             }
         };
-        Self::normalised(numbers.iter().map(in_world).collect(), false)
+        Self::normalised(numbers.iter().map(in_world).collect(), Kind::Other)
     }
 
-    fn normalised(mut all: Vec<Patch>, are_splats: bool) -> Option<Self> {
+    fn normalised(mut all: Vec<Patch>, kind: Kind) -> Option<Self> {
         all.retain(|p| p.position.is_finite() && p.area.is_finite() && p.normal.is_finite());
         if all.len() < FEWEST {
             return None;
         }
         let positions: Vec<DVec3> = all.iter().map(|p| p.position).collect();
-        if let Some(sphere) = without_strays_of(&positions, are_splats) {
+        if let Some(sphere) = without_strays_of(&positions, kind) {
             all.retain(|p| sphere.contains(p.position));
         }
         let fold = |f: fn(DVec3, DVec3) -> DVec3| all.iter().map(|p| p.position).reduce(f);

@@ -4,17 +4,51 @@ use glam::DVec3;
 use surfel_model::{Column3, Geometry, Object, PointCloud};
 use surfel_sample::{NoProgress, outliers};
 
-/// Divisor of the number of points that gives the largest number of strays of a point cloud.
-const OF_CLOUD: usize = 25;
-/// Ratio of the farthest stray's distance to the rest's, above which strays matter. In perspective, strays toward the
-/// eye make the rest of such a cloud less than half as high as the image.
-const FARTHER: f64 = 1.5;
+/// Kind of a scene's geometry, which decides what counts as a stray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Kind {
+    /// Clouds of splats, whose strays are isolated points.
+    Splats,
+    /// Trained Gaussians, which surround their scene with clumps and with haze that thins out.
+    Gaussians,
+    /// Anything else.
+    Other,
+}
+
+impl Kind {
+    /// Returns the kind of some objects.
+    pub(crate) fn of(objects: &[Object]) -> Self {
+        let are_all = |is: fn(&Geometry) -> bool| objects.iter().all(|object| is(&object.geometry));
+        if are_all(|geometry| matches!(geometry, Geometry::Splats(_))) {
+            Self::Splats
+        } else if are_all(|geometry| matches!(geometry, Geometry::Gaussians(_))) {
+            Self::Gaussians
+        } else {
+            Self::Other
+        }
+    }
+
+    /// Returns the divisor of the number of points that gives the largest number of strays.
+    const fn one_in(self) -> usize {
+        match self {
+            Self::Splats => 25,
+            Self::Gaussians => 50,
+            Self::Other => 200,
+        }
+    }
+
+    /// Returns the ratio of the farthest stray's distance to the rest's, above which strays matter. In perspective,
+    /// points at 1.5 times the distance toward the eye make the rest less than half as high as the image.
+    const fn farther(self) -> f64 {
+        match self {
+            Self::Splats | Self::Gaussians => 1.5,
+            Self::Other => 4.0,
+        }
+    }
+}
+
 /// Enlargement of the sphere around the rest of a sample, for points that aren't in the sample.
 const SLACK: f64 = 1.1;
-/// The same limits for other geometry, whose strays needn't be isolated: trained Gaussians surround their scene with
-/// clumps of far ones.
-const OF_OTHERS: usize = 200;
-const FARTHER_OF_OTHERS: f64 = 4.0;
 /// Number of points below which none is a stray.
 const FEWEST: usize = 200;
 /// Largest number of far points that are judged.
@@ -38,13 +72,14 @@ impl Sphere {
 /// `sample` is a selection of the scene's `total` points. `far(middle, distance)` returns all points of the scene that
 /// are farther than `distance` from `middle`.
 ///
-/// - The strays of a cloud of splats (`are_splats`) are at most 1 point in 25. Each is isolated by the criteria of
+/// - The strays of clouds of splats are at most 1 point in 25. Each is isolated by the criteria of
 ///   [`outliers`], and the farthest is more than 1.5 sphere radii from the centre. The sphere contains all sampled
 ///   points that aren't isolated, so no part of the surface is lost.
+/// - The strays of Gaussians are at most 1 in 50. Each is more than 1.5 times as far out as the others.
 /// - The strays of other geometry are at most 1 point in 200. Each is more than four times as far out as the others.
 pub(crate) fn without_strays(
     (sample, total): (&[DVec3], usize),
-    are_splats: bool,
+    kind: Kind,
     far: impl FnOnce(DVec3, f64) -> Vec<DVec3>,
 ) -> Option<Sphere> {
     let count = sample.len();
@@ -57,15 +92,15 @@ pub(crate) fn without_strays(
     };
     let middle = DVec3::new(median(0), median(1), median(2));
     let mut distances: Vec<f64> = sample.iter().map(|p| p.distance(middle)).collect();
-    let rank = count - 1 - count / if are_splats { OF_CLOUD } else { OF_OTHERS };
+    let rank = count - 1 - count / kind.one_in();
     let core = *distances.select_nth_unstable_by(rank, f64::total_cmp).1;
-    let limit = core * if are_splats { FARTHER } else { FARTHER_OF_OTHERS };
+    let limit = core * kind.farther();
     let far = if core > 0.0 { far(middle, limit) } else { Vec::new() };
     let farthest = far.iter().map(|p| p.distance(middle)).fold(0.0, f64::max);
-    if far.is_empty() || !are_splats {
+    if far.is_empty() || kind != Kind::Splats {
         return (!far.is_empty()).then_some(Sphere { middle, radius: limit });
     }
-    if far.len() * OF_CLOUD > total {
+    if far.len() * kind.one_in() > total {
         return None;
     }
     // Far points may be sampled more densely than the others. Parts of the surface are then denser, too.
@@ -76,18 +111,13 @@ pub(crate) fn without_strays(
     let is_alone = outliers(&cloud, &NoProgress).ok()?;
     let others = relative.iter().zip(&is_alone).filter(|(_, is_alone)| !**is_alone);
     let radius = SLACK * others.fold(core, |most, (p, _)| most.max(p.length()));
-    (farthest > FARTHER * radius).then_some(Sphere { middle, radius })
-}
-
-/// True if all objects are clouds of splats.
-pub(crate) fn are_splats(objects: &[Object]) -> bool {
-    objects.iter().all(|object| matches!(object.geometry, Geometry::Splats(_)))
+    (farthest > kind.farther() * radius).then_some(Sphere { middle, radius })
 }
 
 /// Returns [`without_strays`] of a scene of which all points are known.
-pub(crate) fn without_strays_of(all: &[DVec3], are_splats: bool) -> Option<Sphere> {
+pub(crate) fn without_strays_of(all: &[DVec3], kind: Kind) -> Option<Sphere> {
     let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
-    without_strays((all, all.len()), are_splats, far)
+    without_strays((all, all.len()), kind, far)
 }
 
 #[cfg(test)]
@@ -123,7 +153,7 @@ mod tests {
                 for (scale, offset) in [(1.0, DVec3::ZERO), (1e-6, DVec3::ZERO), (1e3, DVec3::splat(5e6))] {
                     let all = ball(count, DVec3::ZERO, 1.0).chain(strays(alone, times));
                     let all: Vec<DVec3> = all.map(|p| p * scale + offset).collect();
-                    let Sphere { middle, radius } = without_strays_of(&all, true).unwrap();
+                    let Sphere { middle, radius } = without_strays_of(&all, Kind::Splats).unwrap();
                     assert!(middle.distance(offset) < 0.2 * scale, "{count} {share} {times}");
                     assert!(radius > scale && radius < 1.4 * scale, "{count} {share} {times} {scale}: {radius}");
                 }
@@ -134,7 +164,7 @@ mod tests {
     #[test]
     fn small_parts_far_out_and_sparse_surroundings_are_no_strays() {
         let with = |others: Vec<DVec3>| {
-            without_strays_of(&ball(10_000, DVec3::ZERO, 1.0).chain(others).collect::<Vec<_>>(), true)
+            without_strays_of(&ball(10_000, DVec3::ZERO, 1.0).chain(others).collect::<Vec<_>>(), Kind::Splats)
         };
         assert_eq!(with(Vec::new()), None);
         // A part of 1 %, as dense as the rest; with strays beyond it, the sphere holds the part.
@@ -151,11 +181,22 @@ mod tests {
     #[test]
     fn strays_of_other_geometry_are_few_and_far_in_clumps_or_alone() {
         let clump: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(40, DVec3::X * 9.0, 0.01)).collect();
-        let Sphere { radius, .. } = without_strays_of(&clump, false).unwrap();
+        let Sphere { radius, .. } = without_strays_of(&clump, Kind::Other).unwrap();
         assert!((radius - 4.0).abs() < 0.05, "{radius}");
-        assert_eq!(without_strays_of(&clump, true), None);
+        assert_eq!(without_strays_of(&clump, Kind::Splats), None);
         let many: Vec<DVec3> = ball(10_000, DVec3::ZERO, 1.0).chain(ball(60, DVec3::X * 9.0, 0.01)).collect();
-        assert_eq!(without_strays_of(&many, false), None);
+        assert_eq!(without_strays_of(&many, Kind::Other), None);
+    }
+
+    #[test]
+    fn strays_of_gaussians_are_haze_that_thins_out() {
+        let with = |count: usize| -> Vec<DVec3> {
+            ball(10_000, DVec3::ZERO, 1.0).chain(strays(count, 6.0).map(|p| 0.6 * p)).collect()
+        };
+        let Sphere { radius, .. } = without_strays_of(&with(150), Kind::Gaussians).unwrap();
+        assert!((radius - 1.5).abs() < 0.02, "{radius}");
+        assert_eq!(without_strays_of(&with(150), Kind::Other), None);
+        assert_eq!(without_strays_of(&with(0), Kind::Gaussians), None);
     }
 
     #[test]
@@ -164,7 +205,7 @@ mod tests {
         let with = |others: Vec<DVec3>| {
             let far =
                 |middle: DVec3, limit: f64| others.iter().copied().filter(|p| p.distance(middle) > limit).collect();
-            without_strays((&few, 1_000_000), true, far)
+            without_strays((&few, 1_000_000), Kind::Splats, far)
         };
         assert!(with(strays(3, 50.0).collect()).is_some_and(|sphere| sphere.radius < 1.2));
         assert!(with(strays(30_000, 50.0).collect()).is_some_and(|sphere| sphere.radius < 1.4));

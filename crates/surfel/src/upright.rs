@@ -35,8 +35,10 @@ pub enum UpReason {
     Lying,
     /// The shape is mirror-symmetric from left to right, and the up axis lies in its mirror plane.
     Mirrored,
-    /// The points are those that a depth camera at the origin sees, in its own coordinates.
+    /// The points are those that a depth camera sees, in its own coordinates.
     Camera,
+    /// The points have the size and place that data sets of shapes have, and these store +y up.
+    Normalised,
     /// No evidence favours an axis, so the most common one is used: +y for meshes and splats, +z for points.
     Convention,
 }
@@ -53,6 +55,7 @@ impl fmt::Display for UpReason {
             Self::Lying => "otherwise it would fall over",
             Self::Mirrored => "its left and right sides are alike",
             Self::Camera => "a camera at 0,0,0 sees it so",
+            Self::Normalised => "data sets of shapes have this size and place",
             Self::Convention => "nothing in the data says it, this is most common",
         })
     }
@@ -185,6 +188,11 @@ const CAMERA_WEIGHT: f64 = 1.6;
 const CAMERA_TANGENTS: [f64; 2] = [0.8, 0.7];
 /// Least extent of the points of a depth camera, as a tangent: further away, any shape is within the field of view.
 const CAMERA_EXTENT: f64 = 0.1;
+/// Least fraction of the patches that lie within the field of view of a depth camera; others are strays.
+const WITHIN_VIEW: f64 = 0.995;
+/// Length of the mean of stored normals, along the axis that a camera looks along: at the first value they start to
+/// count as facing the camera, at the second they fully do.
+const FACING_CAMERA: (f64, f64) = (0.5, 0.7);
 /// Fewest patches from which a depth camera can be detected. The directions of fewer are so far apart that a closed
 /// shape seems to have one surface in each.
 const LEAST_SEEN: usize = 500;
@@ -195,6 +203,15 @@ const LAYERS_APART: f64 = 5.0;
 /// Fraction of directions in which the eye sees two surfaces: up to the first value a depth camera fully counts, from
 /// the second on not at all. Each outline of a depth image has a few such directions.
 const LAYERED: (f64, f64) = (0.25, 0.45);
+/// Weight of a size and place that data sets of shapes have.
+const NORMALISED_WEIGHT: f64 = 0.4;
+/// Number of patches from which a cloud is too large for a data set of shapes.
+const SHAPE_POINTS: usize = 16_384;
+/// Largest deviation of a normalised shape's size from that of its data set, and of its middle from the origin, as
+/// fractions of the size.
+const NORMALISED: f64 = 0.02;
+/// Least and largest distance from the origin to the farthest patch of a part of a shape whose diagonal was 1.
+const PART: std::ops::RangeInclusive<f64> = 0.3..=0.51;
 /// Largest [`Standing::rest`] of a shape that topples.
 const FALLS: f64 = 0.15;
 /// Least [`Standing::rest`] on both faces of a plate that lies flat.
@@ -210,13 +227,14 @@ struct Piece {
 }
 
 /// All evidence, strongest kind first. An axis scores the sum of the measurements times their weights.
-const EVIDENCE: [Piece; 6] = [
+const EVIDENCE: [Piece; 7] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
     Piece { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
     Piece { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
     Piece { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
     Piece { reason: UpReason::Camera, weight: CAMERA_WEIGHT, measure: Shape::camera_up, decides: 0.25 },
+    Piece { reason: UpReason::Normalised, weight: NORMALISED_WEIGHT, measure: Shape::normalised, decides: 0.25 },
 ];
 
 impl Piece {
@@ -306,14 +324,18 @@ struct Shape {
     mirror: [f64; 3],
     /// Lengths along the axes, in half diagonals.
     extent: [f64; 3],
+    /// The same without the few parts that stand out far, such as the wires over a street.
+    breadth: [f64; 3],
     /// True if the shape is thinner at both ends than in its middle, per axis.
     tapers: [bool; 3],
     /// True if the shape looks like terrain over this axis.
     ground: [bool; 3],
     /// Evidence of a floor with each of [`Up::ALL`] up, 0 to 1; zero unless points have stored normals.
     floors: [f64; 6],
-    /// Evidence of a depth camera at the origin whose up axis is −y and +y, 0 to 1; zero for other files than points.
+    /// Evidence of a depth camera whose up axis is −y and +y, 0 to 1; zero for other files than points.
     camera: [f64; 2],
+    /// True if the shape has the size and place of points in data sets of shapes.
+    is_normalised: bool,
     /// Mean normal; a component is negative if the surface mostly faces down that axis.
     facing: DVec3,
     /// True if a shape with two large faces counts as lying, as 3D printers and mills make it. In other formats a plate
@@ -331,10 +353,15 @@ impl Shape {
             tapers: [0, 1, 2].map(|k| tapers(patches, k)),
             ground: [0, 1, 2].map(|k| is_ground(patches, k)),
             floors: if convention == UpConvention::Points { floors(patches) } else { [0.0; 6] },
-            camera: [1.0, -1.0].map(|ahead| match convention {
-                UpConvention::Points => depth_camera(patches, ahead),
-                _ => 0.0,
-            }),
+            breadth: breadth(patches),
+            camera: match convention {
+                UpConvention::Points if is_ground(patches, 2) => [faces_camera(patches), 0.0],
+                UpConvention::Points => {
+                    [depth_camera(patches, 1.0).max(faces_camera(patches)), depth_camera(patches, -1.0)]
+                }
+                _ => [0.0; 2],
+            },
+            is_normalised: convention == UpConvention::Points && is_normalised(patches),
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
@@ -363,15 +390,18 @@ impl Shape {
         self.floors[up as usize]
     }
 
-    /// Returns the evidence of a depth camera that has this direction up, 0 to 1; 0 for terrain, which a camera far
-    /// below would see in the same way.
+    /// Returns the evidence of a depth camera that has this direction up, 0 to 1.
     fn camera_up(&self, up: Up) -> f64 {
         match up {
-            _ if self.ground[2] => 0.0,
             Up::MinusY => self.camera[0],
             Up::PlusY => self.camera[1],
             _ => 0.0,
         }
+    }
+
+    /// Returns 1 for the up axis of data sets of shapes if the shape seems to be from one, else 0.
+    fn normalised(&self, up: Up) -> f64 {
+        if self.is_normalised && up == Up::PlusY { 1.0 } else { 0.0 }
     }
 
     /// Returns 1 if this axis is perpendicular to the best mirror plane, so that it isn't up.
@@ -396,7 +426,7 @@ impl Shape {
     }
 
     fn leads(&self, k: usize) -> f64 {
-        leads(self.mirror, self.extent, k)
+        leads(self.mirror, self.breadth, k)
     }
 
     /// Returns the strongest evidence for an axis, or else the first criterion that rules out other axes.
@@ -516,15 +546,16 @@ fn floors(patches: &Patches) -> [f64; 6] {
 /// one surface. With z ahead y points down; with −z ahead, as in OpenGL, y points up.
 pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     let at = |p: &Patch| p.position * patches.scale + patches.middle;
-    if patches.all.len() < LEAST_SEEN || patches.all.iter().any(|p| at(p).z * ahead <= 0.0) {
+    if patches.all.len() < LEAST_SEEN {
         return 0.0;
     }
-    let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z.abs());
-    let seen: Vec<(DVec2, f64)> = patches.all.iter().map(|p| ray(at(p))).collect();
+    let ray = |p: DVec3| (p.truncate() / p.z.abs(), p.z * ahead);
+    let is_within = |(ray, depth): &(DVec2, f64)| *depth > 0.0 && ray.abs().cmple(DVec2::from(CAMERA_TANGENTS)).all();
+    let seen: Vec<(DVec2, f64)> = patches.all.iter().map(|p| ray(at(p))).filter(is_within).collect();
     let bounds = |f: fn(DVec2, DVec2) -> DVec2| seen.iter().map(|(ray, _)| *ray).reduce(f).unwrap_or_default();
     let (lo, hi) = (bounds(DVec2::min), bounds(DVec2::max));
-    let is_within = lo.abs().max(hi.abs()).cmple(DVec2::from(CAMERA_TANGENTS)).all();
-    if !is_within || (hi - lo).max_element() < CAMERA_EXTENT {
+    let has_strays_at_most = seen.len() as f64 >= WITHIN_VIEW * patches.all.len() as f64;
+    if !has_strays_at_most || (hi - lo).max_element() < CAMERA_EXTENT {
         return 0.0;
     }
     let cells = (seen.len() as f64 / PATCHES_OF_DIRECTIONS).sqrt().max(1.0);
@@ -540,6 +571,45 @@ pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     };
     let layered = directions.values_mut().map(is_layered).filter(|layered| *layered).count();
     1.0 - smoothstep(LAYERED.0, LAYERED.1, layered as f64 / directions.len() as f64)
+}
+
+/// Scores the evidence, 0 to 1, that stored normals face −z as a whole. A depth camera that looks along +z sees them so,
+/// with y down, wherever the origin is. A surface that faces +z may as well be ground.
+fn faces_camera(patches: &Patches) -> f64 {
+    let given = patches.all.iter().filter(|p| p.is_given).map(|p| p.area).sum::<f64>();
+    if given < FITTING * patches.area {
+        return 0.0;
+    }
+    smoothstep(FACING_CAMERA.0, FACING_CAMERA.1, -patches.mean(|p| p.normal).z)
+}
+
+/// True if a small cloud has the size and place that data sets of shapes give to their clouds, all of which store +y up
+/// (ShapeNet, ModelNet, and sets for the completion of shapes): a box about the origin whose longest side is 1 or 2, or
+/// whose diagonal is 1; points whose mean is the origin, with the farthest at 1; or a part of such a box, about the
+/// origin.
+fn is_normalised(patches: &Patches) -> bool {
+    if patches.all.len() >= SHAPE_POINTS {
+        return false;
+    }
+    let world = || patches.all.iter().map(|p| p.position * patches.scale + patches.middle);
+    let extent = patches.extent() * patches.scale;
+    let is = |length: f64, unit: f64| (length / unit - 1.0).abs() < NORMALISED;
+    let (longest, diagonal) = (extent.max_element(), extent.length());
+    let is_box = is(longest, 1.0) || is(longest, 2.0) || is(diagonal, 1.0);
+    let farthest = world().map(DVec3::length).fold(0.0, f64::max);
+    let mean = world().sum::<DVec3>() / patches.all.len() as f64;
+    let is_part = PART.contains(&farthest) && patches.middle.abs().cmplt(0.25 * extent).all();
+    is_box && patches.middle.abs().max_element() < NORMALISED * diagonal
+        || is(farthest, 1.0) && mean.length() < NORMALISED
+        || is_part
+}
+
+/// Returns the length of a box with the same spread as the surface, per axis in half diagonals, but the extent where
+/// this length is more than half of it: the legs of an animal are no strays.
+fn breadth(patches: &Patches) -> [f64; 3] {
+    let extent = patches.extent();
+    let spread = patches.mean(|p| (p.position - patches.centroid).powf(2.0)).map(|variance| (12.0 * variance).sqrt());
+    DVec3::select(spread.cmplt(0.5 * extent), spread, extent).to_array()
 }
 
 /// True if the surface is a thin height field over this axis, or over an axis tilted from it as on a hillside, and

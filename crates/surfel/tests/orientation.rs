@@ -272,7 +272,7 @@ fn pictures_have_as_much_room_on_either_side() {
 
 #[test]
 fn what_says_nothing_follows_the_convention() {
-    let ball = Shape::default().ball([0.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
+    let ball = Shape::default().ball([2.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
     let cube = Shape::default().block([0.0; 3], [1.0; 3]).object(DAffine3::IDENTITY, 8000);
     for object in [ball, cube] {
         let objects = [object];
@@ -602,6 +602,122 @@ fn points_that_a_camera_at_the_origin_sees_have_its_axes() {
     for (name, points) in [("whole_ball.txt", ball), ("few.txt", few), ("terrain.txt", terrain)] {
         assert_ne!(found(name, &points).0.reason, UpReason::Camera, "{name}");
     }
+}
+
+#[test]
+fn one_stray_point_hides_no_camera() {
+    let mut points = seen_by_camera();
+    points.push(DVec3::new(0.0, 0.1, -0.2));
+    let cloud = PointCloud { positions: Column3::from_f64(&points), ..PointCloud::default() };
+    let found = |cloud: &PointCloud| {
+        upright(&[object(splats_from_points(cloud, &PointOptions::default(), &NoProgress).unwrap().0)], POINTS)
+    };
+    assert_eq!(found(&cloud), Upright { up: Up::MinusY, reason: UpReason::Camera });
+    // With a tenth elsewhere it is no depth image.
+    let elsewhere =
+        (0..points.len() / 10).map(|i| DVec3::new((i as f64 * 0.618).fract(), 0.1, -0.2 - i as f64 / 500.0));
+    let cloud = PointCloud {
+        positions: Column3::from_f64(&points.iter().copied().chain(elsewhere).collect::<Vec<_>>()),
+        ..PointCloud::default()
+    };
+    assert_ne!(found(&cloud).reason, UpReason::Camera);
+}
+
+#[test]
+fn walls_whose_stored_normals_face_a_camera_stand() {
+    // A bent wall beside the origin, as fragments of several depth images are: y down, z ahead.
+    let wall = |up: Up, normals: bool| {
+        let place = |i: usize| DVec3::new((i % 90) as f64 / 90.0, (i / 90) as f64 / 60.0, 0.0);
+        let bent = |p: DVec3| DVec3::new(2.0 + p.x, 2.0 + p.y, 1.0 + 0.6 * (p.x - 0.5).abs());
+        let normal = |p: DVec3| DVec3::new(0.6 * (p.x - 0.5).signum(), 0.0, -1.0).normalize();
+        let map = if up == Up::PlusY { DVec3::new(1.0, -1.0, -1.0) } else { DVec3::ONE };
+        let column =
+            |of: &dyn Fn(DVec3) -> DVec3| Column3::from_f64(&(0..5400).map(|i| of(place(i)) * map).collect::<Vec<_>>());
+        let positions = column(&bent);
+        let normals = normals.then(|| column(&normal));
+        let cloud = PointCloud { positions, normals, ..PointCloud::default() };
+        upright(&[object(splats_from_points(&cloud, &PointOptions::default(), &NoProgress).unwrap().0)], POINTS)
+    };
+    assert_eq!(wall(Up::MinusY, true), Upright { up: Up::MinusY, reason: UpReason::Camera });
+    assert_ne!(wall(Up::MinusY, false).reason, UpReason::Camera);
+    // Facing +z it may be ground.
+    assert_ne!(wall(Up::PlusY, true).reason, UpReason::Camera);
+}
+
+#[test]
+fn points_of_the_size_of_data_sets_have_y_up() {
+    // An egg: nothing but its size and place says which way is up.
+    let egg = |scale: f64, offset: f64| {
+        let egg = Shape::default().ball([offset; 3], [0.3, 0.4, 0.2].map(|r| r * scale));
+        egg.object(DAffine3::IDENTITY, 3000)
+    };
+    let diagonal = 2.0 * DVec3::new(0.3, 0.4, 0.2).length();
+    let normalised = Upright { up: Up::PlusY, reason: UpReason::Normalised };
+    for scale in [1.0 / diagonal, 1.25, 2.5] {
+        assert_eq!(upright(&[egg(scale, 0.0)], POINTS), normalised, "{scale}");
+        assert_ne!(upright(&[egg(scale, 3.0)], POINTS).reason, UpReason::Normalised, "{scale}");
+    }
+    for scale in [0.1, 1.7, 30.0] {
+        assert_ne!(upright(&[egg(scale, 0.0)], POINTS).reason, UpReason::Normalised, "{scale}");
+    }
+    // Meshes have y up anyway, and scans have more points.
+    assert_ne!(upright(&[egg(1.25, 0.0)], MESHES).reason, UpReason::Normalised);
+    let many = Shape::default().ball([0.0; 3], [0.3, 0.5, 0.2]).object(DAffine3::IDENTITY, 20_000);
+    assert_ne!(upright(&[many], POINTS).reason, UpReason::Normalised);
+}
+
+#[test]
+fn wires_over_a_street_dont_make_it_a_mirror_image() {
+    // A street 40 long with bumps, and a wire far above it: the street is its own image upside down.
+    let street = (0..6000).map(|i| {
+        let (x, y) = ((i % 100) as f64 * 0.4, (i / 100) as f64 * 0.4);
+        DVec3::new(x, y + 3.0 * (0.1 * x).sin() - 0.3 * x, 0.2 * (x * y).sin())
+    });
+    let wire = (0..80).map(|i| DVec3::new(f64::from(i) * 0.5, f64::from(i) * 0.2, 19.0));
+    let cloud =
+        PointCloud { positions: Column3::from_f64(&street.chain(wire).collect::<Vec<_>>()), ..PointCloud::default() };
+    let cloud = splats_from_points(&cloud, &PointOptions::default(), &NoProgress).unwrap().0;
+    assert_eq!(upright(&[object(cloud)], POINTS).up, Up::PlusZ);
+}
+
+/// Returns trained Gaussians of a ball, and needles of a length in it.
+fn ball_with_needles(needles: usize, length: f32) -> Scene {
+    let most = 2000;
+    let at = |i: usize| {
+        let height = 1.0 - 2.0 * (i as f64 + 0.5) / most as f64;
+        let (sin, cos) = (2.4 * i as f64).sin_cos();
+        (DVec3::new(cos, 0.0, sin) * (1.0 - height * height).sqrt() + DVec3::Y * height).as_vec3()
+    };
+    let is_needle = |i: usize| i * needles / most != (i + 1) * needles / most;
+    let data = GaussianData {
+        origin: DVec3::ZERO,
+        centers: Column3::from_f32((0..most).map(at).collect()),
+        kind: GaussianKind::Flat,
+        sigmas: (0..most).map(|i| [if is_needle(i) { length } else { 0.02 }, 0.02, 0.0]).collect(),
+        rotations: vec![[0.0, 0.0, 0.0, 1.0]; most],
+        opacities: vec![0.9; most],
+        degree: 0,
+        harmonics: vec![[0.5; 3]; most],
+        linear_colors: false,
+        up: None,
+    };
+    let cloud = GaussianCloud::new(data, OnInvalid::Refuse).unwrap().0;
+    let geometry = Geometry::Gaussians(Arc::new(cloud));
+    let ball = Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() };
+    Scene { objects: vec![ball], ..Scene::default() }
+}
+
+#[test]
+fn a_few_needles_dont_make_gaussians_small() {
+    let axes = ViewAxes::turned(ViewAngles::ISO, Up::PlusY);
+    let projection = FrameProjection::Perspective(40.0);
+    let options = FrameOptions { axes, projection, size: [512, 512], fill: 0.9, turning: None };
+    let away = |needles: usize| {
+        let camera = frame_camera(&ball_with_needles(needles, 8.0), &options).unwrap();
+        (DVec3::from(camera.eye) - DVec3::from(camera.target)).length()
+    };
+    assert!((away(30) / away(0) - 1.0).abs() < 0.02, "{} {}", away(30), away(0));
+    assert!(away(200) > 3.0 * away(0), "long ones that are many are a part of the scene");
 }
 
 #[test]

@@ -133,6 +133,7 @@ pub(super) fn build(
     if let Some(of_triangle) = face_colors {
         face_colors::show(&mut mesh, &of_triangle, context);
     }
+    context.leave_out_black(&mut mesh.colors);
     context.mesh(mesh)
 }
 
