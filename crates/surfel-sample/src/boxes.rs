@@ -2,7 +2,7 @@
 //! in a point, as in a fan, all overlap; oriented boxes don't.
 //!
 //! Boxes around groups of long shapes that cross overlap however they are oriented. Where the two halves of a node
-//! overlap and its shapes are long, each long shape is cut into two pieces, which are sorted into the hierarchy one by
+//! overlap and its shapes are long, each long one is cut into two pieces, which are sorted into the hierarchy one by
 //! one (early split clipping: Ernst and Greiner 2007). A piece stands for its whole shape, so that distances are exact.
 
 use crate::eigen::symmetric3;
@@ -24,8 +24,10 @@ const LEAST_AT_HUB: usize = 16;
 const CROSSING: (usize, f64) = (128, 0.5);
 /// The same limits within a node whose shapes were cut. Fewer shapes are compared one by one.
 const STILL_CROSSING: (usize, f64) = (8, 0.1);
-/// Smallest length of a shape that is cut, relative to the diagonal of its node.
+/// Smallest length of a shape that is cut, relative to the diagonal of its node, and largest breadth on either side,
+/// relative to the length. Wide shapes about one edge overlap however often they are cut.
 const LEAST_LENGTH: f64 = 0.2;
+const MOST_BREADTH: f64 = 0.25;
 /// Maximum number of cuts, per shape on average and in total.
 const MOST_CUTS_EACH: usize = 63;
 const MOST_CUTS: usize = 1 << 20;
@@ -114,14 +116,14 @@ impl<const N: usize> Pieces<'_, N> {
         (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
     }
 
-    /// Cuts the pieces of at least this length into halves, as long as `room` allows, and returns all; `None` if none
-    /// is cut.
+    /// Cuts the slender pieces of at least this length into halves, as long as `room` allows, and returns all; `None` if
+    /// none is cut.
     fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
         let mut all = Vec::with_capacity(2 * order.len());
         let mut cuts = 0;
         for i in order {
             let [a, b] = longest(self.corners(*i));
-            if cuts == room || a.distance(b) < length {
+            if cuts == room || a.distance(b) < length || !is_slender(self.corners(*i), [a, b]) {
                 all.push(*i);
                 continue;
             }
@@ -145,6 +147,12 @@ fn longest(corners: &[DVec3]) -> [DVec3; 2] {
 
 fn distance2([a, b]: [DVec3; 2]) -> f64 {
     a.distance_squared(b)
+}
+
+/// True if all corners are near the segment between two of them.
+fn is_slender(corners: &[DVec3], [a, b]: [DVec3; 2]) -> bool {
+    let along = b - a;
+    corners.iter().all(|p| (*p - a).cross(along).length() <= MOST_BREADTH * along.length_squared())
 }
 
 /// Returns the corners of the two halves of a flat convex shape, cut at right angles to a segment through its middle.
@@ -557,6 +565,10 @@ mod tests {
         assert_eq!(Boxes::new(&small).order.len(), 2000);
         let slivers: Vec<[DVec3; 3]> = (0..2000).map(|_| DVec3::X * place().x).map(|p| [p, p, p + DVec3::Y]).collect();
         assert_eq!(Boxes::new(&slivers).order.len(), 2000);
+        // Equilateral triangles in all directions.
+        let wide = |a: DVec3, d: DVec3, e: DVec3| [a, a + d, a + 0.5 * d + 0.8 * d.length() * d.cross(e).normalize()];
+        let wide: Vec<[DVec3; 3]> = (0..2000).map(|_| wide(place(), place() - 0.5, place() - 0.5)).collect();
+        assert_eq!(Boxes::new(&wide).order.len(), 2000);
         let long: Vec<[DVec3; 2]> = (0..2000).map(|_| [place(), place()]).collect();
         let cut = Boxes::new(&long).order.len();
         assert!(cut > 3 * 2000 && cut <= (1 + MOST_CUTS_EACH) * 2000, "{cut}");
