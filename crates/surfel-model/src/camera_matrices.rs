@@ -14,8 +14,9 @@ const PROJECTION: &str = "a right-handed perspective or orthographic projection 
 
 impl Camera {
     /// Creates a camera from the matrices of an engine: `view_from_world` as glam's `dcamera::rh::view` makes it, and
-    /// `clip_from_view` as a function of its `dcamera::rh::proj` does, for OpenGL, DirectX (also wgpu's) or Vulkan. The principal point may be off the centre, and y may point down in clip space, as in Vulkan. The
-    /// image has `size` = [width, height] pixels.
+    /// `clip_from_view` as a function of its `dcamera::rh::proj` does, for OpenGL, DirectX (also wgpu's) or Vulkan. The
+    /// principal point may be off the centre, and y may point down in clip space, as in Vulkan. The image has `size` =
+    /// [width, height] pixels.
     ///
     /// Conventions of clip-space depth differ, so that the depths of the near and far planes in world units are given
     /// as `near_far`. A perspective camera ignores the far plane.

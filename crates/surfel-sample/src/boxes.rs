@@ -116,8 +116,8 @@ impl<const N: usize> Pieces<'_, N> {
         (b.min(d) - a.max(c)) / (b.max(d) - a.min(c))
     }
 
-    /// Cuts the slender pieces of at least this length into halves, as long as `room` allows, and returns all; `None` if
-    /// none is cut.
+    /// Cuts the slender pieces of at least this length into halves, as long as `room` allows, and returns all; `None`
+    /// if none is cut.
     fn halved(&mut self, order: &[u32], length: f64, room: usize) -> Option<Vec<u32>> {
         let mut all = Vec::with_capacity(2 * order.len());
         let mut cuts = 0;

@@ -293,8 +293,8 @@ impl Extent<'_> {
 }
 
 /// Calls `f` with the centre and extent of each splat of an object, in world space. Mesh vertices have zero extent.
-/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0. Gaussians have at
-/// most the length `longest`.
+/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0. Gaussians are
+/// at most `longest` long.
 fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
     let m = object.world_from_object;
     // Upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
@@ -363,8 +363,8 @@ fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
     (s.length_squared() + t.length_squared()).sqrt()
 }
 
-/// Returns the length of the Gaussians that are no needles. Needles are the longest 1 in 50. They would make the rest of
-/// a scene small, although they are seen only faintly far from their centres. Infinite for other geometry.
+/// Returns the length of the Gaussians that are no needles. Needles are the longest 1 in 50. They would make the rest
+/// of a scene small, although they are seen only faintly far from their centres. Infinite for other geometry.
 fn longest(object: &Object) -> f64 {
     let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
     let step = gaussians.len().div_ceil(MEASURED).max(1);
@@ -511,8 +511,8 @@ impl Len for Geometry {
 /// themselves, not their bounding box. Returns `None` if the scene is empty.
 ///
 /// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
-/// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other geometry
-/// at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than the next.
+/// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other
+/// geometry at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than the next.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }

@@ -573,8 +573,8 @@ pub(crate) fn depth_camera(patches: &Patches, ahead: f64) -> f64 {
     1.0 - smoothstep(LAYERED.0, LAYERED.1, layered as f64 / directions.len() as f64)
 }
 
-/// Scores the evidence, 0 to 1, that stored normals face −z as a whole. A depth camera that looks along +z sees them so,
-/// with y down, wherever the origin is. A surface that faces +z may as well be ground.
+/// Scores the evidence, 0 to 1, that stored normals face −z as a whole. A depth camera that looks along +z sees them
+/// so, with y down, wherever the origin is. A surface that faces +z may as well be ground.
 fn faces_camera(patches: &Patches) -> f64 {
     let given = patches.all.iter().filter(|p| p.is_given).map(|p| p.area).sum::<f64>();
     if given < FITTING * patches.area {
