@@ -154,9 +154,9 @@ pub trait Renderer {
     }
 
     /// Replaces everything but the geometry of a resident scene by that of `scene`: matrices, materials, lights,
-    /// ambient light, background and matcap. No splat is copied. Returns false, and changes nothing, if `scene` has other
-    /// objects than the resident scene, or doesn't share their geometry with it by `Arc`, or if this backend can't
-    /// update: `scene` must then be uploaded.
+    /// ambient light, background and matcap. No splat is copied. Returns false, and changes nothing, if `scene` has
+    /// other objects than the resident scene, or doesn't share their geometry with it by `Arc`, or if this backend
+    /// can't update: `scene` must then be uploaded.
     ///
     /// # Errors
     /// [`RenderError::Model`] if the scene is invalid.

@@ -512,7 +512,8 @@ impl Len for Geometry {
 ///
 /// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
 /// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other
-/// geometry at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than the next.
+/// geometry at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than
+/// the next.
 pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }
