@@ -37,8 +37,6 @@ pub enum UpReason {
     Mirrored,
     /// The points are those that a depth camera sees, in its own coordinates.
     Camera,
-    /// The points have the size and place that data sets of shapes have, and these store +y up.
-    Normalised,
     /// No evidence favours an axis, so the most common one is used: +y for meshes and splats, +z for points.
     Convention,
 }
@@ -55,7 +53,6 @@ impl fmt::Display for UpReason {
             Self::Lying => "otherwise it would fall over",
             Self::Mirrored => "its left and right sides are alike",
             Self::Camera => "a camera at 0,0,0 sees it so",
-            Self::Normalised => "data sets of shapes have this size and place",
             Self::Convention => "nothing in the data says it, this is most common",
         })
     }
@@ -203,15 +200,6 @@ const LAYERS_APART: f64 = 5.0;
 /// Fraction of directions in which the eye sees two surfaces: up to the first value a depth camera fully counts, from
 /// the second on not at all. Each outline of a depth image has a few such directions.
 const LAYERED: (f64, f64) = (0.25, 0.45);
-/// Weight of a size and place that data sets of shapes have.
-const NORMALISED_WEIGHT: f64 = 0.4;
-/// Number of patches from which a cloud is too large for a data set of shapes.
-const SHAPE_POINTS: usize = 16_384;
-/// Largest deviation of a normalised shape's size from that of its data set, and of its middle from the origin, as
-/// fractions of the size.
-const NORMALISED: f64 = 0.02;
-/// Least and largest distance from the origin to the farthest patch of a part of a shape whose diagonal was 1.
-const PART: std::ops::RangeInclusive<f64> = 0.3..=0.51;
 /// Largest [`Standing::rest`] of a shape that topples.
 const FALLS: f64 = 0.15;
 /// Least [`Standing::rest`] on both faces of a plate that lies flat.
@@ -227,14 +215,13 @@ struct Piece {
 }
 
 /// All evidence, strongest kind first. An axis scores the sum of the measurements times their weights.
-const EVIDENCE: [Piece; 7] = [
+const EVIDENCE: [Piece; 6] = [
     Piece { reason: UpReason::Base, weight: 1.0, measure: Shape::base, decides: 0.25 },
     Piece { reason: UpReason::Ground, weight: GROUND_WEIGHT, measure: Shape::ground_beyond_floor, decides: 0.25 },
     Piece { reason: UpReason::Floor, weight: FLOOR_WEIGHT, measure: Shape::floor, decides: 0.25 },
     Piece { reason: UpReason::Lying, weight: -0.6, measure: Shape::topples, decides: -0.2 },
     Piece { reason: UpReason::Mirrored, weight: -0.8, measure: Shape::is_mirror_axis, decides: -0.2 },
     Piece { reason: UpReason::Camera, weight: CAMERA_WEIGHT, measure: Shape::camera_up, decides: 0.25 },
-    Piece { reason: UpReason::Normalised, weight: NORMALISED_WEIGHT, measure: Shape::normalised, decides: 0.25 },
 ];
 
 impl Piece {
@@ -334,8 +321,6 @@ struct Shape {
     floors: [f64; 6],
     /// Evidence of a depth camera whose up axis is −y and +y, 0 to 1; zero for other files than points.
     camera: [f64; 2],
-    /// True if the shape has the size and place of points in data sets of shapes.
-    is_normalised: bool,
     /// Mean normal; a component is negative if the surface mostly faces down that axis.
     facing: DVec3,
     /// True if a shape with two large faces counts as lying, as 3D printers and mills make it. In other formats a plate
@@ -361,7 +346,6 @@ impl Shape {
                 }
                 _ => [0.0; 2],
             },
-            is_normalised: convention == UpConvention::Points && is_normalised(patches),
             facing: patches.mean(|p| p.normal),
             plates_lie: convention == UpConvention::Stl,
         }
@@ -397,11 +381,6 @@ impl Shape {
             Up::PlusY => self.camera[1],
             _ => 0.0,
         }
-    }
-
-    /// Returns 1 for the up axis of data sets of shapes if the shape seems to be from one, else 0.
-    fn normalised(&self, up: Up) -> f64 {
-        if self.is_normalised && up == Up::PlusY { 1.0 } else { 0.0 }
     }
 
     /// Returns 1 if this axis is perpendicular to the best mirror plane, so that it isn't up.
@@ -581,27 +560,6 @@ fn faces_camera(patches: &Patches) -> f64 {
         return 0.0;
     }
     smoothstep(FACING_CAMERA.0, FACING_CAMERA.1, -patches.mean(|p| p.normal).z)
-}
-
-/// True if a small cloud has the size and place that data sets of shapes give to their clouds, all of which store +y up
-/// (ShapeNet, ModelNet, and sets for the completion of shapes): a box about the origin whose longest side is 1 or 2, or
-/// whose diagonal is 1; points whose mean is the origin, with the farthest at 1; or a part of such a box, about the
-/// origin.
-fn is_normalised(patches: &Patches) -> bool {
-    if patches.all.len() >= SHAPE_POINTS {
-        return false;
-    }
-    let world = || patches.all.iter().map(|p| p.position * patches.scale + patches.middle);
-    let extent = patches.extent() * patches.scale;
-    let is = |length: f64, unit: f64| (length / unit - 1.0).abs() < NORMALISED;
-    let (longest, diagonal) = (extent.max_element(), extent.length());
-    let is_box = is(longest, 1.0) || is(longest, 2.0) || is(diagonal, 1.0);
-    let farthest = world().map(DVec3::length).fold(0.0, f64::max);
-    let mean = world().sum::<DVec3>() / patches.all.len() as f64;
-    let is_part = PART.contains(&farthest) && patches.middle.abs().cmplt(0.25 * extent).all();
-    is_box && patches.middle.abs().max_element() < NORMALISED * diagonal
-        || is(farthest, 1.0) && mean.length() < NORMALISED
-        || is_part
 }
 
 /// Returns the length of a box with the same spread as the surface, per axis in half diagonals, but the extent where

@@ -645,28 +645,6 @@ fn walls_whose_stored_normals_face_a_camera_stand() {
 }
 
 #[test]
-fn points_of_the_size_of_data_sets_have_y_up() {
-    // An egg: nothing but its size and place says which way is up.
-    let egg = |scale: f64, offset: f64| {
-        let egg = Shape::default().ball([offset; 3], [0.3, 0.4, 0.2].map(|r| r * scale));
-        egg.object(DAffine3::IDENTITY, 3000)
-    };
-    let diagonal = 2.0 * DVec3::new(0.3, 0.4, 0.2).length();
-    let normalised = Upright { up: Up::PlusY, reason: UpReason::Normalised };
-    for scale in [1.0 / diagonal, 1.25, 2.5] {
-        assert_eq!(upright(&[egg(scale, 0.0)], POINTS), normalised, "{scale}");
-        assert_ne!(upright(&[egg(scale, 3.0)], POINTS).reason, UpReason::Normalised, "{scale}");
-    }
-    for scale in [0.1, 1.7, 30.0] {
-        assert_ne!(upright(&[egg(scale, 0.0)], POINTS).reason, UpReason::Normalised, "{scale}");
-    }
-    // Meshes have y up anyway, and scans have more points.
-    assert_ne!(upright(&[egg(1.25, 0.0)], MESHES).reason, UpReason::Normalised);
-    let many = Shape::default().ball([0.0; 3], [0.3, 0.5, 0.2]).object(DAffine3::IDENTITY, 20_000);
-    assert_ne!(upright(&[many], POINTS).reason, UpReason::Normalised);
-}
-
-#[test]
 fn wires_over_a_street_dont_make_it_a_mirror_image() {
     // A street 40 long with bumps, and a wire far above it: the street is its own image upside down.
     let street = (0..6000).map(|i| {
