@@ -64,7 +64,6 @@ mod shade;
 mod simd;
 #[cfg(test)]
 mod tests;
-mod threads;
 mod tiles;
 
 pub use options::Options;

@@ -40,8 +40,6 @@
 
 mod background;
 mod balls;
-#[doc(hidden)]
-pub mod clock;
 mod color_plane;
 mod error;
 mod frame;
