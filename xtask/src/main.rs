@@ -19,6 +19,7 @@ mod scaling;
 mod suites;
 mod tidy;
 mod vulkan;
+mod web;
 
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
@@ -43,6 +44,9 @@ Commands:
           crate of its own, and runs both
   wheel   Build the Python package into target/wheels, by maturin and zig of pip: for manylinux2014
           and musllinux_1_2 on x86-64 and aarch64, where rustup has the targets
+  web     Build the drawing module of exported pages, WebAssembly with SIMD, into
+          crates/surfel-web-module/module; Cargo's feature export of surfel-cli needs it. The target
+          wasm32-unknown-unknown is installed by rustup if it is missing
   ci      Everything that must pass before a change is merged: formatting, clippy, the program
           with its default features, docs, tests, tidy, and cargo-deny where it is installed
   tidy    Cheap checks of the tree: sizes of files, lengths of lines, leftovers, machine paths,
@@ -85,7 +89,7 @@ Commands:
 
 Environment:
   SURFEL_REQUIRE    Comma-separated list of what must not be skipped: vulkan, wgpu, ash,
-                    validation, test-data, cargo-deny, python, page, and steps of a release
+                    validation, test-data, cargo-deny, python, page, web, and steps of a release
   SURFEL_TEST_DATA  Folder of golden scenes and models that aren't shipped; without it the folder
                     'shared' beside the workspace, where there is one
 
@@ -98,6 +102,7 @@ fn main() -> ExitCode {
     let passed = match words[..] {
         ["test"] => suites::run(&root, Gpu::IfPresent, false),
         ["test", "--full"] => suites::run(&root, Gpu::IfPresent, true),
+        ["web"] => web::build(&root),
         ["wheel"] => python::wheel(&root),
         ["ci"] => ci::run(&root),
         ["tidy"] => tidy::run(&root),

@@ -1,17 +1,29 @@
 //! The page of `surfel view`: its tests in headless Chromium.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
 use crate::python::{self, Tested};
 
 /// Folder of the tests.
 const TESTS: &str = "crates/surfel-view/tests/page";
-/// The page's script, whose syntax is checked wherever there is node.
-const SCRIPT: &str = "crates/surfel-view/page/view.js";
+/// The page's scripts, whose syntax is checked wherever there is node.
+const SCRIPTS: [&str; 6] = [
+    "crates/surfel-view/page/view.js",
+    "crates/surfel-view/page/export.js",
+    "crates/surfel-view/page/module.js",
+    "crates/surfel-view/page/worker.js",
+    "crates/surfel-view/page/frame.js",
+    "crates/surfel-web/tests/module.mjs",
+];
 /// Files of the tests.
-const FILES: [&str; 4] = ["package.json", "browser.mjs", "test.mjs", "measure.mjs"];
+const FILES: [&str; 6] = ["package.json", "browser.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs"];
 const CHROMIUM: &str = "/usr/bin/chromium";
+
+/// Returns the folder in which the tests run, with npm's packages.
+pub(crate) fn folder(root: &Path) -> PathBuf {
+    python::target(root).join("page-tests")
+}
 
 /// Tests the page by the program that the earlier tests have built. With `full`, installs Chromium and npm's packages
 /// where they are missing.
@@ -21,7 +33,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if !runs(Command::new("node").arg("--version").stdout(Stdio::null()).stderr(Stdio::null())) {
         return Tested::Skipped("no node".to_owned());
     }
-    if !runs(Command::new("node").arg("--check").arg(root.join(SCRIPT))) {
+    if !SCRIPTS.iter().all(|script| runs(Command::new("node").arg("--check").arg(root.join(script)))) {
         return Tested::Failed;
     }
     if full && !Path::new(CHROMIUM).exists() {
@@ -31,7 +43,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
     if !Path::new(CHROMIUM).exists() {
         return Tested::Skipped(format!("no {CHROMIUM}: apt-get install chromium"));
     }
-    let folder = python::target(root).join("page-tests");
+    let folder = folder(root);
     let copy = |name: &&str| std::fs::copy(root.join(TESTS).join(name), folder.join(name)).map(drop);
     if let Err(why) = std::fs::create_dir_all(&folder).and_then(|()| FILES.iter().try_for_each(copy)) {
         eprintln!("error: {} can't be written: {why}", folder.display());

@@ -13,7 +13,7 @@ const TESTS: &str = "crates/surfel-python/tests";
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
 /// Additional packages for the notebooks, engines, rivals and tests of other packages.
-const SHOWN_BY: [(&str, &str); 16] = [
+const SHOWN_BY: [(&str, &str); 17] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
     ("openjd-cli", "openjd"),
@@ -21,6 +21,7 @@ const SHOWN_BY: [(&str, &str); 16] = [
     ("snakemake", "snakemake"),
     ("nbconvert", "nbconvert"),
     ("ipykernel", "ipykernel"),
+    ("anywidget", "anywidget"),
     ("matplotlib", "matplotlib"),
     ("laspy", "laspy"),
     ("open3d", "open3d"),

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use crate::python::Tested;
 use crate::vulkan::Verdict;
-use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, page, python, required, vulkan};
+use crate::{FEATURES, cargo_for_tests, front_page, gpu_kit, page, python, required, vulkan, web};
 
 /// Rule for skipping tests of GPU backends.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -32,6 +32,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     };
     let python = python::test(root, full);
     let page = page::test(root, full);
+    let web = web::test(root, full);
     // The kit's script needs a Vulkan driver, as the GPU tests do.
     let has_driver = matches!(driver, Ok(Verdict::Validated | Verdict::Unvalidated(_)));
     let kit_ok = !full || !has_driver || gpu_kit::test(root);
@@ -48,6 +49,7 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
     }
     let python_ok = told("Python package", &python, "python");
     let page_ok = told("page of surfel view", &page, "page");
+    let web_ok = told("drawing module of exported pages", &web, "web");
     if full {
         let verdict = match (has_driver, kit_ok) {
             (false, _) => "skipped, no Vulkan",
@@ -63,7 +65,15 @@ pub(crate) fn run(root: &Path, gpu: Gpu, full: bool) -> bool {
         println!("cargo test failed before or between the suites, see above");
     }
     println!("{} passed, {} failed, {} skipped", total.passed, total.failed, total.skipped);
-    exit_ok && program_ok && python_ok && page_ok && kit_ok && front_page_ok && total.failed == 0 && driver.is_ok()
+    exit_ok
+        && program_ok
+        && python_ok
+        && page_ok
+        && web_ok
+        && kit_ok
+        && front_page_ok
+        && total.failed == 0
+        && driver.is_ok()
 }
 
 /// Prints a result, and returns false for a failure and for what the environment forbids to skip.

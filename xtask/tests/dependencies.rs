@@ -8,8 +8,9 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 23] = [
+const LAYERS: [(&str, u32); 25] = [
     ("surfel-math", 0),
+    ("surfel-web-module", 0),
     ("surfel-model", 1),
     ("surfel-metrics", 1),
     ("surfel-figure", 1),
@@ -28,9 +29,10 @@ const LAYERS: [(&str, u32); 23] = [
     ("surfel-ash", 7),
     ("surfel", 8),
     ("surfel-view", 9),
-    ("surfel-python", 9),
+    ("surfel-python", 10),
     ("surfel-bench", 9),
     ("surfel-cli", 10),
+    ("surfel-web", 10),
     ("surfel-conformance", 11),
 ];
 

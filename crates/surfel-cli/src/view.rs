@@ -6,7 +6,7 @@ use surfel::options::Options;
 
 /// Names of options that concern the server, not the scene.
 #[cfg(feature = "view")]
-const OF_SERVER: [&str; 3] = ["no-open", "port", "host"];
+const OF_SERVER: [&str; 5] = ["no-open", "port", "host", "export", "force"];
 
 /// Serves the page until the program is ended. `given` are the names and texts of the options on the command line.
 #[cfg(feature = "view")]
@@ -30,8 +30,11 @@ pub(crate) fn run(
     }
     let bytes = if args.inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
     let flags = given.into_iter().filter(|(name, _)| !OF_SERVER.contains(&name.as_str())).collect();
-    let config =
-        Config { inputs: args.inputs.clone(), stdin: bytes, flags, host: args.host.clone(), port: args.port, threads };
+    let (inputs, host) = (args.inputs.clone(), args.host.clone());
+    let config = Config { inputs, stdin: bytes, flags, host, port: args.port, threads, ..Config::default() };
+    if let Some(path) = &args.export {
+        return export(&config, path, args.force, console);
+    }
     let viewer = Viewer::bind(config).map_err(Failure::other)?;
     let url = viewer.url();
     stdout::result(format!("{url}\n").as_bytes())?;
@@ -40,6 +43,31 @@ pub(crate) fn run(
     }
     console.note("the page is served until this program ends: Ctrl+C");
     viewer.run(&mut |text| console.note(text)).map_err(Failure::other)
+}
+
+/// Writes the page as a file.
+#[cfg(feature = "export")]
+fn export(
+    config: &surfel_view::Config,
+    path: &std::path::Path,
+    overwrite: bool,
+    console: &Console,
+) -> Result<(), Failure> {
+    use surfel::io::ShowPath as _;
+    let html = surfel_view::export(config).map_err(Failure::other)?;
+    surfel::io::atomic::write(path, overwrite, |out| out.write_all(&html))?;
+    let megabytes = html.len() as f64 / 1e6;
+    console.note(&format!("{}: {megabytes:.1} MB: open it in a browser, from disk or from any server", path.shown()));
+    Ok(())
+}
+
+/// Refuses the export, which this program lacks.
+#[cfg(all(feature = "view", not(feature = "export")))]
+fn export(_: &surfel_view::Config, _: &std::path::Path, _: bool, _: &Console) -> Result<(), Failure> {
+    Err(Failure::other(
+        "--export is not built into this program: build it with Cargo's feature 'export', after cargo xtask web\n  \
+         help: surfel view INPUT serves the page",
+    ))
 }
 
 /// Refuses the command, which this program lacks.

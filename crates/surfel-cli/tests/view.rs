@@ -259,6 +259,7 @@ fn wrong_requests_get_an_error_and_the_server_goes_on() {
         json!({ "do": "draw", "state": { "color-by": "colour" }, "size": [9, 9] }),
         json!({ "do": "draw", "state": {}, "size": [0, 9] }),
         json!({ "do": "draw", "state": {}, "size": [100_000, 100_000] }),
+        json!({ "do": "draw", "state": { "backend": "reference" }, "size": [2000, 2000] }),
         json!({ "do": "draw", "state": {} }),
         json!({ "do": "save", "state": {}, "size": [16_000, 16_000] }),
         json!({ "do": "copy", "as": "shell", "state": {}, "size": [9, 9] }),

@@ -3,6 +3,8 @@
 //! This module isn't part of the public interface. Its measurements are the reason why no setting selects a formula.
 
 use crate::setup::kernel::Kernel;
+#[cfg(target_family = "wasm")]
+use crate::simd::fused;
 use crate::simd::lanes::{LANES, Lanes};
 use crate::simd::level::{Instructions, SimdLevel, with_instructions};
 use fearless_simd::prelude::*;
@@ -119,6 +121,14 @@ impl Formula {
             },
         }));
     }
+}
+
+/// Returns the number of errors of the fused multiply-add in `count` random and hard cases; `None` if the CPU lacks the
+/// instructions.
+#[cfg(target_family = "wasm")]
+pub fn fused_errors(count: usize) -> Option<usize> {
+    let instructions = Instructions::new(SimdLevel::Best)?;
+    Some(with_instructions!(instructions, simd => simd.vectorize(#[inline(always)] || fused::errors(simd, count))))
 }
 
 #[inline(always)]

@@ -43,8 +43,8 @@ use crate::tiles::grid::Grid;
 use crate::tiles::pool::Pool;
 use crate::tiles::target::{Target, TileBackground};
 use fearless_simd::Simd;
-use std::time::Instant;
 use surfel_model::{Cull, Filter, Light, Shader};
+use surfel_render::clock::Instant;
 use surfel_render::{Attributes, Frame, FramePlan, Pass, Region, Stats, View};
 
 /// Memory that is reused from frame to frame.

@@ -64,6 +64,7 @@ mod shade;
 mod simd;
 #[cfg(test)]
 mod tests;
+mod threads;
 mod tiles;
 
 pub use options::Options;

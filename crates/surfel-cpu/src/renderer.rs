@@ -5,21 +5,18 @@ use crate::options::Options;
 use crate::scene::numbers::SplatNumbers;
 use crate::scene::resident::ResidentScene;
 use crate::simd::level::Instructions;
+use crate::threads::Threads;
 use crate::tiles::driver::Tuning;
-use std::time::Instant;
 use surfel_model::{Scene, Settings, Storage};
+use surfel_render::clock::Instant;
 use surfel_render::{Capabilities, Feature, Frame, Pass, Planes, RenderError, RendererInfo, Stats, View, plan};
 
 pub(crate) const CAPABILITIES: Capabilities = Capabilities { backend: "cpu", lacks: &[Feature::Margin, Feature::Sky] };
 
-/// Stack size of a thread, in bytes. Unoptimised, as Cargo's profile `dev` builds a dependency, drawing touches 2.3
-/// MiB, more than the default stack. Unused stack occupies no memory.
-const STACK_BYTES: usize = 8 << 20;
-
 /// The CPU backend's renderer. It has its own thread pool and doesn't use the global one.
 pub struct Renderer {
     info: RendererInfo,
-    threads: rayon::ThreadPool,
+    threads: Threads,
     instructions: Instructions,
     storage: Storage,
     pub(crate) tuning: Tuning,
@@ -35,13 +32,7 @@ impl Renderer {
     /// [`RenderError::Threads`] if threads can't be started, [`RenderError::Backend`] if the CPU lacks the
     /// instructions.
     pub fn new(options: Options) -> Result<Self, RenderError> {
-        let threads = rayon::ThreadPoolBuilder::new()
-            .num_threads(options.threads)
-            .stack_size(STACK_BYTES)
-            .build()
-            .map_err(|e| RenderError::Threads { backend: "cpu", message: e.to_string() })?;
-        // Waits until each thread has run, so that callers can measure the memory that thread starts leave.
-        threads.broadcast(|_| ());
+        let threads = Threads::start(options.threads)?;
         let instructions = Instructions::new(options.simd).ok_or_else(|| RenderError::Backend {
             backend: "cpu",
             message: "this CPU has no AVX2; use the reference backend, or build with surfel-cpu's feature scalar"
@@ -51,7 +42,7 @@ impl Renderer {
             backend: "cpu",
             adapter: instructions.name().into(),
             driver: format!("surfel {}", env!("CARGO_PKG_VERSION")),
-            threads: threads.current_num_threads(),
+            threads: threads.count(),
             capabilities: CAPABILITIES,
         };
         let (tuning, pools) = (Tuning::default(), FramePools::default());

@@ -6,7 +6,7 @@
 //! - `scene`: scenes in Python, and their arguments; `draw`: drawing of frames from a scene's files and options;
 //! - `frame`: an image's planes as NumPy arrays, and writing of image files; `many`: images from many cameras;
 //! - `figure`: the command `figure`; `film`: sequences and films; `camera_path`: their cameras; `files`: the commands
-//!   `convert`, `ortho`, `info`, `compare` and `backends`;
+//!   `convert`, `ortho`, `info`, `compare` and `backends`; `painter`: the page in a notebook;
 //! - `errors`: conversion of errors to exceptions; `interrupt`: work beside which Ctrl-C works; `memory`: checks of the
 //!   memory that arguments require; `pool`: started backends, reused from frame to frame.
 //!
@@ -29,6 +29,7 @@ mod frame;
 mod interrupt;
 mod many;
 mod memory;
+mod painter;
 mod pool;
 mod scene;
 
@@ -48,6 +49,8 @@ mod native {
     use crate::frame::{NativeFrame, frame_of};
     #[pymodule_export]
     use crate::many::{NativeFrames, NativeMany};
+    #[pymodule_export]
+    use crate::painter::{NativePainter, widget_page};
     #[pymodule_export]
     use crate::scene::NativeScene;
 

@@ -40,6 +40,8 @@
 
 mod background;
 mod balls;
+#[doc(hidden)]
+pub mod clock;
 mod color_plane;
 mod error;
 mod frame;

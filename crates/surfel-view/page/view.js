@@ -1,5 +1,8 @@
-// The page of `surfel view`: plain DOM and one canvas. The server draws, and the page holds the state: an object of
-// the program's options by name. The state lives in the address's fragment, and what is copied follows from it.
+// The page of `surfel view`: plain DOM and one canvas. A source of images draws, and the page holds the state: an object
+// of the program's options by name. The state lives in the address's fragment, and what is copied follows from it.
+//
+// There are three sources: the server of `surfel view` by a WebSocket, a WebAssembly module in an exported page
+// (export.js), and a notebook's kernel (widget.js). They answer the same messages.
 'use strict';
 
 const $ = (id) => document.getElementById(id);
@@ -54,7 +57,8 @@ function fragment() {
 }
 
 function writeFragment() {
-  history.replaceState(null, '', '#' + encodeURIComponent(JSON.stringify(state)));
+  // A frame in a notebook has no address of its own.
+  try { history.replaceState(null, '', '#' + encodeURIComponent(JSON.stringify(state))); } catch { /* nothing to keep */ }
 }
 
 /** Sets options; undefined removes one. Draws the exact image. */
@@ -67,8 +71,7 @@ function set(changes, still = true) {
   if (still) drawStill();
 }
 
-// ---------------------------------------------------------------- server
-let socket = null;
+// ---------------------------------------------------------------- source of images
 let lastId = 0;
 let lastDrawn = 0; // id of the newest exact image that was asked for
 const waiting = new Map(); // functions that get answers, by id
@@ -77,40 +80,62 @@ window.surfelStats = stats;
 /** True if the newest image is exact and nothing newer is wanted. */
 window.surfelIsStill = () => !isMoving && stats.exact === lastDrawn;
 
-function connect() {
-  socket = new WebSocket(`ws://${location.host}/socket`);
-  socket.binaryType = 'arraybuffer';
-  socket.onmessage = ({ data }) => {
-    if (typeof data === 'string') return receive(JSON.parse(data), null);
-    const size = new DataView(data).getUint32(0, true);
-    const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, size)));
-    receive(header, new Blob([new Uint8Array(data, 4 + size)], { type: header.type }));
-  };
-  socket.onclose = async () => {
-    movingIds.clear();
-    waiting.forEach(({ reject }) => reject(new Error('The server is gone.')));
-    waiting.clear();
-    const answer = await fetch('/', { cache: 'no-store' }).catch(() => null);
-    if (answer && answer.status === 403) {
-      return say('The server was started again: open the new address that it printed.', true);
-    }
-    say('The server is gone. Trying again…', true);
-    setTimeout(connect, 700);
-  };
+/** Type of images whose file is their pixels: sRGB and alpha, a byte each. */
+const PIXELS = 'image/x-rgba';
+
+/** Splits a message into its header, whose length is in the first four bytes, and its file. */
+function unpacked(bytes) {
+  const size = new DataView(bytes.buffer, bytes.byteOffset).getUint32(0, true);
+  const header = JSON.parse(new TextDecoder().decode(bytes.subarray(4, 4 + size)));
+  const file = bytes.subarray(4 + size);
+  return [header, header.type === PIXELS ? file : new Blob([file], { type: header.type })];
+}
+
+/** The server of `surfel view`. */
+const server = {
+  socket: null,
+  start() {
+    this.socket = new WebSocket(`ws://${location.host}/socket`);
+    this.socket.binaryType = 'arraybuffer';
+    this.socket.onmessage = ({ data }) => {
+      if (typeof data === 'string') receive(JSON.parse(data), null); else receive(...unpacked(new Uint8Array(data)));
+    };
+    this.socket.onclose = async () => {
+      lose('The server is gone.');
+      const answer = await fetch('/', { cache: 'no-store' }).catch(() => null);
+      if (answer && answer.status === 403) {
+        return say('The server was started again: open the new address that it printed.', true);
+      }
+      say('The server is gone. Trying again…', true);
+      setTimeout(() => this.start(), 700);
+    };
+  },
+  /** Sends a message; false if that isn't possible. */
+  send(message) {
+    if (this.socket?.readyState !== WebSocket.OPEN) return false;
+    this.socket.send(JSON.stringify(message));
+    return true;
+  },
+};
+const source = window.surfelSource ?? server;
+
+/** Ends what waits for an answer. */
+function lose(why) {
+  movingIds.clear();
+  waiting.forEach(({ reject }) => reject(new Error(why)));
+  waiting.clear();
 }
 
 function send(message) {
-  if (!socket || socket.readyState !== WebSocket.OPEN) return 0;
   message.id = ++lastId;
-  socket.send(JSON.stringify(message));
-  return message.id;
+  return source.send(message) ? message.id : 0;
 }
 
 /** Sends a request, and resolves with the answer's header and file. */
 function ask(message) {
   return new Promise((resolve, reject) => {
     const id = send(message);
-    if (id) waiting.set(id, { resolve, reject }); else reject(new Error('The server is gone.'));
+    if (id) waiting.set(id, { resolve, reject }); else reject(new Error('Nobody answers.'));
   });
 }
 
@@ -135,9 +160,16 @@ function say(message, bad = false) {
 }
 
 function begin(message) {
+  // Another file than before: nothing of the old one is kept.
+  if (message.isOther) {
+    [camera, scene, knownClasses, wholeBounds, picks] = [null, null, null, null, []];
+    endComparing();
+    showPicks();
+    writeFragment();
+  }
   welcome = message;
   rows = new Map(message.rows.map((row) => [row.name, row]));
-  state = fragment() ?? { ...message.state };
+  state = (message.isOther ? null : fragment()) ?? { ...message.state };
   $('title').textContent = `Surfel: ${message.inputs.join(', ')}`;
   document.title = `${message.inputs.join(', ')} – Surfel`;
   makeControls();
@@ -214,7 +246,8 @@ async function show(header, file) {
   // A late image of an earlier camera doesn't replace a newer one.
   const isLate = () => layers[header.layer] && header.id < layers[header.layer].header.id;
   if (isLate()) return;
-  const bitmap = await createImageBitmap(file);
+  const pixels = () => new ImageData(new Uint8ClampedArray(file.buffer, file.byteOffset, file.length), ...header.size);
+  const bitmap = await createImageBitmap(header.type === PIXELS ? pixels() : file);
   if (isLate() || (header.layer === 1 && !other)) return bitmap.close();
   layers[header.layer]?.bitmap.close();
   layers[header.layer] = { bitmap, header };
@@ -875,4 +908,4 @@ $('toggle').onclick = () => {
 };
 window.addEventListener('hashchange', () => { const found = fragment(); if (found) { state = found; showControls(); drawStill(); } });
 if (matchMedia('(max-width: 700px)').matches) $('toggle').click();
-connect();
+source.start({ receive, unpacked, lose, say });

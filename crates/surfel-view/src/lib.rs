@@ -4,19 +4,24 @@
 //! pages ask for, until the program ends. Images at rest equal those of `surfel render` to the byte.
 //!
 //! ```no_run
+//! # #[cfg(feature = "server")] {
 //! use surfel_view::{Config, Viewer};
 //! let config = Config { inputs: vec!["scan.ply".into()], ..Config::default() };
 //! let viewer = Viewer::bind(config)?;
 //! println!("open {}", viewer.url());
 //! viewer.run(&mut |note| println!("{note}"))?;
+//! # }
 //! # Ok::<(), String>(())
 //! ```
 //!
 //! # Parts
+//! - `desk` answers requests of pages by a [`surfel::session::Session`] per backend, which `sessions` holds; [`Painter`]
+//!   is a desk for a single page without a server: of a notebook, or of a page that draws by WebAssembly;
 //! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
 //!   and what is answered;
 //! - `hub` holds the newest request of each page and the newest image for it, so that nothing grows without bound;
-//! - `artist` draws on one thread, by a [`surfel::session::Session`] per backend, which `sessions` keeps;
+//! - `artist` draws what the pages of a server ask for, on one thread;
+//! - `export` writes a page that draws by WebAssembly, as one file (Cargo feature `export`);
 //! - `state` maps the page's state, an object of options, to the options table, and to commands;
 //! - `mcp` offers what the page does as tools for other programs, on stdin and stdout (Cargo feature `mcp`);
 //! - `page/` has the page: HTML, CSS and JavaScript, without a build step.
@@ -27,111 +32,65 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
+#[cfg(feature = "server")]
 mod artist;
+mod desk;
+#[cfg(feature = "export")]
+mod export;
+#[cfg(feature = "server")]
 mod guard;
+#[cfg(feature = "server")]
 mod http;
+#[cfg(feature = "server")]
 mod hub;
 #[cfg(feature = "mcp")]
 pub mod mcp;
+#[cfg(any(feature = "export", feature = "widget"))]
+mod page;
+mod painter;
+#[cfg(feature = "server")]
 mod server;
 mod sessions;
 mod state;
+#[cfg(feature = "server")]
+mod viewer;
 
-use guard::Guard;
-use hub::Hub;
-use serde_json::{Map, Value};
-use server::Shared;
-use state::Fixed;
-use std::net::{SocketAddr, TcpListener};
+#[cfg(feature = "export")]
+pub use export::export;
+pub use painter::{Message, Painter};
 use std::path::PathBuf;
 use std::sync::Arc;
-use std::thread;
-use surfel::options::{Commands, table};
+#[cfg(feature = "server")]
+pub use viewer::Viewer;
 
-/// Scene and server of a viewer.
+/// Returns the page for a frame of a notebook, whose requests go to the window around it as messages.
+///
+/// # Errors
+/// A message if the page lacks a place for its parts, which is a defect.
+#[cfg(feature = "widget")]
+pub fn page_in_frame() -> Result<String, String> {
+    const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob: data:; \
+                          base-uri 'none'; form-action 'none'";
+    page::with(POLICY, &page::script(include_str!("../page/frame.js")))
+}
+
+/// Scene of a page, and its server.
 #[derive(Clone, Debug, Default)]
 pub struct Config {
     /// One scene file, or files of splats, points and meshes.
     pub inputs: Vec<PathBuf>,
+    /// Names of the inputs for people and for commands that are copied, if they differ.
+    pub names: Option<Vec<PathBuf>>,
     /// Content of the input `-`.
     pub stdin: Option<Arc<[u8]>>,
     /// Options by long name, with their text. The page can change those that open no file.
     pub flags: Vec<(String, String)>,
+    /// True if images are sent as pixels, 8-bit sRGB with alpha, instead of PNG and JPEG.
+    pub sends_pixels: bool,
     /// Name or address of this machine; `None`: 127.0.0.1.
     pub host: Option<String>,
     /// Port; `None`: any that is free.
     pub port: Option<u16>,
     /// Number of drawing threads; 0: one per CPU.
     pub threads: usize,
-}
-
-/// A server that listens but doesn't draw yet.
-pub struct Viewer {
-    listener: TcpListener,
-    address: SocketAddr,
-    guard: Guard,
-    fixed: Fixed,
-    initial: Map<String, Value>,
-    config: Config,
-}
-
-impl Viewer {
-    /// Opens the server's port.
-    ///
-    /// # Errors
-    /// A message that names a host other than this machine, a port in use, or a flag that isn't an option.
-    pub fn bind(config: Config) -> Result<Self, String> {
-        let host = config.host.as_deref().unwrap_or("127.0.0.1");
-        let Some(ip) = guard::loopback_address(host) else {
-            return Err(format!(
-                "--host {host}: expected this machine's own address: localhost, 127.0.0.1 or ::1\n  help: to view from \
-                 another machine, add --port 8080 here, run ssh -L 8080:127.0.0.1:8080 HOST there, and open the \
-                 printed address there"
-            ));
-        };
-        let wanted = SocketAddr::new(ip, config.port.unwrap_or(0));
-        let failed = |e: std::io::Error| {
-            format!("{wanted}: can't listen there: {e}\n  help: choose another port with --port, or omit --port")
-        };
-        let listener = TcpListener::bind(wanted).map_err(failed)?;
-        let address = listener.local_addr().map_err(failed)?;
-        let (mut initial, mut fixed) = (Map::new(), Fixed { inputs: config.inputs.clone(), flags: Vec::new() });
-        for (name, text) in &config.flags {
-            let row = table().find(Commands::VIEW, name).ok_or_else(|| format!("there is no option --{name}"))?;
-            if name == "size" {
-                continue;
-            }
-            let is_path = matches!(row.set, surfel::options::Setter::Path(_)) && !row.has_name(text);
-            match state::is_for_clients(row) && !is_path {
-                false => fixed.flags.push((name.clone(), text.clone())),
-                true if row.is_repeated => {
-                    let list = initial.entry(name.clone()).or_insert_with(|| Value::Array(Vec::new()));
-                    list.as_array_mut().into_iter().for_each(|list| list.push(text.as_str().into()));
-                }
-                true => _ = initial.insert(name.clone(), text.as_str().into()),
-            }
-        }
-        let guard = Guard::new(address.port())?;
-        Ok(Self { listener, address, guard, fixed, initial, config })
-    }
-
-    /// Returns the page's address, with the token.
-    pub fn url(&self) -> String {
-        format!("http://{}/?token={}", self.address, self.guard.token())
-    }
-
-    /// Serves pages and draws on the current thread, until the program ends. `note` gets messages for the terminal.
-    ///
-    /// # Errors
-    /// A message if the server's thread can't be started.
-    pub fn run(self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
-        let hub = Arc::new(Hub::default());
-        let welcome = state::welcome(&self.fixed, &self.initial).to_string();
-        let shared = Arc::new(Shared::new(hub.clone(), self.guard, welcome));
-        let listener = self.listener;
-        let accepting = thread::Builder::new().name("server".to_owned());
-        let started = accepting.spawn(move || server::accept(&listener, &shared));
-        started.map_err(|e| format!("can't start the server's thread: {e}"))?;
-        artist::Artist::new(hub, self.fixed, self.initial, &self.config).run(note)
-    }
 }

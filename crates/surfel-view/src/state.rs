@@ -16,6 +16,8 @@ const OWNERS: [&str; 8] =
 pub(crate) struct Fixed {
     /// Input files, as given.
     pub(crate) inputs: Vec<PathBuf>,
+    /// Names of the input files for people and commands.
+    pub(crate) names: Vec<PathBuf>,
     /// Names and values of options.
     pub(crate) flags: Vec<(String, String)>,
 }
@@ -110,7 +112,7 @@ pub(crate) fn options(fixed: &Fixed, state: &State, size: [u32; 2]) -> Result<Op
 /// Returns the command that writes the image of a state, for a shell.
 pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
     let mut words = vec!["surfel".to_owned(), "render".to_owned()];
-    for path in &fixed.inputs {
+    for path in &fixed.names {
         let path = path.to_string_lossy();
         // A name that begins with a hyphen would be a flag; a hyphen alone is stdin.
         let folder = if path.len() > 1 && path.starts_with('-') { "./" } else { "" };
@@ -142,7 +144,7 @@ fn quoted(word: &str) -> String {
 
 /// Returns the Python program that writes the image of a state.
 pub(crate) fn python(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -> Result<String, String> {
-    let inputs: Vec<String> = fixed.inputs.iter().map(|path| json!(path.to_string_lossy()).to_string()).collect();
+    let inputs: Vec<String> = fixed.names.iter().map(|path| json!(path.to_string_lossy()).to_string()).collect();
     let mut keywords: Vec<(&'static str, Vec<String>)> = Vec::new();
     for (row, text) in flags(fixed, state)? {
         if !row.keyword.has(Commands::RENDER) || row.is_switch() && text != "on" {
@@ -192,7 +194,7 @@ pub(crate) fn welcome(fixed: &Fixed, initial: &State) -> Value {
             "switch": row.is_switch(), "default": row.default,
         })
     };
-    let inputs: Vec<String> = fixed.inputs.iter().map(|path| name_of(path)).collect();
+    let inputs: Vec<String> = fixed.names.iter().map(|path| name_of(path)).collect();
     let rows: Vec<Value> = rows.map(row).collect();
     json!({ "do": "welcome", "version": surfel::metadata::VERSION, "inputs": inputs, "rows": rows, "state": initial })
 }
@@ -211,7 +213,7 @@ mod tests {
     }
 
     fn fixed() -> Fixed {
-        Fixed { inputs: vec!["a b.ply".into()], flags: vec![("memory".into(), "1G".into())] }
+        Fixed { inputs: vec![], names: vec!["a b.ply".into()], flags: vec![("memory".into(), "1G".into())] }
     }
 
     #[test]
@@ -298,7 +300,8 @@ mod tests {
     #[test]
     fn commands_have_one_value_and_no_word_that_looks_like_a_flag() {
         let fixed = Fixed {
-            inputs: vec!["-x.ply".into()],
+            inputs: Vec::new(),
+            names: vec!["-x.ply".into()],
             flags: vec![("colormap".into(), "my.txt".into()), ("camera".into(), "c.json".into())],
         };
         let copied = command(&fixed, &state(&json!({ "colormap": "turbo", "view": "top", "color-by": "-z" })), [9, 9]);

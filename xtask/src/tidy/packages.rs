@@ -2,8 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-/// Packages with their own lints: the only one with unsafe code can't inherit the ban on it.
-const OWN_LINTS: [&str; 1] = ["surfel-ash"];
+/// Packages with their own lints: the only one with unsafe code can't inherit the ban on it, nor can the one whose
+/// exported functions have unsafe attributes.
+const OWN_LINTS: [&str; 2] = ["surfel-ash", "surfel-web"];
 
 /// Returns problems of the packages' manifests, and packages that the architecture page doesn't mention.
 pub(super) fn check(root: &Path, files: &[PathBuf]) -> Vec<String> {

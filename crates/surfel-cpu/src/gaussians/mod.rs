@@ -18,9 +18,9 @@ use crate::simd::level::{Instructions, with_instructions};
 use fearless_simd::Simd;
 use rayon::prelude::*;
 use records::Record;
-use std::time::Instant;
 use surfel_math::gaussian;
 use surfel_model::Sort;
+use surfel_render::clock::Instant;
 use surfel_render::{Frame, FramePlan, GaussianColors, Identity, PassTime, Stats, View};
 use tile::{Tile, TileInputs};
 

@@ -1,5 +1,6 @@
 //! Sums of attributes in memory, pixel by pixel.
 
+use crate::simd::fused;
 use crate::simd::lanes::{LANES, has_fused_multiply_add};
 use fearless_simd::prelude::*;
 use fearless_simd::{Simd, f32x4, f32x8, mask32x8};
@@ -61,7 +62,7 @@ macro_rules! fused {
         #[inline(always)]
         fn $name<S: Simd>(a: $lanes<S>, b: $lanes<S>, c: $lanes<S>) -> $lanes<S> {
             if has_fused_multiply_add(a.simd) {
-                return a.mul_add_precise(b, c);
+                return fused::$name(a, b, c);
             }
             let (a, b, mut sums) = (a.to_array(), b.to_array(), c.to_array());
             for (sum, (a, b)) in sums.iter_mut().zip(a.iter().zip(&b)) {

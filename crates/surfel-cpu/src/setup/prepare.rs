@@ -13,8 +13,8 @@ use crate::tiles::drawn::DrawnBlocks;
 use crate::tiles::grid::Grid;
 use crate::tiles::pool::Pool;
 use fearless_simd::Simd;
-use std::time::Instant;
 use surfel_render::Region;
+use surfel_render::clock::Instant;
 
 /// Memory that is reused from one cell's setup to the next.
 #[derive(Default)]

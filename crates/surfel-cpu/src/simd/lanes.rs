@@ -1,5 +1,6 @@
 //! Sixteen f32 in SIMD lanes as a [`Real`], and the functions of the hot loops.
 
+use crate::simd::fused::fused_16;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x16, i32x16, mask32x16};
 use std::ops::{Add, Div, Mul, Neg, Sub};
@@ -261,7 +262,7 @@ impl<S: Simd> Real for Lanes<S> {
     fn constant(self, value: f64) -> Self {
         Self::splat(self.0.simd, value as f32)
     }
-    method!(mul_add(a, b, c) -> Lanes<S> { Lanes(a.0.mul_add_precise(b.0, c.0)) });
+    method!(mul_add(a, b, c) -> Lanes<S> { Lanes(fused_16(a.0, b.0, c.0)) });
     method!(sqrt(a) -> Lanes<S> { Lanes(a.0.sqrt()) });
     method!(abs(a) -> Lanes<S> { Lanes(a.0.abs()) });
     method!(min(a, b) -> Lanes<S> { Lanes(a.0.min(b.0)) });

@@ -216,6 +216,35 @@ class Scene:
             text = json.dumps(listed) if listed else None
         return self._native.many(self._texts(flags, "render_many"), _flags.planes_of(planes), file, text, (frames, keys))
 
+    def widget(self, *, height: int = 500, **flags):
+        """Shows the scene in a notebook, to turn, colour, clip and pick: the page of `surfel view`.
+
+        This Python process draws. In a notebook without widgets, and in its file, it is a still image. Needs the
+        package anywidget: `pip install 'surfel[widget]'`.
+
+        Parameters
+        ----------
+        height : int
+            Height in the notebook in CSS pixels.
+        **flags
+            Where the page begins, as in `render`, except `lights` and `camera`.
+
+        Returns
+        -------
+        anywidget.AnyWidget
+            With the attributes `camera` and `picked`, which can be observed.
+
+        Raises
+        ------
+        ImportError
+            The package anywidget is missing.
+        UsageError
+            A flag is invalid.
+        """
+        from . import _widget
+
+        return _widget.widget(self, height, flags)
+
     def prepare(self, **flags) -> list[str]:
         """Loads the files and converts them to splats, as the first `render` with these flags would do.
 

@@ -187,7 +187,7 @@ impl Asked {
         if let Some(view) = view {
             state.insert("view".to_owned(), view.into());
         }
-        let fixed = Fixed { inputs: paths, flags: Vec::new() };
+        let fixed = Fixed { names: paths.clone(), inputs: paths, flags: Vec::new() };
         let options = state::options(&fixed, &state, size)?;
         options.render.check().map_err(|e| e.to_string())?;
         let key = Key { backend: options.backend_name().to_owned(), inputs: fixed.inputs.clone() };

@@ -104,6 +104,8 @@ pub struct Options {
     pub port: Option<u16>,
     /// Address at which the page is served.
     pub host: Option<String>,
+    /// HTML file that is written instead of serving the page.
+    pub export: Option<PathBuf>,
     /// File with options.
     pub config: Option<PathBuf>,
     /// Side of an orthoimage's pixel in the units of x and y.

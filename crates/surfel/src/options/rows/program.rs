@@ -76,6 +76,20 @@ pub(super) const ROWS: &[Row] = &[
             "From another machine, `ssh -L 8080:127.0.0.1:PORT HOST` opens a tunnel to the page.",
         )
         .example("localhost"),
+    view(Row::path("export", "FILE", |o, path| put_path(&mut o.export, path)))
+        .built(cfg!(feature = "export"))
+        .help(
+            "Write the page as one HTML file instead of serving it: it holds the input, and draws in the browser.",
+            "The page needs no server and no network. Its images equal those of --backend cpu.",
+        )
+        .everyday()
+        .example("page.html")
+        .synonyms(&["html", "save-html", "standalone"]),
+    view(Row::switch("force", |o, on| o.force = on))
+        .built(cfg!(feature = "export"))
+        .letter('f')
+        .help("Overwrite an existing file.", "")
+        .everyday(),
     program(Row::switch("quiet", |o, on| o.quiet = on))
         .letter('q')
         .help("Print errors only.", "")

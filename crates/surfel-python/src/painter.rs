@@ -1,0 +1,51 @@
+//! Painter of a page in a notebook.
+
+use crate::errors;
+use crate::interrupt;
+use crate::scene::{Flags, NativeScene, py_bytes};
+use pyo3::prelude::*;
+use std::sync::{Arc, Mutex, PoisonError};
+use surfel::Error;
+use surfel_view::{Config, Message, Painter};
+
+/// Returns the page for a widget's frame.
+#[pyfunction]
+pub(crate) fn widget_page(py: Python<'_>) -> PyResult<String> {
+    surfel_view::page_in_frame().map_err(|problem| errors::usage(py, &problem))
+}
+
+/// Answers the requests of a page: JSON in, JSON or a header with a file out.
+#[pyclass(frozen, module = "surfel._native", name = "Painter")]
+pub(crate) struct NativePainter {
+    painter: Arc<Mutex<Painter>>,
+}
+
+#[pymethods]
+impl NativePainter {
+    /// Creates a painter of a scene. `flags` are where the page begins.
+    #[new]
+    fn new(py: Python<'_>, scene: &NativeScene, flags: Flags, threads: usize) -> PyResult<Self> {
+        let input = &scene.input;
+        let (inputs, stdin) = (input.paths.clone(), input.bytes.clone());
+        let config = Config { inputs, stdin, flags, threads, ..Config::default() };
+        let painter = Painter::new(&config).map_err(|problem| errors::usage(py, &problem))?;
+        Ok(Self { painter: Arc::new(Mutex::new(painter)) })
+    }
+
+    /// Returns the first message to the page.
+    fn welcome(&self) -> String {
+        self.painter.lock().unwrap_or_else(PoisonError::into_inner).welcome()
+    }
+
+    /// Answers a request. Returns JSON, or the bytes of a header and a file.
+    fn answer<'py>(&self, py: Python<'py>, request: String) -> PyResult<Bound<'py, PyAny>> {
+        let painter = self.painter.clone();
+        let answer = interrupt::run(py, move |_| {
+            Ok::<_, Error>(painter.lock().unwrap_or_else(PoisonError::into_inner).answer(&request))
+        })?;
+        match answer {
+            Message::Text(text) => Ok(text.into_pyobject(py)?.into_any()),
+            Message::Binary(bytes) => Ok(py_bytes(py, &bytes)?.into_any()),
+        }
+    }
+}

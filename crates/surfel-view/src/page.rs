@@ -1,0 +1,36 @@
+//! The page as one HTML file, with another source of images than the server.
+
+use data_encoding::BASE64;
+
+/// The page, as the server sends it.
+const PAGE: &str = include_str!("../page/index.html");
+
+/// Returns the page with its style, script and icon inside. `policy` is the page's content security policy, and `before`
+/// has the elements before the page's script, which define `window.surfelSource`.
+///
+/// # Errors
+/// A message if the page lacks a place for one of them.
+pub(crate) fn with(policy: &str, before: &str) -> Result<String, String> {
+    let mut html = PAGE.to_owned();
+    let mut insert = |place: &str, with: &str| {
+        let found = html.matches(place).count();
+        html = html.replacen(place, with, 1);
+        (found == 1).then_some(()).ok_or_else(|| format!("the page lacks a place: {place}"))
+    };
+    let icon = BASE64.encode(include_bytes!("../page/icon.svg"));
+    insert("href=\"/icon.svg\"", &format!("href=\"data:image/svg+xml;base64,{icon}\""))?;
+    let charset = "<meta charset=\"utf-8\">";
+    let policy = format!("{charset}\n<meta http-equiv=\"Content-Security-Policy\" content=\"{policy}\">");
+    insert(charset, &policy)?;
+    let style = format!("<style>\n{}</style>", include_str!("../page/view.css"));
+    insert("<link rel=\"stylesheet\" href=\"/view.css\">", &style)?;
+    insert("<script src=\"/view.js\" defer></script>\n", "")?;
+    let script = script(include_str!("../page/view.js"));
+    insert("</body>", &format!("{before}{script}</body>"))?;
+    Ok(html)
+}
+
+/// Returns an element that runs a script.
+pub(crate) fn script(text: &str) -> String {
+    format!("<script>\n{text}</script>\n")
+}

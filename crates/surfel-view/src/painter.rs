@@ -1,0 +1,61 @@
+//! Drawing for a single page, without a server.
+
+use crate::Config;
+use crate::desk::{Answer, Desk};
+use serde_json::{Value, json};
+use surfel::NoProgress;
+
+/// A message to the page.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Message {
+    /// JSON.
+    Text(String),
+    /// The length of a header in four bytes, little-endian, the header as JSON, and a file.
+    Binary(Vec<u8>),
+}
+
+/// Answers the requests of a single page, one after another.
+///
+/// ```
+/// use surfel_view::{Config, Message, Painter};
+/// let ply = "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\nproperty float z\n\
+///            property float nx\nproperty float ny\nproperty float nz\nproperty float radius\nend_header\n\
+///            0 0 0 0 0 1 1\n";
+/// let stdin = Some(ply.as_bytes().into());
+/// let mut painter = Painter::new(&Config { inputs: vec!["-".into()], stdin, ..Config::default() })?;
+/// let answer = painter.answer(r#"{"do": "draw", "id": 1, "state": {}, "size": [64, 48]}"#);
+/// assert!(matches!(answer, Message::Binary(_)));
+/// # Ok::<(), String>(())
+/// ```
+pub struct Painter {
+    desk: Desk,
+}
+
+impl Painter {
+    /// Creates a painter for these inputs and options. The first image loads the inputs.
+    ///
+    /// # Errors
+    /// A message that names a flag that isn't an option.
+    pub fn new(config: &Config) -> Result<Self, String> {
+        Ok(Self { desk: Desk::new(config)? })
+    }
+
+    /// Returns the first message to the page: its options, and the state to begin with.
+    pub fn welcome(&self) -> String {
+        self.desk.welcome().to_string()
+    }
+
+    /// Answers a request, which is a JSON object. Errors are messages, too.
+    pub fn answer(&mut self, request: &str) -> Message {
+        let request: Value = serde_json::from_str(request).unwrap_or_default();
+        match self.desk.answer(0, &request, &NoProgress) {
+            Ok(Answer::Text(answer)) => Message::Text(answer.to_string()),
+            Ok(Answer::Image(_, file) | Answer::File(file)) => Message::Binary(file),
+            Err(problem) => {
+                let (id, layer, of) = (&request["id"], &request["layer"], &request["do"]);
+                let error = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": problem });
+                Message::Text(error.to_string())
+            }
+        }
+    }
+}

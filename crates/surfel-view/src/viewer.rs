@@ -1,0 +1,65 @@
+//! The server of a page, from its port to its end.
+
+use crate::Config;
+use crate::artist::Artist;
+use crate::desk::Desk;
+use crate::guard::{self, Guard};
+use crate::hub::Hub;
+use crate::server::{self, Shared};
+use std::net::{SocketAddr, TcpListener};
+use std::sync::Arc;
+use std::thread;
+
+/// A server that listens but doesn't draw yet.
+pub struct Viewer {
+    listener: TcpListener,
+    address: SocketAddr,
+    guard: Guard,
+    desk: Desk,
+}
+
+impl Viewer {
+    /// Opens the server's port.
+    ///
+    /// # Errors
+    /// A message that names a host other than this machine, a port in use, or a flag that isn't an option.
+    pub fn bind(config: Config) -> Result<Self, String> {
+        let host = config.host.as_deref().unwrap_or("127.0.0.1");
+        let Some(ip) = guard::loopback_address(host) else {
+            return Err(format!(
+                "--host {host}: expected this machine's own address: localhost, 127.0.0.1 or ::1\n  help: to view from \
+                 another machine, add --port 8080 here, run ssh -L 8080:127.0.0.1:8080 HOST there, and open the \
+                 printed address there"
+            ));
+        };
+        let wanted = SocketAddr::new(ip, config.port.unwrap_or(0));
+        let failed = |e: std::io::Error| {
+            format!("{wanted}: can't listen there: {e}\n  help: choose another port with --port, or omit --port")
+        };
+        let listener = TcpListener::bind(wanted).map_err(failed)?;
+        let address = listener.local_addr().map_err(failed)?;
+        let desk = Desk::new(&config)?;
+        let guard = Guard::new(address.port())?;
+        Ok(Self { listener, address, guard, desk })
+    }
+
+    /// Returns the page's address, with the token.
+    pub fn url(&self) -> String {
+        format!("http://{}/?token={}", self.address, self.guard.token())
+    }
+
+    /// Serves pages and draws on the current thread, until the program ends. `note` gets messages for the terminal.
+    ///
+    /// # Errors
+    /// A message if the server's thread can't be started.
+    pub fn run(self, note: &mut dyn FnMut(&str)) -> Result<(), String> {
+        let hub = Arc::new(Hub::default());
+        let welcome = self.desk.welcome().to_string();
+        let shared = Arc::new(Shared::new(hub.clone(), self.guard, welcome));
+        let listener = self.listener;
+        let accepting = thread::Builder::new().name("server".to_owned());
+        let started = accepting.spawn(move || server::accept(&listener, &shared));
+        started.map_err(|e| format!("can't start the server's thread: {e}"))?;
+        Artist::new(hub, self.desk).run(note)
+    }
+}

@@ -1,0 +1,122 @@
+// Tests exported pages in headless Chromium, from disk: node export.mjs PROGRAM [FOLDER for screenshots].
+import assert from 'node:assert/strict';
+import { execFileSync } from 'node:child_process';
+import { mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
+import { tmpdir } from 'node:os';
+import { join, resolve } from 'node:path';
+import { exactAfter, launch, until } from './browser.mjs';
+import { decoded } from './png.mjs';
+
+const program = resolve(process.argv[2]);
+const shots = process.argv[3] && resolve(process.argv[3]);
+if (shots) mkdirSync(shots, { recursive: true });
+const folder = mkdtempSync(join(tmpdir(), 'surfel-export-'));
+const surfel = (...words) => execFileSync(program, words, { cwd: folder, stdio: ['ignore', 'pipe', 'inherit'] });
+const step = async (name, action) => { await action(); console.log(`ok: ${name}`); };
+
+/** Returns points of a hill with two classes, as text. */
+function hill(side) {
+  const lines = ['x y z intensity classification'];
+  for (let i = 0; i < side; i += 1) {
+    for (let j = 0; j < side; j += 1) {
+      const [x, y] = [i * 6 / side, j * 6 / side];
+      lines.push(`${x.toFixed(3)} ${y.toFixed(3)} ${(Math.sin(1.3 * x) * 0.4 + Math.cos(0.9 * y) * 0.5).toFixed(4)} ${i * j} ${x < 2 ? 2 : 5}`);
+    }
+  }
+  return lines.join('\n');
+}
+
+/** Compares the canvas with the image of the copied command. */
+async function compare(page) {
+  const shown = await page.evaluate(async () => {
+    const canvas = document.getElementById('image');
+    const { data } = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height);
+    let text = '';
+    for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
+    return { width: canvas.width, height: canvas.height, pixels: btoa(text) };
+  });
+  await page.getByRole('button', { name: 'Copy command' }).click();
+  await page.waitForFunction(() => !document.getElementById('copied').hidden && document.getElementById('copied').value.startsWith('surfel render'));
+  const command = await page.inputValue('#copied');
+  const words = command.replace(' -o view.png', ' -f -q --backend cpu -o native.png').split(' ').slice(1);
+  surfel(...words);
+  const native = decoded(readFileSync(join(folder, 'native.png')));
+  assert.deepEqual([shown.width, shown.height], [native.width, native.height]);
+  const pixels = Buffer.from(shown.pixels, 'base64');
+  const differing = pixels.filter((x, i) => x !== native.pixels[i]).length;
+  assert.equal(differing, 0, `${differing} bytes differ: ${command}`);
+}
+
+async function run(browser) {
+  writeFileSync(join(folder, 'hill.txt'), hill(100));
+  writeFileSync(join(folder, 'other.txt'), hill(50));
+  surfel('view', 'hill.txt', '--export', 'page.html', '--color-by', 'intensity', '-q');
+  console.log(`page.html: ${statSync(join(folder, 'page.html')).size} bytes`);
+  const context = await browser.newContext({ viewport: { width: 1000, height: 700 } });
+  const page = await context.newPage();
+  const [complaints, requests] = [[], []];
+  page.on('pageerror', (error) => complaints.push(error.message));
+  page.on('console', (message) => message.type() === 'error' && complaints.push(message.text()));
+  page.on('request', (request) => requests.push(request.url().slice(0, 40)));
+  const start = performance.now();
+  await page.goto(`file://${join(folder, 'page.html')}`);
+  await until(page, 'the first exact image', () => window.surfelStats.exact);
+  console.log(`first image after ${((performance.now() - start) / 1000).toFixed(2)} s`);
+  const shot = (name) => shots && page.screenshot({ path: join(shots, `${name}.png`) });
+  await step('the first image is the program\u2019s, to the bit', async () => { await shot('export'); await compare(page); });
+  await step('orbit and zoom', async () => {
+    await exactAfter(page, async () => {
+      await page.mouse.move(300, 300);
+      await page.mouse.down();
+      for (let i = 0; i < 20; i += 1) await page.mouse.move(300 + 6 * i, 300 + 2 * i);
+      await page.mouse.up();
+    });
+    await exactAfter(page, async () => { await page.mouse.wheel(0, -300); });
+    assert.ok(await page.evaluate(() => window.surfelStats.latencies.length > 0), 'images while it moves');
+    await compare(page);
+  });
+  await step('colour by class, hide a class', async () => {
+    await exactAfter(page, () => page.getByLabel('Colour by').first().selectOption('classification'));
+    await exactAfter(page, () => page.locator('#classes input').first().uncheck());
+    await compare(page);
+    await shot('export-classes');
+  });
+  await step('pick', async () => {
+    await page.locator('#image').focus();
+    await page.keyboard.press('p');
+    await until(page, 'a pick', () => window.surfelStats.picked);
+  });
+  await step('drop a file', async () => {
+    const bytes = readFileSync(join(folder, 'other.txt')).toString('base64');
+    const before = await page.textContent('#title');
+    await page.evaluate((text) => {
+      const file = new File([Uint8Array.from(atob(text), (c) => c.charCodeAt(0))], 'other.txt');
+      const dataTransfer = new DataTransfer();
+      dataTransfer.items.add(file);
+      document.body.dispatchEvent(new DragEvent('drop', { dataTransfer, bubbles: true, cancelable: true }));
+    }, bytes);
+    await until(page, 'the other file', () => document.getElementById('title').textContent.includes('other.txt') && window.surfelIsStill() && window.surfelStats.exact);
+    assert.notEqual(await page.textContent('#title'), before);
+    await compare(page);
+  });
+  await step('a broken file has a message', async () => {
+    await page.evaluate(() => {
+      const dataTransfer = new DataTransfer();
+      dataTransfer.items.add(new File(['no splats'], 'broken.ply'));
+      document.body.dispatchEvent(new DragEvent('drop', { dataTransfer, bubbles: true, cancelable: true }));
+    });
+    await until(page, 'a message', () => document.getElementById('status').classList.contains('bad'));
+  });
+  const elsewhere = requests.filter((url) => !/^(file|blob|data):/.test(url));
+  assert.deepEqual(elsewhere, [], 'the page asks nobody');
+  assert.deepEqual(complaints, []);
+}
+
+const browser = await launch();
+try {
+  await run(browser);
+  console.log('all passed');
+} finally {
+  await browser.close();
+  rmSync(folder, { recursive: true, force: true });
+}

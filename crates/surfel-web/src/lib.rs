@@ -1,0 +1,126 @@
+//! The CPU backend as a WebAssembly module: what the server of `surfel view` answers, without a server.
+//!
+//! The host passes bytes through buffers in the module's memory:
+//!
+//! 1. [`make_room`] makes room for `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns its address;
+//!    the host writes there.
+//! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`].
+//! 3. [`answer`] answers the request in [`REQUEST`], a JSON object as the server's WebSocket takes.
+//! 4. Both return the length of their answer; [`reply`] returns its address. The first byte is 0 for text, 1 for a
+//!    header with a file.
+//!
+//! All functions run on the host's thread, one at a time.
+
+use std::cell::RefCell;
+use std::path::PathBuf;
+use surfel_view::{Config, Message, Painter};
+
+/// Number of the buffer for a file.
+pub const MODEL: usize = 0;
+/// Number of the buffer for a request.
+pub const REQUEST: usize = 1;
+
+/// Buffers, and the open file.
+#[derive(Default)]
+struct Module {
+    buffers: [Vec<u8>; 2],
+    reply: Vec<u8>,
+    painter: Option<Painter>,
+}
+
+thread_local! {
+    static MODULE: RefCell<Module> = RefCell::default();
+}
+
+/// Makes room for a number of bytes in a buffer, and returns its address; 0 if there is no such buffer or memory.
+#[unsafe(no_mangle)]
+pub extern "C" fn make_room(buffer: usize, bytes: usize) -> usize {
+    MODULE.with_borrow_mut(|module| {
+        let Some(buffer) = module.buffers.get_mut(buffer) else { return 0 };
+        *buffer = Vec::new();
+        if buffer.try_reserve_exact(bytes).is_err() {
+            return 0;
+        }
+        buffer.resize(bytes, 0);
+        buffer.as_ptr() as usize
+    })
+}
+
+/// Opens the file in the first buffer. The other has a name, and names and texts of options, each after a line feed.
+/// Replies with the first message to the page, or with an error.
+#[unsafe(no_mangle)]
+pub extern "C" fn open() -> usize {
+    MODULE.with_borrow_mut(|module| {
+        let words = String::from_utf8_lossy(&module.buffers[REQUEST]).into_owned();
+        let mut words = words.split('\n').map(str::to_owned);
+        let name = PathBuf::from(words.next().unwrap_or_default());
+        let mut flags = Vec::new();
+        while let (Some(name), Some(text)) = (words.next(), words.next()) {
+            flags.push((name, text));
+        }
+        // The file's memory moves: a file isn't there twice.
+        let bytes = std::mem::take(&mut module.buffers[MODEL]);
+        module.painter = None;
+        let config = Config {
+            inputs: vec!["-".into()],
+            names: Some(vec![name]),
+            stdin: Some(bytes.into()),
+            flags,
+            sends_pixels: true,
+            threads: 1,
+            ..Config::default()
+        };
+        let message = match Painter::new(&config) {
+            Ok(painter) => {
+                let welcome = painter.welcome();
+                module.painter = Some(painter);
+                Message::Text(welcome)
+            }
+            Err(problem) => Message::Text(format!("{{\"do\":\"error\",\"message\":{problem:?}}}")),
+        };
+        module.reply_with(message)
+    })
+}
+
+/// Answers the request in the second buffer.
+#[unsafe(no_mangle)]
+pub extern "C" fn answer() -> usize {
+    MODULE.with_borrow_mut(|module| {
+        let request = String::from_utf8_lossy(&module.buffers[REQUEST]).into_owned();
+        let message = match &mut module.painter {
+            Some(painter) => painter.answer(&request),
+            None => Message::Text("{\"do\":\"error\",\"message\":\"no file is open\"}".to_owned()),
+        };
+        module.reply_with(message)
+    })
+}
+
+/// Returns the address of the newest reply.
+#[unsafe(no_mangle)]
+pub extern "C" fn reply() -> usize {
+    MODULE.with_borrow(|module| module.reply.as_ptr() as usize)
+}
+
+/// Returns the number of errors of the fused multiply-add in `count` random and hard cases.
+#[cfg(target_family = "wasm")]
+#[unsafe(no_mangle)]
+pub extern "C" fn fused_errors(count: usize) -> usize {
+    surfel_cpu::formulas::fused_errors(count).unwrap_or(count)
+}
+
+impl Module {
+    fn reply_with(&mut self, message: Message) -> usize {
+        self.reply.clear();
+        match message {
+            Message::Text(text) => {
+                self.reply.push(0);
+                self.reply.extend_from_slice(text.as_bytes());
+            }
+            Message::Binary(bytes) => {
+                self.reply.push(1);
+                self.reply.extend_from_slice(&bytes);
+            }
+        }
+        self.reply.len()
+    }
+}
