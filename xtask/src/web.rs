@@ -50,8 +50,10 @@ pub(crate) fn build(root: &Path) -> bool {
 fn build_one(root: &Path, features: &str) -> Option<PathBuf> {
     let target = python::target(root).join("web");
     let mut cargo = crate::cargo(root);
-    cargo.args(["build", "--profile", "web", "--target", TARGET, "--locked", "-p", "surfel-web", "--target-dir"]);
-    cargo.arg(&target).env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", format!("-C target-feature={features}"));
+    cargo.args(["rustc", "--profile", "web", "--target", TARGET, "--locked", "-p", "surfel-web", "--target-dir"]);
+    // Only the linked module is stripped: profiles by names need no other build of its dependencies.
+    cargo.arg(&target).args(["--", "-C", "strip=symbols"]);
+    cargo.env("CARGO_TARGET_WASM32_UNKNOWN_UNKNOWN_RUSTFLAGS", format!("-C target-feature={features}"));
     runs(cargo.env("CARGO_INCREMENTAL", "0")).then(|| target.join(TARGET).join("web").join("surfel_web.wasm"))
 }
 

@@ -8,10 +8,11 @@ use serde_json::Value;
 
 /// Packages that are never published: tests, benches, chores, and the extension module of the Python package, which
 /// is published as wheels.
-const PRIVATE: [&str; 5] = ["surfel-bench", "surfel-benches", "surfel-conformance", "surfel-python", "xtask"];
+const PRIVATE: [&str; 6] =
+    ["surfel-bench", "surfel-benches", "surfel-conformance", "surfel-python", "surfel-web", "xtask"];
 
 /// Number of published libraries, which docs/packages.md states.
-const LIBRARIES: usize = 18;
+const LIBRARIES: usize = 19;
 
 /// Package that may be published.
 struct Package {
@@ -111,14 +112,14 @@ fn libraries_are_as_many_as_the_page_on_packages_states() {
     assert_eq!(programs.iter().map(|package| package.name.as_str()).collect::<Vec<_>>(), ["surfel-cli"]);
 }
 
-/// True if a published package may contain the file: sources, shaders, the viewer's page, a font, an example, the
-/// licences, and cargo's own files.
+/// True if a published package may contain the file: sources, shaders, the viewer's page and its WebAssembly module, a
+/// font, an example, the licences, and cargo's own files.
 fn may_contain(file: &str) -> bool {
-    let folders = ["src/", "build/", "passes/", "wgsl/", "examples/", "page/", "fonts/"];
+    let folders = ["src/", "build/", "passes/", "wgsl/", "examples/", "page/", "fonts/", "module/"];
     let is_source = folders.iter().any(|folder| file.starts_with(folder));
-    let ends = [".rs", ".wgsl", ".txt", ".html", ".css", ".js", ".svg", ".ttf", "subset.py"];
+    let ends = [".rs", ".wgsl", ".txt", ".html", ".css", ".js", ".svg", ".ttf", ".wasm", "subset.py"];
     let is_text = ends.iter().any(|end| file.ends_with(end));
-    let others = ["Cargo.toml", "Cargo.toml.orig", "Cargo.lock", ".cargo_vcs_info.json", "README.md"];
+    let others = ["Cargo.toml", "Cargo.toml.orig", "Cargo.lock", ".cargo_vcs_info.json", "README.md", "build.rs"];
     (is_source && is_text) || others.contains(&file) || file == "LICENSE-MIT" || file == "LICENSE-APACHE"
 }
 

@@ -7,9 +7,10 @@
 //!    it ([`Location`]), what is wrong and what was expected ([`Problem`]);
 //! 2. [`atomic`]: [`atomic::write`] writes a temporary file that replaces the target once it is complete;
 //! 3. [`input`]: reads whole files up to a limit, and the files that a file refers to ([`input::Siblings`]);
-//! 4. [`lines`]: lines of a stream, up to a length;
-//! 5. [`programs`]: other programs, which never outlive this one;
-//! 6. [`ShowPath`]: paths in messages, with control characters escaped.
+//! 4. [`RegularFile`]: a file that is read with seeking, of the system or of a host without one ([`HostFile`]);
+//! 5. [`lines`]: lines of a stream, up to a length;
+//! 6. [`programs`]: other programs, which never outlive this one;
+//! 7. [`ShowPath`]: paths in messages, with control characters escaped.
 //!
 //! ```
 //! use std::path::Path;
@@ -38,5 +39,7 @@ pub mod error;
 pub mod input;
 pub mod lines;
 pub mod programs;
+mod regular;
 
 pub use error::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
+pub use regular::{HostFile, RegularFile, set_host_file};

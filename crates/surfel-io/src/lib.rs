@@ -150,6 +150,7 @@ pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 pub use raw_rows::check_columns;
+pub use surfel_files::{HostFile, RegularFile, set_host_file};
 pub use surfel_files::{IoError, Location, Problem, ShowPath, ShownPath, is_obeyed};
 pub use surfel_files::{atomic, input, lines, programs};
 pub(crate) use surfel_files::{error, input as files};

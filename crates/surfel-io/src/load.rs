@@ -1,6 +1,7 @@
 //! Loading of geometry files: format detection and the table of readers.
 
 use crate::ascii;
+use crate::RegularFile;
 use crate::bytes::{Bytes, OpenFile};
 #[cfg(feature = "points")]
 use crate::colmap_points;
@@ -40,7 +41,6 @@ use crate::{octree, ply, scene_file};
 #[cfg(feature = "gaussians")]
 use crate::{sog, splat_rows, spz};
 use glam::DVec3;
-use std::fs::File;
 use std::io::{Read, Seek};
 use std::path::{Path, PathBuf};
 use surfel_model::{PointCloud, Up};
@@ -131,8 +131,8 @@ pub fn survey(
 }
 
 /// Opens a regular file whose format is read with seeking, so that its bytes needn't be in memory.
-fn survey_file(path: &Path) -> Option<(Format, File)> {
-    let mut file = File::open(path).ok().filter(|f| f.metadata().is_ok_and(|m| m.is_file()))?;
+fn survey_file(path: &Path) -> Option<(Format, RegularFile)> {
+    let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     Some((Format::of_survey(&head)?, file))

@@ -101,7 +101,7 @@ impl Artist {
         let report = Report::new(&hub);
         match self.desk.answer(Arc::as_ptr(&job.outbox) as usize, &job.request, &report)? {
             Answer::Text(answer) => job.outbox.push(Outgoing::Text(answer.to_string())),
-            Answer::Image(layer, image) => job.outbox.put_image(layer, image),
+            Answer::Image { layer, file } => job.outbox.put_image(layer, file),
             Answer::File(file) => job.outbox.push(Outgoing::Binary(file)),
         }
         Ok(())

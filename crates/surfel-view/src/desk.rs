@@ -31,7 +31,7 @@ pub(crate) enum Answer {
     /// A message without a file.
     Text(Value),
     /// A layer's newest image, which replaces older ones that wait.
-    Image(usize, Vec<u8>),
+    Image { layer: usize, file: Vec<u8> },
     /// A message with a file.
     File(Vec<u8>),
 }
@@ -206,7 +206,7 @@ impl Desk {
             "notes": notes, "backend": backend, "splats": stats.splats, "drawn": stats.drawn,
             "frame_ms": stats.frame_ms, "ms": start.elapsed().as_secs_f64() * 1e3,
         });
-        Ok(Answer::Image(asked.layer, packed(&header, &file)))
+        Ok(Answer::Image { layer: asked.layer, file: packed(&header, &file) })
     }
 
     /// Draws the shown scene and encodes it as the file that `surfel render` writes.
@@ -257,7 +257,7 @@ impl Desk {
         });
         let packed = packed(&header, &bytes);
         self.bytes = bytes;
-        Ok(Answer::Image(asked.layer, packed))
+        Ok(Answer::Image { layer: asked.layer, file: packed })
     }
 
     fn pick(&mut self, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {

@@ -4,13 +4,11 @@
 //! pages ask for, until the program ends. Images at rest equal those of `surfel render` to the byte.
 //!
 //! ```no_run
-//! # #[cfg(feature = "server")] {
 //! use surfel_view::{Config, Viewer};
 //! let config = Config { inputs: vec!["scan.ply".into()], ..Config::default() };
 //! let viewer = Viewer::bind(config)?;
 //! println!("open {}", viewer.url());
 //! viewer.run(&mut |note| println!("{note}"))?;
-//! # }
 //! # Ok::<(), String>(())
 //! ```
 //!

@@ -45,7 +45,7 @@ function load(path) {
 /** Draws by a module; returns its pixels and header. */
 function draw(module, state, size, moving = false) {
   const answer = module.answer({ do: 'draw', id: 1, layer: 0, state, size, moving });
-  assert.ok(answer instanceof Uint8Array, JSON.stringify(answer));
+  if (!(answer instanceof Uint8Array)) assert.fail(JSON.stringify(answer));
   const length = new DataView(answer.buffer, answer.byteOffset).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(answer.subarray(4, 4 + length)));
   return { header, pixels: answer.subarray(4 + length) };
@@ -55,10 +55,11 @@ const SIZE = [320, 240];
 const CASES = [
   ['spot.ply', {}],
   ['spot.ply', { eye: '1.7,1.1,-2.3', target: '0.05,0.2,0', 'camera-up': '0,1,0', shader: 'phong', shadows: 'on', 'edge-aa': 'samples' }],
-  ['spot.ply', { view: 'iso', style: 'toon', 'edge-aa': 'on', ortho: 'on' }],
-  ['spot.ply', { view: 'left', preset: 'exact', 'points-as': 'balls', ground: 'on' }],
+  ['spot.ply', { view: 'iso', shader: 'toon', 'edge-aa': 'on', ortho: 'on' }],
+  ['spot.ply', { view: 'left', preset: 'quality', ground: 'shadow' }],
   ['spot.ply', { shader: 'matcap', matcap: 'builtin', background: '0.2,0.3,0.4' }],
   ['hill.txt', {}],
+  ['hill.txt', { 'points-as': 'balls', light: 'studio', ground: 'shadow' }],
   ['hill.txt', { 'color-by': 'classification', view: 'top' }],
   ['hill.txt', { 'color-by': 'intensity', colormap: 'turbo', classes: '!2', crop: '0.5,0.5,-9,3,3,9' }],
   ['gaussians.ply', {}],

@@ -14,6 +14,7 @@ mod header;
 mod laz;
 mod records;
 
+use crate::RegularFile;
 use crate::content::Content;
 use crate::context::Context;
 use crate::crs::IN_DEGREES;
@@ -24,8 +25,7 @@ use crate::words::counted;
 use glam::DVec3;
 use header::Header;
 use records::Columns;
-use std::fs::File;
-use std::io::{self, Read, Seek, SeekFrom};
+use std::io::{self, Read, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use surfel_model::TableColumns;
@@ -140,7 +140,7 @@ fn first_records(source: &mut dyn Source, header: &mut Header, file_bytes: u64) 
 /// files and for invalid headers. `columns` is as in [`crate::LoadOptions`].
 #[cfg_attr(not(feature = "laz"), expect(unused_variables, reason = "no other formats are written by levels"))]
 pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<PointCount> {
-    let mut file = File::open(path).ok().filter(|file| file.metadata().is_ok_and(|m| m.is_file()))?;
+    let mut file = RegularFile::open(path).ok()??;
     let mut head = Vec::new();
     (&mut file).take(512).read_to_end(&mut head).ok()?;
     if !matches!(Format::of_survey(&head), Some(Format::Las | Format::Laz | Format::Copc)) {
@@ -149,7 +149,7 @@ pub fn survey_points(path: &Path, columns: Option<&TableColumns>) -> Option<Poin
         #[cfg(not(feature = "laz"))]
         return None;
     }
-    let file_bytes = file.seek(SeekFrom::End(0)).ok()?;
+    let file_bytes = file.file_bytes();
     let mut header = Header::read(&mut file, file_bytes).ok()?;
     let points = if header.compressed {
         #[cfg(feature = "laz")]

@@ -35,11 +35,14 @@ async function compare(page) {
     for (let at = 0; at < data.length; at += 32768) text += String.fromCharCode(...data.subarray(at, at + 32768));
     return { width: canvas.width, height: canvas.height, pixels: btoa(text) };
   });
+  // The text of an earlier copy isn't this one.
+  await page.evaluate(() => { document.getElementById('copied').value = ''; });
   await page.getByRole('button', { name: 'Copy command' }).click();
   await page.waitForFunction(() => !document.getElementById('copied').hidden && document.getElementById('copied').value.startsWith('surfel render'));
   const command = await page.inputValue('#copied');
-  const words = command.replace(' -o view.png', ' -f -q --backend cpu -o native.png').split(' ').slice(1);
-  surfel(...words);
+  // A shell reads the command, as a user's does.
+  const run = command.replace('surfel render', '"$0" render').replace(' -o view.png', ' -f -q --backend cpu -o native.png');
+  execFileSync('sh', ['-c', run, program], { cwd: folder, stdio: ['ignore', 'pipe', 'inherit'] });
   const native = decoded(readFileSync(join(folder, 'native.png')));
   assert.deepEqual([shown.width, shown.height], [native.width, native.height]);
   const pixels = Buffer.from(shown.pixels, 'base64');

@@ -1,6 +1,7 @@
 //! A cache of decoded COPC nodes.
 
 use super::hierarchy::LevelValues;
+use crate::RegularFile;
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -17,8 +18,12 @@ pub struct FileState {
 impl FileState {
     /// Returns the present state of an existing file.
     pub fn of(path: &Path) -> Option<Self> {
-        let metadata = std::fs::metadata(path).ok()?;
-        Some(Self { path: path.to_path_buf(), bytes: metadata.len(), modified: metadata.modified().ok() })
+        RegularFile::open(path).ok()?.map(|file| Self::of_opened(path, &file))
+    }
+
+    /// Returns the state of an open file.
+    pub(super) fn of_opened(path: &Path, file: &RegularFile) -> Self {
+        Self { path: path.to_path_buf(), bytes: file.file_bytes(), modified: file.modified() }
     }
 }
 

@@ -10,13 +10,13 @@ use super::{ENTRY_BYTES, INFO_AT, INFO_BYTES, LEVEL_COLORS, LEVEL_NORMALS, NORMA
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
+use crate::RegularFile;
 use crate::load::{self, Loaded};
 use crate::survey::Source;
 use ::laz::{DecompressionSelection, LazVlr};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet};
-use std::fs::File;
-use std::io::{Read, Seek, SeekFrom};
+use std::io::{self, Read, Seek, SeekFrom};
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -111,10 +111,7 @@ impl Copc {
     /// [`IoError`] if the file can't be read, its hierarchy doesn't fit the file, or the hierarchy isn't a tree.
     pub fn open(path: &Path) -> Result<Option<Self>, IoError> {
         let system = |source| IoError::System { path: path.to_path_buf(), action: READ, source };
-        let mut file = File::open(path).map_err(system)?;
-        if !file.metadata().map_err(system)?.is_file() {
-            return Ok(None);
-        }
+        let Some(mut file) = RegularFile::open(path).map_err(system)? else { return Ok(None) };
         let mut head = Vec::new();
         (&mut file).take(512).read_to_end(&mut head).map_err(system)?;
         if Format::of_survey(&head) != Some(Format::Copc) {
@@ -124,8 +121,8 @@ impl Copc {
         read.map(Some).map_err(|problem| IoError::Invalid { path: path.to_path_buf(), problem: Box::new(problem) })
     }
 
-    fn read(path: &Path, file: &mut File) -> Result<Self, Problem> {
-        let file_bytes = file.seek(SeekFrom::End(0)).map_err(unreadable)?;
+    fn read(path: &Path, file: &mut RegularFile) -> Result<Self, Problem> {
+        let file_bytes = file.file_bytes();
         let header = Header::read(file, file_bytes)?;
         let mut info = [0; INFO_BYTES];
         file.seek(SeekFrom::Start(INFO_AT as u64)).map_err(unreadable)?;
@@ -142,8 +139,7 @@ impl Copc {
         let root = [40, 48].map(|at| u64::from_le_bytes(field(&info, at)));
         let pages = Pages { header: &header, file_bytes, entries: BTreeMap::new(), points_bytes: 0 };
         let nodes = pages.read(file, root)?;
-        let modified = file.metadata().and_then(|metadata| metadata.modified()).ok();
-        let file = Arc::new(FileState { path: path.to_path_buf(), bytes: file_bytes, modified });
+        let file = Arc::new(FileState::of_opened(path, file));
         let has_colors = header.format >= 7;
         let has = |name: &str| header.extra.iter().any(|extra| extra.name == name);
         let has_splats = has(RADIUS) && NORMALS.iter().all(|name| has(name));
@@ -249,7 +245,8 @@ impl Copc {
         let nodes: Vec<(&CopcNode, Decoded)> = nodes.iter().filter_map(node).collect();
         let path = &self.file.path;
         let system = |source| IoError::System { path: path.clone(), action: READ, source };
-        let mut file = File::open(path).map_err(system)?;
+        let not_regular = || system(io::Error::other("it is no regular file"));
+        let mut file = RegularFile::open(path).map_err(system)?.ok_or_else(not_regular)?;
         let loaded = load::run_plain(
             |context| {
                 let mut header = Header::read(&mut file, self.file.bytes)?;
