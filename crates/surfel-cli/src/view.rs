@@ -45,7 +45,7 @@ pub(crate) fn run(
     viewer.run(&mut |text| console.note(text)).map_err(Failure::other)
 }
 
-/// Writes the page as a file.
+/// Writes the page as a file, or as a folder if the path isn't that of an HTML file.
 #[cfg(feature = "export")]
 fn export(
     config: &surfel_view::Config,
@@ -54,6 +54,12 @@ fn export(
     console: &Console,
 ) -> Result<(), Failure> {
     use surfel::io::ShowPath as _;
+    if !path.extension().is_some_and(|end| end.eq_ignore_ascii_case("html") || end.eq_ignore_ascii_case("htm")) {
+        let bytes = surfel_view::export_folder(config, path, overwrite).map_err(Failure::other)?;
+        let megabytes = bytes as f64 / 1e6;
+        console.note(&format!("{}: {megabytes:.1} MB: offer the folder by a web server", path.shown()));
+        return Ok(());
+    }
     let html = surfel_view::export(config).map_err(Failure::other)?;
     surfel::io::atomic::write(path, overwrite, |out| out.write_all(&html))?;
     let megabytes = html.len() as f64 / 1e6;

@@ -1,7 +1,7 @@
 //! Loading of geometry files: format detection and the table of readers.
 
-use crate::ascii;
 use crate::RegularFile;
+use crate::ascii;
 use crate::bytes::{Bytes, OpenFile};
 #[cfg(feature = "points")]
 use crate::colmap_points;

@@ -1,4 +1,5 @@
 // Source of images of an exported page: a WebAssembly module that draws in a worker, and the file that was exported.
+// Both are in the page, or beside it.
 'use strict';
 
 window.surfelSource = {
@@ -21,11 +22,17 @@ window.surfelSource = {
       say(`The drawing module failed: ${event.message}`, true);
     };
     say('Loading…');
-    const { name, flags } = JSON.parse(text('exported'));
-    const modules = { fused: text('fused.wasm'), emulated: text('emulated.wasm') };
-    this.worker.postMessage({ modules, file: text('file'), name, flags });
+    const { name, flags, beside, ranged } = JSON.parse(text('exported'));
+    if (beside && location.protocol === 'file:') {
+      return say('This page reads files beside it, which browsers allow from a web server only.', true);
+    }
+    // The worker has no address of its own.
+    const address = (file) => ({ url: new URL(encodeURIComponent(file), document.baseURI).href });
+    const take = beside ? address : text;
+    const modules = { fused: take('fused.wasm'), emulated: take('emulated.wasm') };
+    this.worker.postMessage({ modules, file: beside ? address(beside) : text('file'), name, flags, ranged });
     // Their text isn't needed any more.
-    for (const id of ['fused.wasm', 'emulated.wasm', 'file']) document.getElementById(id).remove();
+    if (!beside) for (const id of ['fused.wasm', 'emulated.wasm', 'file']) document.getElementById(id).remove();
     this.takeFiles(say);
   },
 

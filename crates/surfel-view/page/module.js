@@ -30,7 +30,16 @@ function isFused() {
 /** A loaded module. */
 class SurfelModule {
   constructor(compiled) {
-    this.exports = new WebAssembly.Instance(compiled).exports;
+    this.readFile = null; // returns bytes of the host's file, by offset and count
+    const read = (at, address, count) => {
+      try {
+        new Uint8Array(this.exports.memory.buffer, address, count).set(this.readFile(at, count));
+        return 0;
+      } catch {
+        return 1;
+      }
+    };
+    this.exports = new WebAssembly.Instance(compiled, { host: { read } }).exports;
   }
 
   /** Copies bytes to a buffer of the module. */
@@ -53,6 +62,13 @@ class SurfelModule {
     this.write(MODEL, bytes);
     this.write(REQUEST, new TextEncoder().encode([name, ...flags.flat()].join('\n')));
     return this.reply(this.exports.open());
+  }
+
+  /** Opens a file of which `readFile` returns parts, like open(). */
+  openHost(readFile, bytes, name, flags = []) {
+    this.readFile = readFile;
+    this.write(REQUEST, new TextEncoder().encode([name, ...flags.flat()].join('\n')));
+    return this.reply(this.exports.open_host(bytes));
   }
 
   /** Answers a request of the page. */

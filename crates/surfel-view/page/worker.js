@@ -5,6 +5,28 @@ const draws = [null, null]; // newest request for an image of each layer
 const tasks = [];           // other requests
 const { port1: wake, port2: woken } = new MessageChannel();
 
+/** Loads a module or a file: packed by gzip and written in base64, or of an address. */
+async function load(place) {
+  if (!place.url) return unpack(place);
+  const answer = await fetch(place.url);
+  if (!answer.ok) throw new Error(`${place.url}: the server answers ${answer.status}.`);
+  return answer.arrayBuffer();
+}
+
+/** Returns a function that reads parts of a file by HTTP ranges. It waits for each part, as a worker may. */
+function rangesOf(url) {
+  return (at, count) => {
+    const request = new XMLHttpRequest();
+    request.open('GET', url, false);
+    request.responseType = 'arraybuffer';
+    request.setRequestHeader('Range', `bytes=${at}-${at + count - 1}`);
+    request.send();
+    if (request.status === 200) throw new Error('The server answers no ranges.');
+    if (request.status !== 206 || request.response.byteLength !== count) throw new Error(`Status ${request.status}.`);
+    return new Uint8Array(request.response);
+  };
+}
+
 /** Unpacks a gzip file that is written in base64. */
 async function unpack(text) {
   const packed = await fetch(`data:application/gzip;base64,${text}`);
@@ -16,12 +38,17 @@ function tell(header) {
 }
 
 /** Loads the module and the page's own file. */
-async function begin({ modules, file, name, flags }) {
+async function begin({ modules, file, name, flags, ranged }) {
   tell({ do: 'progress', stage: 'loading the drawing module', part: null });
   const isFast = isFused();
-  surfel = new SurfelModule(await WebAssembly.compile(await unpack(isFast ? modules.fused : modules.emulated)));
+  surfel = new SurfelModule(await WebAssembly.compile(await load(isFast ? modules.fused : modules.emulated)));
+  if (ranged) {
+    const readFile = rangesOf(file.url);
+    readFile(0, 1); // a server without ranges has its own message
+    return tell({ ...surfel.openHost(readFile, ranged, name, flags), isOther: false });
+  }
   tell({ do: 'progress', stage: 'unpacking', part: null });
-  open(new Uint8Array(await unpack(file)), name, flags, false);
+  open(new Uint8Array(await load(file)), name, flags, false);
 }
 
 function open(bytes, name, flags, isOther) {

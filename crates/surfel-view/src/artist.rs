@@ -1,6 +1,6 @@
 //! The drawing thread: answers the requests of all pages, one after another.
 
-use crate::desk::{Answer, Desk};
+use crate::desk::{Answer, Desk, layer_of};
 use crate::hub::{Hub, Job, Next, Outgoing};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -101,7 +101,7 @@ impl Artist {
         let report = Report::new(&hub);
         match self.desk.answer(Arc::as_ptr(&job.outbox) as usize, &job.request, &report)? {
             Answer::Text(answer) => job.outbox.push(Outgoing::Text(answer.to_string())),
-            Answer::Image { layer, file } => job.outbox.put_image(layer, file),
+            Answer::Image(file) => job.outbox.put_image(layer_of(&job.request), file),
             Answer::File(file) => job.outbox.push(Outgoing::Binary(file)),
         }
         Ok(())
@@ -143,7 +143,7 @@ impl Artist {
                 continue;
             }
             // The exact image, and everything else, follows once all points are there.
-            let layer = |job: &Job| job.request["layer"].as_u64().unwrap_or(0);
+            let layer = |job: &Job| layer_of(&job.request);
             self.deferred.retain(|other| {
                 let are_draws = other.request["do"] == "draw" && job.request["do"] == "draw";
                 !Arc::ptr_eq(&other.outbox, &job.outbox) || !are_draws || layer(other) != layer(&job)

@@ -31,7 +31,7 @@ pub(crate) enum Answer {
     /// A message without a file.
     Text(Value),
     /// A layer's newest image, which replaces older ones that wait.
-    Image { layer: usize, file: Vec<u8> },
+    Image(Vec<u8>),
     /// A message with a file.
     File(Vec<u8>),
 }
@@ -166,8 +166,7 @@ impl Desk {
             ));
         }
         let key = Key { backend: options.backend_name().to_owned(), inputs: fixed.inputs };
-        let layer = usize::try_from(request["layer"].as_u64().unwrap_or(0)).unwrap_or(0).min(1);
-        Ok(Asked { id: request["id"].clone(), layer, state, size, key, names: fixed.names, options })
+        Ok(Asked { id: request["id"].clone(), layer: layer_of(request), state, size, key, names: fixed.names, options })
     }
 
     pub(crate) fn session(&mut self, key: &Key) -> Result<&mut Session, String> {
@@ -206,7 +205,7 @@ impl Desk {
             "notes": notes, "backend": backend, "splats": stats.splats, "drawn": stats.drawn,
             "frame_ms": stats.frame_ms, "ms": start.elapsed().as_secs_f64() * 1e3,
         });
-        Ok(Answer::Image { layer: asked.layer, file: packed(&header, &file) })
+        Ok(Answer::Image(packed(&header, &file)))
     }
 
     /// Draws the shown scene and encodes it as the file that `surfel render` writes.
@@ -257,7 +256,7 @@ impl Desk {
         });
         let packed = packed(&header, &bytes);
         self.bytes = bytes;
-        Ok(Answer::Image { layer: asked.layer, file: packed })
+        Ok(Answer::Image(packed))
     }
 
     fn pick(&mut self, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
@@ -321,6 +320,11 @@ impl Desk {
         }
         Ok(Answer::File(packed(&header, &difference.map)))
     }
+}
+
+/// Returns the layer of a request: 0, or 1 for the image that is compared.
+pub(crate) fn layer_of(request: &Value) -> usize {
+    usize::from(request["layer"].as_u64().is_some_and(|layer| layer > 0))
 }
 
 /// Joins a header and a file: the header's length in four bytes, little-endian, the header and the file.

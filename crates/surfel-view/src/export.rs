@@ -1,4 +1,5 @@
-//! Export of a page that needs no server: one HTML file with the page, the drawing module and the scene's file.
+//! Export of a page that draws by itself: one HTML file with the page, the drawing module and the scene's file, or a
+//! folder of these for a web server.
 
 use crate::Config;
 use crate::desk::Desk;
@@ -9,22 +10,29 @@ use flate2::write::GzEncoder;
 use serde_json::json;
 use std::io::{self, Write};
 use std::path::Path;
+use surfel::io::copc::Copc;
+use surfel::io::{IoError, RegularFile, atomic};
 use surfel::options::{Commands, Setter, table};
 use surfel::paths::is_stdin;
 use surfel::scene::is_scene_file;
 
 /// Largest file that is exported, in bytes. A browser holds it in memory several times.
 const MAX_BYTES: u64 = 512 << 20;
+/// Name of the page in a folder.
+const INDEX: &str = "index.html";
 /// Size of the image that the page is tried with.
 const TRIED_SIZE: [u32; 2] = [64, 48];
 
 /// Options that concern the machine of the export, not the scene.
 const OF_MACHINE: [&str; 3] = ["backend", "adapter", "memory"];
 
-/// Policy of the page: it runs its own code alone, and connects to nothing.
-const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; \
-                      style-src 'unsafe-inline'; img-src blob: data:; connect-src data:; base-uri 'none'; \
-                      form-action 'none'";
+/// Returns the policy of a page, which runs its own code alone. `connects` is where it may read from.
+fn policy(connects: &str) -> String {
+    format!(
+        "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; style-src \
+         'unsafe-inline'; img-src blob: data:; connect-src {connects}; base-uri 'none'; form-action 'none'"
+    )
+}
 
 /// The drawing module, for browsers with fused multiply-add and for others.
 const MODULES: [(&str, &[u8]); 2] =
@@ -41,6 +49,54 @@ const WORKER: [(&str, &str); 2] =
 /// A message if the drawing module isn't built; for a scene file, several files, a file that refers to others, that
 /// can't be drawn or that is above 512 MiB; and for options that name files.
 pub fn export(config: &Config) -> Result<Vec<u8>, String> {
+    let input = checked(config)?;
+    let bytes = read(config, input)?;
+    try_once(config)?;
+    exported(&About::new(config, input, None), &bytes)
+}
+
+/// Writes a folder for a web server, which shows a scene in any browser: the page as `index.html`, the drawing modules,
+/// and the file under its own name. Of a COPC file the page reads what a view needs, by HTTP ranges.
+///
+/// `index.html` is written last, so that a page is there only with everything it needs.
+///
+/// # Errors
+/// Those of [`export`], but for the file's size; and an [`IoError`]'s message if a file of the folder can't be written,
+/// or exists and `overwrite` is false.
+pub fn export_folder(config: &Config, folder: &Path, overwrite: bool) -> Result<u64, String> {
+    let input = checked(config)?;
+    let Some(name) = input.file_name().filter(|_| !is_stdin(input)).and_then(|name| name.to_str()) else {
+        return Err("-: a folder takes a file with a name, not stdin".to_owned());
+    };
+    if MODULES.iter().any(|(module, _)| *module == name) || name == INDEX {
+        return Err(format!("{name}: the folder has a file of this name already"));
+    }
+    try_once(config)?;
+    let failed = |e: IoError| e.to_string();
+    let opened = RegularFile::open(input).map_err(|e| format!("{}: {e}", input.display()))?;
+    let mut file = opened.ok_or_else(|| format!("{}: expected a regular file", input.display()))?;
+    let is_copc = matches!(Copc::open(input), Ok(Some(_)));
+    let beside = Beside { name: name.to_owned(), file_bytes: file.file_bytes(), is_ranged: is_copc };
+    let is_taken = |name: &&str| !overwrite && folder.join(name).exists();
+    let names = MODULES.iter().map(|(name, _)| *name).chain([name, INDEX]);
+    if let Some(taken) = names.clone().find(is_taken) {
+        return Err(IoError::Exists { path: folder.join(taken) }.to_string());
+    }
+    std::fs::create_dir_all(folder).map_err(|e| format!("{}: can't create the folder: {e}", folder.display()))?;
+    for (name, module) in MODULES {
+        atomic::write(&folder.join(name), overwrite, |out| out.write_all(module)).map_err(failed)?;
+    }
+    let target = folder.join(name);
+    if atomic::target(&target) != atomic::target(input) {
+        atomic::write(&target, overwrite, |out| io::copy(&mut file, out).map(|_| ())).map_err(failed)?;
+    }
+    let html = beside_page(&About::new(config, input, Some(beside)))?;
+    atomic::write(&folder.join(INDEX), overwrite, |out| out.write_all(html.as_bytes())).map_err(failed)?;
+    Ok(names.filter_map(|name| std::fs::metadata(folder.join(name)).ok()).map(|found| found.len()).sum())
+}
+
+/// Checks that a configuration can be exported. Returns its only input.
+fn checked(config: &Config) -> Result<&Path, String> {
     if MODULES.iter().any(|(_, module)| module.is_empty()) {
         return Err("this program has no drawing module: run cargo xtask web, and build it again".to_owned());
     }
@@ -59,7 +115,11 @@ pub fn export(config: &Config) -> Result<Vec<u8>, String> {
             return Err(format!("--{name} {text}: an exported page holds no second file"));
         }
     }
-    let bytes = read(config, input)?;
+    Ok(input)
+}
+
+/// Draws the scene once, so that what can't be drawn is refused here, not in a browser.
+fn try_once(config: &Config) -> Result<(), String> {
     let mut desk = Desk::new(config)?;
     let asked = desk.asked_of(&json!(null), &desk.initial.clone(), TRIED_SIZE)?;
     desk.show_once(&asked)?;
@@ -67,12 +127,46 @@ pub fn export(config: &Config) -> Result<Vec<u8>, String> {
         return Err(format!(
             "{} refers to {}, and an exported page holds no second file\n  help: convert it to splats: surfel convert \
              INPUT out.ply",
-            input.display(),
+            config.inputs.first().map_or("", |input| input.to_str().unwrap_or_default()),
             other.display()
         ));
     }
-    let flags: Vec<_> = config.flags.iter().filter(|(name, _)| !OF_MACHINE.contains(&name.as_str())).cloned().collect();
-    exported(&input.to_string_lossy(), &flags, &bytes)
+    Ok(())
+}
+
+/// A file beside an exported page.
+struct Beside {
+    name: String,
+    file_bytes: u64,
+    /// True if the page reads parts of it.
+    is_ranged: bool,
+}
+
+/// Description of an exported page.
+struct About {
+    /// Name of the input in copied commands.
+    name: String,
+    flags: Vec<(String, String)>,
+    beside: Option<Beside>,
+}
+
+impl About {
+    fn new(config: &Config, input: &Path, beside: Option<Beside>) -> Self {
+        let is_for_page = |(name, _): &&(String, String)| !OF_MACHINE.contains(&name.as_str());
+        let flags = config.flags.iter().filter(is_for_page).cloned().collect();
+        Self { name: input.to_string_lossy().into_owned(), flags, beside }
+    }
+
+    /// Returns the element that the page reads this from.
+    fn element(&self) -> String {
+        let beside = self.beside.as_ref();
+        let ranged = beside.filter(|beside| beside.is_ranged).map(|beside| beside.file_bytes);
+        let name = beside.map(|beside| &beside.name);
+        let about = json!({ "name": self.name, "flags": self.flags, "beside": name, "ranged": ranged }).to_string();
+        // Text of a script element ends at "</script", which this JSON doesn't contain.
+        let about = about.replace('<', "\\u003c");
+        format!("<script type=\"application/json\" id=\"exported\">{about}</script>\n")
+    }
 }
 
 /// Returns bytes packed by gzip, as text in base64.
@@ -91,18 +185,23 @@ fn read(config: &Config, input: &Path) -> Result<Vec<u8>, String> {
 }
 
 /// Returns the page with everything that it needs inside.
-fn exported(name: &str, flags: &[(String, String)], file: &[u8]) -> Result<Vec<u8>, String> {
-    // Text of a script element ends at "</script", which neither base64 nor this JSON contains.
-    let about = json!({ "name": name, "flags": flags }).to_string().replace('<', "\\u003c");
-    let mut before = format!("<script type=\"application/json\" id=\"exported\">{about}</script>\n");
+fn exported(about: &About, file: &[u8]) -> Result<Vec<u8>, String> {
+    let mut before = about.element();
     for (id, bytes) in MODULES.iter().copied().chain([("file", file)]) {
         before += &format!("<script type=\"text/plain\" id=\"{id}\">{}</script>\n", packed(bytes)?);
     }
-    for (id, script) in WORKER {
-        before += &format!("<script type=\"text/plain\" id=\"{id}\">\n{script}</script>\n");
-    }
-    before += &page::script(include_str!("../page/export.js"));
-    page::with(POLICY, &before).map(String::into_bytes)
+    page::with(&policy("data:"), &(before + &scripts())).map(String::into_bytes)
+}
+
+/// Returns the page of a folder.
+fn beside_page(about: &About) -> Result<String, String> {
+    page::with(&policy("'self'"), &(about.element() + &scripts()))
+}
+
+/// Returns the scripts of a page that draws by the module.
+fn scripts() -> String {
+    let script = |(id, script)| format!("<script type=\"text/plain\" id=\"{id}\">\n{script}</script>\n");
+    WORKER.map(script).concat() + &page::script(include_str!("../page/export.js"))
 }
 
 #[cfg(test)]
@@ -111,8 +210,9 @@ mod tests {
 
     #[test]
     fn pages_hold_everything_and_name_no_address() {
-        let flags = [("color-by".to_owned(), "</script><b>".to_owned())];
-        let html = String::from_utf8(exported("a<b>.ply", &flags, b"a file").unwrap()).unwrap();
+        let flags = vec![("color-by".to_owned(), "</script><b>".to_owned())];
+        let about = About { name: "a<b>.ply".to_owned(), flags, beside: None };
+        let html = String::from_utf8(exported(&about, b"a file").unwrap()).unwrap();
         assert!(html.contains("\"a\\u003cb>.ply\"") && !html.contains("</script><b>"), "names end no script");
         assert!(!html.contains("src=\"/") && !html.contains("href=\"/"), "nothing is read from elsewhere");
         assert_eq!(html.matches("<script").count(), html.matches("</script>").count());

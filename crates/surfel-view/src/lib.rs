@@ -54,7 +54,7 @@ mod state;
 mod viewer;
 
 #[cfg(feature = "export")]
-pub use export::export;
+pub use export::{export, export_folder};
 pub use painter::{Message, Painter};
 use std::path::PathBuf;
 use std::sync::Arc;

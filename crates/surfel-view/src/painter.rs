@@ -50,7 +50,7 @@ impl Painter {
         let request: Value = serde_json::from_str(request).unwrap_or_default();
         match self.desk.answer(0, &request, &NoProgress) {
             Ok(Answer::Text(answer)) => Message::Text(answer.to_string()),
-            Ok(Answer::Image { file, .. } | Answer::File(file)) => Message::Binary(file),
+            Ok(Answer::Image(file) | Answer::File(file)) => Message::Binary(file),
             Err(problem) => {
                 let (id, layer, of) = (&request["id"], &request["layer"], &request["do"]);
                 let error = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": problem });

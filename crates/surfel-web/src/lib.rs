@@ -5,11 +5,15 @@
 //! 1. [`make_room`] makes room for `n` bytes in one of the buffers ([`MODEL`], [`REQUEST`]) and returns its address;
 //!    the host writes there.
 //! 2. [`open`] opens the file in [`MODEL`], with the configuration in [`REQUEST`].
+//!    Or [`open_host`] opens a file of the host, of which only parts are read.
 //! 3. [`answer`] answers the request in [`REQUEST`], a JSON object as the server's WebSocket takes.
-//! 4. Both return the length of their answer; [`reply`] returns its address. The first byte is 0 for text, 1 for a
+//! 4. They return the length of their answer; [`reply`] returns its address. The first byte is 0 for text, 1 for a
 //!    header with a file.
 //!
 //! All functions run on the host's thread, one at a time.
+
+#[cfg_attr(not(target_family = "wasm"), allow(dead_code, reason = "the import exists in WebAssembly alone"))]
+mod host;
 
 use std::cell::RefCell;
 use std::path::PathBuf;
@@ -51,34 +55,35 @@ pub extern "C" fn make_room(buffer: usize, bytes: usize) -> usize {
 #[unsafe(no_mangle)]
 pub extern "C" fn open() -> usize {
     MODULE.with_borrow_mut(|module| {
-        let words = String::from_utf8_lossy(&module.buffers[REQUEST]).into_owned();
-        let mut words = words.split('\n').map(str::to_owned);
-        let name = PathBuf::from(words.next().unwrap_or_default());
-        let mut flags = Vec::new();
-        while let (Some(name), Some(text)) = (words.next(), words.next()) {
-            flags.push((name, text));
-        }
+        let (name, flags) = module.name_and_flags();
         // The file's memory moves: a file isn't there twice.
         let bytes = std::mem::take(&mut module.buffers[MODEL]);
-        module.painter = None;
-        let config = Config {
-            inputs: vec!["-".into()],
-            names: Some(vec![name]),
-            stdin: Some(bytes.into()),
-            flags,
-            sends_pixels: true,
-            threads: 1,
-            ..Config::default()
-        };
-        let message = match Painter::new(&config) {
-            Ok(painter) => {
-                let welcome = painter.welcome();
-                module.painter = Some(painter);
-                Message::Text(welcome)
-            }
-            Err(problem) => Message::Text(format!("{{\"do\":\"error\",\"message\":{problem:?}}}")),
-        };
-        module.reply_with(message)
+        let inputs = vec!["-".into()];
+        module.open(Config { inputs, names: Some(vec![name]), stdin: Some(bytes.into()), flags, ..Config::default() })
+    })
+}
+
+/// Opens a file of the host, of `file_bytes` bytes, as [`open`] does. The module reads parts of it by the imported
+/// function `read` of the module `host`.
+#[cfg(target_family = "wasm")]
+#[unsafe(no_mangle)]
+pub extern "C" fn open_host(file_bytes: f64) -> usize {
+    #[link(wasm_import_module = "host")]
+    unsafe extern "C" {
+        /// Copies `count` bytes of the file from byte offset `at` to `address`; returns 0 if it could.
+        fn read(at: f64, address: usize, count: usize) -> u32;
+    }
+    fn read_at(at: u64, out: &mut [u8]) -> std::io::Result<()> {
+        // SAFETY: the host writes `out.len()` bytes to `out`, which nothing else refers to.
+        let failed = unsafe { read(at as f64, out.as_mut_ptr() as usize, out.len()) };
+        let problem = || std::io::Error::other("the server didn't send this part of the file");
+        if failed == 0 { Ok(()) } else { Err(problem()) }
+    }
+    MODULE.with_borrow_mut(|module| {
+        let (name, flags) = module.name_and_flags();
+        let file = host::RangeFile::new(file_bytes as u64, read_at);
+        surfel::io::set_host_file(Some((name.clone(), std::sync::Arc::new(file))));
+        module.open(Config { inputs: vec![name], flags, ..Config::default() })
     })
 }
 
@@ -109,6 +114,32 @@ pub extern "C" fn fused_errors(count: usize) -> usize {
 }
 
 impl Module {
+    /// Reads the second buffer: a name, and names and texts of options, each after a line feed.
+    fn name_and_flags(&self) -> (PathBuf, Vec<(String, String)>) {
+        let words = String::from_utf8_lossy(&self.buffers[REQUEST]);
+        let mut words = words.split('\n').map(str::to_owned);
+        let name = PathBuf::from(words.next().unwrap_or_default());
+        let mut flags = Vec::new();
+        while let (Some(name), Some(text)) = (words.next(), words.next()) {
+            flags.push((name, text));
+        }
+        (name, flags)
+    }
+
+    /// Opens a file in place of another. Replies with the first message to the page, or with an error.
+    fn open(&mut self, config: Config) -> usize {
+        self.painter = None;
+        let message = match Painter::new(&Config { sends_pixels: true, threads: 1, ..config }) {
+            Ok(painter) => {
+                let welcome = painter.welcome();
+                self.painter = Some(painter);
+                Message::Text(welcome)
+            }
+            Err(problem) => Message::Text(format!("{{\"do\":\"error\",\"message\":{problem:?}}}")),
+        };
+        self.reply_with(message)
+    }
+
     fn reply_with(&mut self, message: Message) -> usize {
         self.reply.clear();
         match message {

@@ -108,6 +108,11 @@ impl LevelReport {
     }
 }
 
+/// True if `path` is a regular file that can be opened.
+fn is_file(path: &Path) -> bool {
+    matches!(surfel_io::RegularFile::open(path), Ok(Some(_)))
+}
+
 /// True if `path` is a COPC file that can be read.
 pub(crate) fn has_levels(path: &Path) -> bool {
     matches!(Copc::open(path), Ok(Some(_)))
@@ -128,7 +133,7 @@ pub(crate) fn read(
     options: &LoadOptions,
 ) -> Result<Option<(Loaded, LevelReport)>, Error> {
     let Some(levels) = chosen(path, options) else { return Ok(None) };
-    let opened = Copc::open(copc_path).or_else(|error| if copc_path.is_file() { Err(error) } else { Ok(None) });
+    let opened = Copc::open(copc_path).or_else(|error| if is_file(copc_path) { Err(error) } else { Ok(None) });
     let Some(copc) = opened? else { return Ok(None) };
     // The allocator still holds memory from writing the file.
     let left = options.level_store.as_ref().filter(|_| path != copc_path).map_or(0, |store| store.left_bytes());

@@ -24,7 +24,11 @@ pub fn display(path: &Path) -> ShownPath<'_> {
 pub fn absolute(path: &Path) -> Result<PathBuf, Error> {
     let action = "find where it is";
     let failed = |source| IoError::System { path: path.to_path_buf(), action, source }.into();
-    std::path::absolute(path).map_err(failed)
+    match std::path::absolute(path) {
+        // WebAssembly in a browser has no folders.
+        Err(e) if e.kind() == std::io::ErrorKind::Unsupported => Ok(path.to_path_buf()),
+        found => found.map_err(failed),
+    }
 }
 
 /// Calls `change` with every path of a scene file except the name of stdin.

@@ -2,6 +2,7 @@
 import assert from 'node:assert/strict';
 import { execFileSync } from 'node:child_process';
 import { mkdirSync, mkdtempSync, readFileSync, rmSync, statSync, writeFileSync } from 'node:fs';
+import { createServer } from 'node:http';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { exactAfter, launch, until } from './browser.mjs';
@@ -48,6 +49,79 @@ async function compare(page) {
   const pixels = Buffer.from(shown.pixels, 'base64');
   const differing = pixels.filter((x, i) => x !== native.pixels[i]).length;
   assert.equal(differing, 0, `${differing} bytes differ: ${command}`);
+}
+
+/** Serves a folder with ranges; counts the bytes that are sent of each file. */
+async function serve(root, takesRanges = true) {
+  const sent = {};
+  const server = createServer((request, response) => {
+    const name = decodeURIComponent(request.url.slice(1).split('?')[0]) || 'index.html';
+    let bytes;
+    try { bytes = readFileSync(join(root, name)); } catch { return response.writeHead(404).end(); }
+    const range = takesRanges && /^bytes=(\d+)-(\d+)$/.exec(request.headers.range ?? '');
+    const part = range ? bytes.subarray(Number(range[1]), Number(range[2]) + 1) : bytes;
+    sent[name] = { requests: (sent[name]?.requests ?? 0) + 1, bytes: (sent[name]?.bytes ?? 0) + part.length };
+    const type = name.endsWith('.html') ? 'text/html' : 'application/octet-stream';
+    const headers = range ? { 'Content-Range': `bytes ${range[1]}-${range[2]}/${bytes.length}` } : {};
+    response.writeHead(range ? 206 : 200, { 'Content-Type': type, 'Content-Length': part.length, ...headers }).end(part);
+  });
+  await new Promise((listening) => server.listen(0, '127.0.0.1', listening));
+  return { sent, url: `http://127.0.0.1:${server.address().port}/`, close: () => server.close() };
+}
+
+/** Opens a page, and returns it with its errors. */
+async function open(browser, url) {
+  const context = await browser.newContext({ viewport: { width: 1000, height: 700 } });
+  const page = await context.newPage();
+  const complaints = [];
+  page.on('pageerror', (error) => complaints.push(error.message));
+  page.on('console', (message) => message.type() === 'error' && complaints.push(message.text()));
+  await page.goto(url);
+  return { page, complaints };
+}
+
+/** Tests a folder with a COPC file, of which the page reads parts. */
+async function runFolder(browser) {
+  const side = Number(process.env.SURFEL_SIDE ?? 700);
+  writeFileSync(join(folder, 'tile.txt'), hill(side));
+  surfel('convert', 'tile.txt', '-q', '-f', '-o', 'tile.copc.laz');
+  surfel('view', 'tile.copc.laz', '--export', 'site', '--lod-error', '4', '-q');
+  const site = join(folder, 'site');
+  const whole = statSync(join(site, 'tile.copc.laz')).size;
+  const served = await serve(site);
+  await step('a COPC file is read by ranges, and the image is the program\u2019s', async () => {
+    const start = performance.now();
+    const { page, complaints } = await open(browser, served.url);
+    await until(page, 'the first exact image', () => window.surfelStats.exact);
+    const { requests, bytes } = served.sent['tile.copc.laz'];
+    console.log(`${side * side} points: first image after ${((performance.now() - start) / 1000).toFixed(2)} s, ${requests} requests, ${bytes} of ${whole} bytes`);
+    assert.ok(bytes < 0.7 * whole, 'a part of the file is read');
+    assert.ok(!served.sent['emulated.wasm'] || !served.sent['fused.wasm'], 'one module is read');
+    await compare(page);
+    await exactAfter(page, async () => { await page.mouse.move(300, 300); await page.mouse.wheel(0, -1500); });
+    await compare(page);
+    assert.ok(served.sent['tile.copc.laz'].bytes > bytes, 'a nearer view reads more');
+    if (shots) await page.screenshot({ path: join(shots, 'export-copc.png') });
+    assert.deepEqual(complaints, []);
+  });
+  served.close();
+  const plain = await serve(site, false);
+  await step('a server without ranges, and a folder on disk, have a message', async () => {
+    const { page } = await open(browser, plain.url);
+    await until(page, 'a message', () => document.getElementById('status').textContent.includes('no ranges'));
+    const { page: onDisk } = await open(browser, `file://${join(site, 'index.html')}`);
+    await until(onDisk, 'a message', () => document.getElementById('status').textContent.includes('from a web server only'));
+  });
+  plain.close();
+  await step('a file of another format is read whole from beside the page', async () => {
+    surfel('view', 'hill.txt', '--export', 'site', '-f', '-q');
+    const again = await serve(site);
+    const { page } = await open(browser, again.url);
+    await until(page, 'the first exact image', () => window.surfelStats.exact);
+    await compare(page);
+    assert.equal(again.sent['hill.txt'].requests, 1);
+    again.close();
+  });
 }
 
 async function run(browser) {
@@ -118,6 +192,7 @@ async function run(browser) {
 const browser = await launch();
 try {
   await run(browser);
+  await runFolder(browser);
   console.log('all passed');
 } finally {
   await browser.close();

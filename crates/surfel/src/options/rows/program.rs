@@ -76,11 +76,13 @@ pub(super) const ROWS: &[Row] = &[
             "From another machine, `ssh -L 8080:127.0.0.1:PORT HOST` opens a tunnel to the page.",
         )
         .example("localhost"),
-    view(Row::path("export", "FILE", |o, path| put_path(&mut o.export, path)))
+    view(Row::path("export", "FILE|FOLDER", |o, path| put_path(&mut o.export, path)))
         .built(cfg!(feature = "export"))
         .help(
-            "Write the page as one HTML file instead of serving it: it holds the input, and draws in the browser.",
-            "The page needs no server and no network. Its images equal those of --backend cpu.",
+            "Write the page as one HTML file, or as a folder for a web server, instead of serving it.",
+            "The page draws in the browser. Its images equal those of --backend cpu. An HTML file holds the input, and \
+             opens from disk. A folder has the input beside the page; of a COPC file the page reads the parts that a \
+             view needs.",
         )
         .everyday()
         .example("page.html")
