@@ -38,7 +38,7 @@ pub(crate) fn run(
     let viewer = Viewer::bind(config).map_err(Failure::other)?;
     let url = viewer.url();
     stdout::result(format!("{url}\n").as_bytes())?;
-    if !args.no_open && !open(&url) {
+    if !args.no_open && !open(&viewer.url_for_once()) {
         console.note("no browser was opened: open the address above, through ssh -L if this is another machine");
     }
     console.note("the page is served until this program ends: Ctrl+C");

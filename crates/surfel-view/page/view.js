@@ -41,6 +41,7 @@ const APPEARANCE = ['preset', 'shader', 'points-as', 'light', 'shadows', 'ground
 
 let state = {};          // options of the image
 let other = null;        // options that differ at the right side of a comparison
+let leftFile = null;     // number of the file at the left side, if files are compared
 let rows = new Map();    // the program's options by name
 let welcome = null;      // first message of the server
 let camera = null;       // camera of the newest image, or of the input after it
@@ -194,7 +195,8 @@ function sizePx() {
 }
 
 function sideStates() {
-  return other ? [state, { ...state, ...other }] : [state];
+  if (!other) return [state];
+  return [leftFile === null ? state : { ...state, input: leftFile }, { ...state, ...other }];
 }
 
 function drawStill() {
@@ -785,6 +787,7 @@ $('other-name').onchange = () => {
   const name = $('other-name').value;
   $('other-value').replaceChildren();
   if (!name) return endComparing();
+  leftFile = null;
   const change = (value) => {
     other = { [name]: value };
     for (const id of ['measure', 'uncompare']) $(id).disabled = false;
@@ -793,10 +796,20 @@ $('other-name').onchange = () => {
     drawStill();
   };
   if (name === 'input') {
-    const select = make('select', {}, ...welcome.inputs.map((input, i) => make('option', { value: i }, input)));
-    select.onchange = () => change(Number(select.value));
-    $('other-value').append(make('label', {}, 'File at the right ', select));
-    return change(0);
+    const files = (side, number) => {
+      const select = make('select', {}, ...welcome.inputs.map((input, i) => make('option', { value: i }, input)));
+      select.value = number;
+      $('other-value').append(make('label', {}, `File at the ${side} `, select));
+      return select;
+    };
+    const [left, right] = [files('left', 0), files('right', 1)];
+    // Both are seen from one place, not from where each would be.
+    if (camera && !state.eye) place(camera.eye, camera.target, camera.up, camera.projection.orthographic?.height);
+    left.onchange = right.onchange = () => {
+      leftFile = Number(left.value);
+      change(Number(right.value));
+    };
+    return left.onchange();
   }
   const made = control(rows.get(name), (value) => change(value ?? (rows.get(name).switch ? 'off' : undefined)));
   $('other-value').append(made.element);
@@ -804,6 +817,7 @@ $('other-name').onchange = () => {
 
 function endComparing() {
   other = null;
+  leftFile = null;
   layers[1]?.bitmap.close();
   layers[1] = null;
   $('divider').hidden = true;

@@ -2,21 +2,27 @@
 
 use crate::http::Request;
 use std::net::IpAddr;
+use std::sync::{Mutex, PoisonError};
 
-/// Secret and port of a server.
-#[derive(Clone, Debug)]
+/// Secrets and port of a server.
+#[derive(Debug)]
 pub(crate) struct Guard {
     token: String,
+    /// Token that opens the page once, for the browser's command line, which other users of this machine can read.
+    once: Mutex<Option<String>>,
     cookie: String,
 }
 
 impl Guard {
-    /// Creates a guard with a random token of 128 bits.
+    /// Creates a guard with random tokens.
     pub(crate) fn new(port: u16) -> Result<Self, String> {
-        let mut bytes = [0; 16];
-        getrandom::fill(&mut bytes).map_err(|e| format!("can't get random numbers for the token: {e}"))?;
         // Cookies don't distinguish ports, so the name does.
-        Ok(Self { token: data_encoding::HEXLOWER.encode(&bytes), cookie: format!("surfel-{port}") })
+        Ok(Self { token: random_token()?, once: Mutex::new(Some(random_token()?)), cookie: format!("surfel-{port}") })
+    }
+
+    /// Returns the token that opens the page once; `None` after it has been used.
+    pub(crate) fn token_for_once(&self) -> Option<String> {
+        self.once.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Returns the token.
@@ -30,9 +36,15 @@ impl Guard {
         format!("Set-Cookie: {}={}; Path=/; HttpOnly; SameSite=Lax\r\n", self.cookie, self.token)
     }
 
-    /// True if the request's address has the token.
+    /// True if the request's address has the token, or the one that opens the page once, which is used up.
     pub(crate) fn has_token(&self, request: &Request) -> bool {
-        request.query.split('&').filter_map(|pair| pair.strip_prefix("token=")).any(|given| self.is_token(given))
+        let mut given = request.query.split('&').filter_map(|pair| pair.strip_prefix("token="));
+        given.any(|given| self.is_token(given) || self.uses_once(given))
+    }
+
+    fn uses_once(&self, given: &str) -> bool {
+        let mut once = self.once.lock().unwrap_or_else(PoisonError::into_inner);
+        once.take_if(|token| are_equal(given, token)).is_some()
     }
 
     /// True if the request's cookie has the token.
@@ -40,11 +52,22 @@ impl Guard {
         request.cookie(&self.cookie).is_some_and(|given| self.is_token(given))
     }
 
-    /// True if `given` is the token. The time of the comparison doesn't depend on the characters.
     fn is_token(&self, given: &str) -> bool {
-        let differences = given.bytes().zip(self.token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
-        given.len() == self.token.len() && differences == 0
+        are_equal(given, &self.token)
     }
+}
+
+/// Returns a random token of 128 bits.
+fn random_token() -> Result<String, String> {
+    let mut bytes = [0; 16];
+    getrandom::fill(&mut bytes).map_err(|e| format!("can't get random numbers for the token: {e}"))?;
+    Ok(data_encoding::HEXLOWER.encode(&bytes))
+}
+
+/// True if two texts are equal. The time of the comparison doesn't depend on the characters.
+fn are_equal(given: &str, token: &str) -> bool {
+    let differences = given.bytes().zip(token.bytes()).fold(0, |sum, (a, b)| sum | (a ^ b));
+    given.len() == token.len() && differences == 0
 }
 
 /// True if the request names this machine as its host, so that no other site's name leads here.
@@ -100,5 +123,14 @@ mod tests {
         assert_eq!(a.token.len(), 32);
         assert!(a.is_token(&a.token) && !a.is_token(&b.token) && !a.is_token("") && !a.is_token(&a.token[1..]));
         assert!(!a.is_token(&format!("{}0", a.token)));
+    }
+
+    #[test]
+    fn the_browser_s_token_opens_the_page_once() {
+        let guard = Guard::new(1).unwrap();
+        let once = guard.token_for_once().unwrap();
+        assert!(once != guard.token && !guard.is_token(&once) && !guard.uses_once("") && !guard.uses_once(&once[1..]));
+        assert!(guard.uses_once(&once) && !guard.uses_once(&once));
+        assert_eq!(guard.token_for_once(), None);
     }
 }

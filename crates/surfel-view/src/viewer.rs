@@ -45,7 +45,17 @@ impl Viewer {
 
     /// Returns the page's address, with the token.
     pub fn url(&self) -> String {
-        format!("http://{}/?token={}", self.address, self.guard.token())
+        self.address_with(self.guard.token())
+    }
+
+    /// Returns an address that opens the page once. A browser's command line, which other users of this machine can
+    /// read, has this one.
+    pub fn url_for_once(&self) -> String {
+        self.address_with(&self.guard.token_for_once().unwrap_or_default())
+    }
+
+    fn address_with(&self, token: &str) -> String {
+        format!("http://{}/?token={token}", self.address)
     }
 
     /// Serves pages and draws on the current thread, until the program ends. `note` gets messages for the terminal.

@@ -194,6 +194,28 @@ async function run(browser) {
     await page.goto(server.url);
     await until(page, 'an exact image', () => window.surfelStats?.exact);
   });
+  await step('compare two files', async () => {
+    writeFileSync(join(folder, 'tall.txt'), readFileSync(join(folder, 'hill.txt'), 'utf8').replace(/^(\S+ \S+) (-?[\d.]+)/gm, (_, xy, z) => `${xy} ${z * 1.5}`));
+    const both = await serve(program, folder, ['hill.txt', 'tall.txt']);
+    const page = await context.newPage();
+    page.on('pageerror', (error) => complaints.push(error.message));
+    await page.goto(both.url);
+    await until(page, 'an exact image', () => window.surfelStats?.exact);
+    await page.locator('#comparing > summary').click();
+    await exactAfter(page, () => page.locator('#other-name').selectOption('input'));
+    const measured = async () => {
+      await page.evaluate(() => { window.surfelStats.compared = null; });
+      await page.getByRole('button', { name: 'Measure' }).click();
+      await until(page, 'a difference', () => window.surfelStats.compared);
+      return page.evaluate(() => window.surfelStats.compared);
+    };
+    assert.ok((await measured()).rmse > 0.01);
+    await shot(page, 'compare-files');
+    await exactAfter(page, () => page.getByLabel('File at the left').selectOption('tall.txt'));
+    assert.equal((await measured()).psnr, null, 'a file is equal to itself');
+    await page.close();
+    await both.stop();
+  });
   await step('memory of the page', async () => {
     const session = await context.newCDPSession(page);
     await session.send('HeapProfiler.collectGarbage');
