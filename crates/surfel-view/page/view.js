@@ -256,7 +256,10 @@ async function show(header, file) {
   paint();
   const asked = inputTimes.get(header.id);
   for (const id of inputTimes.keys()) if (id <= header.id) inputTimes.delete(id);
-  if (header.layer !== 0) return;
+  if (header.layer !== 0) {
+    if (!header.moving && layers[0] && !layers[0].header.moving) sayDrawn(layers[0].header);
+    return;
+  }
   const now = performance.now();
   stats.first ??= now;
   if (asked !== undefined) (header.moving ? stats.latencies : stats.stills).push(now - asked);
@@ -279,9 +282,14 @@ function settle(header) {
   stats.camera = camera;
   if (isNew) { showScene(); showControls(); }
   if (header.notes.length) $('notes').replaceChildren(...header.notes.map((note) => make('li', {}, note)));
-  const { size: [width, height], splats, drawn, frame_ms, backend } = header;
-  say(`${width}×${height}, ${splats.toLocaleString('en')} splats, ${drawn.toLocaleString('en')} drawn by ${backend} in ${frame_ms.toFixed(1)} ms`);
+  sayDrawn(header);
+  const [width, height] = header.size;
   if (!document.activeElement?.id.startsWith('save-')) [$('save-width').value, $('save-height').value] = [width, height];
+}
+
+/** Says in the status what an exact image is of. */
+function sayDrawn({ size: [width, height], splats, drawn, frame_ms, backend }) {
+  say(`${width}×${height}, ${splats.toLocaleString('en')} splats, ${drawn.toLocaleString('en')} drawn by ${backend} in ${frame_ms.toFixed(1)} ms`);
 }
 
 function paint() {

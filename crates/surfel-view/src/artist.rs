@@ -78,10 +78,14 @@ impl Artist {
         for job in std::mem::take(&mut self.deferred) {
             self.reply(&job);
         }
+        let mut is_first = true;
         loop {
-            if let Next::Job(job) = hub.next() {
-                self.reply(&job);
+            let Next::Job(job) = hub.next() else { continue };
+            // The metadata of an exact image need the hash of each file: before the first, the page gets one without.
+            if job.request["do"] == "draw" && std::mem::take(&mut is_first) {
+                let _ = self.answer_by_sample(&job);
             }
+            self.reply(&job);
         }
     }
 
@@ -122,6 +126,9 @@ impl Artist {
             self.desk.session(&asked.key)?.adopt(loaded.map_err(text)?);
         }
         let mut notes = Vec::new();
+        // A page that is open already has a size and options of its own, which its image needs.
+        let of_page = self.hub.waiting_draw().and_then(|request| self.desk.asked_by_page(&request).ok());
+        let asked = of_page.filter(|of_page| of_page.key == asked.key).unwrap_or(asked);
         let session = self.desk.session(&asked.key)?;
         let shown = session.show(&asked.options.render, &report, &mut |text| notes.push(text)).map(|_| ());
         notes.iter().for_each(|text| note(text));

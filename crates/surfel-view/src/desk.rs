@@ -134,6 +134,11 @@ impl Desk {
         self.shown_for.truncate(MAX_SESSIONS);
     }
 
+    /// Reads a page's request for an image.
+    pub(crate) fn asked_by_page(&self, request: &Value) -> Result<Asked, String> {
+        self.asked(request, MAX_PIXELS)
+    }
+
     /// Reads a request for an image.
     fn asked(&self, request: &Value, most_pixels: u64) -> Result<Asked, String> {
         let side = |i: usize| request["size"][i].as_u64().and_then(|side| u32::try_from(side).ok());

@@ -218,6 +218,11 @@ impl Hub {
         }
     }
 
+    /// Returns a waiting request for an image of the first layer, without answering it.
+    pub(crate) fn waiting_draw(&self) -> Option<Value> {
+        lock(&self.clients).all.iter().find_map(|client| client.draws[0].clone())
+    }
+
     /// Wakes the drawing thread because all points are loaded.
     pub(crate) fn report_loaded(&self) {
         lock(&self.clients).is_loaded = true;

@@ -74,9 +74,8 @@ pub fn resolve<E: From<Error>>(
         if loaded.facts.iter().any(|facts| facts.thinned) {
             each(coarse.resolve(loaded, progress, &mut |_| ())?, Detail::Coarse)?;
             loaded = request.load(stdin, progress)?;
-        } else if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
-            // All points were loaded, and no option asks for fewer.
-            loaded.unused.retain(|(_, option)| option.option != "max_points");
+        } else {
+            loaded = as_whole(&request, loaded);
         }
     }
     each(request.resolve(loaded, progress, note)?, Detail::Full)
@@ -88,17 +87,34 @@ fn sample_of(request: &Request) -> Request {
     coarse.with_estimates(Arc::default())
 }
 
-/// Loads a coarse selection of points of files without levels of detail, and returns its request. `None` for files with
-/// levels, and if the selection has all points.
-pub(crate) fn coarse(
-    request: &Request,
-    stdin: Option<Arc<[u8]>>,
-    progress: &dyn Progress,
-) -> Result<Option<(Request, LoadedObjects)>, Error> {
+/// Returns the objects of a sample that has all points as those of the request.
+fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
+    if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
+        // No option asks for fewer points.
+        loaded.unused.retain(|(_, option)| option.option != "max_points");
+    }
+    loaded
+}
+
+/// What a scene is first loaded as.
+pub(crate) enum First {
+    /// Nothing: the files have levels of detail.
+    Nothing,
+    /// A coarse selection of points, and its request.
+    Coarse(Box<Request>, LoadedObjects),
+    /// All points, because there are few.
+    Whole(LoadedObjects),
+}
+
+/// Loads a coarse selection of points of files without levels of detail.
+pub(crate) fn first(request: &Request, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<First, Error> {
     if request.files().any(|path| levels::has_levels(&path)) {
-        return Ok(None);
+        return Ok(First::Nothing);
     }
     let coarse = sample_of(request);
     let loaded = coarse.load(stdin, progress)?;
-    Ok(loaded.facts.iter().any(|facts| facts.thinned).then_some((coarse, loaded)))
+    Ok(match loaded.facts.iter().any(|facts| facts.thinned) {
+        true => First::Coarse(Box::new(coarse), loaded),
+        false => First::Whole(as_whole(request, loaded)),
+    })
 }

@@ -213,8 +213,8 @@ impl Session {
 
     /// Shows a coarse selection of the points if the files aren't loaded yet and have many points.
     ///
-    /// Returns the loader of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown;
-    /// [`Session::show`] then loads the files.
+    /// Returns the loader of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown:
+    /// [`Session::show`] then shows the files, which are loaded already if they have few points.
     ///
     /// # Errors
     /// Errors of [`Session::show`].
@@ -223,8 +223,13 @@ impl Session {
         if self.loaded.iter().any(|loaded| loaded.is_for(&request)) {
             return Ok(None);
         }
-        let Some((coarse, objects)) = progressive::coarse(&request, self.stdin.clone(), progress)? else {
-            return Ok(None);
+        let (coarse, objects) = match progressive::first(&request, self.stdin.clone(), progress)? {
+            progressive::First::Coarse(coarse, objects) => (coarse, objects),
+            progressive::First::Whole(objects) => {
+                self.store(&request, objects);
+                return Ok(None);
+            }
+            progressive::First::Nothing => return Ok(None),
         };
         let resolved = coarse.resolve(objects.clone(), progress, &mut |_| ())?;
         self.settle_backend(&resolved, &mut |_| ())?;
@@ -288,11 +293,22 @@ impl Session {
             self.loaded[..=place].rotate_right(1);
             return Ok(());
         }
+        self.make_room();
+        let objects = request.load(self.stdin.clone(), progress)?;
+        self.store(request, objects);
+        Ok(())
+    }
+
+    /// Drops loaded scenes, unless two of their size fit.
+    fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
-        let objects = request.load(self.stdin.clone(), progress)?;
+    }
+
+    /// Stores loaded objects in front of others.
+    fn store(&mut self, request: &Request, objects: LoadedObjects) {
+        self.make_room();
         self.loaded.insert(0, LoadedScene::new(request, objects));
-        Ok(())
     }
 
     /// Makes a scene of the first loaded objects resident, unless each camera selects its own levels of detail.
