@@ -198,7 +198,9 @@ pub(crate) fn unpack(
             }
             header = Some(names(line, dialect).ok_or_else(|| {
                 let found = format!("found {} where points were expected", quote(word));
-                Problem::new(found).at(at).expected(EXPECTED).help(NAME_THEM)
+                let is_grid = word.eq_ignore_ascii_case(b"ncols") && table.rows == 0;
+                let help = if is_grid { "gdal2xyz.py writes the points of an Esri ASCII grid" } else { NAME_THEM };
+                Problem::new(found).at(at).expected(EXPECTED).help(help)
             })?);
             return Ok(());
         }

@@ -89,6 +89,7 @@ fn points_far_from_the_origin_keep_their_detail() {
 fn points_faults_name_the_line() {
     for (text, expected) in [
         ("hello world\n", "found 'hello' where points were expected (line 1)"),
+        ("ncols 120\nnrows 100\n", "gdal2xyz.py writes the points of an Esri ASCII grid"),
         ("1 2 3\n4 5\n", "found 2 numbers (line 2)"),
         ("1 2 3\n4 x 6\n", "found 'x' (line 2)"),
         ("1 2\n", "at least x y z"),

@@ -703,6 +703,10 @@ fn las_1_5_is_read_as_1_4_in_formats_6_to_10() {
     let mut future = las_file((4, 6, 0, false), Vec::new(), 0..10, |_| ());
     future[25] = 6;
     assert!(try_read(&future).unwrap_err().contains("is LAS 1.6"));
+    let log = format!("~Version Information\n VERS. 2.0:\n{}", "# a well log\n".repeat(40));
+    let by_name = load_bytes(log.as_bytes(), Some(Format::Las), Path::new("t.las"), &LoadOptions::default());
+    let error = by_name.unwrap_err().to_string();
+    assert!(error.contains("doesn't start with 'LASF'") && error.contains("well logs"), "{error}");
 }
 
 /// Builds a scan of `rows` points with coordinates of one bit each, and `fields` further fields.

@@ -75,11 +75,13 @@ fn images_equal_those_of_fresh_requests_whatever_came_before() {
 fn samples_give_way_to_all_points() {
     let path = hill("sample");
     let mut session = Session::start(vec![path.clone()], None, "cpu", BackendOptions::default()).unwrap();
-    // So few points have no sample.
+    // So few points have no sample. They are loaded once.
     assert!(session.show_coarse(&options(&[]), &NoProgress).unwrap().is_none());
     assert!(session.glance(&options(&[])).is_err());
     std::fs::remove_file(&path).unwrap();
+    session.show(&options(&[]), &NoProgress, &mut |_| ()).unwrap();
 
+    let mut session = Session::start(vec![path.clone()], None, "cpu", BackendOptions::default()).unwrap();
     let mut text = String::new();
     for i in 0..120_000 {
         let (x, y) = (f64::from(i % 400) * 0.1, f64::from(i / 400) * 0.1);

@@ -115,6 +115,15 @@ impl Header {
         let mut bytes = [0; 375];
         source.seek(SeekFrom::Start(0)).map_err(super::unreadable)?;
         let got = read_some(source, &mut bytes).map_err(super::unreadable)?;
+        if !bytes.starts_with(b"LASF") {
+            let problem = Problem::new("doesn't start with 'LASF'").expected("LAS, the format of LiDAR points");
+            let is_log = bytes.starts_with(b"~") || bytes.starts_with(b"#");
+            return Err(if is_log {
+                problem.help("files of well logs have the same extension: they have no points")
+            } else {
+                problem
+            });
+        }
         if got < 227 {
             let what = format!("ends within its LAS header, after {got} bytes");
             return Err(Problem::new(what).expected("227 bytes at least"));
