@@ -13,8 +13,8 @@
 //! ```
 //!
 //! # Parts
-//! - `desk` answers requests of pages by a [`surfel::session::Session`] per backend, which `sessions` holds; [`Painter`]
-//!   is a desk for a single page without a server: of a notebook, or of a page that draws by WebAssembly;
+//! - `desk` answers requests of pages by a [`surfel::session::Session`] per backend, which `sessions` holds;
+//!   [`Painter`] is a desk for a single page without a server: of a notebook, or of a page that draws by WebAssembly;
 //! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
 //!   and what is answered;
 //! - `hub` holds the newest request of each page and the newest image for it, so that nothing grows without bound;
@@ -67,7 +67,8 @@ pub use viewer::Viewer;
 /// A message if the page lacks a place for its parts, which is a defect.
 #[cfg(feature = "widget")]
 pub fn page_in_frame() -> Result<String, String> {
-    const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob: data:; \
+    const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob: \
+                          data:; \
                           base-uri 'none'; form-action 'none'";
     page::with(POLICY, &page::script(include_str!("../page/frame.js")))
 }

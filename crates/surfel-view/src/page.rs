@@ -5,8 +5,8 @@ use data_encoding::BASE64;
 /// The page, as the server sends it.
 const PAGE: &str = include_str!("../page/index.html");
 
-/// Returns the page with its style, script and icon inside. `policy` is the page's content security policy, and `before`
-/// has the elements before the page's script, which define `window.surfelSource`.
+/// Returns the page with its style, script and icon inside. `policy` is the page's content security policy, and
+/// `before` has the elements before the page's script, which define `window.surfelSource`.
 ///
 /// # Errors
 /// A message if the page lacks a place for one of them.

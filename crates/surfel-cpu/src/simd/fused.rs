@@ -3,12 +3,14 @@
 //! AVX2, AVX-512 and NEON have an instruction for it. WebAssembly has `relaxed_madd`, which rounds once or twice as the
 //! host likes, and browsers without relaxed SIMD don't have even that. So there are two modules (see `surfel-web`):
 //!
-//! - one with the target feature `relaxed-simd`, for hosts where a probe at start shows that `relaxed_madd` rounds once;
+//! - one with the target feature `relaxed-simd`, for hosts where a probe at start shows that `relaxed_madd` rounds
+//!   once;
 //! - one without, which emulates the operation in f64. The emulation is a hundred instructions, so it is out of line:
 //!   inlined everywhere it needs more than 24 GB of the compiler's memory.
 //!
-//! The emulation is exact. A product of two f32 is exact in f64. The sum with a third is rounded to f64, then to f32; to
-//! round only once, an inexact sum whose f64 lies between two f32 is first rounded to odd (Boldo and Melquiond, 2008).
+//! The emulation is exact. A product of two f32 is exact in f64. The sum with a third is rounded to f64, then to f32.
+//! To round only once, an inexact sum whose f64 lies between two f32 is first rounded to odd (Boldo and Melquiond,
+//! 2008).
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x4, f32x8, f32x16};
