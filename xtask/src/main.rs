@@ -10,6 +10,7 @@ mod gallery;
 mod gpu_kit;
 mod graph;
 mod growth;
+mod lab;
 mod licences;
 mod page;
 mod python;

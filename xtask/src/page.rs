@@ -17,7 +17,7 @@ const SCRIPTS: [&str; 6] = [
     "crates/surfel-web/tests/module.mjs",
 ];
 /// Files of the tests.
-const FILES: [&str; 6] = ["package.json", "browser.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs"];
+const FILES: [&str; 7] = ["package.json", "browser.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs", "lab.mjs"];
 const CHROMIUM: &str = "/usr/bin/chromium";
 
 /// Returns the folder in which the tests run, with npm's packages.

@@ -3,17 +3,17 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use crate::{FEATURES, cargo_for_tests};
+use crate::{FEATURES, cargo_for_tests, lab};
 
 /// Folder of the package.
 const PACKAGE: &str = "crates/surfel-python";
-const SOURCE: &str = "crates/surfel-python/python";
+pub(crate) const SOURCE: &str = "crates/surfel-python/python";
 const TESTS: &str = "crates/surfel-python/tests";
 /// Packages that the tests need, as pip requirements and as module names.
 const TESTED_BY: [(&str, &str); 2] = [("numpy", "numpy"), ("pytest", "pytest")];
 pub(crate) const BUILT_BY: [(&str, &str); 1] = [("maturin>=1.12,<2", "maturin")];
 /// Additional packages for the notebooks, engines, rivals and tests of other packages.
-const SHOWN_BY: [(&str, &str); 17] = [
+const SHOWN_BY: [(&str, &str); 18] = [
     ("ray", "ray"),
     ("distributed", "distributed"),
     ("openjd-cli", "openjd"),
@@ -22,6 +22,7 @@ const SHOWN_BY: [(&str, &str); 17] = [
     ("nbconvert", "nbconvert"),
     ("ipykernel", "ipykernel"),
     ("anywidget", "anywidget"),
+    ("jupyterlab", "jupyterlab"),
     ("matplotlib", "matplotlib"),
     ("laspy", "laspy"),
     ("open3d", "open3d"),
@@ -133,7 +134,7 @@ pub(crate) fn test(root: &Path, full: bool) -> Tested {
         vec!["crates/surfel-python/examples/rivals.py"],
         vec!["crates/surfel-python/examples/engines.py", "2"],
     ];
-    if shown.iter().all(|words| ran(words)) { Tested::Passed } else { Tested::Failed }
+    if shown.iter().all(|words| ran(words)) && lab::test(root, &python) { Tested::Passed } else { Tested::Failed }
 }
 
 /// Builds the extension module in the folder where Python searches for it. It uses the features of the Rust tests,

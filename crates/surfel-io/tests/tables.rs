@@ -547,7 +547,7 @@ fn columns_with_types_read_files_without_a_header() {
     let kitti = le(&[1.0, 2.0, 3.0, 0.5, 4.0, 5.0, 6.0, 0.25]);
     refused("000000.bin", &kitti, "--columns f4:x,y,z,intensity");
     // A first byte that is a brace, as in a JSON file.
-    refused("000001.bin", &le(&[f32::from_le_bytes(*b"{FXB"), 2.0, 3.0, 0.5]), "--columns f4:x,y,z,intensity");
+    refused("000001.bin", le(&[f32::from_le_bytes(*b"{FXB"), 2.0, 3.0, 0.5]), "--columns f4:x,y,z,intensity");
     let loaded = named("000000.bin", &kitti, "f4:x,y,z,intensity");
     assert_eq!((loaded.format, loaded.attributes.join(" ")), (Format::Raw, "position intensity".to_owned()));
     assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);

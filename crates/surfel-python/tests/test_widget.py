@@ -29,6 +29,7 @@ def ask(widget, sent, **message):
 def test_pages_begin_with_options_and_state(shown):
     widget, sent = shown
     welcome, buffers = ask(widget, sent, do="begin")
+    assert welcome["inputs"] == ["arrays"]
     assert welcome["do"] == "welcome" and welcome["state"]["view"] == "top" and buffers is None
     assert any(row["name"] == "shader" for row in welcome["rows"])
     assert "surfelSource" in widget._page and "http:" not in widget._page.replace("http://www.w3.org", "")

@@ -123,7 +123,7 @@ pub(crate) fn command(fixed: &Fixed, state: &State, [width, height]: [u32; 2]) -
             (true, "on") => words.push(format!("--{}", row.name)),
             (true, _) => {}
             (false, text) if row.missing.is_some() || text.starts_with('-') => {
-                words.push(format!("--{}={}", row.name, quoted(text)))
+                words.push(format!("--{}={}", row.name, quoted(text)));
             }
             (false, text) => words.extend([format!("--{}", row.name), quoted(text)]),
         }

@@ -54,7 +54,10 @@ def _widget_class():
 
         def _answer(self, _widget, message, _buffers):
             if message.get("do") == "begin":
-                return self.send(json.loads(self._painter.welcome()))
+                welcome = json.loads(self._painter.welcome())
+                # Arrays have no name.
+                welcome["inputs"] = ["arrays" if name == "-" else name for name in welcome["inputs"]]
+                return self.send(welcome)
             header, file = _packed(self._painter.answer(json.dumps(message)))
             # The page learns of an image before the program does.
             self.send(header, buffers=None if file is None else [file])
