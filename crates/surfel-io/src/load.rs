@@ -85,8 +85,29 @@ pub fn load(path: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
         return file.failure().map_or(loaded, |source| Err(failure(source)));
     }
     let bytes = files::read(path, files::MAX_BYTES)?;
-    let read = |context: &mut Context<'_>| read_bytes(&bytes, Format::from_extension(path), path, context);
-    run(read, path, Siblings::of(path, options.allow_outside), options)
+    load_whole(&bytes, Format::from_extension(path), path, Siblings::of(path, options.allow_outside), options)
+}
+
+/// Loads a file whose bytes are in memory. Rows without a header that fit one usual layout are read by it, with a note.
+fn load_whole(
+    bytes: &[u8],
+    hint: Option<Format>,
+    name: &Path,
+    siblings: Siblings,
+    options: &LoadOptions,
+) -> Result<Loaded, IoError> {
+    #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
+    if options.columns.is_none()
+        && let Some(columns) = raw_rows::detected(name, bytes)
+        && recognise(bytes, hint, name, options).is_err()
+    {
+        let note = format!("has no header: read as rows of {columns}, which its values fit; --columns names others");
+        let options = LoadOptions { columns: Some(columns), ..options.clone() };
+        let mut loaded = run(|context| read_bytes(bytes, hint, name, context), name, siblings, &options)?;
+        loaded.notes.insert(0, note);
+        return Ok(loaded);
+    }
+    run(|context| read_bytes(bytes, hint, name, context), name, siblings, options)
 }
 
 /// Properties of all points of a file that was read block by block.
@@ -174,7 +195,7 @@ pub fn names_geometry(path: &Path) -> bool {
 /// # Errors
 /// Errors of [`load`].
 pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &LoadOptions) -> Result<Loaded, IoError> {
-    run(|context| read_bytes(bytes, hint, name, context), name, Siblings::None, options)
+    load_whole(bytes, hint, name, Siblings::None, options)
 }
 
 /// Runs a reader without access to other files.

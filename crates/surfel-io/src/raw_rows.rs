@@ -18,6 +18,52 @@ const JUDGED_ROWS: usize = 1000;
 /// Range of plausible coordinates; bytes of other data give values outside it.
 const COORDINATES: std::ops::RangeInclusive<f64> = 1e-30..=1e15;
 
+/// Layouts of rows without a header in `.bin` files: KITTI and many others; nuScenes; indoor data sets.
+const USUAL_LAYOUTS: [&str; 3] = ["f4:x,y,z,intensity", "f4:x,y,z,intensity,_", "f4:x,y,z,r,g,b"];
+/// Fewest rows by which a layout is detected. In fewer, values of another layout may fit by chance.
+const LEAST_ROWS: usize = 100;
+/// Most rows that are examined to detect a layout.
+const EXAMINED_ROWS: usize = 1 << 16;
+/// Range of plausible coordinates of a scan, in metres, but for 0.
+const SCANNED: std::ops::RangeInclusive<f32> = 1e-7..=1e4;
+/// Largest value of an intensity or a colour.
+const MAX_INTENSITY: f32 = 255.0;
+
+/// Returns the layout of a `.bin` file without a header if its values fit exactly one usual layout.
+pub(crate) fn detected(name: &Path, bytes: &[u8]) -> Option<TableColumns> {
+    if !name.extension().is_some_and(|end| end.eq_ignore_ascii_case("bin")) {
+        return None;
+    }
+    let mut fitting = USUAL_LAYOUTS.iter().filter_map(|text| {
+        let columns: TableColumns = text.parse().ok()?;
+        fits(bytes, &columns).then_some(columns)
+    });
+    let found = fitting.next();
+    found.filter(|_| fitting.next().is_none())
+}
+
+/// True if the first rows have finite plausible coordinates, and every other named column is an intensity or a colour.
+fn fits(bytes: &[u8], columns: &TableColumns) -> bool {
+    let row_bytes = columns.row_bytes();
+    if !bytes.len().is_multiple_of(row_bytes) || bytes.len() / row_bytes < LEAST_ROWS {
+        return false;
+    }
+    let is_named: Vec<bool> = columns.columns().iter().map(|column| column.name.is_some()).collect();
+    let mut largest = [0.0_f32; 3];
+    let is_plausible = bytes.chunks_exact(row_bytes).take(EXAMINED_ROWS).all(|row| {
+        let numbers = row.chunks_exact(4).map(|four| f32::from_le_bytes([four[0], four[1], four[2], four[3]]));
+        numbers.zip(&is_named).enumerate().all(|(i, (number, is_named))| match largest.get_mut(i) {
+            Some(largest) => {
+                *largest = largest.max(number.abs());
+                number == 0.0 || SCANNED.contains(&number.abs())
+            }
+            None => !is_named || (0.0..=MAX_INTENSITY).contains(&number),
+        })
+    });
+    // A column of zeros is no coordinate.
+    is_plausible && largest.iter().all(|largest| *largest > 0.0)
+}
+
 /// Checks that columns include a position.
 ///
 /// # Errors

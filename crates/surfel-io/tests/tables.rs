@@ -543,6 +543,40 @@ fn columns_name_those_of_text_and_arrays() {
 }
 
 #[test]
+fn usual_rows_without_a_header_are_detected_by_their_values() {
+    let rows = |count: usize, row: &dyn Fn(f32) -> Vec<f32>| -> Vec<u8> {
+        (0..count).flat_map(|i| le(&row(i as f32))).collect()
+    };
+    let place = |i: f32| [10.0 * (0.1 * i).sin(), 10.0 * (0.13 * i).cos(), (0.2 * i).sin()];
+    let kitti = |i: f32| [&place(i)[..], &[(0.37 * i).fract()]].concat();
+    let nuscenes = |i: f32| [&place(i)[..], &[(i * 7.0) % 255.0, i % 32.0]].concat();
+    let indoor = |i: f32| [&place(i)[..], &[i % 255.0, (i * 3.0) % 255.0, (i * 5.0) % 255.0]].concat();
+    let load = |name: &str, bytes: &[u8]| {
+        load_bytes(bytes, Format::from_extension(Path::new(name)), Path::new(name), &LoadOptions::default())
+    };
+    for (bytes, layout, attributes) in [
+        (rows(500, &kitti), "f4:x,y,z,intensity", "position intensity"),
+        (rows(500, &nuscenes), "f4:x,y,z,intensity,_", "position intensity"),
+        (rows(500, &indoor), "f4:x,y,z,r,g,b", "position colour"),
+    ] {
+        let loaded = load("000000.bin", &bytes).unwrap();
+        assert_eq!((loaded.format, loaded.attributes.join(" ")), (Format::Raw, attributes.to_owned()), "{layout}");
+        let expected = named("000000.bin", &bytes, layout);
+        assert_eq!(loaded.content, expected.content, "{layout}");
+        assert!(loaded.notes[0].contains(layout) && expected.notes.iter().all(|note| !note.contains("no header")));
+        // Another name, too few rows, and a cut row are refused.
+        assert!(load("a.raw", &bytes).is_err() && load("a.bin", &bytes[..bytes.len() - 4]).is_err(), "{layout}");
+    }
+    let refused = |bytes: &[u8]| assert!(load("a.bin", bytes).unwrap_err().to_string().contains("--columns"));
+    refused(&rows(99, &kitti));
+    // Values that fit two layouts; a fourth column that is no intensity; a number that isn't finite.
+    refused(&rows(500, &|i| vec![0.5 + 0.1 * (i % 3.0); 4 * 5 * 6]));
+    refused(&rows(500, &|i| [&place(i)[..], &[-1.0 - i]].concat()));
+    refused(&rows(500, &|i| [&place(i)[..], &[if i == 77.0 { f32::NAN } else { 0.5 }]].concat()));
+    refused(&rows(500, &|i| vec![place(i)[0], place(i)[1], 0.0, 0.5]));
+}
+
+#[test]
 fn columns_with_types_read_files_without_a_header() {
     let kitti = le(&[1.0, 2.0, 3.0, 0.5, 4.0, 5.0, 6.0, 0.25]);
     refused("000000.bin", &kitti, "--columns f4:x,y,z,intensity");
