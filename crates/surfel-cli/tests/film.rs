@@ -203,7 +203,12 @@ fn a_still_surface_that_is_sampled_anew_does_not_flicker() {
     let f = Folder::new("film-still");
     let names: Vec<String> = (0..4).map(|i| format!("s{i}.xyz")).collect();
     names.iter().zip(0..).for_each(|(name, seed)| f.write(name, sampled(40_000, seed)));
-    f.run(&format!("render {} --sequence --size 120x120 -o s.apng", names.join(" "))).code(0);
+    let words = format!("render {} --sequence --size 120x120", names.join(" "));
+    // Splats of all frames are blended by one weight.
+    let scene = f.run(&format!("{words} --print-scene")).code(0).json();
+    let weight = scene["objects"][0]["material"]["interior_weight"].as_f64().unwrap();
+    assert!((1.0..20.0).contains(&weight), "{weight}");
+    f.run(&format!("{words} -o s.apng")).code(0);
     let (frames, _) = png_frames(&f.path().join("s.apng"));
     let is_inside = |frame: &Pixels, x: i32, y: i32| {
         let at = |x: i32, y: i32| 4 * (120 * y + x) as usize;

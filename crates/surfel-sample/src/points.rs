@@ -33,7 +33,8 @@ pub const MOST_SPACINGS: f64 = 5.0;
 /// class of the point ([`PointClass`]), so that surfaces have no holes and all other points stay small. Where the
 /// sampling is stretched (scan lines), splats are ellipses, and the whole cloud is [`Shape::Ellipses`].
 ///
-/// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is set.
+/// Order, origin, colours, alphas, extras, up axis and comments are copied, and the cloud's `interior_weight` is
+/// estimated.
 /// The cloud is declared oriented if no normal is stored, because estimated normals all point to the outside of a
 /// surface.
 ///
@@ -127,8 +128,10 @@ pub fn splats_from_points(
         ..CloudData::new(source.origin, source.positions, shape)
     };
     let (mut splats, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
-    progress.stage("interior weight", 1);
-    report.interior_weight = interior::interior_weight(&splats);
+    if options.interior_weight {
+        progress.stage("interior weight", 1);
+        report.interior_weight = interior::interior_weight(&splats);
+    }
     if let Some(weight) = report.interior_weight {
         splats.set_interior_weight(weight);
     }

@@ -35,6 +35,17 @@ fn small_and_degenerate_clouds_get_sensible_radii() {
 }
 
 #[test]
+fn splats_without_an_interior_weight_are_the_same_otherwise() {
+    let points = points(&disk(2000, 1), None);
+    let (cloud, report) = splats_from_points(&points, &PointOptions::default(), &NoProgress).unwrap();
+    let without = PointOptions { interior_weight: false, ..PointOptions::default() };
+    let (mut other, none) = splats_from_points(&points, &without, &NoProgress).unwrap();
+    assert_eq!((none.interior_weight, other.data().interior_weight), (None, None));
+    other.set_interior_weight(report.interior_weight.unwrap());
+    assert_eq!(other, cloud);
+}
+
+#[test]
 fn duplicates_get_their_neighbours_radius() {
     let mut positions = disk(2000, 1);
     let (alone, _) = splats_from_points(&points(&positions, None), &PointOptions::default(), &NoProgress).unwrap();

@@ -221,6 +221,7 @@ pub(crate) fn splats_of_points(
         viewpoint: above,
         coincident: if options.all_points { usize::MAX } else { COINCIDENT },
         level_where_scattered: above.is_some(),
+        interior_weight: !options.has_stated_weight,
         ..PointOptions::default()
     };
     let made = surfel_sample::splats_from_points(points, &point_options, progress);

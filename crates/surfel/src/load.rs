@@ -55,6 +55,8 @@ pub struct LoadOptions {
     pub sharp_error: Option<f64>,
     /// True if missing interior weights of splat files are estimated; edge antialiasing needs them.
     pub interior_weight: bool,
+    /// True if the object's material states its interior weight, so that none is estimated for points.
+    pub has_stated_weight: bool,
     /// Attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file. `None`: their own
     /// colours.
     pub color_by: Option<String>,
@@ -134,6 +136,7 @@ impl LoadOptions {
         with_crease_angle_deg crease_angle_deg: Option<f64>,
         with_sharp_error sharp_error: Option<f64>,
         with_interior_weight interior_weight: bool,
+        with_has_stated_weight has_stated_weight: bool,
         with_color_by color_by: Option<String>,
         with_colormap colormap: Option<Colormap>,
         with_colormap_file colormap_file: Option<PathBuf>,
@@ -251,6 +254,7 @@ impl Default for LoadOptions {
             crease_angle_deg: None,
             sharp_error: None,
             interior_weight: false,
+            has_stated_weight: false,
             color_by: None,
             colormap: None,
             colormap_file: None,

@@ -289,7 +289,7 @@ fn load_uncolored(
     let mut loaded = LoadedObjects::default();
     // Splats are blended over polygons by their coverage (rendering model §6).
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
-    let mut known: BTreeMap<(PathBuf, bool, bool, String), Known> = BTreeMap::new();
+    let mut known: BTreeMap<(PathBuf, bool, [bool; 2], String), Known> = BTreeMap::new();
     // Number of splat objects, and for each option the number of them that it has no effect on.
     let mut converted = 0;
     let mut useless: BTreeMap<&str, (usize, (PathBuf, UnusedOption))> = BTreeMap::new();
@@ -304,10 +304,12 @@ fn load_uncolored(
         let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
         let path = if from_stdin { file.clone() } else { base_dir.join(file) };
         // A material's own interior weight takes precedence, so none needs to be estimated.
-        let interior_weight = (options.interior_weight || among_meshes) && object.material.interior_weight.is_none();
-        let options = &options.clone().with_interior_weight(interior_weight).with_convert(&object.convert, base_dir);
+        let is_stated = object.material.interior_weight.is_some();
+        let interior_weight = (options.interior_weight || among_meshes) && !is_stated;
+        let options = options.clone().with_interior_weight(interior_weight).with_has_stated_weight(is_stated);
+        let options = &options.with_convert(&object.convert, base_dir);
         // Floats have no total order, but their text has.
-        let key = (path.clone(), as_mesh, interior_weight, format!("{:?}", object.convert));
+        let key = (path.clone(), as_mesh, [interior_weight, is_stated], format!("{:?}", object.convert));
         let Known { geometry, facts, unused, color_job } = match known.get(&key) {
             Some(found) => found.clone(),
             None => {

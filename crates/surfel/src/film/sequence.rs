@@ -81,7 +81,7 @@ impl Sequence {
             note(up_note(upright));
         }
         survey.share_colors(&mut options, progress).into_iter().for_each(&mut *note);
-        let Survey { loaded, spacings, .. } = survey;
+        let Survey { loaded, spacings, weights, .. } = survey;
         let request = Request::new(Source::Geometry(sample.clone()), motion, &options)?;
         let mut told = Told::new(&sample);
         let resolved = request.resolve(loaded, progress, &mut |text| told.once(text, note))?;
@@ -94,6 +94,7 @@ impl Sequence {
         }
         let Resolved { mut file, turntable, lighting, has_own_camera, .. } = resolved;
         file.objects = vec![object(&file.objects, &options, spacings)?];
+        share_weight(&mut file.objects, weights, sample.len());
         if !has_own_camera {
             make_room(&mut file.camera);
         }
@@ -191,6 +192,8 @@ struct Survey {
     loaded: LoadedObjects,
     /// Typical spacing of the points of each file of points.
     spacings: Vec<f64>,
+    /// Interior weight of each file of points.
+    weights: Vec<f64>,
     /// Up axis of each file.
     uprights: Vec<Upright>,
 }
@@ -199,6 +202,7 @@ impl Survey {
     /// Loads the sample, one file after another.
     fn of(sample: &[PathBuf], options: &RenderOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let (mut all, mut spacings, mut uprights) = (LoadedObjects::default(), Vec::new(), Vec::new());
+        let mut weights = Vec::new();
         for path in sample {
             let request = Request::new(Source::Geometry(vec![path.clone()]), &Pictures::One, options)?;
             let one = request.load(None, progress)?;
@@ -210,6 +214,7 @@ impl Survey {
                     && facts.points
                 {
                     spacings.push(points_as::spacing(cloud));
+                    weights.extend(cloud.data().interior_weight);
                 }
                 // The overview suffices for the choices, and must not be refined.
                 facts.partial = false;
@@ -234,7 +239,7 @@ impl Survey {
             }
             all.colorings = one.colorings;
         }
-        Ok(Self { loaded: all, spacings, uprights })
+        Ok(Self { loaded: all, spacings, weights, uprights })
     }
 
     /// Determines one colour scale for all frames, if they are coloured by values. Returns a note about it.
@@ -290,6 +295,19 @@ fn object(objects: &[ObjectFile], options: &RenderOptions, mut spacings: Vec<f64
         other => other,
     });
     Ok(object)
+}
+
+/// Sets the interior weight of all frames to the median of the sample, if every file of the sample has one by its
+/// points. No frame then has to estimate its own, which takes a sixth of the time of its splats.
+fn share_weight(objects: &mut [ObjectFile], mut weights: Vec<f64>, files: usize) {
+    if weights.len() != files {
+        return;
+    }
+    weights.sort_unstable_by(f64::total_cmp);
+    let median = weights.get(weights.len() / 2);
+    for object in objects {
+        object.material.interior_weight = object.material.interior_weight.or(median.copied());
+    }
 }
 
 /// Returns the most frequent value; of several, the first.
