@@ -1,7 +1,7 @@
 //! Depths of the surfaces that a direction of light reaches first.
 
 use crate::casters::{Caster, Casters};
-use glam::{Vec2, Vec3};
+use glam::{Vec2, Vec3, Vec4};
 use surfel_math::V2;
 use surfel_math::basis::orthonormal;
 
@@ -18,8 +18,26 @@ pub(crate) struct DepthMap {
 
 /// Half-width in texels below which a splat is drawn as one texel.
 const TINY: f32 = 0.6;
+/// Largest half-width and half-height in texels of a disk of which every texel of its bounds is tested.
+const SMALL: f32 = 4.0;
+/// Number of texels of a row that are tested at once.
+const LANES: usize = 4;
 /// Largest slope of a surface along the light at which its depths are followed, in texels of depth per texel.
 const MOST_SLOPE: f32 = 8.0;
+
+/// A disk as a map shows it.
+struct Ellipse {
+    /// Centre in texels, and its depth.
+    middle: Vec2,
+    depth: f32,
+    /// Half-width and half-height in texels.
+    half: Vec2,
+    /// Change of the place within the unit disk per texel to the right and down.
+    right: Vec2,
+    down: Vec2,
+    /// Change of the depth along the unit disk's axes.
+    slope: Vec2,
+}
 
 impl DepthMap {
     /// Creates an empty map of side×side texels.
@@ -81,7 +99,7 @@ impl DepthMap {
     /// Returns how much the depth of a plane falls per texel along both axes of the map, at most [`MOST_SLOPE`]. The
     /// normal may have any length.
     #[inline]
-    fn fall(&self, normal: Vec3) -> Vec2 {
+    pub(crate) fn fall(&self, normal: Vec3) -> Vec2 {
         let slope = Vec2::new(normal.dot(self.right), normal.dot(self.down)) / normal.dot(self.forward);
         let slope = slope.clamp(Vec2::splat(-MOST_SLOPE), Vec2::splat(MOST_SLOPE)) / self.scale();
         // A plane along the light has no slope.
@@ -114,6 +132,13 @@ impl DepthMap {
         // (u, v) of a texel is right·dx + down·dy, and u² + v² ≤ 1 holds on an interval of each row.
         let (right, down) = (Vec2::new(t.y, -s.y) * inverse, Vec2::new(-t.x, s.x) * inverse);
         let slope = Vec2::new(s_depth, t_depth);
+        let half = Vec2::new((s.x * s.x + t.x * t.x).sqrt(), half_height);
+        if clip.is_none() && half.max_element() <= SMALL {
+            if !self.draw_small(&Ellipse { middle, depth, half, right, down, slope }) {
+                self.put(middle, depth, normal);
+            }
+            return;
+        }
         let (along, skew, steepness) = (right.length_squared(), right.dot(down), right.dot(slope));
         let over_along = 1.0 / along;
         let mut is_lost = clip.is_none();
@@ -139,6 +164,30 @@ impl DepthMap {
         if is_lost {
             self.put(middle, depth, normal);
         }
+    }
+
+    /// Draws a disk by testing the texels of its bounds. Returns false if the disk covers no texel's centre.
+    fn draw_small(&mut self, disk: &Ellipse) -> bool {
+        let Ellipse { middle, depth, half, right, down, slope } = *disk;
+        let columns = self.span(middle.x, half.x);
+        let steepness = right.dot(slope);
+        let mut is_found = false;
+        for y in self.span(middle.y, half.y) {
+            let dy = y as f32 + 0.5 - middle.y;
+            let (u, v, start) = (down.x * dy, down.y * dy, depth + dy * down.dot(slope));
+            for first in columns.clone().step_by(LANES) {
+                // The last texels of a row are tested twice rather than the next row's.
+                let first = first.min(self.side - LANES);
+                let dx = Vec4::new(0.5, 1.5, 2.5, 3.5) + (first as f32 - middle.x);
+                let (u, v) = (dx * right.x + u, dx * right.y + v);
+                let is_inside = (u * u + v * v).cmple(Vec4::ONE);
+                let depths = Vec4::select(is_inside, dx * steepness + start, Vec4::INFINITY);
+                let texels = &mut self.depths[y * self.side + first..][..LANES];
+                Vec4::from_slice(texels).min(depths).write_to_slice(texels);
+                is_found |= is_inside.any();
+            }
+        }
+        is_found
     }
 
     fn draw_ball(&mut self, center: Vec3, radius: f32) {
@@ -185,10 +234,16 @@ impl DepthMap {
         }
     }
 
+    /// True if the map shows no point of a sphere.
+    pub(crate) fn misses(&self, center: Vec3, radius: f32) -> bool {
+        let reach = 1.0 + radius;
+        center.dot(self.right).abs() > reach || center.dot(self.down).abs() > reach
+    }
+
     /// Returns the share of the light that reaches a point of a surface, 0 to 1: the bilinear mean over the four texels
-    /// around it. At each of them the point's depth is that of the plane with the unit normal `normal`.
+    /// around it. At each of them the point's depth is that of a plane whose [`DepthMap::fall`] is `slope`.
     #[inline]
-    pub(crate) fn share(&self, p: Vec3, normal: Vec3) -> f32 {
+    pub(crate) fn share(&self, p: Vec3, slope: Vec2) -> f32 {
         let (at, depth) = self.project(p);
         let at = at - 0.5;
         let last = (self.side - 1) as f32;
@@ -198,12 +253,60 @@ impl DepthMap {
         let (x, y) = (at.x as usize, at.y as usize);
         let first = y * self.side + x;
         let part = at - Vec2::new(x as f32, y as f32);
-        let slope = self.fall(normal);
         let base = depth + slope.dot(part);
-        let lit = |at: usize, depth: f32| if depth <= self.depths[at] { 1.0f32 } else { 0.0 };
-        let (a, b) = (lit(first, base), lit(first + 1, base - slope.x));
-        let (c, d) = (lit(first + self.side, base - slope.y), lit(first + self.side + 1, base - slope.x - slope.y));
+        let lit = |nearest: f32, depth: f32| if depth <= nearest { 1.0f32 } else { 0.0 };
+        let (upper, lower) = (&self.depths[first..][..2], &self.depths[first + self.side..][..2]);
+        let (a, b) = (lit(upper[0], base), lit(upper[1], base - slope.x));
+        let (c, d) = (lit(lower[0], base - slope.y), lit(lower[1], base - slope.x - slope.y));
         let (top, bottom) = (a + (b - a) * part.x, c + (d - c) * part.x);
         top + (bottom - top) * part.y
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns numbers from −1 to 1.
+    fn random(state: &mut u32) -> f32 {
+        *state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (*state >> 8) as f32 / (1 << 23) as f32 - 1.0
+    }
+
+    #[test]
+    fn small_disks_lower_the_texels_whose_centres_they_cover() {
+        const SIDE: usize = 32;
+        let mut state = 5;
+        for i in 0..2000 {
+            let mut next = || random(&mut state);
+            // Some lie across the border of the map.
+            let center = 1.1 * Vec3::new(next(), next(), next());
+            let [s, t] = [(); 2].map(|()| 0.2 * Vec3::new(next(), next(), next()));
+            let mut map = DepthMap::new(SIDE);
+            map.draw_disk(center, [s, t], None);
+            let (s2, t2) = (s.truncate(), t.truncate());
+            let (mut compared, mut covered) = (0, 0);
+            for (at, depth) in map.depths.iter().enumerate() {
+                let texel = Vec2::new((at % SIDE) as f32 + 0.5, (at / SIDE) as f32 + 0.5);
+                let d = texel / (0.5 * SIDE as f32) - 1.0 - center.truncate();
+                let area = s2.perp_dot(t2);
+                let (u, v) = (d.perp_dot(t2) / area, s2.perp_dot(d) / area);
+                let inside = 1.0 - (u * u + v * v);
+                // Edges, and disks that are seen from the side, depend on rounding.
+                if inside.abs() < 1e-2 || area.abs() < 1e-3 {
+                    continue;
+                }
+                compared += 1;
+                covered += usize::from(inside > 0.0);
+                let expected = center.z + u * s.z + v * t.z;
+                if inside > 0.0 {
+                    assert!((depth - expected).abs() < 1e-3, "{i}: {depth}, expected {expected}");
+                }
+            }
+            let found = map.depths.iter().filter(|depth| depth.is_finite()).count();
+            // The texels at the edge may be covered or not, and a disk between centres covers one texel.
+            let rest = SIDE * SIDE - compared;
+            assert!(found >= covered && found <= covered + rest.max(1), "{i}: {found}, expected {covered}");
+        }
     }
 }

@@ -3,7 +3,7 @@
 use crate::casters::Casters;
 use crate::depth_map::DepthMap;
 use crate::directions::Ray;
-use glam::Vec3;
+use glam::{Vec2, Vec3};
 use rayon::prelude::*;
 
 /// Distance from a surface, in texels, at which its light is looked up, so that a curved surface casts no shadow on
@@ -37,6 +37,10 @@ pub(crate) enum Sides {
 /// Number of directions per direction that counts in a sparse sum.
 const SPARSE: usize = 4;
 
+/// Least and largest number of maps at once. Several maps share one pass over the receivers.
+const LEAST_MAPS: usize = 4;
+const MOST_MAPS: usize = 16;
+
 /// Light that reaches a receiver.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Light {
@@ -44,6 +48,39 @@ pub(crate) struct Light {
     pub front: [f32; 2],
     /// The same on the back.
     pub back: [f32; 2],
+}
+
+/// Number of receivers that are tested together for lying outside of a map.
+const GROUP: usize = 64;
+
+/// Sphere around the places at which the light of several receivers is looked up.
+struct Near {
+    center: Vec3,
+    radius: f32,
+    /// Normal of the receivers if all have the same.
+    normal: Option<Vec3>,
+}
+
+impl Near {
+    /// Returns the sphere of receivers, for maps of side×side texels.
+    fn of(receivers: &[Receiver], side: usize) -> Self {
+        let (mut lo, mut hi) = (Vec3::INFINITY, Vec3::NEG_INFINITY);
+        for Receiver { position, .. } in receivers {
+            (lo, hi) = (lo.min(*position), hi.max(*position));
+        }
+        let center = 0.5 * (lo + hi);
+        let reach = |receiver: &Receiver| receiver.position.distance(center) + offset(receiver, side);
+        // A margin that covers rounding.
+        let radius = receivers.iter().map(reach).fold(0.0, f32::max) * 1.001;
+        let normal = receivers.first().map(|first| first.normal);
+        let normal = normal.filter(|normal| receivers.iter().all(|receiver| receiver.normal == *normal));
+        Self { center, radius, normal }
+    }
+}
+
+/// Returns the distance from the surface at which a receiver's light is looked up.
+fn offset(receiver: &Receiver, side: usize) -> f32 {
+    OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise
 }
 
 /// Draws depth maps of side×side texels for all rays, each once, and sums their light over groups of receivers. Returns
@@ -57,19 +94,31 @@ pub(crate) fn gather<const N: usize>(
     side: usize,
 ) -> [Vec<Light>; N] {
     let mut light = receivers.map(|group| vec![Light::default(); group.len()]);
+    let near = receivers.map(|all| all.chunks(GROUP).map(|group| Near::of(group, side)).collect::<Vec<_>>());
     let mut maps: Vec<DepthMap> = Vec::new();
-    let at_once = rayon::current_num_threads().clamp(1, 16);
+    let at_once = rayon::current_num_threads().clamp(LEAST_MAPS, MOST_MAPS);
     for (chunk, rays) in rays.chunks(at_once).enumerate() {
         let first = chunk * at_once;
         maps.resize_with(rays.len().max(maps.len()), || DepthMap::new(side));
         maps.par_iter_mut().zip(rays).for_each(|(map, ray)| map.draw(casters, ray.toward));
-        let add = |(light, receiver): (&mut Light, &Receiver)| {
+        let add = |((light, receivers), near): ((&mut [Light], &[Receiver]), &Near)| {
             for (i, (map, ray)) in maps.iter().zip(rays).enumerate() {
-                light.add(receiver, ray, map, (side, first + i));
+                // No surface hides the light of what the map doesn't show.
+                let share = |from: Vec3, slope: Vec2| map.share(from, slope);
+                let (light, number) = (light.iter_mut().zip(receivers), (side, first + i));
+                if map.misses(near.center, near.radius) {
+                    light.for_each(|(light, receiver)| light.add(receiver, ray, number, |_| 1.0));
+                } else if let Some(slope) = near.normal.map(|normal| map.fall(normal)) {
+                    light.for_each(|(light, receiver)| light.add(receiver, ray, number, |from| share(from, slope)));
+                } else {
+                    let share = |receiver: &Receiver, from| share(from, map.fall(receiver.normal));
+                    light.for_each(|(light, receiver)| light.add(receiver, ray, number, |from| share(receiver, from)));
+                }
             }
         };
-        for (light, receivers) in light.iter_mut().zip(receivers) {
-            light.par_iter_mut().zip(receivers).with_min_len(1024).for_each(add);
+        for ((light, receivers), near) in light.iter_mut().zip(receivers).zip(&near) {
+            let groups = light.par_chunks_mut(GROUP).zip(receivers.par_chunks(GROUP)).zip(near);
+            groups.with_min_len(16).for_each(add);
         }
     }
     light
@@ -93,9 +142,10 @@ impl Light {
         }
     }
 
-    /// Adds the light of a ray, whose number is given, by its map of side×side texels.
+    /// Adds the light of a ray, whose number is given with the side of the maps. `share` returns the share of the light
+    /// that reaches a point.
     #[inline]
-    fn add(&mut self, receiver: &Receiver, ray: &Ray, map: &DepthMap, (side, number): (usize, usize)) {
+    fn add(&mut self, receiver: &Receiver, ray: &Ray, (side, number): (usize, usize), share: impl Fn(Vec3) -> f32) {
         let cosine = receiver.normal.dot(ray.toward);
         let factor = match receiver.sides {
             _ if cosine > 0.0 => 1.0,
@@ -104,9 +154,8 @@ impl Light {
             Sides::FrontAndSparseBack => return,
             Sides::Both => 1.0,
         };
-        let offset = OFFSET_TEXELS * DepthMap::texel(side) + receiver.noise;
-        let from = receiver.position + receiver.normal * offset.copysign(cosine);
-        let light = factor * ray.weight * cosine.abs() * map.share(from, receiver.normal);
+        let from = receiver.position + receiver.normal * offset(receiver, side).copysign(cosine);
+        let light = factor * ray.weight * cosine.abs() * share(from);
         let sums = if cosine > 0.0 { &mut self.front } else { &mut self.back };
         sums[usize::from(!ray.is_sky)] += light;
     }
