@@ -70,6 +70,32 @@ fn files_with_few_points_are_drawn_alike() {
 }
 
 #[test]
+fn errors_of_overlapping_splats_have_colours_of_the_bar() {
+    let f = Folder::new("figure-errors");
+    let plane = |noise: f64| -> String {
+        let point = |i: usize| {
+            let (x, y) = (i % 60, i / 60);
+            format!("{} {} {}\n", x as f64 * 0.1, y as f64 * 0.1, noise * ((x + y) % 2) as f64)
+        };
+        (0..3600).map(point).collect()
+    };
+    f.write("even.xyz", plane(0.0));
+    // Every other point is off by one per cent of the spacing.
+    f.write("noisy.xyz", plane(0.001));
+    let words =
+        "figure even.xyz noisy.xyz --view top --up +z --size 100x100 --points-as surface --error-row --no-legend";
+    f.run(&format!("{words} --error-max 0.001 --titles A,B --font-size 4 -o a.png")).code(0);
+    let image = f.image("a.png");
+    let (width, color) = (image.width as usize, image.color.unwrap());
+    // The middle of the panel at the lower right.
+    let rows = image.height as usize * 5 / 8..image.height as usize * 7 / 8;
+    let inside = |y: usize| &color[y * width + width * 5 / 8..y * width + width * 7 / 8];
+    let sum = |k: usize| rows.clone().flat_map(inside).map(|c| c[k]).sum::<f32>();
+    // The middle of viridis is teal. A mean of its ends, purple and yellow, is brown.
+    assert!(sum(1) > 1.5 * sum(0) && sum(2) > 1.5 * sum(0), "{:?}", [sum(0), sum(1), sum(2)]);
+}
+
+#[test]
 fn legends_have_the_names_of_classes_and_of_labels() {
     let f = Folder::new("labels");
     f.write("a.csv", classes());

@@ -168,7 +168,7 @@ fn place_panel(panel: &Panel, at: [f64; 2], area: [f64; 2], style: &Style, drawi
     if let Some(picture) = &panel.picture {
         drawing.items.push(Item::Picture(rect, picture.clone()));
     }
-    marks::place(&panel.marks, rect, style, drawing);
+    marks::place(panel, rect, style, drawing);
     if let Some(caption) = &panel.caption {
         let baseline = at[1] + area[1] + 0.5 * (CAPTION_HEIGHT + font::CAP_HEIGHT) * style.font;
         let text = fitted(caption, [at[0] + 0.5 * area[0], baseline], area[0], style);

@@ -1,7 +1,7 @@
 //! Marks over images: scale bars, axes, arrows, labels and lines.
 
-use crate::drawing::{Anchor, Drawing, Item, Rect, Rgb, Text};
-use crate::figure::{Axis, Mark, Style};
+use crate::drawing::{Anchor, Drawing, Item, Picture, Rect, Rgb, Text};
+use crate::figure::{Axis, Mark, Panel, Style};
 use crate::font;
 
 /// Lengths in ems.
@@ -12,10 +12,18 @@ const ARROW: f64 = 2.2;
 const LINE: f64 = 0.12;
 const HALO: f64 = 0.12;
 const DOT: f64 = 0.22;
+/// Distance between a mark in a corner and the border of the image's content.
+const CLEARANCE: f64 = 0.25;
+/// Largest distance along each axis by which a mark moves away from that border, and the step of the search.
+const MOST_MOVE: f64 = 3.0;
+const MOVE: f64 = 0.25;
+/// Largest difference of levels, per channel, between the background and a pixel without content.
+const SAME_LEVELS: u8 = 24;
 
-/// Places the marks of a panel.
-pub(crate) fn place(marks: &[Mark], panel: Rect, style: &Style, drawing: &mut Drawing) {
-    let mut placer = Placer { panel, style, drawing, taken: Vec::new() };
+/// Places the marks of a panel, whose image lies in the rectangle `at`.
+pub(crate) fn place(panel: &Panel, at: Rect, style: &Style, drawing: &mut Drawing) {
+    let marks = &panel.marks;
+    let mut placer = Placer { panel: at, picture: panel.picture.as_deref(), style, drawing, taken: Vec::new() };
     // Lines lie below all words. Labels avoid the marks in the corners, so that they come last.
     let order = |mark: &Mark| match mark {
         Mark::Line { .. } => 0,
@@ -37,6 +45,8 @@ pub(crate) fn place(marks: &[Mark], panel: Rect, style: &Style, drawing: &mut Dr
 
 struct Placer<'a> {
     panel: Rect,
+    /// Image below the marks.
+    picture: Option<&'a Picture>,
     style: &'a Style,
     drawing: &'a mut Drawing,
     /// Areas of the panel's words and marks.
@@ -51,6 +61,26 @@ impl Placer<'_> {
     fn take(&mut self, area: Rect) {
         self.taken.push(area);
         self.drawing.areas.push(("mark", area));
+    }
+
+    /// Returns how far a mark in a corner has to move so that it lies wholly inside the content of the image, or wholly
+    /// outside of it: the shortest way, within the panel. The mark stays where it is if there is no such place nearby.
+    fn move_off_border(&self, area: Rect) -> [f64; 2] {
+        let em = self.em();
+        let Some(picture) = self.picture else { return [0.0; 2] };
+        let steps = (MOST_MOVE / MOVE) as i32;
+        let all = (-steps..=steps).flat_map(|y| (-steps..=steps).map(move |x| [x, y]));
+        let mut moves: Vec<[i32; 2]> = all.collect();
+        moves.sort_by_key(|[x, y]| x * x + y * y);
+        let margin = CLEARANCE * em;
+        let is_clear = |[x, y]: &[f64; 2]| {
+            let area = Rect::new([area.at[0] + x, area.at[1] + y], area.size);
+            let around = Rect::new(area.at.map(|c| c - margin), area.size.map(|c| c + 2.0 * margin));
+            self.panel.contains(&area)
+                && !self.taken.iter().any(|taken| taken.overlaps(&area))
+                && is_uniform(picture, self.panel, around, self.style)
+        };
+        moves.into_iter().map(|step| step.map(|n| f64::from(n) * MOVE * em)).find(is_clear).unwrap_or_default()
     }
 
     fn words(&mut self, text: &str, at: [f64; 2], anchor: Anchor, color: Rgb) -> Rect {
@@ -75,10 +105,13 @@ impl Placer<'_> {
 
     fn scale(&mut self, length: f64, label: &str) {
         let em = self.em();
-        let [left, bottom] = [self.panel.at[0] + INSET * em, self.panel.end()[1] - INSET * em];
         let (width, cap) = ((0.16 * em).max(1.0), 0.3 * em);
         // The words may be wider than the bar.
         let half = 0.5 * length.max(font::width(label) * em);
+        let corner = [self.panel.at[0] + INSET * em, self.panel.end()[1] - INSET * em];
+        let height = cap + (0.25 + font::ASCENT) * em;
+        let moved = self.move_off_border(Rect::new([corner[0], corner[1] - height], [2.0 * half, height]));
+        let [left, bottom] = [corner[0] + moved[0], corner[1] + moved[1]];
         let middle = left + half;
         let ends = [middle - 0.5 * length, middle + 0.5 * length];
         let bar = vec![[ends[0], bottom - cap], [ends[0], bottom], [ends[1], bottom], [ends[1], bottom - cap]];
@@ -121,7 +154,9 @@ impl Placer<'_> {
             return;
         }
         let ([x, y], reach) = ([x / length, y / length], (0.5 * ARROW + 1.0) * em);
-        let center = [self.panel.end()[0] - INSET * em - reach, self.panel.at[1] + INSET * em + reach];
+        let corner = [self.panel.end()[0] - INSET * em - reach, self.panel.at[1] + INSET * em + reach];
+        let moved = self.move_off_border(Rect::new(corner.map(|c| c - reach), [2.0 * reach; 2]));
+        let center = [corner[0] + moved[0], corner[1] + moved[1]];
         let at = |along: f64, across: f64| {
             [center[0] + (along * x - across * y) * em, center[1] + (along * y + across * x) * em]
         };
@@ -196,6 +231,34 @@ impl Placer<'_> {
             }
         }
     }
+}
+
+/// True if a rectangle of a panel shows nothing but the background, or nothing but the content of its image.
+fn is_uniform(picture: &Picture, panel: Rect, area: Rect, style: &Style) -> bool {
+    let [width, height] = picture.size;
+    let range = |k: usize, count: u32| {
+        let scale = f64::from(count) / panel.size[k].max(1.0);
+        let [from, to] = [area.at[k], area.end()[k]].map(|c| (c - panel.at[k]) * scale);
+        let end = to.ceil().clamp(0.0, f64::from(count)) as u32;
+        (from.floor().max(0.0) as u32).min(end)..end
+    };
+    let [r, g, b, a] = style.background;
+    let is_background = |[pr, pg, pb, pa]: [u8; 4]| {
+        let is_same = |(p, own): (u8, u8)| p.abs_diff(own) <= SAME_LEVELS;
+        // Transparent pixels show what is behind the image.
+        pa <= SAME_LEVELS || a > SAME_LEVELS && [(pr, r), (pg, g), (pb, b), (pa, a)].into_iter().all(is_same)
+    };
+    let mut found = [false; 2];
+    for y in range(1, height) {
+        for x in range(0, width) {
+            let pixel = picture.rgba[(y * width + x) as usize];
+            found[usize::from(is_background(pixel))] = true;
+        }
+        if found == [true; 2] {
+            return false;
+        }
+    }
+    true
 }
 
 /// Returns a polygon for a disk.

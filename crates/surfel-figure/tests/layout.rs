@@ -95,6 +95,39 @@ fn marks_lie_in_their_panels_and_avoid_each_other() {
     }
 }
 
+/// True if a rectangle contains a part of the border of another.
+fn straddles(area: Rect, content: Rect) -> bool {
+    area.overlaps(&content) && !content.contains(&area)
+}
+
+#[test]
+fn marks_in_corners_are_inside_the_content_or_outside() {
+    // A map whose border would cross the scale bar and the arrow in the corners.
+    for background in [[255; 4], [0; 4]] {
+        for inset in 4..40_usize {
+            let mut picture = Picture::filled([400, 400], background);
+            let rows = picture.rgba.chunks_mut(400).take(400 - inset).skip(inset);
+            rows.for_each(|row| row[inset..400 - inset].fill([160, 100, 40, 255]));
+            let panel = Panel::new(picture)
+                .with_mark(Mark::Scale { length: 80.0, label: "20 m".into() })
+                .with_mark(Mark::North { direction: [0.0, -1.0] });
+            let style = Style { background, ..Style::new(16.0) };
+            let figure = Figure { rows: vec![vec![Some(panel)].into()], style, ..Figure::default() };
+            let drawing = figure.layout();
+            let area = |name: &str| -> Vec<Rect> {
+                drawing.areas.iter().filter(|(n, _)| *n == name).map(|(_, area)| *area).collect()
+            };
+            let panel = area("panel")[0];
+            let own = |side: f64| side + inset as f64;
+            let content = Rect::new(panel.at.map(own), [400.0 - 2.0 * inset as f64; 2]);
+            assert_eq!(area("mark").len(), 2);
+            for mark in area("mark") {
+                assert!(panel.contains(&mark) && !straddles(mark, content), "{inset}: {mark:?} in {content:?}");
+            }
+        }
+    }
+}
+
 #[test]
 fn a_fixed_width_is_the_width() {
     let mut figure = figure([100, 100], 10.0);

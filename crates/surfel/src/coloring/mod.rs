@@ -194,7 +194,8 @@ pub(crate) fn paint_values(
     recolor(cloud, colors)
 }
 
-fn recolor(cloud: &mut SplatCloud, colors: Vec<[f32; 3]>) -> Result<(), ModelError> {
+/// Replaces the colours of splats.
+pub(crate) fn recolor(cloud: &mut SplatCloud, colors: Vec<[f32; 3]>) -> Result<(), ModelError> {
     let empty = SplatCloud::disks::<[f32; 3], [f32; 3]>(&[], &[], &[])?;
     let data = std::mem::replace(cloud, empty).into_data();
     *cloud = SplatCloud::new(CloudData { colors: Some(colors), ..data }, OnInvalid::Refuse)?.0;

@@ -19,6 +19,7 @@
 mod errors;
 mod marks;
 mod panels;
+mod values;
 
 pub use crate::figure_options::{FigureOptions, Length, MARKS, MarkKind, length, mark, text_at};
 pub use surfel_figure::{Drawing, Picture};
@@ -36,6 +37,9 @@ use surfel_io::{IoError, ShowPath as _};
 const DPI: f64 = 300.0;
 /// Width and height of a panel by default, in pixels.
 const PANEL: [u32; 2] = [720, 720];
+
+/// Attributes that are lengths along an axis, in the unit of the coordinates.
+const HEIGHTS: [&str; 4] = ["height", "x", "y", "z"];
 
 /// A figure that has been drawn.
 #[derive(Clone, Debug)]
@@ -269,16 +273,28 @@ impl FigureRequest<'_> {
         Ok(Some(ErrorColors { map: map.into(), end, is_exceeded }))
     }
 
+    /// Returns the title of the key of a colouring. Heights have the unit of the coordinates.
+    fn value_title(&self, coloring: &Coloring) -> String {
+        let title = self.figure.value_title.as_deref().unwrap_or(&coloring.attribute);
+        let is_length = HEIGHTS.iter().any(|name| coloring.attribute.eq_ignore_ascii_case(name));
+        let is_of_values = matches!(coloring.scale, ColorScale::Range { .. });
+        if is_length && is_of_values && !title.contains('[') { self.with_unit(title) } else { title.to_owned() }
+    }
+
+    /// Returns the title of a colour bar of lengths.
+    fn with_unit(&self, title: &str) -> String {
+        match &self.figure.unit {
+            Some(unit) => format!("{title} [{unit}]"),
+            None => title.to_owned(),
+        }
+    }
+
     /// Returns the colour bars and legends.
     fn keys(&self, coloring: Option<&Coloring>, errors: Option<&ErrorColors>) -> Vec<Key> {
         let is_one_row = self.subjects() == 1 && self.columns() == self.inputs.len();
-        let of_values = coloring.and_then(|coloring| bar::key(coloring, self.figure.value_title.as_deref()));
+        let of_values = coloring.and_then(|coloring| bar::key(coloring, Some(&self.value_title(coloring))));
         let of_errors = errors.map(|colors| {
-            let title = match &self.figure.unit {
-                Some(unit) => format!("distance [{unit}]"),
-                None => "distance".to_owned(),
-            };
-            Key::bar(&title, colors.map.levels(), [0.0, colors.end]).exceeded(colors.is_exceeded)
+            Key::bar(&self.with_unit("distance"), colors.map.levels(), [0.0, colors.end]).exceeded(colors.is_exceeded)
         });
         // With one row of each kind, each key stands beside its own row.
         let rows = |row: usize| if is_one_row && errors.is_some() { row..row + 1 } else { 0..0 };

@@ -1,13 +1,13 @@
 //! Panels of a figure: their places, their sizes, and their images.
 
-use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks};
+use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks, values};
 use crate::camera::resized;
-use crate::{Backend, Camera, Error, Frame, Planes, Renderer as _, Scene};
+use crate::{Backend, Camera, Error, Frame, Planes, Renderer as _, Scene, View};
 use std::path::Path;
 use std::sync::Arc;
 use surfel_figure::{Figure, Key, Panel, Picture, Row, Style};
 use surfel_math::srgb;
-use surfel_model::MAX_IMAGE_SIDE;
+use surfel_model::{MAX_IMAGE_SIDE, Settings};
 
 /// Size of words in points in figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
@@ -172,25 +172,33 @@ impl<'a> Panels<'a> {
         }
         let view = crate::camera::view(&camera, self.request.render)?;
         let mut settings = resolved.file.settings;
-        let mut scene = Scene { objects: Vec::new(), ..resolved.scene.clone() };
-        scene.objects = match (errors, subject.is_split) {
-            (_, false) => resolved.scene.objects.clone(),
-            (Some(colors), true) if cell.is_error => {
-                let (object, distances) = (&resolved.scene.objects[cell.member], &subject.distances[cell.member - 1]);
-                vec![errors::painted(object, distances, &colors.map, colors.end)?]
-            }
-            _ => vec![resolved.scene.objects[cell.member].clone()],
+        let mut scene = resolved.scene.clone();
+        if subject.is_split {
+            scene.objects = vec![resolved.scene.objects[cell.member].clone()];
+        }
+        let distances = errors.filter(|_| cell.is_error && subject.is_split);
+        let distances = distances.map(|colors| (colors, &subject.distances[cell.member - 1]));
+        let blended = match distances {
+            Some((colors, distances)) => values::split(&scene, distances, colors.end)?,
+            None => None,
         };
+        match (&blended, distances) {
+            (Some(panel), _) => scene = panel.white.clone(),
+            (None, Some((colors, distances))) => {
+                scene.objects = vec![errors::painted(&scene.objects[0], distances, &colors.map, colors.end)?];
+            }
+            (None, None) => {}
+        }
         if cell.is_error || has_values {
             errors::make_readable(&mut scene, &mut settings, &view);
         }
         let planes = Planes::COLOR.with_depth(!frusta.is_empty());
-        let mut frame = Frame::default();
-        let resident = backend.upload(&scene)?;
-        match self.request.render.samples {
-            Some(n) => backend.render_supersampled(&resident, &view, &settings, planes, n, &mut frame)?,
-            None => backend.render_into(&resident, &view, &settings, planes, &mut frame)?,
-        };
+        let mut frame = self.frame(&scene, &view, &settings, planes, backend)?;
+        if let (Some(panel), Some((colors, _))) = (blended, distances) {
+            let settings = values::of_values(&settings);
+            let drawn = self.frame(&panel.values, &view, &settings, Planes::COLOR, backend)?;
+            values::color(frame.color_mut(), drawn.color(), &colors.map, resolved.scene.background);
+        }
         let marks = marks::of_panel(&camera, &view, self.request.figure, frusta, frame.depth());
         let rgba = surfel_io::to_srgb8(frame.color());
         let place = self.figure.rows.get_mut(cell.row).and_then(|row| row.panels.get_mut(cell.column));
@@ -198,6 +206,23 @@ impl<'a> Panels<'a> {
             (panel.picture, panel.marks) = (Some(Arc::new(Picture { size: self.size, rgba })), marks);
         }
         Ok(())
+    }
+
+    fn frame(
+        &self,
+        scene: &Scene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        backend: &mut Backend,
+    ) -> Result<Frame, Error> {
+        let mut frame = Frame::default();
+        let resident = backend.upload(scene)?;
+        match self.request.render.samples {
+            Some(n) => backend.render_supersampled(&resident, view, settings, planes, n, &mut frame)?,
+            None => backend.render_into(&resident, view, settings, planes, &mut frame)?,
+        };
+        Ok(frame)
     }
 }
 

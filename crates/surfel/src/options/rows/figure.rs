@@ -82,14 +82,14 @@ pub(super) const ROWS: &[Row] = &[
     .example("axes")
     .synonyms(&["scale-bar", "scalebar", "axis", "north-arrow", "compass", "orientation"]),
     figure(Row::text("unit", "UNIT", |o, text| put(&mut o.figure.unit, Ok(text.to_owned()))))
-        .help("Unit of the coordinates, for scale bars and distances.", "")
+        .help("Unit of the coordinates, for scale bars and for colour bars of heights and distances.", "")
         .python("str")
         .example("mm")
         .synonyms(&["units"]),
     figure(Row::text("value-title", "TEXT", |o, text| put(&mut o.figure.value_title, Ok(text.to_owned()))))
         .help("Title of the colour bar or legend of --color-by; by default the attribute.", "")
         .python("str")
-        .example("height [m]")
+        .example("speed [m/s]")
         .synonyms(&["bar-title", "colorbar-title", "legend-title"]),
     figure(Row::switch("no-legend", |o, on| o.figure.no_legend = on))
         .help("Leave out colour bars and legends.", "")
