@@ -34,6 +34,15 @@ pub(crate) fn ball(count: usize) -> Result<SplatCloud, ModelError> {
     })
 }
 
+/// Returns the points of the [`ball`] as balls that touch their neighbours, as the program draws points by default.
+pub(crate) fn balls(count: usize) -> Result<SplatCloud, ModelError> {
+    let disks = ball(count)?;
+    let radius_per_disk = 0.5 / (LAYERS / PI).sqrt();
+    let radii = (0..disks.len()).map(|i| (radius_per_disk * disks.radius_max(i)) as f32).collect();
+    let data = CloudData { shape: Shape::Balls { radii, in_pixels: false, flat: false }, ..disks.data().clone() };
+    Ok(SplatCloud::new(data, OnInvalid::Refuse)?.0)
+}
+
 /// Returns the ball's distance from the origin along a direction, and its normal there.
 fn bumpy(waves: &[(DVec3, f64, f64)], direction: DVec3) -> (f64, DVec3) {
     let (mut radius, mut gradient) = (1.0, DVec3::ZERO);

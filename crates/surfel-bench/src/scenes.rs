@@ -20,6 +20,8 @@ const FOV_Y_DEG: f64 = 30.0;
 pub(crate) enum Source {
     /// A bumpy ball with this number of splats.
     Ball(usize),
+    /// The points of the bumpy ball as balls.
+    Balls(usize),
     /// A wavy sheet with this number of splats.
     Sheet(usize),
     /// A wavy sheet with this number of splats, twelve of them over each point.
@@ -76,7 +78,7 @@ const FAR: f64 = 3.7;
 /// Returns all scenes.
 fn all() -> Vec<Case> {
     use Eye::{Fits, Zoomed};
-    use Source::{Ball, Model, Part, Sharp, Sheet, Stack, Thick};
+    use Source::{Ball, Balls, Model, Part, Sharp, Sheet, Stack, Thick};
     let case = |name, about, source, eye, quick| {
         let (shader, edges, clip, planes) = (Shader::Phong, EdgeAa::Off, ClipPolicy::Exact, Planes::COLOR);
         Case { name, about, source, eye, shader, edges, clip, planes, quick }
@@ -123,6 +125,9 @@ fn all() -> Vec<Case> {
         samples("200k-samples", Ball(200_000)),
         edges("2.5M-edges", Ball(2_500_000)),
         samples("2.5M-samples", Ball(2_500_000)),
+        case("1M", LADDER, Ball(1_000_000), Fits, false),
+        samples("1M-samples", Ball(1_000_000)),
+        case("1M-balls", "the same points as balls, whose edges are always smooth", Balls(1_000_000), Fits, false),
         case("sheet", "a wavy sheet, all splats seen, about ten fragments each", Sheet(400_000), Fits, true),
         case(
             "overlap-2",
@@ -212,6 +217,7 @@ impl Source {
     fn shrunk(self, fewer: usize) -> Self {
         match self {
             Self::Ball(count) => Self::Ball(count / fewer),
+            Self::Balls(count) => Self::Balls(count / fewer),
             Self::Sheet(count) => Self::Sheet(count / fewer),
             Self::Thick(count) => Self::Thick(count / fewer),
             Self::Stack(count) => Self::Stack(count / fewer),
@@ -223,6 +229,7 @@ impl Source {
     pub(crate) fn load(self, models: &Path) -> Result<Loaded, Failure> {
         match self {
             Self::Ball(count) => Ok(framed(clouds::ball(count)?, Cull::Back)),
+            Self::Balls(count) => Ok(framed(clouds::balls(count)?, Cull::None)),
             Self::Sheet(count) => Ok(framed(clouds::sheet(count, clouds::LAYERS)?, Cull::None)),
             Self::Thick(count) => Ok(framed(clouds::sheet(count, 12.0)?, Cull::None)),
             Self::Stack(count) => Ok(framed(clouds::stack(count)?, Cull::None)),
