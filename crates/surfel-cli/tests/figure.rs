@@ -99,6 +99,11 @@ fn errors_of_overlapping_splats_have_colours_of_the_bar() {
 fn legends_have_the_names_of_classes_and_of_labels() {
     let f = Folder::new("labels");
     f.write("a.csv", classes());
+    // Heights have the unit of the coordinates, unless their title names one.
+    for (title, shown) in [("", "height [m]"), ("--value-title up", "up [m]"), ("--value-title a[km]", "a[km]")] {
+        f.run(&format!("figure a.csv --color-by height --unit m {title} --size 60x60 -o h.svg --force")).code(0);
+        assert!(String::from_utf8(f.read("h.svg")).unwrap().contains(&format!(">{shown}<")), "{shown}");
+    }
     f.run("figure a.csv --color-by classification --size 60x60 -o a.svg").code(0);
     let svg = String::from_utf8(f.read("a.svg")).unwrap();
     assert!(["ground", "building", "water"].iter().all(|name| svg.contains(&format!(">{name}<"))));
