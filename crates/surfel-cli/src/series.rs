@@ -102,7 +102,7 @@ pub(crate) fn check(args: &Options, output: Option<&Output>) -> Result<(), Failu
         return Err(Failure::usage("--fps is for films: give -o a name that ends in .mp4, .gif or .apng"));
     }
     let several = if args.sequence { args.inputs.len() > 1 } else { moves && args.frames != Some(1) };
-    if several && !is_film && output.is_some_and(|o| !o.names_frames() && !(args.sequence && o.names_inputs())) {
+    if several && !is_film && output.is_some_and(|o| !(o.names_frames() || args.sequence && o.names_inputs())) {
         let flag = match (args.sequence, &args.path, args.frames) {
             (true, _, _) => "--sequence",
             (false, _, Some(_)) => "--frames",

@@ -242,7 +242,7 @@ mod tests {
         assert_eq!(SparseReason::of(&report(2108, 60), &strewn), None, "a plane and strays: {}", roughness(&strewn));
         // Between few points that are even there are some as far apart as the legs of a chair.
         let with_large = |every: usize| {
-            let radius = |i: usize| smooth.radius_max(i) as f32 * if i % every == 0 { 4.0 } else { 1.0 };
+            let radius = |i: usize| smooth.radius_max(i) as f32 * if i.is_multiple_of(every) { 4.0 } else { 1.0 };
             let places: Vec<[f32; 3]> = (0..2048).map(|i| smooth.center(i).as_vec3().to_array()).collect();
             SplatCloud::disks(&places, &[[0.0, 0.0, 1.0]; 2048], &(0..2048).map(radius).collect::<Vec<_>>()).unwrap()
         };

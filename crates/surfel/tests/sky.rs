@@ -221,7 +221,8 @@ fn lights_that_contradict_other_flags_are_refused() {
     for flags in [[("bounce", "on")], [("light-directions", "8")]] {
         let mut options = RenderOptions::default();
         flags.iter().for_each(|(name, text)| options.set(name, text).unwrap());
-        let error = resolve(Source::of(&[path.clone()], None).unwrap(), &options).err().unwrap().to_string();
+        let error =
+            resolve(Source::of(std::slice::from_ref(&path), None).unwrap(), &options).err().unwrap().to_string();
         assert!(error.contains("--light studio"), "{error}");
     }
     std::fs::remove_file(path).unwrap();

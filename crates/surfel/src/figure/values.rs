@@ -42,7 +42,7 @@ pub(super) fn split(scene: &Scene, values: &[f64], end: f64) -> Result<Option<Va
 
 /// Returns the settings by which values are drawn.
 pub(super) fn of_values(settings: &Settings) -> Settings {
-    settings.clone().with_shader(Shader::Unlit)
+    settings.with_shader(Shader::Unlit)
 }
 
 /// Colours a white frame by the map of the values of another, over the background. All are premultiplied.
