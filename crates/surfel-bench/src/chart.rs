@@ -60,7 +60,7 @@ impl Axis {
     }
 }
 
-/// Axis as exponents of ten at its ends.
+/// Range of a logarithmic axis, as exponents of ten.
 #[derive(Clone, Copy, Debug)]
 struct LogAxis {
     first: f64,

@@ -154,7 +154,8 @@ impl Drawing {
         Picture { size: self.size, rgba: canvas.rgba }
     }
 
-    /// Encodes the drawing as a PNG file, which states `dpi` pixels per inch if given; empty if it has no pixels.
+    /// Encodes the drawing as a PNG file, which states `dpi` pixels per inch if given. Returns no bytes for a
+    /// drawing without pixels.
     pub fn png(&self, dpi: Option<f64>) -> Vec<u8> {
         encode_png(&self.picture(), dpi)
     }

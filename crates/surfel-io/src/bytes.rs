@@ -46,7 +46,7 @@ impl OpenFile {
         self.failure.into_inner()
     }
 
-    /// Returns the error like [`Self::failure`], of a file that stays open.
+    /// Returns a copy of the error of [`Self::failure`]. The file stays open.
     #[cfg(feature = "laz")]
     pub(crate) fn failed(&self) -> Option<io::Error> {
         self.failure.get().map(|error| io::Error::new(error.kind(), error.to_string()))

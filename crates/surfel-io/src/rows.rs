@@ -8,7 +8,7 @@ use crate::content::Content;
 #[derive(Default)]
 pub(crate) struct KeptRows {
     read: u32,
-    /// `None` as long as no point is dropped.
+    /// Row of each kept point; `None` until a point is dropped.
     rows: Option<Vec<u32>>,
 }
 

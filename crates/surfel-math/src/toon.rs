@@ -9,7 +9,7 @@ use crate::{Real, V2};
 const STEPS: [f64; 3] = [0.05, 0.35, 0.7];
 /// Half-width of a step's ramp.
 const HALF_WIDTH: f64 = 0.02;
-/// Strength of a highlight at which it is drawn.
+/// Strength in the middle of a highlight's ramp; stronger highlights are drawn.
 const HIGHLIGHT: f64 = 0.5;
 /// |n·v| below which a line has full strength, and |n·v| from which on there is none.
 const LINE: [f64; 2] = [0.12, 0.22];

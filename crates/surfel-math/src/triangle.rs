@@ -103,7 +103,7 @@ impl<R: Real> Triangle<R> {
     }
 }
 
-/// Returns Σ b·a: an attribute with values `a` at the vertices.
+/// Interpolates values `a` at a triangle's vertices by barycentric coordinates `b`: Σ b·a.
 #[inline(always)]
 pub fn interpolate<R: Real>(b: [R; 3], a: [R; 3]) -> R {
     b[0].mul_add(a[0], b[1].mul_add(a[1], b[2] * a[2]))

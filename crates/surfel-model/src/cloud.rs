@@ -52,7 +52,8 @@ pub struct CloudData {
     pub ball_light: Option<Vec<BallLight>>,
     /// Clip curves and lines.
     pub clips: Option<ClipColumns>,
-    /// Σw inside the cloud's own surface at cutoff 2, greater than 0 (rendering model §5, coverage); `None` if unknown.
+    /// Interior weight: Σw inside the cloud's surface at cutoff 2, greater than 0 (rendering model §5, coverage).
+    /// `None` if unknown.
     pub interior_weight: Option<f64>,
     /// True if all normals point to the outside of the same surface, so that front and back faces are blended
     /// separately (rendering model §5).

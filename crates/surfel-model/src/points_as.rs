@@ -12,7 +12,7 @@ pub enum PointsAs {
     Surface,
     /// Balls (rendering model §11); by default of half the spacing of the points.
     Balls(Option<PointRadius>),
-    /// Disks of one radius across the estimated normals; by default of half the spacing of the points.
+    /// Disks of one radius, perpendicular to the estimated normals; by default of half the spacing of the points.
     Disks(Option<PointRadius>),
     /// Dots (rendering model §11): disks that face the screen; by default of 1.5 pixels.
     Dots(Option<PointRadius>),

@@ -43,7 +43,7 @@ pub(crate) fn check(what: &str, bytes: u64, threads: usize, budget: Option<u64>)
     Err(IoError::System { path: what.into(), action: "fit into memory", source }.into())
 }
 
-/// Returns the address space that `threads` threads, and the one that waits for them, need for small allocations.
+/// Returns the address space in bytes that `threads` threads and their waiting caller need for small allocations.
 fn room_bytes(threads: usize) -> u64 {
     let most = std::env::var("MALLOC_ARENA_MAX").ok().and_then(|text| text.trim().parse::<u64>().ok());
     // The first arena is the heap; without a setting there are at most eight for each core.

@@ -166,7 +166,7 @@ impl ScreenBall {
         Some(BallFragment { z, alpha: coverage * self.alpha, is_solid, is_solid_open, splat: self.index, surface })
     }
 
-    /// Returns the depth and the unit normal in view space that a pixel shows.
+    /// Returns the ball's depth and its unit normal in view space at a pixel.
     fn hit(&self, view: &View, pixel: V2<f64>) -> (f64, DVec3) {
         let (projection, p) = (&view.projection, self.center);
         let perspective = projection.is_perspective();

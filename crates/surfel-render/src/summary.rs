@@ -62,7 +62,7 @@ pub struct SceneSummary {
     pub surfaces: bool,
     /// First object with splats whose interior weight is unknown.
     pub without_interior_weight: Option<usize>,
-    /// First object with splats without rows, or that is an octree, which has none.
+    /// Index of the first object whose splats lack row numbers. Octrees have none.
     pub without_rows: Option<usize>,
     /// True if some cloud is oriented and its back faces are drawn too.
     pub both_facings: bool,

@@ -37,7 +37,7 @@ pub enum PointClass {
     Crease,
     /// Point among leaves and the like, which form no surface.
     Foliage,
-    /// Point on a line of points, in a pair, or among a few points that surround nothing.
+    /// Point on a line of points, in a pair, or in a group too small to form a surface.
     Line,
     /// Point far from all others, or among neighbours too sparse and too uneven for a surface.
     Isolated,

@@ -29,9 +29,9 @@ const PLANAR: [f64; 2] = [0.1, 0.01];
 const FITS: f64 = 0.94;
 /// Cosine between a neighbour's stored normal and a point's own from which both are on the same side.
 const SAME_SIDE: f32 = 0.5;
-/// Mean squared sine up to which stored normals are those of a curved surface. The angle is between the line to a
-/// neighbour and the plane across the mean of both stored normals. Spheres and cylinders measure 0; the limit is that
-/// of a common tilt of 14°.
+/// Maximum mean squared sine at which stored normals fit a curved surface. The angle is between the line to a
+/// neighbour and the plane perpendicular to the mean of both stored normals. Spheres and cylinders measure 0; the limit
+/// is that of a common tilt of 14°.
 const CURVED: f32 = 0.03;
 /// Smallest number of neighbours on a side that determine its plane.
 const FEWEST: usize = 6;

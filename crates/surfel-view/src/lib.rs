@@ -73,7 +73,7 @@ pub fn page_in_frame() -> Result<String, String> {
     page::with(POLICY, &page::script(include_str!("../page/frame.js")))
 }
 
-/// Scene of a page, and its server.
+/// Configuration of a page: its scene and its server.
 #[derive(Clone, Debug, Default)]
 pub struct Config {
     /// One scene file, or files of splats, points and meshes.

@@ -96,7 +96,7 @@ fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
     loaded
 }
 
-/// What a scene is first loaded as.
+/// Result of the first step of loading a scene.
 pub(crate) enum First {
     /// Nothing: the files have levels of detail.
     Nothing,

@@ -1,5 +1,5 @@
-//! Price of the rule for thin sheets (rendering model, §5): time and error with both sides of oriented clouds, which
-//! the rule keeps apart, and without them.
+//! Cost of the rule for thin sheets (rendering model, §5): time and error of oriented clouds whose two sides the rule
+//! blends separately, and of the same clouds without their back sides.
 
 use std::sync::Arc;
 

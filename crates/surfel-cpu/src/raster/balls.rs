@@ -58,7 +58,7 @@ pub(crate) struct BallFragments {
     taken: [usize; LANES],
     /// Number of balls that were evaluated.
     pub tested: u32,
-    /// Number of their fragments in the block's pixels, hidden ones among them.
+    /// Number of fragments of balls in the block's pixels, including hidden ones.
     pub inside: u32,
 }
 
@@ -159,8 +159,8 @@ impl BallFragments {
         Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(full))
     }
 
-    /// Returns each pixel's nearest fragment before `until` that shows in the planes of depth, normal and nearest
-    /// splat, and the pixels' bits.
+    /// Returns each pixel's nearest fragment in front of `until` that the planes of depth, normal and nearest splat
+    /// show, and a mask of the pixels that have one.
     pub(crate) fn shown(
         &self,
         balls: &[&BallRecord],

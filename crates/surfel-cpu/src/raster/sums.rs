@@ -52,7 +52,7 @@ impl<S: Simd> Sums<S> {
         }
     }
 
-    /// Resets everything but thresholds and counts to zero.
+    /// Resets the sums to zero. The thresholds and the numbers of tests and hits stay.
     #[inline(always)]
     pub(crate) fn clear(&mut self) {
         let none = Self::new(self.threshold.0.simd);

@@ -98,8 +98,8 @@ impl Neighbourhood {
         Lanes::load(simd, &values)
     }
 
-    /// Finds, in each of the `wanted` blocks, the pixels with a greater number among their own and their eight
-    /// neighbours', and sets the pixels' bits.
+    /// Sets the bit of each pixel in the `wanted` blocks whose number in `own` is below the maximum of its 3×3
+    /// neighbourhood.
     #[inline(always)]
     pub(crate) fn steps<S: Simd>(&self, simd: S, own: &TileRows, wanted: u64, steps: &mut [u16; BLOCKS]) {
         for first in (0..BLOCKS as u32).step_by(ABREAST as usize) {

@@ -370,8 +370,8 @@ fn four_by_four<S: Simd>(simd: S, record: &Record, first: [u32; 2], origin_px: [
     all.to_bitmask()
 }
 
-/// Returns a mask of the blocks, given by their centres, in which a footprint, given by its gradients, may touch a
-/// pixel.
+/// Returns a mask of the blocks in which a footprint may touch a pixel. `d_x` and `d_y` are the blocks' centres
+/// relative to the footprint's, in pixels; the other arguments are its gradients.
 #[inline(always)]
 fn touches<S: Simd>(d_x: Lanes<S>, d_y: Lanes<S>, u: [f32; 2], v: [f32; 2], w: [f32; 2]) -> mask32x16<S> {
     let k = |v: f32| Lanes::splat(d_x.0.simd, v);

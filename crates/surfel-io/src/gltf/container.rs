@@ -9,7 +9,7 @@ pub(super) struct Container<'a> {
     pub(super) binary: Option<&'a [u8]>,
 }
 
-/// "JSON" and "BIN\0", little endian.
+/// Types of GLB chunks, "JSON" and "BIN\0", as little-endian numbers.
 const JSON: u32 = 0x4E4F_534A;
 const BINARY: u32 = 0x004E_4942;
 

@@ -310,7 +310,7 @@ fn sphere<const N: usize>(samples: &Samples<N>, cell: &[Sample<N>]) -> (DVec3, f
     (center, points().map(|p| p.distance(center)).fold(0.0, f64::max))
 }
 
-/// Returns the shares of the splats with weight at a sample, by slot.
+/// Returns the slot and the normalised weight w/Σw of each splat that has weight at a sample.
 pub(super) fn shares_at<const N: usize>(
     kernels: &Kernels,
     samples: &Samples<N>,

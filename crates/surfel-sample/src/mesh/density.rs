@@ -81,8 +81,8 @@ impl Density {
         Self { parts, spacing, coarsest, is_even: false }
     }
 
-    /// Computes a density by the curvature of the surface, at most as coarse as `coarsest`. `squares` is the squared
-    /// curvature of each face, and `asked` maps its mean over the surrounding parts to a distance.
+    /// Computes a density from the curvature of the surface, at most as coarse as `coarsest`. `squares` is the squared
+    /// curvature of each face, and `asked` maps its mean over the surrounding parts to a distance between splats.
     pub(crate) fn where_bent(
         geometry: &Geometry,
         coarsest: f64,

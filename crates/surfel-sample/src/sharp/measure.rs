@@ -182,9 +182,9 @@ fn clip_of(splat: &ClippedSplat) -> Option<Clip<f64>> {
 /// Maximum number of corners of a square that four lines clip.
 const HULL_CORNERS: usize = 8;
 
-/// Returns the corners, some of them repeated, of a polygon about the visible part of a splat: of the square about its
-/// disk, clipped by its lines. The disk of a sliver may be thousands of times as wide as its visible part, and the
-/// squares of slivers that cross all overlap.
+/// Returns the corners of a polygon around the visible part of a splat: the square around its disk, clipped by the
+/// splat's lines. Corners may repeat. The disk of a sliver may be thousands of times as wide as its visible part, and
+/// the squares of slivers that cross all overlap.
 fn hull(splat: &ClippedSplat, clip: Option<&Clip<f64>>) -> [DVec3; HULL_CORNERS] {
     /// Tolerance for rounding, relative to a line's coefficients.
     const SLACK: f64 = 1e-9;

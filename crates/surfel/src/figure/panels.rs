@@ -9,7 +9,7 @@ use surfel_figure::{Figure, Key, Panel, Picture, Row, Style};
 use surfel_math::srgb;
 use surfel_model::{MAX_IMAGE_SIDE, Settings};
 
-/// Size of words in points in figures whose width is a length on paper.
+/// Font size in points, for figures whose width is a length on paper.
 const FONT_PT: f64 = 8.0;
 /// Size of words in figures whose width is a number of pixels, as a fraction of this width.
 const FONT_OF_WIDTH: f64 = 1.0 / 46.0;

@@ -284,7 +284,7 @@ impl Ortho {
         Ok(stats)
     }
 
-    /// Draws all pixels, and those around the image that gaps in it depend on, fills the gaps, and writes the image.
+    /// Draws the image with the margin that filling its gaps needs, fills the gaps, and writes the image.
     fn draw_filled(
         &mut self,
         distance: f64,
