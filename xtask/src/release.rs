@@ -36,11 +36,12 @@ pub(crate) struct Place {
 /// Step of the release: name, and function that performs it.
 type Step = (&'static str, fn(&Place) -> Verdict);
 
-const STEPS: [Step; 13] = [
+const STEPS: [Step; 14] = [
     ("versions", checks::versions),
     ("files", checks::generated),
     ("workflows", checks::workflows),
     ("citation", checks::citation),
+    ("web", programs::web),
     ("crates", crates::package),
     ("stranger", crates::stranger),
     ("features", crates::features),

@@ -8,7 +8,7 @@ use crate::{FEATURES, page};
 
 const TARGET: &str = "wasm32-unknown-unknown";
 /// Folder that `surfel-web-module` embeds the modules from.
-const MODULES: &str = "crates/surfel-web-module/module";
+pub(crate) const MODULES: &str = "crates/surfel-web-module/module";
 /// Test of a module under node.
 const TEST: &str = "crates/surfel-web/tests/module.mjs";
 /// Modules, with the target features that each is compiled with.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use super::{Place, Verdict, bytes_of, epoch, files_in, fresh, is_here, name_of, output, ran, version};
-use crate::{cargo, python};
+use crate::{cargo, python, web};
 
 /// Platforms of the program: triple, and Debian's name of the processor.
 const PLATFORMS: [(&str, &str); 2] = [("x86_64-unknown-linux-gnu", "amd64"), ("aarch64-unknown-linux-gnu", "arm64")];
@@ -27,6 +27,16 @@ const OLD_DEBIANS: [[&str; 3]; 4] = [
 /// Texts that every package of the program contains.
 const TEXTS: [&str; 6] =
     ["README.md", "CHANGELOG.md", "LICENSE-MIT", "LICENSE-APACHE", "THIRD-PARTY.txt", "packaging/surfel.cdx.json"];
+
+/// Builds the drawing modules of exported pages, which the packages and the program embed.
+pub(super) fn web(place: &Place) -> Verdict {
+    if !web::build(&place.root) {
+        return Verdict::Failed("cargo xtask web failed".to_owned());
+    }
+    let modules = files_in(&place.root.join(web::MODULES), &[".wasm"]);
+    let sizes = modules.iter().map(|module| format!("{} {} KB", name_of(module), bytes_of(module) / 1000));
+    Verdict::Passed(sizes.collect::<Vec<_>>().join(", "))
+}
 
 /// Builds the program with all features for each platform, and makes a tarball of each with a checksum.
 pub(super) fn tarball(place: &Place) -> Verdict {
