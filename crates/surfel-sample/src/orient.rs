@@ -137,7 +137,7 @@ pub(crate) fn normals(
     if let Outside::Outward { up, is_certain } = outside {
         progress.stage("orientation", 1);
         let edges = edges.into_inner().unwrap_or_else(PoisonError::into_inner);
-        orient(points, &mut all, &given, (labels, patches, edges), (up, is_certain));
+        orient(points, &mut all, &given, labels, patches, edges, (up, is_certain));
         progress.advance(1);
     }
     let slots = level.into_inner().unwrap_or_else(PoisonError::into_inner);
@@ -421,7 +421,9 @@ fn orient(
     points: &SortedPoints,
     all: &mut [Oriented],
     given: &(impl Fn(usize) -> Vec3 + Sync),
-    (labels, blocks, edges): (Vec<u16>, Vec<Patches>, Vec<[u32; 2]>),
+    labels: Vec<u16>,
+    blocks: Vec<Patches>,
+    edges: Vec<[u32; 2]>,
     up: (DVec3, bool),
 ) {
     let mut first = Vec::with_capacity(blocks.len());

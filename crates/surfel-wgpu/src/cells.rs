@@ -55,7 +55,9 @@ impl<'a> CellTile<'a> {
         device: &wgpu::Device,
         queue: &wgpu::Queue,
         inputs: &TileInputs<'a>,
-        (counts, buffers, room): (&CellCounts, &CellBuffers, CellRoom),
+        counts: &CellCounts,
+        buffers: &CellBuffers,
+        room: CellRoom,
         stages: &'a [CellStage],
     ) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;

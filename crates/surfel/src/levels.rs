@@ -371,7 +371,8 @@ struct Mark {
 /// if the file has finer points there. If levels fade, a splat that covers a level with point spacing 1 measures
 /// `errors` times the error.
 fn mark_of(
-    (level, mut deepest, mut is_missing): (u32, u32, bool),
+    level: u32,
+    (mut deepest, mut is_missing): (u32, bool),
     errors: Option<f64>,
     spacing: impl Fn(u32) -> f64,
 ) -> Mark {
@@ -432,9 +433,9 @@ fn mark(copc: &Copc, cut: &Cut, fade: Option<&Fade>, (chosen, ends): (&[u32], &[
                     Some(_) => break true,
                 }
             };
-            let levels = (all[node].level, all[deepest].level, is_missing);
             let errors = fade.map(|fade| fade.errors(fade.magnification.at(at)));
-            *mark = mark_of(levels, errors, |level| spacings[level as usize]);
+            let end = (all[deepest].level, is_missing);
+            *mark = mark_of(all[node].level, end, errors, |level| spacings[level as usize]);
             // Where no finer points are missing, the average is the point's own value.
             if cut.values[node] == LevelValues::Alone && mark.share == 0.0 {
                 mark.share = 1.0;
@@ -755,7 +756,7 @@ mod tests {
                     let needed = (0..FINEST).take_while(|above| errors * spacing(*above) > 1.0).count() as u32;
                     let deepest = (needed + extra).min(FINEST);
                     let of =
-                        |level: u32, deepest: u32| mark_of((level, deepest, deepest < FINEST), Some(errors), spacing);
+                        |level: u32, deepest: u32| mark_of(level, (deepest, deepest < FINEST), Some(errors), spacing);
                     if level > needed {
                         // Not selected, or not yet faded in.
                         assert!(of(level, deepest.max(level)).share < 0.0, "{level} at {errors}");
@@ -786,12 +787,12 @@ mod tests {
                     }
                     errors *= 1.001;
                 }
-                let done = mark_of((level, FINEST, false), Some(errors), spacing);
+                let done = mark_of(level, (FINEST, false), Some(errors), spacing);
                 assert!(done == Mark { spacing: 0.0, share: 0.0, growth: 1.0 } && before == Some(done), "{level}");
             }
         }
         // Images that share a selection draw the selected level as it is.
-        let shared = |level, deepest, is_missing| mark_of((level, deepest, is_missing), None, spacing);
+        let shared = |level, deepest, is_missing| mark_of(level, (deepest, is_missing), None, spacing);
         assert_eq!([shared(2, 2, true).spacing, shared(2, 2, true).share], [0.25, 1.0]);
         assert_eq!([shared(1, 2, true).spacing, shared(1, 2, true).share], [0.25, 0.0]);
         assert_eq!([shared(1, 2, false).spacing, shared(1, 2, false).share], [0.0, 0.0]);

@@ -106,7 +106,7 @@ fn unpack_scans(source: &mut dyn Source, out: &mut dyn Write, notes: &mut Vec<St
     let (mut invalid, mut colorless, mut bytes) = (0, 0, Vec::new());
     file.read(&layouts, false, notes, |layout, batch| {
         bytes.clear();
-        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.0.as_str(), e)).collect();
+        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.name.as_str(), e)).collect();
         let found: Vec<_> = extras.iter().map(|(i, name)| (*i, by_name.get(name.as_str()).copied())).collect();
         for row in batch.chunks_exact(layout.scan.prototype.len()) {
             if !layout.is_valid(row) {

@@ -66,6 +66,16 @@ fn color_range(scan: &Scan, record: &Record, channel: usize) -> Option<(f64, f64
 /// Record indices of red, green and blue, and the range of each.
 pub(super) type ColorRecords = ([usize; 3], [(f64, f64); 3]);
 
+/// A column of a scan that is neither position, colour nor normal.
+#[derive(Clone, Debug)]
+pub(super) struct FurtherColumn {
+    pub(super) name: String,
+    /// Index of the column's record in a row.
+    pub(super) record: usize,
+    /// Index of the record that flags invalid values.
+    invalid: Option<usize>,
+}
+
 /// Conversion of a scan's values to points.
 pub(super) struct Layout<'a> {
     pub(super) scan: &'a Scan,
@@ -77,8 +87,8 @@ pub(super) struct Layout<'a> {
     pub(super) color: Option<ColorRecords>,
     color_invalid: Option<usize>,
     pub(super) normal: Option<[usize; 3]>,
-    /// Name and record index of each further column, with the record that flags invalid values.
-    pub(super) extras: Vec<(String, usize, Option<usize>)>,
+    /// Further columns.
+    pub(super) extras: Vec<FurtherColumn>,
     rotation: DMat3,
     translation: DVec3,
 }
@@ -124,7 +134,7 @@ impl<'a> Layout<'a> {
                 RecordName::TimeStamp => at(&RecordName::IsTimeStampInvalid),
                 _ => None,
             };
-            extras.push((name, i, invalid));
+            extras.push(FurtherColumn { name, record: i, invalid });
         }
         let pose = scan.transform.clone().unwrap_or_default();
         let (q, t) = (pose.rotation, pose.translation);
@@ -192,8 +202,8 @@ impl<'a> Layout<'a> {
     }
 
     /// Returns a point's value of a column; 0 if it is missing or invalid.
-    pub(super) fn extra(&self, row: &[RecordValue], (_, at, invalid): &(String, usize, Option<usize>)) -> f64 {
-        if self.is_flagged(row, *invalid) { 0.0 } else { self.value(row, *at) }
+    pub(super) fn extra(&self, row: &[RecordValue], column: &FurtherColumn) -> f64 {
+        if self.is_flagged(row, column.invalid) { 0.0 } else { self.value(row, column.record) }
     }
 
     /// Returns the position of the scanner, if the scan comes from a single position.

@@ -19,7 +19,7 @@ use crate::survey::{Scalar, Source, SparseColumn, extent_words, one_line};
 use crate::words::counted;
 use ::e57::{E57Reader, PointCloud as Scan, RecordDataType, RecordValue};
 use glam::{DVec3, Vec3};
-use layout::Layout;
+use layout::{FurtherColumn, Layout};
 use std::collections::{BTreeMap, HashMap};
 use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -166,7 +166,7 @@ impl Points {
             }));
         }
         let mut values = Vec::with_capacity(rows.len());
-        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.0.as_str(), e)).collect();
+        let by_name: HashMap<&str, _> = layout.extras.iter().rev().map(|e| (e.name.as_str(), e)).collect();
         for (name, column) in &mut self.extras {
             values.clear();
             match by_name.get(name.as_str()) {
@@ -345,8 +345,8 @@ fn check_fields(fields: usize, what: &str) -> Result<(), Problem> {
 fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Problem> {
     let mut columns: BTreeMap<String, NumberType> = BTreeMap::new();
     for layout in layouts {
-        for (name, at, _) in &layout.extras {
-            let kind = match layout.scan.prototype[*at].data_type {
+        for FurtherColumn { name, record, .. } in &layout.extras {
+            let kind = match layout.scan.prototype[*record].data_type {
                 RecordDataType::Single { .. } => NumberType::F32,
                 RecordDataType::Integer { min: 0.., max: ..=255 } => NumberType::U8,
                 RecordDataType::Integer { min: 0.., max: ..=65_535 } => NumberType::U16,
@@ -363,7 +363,7 @@ fn columns(layouts: &[Layout<'_>]) -> Result<BTreeMap<String, NumberType>, Probl
 
 /// Notes columns that some scans lack, whose points get zeros in them.
 fn note_missing(layouts: &[Layout<'_>], columns: &BTreeMap<String, NumberType>, notes: &mut Vec<String>) {
-    let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.0 == name);
+    let has = |layout: &Layout<'_>, name: &str| layout.extras.iter().any(|extra| extra.name == name);
     for name in columns.keys() {
         let without = layouts.iter().filter(|layout| !has(layout, name)).count();
         if without > 0 {

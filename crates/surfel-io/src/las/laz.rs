@@ -55,7 +55,7 @@ pub(super) fn read(
                 }
                 table => table?,
             };
-            read_chunks(source, header, &vlr, (file_bytes, layered, chunks), sink)
+            read_chunks(source, header, &vlr, file_bytes, chunks, sink)
         }
         _ => Err(Problem::new(format!("is compressed in a way that is not known (LASzip's compressor {kind})"))),
     }
@@ -252,10 +252,12 @@ fn read_chunks(
     source: &mut dyn Source,
     header: &mut Header,
     vlr: &LazVlr,
-    (file_bytes, layered, mut chunks): (u64, bool, Vec<Chunk>),
+    file_bytes: u64,
+    mut chunks: Vec<Chunk>,
     sink: &mut dyn Sink,
 ) -> Result<(), Problem> {
     let size = header.record_bytes;
+    let layered = is_layered(vlr);
     let mut start = header.start + 8;
     if layered {
         // Layered chunks state their own number of points.

@@ -61,7 +61,7 @@ pub(crate) fn splats_and_faces(
         return Err(SampleError::NoArea { triangles: mesh.triangles.len() });
     }
     let density = Density::even(&geometry, (area / count as f64).sqrt());
-    spread((&geometry, geometry.smooth()), &density, (count, is_cut, radius_scale), report, progress)
+    spread((&geometry, geometry.smooth()), &density, count, is_cut, radius_scale, report, progress)
 }
 
 /// Makes `count` splats at a given density; `count` must be the density's number of splats.
@@ -74,13 +74,15 @@ pub(crate) fn splats(
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<CloudData, SampleError> {
-    spread((geometry, smooth), density, (count, &|_| false, radius_scale), report, progress).map(|(data, _)| data)
+    spread((geometry, smooth), density, count, &|_| false, radius_scale, report, progress).map(|(data, _)| data)
 }
 
 fn spread(
     (geometry, smooth): (&Geometry, Smooth),
     density: &Density,
-    (count, is_cut, radius_scale): (usize, &dyn Fn(u32) -> bool, f64),
+    count: usize,
+    is_cut: &dyn Fn(u32) -> bool,
+    radius_scale: f64,
     report: &mut MeshReport,
     progress: &dyn Progress,
 ) -> Result<(CloudData, Vec<u32>), SampleError> {

@@ -51,7 +51,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
     let cut: Vec<usize> = (0..kept.len()).filter(|i| kept[*i].is_some()).collect();
     let of_cut = KdTree::new(&cut.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
     for asked in ASKED {
-        bare = uncovered(on, kept, (&of_cut, &cut, asked), &bare);
+        bare = uncovered(on, kept, &of_cut, &cut, asked, &bare);
     }
     if bare.is_empty() {
         return;
@@ -75,7 +75,7 @@ pub(super) fn fill(borders: &Borders, regions: &[u32], on: &mut Placed, kept: &m
             return;
         }
         let of_moved = KdTree::new(&moved.iter().map(|i| on.positions[*i]).collect::<Vec<_>>());
-        bare = uncovered(on, kept, (&of_moved, &moved, ASKED[1]), &bare);
+        bare = uncovered(on, kept, &of_moved, &moved, ASKED[1], &bare);
     }
 }
 
@@ -92,7 +92,9 @@ fn apart<'a>(places: &'a [Place], radius: f64, regions: &'a [u32]) -> impl Itera
 fn uncovered(
     on: &Placed,
     kept: &[Option<Grown>],
-    (tree, splats, asked): (&KdTree, &[usize], usize),
+    tree: &KdTree,
+    splats: &[usize],
+    asked: usize,
     places: &[Place],
 ) -> Vec<Place> {
     let reach = splats.iter().map(|i| on.reach(*i, kept)).fold(0.0, f64::max);

@@ -200,7 +200,8 @@ pub(super) fn write(
     let hierarchy_at = extended_at + 60;
 
     let mut head = of.header.clone();
-    header(&mut head, of, summary, start, (short.len() + 2, extended_at, long.len() + 1));
+    let records = Records { count: short.len() + 2, extended_at, extended: long.len() + 1 };
+    header(&mut head, of, summary, start, records);
     let mut info = Vec::with_capacity(INFO_BYTES);
     let time = if summary.gps_time[0] <= summary.gps_time[1] { summary.gps_time } else { [0.0; 2] };
     for value in cube.center.into_iter().chain([cube.half, cube.spacing]) {
@@ -251,8 +252,16 @@ fn with_parents(chunks: &[Chunk]) -> Vec<(u32, u64, Option<Chunk>)> {
     nodes.into_iter().map(|((level, code), chunk)| (level, code, chunk)).collect()
 }
 
+/// Numbers of variable-length records, as a header states them.
+struct Records {
+    count: usize,
+    /// Byte offset of the extended records.
+    extended_at: u64,
+    extended: usize,
+}
+
 /// Converts the first input's header to the output's.
-fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (usize, u64, usize)) {
+fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: Records) {
     let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
     let mut software = [0; 32];
     let name = concat!("Surfel ", env!("CARGO_PKG_VERSION")).as_bytes();
@@ -262,7 +271,7 @@ fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (
     put(58, &software);
     put(94, &375_u16.to_le_bytes());
     put(96, &(start as u32).to_le_bytes());
-    put(100, &(records.0 as u32).to_le_bytes());
+    put(100, &(records.count as u32).to_le_bytes());
     put(104, &[of.format | 0x80]);
     put(105, &(of.record_bytes() as u16).to_le_bytes());
     // Legacy point counts of LAS 1.0 to 1.3.
@@ -276,8 +285,8 @@ fn header(h: &mut [u8], of: &Template, summary: &Summary, start: u64, records: (
     }
     // No waveforms.
     put(227, &[0; 8]);
-    put(235, &records.1.to_le_bytes());
-    put(243, &(records.2 as u32).to_le_bytes());
+    put(235, &records.extended_at.to_le_bytes());
+    put(243, &(records.extended as u32).to_le_bytes());
     put(247, &summary.count.to_le_bytes());
     for (i, count) in summary.returns.iter().enumerate() {
         put(255 + 8 * i, &count.to_le_bytes());
