@@ -131,6 +131,9 @@ fn write_project(place: &Place, folder: &Path, patches: &str) -> Result<(), Stri
     std::fs::write(folder.join("src").join("main.rs"), program).map_err(failed)
 }
 
+/// Packages that need a backend, with the feature that adds one.
+const DRAWING: [(&str, &str); 3] = [("surfel", "cpu"), ("surfel-view", "surfel/cpu"), ("surfel-cli", "surfel/cpu")];
+
 /// Checks every feature of each package alone, no feature, all, and common pairs.
 pub(super) fn features(place: &Place) -> Verdict {
     let checked = || {
@@ -142,10 +145,12 @@ pub(super) fn features(place: &Place) -> Verdict {
             ran(command.args(arguments))
         };
         for Published { name, features } in published(&place.root)? {
-            check(&name, &["--no-default-features"])?;
-            check(&name, &["--all-features"])?;
+            // A package that draws is refused without any backend.
+            let backend = DRAWING.iter().find(|(package, _)| *package == name).map_or("", |(_, backend)| *backend);
+            check(&name, &["--no-default-features", "--features", backend])?;
+            check(&name, &["--all-features", "--features", backend])?;
             for feature in features.iter().filter(|feature| *feature != "default") {
-                check(&name, &["--no-default-features", "--features", feature])?;
+                check(&name, &["--no-default-features", "--features", &format!("{backend},{feature}")])?;
             }
         }
         for (package, pair) in PAIRS {
