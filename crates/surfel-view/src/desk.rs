@@ -135,6 +135,7 @@ impl Desk {
     }
 
     /// Reads a page's request for an image.
+    #[cfg(feature = "server")]
     pub(crate) fn asked_by_page(&self, request: &Value) -> Result<Asked, String> {
         self.asked(request, MAX_PIXELS)
     }
