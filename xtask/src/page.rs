@@ -17,7 +17,8 @@ const SCRIPTS: [&str; 6] = [
     "crates/surfel-web/tests/module.mjs",
 ];
 /// Files of the tests.
-const FILES: [&str; 7] = ["package.json", "browser.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs", "lab.mjs"];
+const FILES: [&str; 8] =
+    ["package.json", "browser.mjs", "hill.mjs", "png.mjs", "test.mjs", "measure.mjs", "export.mjs", "lab.mjs"];
 const CHROMIUM: &str = "/usr/bin/chromium";
 
 /// Returns the folder in which the tests run, with npm's packages.

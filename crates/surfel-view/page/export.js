@@ -4,7 +4,6 @@
 
 window.surfelSource = {
   worker: null,
-  name: '',
 
   start({ receive, unpacked, lose, say }) {
     const text = (id) => document.getElementById(id).textContent;

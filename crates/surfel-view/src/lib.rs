@@ -68,8 +68,7 @@ pub use viewer::Viewer;
 #[cfg(feature = "widget")]
 pub fn page_in_frame() -> Result<String, String> {
     const POLICY: &str = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src blob: \
-                          data:; \
-                          base-uri 'none'; form-action 'none'";
+                          data:; base-uri 'none'; form-action 'none'";
     page::with(POLICY, &page::script(include_str!("../page/frame.js")))
 }
 

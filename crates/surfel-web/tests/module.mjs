@@ -5,6 +5,7 @@ import { execFileSync } from 'node:child_process';
 import { mkdtempSync, readFileSync, rmSync, writeFileSync } from 'node:fs';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
+import { hill } from '../../surfel-view/tests/page/hill.mjs';
 import { decoded } from '../../surfel-view/tests/page/png.mjs';
 
 const [program, fused, emulated, ...flags] = process.argv.slice(2);
@@ -13,18 +14,6 @@ const { isFused, SurfelModule } = new Function(`${readFileSync(page, 'utf8')}; r
 const spot = new URL('../../../assets/spot/spot.obj', import.meta.url).pathname;
 const folder = mkdtempSync(join(tmpdir(), 'surfel-web-'));
 const surfel = (...words) => execFileSync(resolve(program), words, { cwd: folder, maxBuffer: 1 << 28, stdio: ['ignore', 'pipe', 'inherit'] });
-
-/** Returns points of a hill with two classes, as text. */
-function hill() {
-  const lines = ['x y z intensity classification'];
-  for (let i = 0; i < 70; i += 1) {
-    for (let j = 0; j < 70; j += 1) {
-      const [x, y] = [i * 0.06, j * 0.06];
-      lines.push(`${x.toFixed(2)} ${y.toFixed(2)} ${(Math.sin(1.3 * x) * 0.4 + Math.cos(0.9 * y) * 0.5).toFixed(4)} ${i * j} ${i < 30 ? 2 : 5}`);
-    }
-  }
-  return lines.join('\n');
-}
 
 /** Returns trained Gaussians on a spiral, as ASCII PLY. */
 function gaussians() {
@@ -72,7 +61,7 @@ function flagsOf(state) {
 
 try {
   surfel('convert', spot, '--splats', '20000', '-q', '-o', 'spot.ply');
-  writeFileSync(join(folder, 'hill.txt'), hill());
+  writeFileSync(join(folder, 'hill.txt'), hill(70));
   writeFileSync(join(folder, 'gaussians.ply'), gaussians());
   const modules = [['emulated', load(emulated)], ...(isFused() ? [['fused', load(fused)]] : [])];
   if (!isFused()) console.log('note: this node has no fused multiply-add for WebAssembly: only the emulated module is tested');

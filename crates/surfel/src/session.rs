@@ -226,7 +226,8 @@ impl Session {
         let (coarse, objects) = match progressive::first(&request, self.stdin.clone(), progress)? {
             progressive::First::Coarse(coarse, objects) => (coarse, objects),
             progressive::First::Whole(objects) => {
-                self.store(&request, objects);
+                self.make_room();
+                self.loaded.insert(0, LoadedScene::new(&request, objects));
                 return Ok(None);
             }
             progressive::First::Nothing => return Ok(None),
@@ -295,7 +296,7 @@ impl Session {
         }
         self.make_room();
         let objects = request.load(self.stdin.clone(), progress)?;
-        self.store(request, objects);
+        self.loaded.insert(0, LoadedScene::new(request, objects));
         Ok(())
     }
 
@@ -303,12 +304,6 @@ impl Session {
     fn make_room(&mut self) {
         let splats: u64 = self.loaded.iter().map(LoadedScene::splats).sum();
         self.loaded.truncate(usize::from(2 * splats <= MOST_SPLATS_OF_TWO));
-    }
-
-    /// Stores loaded objects in front of others.
-    fn store(&mut self, request: &Request, objects: LoadedObjects) {
-        self.make_room();
-        self.loaded.insert(0, LoadedScene::new(request, objects));
     }
 
     /// Makes a scene of the first loaded objects resident, unless each camera selects its own levels of detail.

@@ -6,6 +6,7 @@ import { createServer } from 'node:http';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { exactAfter, launch, until } from './browser.mjs';
+import { hill } from './hill.mjs';
 import { decoded } from './png.mjs';
 
 const program = resolve(process.argv[2]);
@@ -14,18 +15,6 @@ if (shots) mkdirSync(shots, { recursive: true });
 const folder = mkdtempSync(join(tmpdir(), 'surfel-export-'));
 const surfel = (...words) => execFileSync(program, words, { cwd: folder, stdio: ['ignore', 'pipe', 'inherit'] });
 const step = async (name, action) => { await action(); console.log(`ok: ${name}`); };
-
-/** Returns points of a hill with two classes, as text. */
-function hill(side) {
-  const lines = ['x y z intensity classification'];
-  for (let i = 0; i < side; i += 1) {
-    for (let j = 0; j < side; j += 1) {
-      const [x, y] = [i * 6 / side, j * 6 / side];
-      lines.push(`${x.toFixed(3)} ${y.toFixed(3)} ${(Math.sin(1.3 * x) * 0.4 + Math.cos(0.9 * y) * 0.5).toFixed(4)} ${i * j} ${x < 2 ? 2 : 5}`);
-    }
-  }
-  return lines.join('\n');
-}
 
 /** Compares the canvas with the image of the copied command. */
 async function compare(page) {

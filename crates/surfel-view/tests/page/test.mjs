@@ -6,24 +6,13 @@ import { createRequire } from 'node:module';
 import { tmpdir } from 'node:os';
 import { join, resolve } from 'node:path';
 import { exactAfter, launch, serve, until } from './browser.mjs';
+import { hill } from './hill.mjs';
 
 const program = resolve(process.argv[2]);
 const shots = process.argv[3] && resolve(process.argv[3]);
 if (shots) mkdirSync(shots, { recursive: true });
 const folder = mkdtempSync(join(tmpdir(), 'surfel-page-'));
 const axe = readFileSync(createRequire(import.meta.url).resolve('axe-core/axe.min.js'), 'utf8');
-
-/** Writes a hill of 10,000 points with two classes. */
-function writeHill() {
-  const lines = ['x y z intensity classification'];
-  for (let i = 0; i < 100; i += 1) {
-    for (let j = 0; j < 100; j += 1) {
-      const [x, y] = [i * 0.06, j * 0.06];
-      lines.push(`${x.toFixed(2)} ${y.toFixed(2)} ${(Math.sin(1.3 * x) * 0.4 + Math.cos(0.9 * y) * 0.5).toFixed(4)} ${i * j} ${i < 30 ? 2 : 5}`);
-    }
-  }
-  writeFileSync(join(folder, 'hill.txt'), lines.join('\n'));
-}
 
 const state = (page) => page.evaluate(() => JSON.parse(decodeURIComponent(location.hash.slice(1) || '%7B%7D')));
 const shot = (page, name) => shots && page.screenshot({ path: join(shots, `${name}.png`) });
@@ -236,7 +225,7 @@ async function run(browser) {
   await server.stop();
 }
 
-writeHill();
+writeFileSync(join(folder, 'hill.txt'), hill(100));
 const browser = await launch();
 try {
   await run(browser);
