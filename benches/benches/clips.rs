@@ -19,6 +19,7 @@ use surfel_math::{Real, V2};
 #[allow(dead_code, unused_imports, unreachable_pub)]
 #[path = "../../crates/surfel-cpu/src/simd"]
 mod simd {
+    pub(crate) mod fused;
     pub(crate) mod lanes;
     pub(crate) mod level;
 }

@@ -8,7 +8,7 @@ use serde_json::Value;
 
 /// Packages of the workspace from the bottom up. A package depends only on packages with a lower number; development
 /// dependencies are unrestricted.
-const LAYERS: [(&str, u32); 25] = [
+const LAYERS: [(&str, u32); 31] = [
     ("surfel-math", 0),
     ("surfel-web-module", 0),
     ("surfel-model", 1),
@@ -27,17 +27,23 @@ const LAYERS: [(&str, u32); 25] = [
     ("surfel-gpu", 6),
     ("surfel-wgpu", 7),
     ("surfel-ash", 7),
-    ("surfel", 8),
-    ("surfel-view", 9),
-    ("surfel-python", 10),
-    ("surfel-bench", 9),
-    ("surfel-cli", 10),
-    ("surfel-web", 10),
-    ("surfel-conformance", 11),
+    ("surfel-framing", 5),
+    ("surfel-load", 6),
+    ("surfel-stage", 7),
+    ("surfel-backend", 8),
+    ("surfel-ortho", 9),
+    ("surfel-app", 10),
+    ("surfel", 11),
+    ("surfel-view", 11),
+    ("surfel-bench", 11),
+    ("surfel-python", 12),
+    ("surfel-cli", 12),
+    ("surfel-web", 12),
+    ("surfel-conformance", 13),
 ];
 
 /// Packages whose direct and indirect dependencies include no GPU crate.
-const GPU_FREE: [&str; 12] = [
+const GPU_FREE: [&str; 15] = [
     "surfel-math",
     "surfel-model",
     "surfel-metrics",
@@ -50,6 +56,9 @@ const GPU_FREE: [&str; 12] = [
     "surfel-io",
     "surfel-light",
     "surfel-sample",
+    "surfel-framing",
+    "surfel-load",
+    "surfel-stage",
 ];
 const GPU: [&str; 3] = ["wgpu", "ash", "naga"];
 

@@ -4,8 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
-use surfel::SplatCloud;
-use surfel::model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
+use surfel_model::SplatCloud;
+use surfel_model::{CloudData, Column3, Mesh, ModelError, OnInvalid, Shape};
 
 /// Mean number of splats over each point of a surface. Disks on a hexagonal lattice cover the plane from 1.06 on; the
 /// rest is the overlap that blending needs.
@@ -206,7 +206,7 @@ mod tests {
     fn mesh_of_the_ball_is_closed_and_faces_out() {
         let mesh = bumpy_mesh(8);
         mesh.validate().unwrap();
-        assert!(surfel::sample::is_closed(&mesh));
+        assert!(surfel_sample::is_closed(&mesh));
         // Six times the volume, positive if triangles wind counter-clockwise as seen from outside. It is roughly that
         // of a ball.
         let corner = |i: u32| mesh.positions.get(i as usize);

@@ -19,7 +19,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let path = arguments.table.display();
     let text = std::fs::read_to_string(&arguments.table).map_err(|e| format!("could not read {path}: {e}"))?;
     let svg = chart(&text).map_err(|problem| format!("{path}: {problem}"))?.svg();
-    surfel::io::atomic::write(&arguments.output, true, |out| out.write_all(svg.as_bytes()))?;
+    surfel_io::atomic::write(&arguments.output, true, |out| out.write_all(svg.as_bytes()))?;
     Ok(())
 }
 

@@ -4,8 +4,10 @@ use std::io::IsTerminal;
 use std::path::PathBuf;
 use std::time::Instant;
 
-use surfel::{Backend, BackendOptions, BackendScene, Frame, Planes, Renderer, Settings, View};
+use surfel_backend::{Backend, BackendOptions, BackendScene};
 use surfel_cpu::{SimdLevel, Storage};
+use surfel_model::Settings;
+use surfel_render::{Frame, Planes, Renderer, View};
 
 use crate::machine::{Machine, busy_ms};
 use crate::report::{BackendFacts, FillRate, Report, Row, Samples, Subject};
@@ -122,7 +124,7 @@ pub(crate) fn all(plan: &Plan, cases: &[Case]) -> Result<Report, Failure> {
                 if let Some(folder) = plan.images.as_ref().filter(|_| i == 0) {
                     std::fs::create_dir_all(folder)?;
                     let path = folder.join(format!("{}.png", case.name));
-                    surfel::io::save_png(&path, true, &frame.planes(), &Default::default())?;
+                    surfel_io::save_png(&path, true, &frame.planes(), &Default::default())?;
                 }
             }
         }

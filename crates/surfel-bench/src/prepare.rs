@@ -3,9 +3,9 @@
 use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
-use surfel::Progress;
-use surfel::model::{Column3, PointCloud};
-use surfel::sample::{PointOptions, splats_from_points};
+use surfel_model::{Column3, PointCloud};
+use surfel_sample::Progress;
+use surfel_sample::{PointOptions, splats_from_points};
 
 use crate::machine::busy_ms;
 use crate::{Failure, clouds};

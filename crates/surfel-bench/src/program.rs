@@ -159,12 +159,12 @@ fn run(arguments: &Arguments) -> Result<(), Failure> {
     print!("{}", table::of(&report));
     if let Some(path) = &arguments.output {
         let text = serde_json::to_string_pretty(&report)? + "\n";
-        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
         println!("\nwritten to {}", path.display());
     }
     if let Some(path) = &arguments.markdown {
         let text = table::markdown(&report);
-        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
         println!("\nwritten to {}", path.display());
     }
     Ok(())

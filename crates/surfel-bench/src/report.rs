@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
-use surfel::Stats;
+use surfel_render::Stats;
 
 use crate::machine::Machine;
 
@@ -229,7 +229,7 @@ pub(crate) fn quantile(values: &[f64], part: f64) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel::render::PassTime;
+    use surfel_render::PassTime;
 
     #[test]
     fn median_of_few() {

@@ -31,7 +31,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     let parts = text.split_once(MARKS[0]).and_then(|(a, rest)| Some((a, rest.split_once(MARKS[1])?.1)));
     let (before, after) = parts.ok_or("the page has no marks for figures")?;
     let text = format!("{before}{}{}{}{after}", MARKS[0], markdown(arguments.seed), MARKS[1]);
-    surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+    surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
     Ok(())
 }
 

@@ -4,8 +4,10 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::DAffine3;
-use surfel::model::{ClipPolicy, Cull, EdgeAa, Geometry, Object, Projection, Shader};
-use surfel::{Camera, Material, NoProgress, Planes, Scene, Settings, SplatCloud};
+use surfel_model::{Camera, Material, Scene, Settings, SplatCloud};
+use surfel_model::{ClipPolicy, Cull, EdgeAa, Geometry, Object, Projection, Shader};
+use surfel_render::Planes;
+use surfel_sample::NoProgress;
 
 use crate::{Arguments, Failure, clouds};
 
@@ -237,7 +239,7 @@ impl Source {
             Self::Part => sharp(&Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/generated/part.obj")),
             Self::Model(file) => {
                 let path = models.join(file);
-                let opened = surfel::open(&[&path], &NoProgress)?;
+                let opened = surfel_stage::open(&[&path], &NoProgress)?;
                 let camera = Camera { size: [SIZE; 2], ..opened.file.camera };
                 Ok(Loaded { scene: opened.scene, camera, settings: opened.file.settings })
             }
@@ -247,13 +249,13 @@ impl Source {
 
 /// Loads a mesh as clipped splats, with the camera of the program's default view of the mesh.
 fn sharp(path: &Path) -> Result<Loaded, Failure> {
-    let loaded = surfel::io::load(path, &surfel::io::LoadOptions::default())?;
-    let surfel::io::Content::Mesh(mesh) = loaded.content else {
+    let loaded = surfel_io::load(path, &surfel_io::LoadOptions::default())?;
+    let surfel_io::Content::Mesh(mesh) = loaded.content else {
         return Err(format!("{}: holds no mesh", path.display()).into());
     };
-    let options = surfel::sample::SharpOptions::default();
-    let (cloud, _) = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
-    let opened = surfel::open(&[path], &NoProgress)?;
+    let options = surfel_sample::SharpOptions::default();
+    let (cloud, _) = surfel_sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
+    let opened = surfel_stage::open(&[path], &NoProgress)?;
     let camera = Camera { size: [SIZE; 2], ..opened.file.camera };
     Ok(Loaded { camera, ..framed(cloud, Cull::Back) })
 }
@@ -278,13 +280,13 @@ fn framed(cloud: SplatCloud, cull: Cull) -> Loaded {
         size: [SIZE; 2],
     };
     // Antialiased edges need the interior weight.
-    let interior_weight = surfel::sample::interior_weight(&cloud);
+    let interior_weight = surfel_sample::interior_weight(&cloud);
     let object = Object {
         geometry: Geometry::Splats(Arc::new(cloud)),
         world_from_object: DAffine3::IDENTITY,
         material: Material { cull, interior_weight, ..Material::default() },
     };
-    let lights = Some(surfel::scene::studio_lights(&camera));
+    let lights = Some(surfel_stage::studio_lights(&camera));
     let scene = Scene { ambient: [0.1; 3], lights, objects: vec![object], ..Scene::default() };
     Loaded { scene, camera, settings: Settings::default() }
 }

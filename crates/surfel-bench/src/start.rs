@@ -55,7 +55,7 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
     print!("{}", table(&rows, arguments.runs).text());
     if let Some(path) = &arguments.markdown {
         let text = markdown(&machine, &rows, arguments.runs);
-        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
         println!("\nwritten to {}", path.display());
     }
     Ok(())

@@ -8,15 +8,15 @@ use crate::resolve::{SceneSource, Source};
 use crate::stdin::{self, Stdin, is_stdin};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use surfel::io::Planes;
-use surfel::io::ShowPath as _;
-use surfel::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
-use surfel::options::{Commands, Options, table};
+use surfel_app::metadata::{Content, DRAWN_KEY, INPUTS_KEY, SCENE_KEY, VERSION, VERSION_KEY, content};
+use surfel_app::options::{Commands, Options, table};
+use surfel_io::Planes;
+use surfel_io::ShowPath as _;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     let path = input(args);
     let name = path.shown();
-    let image = surfel::io::read_image(path)?;
+    let image = surfel_io::read_image(path)?;
     let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.as_str());
     let Some(scene) = text(SCENE_KEY) else {
         return Err(Failure::input(format!(
@@ -24,7 +24,7 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
              that edit images often leave such text out: take the file as it was drawn"
         )));
     };
-    let (file, keys) = surfel::scene::parse_scene_file(scene.as_bytes(), path)?;
+    let (file, keys) = surfel_load::scene::parse_scene_file(scene.as_bytes(), path)?;
     let base = path.parent().unwrap_or(Path::new("")).to_path_buf();
     let stdin = Stdin::default();
 
@@ -63,7 +63,7 @@ fn judge(
     drawn: &Value,
     console: &Console,
 ) -> Result<(), Failure> {
-    let again = surfel::io::read_image(written)?;
+    let again = surfel_io::read_image(written)?;
     let (name, written) = (input(args).shown(), written.shown());
     let planes = |p: &Planes| (bits(p.color.as_ref().map(|c| c.as_flattened())), bits(p.depth.as_deref()));
     if (again.width, again.height) == (image.width, image.height) && planes(&again) == planes(image) {

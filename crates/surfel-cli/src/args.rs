@@ -1,5 +1,5 @@
 //! The command line's grammar: commands and their options. Options of `render`, `figure`, `convert`, `ortho`, `serve`,
-//! `view`, `again` and `info` come from the table in [`surfel::options`].
+//! `view`, `again` and `info` come from the table in [`surfel_app::options`].
 
 use crate::values::{self, Threshold};
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser, ValueParser};
@@ -9,9 +9,9 @@ use clap::{Arg, ArgAction, ArgMatches, Args, FromArgMatches as _, ValueHint};
 use clap_complete::Shell;
 use std::ffi::{OsStr, OsString};
 use std::path::PathBuf;
-use surfel::Preset;
-use surfel::options::{Audience, Commands, EXPERT, Options, Row, Setter, Table, table};
-use surfel::values::FrameRange;
+use surfel_app::options::{Audience, Commands, EXPERT, Options, Row, Setter, Table, table};
+use surfel_app::values::FrameRange;
+use surfel_render::Preset;
 
 /// A parsed command line.
 #[derive(Debug)]
@@ -403,7 +403,7 @@ pub(crate) struct JobsArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub(crate) frames: Option<u32>,
     /// Draw only these frames or cameras.
-    #[arg(long, value_name = "A-B[:STEP]", value_parser = surfel::values::frame_range)]
+    #[arg(long, value_name = "A-B[:STEP]", value_parser = surfel_app::values::frame_range)]
     pub(crate) frame_range: Option<FrameRange>,
     /// Draw from all cameras of another program.
     #[arg(long, value_name = "FILE|DIR", conflicts_with = "frames")]
@@ -445,8 +445,8 @@ pub(crate) struct CompletionsArgs {
 
 /// Returns a parser of presets.
 fn preset() -> impl TypedValueParser<Value = Preset> {
-    let names = surfel::values::PRESETS.iter().map(|(name, _)| *name);
-    PossibleValuesParser::new(names).try_map(|name| surfel::values::preset(&name))
+    let names = surfel_app::values::PRESETS.iter().map(|(name, _)| *name);
+    PossibleValuesParser::new(names).try_map(|name| surfel_app::values::preset(&name))
 }
 
 #[cfg(test)]
@@ -486,9 +486,9 @@ mod tests {
                 let words: Vec<&str> = words.iter().map(String::as_str).collect();
                 assert_eq!(parsed_by(table(), &words), set, "{words:?}");
                 if row.is_image && command == Commands::RENDER {
-                    let mut render = surfel::request::RenderOptions::default();
+                    let mut render = surfel_app::request::RenderOptions::default();
                     render.set(row.name, &row.sample()).unwrap();
-                    assert_ne!(render, surfel::request::RenderOptions::default(), "{}", row.name);
+                    assert_ne!(render, surfel_app::request::RenderOptions::default(), "{}", row.name);
                 }
             }
         }
@@ -497,7 +497,7 @@ mod tests {
     #[test]
     fn a_new_row_is_a_flag_in_help_and_completions() {
         let row = Row::text("glow", "G", |o, text| {
-            o.render.cutoff = Some(surfel::values::cutoff(text)?);
+            o.render.cutoff = Some(surfel_app::values::cutoff(text)?);
             Ok(())
         });
         let row = row.help("Glow of splats.", "It is a test's.").everyday();
@@ -547,7 +547,7 @@ mod tests {
         ] {
             let all = ["surfel", "render", "a.ply", "-o", "a.png"].into_iter().chain(words.split(' '));
             assert!(command().try_get_matches_from(all).is_err(), "{words}");
-            let mut options = surfel::request::RenderOptions::default();
+            let mut options = surfel_app::request::RenderOptions::default();
             let mut list = words.split(' ').peekable();
             while let Some(flag) = list.next() {
                 let text = list.next_if(|next| !next.starts_with("--")).unwrap_or("on");

@@ -6,9 +6,9 @@ use serde_json::json;
 use std::fmt::Write;
 
 pub(crate) fn run(as_json: bool) -> Result<(), Failure> {
-    let backends = surfel::backends();
+    let backends = surfel_backend::backends();
     if as_json {
-        let entry = |b: &surfel::backend::BackendInfo| match &b.state {
+        let entry = |b: &surfel_backend::BackendInfo| match &b.state {
             Ok(info) => json!({
                 "name": b.name, "available": true, "adapter": info.adapter, "driver": info.driver,
                 "threads": info.threads, "reason": null,

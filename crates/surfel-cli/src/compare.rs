@@ -5,14 +5,14 @@ use crate::failure::Failure;
 use crate::stdout;
 use crate::values::Threshold;
 use std::fmt::Write;
-use surfel::compare::{ImageComparison, check_diff, compare, save_diff};
+use surfel_app::compare::{ImageComparison, check_diff, compare, save_diff};
 
 pub(crate) fn run(args: &CompareArgs) -> Result<(), Failure> {
     if let Some(diff) = &args.diff {
         check_diff(diff, [&args.a, &args.b], args.force)?;
     }
-    let a = surfel::io::read_image(&args.a)?;
-    let b = surfel::io::read_image(&args.b)?;
+    let a = surfel_io::read_image(&args.a)?;
+    let b = surfel_io::read_image(&args.b)?;
     let compared = compare(&a, &b, [&args.a, &args.b])?;
     if let Some(diff) = &args.diff {
         save_diff(diff, args.force, &compared)?;

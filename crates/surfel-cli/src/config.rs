@@ -6,8 +6,8 @@ use clap::ArgMatches;
 use clap::parser::ValueSource;
 use std::ffi::OsString;
 use std::path::Path;
-use surfel::io::ShowPath as _;
-use surfel::options::{Commands, Row, table};
+use surfel_app::options::{Commands, Row, table};
+use surfel_io::ShowPath as _;
 use toml::Value;
 
 /// Ways to place the camera: one on the command line overrides the others in the file.

@@ -5,8 +5,8 @@ use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::Duration;
-use surfel::Progress;
-use surfel::io::is_obeyed;
+use surfel_io::is_obeyed;
+use surfel_sample::Progress;
 
 /// Longest line of an error message, in characters.
 const MAX_LINE: usize = 400;

@@ -6,14 +6,15 @@ use crate::stdin::{self, Stdin, is_stdin};
 use crate::{pieces, stdout};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::SplatCloud;
-use surfel::io::ShowPath as _;
-use surfel::io::atomic::target;
-use surfel::io::{IoError, PlyEncoding};
-use surfel::levels::{self, CopcRequest};
-use surfel::options::Options;
-use surfel::splat_file::ConvertRequest;
-use surfel::values::Part;
+use surfel_app::copc_output;
+use surfel_app::options::Options;
+use surfel_app::splat_file::ConvertRequest;
+use surfel_app::values::Part;
+use surfel_io::ShowPath as _;
+use surfel_io::atomic::target;
+use surfel_io::{IoError, PlyEncoding};
+use surfel_load::levels::{self, CopcRequest};
+use surfel_model::SplatCloud;
 
 pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
     let shard = shard(args, console)?;
@@ -22,7 +23,7 @@ pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
     if levels::is_copc(&output) || levels::is_shard(&output) {
         return copc(args, &output, shard, console);
     }
-    levels::check_shard(&output, shard)?;
+    copc_output::check_shard(&output, shard)?;
     if args.resume {
         return Err(Failure::usage(format!("-o {}: --resume is of OUT.copc.laz and of NAME.shard", output.shown())));
     }
@@ -50,7 +51,7 @@ fn output(args: &Options) -> &Path {
 pub(crate) fn check(args: &Options) -> Result<(), Failure> {
     let output = pieces::with_shard(output(args), args.shard);
     check_output(args, &output)?;
-    Ok(levels::check_copc(&output, &args.render.splats, args.ascii, args.shard)?)
+    Ok(copc_output::check_copc(&output, &args.render.splats, args.ascii, args.shard)?)
 }
 
 fn converted(args: &Options, console: &Console) -> Result<SplatCloud, Failure> {
@@ -71,13 +72,13 @@ fn save(args: &Options, cloud: &SplatCloud, console: &Console) -> Result<(), Fai
     let encoding = if args.ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
     if output(args).as_os_str() == "-" {
         let mut bytes = Vec::new();
-        let written = surfel::io::write_splat_ply(&mut bytes, cloud, encoding);
+        let written = surfel_io::write_splat_ply(&mut bytes, cloud, encoding);
         written.map_err(|e| Failure::other(format!("can't encode the splats: {e}")))?;
         stdout::result(&bytes)?;
     } else {
-        surfel::io::save_splat_ply(output(args), args.force, cloud, encoding)?;
+        surfel_io::save_splat_ply(output(args), args.force, cloud, encoding)?;
     }
-    console.note(&format!("{}: {}", output(args).shown(), surfel::splat_file::summary(cloud)));
+    console.note(&format!("{}: {}", output(args).shown(), surfel_app::splat_file::summary(cloud)));
     Ok(())
 }
 
@@ -86,18 +87,18 @@ fn hybrid(args: &Options, console: &Console) -> Result<(), Failure> {
     let progress = console.progress();
     let options = &args.render.splats;
     let request = ConvertRequest { path: input(args), options, stdin: bytes(args)? };
-    let (octree, notes) = surfel::octree::load_octree(input(args), &request.load_options()?, &progress)?;
+    let (octree, notes) = surfel_load::octree::load_octree(input(args), &request.load_options()?, &progress)?;
     drop(progress);
     for note in &notes {
         console.note(&format!("{}: {note}", stdin::display(input(args))));
     }
     if output(args).as_os_str() == "-" {
         let mut bytes = Vec::new();
-        let written = surfel::io::write_octree(&mut bytes, &octree);
+        let written = surfel_io::write_octree(&mut bytes, &octree);
         written.map_err(|e| Failure::other(format!("can't encode the octree: {e}")))?;
         stdout::result(&bytes)?;
     } else {
-        surfel::io::save_octree(output(args), args.force, &octree)?;
+        surfel_io::save_octree(output(args), args.force, &octree)?;
     }
     let leaves = octree.nodes().iter().filter(|n| n.is_leaf()).count();
     console.note(&format!(
@@ -126,10 +127,16 @@ fn shard(args: &Options, console: &Console) -> Result<Option<Part>, Failure> {
 /// Writes points as a COPC file, or a shard of one.
 fn copc(args: &Options, output: &Path, shard: Option<Part>, console: &Console) -> Result<(), Failure> {
     let options = &args.render.splats;
-    levels::check_copc(output, options, args.ascii, shard)?;
+    copc_output::check_copc(output, options, args.ascii, shard)?;
     let progress = console.progress();
     let columns = options.convert.columns.clone();
-    let request = CopcRequest { overwrite: args.force, memory: options.memory, resume: args.resume, shard, columns };
+    let request = CopcRequest {
+        overwrite: args.force,
+        memory: options.memory,
+        resume: args.resume,
+        shard: shard.map(Part::index_and_count),
+        columns,
+    };
     let saved = levels::save_copc(&args.inputs, output, &request, &progress);
     drop(progress);
     let folder = levels::resume_folder(output);

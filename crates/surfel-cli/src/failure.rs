@@ -1,9 +1,10 @@
 //! Failures of a run, with their exit codes.
 
-use surfel::io::IoError;
-use surfel::render::RenderError;
-use surfel::sample::SampleError;
-use surfel::{BackendError, Error};
+use surfel_backend::BackendError;
+use surfel_io::IoError;
+use surfel_load::Error;
+use surfel_render::RenderError;
+use surfel_sample::SampleError;
 
 /// A failed run: an exit code and a message of at most four lines.
 #[derive(Debug)]

@@ -6,9 +6,9 @@ use crate::render;
 use crate::stdin::{Stdin, is_stdin};
 use crate::stdout;
 use std::path::Path;
-use surfel::figure::{FigureRequest, check_output};
-use surfel::io::ShowPath as _;
-use surfel::options::Options;
+use surfel_app::figure::{FigureRequest, check_output};
+use surfel_app::options::Options;
+use surfel_io::ShowPath as _;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     let output = args.output.as_deref().unwrap_or(Path::new("-"));

@@ -4,9 +4,9 @@ use crate::console::Console;
 use crate::failure::Failure;
 use crate::output::Output;
 use std::path::{Path, PathBuf};
-use surfel::Frame;
-use surfel::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate};
-use surfel::io::ShowPath as _;
+use surfel_app::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate};
+use surfel_io::ShowPath as _;
+use surfel_render::Frame;
 
 /// A film that is being written. Its encoder starts with the first frame, which tells the size.
 pub(crate) struct Film<'a> {

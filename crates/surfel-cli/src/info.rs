@@ -6,23 +6,23 @@ use crate::stdin::{self, Stdin, is_stdin};
 use crate::stdout;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
-use surfel::options::Options;
-use surfel::words::{self, counted, shortest};
+use surfel_app::options::Options;
+use surfel_load::words::{self, counted, shortest};
 
 pub(crate) fn run(args: &Options, console: &Console) -> Result<(), Failure> {
     let path = args.inputs.first().map_or(Path::new(""), PathBuf::as_path);
     let convert = &args.render.splats.convert;
-    let options = surfel::io::LoadOptions {
+    let options = surfel_io::LoadOptions {
         gaussians: false,
         repair: convert.repair,
         texture: None,
         allow_outside: convert.allow_outside,
         max_texture: convert.max_texture,
         columns: convert.columns.clone(),
-        ..surfel::io::LoadOptions::default()
+        ..surfel_io::LoadOptions::default()
     };
     let from_stdin = if is_stdin(path) { Some(Stdin::default().bytes()?) } else { None };
-    let facts = surfel::info::info(path, &options, from_stdin.as_deref())?;
+    let facts = surfel_app::info::info(path, &options, from_stdin.as_deref())?;
     if args.json {
         return stdout::json_result(&facts);
     }

@@ -14,10 +14,11 @@ use crate::stdout;
 use serde_json::json;
 use std::ffi::OsString;
 use std::path::Path;
-use surfel::coloring::save_color_bar;
-use surfel::io::ShowPath as _;
-use surfel::request::{self, Source, SplatOptions};
-use surfel::{camera, levels};
+use surfel_app::camera;
+use surfel_app::request::{self, Source, SplatOptions};
+use surfel_app::save_color_bar;
+use surfel_io::ShowPath as _;
+use surfel_load::levels;
 
 /// Default number of tasks.
 const TASKS: usize = 64;

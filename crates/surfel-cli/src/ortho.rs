@@ -2,7 +2,7 @@
 
 use crate::console::Console;
 use crate::failure::Failure;
-use surfel::options::Options;
+use surfel_app::options::Options;
 
 #[cfg(not(feature = "ortho"))]
 pub(crate) fn run(_: &Options, _: usize, _: &Console) -> Result<(), Failure> {
@@ -19,10 +19,11 @@ mod with_ortho {
     use super::{Console, Failure, Options};
     use crate::stdin::{Stdin, is_stdin};
     use crate::stdout;
-    use surfel::io::ShowPath as _;
-    use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
-    use surfel::render::Renderer;
-    use surfel::{Backend, BackendOptions};
+    use surfel_app::ortho_request::{self, OrthoRequest};
+    use surfel_backend::{Backend, BackendOptions};
+    use surfel_io::ShowPath as _;
+    use surfel_ortho::{OrthoFiles, OrthoOptions};
+    use surfel_render::Renderer;
 
     pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
         let files = OrthoFiles {
@@ -55,8 +56,8 @@ mod with_ortho {
         let stats = ortho.draw(&files, software, &mut backend, &progress)?;
         drop(progress);
         let ([width, height], [x0, y0, x1, y1]) = (ortho.size(), ortho.rounded_bounds());
-        let crs = ortho.crs.as_ref().map_or_else(|| "no CRS".into(), surfel::io::Crs::words);
-        ortho.notes_of(&stats).iter().for_each(|note| console.note(note));
+        let crs = ortho.crs.as_ref().map_or_else(|| "no CRS".into(), surfel_io::Crs::words);
+        ortho_request::notes_of(&stats).iter().for_each(|note| console.note(note));
         let covered = 100.0 * stats.covered as f64 / stats.pixels.max(1) as f64;
         let filled = match stats.filled {
             0 => String::new(),
@@ -69,7 +70,7 @@ mod with_ortho {
             args.gsd.unwrap_or_default()
         ));
         if args.stats {
-            stdout::json_result(&ortho.stats_json(&stats, backend.info().backend))?;
+            stdout::json_result(&ortho_request::stats_json(&ortho, &stats, backend.info().backend))?;
         }
         Ok(())
     }

@@ -4,10 +4,10 @@ use crate::failure::Failure;
 use crate::stdin::is_stdin;
 use crate::stdout;
 use std::path::{Path, PathBuf};
-use surfel::Frame;
-use surfel::film::FilmFormat;
-use surfel::io::ShowPath as _;
-use surfel::io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
+use surfel_app::film::FilmFormat;
+use surfel_io::ShowPath as _;
+use surfel_io::{BitDepth, ExrOptions, IoError, JpegOptions, PngOptions};
+use surfel_render::Frame;
 
 /// Format of an image file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,25 +183,25 @@ impl Output {
         };
         match (path, self.format) {
             (Some(path), Format::Png { sixteen }) => {
-                surfel::io::save_png(path, self.force, &planes, &png(sixteen, metadata))?;
+                surfel_io::save_png(path, self.force, &planes, &png(sixteen, metadata))?;
             }
             (Some(path), Format::Exr { f32_color }) => {
-                surfel::io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
+                surfel_io::save_exr(path, self.force, &planes, &ExrOptions { f32_color, metadata })?;
             }
             (Some(path), Format::Film) => {
                 let what = "is written frame by frame";
                 return Err(Failure::other(format!("{}: {what}", path.shown())));
             }
-            (Some(path), Format::Npz) => surfel::io::save_npz(path, self.force, &planes)?,
+            (Some(path), Format::Npz) => surfel_io::save_npz(path, self.force, &planes)?,
             (Some(path), Format::Jpeg) => {
                 let [r, g, b, _] = background.map(|c| c as f32);
                 let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };
-                surfel::io::save_jpeg(path, self.force, &planes, &options)?;
+                surfel_io::save_jpeg(path, self.force, &planes, &options)?;
             }
             (None, format) => {
                 let sixteen = matches!(format, Format::Png { sixteen: true });
                 let mut bytes = Vec::new();
-                let written = surfel::io::write_png(&mut bytes, &planes, &png(sixteen, metadata));
+                let written = surfel_io::write_png(&mut bytes, &planes, &png(sixteen, metadata));
                 written.map_err(|e| Failure::other(format!("can't encode the image: {e}")))?;
                 stdout::result(&bytes)?;
             }

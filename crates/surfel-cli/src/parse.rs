@@ -6,7 +6,7 @@ use crate::{config, console, render};
 use clap::error::{ContextKind, ContextValue, ErrorKind};
 use std::ffi::{OsStr, OsString};
 use std::path::{Path, PathBuf};
-use surfel::options::{Commands, Near, Row, Setter, table};
+use surfel_app::options::{Commands, Near, Row, Setter, table};
 
 /// Parses a command line. Inserts `render` into the bare form, and the flags of the configuration file.
 ///

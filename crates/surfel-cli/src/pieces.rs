@@ -7,8 +7,8 @@ use crate::console::Console;
 use crate::failure::Failure;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use surfel::options::Options;
-use surfel::values::Part;
+use surfel_app::options::Options;
+use surfel_app::values::Part;
 
 /// Images that this run draws.
 #[derive(Clone, Debug, Default)]

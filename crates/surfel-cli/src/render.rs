@@ -17,19 +17,21 @@ use serde_json::{Map, Value, json};
 use std::collections::{BTreeSet, HashMap, HashSet};
 use std::path::{Path, PathBuf};
 use std::rc::Rc;
-use surfel::backend::{Chosen, summary_of};
-use surfel::film::FilmEncoder;
-use surfel::io::ShowPath as _;
-use surfel::io::atomic::target;
-use surfel::model::SceneFile;
-use surfel::options::Options;
-use surfel::progressive::Detail;
-use surfel::render::{Capabilities, RendererInfo, unsupported};
-use surfel::request::{self, RenderOptions};
-use surfel::{
-    Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Preset, Progress as _, Renderer, Scene, Stats,
-};
-use surfel::{camera, metadata, paths, unseen};
+use surfel_app::film::FilmEncoder;
+use surfel_app::options::Options;
+use surfel_app::progressive::Detail;
+use surfel_app::request::{self, RenderOptions};
+use surfel_app::{camera, metadata, unseen};
+use surfel_backend::{Backend, BackendOptions, BackendScene};
+use surfel_backend::{Chosen, summary_of};
+use surfel_io::ShowPath as _;
+use surfel_io::atomic::target;
+use surfel_load::paths;
+use surfel_model::SceneFile;
+use surfel_model::{Camera, Scene};
+use surfel_render::{Capabilities, RendererInfo, unsupported};
+use surfel_render::{Frame, Planes, Preset, Renderer, Stats};
+use surfel_sample::Progress as _;
 
 pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(), Failure> {
     let default = default_output(args);
@@ -70,9 +72,9 @@ pub(crate) fn run(args: &Options, threads: usize, console: &Console) -> Result<(
 /// Returns the arguments with the value range over all inputs, whichever of them this run draws.
 fn with_shared_range(args: &Options, console: &Console) -> Result<Options, Failure> {
     let sources = args.inputs.iter().map(|input| match is_stdin(input) {
-        true => {
-            Err(surfel::Error::Usage("--range shared reads all inputs first, which stdin can't be: give files".into()))
-        }
+        true => Err(surfel_load::Error::Usage(
+            "--range shared reads all inputs first, which stdin can't be: give files".into(),
+        )),
         false => Source::of(std::slice::from_ref(input), None),
     });
     let progress = console.progress();
@@ -610,7 +612,7 @@ fn introduce(backend: &Backend, console: &Console) {
 /// Prints the resolved scene file on stdout, with paths relative to the current folder. In this folder the file gives
 /// the same image.
 fn print_scene(file: &SceneFile) -> Result<(), Failure> {
-    let text = surfel::io::scene_file::to_json_pretty(&paths::relative_to(Path::new("."), file)?);
+    let text = surfel_io::scene_file::to_json_pretty(&paths::relative_to(Path::new("."), file)?);
     if text.trim().is_empty() {
         return Err(Failure::other("the scene can't be written as JSON: an input's name is not UTF-8: rename it"));
     }

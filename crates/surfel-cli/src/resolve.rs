@@ -6,10 +6,10 @@ use crate::output;
 use crate::stdin::{Stdin, is_stdin};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::options::Options;
-use surfel::progressive::{self, Detail};
-use surfel::request::{Pictures, Request};
-pub(crate) use surfel::request::{Resolved, SceneSource, Source};
+use surfel_app::options::Options;
+use surfel_app::progressive::{self, Detail};
+use surfel_app::request::{Pictures, Request};
+pub(crate) use surfel_app::request::{Resolved, SceneSource, Source};
 
 /// Determines the source that these inputs form.
 pub(crate) fn source(inputs: &[PathBuf], stdin: &Stdin) -> Result<Source, Failure> {

@@ -3,11 +3,11 @@
 use crate::failure::Failure;
 use crate::output::Output;
 use std::path::Path;
-use surfel::camera;
-use surfel::film::{self, CameraPath, FrameRate};
-use surfel::io::ShowPath as _;
-use surfel::options::Options;
-use surfel::request::Pictures;
+use surfel_app::camera;
+use surfel_app::film::{self, CameraPath, FrameRate};
+use surfel_app::options::Options;
+use surfel_app::request::Pictures;
+use surfel_io::ShowPath as _;
 
 /// Largest length in bytes of a camera's name used in a file name: systems allow 255 including the extension.
 const MOST_NAME_BYTES: usize = 200;

@@ -11,12 +11,14 @@ use crate::stdin::is_stdin;
 use crate::stdout;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
-use surfel::io::lines::{Line, read_line};
-use surfel::metadata::{self, Input};
-use surfel::model::SceneFile;
-use surfel::options::Options;
-use surfel::scene::is_scene_file;
-use surfel::{Camera, Planes, Region, Renderer as _, camera, session::Session, values};
+use surfel_app::metadata::{self, Input};
+use surfel_app::options::Options;
+use surfel_app::{camera, session::Session, values};
+use surfel_io::lines::{Line, read_line};
+use surfel_load::scene::is_scene_file;
+use surfel_model::Camera;
+use surfel_model::SceneFile;
+use surfel_render::{Planes, Region, Renderer as _};
 
 /// Longest request in bytes.
 const MAX_LINE: usize = 1 << 16;
@@ -59,7 +61,7 @@ fn check(args: &Options) -> Result<(), Failure> {
 struct Request {
     output: PathBuf,
     camera: Option<Camera>,
-    view: Option<surfel::framing::ViewChoice>,
+    view: Option<surfel_framing::ViewChoice>,
     size: Option<[u32; 2]>,
     region: Option<Region>,
     planes: Option<Planes>,

@@ -17,8 +17,8 @@ pub(crate) fn watch() {
     let Ok(mut signals) = Signals::new(watched) else { return };
     let wait = move || {
         if let Some(signal) = signals.forever().next() {
-            surfel::io::programs::kill_all();
-            surfel::io::atomic::remove_temporary_files();
+            surfel_io::programs::kill_all();
+            surfel_io::atomic::remove_temporary_files();
             let _ = signal_hook::low_level::emulate_default_handler(signal);
             std::process::exit(128 + signal);
         }

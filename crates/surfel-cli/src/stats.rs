@@ -1,8 +1,8 @@
 //! `--stats`: prints medians as JSON.
 
 use serde_json::{Map, Value, json};
-use surfel::render::RendererInfo;
-use surfel::{Preset, Stats};
+use surfel_render::RendererInfo;
+use surfel_render::{Preset, Stats};
 
 fn median(mut values: Vec<f64>) -> f64 {
     if values.is_empty() {

@@ -4,7 +4,7 @@ use crate::failure::Failure;
 use std::cell::OnceCell;
 use std::io::{IsTerminal, Read};
 use std::sync::Arc;
-pub(crate) use surfel::paths::{display, is_stdin};
+pub(crate) use surfel_load::paths::{display, is_stdin};
 
 /// Largest number of bytes read from stdin, since a stream may never end.
 const MAX_BYTES: u64 = 8 << 30;

@@ -7,12 +7,13 @@ use crate::output::{Format, Output};
 use crate::stdin::is_stdin;
 use serde_json::{Map, Value};
 use std::path::{Component, Path, PathBuf};
-use surfel::Region;
-use surfel::io::ShowPath as _;
-use surfel::io::{BitDepth, Samples, Tile};
-use surfel::metadata::{self, Content, DRAWN_KEY, INPUTS_KEY, Input, SCENE_KEY, VERSION_KEY};
-use surfel::model::SceneFile;
-use surfel::{paths, values};
+use surfel_app::metadata::{self, Content, DRAWN_KEY, INPUTS_KEY, Input, SCENE_KEY, VERSION_KEY};
+use surfel_app::values;
+use surfel_io::ShowPath as _;
+use surfel_io::{BitDepth, Samples, Tile};
+use surfel_load::paths;
+use surfel_model::SceneFile;
+use surfel_render::Region;
 
 pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     // A TIFF stores a PNG's samples.
@@ -54,7 +55,7 @@ pub(crate) fn run(args: &StitchArgs, console: &Console) -> Result<(), Failure> {
     }
     let metadata = first.of_whole(Output::folder(Some(&args.output)), format)?;
     let tiles: Vec<Tile> = said.iter().map(|said| said.tile.clone()).collect();
-    surfel::io::stitch(&args.output, args.force, size, &tiles, &metadata)?;
+    surfel_io::stitch(&args.output, args.force, size, &tiles, &metadata)?;
     console.detail(&format!("{}: {}x{} pixels of {} tiles", args.output.shown(), size[0], size[1], tiles.len()));
     Ok(())
 }
@@ -71,7 +72,7 @@ struct Said {
 
 impl Said {
     fn of(path: &Path) -> Result<Self, Failure> {
-        let header = surfel::io::read_image_header(path)?;
+        let header = surfel_io::read_image_header(path)?;
         let name = path.shown();
         let text = |key: &str| {
             let found = header.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
@@ -86,7 +87,7 @@ impl Said {
             let damaged = |e| Failure::input(format!("{name}: {key} is damaged: {e}"));
             serde_json::from_str::<Value>(&text(key)?).map_err(damaged)
         };
-        let (file, _) = surfel::scene::parse_scene_file(text(SCENE_KEY)?.as_bytes(), path)?;
+        let (file, _) = surfel_load::scene::parse_scene_file(text(SCENE_KEY)?.as_bytes(), path)?;
         let mut drawn = json(DRAWN_KEY)?.as_object().cloned().unwrap_or_default();
         let [width, height] = file.camera.size;
         let region = match drawn.remove("region") {

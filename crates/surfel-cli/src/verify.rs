@@ -3,10 +3,12 @@
 use crate::failure::Failure;
 use serde_json::{Value, json};
 use std::fmt::Write;
-use surfel::render::{Promise, SceneSummary, inside_surfaces};
-use surfel::values::json_number;
-use surfel::{Backend, BackendOptions, Frame, Planes, Preset, Renderer, Scene, Settings, View};
+use surfel_app::values::json_number;
+use surfel_backend::{Backend, BackendOptions};
 use surfel_metrics::{CompareOptions, Comparison, Image};
+use surfel_model::{Scene, Settings};
+use surfel_render::{Frame, Planes, Preset, Renderer, View};
+use surfel_render::{Promise, SceneSummary, inside_surfaces};
 
 /// Errors of an image.
 pub(crate) struct Verified {

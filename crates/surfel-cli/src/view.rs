@@ -2,7 +2,7 @@
 
 use crate::console::Console;
 use crate::failure::Failure;
-use surfel::options::Options;
+use surfel_app::options::Options;
 
 /// Names of options that concern the server, not the scene.
 #[cfg(feature = "view")]
@@ -25,7 +25,7 @@ pub(crate) fn run(
     resolve::source(&args.inputs, &stdin)?;
     for path in args.inputs.iter().filter(|path| !is_stdin(path)) {
         if let Err(source) = path.metadata() {
-            return Err(surfel::io::IoError::System { path: path.clone(), action: "read it", source }.into());
+            return Err(surfel_io::IoError::System { path: path.clone(), action: "read it", source }.into());
         }
     }
     let bytes = if args.inputs.iter().any(|path| is_stdin(path)) { Some(stdin.bytes()?) } else { None };
@@ -53,7 +53,7 @@ fn export(
     overwrite: bool,
     console: &Console,
 ) -> Result<(), Failure> {
-    use surfel::io::ShowPath as _;
+    use surfel_io::ShowPath as _;
     if !path.extension().is_some_and(|end| end.eq_ignore_ascii_case("html") || end.eq_ignore_ascii_case("htm")) {
         let bytes = surfel_view::export_folder(config, path, overwrite).map_err(Failure::other)?;
         let megabytes = bytes as f64 / 1e6;
@@ -61,7 +61,7 @@ fn export(
         return Ok(());
     }
     let html = surfel_view::export(config).map_err(Failure::other)?;
-    surfel::io::atomic::write(path, overwrite, |out| out.write_all(&html))?;
+    surfel_io::atomic::write(path, overwrite, |out| out.write_all(&html))?;
     let megabytes = html.len() as f64 / 1e6;
     console.note(&format!("{}: {megabytes:.1} MB: open it in a browser, from disk or from any server", path.shown()));
     Ok(())

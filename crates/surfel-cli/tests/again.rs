@@ -168,10 +168,10 @@ fn again_says_what_is_missing_or_changed() {
 /// Writes a PNG of 4 × 4 pixels with these texts.
 fn forged(f: &Folder, name: &str, texts: &[(&str, String)]) {
     let color = vec![[0.5, 0.5, 0.5, 1.0]; 16];
-    let planes = surfel::io::Planes { width: 4, height: 4, color: Some(color), ..Default::default() };
+    let planes = surfel_io::Planes { width: 4, height: 4, color: Some(color), ..Default::default() };
     let metadata = texts.iter().map(|(key, text)| ((*key).to_owned(), text.clone())).collect();
-    let options = surfel::io::PngOptions { metadata, ..Default::default() };
-    surfel::io::save_png(&f.path().join(name), true, &planes.view(), &options).unwrap();
+    let options = surfel_io::PngOptions { metadata, ..Default::default() };
+    surfel_io::save_png(&f.path().join(name), true, &planes.view(), &options).unwrap();
 }
 
 #[test]

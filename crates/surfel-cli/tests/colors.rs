@@ -4,7 +4,7 @@ use crate::common;
 
 use common::{Folder, scene};
 use serde_json::{Value, json};
-use surfel::io::Planes;
+use surfel_io::Planes;
 
 /// Returns a tile of a slope of 60×100 units, six tiles wide and ten deep, as text with a class per point.
 fn tile(i: u32) -> String {
@@ -51,7 +51,7 @@ fn scene_of(image: &Planes) -> Value {
 /// True if an image has a pixel with this colour.
 fn shows(image: &Planes, levels: [u8; 3]) -> bool {
     let color = image.color.as_ref().unwrap();
-    let is = |c: &[f32; 4]| surfel::io::to_srgb8(&[*c])[0][..3] == levels;
+    let is = |c: &[f32; 4]| surfel_io::to_srgb8(&[*c])[0][..3] == levels;
     color.iter().any(is)
 }
 

@@ -7,7 +7,7 @@ use common::{Folder, cube, points, scene};
 use serde_json::{Value, json};
 
 /// Returns all planes of a scene file's image, drawn by the reference backend.
-fn image(f: &Folder, file: &str) -> surfel::io::Planes {
+fn image(f: &Folder, file: &str) -> surfel_io::Planes {
     f.run(&format!("{file} -o {file}.exr --backend reference --exr-f32 --force")).code(0);
     let mut planes = f.image(&format!("{file}.exr"));
     planes.metadata.clear();

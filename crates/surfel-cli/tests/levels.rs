@@ -77,8 +77,8 @@ fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
     folder.write("in.las", las(400));
     folder.run("convert in.las -o out.copc.laz").code(0);
     let view = "out.copc.laz --size 96x80 --eye 600020,4999980,140 --target 600020,5000020,100 --no-metadata";
-    let loaded = surfel::io::load(&folder.path().join("out.copc.laz"), &Default::default()).unwrap();
-    let surfel::io::Content::Points(points) = loaded.content else { panic!("no points") };
+    let loaded = surfel_io::load(&folder.path().join("out.copc.laz"), &Default::default()).unwrap();
+    let surfel_io::Content::Points(points) = loaded.content else { panic!("no points") };
     for flags in ["--lod-error 3", "--all-levels"] {
         let notes = folder.run(&format!("{view} --planes index,position -o a.exr --force {flags}")).code(0).stderr();
         assert_eq!(notes.contains("drawn by levels"), flags != "--all-levels", "{notes}");

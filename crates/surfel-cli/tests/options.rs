@@ -1,7 +1,8 @@
 //! Files generated from the options table.
 
 use std::path::Path;
-use surfel::options::{Commands, Group, Inputs, Options, Row, table};
+use surfel_app::options::{Commands, Group, Options, Row, table};
+use surfel_load::effects::{EFFECTS, Inputs};
 
 /// Checks that a generated file is up to date, or writes it if the variable `SURFEL_WRITE` is set.
 fn check(path: &Path, want: &str) {
@@ -31,7 +32,7 @@ fn page_and_keywords_are_generated_from_the_table() {
 #[test]
 fn a_new_row_is_in_the_page_the_keywords_and_the_setters() {
     let row = Row::text("glow", "G", |o, text| {
-        o.render.cutoff = Some(surfel::values::cutoff(text)?);
+        o.render.cutoff = Some(surfel_app::values::cutoff(text)?);
         Ok(())
     });
     let row = row.of(Group::Appearance, Commands::RENDER).image().help("Glow of splats.", "").python("float");
@@ -59,9 +60,11 @@ fn rows_are_consistent() {
         for synonym in row.synonyms {
             assert!(table().find(row.commands, synonym).is_none(), "{name}: {synonym} is an option");
         }
-        assert!(row.given.is_none() || row.convert_key().is_some(), "{name} has no key in notes");
         row.set(&mut Options::default(), row.sample().as_ref()).unwrap_or_else(|e| panic!("{name}: {e}"));
         assert!(row.keyword == Commands::NONE || row.is_switch() || !row.python_type().is_empty());
+    }
+    for effect in EFFECTS {
+        assert!(table().rows().any(|row| row.convert_key() == Some(effect.option)), "{}", effect.option);
     }
     assert_eq!(Inputs::POINTS.and(Inputs::MESHES).words(), "points or a mesh");
 }

@@ -4,7 +4,7 @@ use crate::common;
 
 use common::{Folder, cube};
 use std::collections::BTreeMap;
-use surfel::io::{Planes, read_image};
+use surfel_io::{Planes, read_image};
 
 /// Returns a wall of 20 × 20 points 1 apart, some with classes; the sixth row of the file isn't a valid point.
 fn wall() -> String {

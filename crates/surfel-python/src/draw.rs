@@ -8,14 +8,19 @@ use serde_json::json;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use surfel::backend::summary_of;
-use surfel::metadata::{self, Content};
-use surfel::model::SceneFile;
-use surfel::paths::is_stdin;
-use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, Source};
-use surfel::scene::LoadedObjects;
-use surfel::{BackendScene, Camera, Error, Frame, LevelStore, Planes, Progress, Renderer, Scene, Stats, camera};
+use surfel_app::camera;
+use surfel_app::metadata::{self, Content};
+use surfel_app::request::{Pictures, RenderOptions, Request, Resolved, SceneSource, Source};
+use surfel_backend::BackendScene;
+use surfel_backend::summary_of;
+use surfel_load::LoadedObjects;
+use surfel_load::paths::is_stdin;
+use surfel_load::{Error, LevelStore};
+use surfel_model::SceneFile;
+use surfel_model::{Camera, Scene};
+use surfel_render::{Capabilities, SceneSummary, unsupported};
+use surfel_render::{Frame, Planes, Renderer, Stats};
+use surfel_sample::Progress;
 
 /// Number of scenes that stay ready to be drawn, in addition to the last one.
 const KEPT: usize = 1;
@@ -152,7 +157,7 @@ impl Input {
 
     /// Reads the scene embedded in an image, and the flags that it was drawn with.
     pub(crate) fn of_picture(path: PathBuf) -> Result<(Self, Vec<(String, String)>), Error> {
-        let image = surfel::io::read_image(&path)?;
+        let image = surfel_io::read_image(&path)?;
         let text = |key: &str| image.metadata.iter().find(|(k, _)| k == key).map(|(_, text)| text.clone());
         let unsuitable = |problem: &str| Error::Unsuitable { path: path.clone(), problem: problem.to_owned() };
         let Some(carried) = text(metadata::SCENE_KEY) else {
@@ -173,7 +178,7 @@ impl Input {
         let (Some(text), Some(name)) = (&self.carried, self.paths.first()) else {
             return Source::of(&self.paths, self.bytes.as_deref());
         };
-        let (file, keys) = surfel::scene::parse_scene_file(text.as_bytes(), name)?;
+        let (file, keys) = surfel_load::scene::parse_scene_file(text.as_bytes(), name)?;
         let base = name.parent().unwrap_or(Path::new("")).to_path_buf();
         Ok(Source::Scene(Box::new(SceneSource { file, keys, name: name.clone(), base })))
     }
@@ -305,7 +310,7 @@ impl Prepared {
         &self,
         key: (&'static str, bool),
         scene: &Scene,
-        backend: &mut surfel::Backend,
+        backend: &mut surfel_backend::Backend,
     ) -> Result<Arc<BackendScene>, Error> {
         let mut resident = lock(&self.resident);
         if let Some((known, found)) = resident.as_ref()
@@ -348,7 +353,8 @@ impl Recipe {
 
     /// Returns the scene file of the image, with paths relative to the current folder.
     pub(crate) fn scene_json(&self) -> Result<String, Error> {
-        let text = surfel::io::scene_file::to_json_pretty(&surfel::paths::relative_to(Path::new("."), &self.scene)?);
+        let text =
+            surfel_io::scene_file::to_json_pretty(&surfel_load::paths::relative_to(Path::new("."), &self.scene)?);
         if text.trim().is_empty() { Err(defect()) } else { Ok(text) }
     }
 
@@ -384,7 +390,7 @@ impl Recipe {
     pub(crate) fn from_json(text: &str) -> Option<Self> {
         let json: serde_json::Value = serde_json::from_str(text).ok()?;
         let scene = serde_json::to_vec(json.get("scene")?).ok()?;
-        let (scene, _) = surfel::scene::parse_scene_file(&scene, Path::new("image")).ok()?;
+        let (scene, _) = surfel_load::scene::parse_scene_file(&scene, Path::new("image")).ok()?;
         let notes = json.get("notes")?.as_array()?.iter().map(|note| note.as_str().map(str::to_owned));
         let inputs = json.get("inputs")?.as_array()?.iter().map(|input| {
             let content = match (input.get(1)?.as_u64(), input.get(2)?.as_str()) {

@@ -5,12 +5,12 @@ use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 use std::io::ErrorKind;
 use std::path::PathBuf;
-use surfel::Error;
-use surfel::backend::BackendError;
-use surfel::io::IoError;
-use surfel::io::ShowPath as _;
-use surfel::render::RenderError;
-use surfel::sample::SampleError;
+use surfel_backend::BackendError;
+use surfel_io::IoError;
+use surfel_io::ShowPath as _;
+use surfel_load::Error;
+use surfel_render::RenderError;
+use surfel_sample::SampleError;
 
 /// Converts a message about flags to one about keyword arguments: `--depth-tolerance` becomes `depth_tolerance`.
 pub(crate) fn in_python(message: &str) -> String {
@@ -59,7 +59,7 @@ pub(crate) fn of_arrays(message: &str) -> String {
 /// Converts an error about standard input, as which arrays are read, to one about the argument.
 pub(crate) fn error_of_arrays(mut error: Error) -> Error {
     let rename = |path: &mut PathBuf| {
-        if surfel::paths::is_stdin(path) || path.as_os_str() == "stdin" {
+        if surfel_load::paths::is_stdin(path) || path.as_os_str() == "stdin" {
             *path = ARRAYS.into();
         }
     };

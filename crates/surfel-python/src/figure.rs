@@ -9,9 +9,10 @@ use crate::scene::{Flags, py_bytes, wrong};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::PathBuf;
-use surfel::figure::{FigureFormat, FigureImage, FigureRequest, check_output};
-use surfel::options::{Commands, Options, table};
-use surfel::{BackendOptions, Error};
+use surfel_app::figure::{FigureFormat, FigureImage, FigureRequest, check_output};
+use surfel_app::options::{Commands, Options, table};
+use surfel_backend::BackendOptions;
+use surfel_load::Error;
 
 /// A figure that has been drawn.
 #[pyclass(frozen, module = "surfel._native", name = "Figure")]

@@ -11,14 +11,19 @@ use pyo3::prelude::*;
 use serde_json::json;
 use std::path::PathBuf;
 use std::sync::Arc;
-use surfel::compare::{check_diff, save_diff};
-use surfel::io::ShowPath as _;
-use surfel::io::{IoError, Planes, PlyEncoding};
-use surfel::levels::{self, CopcRequest};
-use surfel::ortho::{OrthoFiles, OrthoOptions, OrthoRequest};
-use surfel::request::SplatOptions;
-use surfel::splat_file::{ConvertRequest, summary};
-use surfel::{BackendOptions, Error, Renderer, values};
+use surfel_app::compare::{check_diff, save_diff};
+use surfel_app::ortho_request::OrthoRequest;
+use surfel_app::request::SplatOptions;
+use surfel_app::splat_file::{ConvertRequest, summary};
+use surfel_app::values::{self, Part};
+use surfel_app::{copc_output, ortho_request};
+use surfel_backend::BackendOptions;
+use surfel_io::ShowPath as _;
+use surfel_io::{IoError, Planes, PlyEncoding};
+use surfel_load::Error;
+use surfel_load::levels::{self, CopcRequest};
+use surfel_ortho::{OrthoFiles, OrthoOptions};
+use surfel_render::Renderer;
 
 /// Runs work on files or on a scene's arrays; errors about arrays name the argument.
 fn named<T>(
@@ -95,22 +100,28 @@ pub(crate) fn convert(
         let request = ConvertRequest { path, options: &options, stdin };
         on_threads(who.options.threads, || {
             if is_copc {
-                levels::check_copc(&output, &options, ascii, shard)?;
+                copc_output::check_copc(&output, &options, ascii, shard)?;
                 let columns = options.convert.columns.clone();
-                let request = CopcRequest { overwrite: force, memory: options.memory, resume, shard, columns };
+                let request = CopcRequest {
+                    overwrite: force,
+                    memory: options.memory,
+                    resume,
+                    shard: shard.map(Part::index_and_count),
+                    columns,
+                };
                 let report = levels::save_copc(&inputs, &output, &request, progress)?;
                 let summary = format!("{}: {}", output.shown(), levels::summary(&report));
                 return Ok(report.notes.into_iter().chain([summary]).collect());
             }
             if hybrid {
-                let (octree, notes) = surfel::octree::load_octree(path, &request.load_options()?, progress)?;
-                surfel::io::save_octree(&output, force, &octree)?;
+                let (octree, notes) = surfel_load::octree::load_octree(path, &request.load_options()?, progress)?;
+                surfel_io::save_octree(&output, force, &octree)?;
                 return Ok(notes);
             }
             let mut notes = Vec::new();
             let cloud = request.convert(request.load(progress)?, &mut |note| notes.push(note))?;
             let encoding = if ascii { PlyEncoding::Ascii } else { PlyEncoding::BinaryLittleEndian };
-            surfel::io::save_splat_ply(&output, force, &cloud, encoding)?;
+            surfel_io::save_splat_ply(&output, force, &cloud, encoding)?;
             notes.push(format!("{}: {}", output.shown(), summary(&cloud)));
             Ok(notes)
         })?
@@ -171,8 +182,8 @@ pub(crate) fn ortho(
             memory::check("gsd", BLOCK_BYTES, who.options.threads, Some(u64::MAX))?;
             let software = concat!("surfel ", env!("CARGO_PKG_VERSION"));
             let stats = ortho.draw(&files, software, backend, progress)?;
-            notes.extend(ortho.notes_of(&stats));
-            Ok::<_, Error>(ortho.stats_json(&stats, backend.info().backend))
+            notes.extend(ortho_request::notes_of(&stats));
+            Ok::<_, Error>(ortho_request::stats_json(&ortho, &stats, backend.info().backend))
         })??;
         Ok((stats, notes))
     };
@@ -193,13 +204,13 @@ pub(crate) fn info(
 ) -> PyResult<String> {
     let columns = columns.map(|text| values::columns(&text).map_err(|problem| wrong(py, "columns", &text, &problem)));
     let columns = columns.transpose()?;
-    let options = surfel::io::LoadOptions { repair, allow_outside, max_texture, columns, ..Default::default() };
+    let options = surfel_io::LoadOptions { repair, allow_outside, max_texture, columns, ..Default::default() };
     let input = scene.map(|scene| scene.input.clone()).filter(|input| input.bytes.is_some());
     let of_arrays = input.clone();
     let mut facts = interrupt::run(py, move |_| {
         let input = of_arrays;
         let bytes = input.as_ref().and_then(|input| input.bytes.clone());
-        let read = || surfel::info::info(&path, &options, bytes.as_deref());
+        let read = || surfel_app::info::info(&path, &options, bytes.as_deref());
         // On threads of its own: a forked process has none of the global pool's.
         named(input.as_ref(), &SplatOptions::default(), || on_threads(0, read)?)
     })?;
@@ -227,7 +238,7 @@ impl ImageOrPath<'_> {
     fn planes(&self, py: Python<'_>) -> PyResult<Planes> {
         match self {
             Self::Path(path) => {
-                let read = py.detach(|| surfel::io::read_image(path));
+                let read = py.detach(|| surfel_io::read_image(path));
                 read.map_err(|error| errors::raise(py, &error.into()))
             }
             Self::Frame(frame) => frame.check_memory(py, COPIED_BYTES).and_then(|()| {
@@ -271,7 +282,7 @@ pub(crate) fn compare(
     let (a, b) = (a.planes(py)?, b.planes(py)?);
     let json = interrupt::run(py, move |_| {
         memory::check("a and b", u64::from(a.width) * u64::from(a.height) * COMPARED_BYTES, 1, None)?;
-        let compared = surfel::compare::compare(&a, &b, [&names[0], &names[1]])?;
+        let compared = surfel_app::compare::compare(&a, &b, [&names[0], &names[1]])?;
         if let Some(diff) = &diff {
             save_diff(diff, force, &compared)?;
         }
@@ -286,7 +297,7 @@ pub(crate) fn compare(
 /// Lists the backends and whether this machine can run them, as JSON.
 #[pyfunction]
 pub(crate) fn backends(py: Python<'_>) -> PyResult<String> {
-    let entry = |b: surfel::backend::BackendInfo| {
+    let entry = |b: surfel_backend::BackendInfo| {
         let reason = match (b.missing_feature, &b.state) {
             (Some(feature), _) => Some(format!("not built in: {}", errors::how_to_build(py, feature)?)),
             (None, Err(reason)) => Some(reason.clone()),
@@ -303,7 +314,7 @@ pub(crate) fn backends(py: Python<'_>) -> PyResult<String> {
             "reason": reason,
         }))
     };
-    let infos = py.detach(surfel::backends);
+    let infos = py.detach(surfel_backend::backends);
     let list: serde_json::Value = infos.into_iter().map(entry).collect::<PyResult<_>>()?;
     Ok(list.to_string())
 }

@@ -9,9 +9,9 @@ use crate::scene::{Flags, job, wrong};
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use surfel::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate, Sequence};
-use surfel::request::{Pictures, RenderOptions};
-use surfel::values;
+use surfel_app::film::{FilmEncoder, FilmOptions, FilmWriter, FrameRate, Sequence};
+use surfel_app::request::{Pictures, RenderOptions};
+use surfel_app::values;
 
 /// Files that are the frames of one film.
 #[pyclass(frozen, module = "surfel._native", name = "Sequence")]
@@ -127,5 +127,5 @@ pub(crate) fn film_frames(py: Python<'_>, keys: Keys, fps: &str) -> PyResult<u32
     let mut options = RenderOptions::default();
     options.size = Some([1, 1]);
     let path = camera_path(keys, &options).map_err(|error| errors::raise(py, &error))?;
-    Ok(path.map_or_else(|| surfel::film::turn_frames(rate), |path| path.frames(rate)))
+    Ok(path.map_or_else(|| surfel_app::film::turn_frames(rate), |path| path.frames(rate)))
 }

@@ -9,9 +9,10 @@ use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PySlice};
 use serde_json::json;
 use std::path::{Path, PathBuf};
-use surfel::io::ShowPath as _;
-use surfel::io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
-use surfel::{Error, Stats};
+use surfel_io::ShowPath as _;
+use surfel_io::{BitDepth, ExrOptions, JpegOptions, PlanesView, PngOptions};
+use surfel_load::Error;
+use surfel_render::Stats;
 
 /// A drawn image. Its arrays are read-only views of the memory that it was drawn to.
 #[pyclass(frozen, module = "surfel._native", name = "Frame")]
@@ -259,7 +260,7 @@ impl NativeFrame {
     /// Returns the colours as 8-bit sRGB, as in a PNG.
     fn rgba(&self, py: Python<'_>) -> PyResult<Option<Py<PyAny>>> {
         self.check_memory(py, 8)?;
-        let made = self.with_planes(py, |planes| planes.color.map(surfel::io::to_srgb8))?;
+        let made = self.with_planes(py, |planes| planes.color.map(surfel_io::to_srgb8))?;
         let Some(pixels) = made else { return Ok(None) };
         let (w, h) = (self.width as usize, self.height as usize);
         array(py, pixels.into_flattened(), 0..4 * w * h, &[h, w, 4])
@@ -272,7 +273,7 @@ impl NativeFrame {
         let options = options.map_err(|error| errors::raise(py, &error))?;
         let bytes = self.with_planes(py, |planes| {
             let mut bytes = Vec::new();
-            surfel::io::write_png(&mut bytes, planes, &options).map(|()| bytes)
+            surfel_io::write_png(&mut bytes, planes, &options).map(|()| bytes)
         })?;
         py_bytes(py, &bytes?)
     }
@@ -296,20 +297,20 @@ impl NativeFrame {
         let written = match extension.as_str() {
             "png" => {
                 let options = py.detach(|| self.png_options(folder, png16, metadata)).map_err(raise)?;
-                self.with_planes(py, |planes| surfel::io::save_png(&path, force, planes, &options))?
+                self.with_planes(py, |planes| surfel_io::save_png(&path, force, planes, &options))?
             }
             "exr" => {
                 let format = if exr_f32 { vec![("exr-f32", json!(true))] } else { Vec::new() };
                 let entries = py.detach(|| recipe.map(|recipe| recipe.entries(folder, &format, true)).transpose());
                 let metadata = entries.map_err(raise)?.unwrap_or_default();
                 let options = ExrOptions { f32_color: exr_f32, metadata };
-                self.with_planes(py, |planes| surfel::io::save_exr(&path, force, planes, &options))?
+                self.with_planes(py, |planes| surfel_io::save_exr(&path, force, planes, &options))?
             }
-            "npz" => self.with_planes(py, |planes| surfel::io::save_npz(&path, force, planes))?,
+            "npz" => self.with_planes(py, |planes| surfel_io::save_npz(&path, force, planes))?,
             "jpg" | "jpeg" => {
                 let [r, g, b, _] = background.map(|c| c as f32);
                 let options = JpegOptions { background: [r, g, b], ..JpegOptions::default() };
-                self.with_planes(py, |planes| surfel::io::save_jpeg(&path, force, planes, &options))?
+                self.with_planes(py, |planes| surfel_io::save_jpeg(&path, force, planes, &options))?
             }
             _ => {
                 let what = format!("path={}: expected a name that ends in .png, .jpg, .exr or .npz", path.shown());

@@ -7,7 +7,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{RecvTimeoutError, channel};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use surfel::{Error, Progress};
+use surfel_load::Error;
+use surfel_sample::Progress;
 
 /// Interval between checks for signals.
 pub(crate) const TICK: Duration = Duration::from_millis(50);

@@ -8,7 +8,9 @@ use pyo3::prelude::*;
 use std::collections::BTreeMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
-use surfel::{Camera, Error, NoProgress};
+use surfel_load::Error;
+use surfel_model::Camera;
+use surfel_sample::NoProgress;
 
 /// Maximum number of images drawn at a time: each has its own memory.
 const MOST: usize = 4;

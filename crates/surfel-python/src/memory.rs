@@ -3,12 +3,13 @@
 
 use std::fmt::Display;
 use std::io::ErrorKind;
-use surfel::io::IoError;
-use surfel::memory::default_budget;
-use surfel::model::SplatCount;
-use surfel::render::SHADOW_MAP_SIDE;
-use surfel::request::SplatOptions;
-use surfel::{Error, Planes, View};
+use surfel_app::request::SplatOptions;
+use surfel_io::IoError;
+use surfel_load::Error;
+use surfel_load::memory::default_budget;
+use surfel_model::SplatCount;
+use surfel_render::SHADOW_MAP_SIDE;
+use surfel_render::{Planes, View};
 
 /// Maximum bytes per point of arrays until it is drawn, in addition to the copy.
 const POINT_BYTES: u64 = 200;

@@ -5,7 +5,7 @@ use crate::interrupt;
 use crate::scene::{Flags, NativeScene, py_bytes};
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};
-use surfel::Error;
+use surfel_load::Error;
 use surfel_view::{Config, Message, Painter};
 
 /// Returns the page for a widget's frame.

@@ -2,9 +2,11 @@
 
 use crate::memory::{self, BACKEND_STACK_BYTES};
 use std::sync::{Mutex, PoisonError};
-use surfel::backend::{BackendError, Chosen};
-use surfel::render::{Capabilities, RenderError};
-use surfel::{Backend, BackendOptions, Error, Renderer};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_backend::{BackendError, Chosen};
+use surfel_load::Error;
+use surfel_render::Renderer;
+use surfel_render::{Capabilities, RenderError};
 
 /// The requested backend.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

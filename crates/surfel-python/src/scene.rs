@@ -13,9 +13,13 @@ use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::camera::{self, CameraSource};
-use surfel::request::{Pictures, RenderOptions};
-use surfel::{BackendOptions, Camera, Error, Light, Planes, Scene, values};
+use surfel_app::camera::{self, CameraSource};
+use surfel_app::request::{Pictures, RenderOptions};
+use surfel_app::values;
+use surfel_backend::BackendOptions;
+use surfel_load::Error;
+use surfel_model::{Camera, Light, Scene};
+use surfel_render::Planes;
 
 /// Maximum number of lights, each of which may need a shadow map.
 const MOST_LIGHTS: usize = 256;

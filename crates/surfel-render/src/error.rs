@@ -78,3 +78,46 @@ pub enum RenderError {
         message: String,
     },
 }
+
+/// Reason why a backend isn't available.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BackendError {
+    /// The backend exists, but this program was built without it.
+    #[error(
+        "backend '{name}' is not built into this program, which has {available}: build it with Cargo's feature \
+         '{feature}', as in cargo build --release --features {feature}"
+    )]
+    NotBuilt {
+        /// Name of the backend.
+        name: &'static str,
+        /// Cargo feature that includes the backend.
+        feature: &'static str,
+        /// Names of the backends that are built in.
+        available: String,
+    },
+    /// No backend has this name.
+    #[error("there is no backend '{name}', expected one of auto, cpu, wgpu, ash, reference")]
+    Unknown {
+        /// The unknown name.
+        name: String,
+    },
+    /// The backend runs, but has no adapter with the wanted name.
+    #[error("backend '{name}' has no adapter called '{wanted}'; it found: {found}")]
+    NoAdapter {
+        /// The backend's name.
+        name: &'static str,
+        /// Part of the adapter name that was asked for.
+        wanted: String,
+        /// Name of the adapter that exists.
+        found: String,
+    },
+    /// The backend is built in, but failed to start.
+    #[error("backend '{name}' does not start: {source}")]
+    NoStart {
+        /// Name of the backend.
+        name: &'static str,
+        /// Reason for the failure.
+        source: RenderError,
+    },
+}

@@ -61,7 +61,7 @@ mod view;
 
 pub use background::Background;
 pub use balls::{BallPixel, BallPixelForm, ball_scale};
-pub use error::RenderError;
+pub use error::{BackendError, RenderError};
 pub use frame::{Frame, FramePlanes, Identity, Planes, PlanesMut};
 pub use gaussians::GaussianView;
 pub use lod::{

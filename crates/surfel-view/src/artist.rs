@@ -5,8 +5,9 @@ use crate::hub::{Hub, Job, Next, Outgoing};
 use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
-use surfel::session::{Loaded, Loader};
-use surfel::{Error, Progress};
+use surfel_app::session::{Loaded, Loader};
+use surfel_load::Error;
+use surfel_sample::Progress;
 
 /// Largest number of requests that wait for loading.
 const MAX_DEFERRED: usize = 64;

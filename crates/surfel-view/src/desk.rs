@@ -6,12 +6,14 @@ use crate::sessions::{Difference, Key, MAX_SESSIONS, Sessions, draw_png, draw_ti
 use crate::state::{self, Fixed, State, name_of};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
-use surfel::io::{JpegOptions, to_srgb8, write_jpeg};
-use surfel::options::{Commands, Options, Setter, table};
-use surfel::render::clock::Instant;
-use surfel::request::Resolved;
-use surfel::session::Session;
-use surfel::{BackendOptions, Frame, Planes, Progress, Renderer as _, Stats};
+use surfel_app::options::{Commands, Options, Setter, table};
+use surfel_app::request::Resolved;
+use surfel_app::session::Session;
+use surfel_backend::BackendOptions;
+use surfel_io::{JpegOptions, to_srgb8, write_jpeg};
+use surfel_render::clock::Instant;
+use surfel_render::{Frame, Planes, Renderer as _, Stats};
+use surfel_sample::Progress;
 
 /// Largest number of pixels of an image on the page.
 const MAX_PIXELS: u64 = 1 << 24;
@@ -182,7 +184,7 @@ impl Desk {
     /// Loads and shows a scene.
     #[cfg(feature = "export")]
     pub(crate) fn show_once(&mut self, asked: &Asked) -> Result<(), String> {
-        self.show(asked, &surfel::NoProgress).map(|_| ())
+        self.show(asked, &surfel_sample::NoProgress).map(|_| ())
     }
 
     /// Shows a scene. Returns notes.
@@ -288,8 +290,8 @@ impl Desk {
                 self.show(&asked, progress)?;
                 let session = self.session(&asked.key)?;
                 let Some(Resolved { file, .. }) = session.shown() else { return Err("no scene is shown".to_owned()) };
-                let file = surfel::paths::relative_to(Path::new("."), file).map_err(|e| e.to_string())?;
-                surfel::io::scene_file::to_json_pretty(&file)
+                let file = surfel_load::paths::relative_to(Path::new("."), file).map_err(|e| e.to_string())?;
+                surfel_io::scene_file::to_json_pretty(&file)
             }
             _ => return Err("as: expected command, python or scene".to_owned()),
         };

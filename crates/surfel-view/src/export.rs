@@ -10,11 +10,11 @@ use flate2::write::GzEncoder;
 use serde_json::json;
 use std::io::{self, Write};
 use std::path::Path;
-use surfel::io::copc::Copc;
-use surfel::io::{IoError, RegularFile, atomic};
-use surfel::options::{Commands, Setter, table};
-use surfel::paths::is_stdin;
-use surfel::scene::is_scene_file;
+use surfel_app::options::{Commands, Setter, table};
+use surfel_io::copc::Copc;
+use surfel_io::{IoError, RegularFile, atomic};
+use surfel_load::paths::is_stdin;
+use surfel_load::scene::is_scene_file;
 
 /// Largest file that is exported, in bytes. A browser holds it in memory several times.
 const MAX_BYTES: u64 = 512 << 20;
@@ -180,7 +180,7 @@ fn packed(bytes: &[u8]) -> Result<String, String> {
 fn read(config: &Config, input: &Path) -> Result<Vec<u8>, String> {
     match &config.stdin {
         Some(bytes) if is_stdin(input) => Ok(bytes.to_vec()),
-        _ => surfel::io::input::read(input, MAX_BYTES).map_err(|e| e.to_string()),
+        _ => surfel_io::input::read(input, MAX_BYTES).map_err(|e| e.to_string()),
     }
 }
 

@@ -13,7 +13,7 @@
 //! ```
 //!
 //! # Parts
-//! - `desk` answers requests of pages by a [`surfel::session::Session`] per backend, which `sessions` holds;
+//! - `desk` answers requests of pages by a [`surfel_app::session::Session`] per backend, which `sessions` holds;
 //!   [`Painter`] is a desk for a single page without a server: of a notebook, or of a page that draws by WebAssembly;
 //! - `server` answers connections: the page's files over HTTP, and one WebSocket per page; `http` and `guard` limit who
 //!   and what is answered;

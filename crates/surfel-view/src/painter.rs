@@ -3,7 +3,7 @@
 use crate::Config;
 use crate::desk::{Answer, Desk};
 use serde_json::{Value, json};
-use surfel::NoProgress;
+use surfel_sample::NoProgress;
 
 /// A message to the page.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,12 +3,15 @@
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel::io::{PlanesView, PngOptions, write_png};
-use surfel::options::Options;
-use surfel::request::Resolved;
-use surfel::session::{Picked, Session};
-use surfel::{BackendOptions, Error, Frame, Planes, Renderer as _, Stats, metadata};
+use surfel_app::metadata;
+use surfel_app::options::Options;
+use surfel_app::request::Resolved;
+use surfel_app::session::{Picked, Session};
+use surfel_backend::BackendOptions;
+use surfel_io::{PlanesView, PngOptions, write_png};
+use surfel_load::Error;
 use surfel_metrics::{CompareOptions, Comparison, Image};
+use surfel_render::{Frame, Planes, Renderer as _, Stats};
 
 /// Largest number of sessions: two sides of a comparison may have different backends or inputs.
 pub(crate) const MAX_SESSIONS: usize = 2;
@@ -109,7 +112,7 @@ impl Difference {
         let comparison = comparison.map_err(|e| e.to_string())?;
         let mut map = Vec::new();
         if let Some(flip) = &comparison.flip {
-            let linear = |c: u8| surfel::math::srgb::decode(f64::from(c) / 255.0) as f32;
+            let linear = |c: u8| surfel_math::srgb::decode(f64::from(c) / 255.0) as f32;
             let colors: Vec<[f32; 4]> =
                 flip.to_magma().into_iter().map(|[r, g, b]| [linear(r), linear(g), linear(b), 1.0]).collect();
             let view =

@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
-use surfel::options::{Audience, Commands, Options, Row, Setter, table};
+use surfel_app::options::{Audience, Commands, Options, Row, Setter, table};
 
 /// Options of the page's state, by name.
 pub(crate) type State = Map<String, Value>;
@@ -196,7 +196,7 @@ pub(crate) fn welcome(fixed: &Fixed, initial: &State) -> Value {
     };
     let inputs: Vec<String> = fixed.names.iter().map(|path| name_of(path)).collect();
     let rows: Vec<Value> = rows.map(row).collect();
-    json!({ "do": "welcome", "version": surfel::metadata::VERSION, "inputs": inputs, "rows": rows, "state": initial })
+    json!({ "do": "welcome", "version": surfel_app::metadata::VERSION, "inputs": inputs, "rows": rows, "state": initial })
 }
 
 /// Returns a file's name without its folder.

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::io;
 use std::sync::{Mutex, PoisonError};
-use surfel::io::HostFile;
+use surfel_io::HostFile;
 
 /// Size of a block, in bytes. The headers and hierarchies of files are read in small parts; each block is one request.
 const BLOCK_BYTES: u64 = 1 << 16;

@@ -82,7 +82,7 @@ pub extern "C" fn open_host(file_bytes: f64) -> usize {
     MODULE.with_borrow_mut(|module| {
         let (name, flags) = module.name_and_flags();
         let file = host::RangeFile::new(file_bytes as u64, read_at);
-        surfel::io::set_host_file(Some((name.clone(), std::sync::Arc::new(file))));
+        surfel_io::set_host_file(Some((name.clone(), std::sync::Arc::new(file))));
         module.open(Config { inputs: vec![name], flags, ..Config::default() })
     })
 }

@@ -1,5 +1,6 @@
 //! Surfel draws surfaces made of splats: scans, point clouds, meshes and trained Gaussians, filtered, blended and
-//! shaded. This crate loads files, frames and lights scenes, and draws them with any backend.
+//! shaded. This crate is the front door: it gathers the types that most programs need, and the packages behind them as
+//! eight modules.
 //!
 //! # Tour
 //! **A file.** [`open`] loads geometry or a scene file, and chooses camera, lights and settings where none are stated.
@@ -78,32 +79,25 @@
 //!
 //! | task | items |
 //! | --- | --- |
-//! | Start a backend; list those that work here | [`Backend`], [`BackendOptions`], [`backends`], [`mod@backend`] |
+//! | Start a backend; list those that work here | [`Backend`], [`BackendOptions`], [`backends`] |
 //! | Describe what is drawn | [`Scene`], [`SplatCloud`], [`Camera`], [`Light`], [`Material`], [`Settings`], [`model`] |
 //! | Render planes, regions and statistics | [`Renderer`], [`View`], [`Planes`], [`Frame`], [`Stats`], [`render`] |
-//! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`], [`octree`] |
-//! | Load a scene file | [`load_scene`], [`scene`] |
-//! | Apply the flags of `surfel render` | [`request`], [`options`], [`values`], [`style`], [`paths`] |
-//! | Draw a scene many times with changing options; pick | [`session`] |
-//! | Place a camera; estimate the up axis and the best view | [`framing`], [`camera`] |
-//! | Colour splats by an attribute; label them | [`coloring`], [`labels`] |
-//! | Draw more points than fit into memory; show a coarse image first | [`levels`], [`memory`], [`progressive`] |
-//! | Draw figures for papers, and films | [`figure`], [`film`] |
-//! | Drop points that no view shows | [`unseen`] |
-//! | Word numbers and counts in messages | [`words`] |
-//! | Write splats | [`splat_file`], [`splats`] |
-//! | Draw orthoimages | [`ortho`] |
-//! | Describe files; store how an image was made; compare images | [`info`], [`metadata`], [`compare`] |
+//! | Load one file as splats | [`load()`], [`LoadOptions`], [`LoadedCloud`] |
+//! | Load a scene file, colour by an attribute, keep within memory | [`load_scene`], [`mod@load`] |
+//! | Choose camera, light and materials of bare files | [`open`], [`stage`] |
+//! | Apply the flags of `surfel render`; draw many times; figures and films | [`RenderOptions`], [`app`] |
+//! | Draw orthoimages and surface models | [`ortho`] |
 //! | Convert points and meshes to splats; clip, fit and weigh splats | [`sample`] |
 //! | Read and write single formats | [`io`] |
-//! | Look up a formula | [`math`] |
+//! | Look up a formula | the package `surfel-math` |
 //!
 //! [`Error`] covers the errors of all packages below.
 //!
 //! # Layer
-//! The crate lies between the programs (`surfel-cli`, `surfel-python`) and the packages that it combines: `surfel-io`
-//! reads files, `surfel-sample` converts them to splats, the backends draw. It opens no window, prints nothing and has
-//! no global state. What the program can do, a library user can do.
+//! The crate has no code of its own. Programs depend on it, or on the packages behind it: `surfel-io` reads files,
+//! `surfel-sample` converts them to splats, `surfel-load` combines the two, `surfel-framing` estimates views,
+//! `surfel-stage` chooses scenes, `surfel-backend` draws, `surfel-ortho` draws orthoimages, and `surfel-app` has options
+//! and requests. What the program can do, a library user can do.
 //!
 //! # Features
 //!
@@ -118,77 +112,22 @@
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 
-mod attributes;
-mod auto;
-pub mod backend;
-pub mod camera;
-mod closed;
-pub mod coloring;
-pub mod compare;
-mod convert;
-mod equal;
-mod error;
-mod estimates;
-pub mod figure;
-mod figure_options;
-pub mod film;
-pub mod framing;
-mod front;
-pub mod info;
-pub mod labels;
-mod level_store;
-pub mod levels;
-mod lights;
-mod load;
-mod loaded_objects;
-pub mod memory;
-mod mesh_columns;
-pub mod metadata;
-mod named_light;
-mod noise;
-pub mod octree;
-pub mod options;
-#[cfg(feature = "ortho")]
-pub mod ortho;
-mod patches;
-pub mod paths;
-mod points_as;
-pub mod progressive;
-mod render_options;
-pub mod request;
-pub mod scene;
-pub mod session;
-mod sheets;
-mod single_sided;
-mod sky;
-pub mod splat_file;
-pub mod splats;
-mod strays;
-pub mod style;
-mod survey;
-pub mod unseen;
-mod upright;
-pub mod values;
-mod viewpoint;
-mod whites;
-pub mod words;
-
+pub use surfel_app as app;
 pub use surfel_io as io;
-pub use surfel_math as math;
+pub use surfel_load as load;
 pub use surfel_model as model;
-pub use surfel_model::glam;
+#[cfg(feature = "ortho")]
+pub use surfel_ortho as ortho;
 pub use surfel_render as render;
 pub use surfel_sample as sample;
+pub use surfel_stage as stage;
 
-pub use auto::{LoadedScene, open};
+pub use surfel_app::RenderOptions;
 #[cfg(any(feature = "wgpu", feature = "ash"))]
-pub use backend::GpuPath;
-pub use backend::{Backend, BackendError, BackendOptions, BackendScene, backends};
-pub use error::Error;
-pub use level_store::LevelStore;
-pub use load::{Conversion, LoadOptions, LoadedCloud, load};
-pub use render_options::RenderOptions;
-pub use scene::load_scene;
+pub use surfel_backend::GpuPath;
+pub use surfel_backend::{Backend, BackendInfo, BackendOptions, BackendScene, backends};
+pub use surfel_load::{Error, LoadOptions, LoadedCloud, load, load_scene};
 pub use surfel_model::{Camera, Light, Material, Scene, Settings, Shader, SplatCloud};
-pub use surfel_render::{Frame, Planes, Preset, Region, Renderer, Stats, View};
+pub use surfel_render::{BackendError, Frame, Planes, Preset, Region, Renderer, Stats, View};
 pub use surfel_sample::{NoProgress, Progress};
+pub use surfel_stage::{LoadedScene, open};

@@ -2,10 +2,15 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use surfel::glam::{DAffine3, DVec3};
-use surfel::model::{Cull, Geometry, Material, Object};
-use surfel::scene::{AutoOptions, LoadedObjects, ObjectFacts, assemble, auto_scene, bare_object};
-use surfel::{Backend, SplatCloud};
+use surfel_backend::Backend;
+use surfel_load::{
+    LoadedObjects, ObjectFacts,
+    scene::{assemble, bare_object},
+};
+use surfel_model::SplatCloud;
+use surfel_model::glam::{DAffine3, DVec3};
+use surfel_model::{Cull, Geometry, Material, Object};
+use surfel_stage::{AutoOptions, auto_scene};
 
 /// Returns splats of a sphere, evenly spaced, up to a height; no file states that they are watertight.
 fn ball_up_to(height: f64) -> LoadedObjects {

@@ -3,11 +3,16 @@
 
 use std::fmt::Write as _;
 use std::path::Path;
-use surfel::framing::{ViewAngles, ViewChoice};
-use surfel::io::Content;
-use surfel::model::{Camera, Cull, DepthTolerance, Geometry, Scene, Up};
-use surfel::scene::{AutoOptions, assemble, auto_depth_tolerance, auto_scene, bare_object, load_bare_objects};
-use surfel::{Backend, Frame, LoadOptions, LoadedScene, NoProgress, Planes, Renderer, View, open};
+use surfel_backend::Backend;
+use surfel_framing::{ViewAngles, ViewChoice};
+use surfel_io::Content;
+use surfel_load::LoadOptions;
+use surfel_load::scene::{assemble, bare_object, load_bare_objects};
+use surfel_model::{Camera, Cull, DepthTolerance, Geometry, Scene, Up};
+use surfel_render::{Frame, Planes, Renderer, View};
+use surfel_sample::NoProgress;
+use surfel_stage::{AutoOptions, auto_depth_tolerance, auto_scene};
+use surfel_stage::{LoadedScene, open};
 
 /// Height of a storey.
 const STOREY: f64 = 0.35;
@@ -36,7 +41,7 @@ fn building(storeys: u32) -> String {
     obj
 }
 
-fn image(scene: &Scene, file: &surfel::model::SceneFile) -> Frame {
+fn image(scene: &Scene, file: &surfel_model::SceneFile) -> Frame {
     let mut backend = Backend::auto().unwrap();
     let resident = backend.upload(scene).unwrap();
     backend.render(&resident, &file.camera, &file.settings).unwrap()
@@ -67,7 +72,7 @@ fn floors_do_not_shine_through_the_walls_of_a_bare_building() {
     let path = folder.join("building.obj");
     std::fs::write(&path, building(3)).unwrap();
     let LoadedScene { mut file, scene, .. } = open(&[&path], &NoProgress).unwrap();
-    let Content::Mesh(mesh) = surfel::io::load(&path, &Default::default()).unwrap().content else { panic!("a mesh") };
+    let Content::Mesh(mesh) = surfel_io::load(&path, &Default::default()).unwrap().content else { panic!("a mesh") };
     std::fs::remove_dir_all(&folder).unwrap();
     file.camera.size = [768, 768];
     let mut polygons = scene.clone();
@@ -112,7 +117,7 @@ fn roof_pixels(thickness: f64, size: [u32; 2], angles: ViewAngles, cull: Option<
     std::fs::write(&path, boxes(&house)).unwrap();
     let objects = vec![bare_object(&path)];
     let loaded = load_bare_objects(&objects, Path::new(""), &LoadOptions::default(), &NoProgress).unwrap();
-    let Content::Mesh(mesh) = surfel::io::load(&path, &Default::default()).unwrap().content else { panic!("a mesh") };
+    let Content::Mesh(mesh) = surfel_io::load(&path, &Default::default()).unwrap().content else { panic!("a mesh") };
     std::fs::remove_file(&path).unwrap();
     let options = AutoOptions::default().with_up(Some(Up::PlusZ)).with_view(ViewChoice::From(angles)).with_size(size);
     let mut file = auto_scene(objects, &loaded, &options).unwrap();

@@ -1,11 +1,13 @@
 //! Figures: panels share their camera and colours, distances are exact, and light keeps the hue of values.
 
 use std::path::PathBuf;
-use surfel::figure::{Drawing, FigureImage, FigureOptions, FigureRequest, Picture};
-use surfel::glam::DVec3;
-use surfel::model::{Colormap, Scene};
-use surfel::request::RenderOptions;
-use surfel::{Backend, Error, NoProgress};
+use surfel_app::figure::{Drawing, FigureImage, FigureOptions, FigureRequest, Picture};
+use surfel_app::request::RenderOptions;
+use surfel_backend::Backend;
+use surfel_load::Error;
+use surfel_model::glam::DVec3;
+use surfel_model::{Colormap, Scene};
+use surfel_sample::NoProgress;
 
 /// A folder that is removed when dropped.
 struct Folder(PathBuf);
@@ -70,7 +72,7 @@ fn words(image: &FigureImage) -> Vec<&str> {
 
 /// Returns hue in degrees and lightness of a colour, in CIE L*a*b*.
 fn hue_and_lightness(levels: [u8; 3]) -> (f64, f64) {
-    let linear = levels.map(|level| surfel::math::srgb::decode(f64::from(level) / 255.0));
+    let linear = levels.map(|level| surfel_math::srgb::decode(f64::from(level) / 255.0));
     let matrix = [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]];
     let white = [0.9505, 1.0, 1.089];
     let [x, y, z] = [0, 1, 2].map(|r| {
@@ -157,13 +159,13 @@ fn figures_have_the_width_that_is_asked_for() {
     let folder = Folder::new("width");
     let files = [folder.points("a.xyz", &sphere(500, 1.0)), folder.points("b.xyz", &sphere(500, 1.0))];
     let mut figure = FigureOptions::default();
-    figure.width = Some(surfel::figure::Length::Inches(3.0));
+    figure.width = Some(surfel_app::figure::Length::Inches(3.0));
     figure.error_row = Some(Colormap::Inferno);
     let image = draw(&files, &render(), &figure).unwrap();
     assert_eq!((image.drawing.size[0], image.dpi), (900, 300.0));
     let text = image.drawing.texts().find(|text| text.text == "a").unwrap();
     assert!((text.size - 8.0 * 300.0 / 72.0).abs() < 1e-9, "8 points");
-    figure.width = Some(surfel::figure::Length::Pixels(60.0));
+    figure.width = Some(surfel_app::figure::Length::Pixels(60.0));
     figure.font_pt = Some(8.0);
     assert!(draw(&files, &render(), &figure).unwrap_err().to_string().contains("--width"));
 }
@@ -196,9 +198,9 @@ fn objects_have_the_colour_that_is_asked_for() {
     options.set("color", "#c04020").unwrap();
     options.set("shader", "unlit").unwrap();
     options.set("background", "white").unwrap();
-    let request = surfel::request::Request::new(
-        surfel::request::Source::of(&[file], None).unwrap(),
-        &surfel::request::Pictures::One,
+    let request = surfel_app::request::Request::new(
+        surfel_app::request::Source::of(&[file], None).unwrap(),
+        &surfel_app::request::Pictures::One,
         &options,
     );
     let request = request.unwrap();
@@ -206,13 +208,13 @@ fn objects_have_the_colour_that_is_asked_for() {
     let resolved = request.resolve(loaded, &NoProgress, &mut |_| {}).unwrap();
     assert_eq!(resolved.file.objects[0].material.color.map(|color| color.0), Some([0xc0, 0x40, 0x20]));
     // The scene file alone gives the same image.
-    let options = surfel::LoadOptions::default();
+    let options = surfel_load::LoadOptions::default();
     let (again, _): (Scene, _) =
-        surfel::load_scene(&resolved.file, std::path::Path::new(""), &options, &NoProgress).unwrap();
+        surfel_load::load_scene(&resolved.file, std::path::Path::new(""), &options, &NoProgress).unwrap();
     for scene in [&resolved.scene, &again] {
         let mut backend = Backend::auto().unwrap();
         let resident = backend.upload(scene).unwrap();
         let frame = backend.render(&resident, &resolved.file.camera, &resolved.file.settings).unwrap();
-        assert_eq!(surfel::io::to_srgb8(frame.color())[60 * 120 + 60], [0xc0, 0x40, 0x20, 255]);
+        assert_eq!(surfel_io::to_srgb8(frame.color())[60 * 120 + 60], [0xc0, 0x40, 0x20, 255]);
     }
 }

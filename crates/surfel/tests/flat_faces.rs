@@ -2,9 +2,9 @@
 
 use std::collections::BTreeSet;
 use std::fmt::Write;
-use surfel::Backend;
-use surfel::glam::{DVec2, DVec3};
-use surfel::model::{Camera, Projection};
+use surfel_backend::Backend;
+use surfel_model::glam::{DVec2, DVec3};
+use surfel_model::{Camera, Projection};
 
 const SIZES: [[u32; 2]; 5] = [[256, 256], [640, 480], [800, 800], [1024, 1024], [1920, 1080]];
 /// Width of the rim along the outline, in pixels, in which the background may show.
@@ -83,7 +83,7 @@ fn pixel(camera: &Camera, p: DVec3) -> DVec2 {
 fn check(name: &str, corners: &[DVec3], sizes: &[[u32; 2]]) {
     let path = std::env::temp_dir().join(format!("surfel-flat-{name}-{}.obj", std::process::id()));
     std::fs::write(&path, obj(corners)).unwrap();
-    let opened = surfel::open(&[&path], &surfel::NoProgress);
+    let opened = surfel_stage::open(&[&path], &surfel_sample::NoProgress);
     std::fs::remove_file(&path).unwrap();
     let mut opened = opened.unwrap();
     opened.scene.background = [0.0; 4];

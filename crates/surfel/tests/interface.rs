@@ -1,6 +1,8 @@
 //! Interface that programs rely on: the front page's program, threads, and a root module that fits on a page.
 
-use surfel::{Backend, Camera, Frame, Planes, Renderer, Scene, Settings, SplatCloud, Stats, View};
+use surfel_backend::Backend;
+use surfel_model::{Camera, Scene, Settings, SplatCloud};
+use surfel_render::{Frame, Planes, Renderer, Stats, View};
 
 /// The front page's program, with its own output name.
 #[test]
@@ -17,7 +19,7 @@ fn front_page_program_draws_two_disks() -> Result<(), Box<dyn std::error::Error>
     let frame = backend.render(&resident, &camera, &Settings::default())?;
     frame.save_png(&out)?;
 
-    let image = surfel::io::read_image(&out)?;
+    let image = surfel_io::read_image(&out)?;
     std::fs::remove_file(&out)?;
     let color = image.color.ok_or("a PNG has colours")?;
     let at = |x: usize| color[300 * 800 + x];
@@ -51,21 +53,21 @@ fn scenes_and_renderers_go_where_threads_are() {
     fn sent<T: Send>() {}
     shared::<SplatCloud>();
     shared::<Scene>();
-    shared::<surfel::model::Octree>();
-    shared::<surfel::model::Mesh>();
+    shared::<surfel_model::Octree>();
+    shared::<surfel_model::Mesh>();
     shared::<Settings>();
     shared::<Camera>();
     shared::<View>();
     shared::<Planes>();
     shared::<Frame>();
     shared::<Stats>();
-    shared::<surfel::Error>();
-    shared::<surfel::LoadedScene>();
-    shared::<surfel::LoadedCloud>();
-    shared::<surfel::render::FramePlan>();
-    shared::<surfel::render::SceneSummary>();
+    shared::<surfel_load::Error>();
+    shared::<surfel_stage::LoadedScene>();
+    shared::<surfel_load::LoadedCloud>();
+    shared::<surfel_render::FramePlan>();
+    shared::<surfel_render::SceneSummary>();
     sent::<Backend>();
-    sent::<surfel::BackendScene>();
+    sent::<surfel_backend::BackendScene>();
     #[cfg(feature = "cpu")]
     {
         sent::<surfel_cpu::Renderer>();

@@ -4,10 +4,12 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU32, Ordering};
-use surfel::model::{Camera, Geometry};
-use surfel::render::{Frame, Planes, Renderer, SceneSummary, View};
-use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
-use surfel::{Backend, BackendOptions, LevelStore, NoProgress, levels};
+use surfel_app::request::{Pictures, RenderOptions, Request, Resolved, Source};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_load::{LevelStore, levels};
+use surfel_model::{Camera, Geometry};
+use surfel_render::{Frame, Planes, Renderer, SceneSummary, View};
+use surfel_sample::NoProgress;
 
 /// Colours of the test terrain.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,7 +51,7 @@ fn las(side: u32, colors: Colors) -> Vec<u8> {
         let color = match colors {
             Colors::Waves => [x, y, x + y].map(|v| {
                 let linear = 0.5 + 0.4 * (v * std::f64::consts::TAU / 17.0).sin();
-                (65_535.0 * surfel::math::srgb::encode(linear)) as u16
+                (65_535.0 * surfel_math::srgb::encode(linear)) as u16
             }),
             Colors::Fields => {
                 let field = (x / 5.0).floor() as i64 + (y / 5.0).floor() as i64;

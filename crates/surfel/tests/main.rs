@@ -6,6 +6,7 @@ mod figure;
 mod flat_faces;
 mod interface;
 mod level_pops;
+mod level_store;
 mod orientation;
 mod ortho;
 mod out_of_sight;

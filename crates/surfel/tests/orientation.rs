@@ -2,17 +2,19 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use surfel::framing::{
+use surfel_framing::{
     FrameOptions, FrameProjection, UpConvention, UpReason, Upright, ViewAngles, ViewAxes, best_view, frame_camera,
     upright,
 };
-use surfel::glam::{DAffine3, DMat3, DVec2, DVec3, Quat, Vec3};
-use surfel::model::{
+use surfel_load::LoadOptions;
+use surfel_model::SplatCloud;
+use surfel_model::glam::{DAffine3, DMat3, DVec2, DVec3, Quat, Vec3};
+use surfel_model::{
     Column3, GaussianCloud, GaussianData, GaussianKind, Geometry, Material, Mesh, Object, OnInvalid, PointCloud, Scene,
     Up,
 };
-use surfel::sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
-use surfel::{LoadOptions, NoProgress, SplatCloud};
+use surfel_sample::NoProgress;
+use surfel_sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
 
 const MESHES: UpConvention = UpConvention::Meshes;
 const POINTS: UpConvention = UpConvention::Points;
@@ -146,7 +148,7 @@ fn turned(up: Up) -> DAffine3 {
 fn spot() -> Object {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../assets/spot/spot.obj");
     let options = LoadOptions::default().with_method(Some(MeshMethod::Count(20_000)));
-    object(surfel::load(&path, &options, &NoProgress).unwrap().cloud)
+    object(surfel_load::load(&path, &options, &NoProgress).unwrap().cloud)
 }
 
 #[test]
@@ -535,7 +537,7 @@ fn depth_images_are_seen_from_their_camera() {
             points.len()
         );
         points.iter().for_each(|p| text.push_str(&format!("{} {} {}\n", p.x, p.y, p.z)));
-        surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
+        surfel_load::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
     };
     let view = |cloud: SplatCloud, up: Up| best_view(&[object(cloud)], up);
     let identity = "0 0 0 1 0 0 0";
@@ -579,7 +581,7 @@ fn seen_by_camera() -> Vec<DVec3> {
 fn points_that_a_camera_at_the_origin_sees_have_its_axes() {
     let found = |name: &str, points: &[DVec3]| {
         let text: String = points.iter().map(|p| format!("{} {} {}\n", p.x, p.y, p.z)).collect();
-        let loaded = surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap();
+        let loaded = surfel_load::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap();
         let objects = [object(loaded.cloud)];
         let up = upright(&objects, POINTS);
         (up, best_view(&objects, up.up))
@@ -707,7 +709,7 @@ fn meshes_that_are_wound_inside_out_are_turned_around() {
             let [b, c] = if turned { [c, b] } else { [b, c] };
             text.push_str(&format!("f {} {} {}\n", a + 1, b + 1, c + 1));
         }
-        surfel::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
+        surfel_load::load(&written(name, &text), &LoadOptions::default(), &NoProgress).unwrap()
     };
     let says = |notes: &[String]| notes.iter().any(|note| note.contains("inside out"));
     for (name, turned) in [("ball.obj", false), ("inside_out.obj", true)] {

@@ -3,10 +3,11 @@
 
 use crate::level_pops::{Colors, hills};
 use std::path::Path;
-use surfel::model::{Geometry, Scene, SplatCloud};
-use surfel::render::{Frame, Planes, Renderer};
-use surfel::request::{Pictures, RenderOptions, Request, Resolved, Source};
-use surfel::{Backend, BackendOptions, NoProgress};
+use surfel_app::request::{Pictures, RenderOptions, Request, Resolved, Source};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_model::{Geometry, Scene, SplatCloud};
+use surfel_render::{Frame, Planes, Renderer};
+use surfel_sample::NoProgress;
 
 /// Resolves a scene of the hills in low light, viewed down into a valley. `folder` holds their file.
 fn resolved(folder: &Path, projection: &str, shadow: bool) -> Resolved {
@@ -48,7 +49,7 @@ fn drawn(backend: &str, scene: &Scene, resolved: &Resolved) -> Frame {
     let mut backend = Backend::by_name(backend, &BackendOptions::default()).unwrap();
     let resident = backend.upload(scene).unwrap();
     let (camera, settings) = (&resolved.file.camera, &resolved.file.settings);
-    let view = surfel::render::View::new(camera).unwrap();
+    let view = surfel_render::View::new(camera).unwrap();
     let mut frame = Frame::default();
     backend.render_into(&resident, &view, settings, Planes::ALL, &mut frame).unwrap();
     frame

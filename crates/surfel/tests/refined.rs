@@ -1,12 +1,16 @@
 //! Objects whose COPC files are first read in part, and then as far as a view needs.
 
 use std::path::{Path, PathBuf};
-use surfel::io::copc::{CopcOptions, save_copc};
-use surfel::levels::{Levels, Seen};
-use surfel::model::{Camera, ConvertOptions, Geometry, ObjectFile};
-use surfel::render::View;
-use surfel::scene::{LoadedObjects, ObjectNote, load_objects, refine_objects};
-use surfel::{LoadOptions, NoProgress};
+use surfel_io::copc::{CopcOptions, save_copc};
+use surfel_load::LoadOptions;
+use surfel_load::levels::{Levels, Seen};
+use surfel_load::{
+    LoadedObjects, ObjectNote,
+    scene::{load_objects, refine_objects},
+};
+use surfel_model::{Camera, ConvertOptions, Geometry, ObjectFile};
+use surfel_render::View;
+use surfel_sample::NoProgress;
 
 /// Side of a square of points, 0.1 apart.
 const SIDE: u32 = 450;

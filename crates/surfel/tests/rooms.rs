@@ -2,11 +2,12 @@
 //! be.
 
 use std::sync::Arc;
-use surfel::framing::{UpConvention, ViewAngles, ViewAxes, ViewReason, best_view, choose_view, upright};
-use surfel::glam::{DAffine3, DMat3, DQuat, DVec3};
-use surfel::model::{Column3, Geometry, Material, Mesh, Object, PointCloud, Up};
-use surfel::sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
-use surfel::{LoadOptions, NoProgress};
+use surfel_framing::{UpConvention, ViewAngles, ViewAxes, ViewReason, best_view, choose_view, upright};
+use surfel_load::LoadOptions;
+use surfel_model::glam::{DAffine3, DMat3, DQuat, DVec3};
+use surfel_model::{Column3, Geometry, Material, Mesh, Object, PointCloud, Up};
+use surfel_sample::NoProgress;
+use surfel_sample::{MeshMethod, MeshOptions, PointOptions, splats_from_mesh, splats_from_points};
 
 /// Rectangles in y-up coordinates.
 #[derive(Clone, Default)]
@@ -55,7 +56,7 @@ impl Faces {
     }
 }
 
-fn object(cloud: surfel::SplatCloud) -> Object {
+fn object(cloud: surfel_model::SplatCloud) -> Object {
     let geometry = Geometry::Splats(Arc::new(cloud));
     Object { geometry, world_from_object: DAffine3::IDENTITY, material: Material::default() }
 }
@@ -106,7 +107,7 @@ fn rooms_that_open_to_one_side_are_looked_into() {
     let path = std::path::Path::new(env!("CARGO_TARGET_TMPDIR")).join("room.obj");
     std::fs::write(&path, text + faces).unwrap();
     let options = LoadOptions::default().with_method(Some(MeshMethod::Count(8000)));
-    let loaded = surfel::load(&path, &options, &NoProgress).unwrap();
+    let loaded = surfel_load::load(&path, &options, &NoProgress).unwrap();
     let view = best_view(&[object(loaded.cloud)], Up::PlusY);
     assert!(off(view, Up::PlusY, DVec3::NEG_Z) < 31.0, "{view}");
 }
@@ -187,9 +188,9 @@ fn normals_off_the_layout_decide_no_up_axis() {
     let wall = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
     for (axes, degrees) in [(DMat3::IDENTITY, 30.0), (wall, 60.0), (wall, 85.0), (DMat3::IDENTITY, 85.0)] {
         let found = upright(&[leaning(axes, degrees)], UpConvention::Points);
-        assert_ne!(found.reason, surfel::framing::UpReason::Floor, "{degrees}: {found:?}");
+        assert_ne!(found.reason, surfel_framing::UpReason::Floor, "{degrees}: {found:?}");
     }
     // Normals that fit the layout decide.
     let found = upright(&[leaning(DMat3::IDENTITY, 5.0)], UpConvention::Points);
-    assert_eq!((found.up, found.reason), (Up::PlusZ, surfel::framing::UpReason::Floor));
+    assert_eq!((found.up, found.reason), (Up::PlusZ, surfel_framing::UpReason::Floor));
 }

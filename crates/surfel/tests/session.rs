@@ -1,10 +1,11 @@
 //! Sessions: their images equal those of requests that load the files anew, to the bit.
 
 use std::path::{Path, PathBuf};
-use surfel::request::{Pictures, Request, Source};
-use surfel::{
-    Backend, BackendOptions, Frame, NoProgress, Planes, RenderOptions, Renderer as _, View, session::Session,
-};
+use surfel_app::request::{Pictures, Request, Source};
+use surfel_app::{RenderOptions, session::Session};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_render::{Frame, Planes, Renderer as _, View};
+use surfel_sample::NoProgress;
 
 /// Writes a hill of points with classes, and returns its path.
 fn hill(name: &str) -> PathBuf {

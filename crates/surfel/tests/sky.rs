@@ -1,12 +1,14 @@
 //! Light of skies, and ground, from flags and scene files to images.
 
 use std::path::{Path, PathBuf};
-use surfel::model::{GroundStyle, SceneFile};
-use surfel::request::{Pictures, Request, Resolved, SceneSource, Source};
-use surfel::{
-    Backend, BackendOptions, Error, Frame, NoProgress, Planes, Region, RenderOptions, Renderer as _, Shader, View,
-    session::Session,
-};
+use surfel_app::request::{Pictures, Request, Resolved, SceneSource, Source};
+use surfel_app::{RenderOptions, session::Session};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_load::Error;
+use surfel_model::Shader;
+use surfel_model::{GroundStyle, SceneFile};
+use surfel_render::{Frame, Planes, Region, Renderer as _, View};
+use surfel_sample::NoProgress;
 
 const SIDE: usize = 64;
 

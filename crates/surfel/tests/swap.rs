@@ -25,7 +25,7 @@ mod on_ash {
 }
 
 /// Fails if a colour differs from the reference's by more than rounding.
-fn is_the_reference_image(frame: &surfel::Frame) {
+fn is_the_reference_image(frame: &surfel_render::Frame) {
     let want = on_reference::draw().unwrap();
     assert_eq!((frame.width(), frame.height()), (80, 60));
     let colors = frame.color().as_flattened().iter().zip(want.color().as_flattened());
@@ -44,7 +44,7 @@ fn cpu_is_the_reference_by_another_name() {
 #[cfg(any(feature = "wgpu", feature = "ash"))]
 fn is_the_reference_image_where_there_is_an_adapter(
     name: &str,
-    drawn: Result<surfel::Frame, Box<dyn std::error::Error>>,
+    drawn: Result<surfel_render::Frame, Box<dyn std::error::Error>>,
 ) {
     match drawn {
         Ok(frame) => is_the_reference_image(&frame),

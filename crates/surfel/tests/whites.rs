@@ -2,11 +2,16 @@
 
 use std::path::Path;
 use std::sync::Arc;
-use surfel::framing::{FrameProjection, NamedView, ViewChoice};
-use surfel::glam::{DAffine3, DVec3};
-use surfel::model::{Geometry, Material, Object, Up};
-use surfel::scene::{AutoOptions, LoadedObjects, ObjectFacts, assemble, auto_scene, bare_object};
-use surfel::{Backend, Settings, Shader, SplatCloud};
+use surfel_backend::Backend;
+use surfel_framing::{FrameProjection, NamedView, ViewChoice};
+use surfel_load::{
+    LoadedObjects, ObjectFacts,
+    scene::{assemble, bare_object},
+};
+use surfel_model::glam::{DAffine3, DVec3};
+use surfel_model::{Geometry, Material, Object, Up};
+use surfel_model::{Settings, Shader, SplatCloud};
+use surfel_stage::{AutoOptions, auto_scene};
 
 /// Returns a sphere of splats, with this linear colour or none.
 fn ball(color: Option<[f32; 3]>) -> LoadedObjects {

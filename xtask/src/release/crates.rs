@@ -132,7 +132,14 @@ fn write_project(place: &Place, folder: &Path, patches: &str) -> Result<(), Stri
 }
 
 /// Packages that need a backend, with the feature that adds one.
-const DRAWING: [(&str, &str); 3] = [("surfel", "cpu"), ("surfel-view", "surfel/cpu"), ("surfel-cli", "surfel/cpu")];
+const DRAWING: [(&str, &str); 6] = [
+    ("surfel-backend", "cpu"),
+    ("surfel-ortho", "cpu"),
+    ("surfel-app", "cpu"),
+    ("surfel", "cpu"),
+    ("surfel-view", "surfel-app/cpu"),
+    ("surfel-cli", "surfel-app/cpu"),
+];
 
 /// Checks every feature of each package alone, no feature, all, and common pairs.
 pub(super) fn features(place: &Place) -> Verdict {

@@ -4,9 +4,11 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use surfel::render::{SceneSummary, plan};
-use surfel::{Backend, BackendOptions, BackendScene, Camera, Frame, Planes, Renderer, View};
+use surfel_backend::{Backend, BackendOptions, BackendScene};
 use surfel_gpu::CELL_PAIRS;
+use surfel_model::Camera;
+use surfel_render::{Frame, Planes, Renderer, View};
+use surfel_render::{SceneSummary, plan};
 
 use super::On;
 use super::record::{self, Record, Writer, plane_hashes};

@@ -48,7 +48,7 @@ pub(super) fn run(out: &Path, markdown: Option<&Path>) -> Result<(), Failure> {
     match markdown {
         None => print!("{page}"),
         Some(path) => {
-            surfel::io::atomic::write(path, true, |out| out.write_all(page.as_bytes()))?;
+            surfel_io::atomic::write(path, true, |out| out.write_all(page.as_bytes()))?;
             println!("written to {}", path.display());
         }
     }

@@ -4,7 +4,8 @@
 use std::sync::mpsc;
 use std::time::Instant;
 
-use surfel::{Backend, BackendOptions, Renderer};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_render::Renderer;
 
 use super::record::{Probe, Record, Writer};
 use super::{On, fits};

@@ -192,7 +192,7 @@ fn hash(bytes: impl IntoIterator<Item = u32>) -> String {
 }
 
 /// Returns hashes of a frame's planes of colour, depth, normals and weights, by the planes' names.
-pub fn plane_hashes(frame: &surfel::Frame) -> Vec<(&'static str, String)> {
+pub fn plane_hashes(frame: &surfel_render::Frame) -> Vec<(&'static str, String)> {
     let words = |values: &[f32]| hash(values.iter().map(|value| value.to_bits()));
     let planes = [
         ("color", frame.color().as_flattened()),

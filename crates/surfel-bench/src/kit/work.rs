@@ -5,9 +5,9 @@
 //! (layers, polygons, Gaussians, samples of edges) have no estimate.
 
 use serde::{Deserialize, Serialize};
-use surfel::model::Shader;
-use surfel::render::{FramePlan, Pass};
 use surfel_gpu::{Draw, PixelPass, Precision, RecordBytes, Target, Variant};
+use surfel_model::Shader;
+use surfel_render::{FramePlan, Pass};
 
 /// Operations of setting up a splat: transform, footprint, filter, box, depth (`setup.wgsl`).
 const SETUP_FLOPS: f64 = 450.0;
@@ -190,9 +190,10 @@ fn plane_floats(plan: &FramePlan) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel::model::EdgeAa;
-    use surfel::render::{Capabilities, SceneSummary, plan};
-    use surfel::{Camera, Planes, Settings, View};
+    use surfel_model::EdgeAa;
+    use surfel_model::{Camera, Settings};
+    use surfel_render::{Capabilities, SceneSummary, plan};
+    use surfel_render::{Planes, View};
 
     fn work(settings: Settings, pairs: f64) -> Vec<Work> {
         let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);

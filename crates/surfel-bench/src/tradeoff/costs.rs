@@ -1,9 +1,10 @@
 //! Cost of a scene's features: counted in the plan, and measured.
 
 use crate::page::Table;
-use surfel::render::{Capabilities, FramePlan, Pass, SceneSummary, plan};
-use surfel::{BackendScene, Frame, Renderer, View};
+use surfel_backend::BackendScene;
 use surfel_gpu::PlanCost;
+use surfel_render::{Capabilities, FramePlan, Pass, SceneSummary, plan};
+use surfel_render::{Frame, Renderer, View};
 
 use super::features::{Case, cases};
 use super::measure::{Backends, median};
@@ -152,7 +153,7 @@ pub(super) fn measure(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel::render::{Feature, unsupported};
+    use surfel_render::{Feature, unsupported};
 
     #[test]
     fn each_feature_of_scenes_has_a_case() {

@@ -5,9 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3};
-use surfel::model::{Cull, Geometry, Object, Shader, SplatCloud};
-use surfel::sample::{OctreeOptions, octree_from_mesh};
-use surfel::{Camera, LoadOptions, Material, NoProgress, Scene, Settings, View, levels};
+use surfel_load::{LoadOptions, levels};
+use surfel_model::{Camera, Material, Scene, Settings};
+use surfel_model::{Cull, Geometry, Object, Shader, SplatCloud};
+use surfel_render::View;
+use surfel_sample::NoProgress;
+use surfel_sample::{OctreeOptions, octree_from_mesh};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
@@ -69,7 +72,7 @@ fn points_in(
     let camera = subjects::camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
     let load = |options: &LoadOptions| -> Result<Geometry, Failure> {
         let options = options.clone().with_interior_weight(true);
-        Ok(Geometry::Splats(Arc::new(surfel::load(&path, &options, &NoProgress)?.cloud)))
+        Ok(Geometry::Splats(Arc::new(surfel_load::load(&path, &options, &NoProgress)?.cloud)))
     };
     let whole = subject(POINTS, load(&LoadOptions::default())?, &camera, if quick { 3 } else { 8 });
     let views = [View::new(&camera)?];
@@ -106,7 +109,7 @@ fn las(cloud: &SplatCloud) -> Vec<u8> {
         steps(i).to_array().iter().for_each(|v| bytes.extend_from_slice(&(*v as i32).to_le_bytes()));
         bytes.extend_from_slice(&[0; 8]);
         let color = cloud.data().colors.as_ref().map_or([1.0; 3], |colors| colors[i]);
-        let encoded = color.map(|v| (surfel::math::srgb::encode(f64::from(v)) * 65_535.0).round() as u16);
+        let encoded = color.map(|v| (surfel_math::srgb::encode(f64::from(v)) * 65_535.0).round() as u16);
         encoded.iter().for_each(|v| bytes.extend_from_slice(&v.to_le_bytes()));
     }
     bytes
@@ -128,7 +131,7 @@ const POINTS: (&str, &str) =
 fn subject((name, about): (&'static str, &'static str), geometry: Geometry, camera: &Camera, samples: u32) -> Subject {
     let material = Material { cull: Cull::Back, ..Material::default() };
     let object = Object { geometry, world_from_object: DAffine3::from_translation(DVec3::ZERO), material };
-    let lights = Some(surfel::scene::studio_lights(camera));
+    let lights = Some(surfel_stage::studio_lights(camera));
     Subject {
         name,
         about,

@@ -4,13 +4,15 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DQuat, DVec3, Vec3};
-use surfel::model::{
+use surfel_model::{
     ClipColumns, ClipCurve, ClipLine, ClipMode, ClipPolicy, CloudData, Column3, EdgeAa, Filter, GaussianCloud,
     GaussianData, GaussianKind, Geometry, Matcap, Mesh, ModelError, NO_LINE, Object, OnInvalid, Shader, Shape, Sort,
     Transparency,
 };
-use surfel::sample::{OctreeOptions, octree_from_mesh};
-use surfel::{Light, Material, NoProgress, Planes, Scene, Settings, SplatCloud, View};
+use surfel_model::{Light, Material, Scene, Settings, SplatCloud};
+use surfel_render::{Planes, View};
+use surfel_sample::NoProgress;
+use surfel_sample::{OctreeOptions, octree_from_mesh};
 
 use crate::{Failure, clouds};
 
@@ -173,7 +175,7 @@ fn alphas(data: &mut CloudData) {
 fn ellipses(data: &mut CloudData) {
     if let Shape::Disks { normals, radii } = &data.shape {
         let axes = |i: usize| {
-            let (s, t) = surfel::math::basis::orthonormal(normals.get(i));
+            let (s, t) = surfel_math::basis::orthonormal(normals.get(i));
             (s * f64::from(radii[i]), t * f64::from(radii[i]))
         };
         let (s, t): (Vec<DVec3>, Vec<DVec3>) = (0..radii.len()).map(axes).unzip();

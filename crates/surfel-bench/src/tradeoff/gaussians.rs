@@ -1,10 +1,10 @@
 //! Trained Gaussians: sort order, filter, and their replacement by surfaces.
 
 use glam::{DQuat, DVec3};
-use surfel::math::gaussian::SH_C0;
-use surfel::math::srgb;
-use surfel::model::{CloudData, Column3, Filter, GaussianCloud, GaussianData, GaussianKind, OnInvalid, Shape, Sort};
-use surfel::{Scene, Settings, SplatCloud};
+use surfel_math::gaussian::SH_C0;
+use surfel_math::srgb;
+use surfel_model::{CloudData, Column3, Filter, GaussianCloud, GaussianData, GaussianKind, OnInvalid, Shape, Sort};
+use surfel_model::{Scene, Settings, SplatCloud};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
@@ -109,7 +109,7 @@ fn ellipses(gaussians: &GaussianCloud) -> Result<SplatCloud, Failure> {
         ..CloudData::new(DVec3::ZERO, Column3::from_f64(&centers), shape)
     };
     let mut cloud = SplatCloud::new(data, OnInvalid::Refuse)?.0;
-    if let Some(weight) = surfel::sample::interior_weight(&cloud) {
+    if let Some(weight) = surfel_sample::interior_weight(&cloud) {
         cloud.set_interior_weight(weight);
     }
     Ok(cloud)

@@ -6,9 +6,9 @@ use std::time::Instant;
 use crate::Failure;
 use crate::page::Table;
 use glam::{DVec3, Vec3};
-use surfel::model::{Geometry, Object, Sky};
-use surfel::{Scene, SplatCloud};
 use surfel_light::{LightOptions, light_scene};
+use surfel_model::{Geometry, Object, Sky};
+use surfel_model::{Scene, SplatCloud};
 
 /// Numbers of directions, and sides of the maps; the defaults are 128 and 384.
 const LEVELS: [(u32, u32); 10] = [

@@ -3,12 +3,11 @@
 use std::time::Instant;
 
 use glam::{DAffine3, Vec3};
-use surfel::model::{Cull, Geometry, Object, Shader};
-use surfel::{
-    Backend, BackendOptions, BackendScene, Camera, Frame, Material, Planes, Preset, Renderer, Scene, Settings, Stats,
-    View,
-};
+use surfel_backend::{Backend, BackendOptions, BackendScene};
 use surfel_metrics::{CompareOptions, Image, MetricsError, compare};
+use surfel_model::{Camera, Material, Scene, Settings};
+use surfel_model::{Cull, Geometry, Object, Shader};
+use surfel_render::{Frame, Planes, Preset, Renderer, Stats, View};
 
 use super::figures::{Error, Figures, Row, SubjectFacts};
 use super::subjects::{Approximates, Subject};
@@ -177,7 +176,7 @@ fn facts(subject: &Subject, truth: String) -> SubjectFacts {
 }
 
 fn splats(subject: &Subject) -> u64 {
-    surfel::render::SceneSummary::of(&subject.scene).splats
+    surfel_render::SceneSummary::of(&subject.scene).splats
 }
 
 fn draw(
@@ -186,7 +185,7 @@ fn draw(
     view: &View,
     one: &mut Ready,
     planes: Planes,
-) -> Result<Stats, surfel::render::RenderError> {
+) -> Result<Stats, surfel_render::RenderError> {
     let backend = if one.variant.quantised { &mut backends.narrow } else { &mut backends.wide };
     backend.render_into(&scenes[one.scene], view, &one.settings, planes, &mut one.frame)
 }
@@ -221,7 +220,7 @@ fn image(
     scene: &BackendScene,
     view: &View,
     settings: &Settings,
-) -> Result<Frame, surfel::render::RenderError> {
+) -> Result<Frame, surfel_render::RenderError> {
     let mut frame = Frame::default();
     reference.render_into(scene, view, settings, Planes::ALL.with_margin(true), &mut frame)?;
     Ok(frame)

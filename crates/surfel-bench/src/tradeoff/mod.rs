@@ -23,7 +23,8 @@ use std::path::PathBuf;
 
 use crate::page::Table;
 use clap::ValueEnum;
-use surfel::{Backend, Renderer};
+use surfel_backend::Backend;
+use surfel_render::Renderer;
 
 use crate::machine::Machine;
 use crate::report::BackendFacts;
@@ -175,12 +176,12 @@ pub(crate) fn run(arguments: &Arguments) -> Result<(), Failure> {
         }
     }
     let json = serde_json::to_string_pretty(&findings.figures)? + "\n";
-    surfel::io::atomic::write(&arguments.output, true, |out| out.write_all(json.as_bytes()))?;
+    surfel_io::atomic::write(&arguments.output, true, |out| out.write_all(json.as_bytes()))?;
     let page = page::page(&findings);
-    surfel::io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
+    surfel_io::atomic::write(&arguments.report, true, |out| out.write_all(page.as_bytes()))?;
     if let Some(path) = &arguments.markdown {
         let text = markdown(&findings);
-        surfel::io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
+        surfel_io::atomic::write(path, true, |out| out.write_all(text.as_bytes()))?;
         println!("{}", path.display());
     }
     println!("{}\n{}", arguments.output.display(), arguments.report.display());

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use crate::page::Table;
 use glam::DVec3;
-use surfel::math::{V3, quantise};
+use surfel_math::{V3, quantise};
 
 /// Number of evenly spread directions, over which errors are maximised.
 const DIRECTIONS: u32 = 40_000;

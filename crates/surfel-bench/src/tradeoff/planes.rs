@@ -4,8 +4,9 @@ use std::sync::Arc;
 
 use crate::page::Table;
 use glam::DVec3;
-use surfel::model::{Geometry, OnInvalid};
-use surfel::{Frame, Planes, Renderer, Scene, Settings, SplatCloud, View};
+use surfel_model::{Geometry, OnInvalid};
+use surfel_model::{Scene, Settings, SplatCloud};
+use surfel_render::{Frame, Planes, Renderer, View};
 
 use super::costs;
 use super::features::{Case, gaussians};

@@ -4,9 +4,10 @@
 use std::time::Instant;
 
 use crate::page::Table;
-use surfel::model::{Column3, Geometry, PointCloud, Shader};
-use surfel::sample::{PointOptions, outliers, splats_from_points};
-use surfel::{NoProgress, SplatCloud};
+use surfel_model::SplatCloud;
+use surfel_model::{Column3, Geometry, PointCloud, Shader};
+use surfel_sample::NoProgress;
+use surfel_sample::{PointOptions, outliers, splats_from_points};
 
 use super::measure::{Backends, draw_alone};
 use super::{subjects, textures};

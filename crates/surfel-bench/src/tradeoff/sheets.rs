@@ -4,9 +4,10 @@
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use surfel::model::{Column3, Cull, Geometry, Mesh, Object};
-use surfel::sample::{MeshMethod, MeshOptions, splats_from_mesh};
-use surfel::{Camera, Material, NoProgress, Scene, Settings, SplatCloud};
+use surfel_model::{Camera, Material, Scene, Settings, SplatCloud};
+use surfel_model::{Column3, Cull, Geometry, Mesh, Object};
+use surfel_sample::NoProgress;
+use surfel_sample::{MeshMethod, MeshOptions, splats_from_mesh};
 
 use super::figures::Figures;
 use super::measure::{self, Backends};
@@ -139,7 +140,7 @@ fn seen(eye: DVec3, ray: DVec3) -> Option<Met> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use surfel::sample::is_closed;
+    use surfel_sample::is_closed;
 
     #[test]
     fn mesh_and_truth_are_of_the_same_boxes() {

@@ -5,11 +5,12 @@ use std::path::Path;
 use std::sync::Arc;
 
 use glam::{DAffine3, DVec3, Vec3};
-use surfel::model::{
+use surfel_model::{Camera, Light, Material, Scene, Settings, SplatCloud};
+use surfel_model::{
     CloudData, Column3, Cull, Geometry, Matcap, Mesh, ModelError, Object, OnInvalid, Projection, Shader, Shape,
     Transparency,
 };
-use surfel::{Camera, Light, Material, NoProgress, Scene, Settings, SplatCloud};
+use surfel_sample::NoProgress;
 
 use super::truth::{self, Truth};
 use crate::{Failure, clouds};
@@ -118,7 +119,7 @@ fn object(cloud: SplatCloud) -> Object {
 }
 
 fn scene(mut cloud: SplatCloud) -> Scene {
-    if let Some(weight) = surfel::sample::interior_weight(&cloud) {
+    if let Some(weight) = surfel_sample::interior_weight(&cloud) {
         cloud.set_interior_weight(weight);
     }
     Scene { objects: vec![object(cloud)], matcap: Some(Matcap::builtin()), ..Scene::default() }
@@ -272,7 +273,7 @@ fn bumpy(size: u32, samples: u32, quick: bool) -> Result<Subject, Failure> {
     let mut scene = scene(clouds::ball(if quick { 60_000 } else { 154_000 })?);
     scene.objects[0].material.cull = Cull::Back;
     let camera = camera([0.0, 0.3, 4.6], [0.0; 3], 32.0, size);
-    scene.lights = Some(surfel::scene::studio_lights(&camera));
+    scene.lights = Some(surfel_stage::studio_lights(&camera));
     Ok(Subject {
         name: "bumpy",
         about: "a bumpy closed surface, lit: what a scan is to a renderer",
@@ -301,8 +302,8 @@ fn cylinder(size: u32, samples: u32) -> Result<Subject, Failure> {
         triangles.extend([[0, b, a], [1, a + 1, b + 1], [a, b, a + 1], [b, b + 1, a + 1]]);
     }
     let mesh = Mesh { positions: Column3::from_f32(positions), triangles, ..Mesh::default() };
-    let options = surfel::sample::SharpOptions::default();
-    let (cloud, _) = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
+    let options = surfel_sample::SharpOptions::default();
+    let (cloud, _) = surfel_sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
     Ok(Subject {
         name: "cylinder",
         about: "a hundred large splats clipped along circular creases, by normals",
@@ -354,7 +355,7 @@ fn glass(size: u32) -> Result<Subject, Failure> {
 }
 
 fn model(name: &'static str, about: &'static str, path: &Path, size: u32, samples: u32) -> Result<Subject, Failure> {
-    let opened = surfel::open(&[path], &NoProgress)?;
+    let opened = surfel_stage::open(&[path], &NoProgress)?;
     let mut scene = opened.scene;
     // The comparison excludes the automatic background.
     scene.background = [0.0; 4];
@@ -362,7 +363,7 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
     for object in &mut scene.objects {
         if let Geometry::Splats(cloud) = &object.geometry {
             object.material.interior_weight =
-                cloud.data().interior_weight.or_else(|| surfel::sample::interior_weight(cloud));
+                cloud.data().interior_weight.or_else(|| surfel_sample::interior_weight(cloud));
         }
     }
     Ok(Subject {
@@ -379,13 +380,13 @@ fn model(name: &'static str, about: &'static str, path: &Path, size: u32, sample
 }
 
 fn sharp_model(path: &Path, size: u32, samples: u32) -> Result<Subject, Failure> {
-    let loaded = surfel::io::load(path, &surfel::io::LoadOptions::default())?;
-    let surfel::io::Content::Mesh(mesh) = loaded.content else {
+    let loaded = surfel_io::load(path, &surfel_io::LoadOptions::default())?;
+    let surfel_io::Content::Mesh(mesh) = loaded.content else {
         return Err(format!("{}: holds no mesh", path.display()).into());
     };
-    let options = surfel::sample::SharpOptions { splats: Some(2500), ..surfel::sample::SharpOptions::default() };
-    let (cloud, _) = surfel::sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
-    let opened = surfel::open(&[path], &NoProgress)?;
+    let options = surfel_sample::SharpOptions { splats: Some(2500), ..surfel_sample::SharpOptions::default() };
+    let (cloud, _) = surfel_sample::sharp_splats_from_mesh(&mesh, &options, &NoProgress)?;
+    let opened = surfel_stage::open(&[path], &NoProgress)?;
     Ok(Subject {
         name: "fandisk",
         about: "a CAD part as 2500 clipped splats, by normals",

@@ -5,10 +5,11 @@ use std::time::Instant;
 
 use crate::page::Table;
 use glam::Vec3;
-use surfel::model::{Geometry, Mesh, Shader, TextureSampling};
-use surfel::sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
-use surfel::{Camera, NoProgress};
 use surfel_metrics::{CompareOptions, Image, compare};
+use surfel_model::Camera;
+use surfel_model::{Geometry, Mesh, Shader, TextureSampling};
+use surfel_sample::NoProgress;
+use surfel_sample::{MeshMethod, MeshOptions, fit_to_mesh, splats_from_mesh};
 
 use super::measure::{Backends, draw_alone};
 use super::subjects;

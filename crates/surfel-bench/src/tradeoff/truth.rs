@@ -1,7 +1,8 @@
 //! Truths that images approximate: sampled closed forms.
 
 use glam::DVec3;
-use surfel::{Camera, View};
+use surfel_model::Camera;
+use surfel_render::View;
 
 /// Samples of closed forms along a pixel's side.
 const SAMPLES: u32 = 8;
@@ -60,7 +61,7 @@ pub(crate) fn cast(camera: &Camera, surface: &Surface, whole: bool) -> Result<Tr
     };
     let world_from_view = view.view_from_world.transpose();
     let cast_at = |x: f64, y: f64| {
-        let (_, d) = view.projection.ray(surfel::math::V2::new(x, y));
+        let (_, d) = view.projection.ray(surfel_math::V2::new(x, y));
         surface(view.eye, world_from_view * DVec3::new(d.x, d.y, d.z))
     };
     for i in 0..n {

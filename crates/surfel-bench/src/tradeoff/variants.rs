@@ -1,7 +1,8 @@
 //! Variants: each changes one knob to one value.
 
-use surfel::model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
-use surfel::{Preset, Settings};
+use surfel_model::Settings;
+use surfel_model::{Accumulate, ClipPolicy, DepthTolerance, EdgeAa, Filter, Mapping, Shader, Transparency};
+use surfel_render::Preset;
 
 /// Name of the variant that changes nothing.
 pub(crate) const DEFAULT: &str = "default";

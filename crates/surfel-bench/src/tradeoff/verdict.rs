@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use crate::page::Table;
-use surfel::Preset;
+use surfel_render::Preset;
 
 use super::figures::{Error, Figures, Row};
 use super::variants::{DEFAULT, default_value};

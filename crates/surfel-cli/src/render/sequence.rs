@@ -5,11 +5,14 @@ use crate::failure::Failure;
 use crate::stats;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use surfel::film::Sequence;
-use surfel::progressive::Detail;
-use surfel::render::{Capabilities, SceneSummary, unsupported};
-use surfel::request::Resolved;
-use surfel::{Backend, Error, NoProgress, Planes, Progress as _, Renderer as _};
+use surfel_app::film::Sequence;
+use surfel_app::progressive::Detail;
+use surfel_app::request::Resolved;
+use surfel_backend::Backend;
+use surfel_load::Error;
+use surfel_render::{Capabilities, SceneSummary, unsupported};
+use surfel_render::{Planes, Renderer as _};
+use surfel_sample::{NoProgress, Progress as _};
 
 /// A loaded frame, and the notes on its file.
 type Loaded = Result<(Resolved, Vec<String>), Error>;

@@ -99,8 +99,8 @@ impl Folder {
     }
 
     /// Returns the planes of an image.
-    pub fn image(&self, name: &str) -> surfel::io::Planes {
-        surfel::io::read_image(&self.0.join(name)).unwrap()
+    pub fn image(&self, name: &str) -> surfel_io::Planes {
+        surfel_io::read_image(&self.0.join(name)).unwrap()
     }
 }
 

@@ -80,7 +80,7 @@ fn hash(bytes: &[u8]) -> u64 {
 
 /// Appends an image's size, the hash of its planes, and its scene.
 fn put_image(text: &mut String, path: &Path) {
-    let image = match surfel::io::read_image(path) {
+    let image = match surfel_io::read_image(path) {
         Ok(image) => image,
         Err(error) => {
             let _ = writeln!(text, "  not read: {error}");

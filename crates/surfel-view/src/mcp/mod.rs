@@ -13,8 +13,8 @@ mod tools;
 
 use std::io::{BufRead, Write};
 use std::path::PathBuf;
-use surfel::BackendOptions;
-use surfel::io::lines::{Line, read_line};
+use surfel_backend::BackendOptions;
+use surfel_io::lines::{Line, read_line};
 
 /// Answers messages from `input` until it ends. Tools read only `roots` and files below them; without roots, files
 /// below the current folder. Drawing uses this number of threads; 0: one per CPU.

@@ -75,7 +75,7 @@ fn welcome(parameters: &Value) -> Value {
     json!({
         "protocolVersion": version,
         "capabilities": { "tools": {} },
-        "serverInfo": { "name": "surfel", "title": "Surfel", "version": surfel::metadata::VERSION },
+        "serverInfo": { "name": "surfel", "title": "Surfel", "version": surfel_app::metadata::VERSION },
         "instructions": INSTRUCTIONS,
     })
 }
@@ -84,7 +84,7 @@ fn welcome(parameters: &Value) -> Value {
 mod tests {
     use super::*;
     use crate::mcp::access::Access;
-    use surfel::BackendOptions;
+    use surfel_backend::BackendOptions;
 
     fn tools() -> Tools {
         Tools::new(Access::new(&[]).unwrap(), BackendOptions::default())

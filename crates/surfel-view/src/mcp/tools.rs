@@ -6,12 +6,14 @@ use crate::state::{self, Fixed, State, name_of};
 use data_encoding::BASE64;
 use serde_json::{Map, Value, json};
 use std::path::PathBuf;
-use surfel::io::{LoadOptions, to_srgb8};
-use surfel::options::Options;
-use surfel::scene::is_scene_file;
-use surfel::session::Session;
-use surfel::{BackendOptions, Frame, NoProgress, Planes, Renderer as _};
+use surfel_app::options::Options;
+use surfel_app::session::Session;
+use surfel_backend::BackendOptions;
 use surfel_figure::{Figure, Panel, Picture, Row, Style};
+use surfel_io::{LoadOptions, to_srgb8};
+use surfel_load::scene::is_scene_file;
+use surfel_render::{Frame, Planes, Renderer as _};
+use surfel_sample::NoProgress;
 
 /// Largest number of views of a request.
 const MAX_VIEWS: usize = 12;
@@ -258,7 +260,7 @@ impl Tools {
         let path = arguments.text("path")?.ok_or("path: expected the name of a file")?;
         let path = self.access.check(path)?;
         if !is_scene_file(&path) {
-            let facts = surfel::info::info(&path, &LoadOptions::default(), None);
+            let facts = surfel_app::info::info(&path, &LoadOptions::default(), None);
             return facts.map(|facts| result(facts, Vec::new())).map_err(|e| e.to_string());
         }
         let asked = Asked::new(vec![path], State::new(), None, SIZE)?;

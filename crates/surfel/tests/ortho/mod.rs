@@ -8,8 +8,9 @@ mod survey;
 mod truth;
 
 use std::path::{Path, PathBuf};
-use surfel::ortho::{Ortho, OrthoOptions};
-use surfel::{Backend, BackendOptions, NoProgress};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_ortho::{Ortho, OrthoOptions};
+use surfel_sample::NoProgress;
 use tiff::decoder::DecodingResult;
 use tiff::tags::Tag;
 use truth::{
@@ -126,7 +127,7 @@ fn georeferenced_points_keep_their_millimetres_and_their_system() {
     let options =
         OrthoOptions::new(0.1).with_bounds(bounds(637_000.0, 4_851_000.0)).with_origin([637_000.0, 4_851_000.0]);
     let (ortho, _) = draw(&folder.write("far.ply", &far, comment), &options, &far_files);
-    assert_eq!(ortho.crs.as_ref().and_then(surfel::io::Crs::epsg), Some(25_832));
+    assert_eq!(ortho.crs.as_ref().and_then(surfel_io::Crs::epsg), Some(25_832));
     let ((_, near), (_, far)) = (numbers(near_files.dsm.as_ref().unwrap()), numbers(far_files.dsm.as_ref().unwrap()));
     let mut off: Vec<f32> = near.iter().zip(&far).map(|(p, q)| (p - q).abs()).collect();
     off.sort_by(f32::total_cmp);

@@ -3,10 +3,11 @@
 use super::truth::{Folder, NO_DATA, draw, normal, numbers, random};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use surfel::levels::{CopcRequest, save_copc};
-use surfel::model::Outliers;
-use surfel::ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
-use surfel::{LoadOptions, NoProgress};
+use surfel_load::LoadOptions;
+use surfel_load::levels::{CopcRequest, save_copc};
+use surfel_model::Outliers;
+use surfel_ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
+use surfel_sample::NoProgress;
 
 /// Side of a square of ground in metres.
 const SIDE_M: f64 = 48.0;

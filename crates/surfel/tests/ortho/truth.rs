@@ -3,8 +3,9 @@
 use std::fmt::Write as _;
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use surfel::ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
-use surfel::{Backend, BackendOptions, NoProgress};
+use surfel_backend::{Backend, BackendOptions};
+use surfel_ortho::{Ortho, OrthoFiles, OrthoOptions, OrthoStats};
+use surfel_sample::NoProgress;
 use tiff::decoder::{Decoder, DecodingResult};
 
 pub(crate) const NO_DATA: f32 = -9999.0;

@@ -2,8 +2,8 @@ use super::*;
 use crate::kit::record::Kit;
 use crate::kit::work::Work;
 use crate::report::{Row, Samples, Subject};
-use surfel::Stats;
-use surfel::render::PassTime;
+use surfel_render::PassTime;
+use surfel_render::Stats;
 
 fn frame(backend: &str, adapter: &str, is_software: bool, hashes: [&str; 2]) -> Record {
     let passes = vec![PassTime { name: "setup", ms: 2.0 }, PassTime { name: "attributes", ms: 6.0 }];

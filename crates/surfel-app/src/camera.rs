@@ -1,0 +1,244 @@
+//! The camera that options ask for, and its rotation in a turntable movie.
+
+use crate::render_options::RenderOptions;
+use glam::{DQuat, DVec3};
+use std::collections::HashSet;
+use std::path::{Path, PathBuf};
+use surfel_framing::strays::Sphere;
+use surfel_framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
+use surfel_io::cameras::NamedCamera;
+use surfel_load::Error;
+use surfel_model::{Camera, Light, Projection, Scene, Up};
+use surfel_render::View;
+
+/// Source of the camera that the options state.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraSource {
+    /// A file that holds only a scene file's camera object.
+    File(PathBuf),
+    /// A camera given as a value.
+    Given {
+        /// The camera.
+        camera: Box<Camera>,
+        /// True if its near and far planes are replaced by ones fitted to the scene.
+        fits_depth: bool,
+    },
+}
+
+impl CameraSource {
+    /// True if the camera's near and far planes are replaced by ones fitted to the scene.
+    pub fn fits_depth(&self) -> bool {
+        matches!(self, Self::Given { fits_depth: true, .. })
+    }
+}
+
+/// Fraction of the image that the scene fills with `--view`.
+const FILL: f64 = 0.9;
+
+/// Returns the projection that `--ortho` and `--fov-y` ask for.
+pub(crate) fn projection(options: &RenderOptions) -> FrameProjection {
+    if options.ortho {
+        FrameProjection::Orthographic
+    } else {
+        FrameProjection::Perspective(options.fov_y.unwrap_or(DEFAULT_FOV_Y_DEG))
+    }
+}
+
+/// True if a flag changes the camera, so that an invalid camera is a usage error.
+pub(crate) fn is_flagged(options: &RenderOptions) -> bool {
+    options.eye.is_some()
+        || options.target.is_some()
+        || options.camera_up.is_some()
+        || options.fov_y.is_some()
+        || options.ortho
+        || options.size.is_some()
+        || options.region.is_some()
+        || options.tile.is_some()
+}
+
+/// Frames the part of the scene inside a sphere again for `--view`, with the projection of `camera` unless flags state
+/// another.
+pub(crate) fn reframe(
+    camera: &Camera,
+    scene: &Scene,
+    kept: Option<Sphere>,
+    up: Up,
+    options: &RenderOptions,
+) -> Option<Camera> {
+    let view = options.view?;
+    let size = options.size.unwrap_or(camera.size);
+    let projection = match (options.ortho || options.fov_y.is_some(), camera.projection) {
+        (true, _) => projection(options),
+        (false, Projection::Orthographic { .. }) => FrameProjection::Orthographic,
+        (false, Projection::Perspective { fov_y_deg }) => FrameProjection::Perspective(fov_y_deg),
+        (false, Projection::Intrinsics { fy, .. }) => FrameProjection::Perspective(fov_of(fy, size[1])),
+    };
+    let axes = ViewAxes::of_choice(view, &scene.objects, up);
+    let turning = options.turntable.then(|| up.vector());
+    surfel_framing::frame_within(scene, kept, &FrameOptions { axes, projection, size, fill: FILL, turning })
+}
+
+fn fov_of(focal_px: f64, height_px: u32) -> f64 {
+    2.0 * (0.5 * f64::from(height_px) / focal_px).atan().to_degrees()
+}
+
+/// Returns the camera for an image of another size with the same proportions.
+pub(crate) fn resized(camera: &Camera, size: [u32; 2]) -> Camera {
+    let [x, y] = [0, 1].map(|k| f64::from(size[k]) / f64::from(camera.size[k]));
+    let projection = match camera.projection {
+        Projection::Intrinsics { fx, fy, cx, cy } => {
+            Projection::Intrinsics { fx: fx * x, fy: fy * y, cx: cx * x, cy: cy * y }
+        }
+        other => other,
+    };
+    Camera { size, projection, ..camera.clone() }
+}
+
+/// Applies the options to a camera. `own_near`: the near plane isn't given, so it is fitted to the scene.
+pub(crate) fn apply_flags(camera: &mut Camera, scene: &Scene, up: Up, own_near: bool, options: &RenderOptions) {
+    let before = camera.clone();
+    if let Some(size) = options.size {
+        camera.size = size;
+    }
+    if let Some(eye) = options.eye {
+        camera.eye = eye;
+    }
+    if let Some(target) = options.target {
+        camera.target = target;
+    }
+    if let Some(camera_up) = options.camera_up {
+        camera.up = camera_up;
+    } else if (options.eye.is_some() || options.target.is_some()) && own_near {
+        camera.up = upward(camera, up);
+    }
+    if options.ortho && !matches!(camera.projection, Projection::Orthographic { .. }) {
+        let distance = DVec3::from(camera.eye).distance(DVec3::from(camera.target));
+        let height = match camera.projection {
+            Projection::Perspective { fov_y_deg } => 2.0 * distance * (0.5 * fov_y_deg.to_radians()).tan(),
+            Projection::Intrinsics { fy, .. } => distance * f64::from(camera.size[1]) / fy,
+            Projection::Orthographic { height } => height,
+        };
+        camera.projection = Projection::Orthographic { height };
+    }
+    if let (Some(given), Projection::Orthographic { height }) = (options.ortho_height, &mut camera.projection) {
+        *height = given;
+    }
+    if let Some(fov_y_deg) = options.fov_y {
+        camera.projection = Projection::Perspective { fov_y_deg };
+    }
+    let fits_depth = options.camera.as_ref().is_some_and(CameraSource::fits_depth);
+    if *camera != before || fits_depth {
+        refit_depth(camera, scene, own_near || fits_depth);
+    }
+}
+
+/// Returns the scene's up direction; if the camera looks along it, the up direction of the view from above or below.
+fn upward(camera: &Camera, up: Up) -> [f64; 3] {
+    let forward = (DVec3::from(camera.target) - DVec3::from(camera.eye)).normalize_or_zero();
+    let along = up.vector();
+    if forward.cross(along).length() > 1e-6 {
+        return along.into();
+    }
+    let view =
+        if forward.dot(along) < 0.0 { surfel_framing::NamedView::Top } else { surfel_framing::NamedView::Bottom };
+    ViewAxes::named(view, up).up.into()
+}
+
+/// Fits near and far planes to the scene: near only if `own_near`, far only if needed.
+fn refit_depth(camera: &mut Camera, scene: &Scene, own_near: bool) {
+    let forward = ViewAxes::of(camera).forward;
+    let Some((first, last)) = surfel_framing::depth_range(scene, camera.eye.into(), forward) else { return };
+    let size = (last - first).max(1e-6);
+    if own_near {
+        camera.near = if first > 0.0 { 0.5 * first } else { 1e-3 * size };
+    }
+    let orthographic = matches!(camera.projection, Projection::Orthographic { .. });
+    if orthographic && (camera.far.is_none() || own_near) {
+        camera.far = Some((last + 0.01 * size).max(2.0 * camera.near));
+    }
+    if !orthographic && own_near {
+        camera.far = None;
+    }
+}
+
+/// Reads the cameras of another program for images of `size` (width and height in pixels), with their names. `None`
+/// uses the size that the file states.
+///
+/// # Errors
+/// [`Error::Io`] for a file that can't be read or has unsupported content, such as lens distortion.
+/// [`Error::Unsuitable`] for equal names, cameras out of range, and an image size that neither the file nor `size`
+/// states.
+pub fn named(path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    let cameras = surfel_io::cameras::read(path)?;
+    with_names(cameras, path, size)
+}
+
+/// Reads cameras like [`named`], from JSON text.
+///
+/// # Errors
+/// Errors of [`named`].
+pub fn named_in_json(json: &[u8], name: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    with_names(surfel_io::cameras::read_json(json, name)?, name, size)
+}
+
+fn with_names(cameras: Vec<NamedCamera>, path: &Path, size: Option<[u32; 2]>) -> Result<Vec<(String, Camera)>, Error> {
+    let of = |problem: String| Error::Unsuitable { path: path.to_path_buf(), problem };
+    let mut names = HashSet::new();
+    for camera in &cameras {
+        if !names.insert(&camera.name) {
+            return Err(of(format!("two cameras have images called {}\n  expected: different names", camera.name)));
+        }
+    }
+    let used = |named: NamedCamera| {
+        let camera = named.camera(size).map_err(|problem| of(problem.to_string()))?;
+        camera.validate().map_err(|e| of(format!("camera {}: {e}", named.name)))?;
+        Ok((named.name, camera))
+    };
+    cameras.into_iter().map(used).collect()
+}
+
+/// Adds a near plane before the scene to another program's camera, which has none.
+pub fn with_near(mut camera: Camera, scene: &Scene) -> Camera {
+    refit_depth(&mut camera, scene, true);
+    camera
+}
+
+/// Axis that the camera and its lights turn around.
+#[derive(Clone, Copy, Debug)]
+pub struct Turntable {
+    /// A point on the axis, in world space.
+    pub center: DVec3,
+    /// Direction of the axis, a unit vector.
+    pub axis: DVec3,
+}
+
+impl Turntable {
+    /// Returns camera and lights after the fraction `turn` of a revolution, 0 to 1. The scene appears to turn, so
+    /// camera and lights move the other way.
+    pub fn at(&self, turn: f64, camera: &Camera, lights: &[Light]) -> (Camera, Vec<Light>) {
+        let rotation = DQuat::from_axis_angle(self.axis, -std::f64::consts::TAU * turn);
+        let direction = |v: [f64; 3]| -> [f64; 3] { (rotation * DVec3::from(v)).into() };
+        let point = |p: [f64; 3]| -> [f64; 3] { (self.center + rotation * (DVec3::from(p) - self.center)).into() };
+        let mut camera = camera.clone();
+        (camera.eye, camera.target, camera.up) = (point(camera.eye), point(camera.target), direction(camera.up));
+        let mut lights = lights.to_vec();
+        for light in &mut lights {
+            match light {
+                Light::Directional { direction: d, .. } => *d = direction(*d),
+                Light::Point { position, .. } => *position = point(*position),
+                Light::Spot { position, direction: d, .. } => (*position, *d) = (point(*position), direction(*d)),
+                _ => {}
+            }
+        }
+        (camera, lights)
+    }
+}
+
+/// Creates the view of a camera and checks it.
+///
+/// # Errors
+/// [`Error::Usage`] if options changed the camera, else [`Error::Model`].
+pub fn view(camera: &Camera, options: &RenderOptions) -> Result<View, Error> {
+    View::of_region(camera, options.region_of(camera)?)
+        .map_err(|e| if is_flagged(options) { Error::Usage(e.to_string()) } else { e.into() })
+}

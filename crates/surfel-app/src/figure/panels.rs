@@ -1,0 +1,277 @@
+//! Panels of a figure: their places, their sizes, and their images.
+
+use super::{ErrorColors, FigureRequest, Length, PANEL, Subject, errors, marks, values};
+use crate::camera::resized;
+use std::path::Path;
+use std::sync::Arc;
+use surfel_backend::Backend;
+use surfel_figure::{Figure, Key, Panel, Picture, Row, Style};
+use surfel_load::Error;
+use surfel_math::srgb;
+use surfel_model::{Camera, Scene};
+use surfel_model::{MAX_IMAGE_SIDE, Settings};
+use surfel_render::{Frame, Planes, Renderer as _, View};
+
+/// Font size in points, for figures whose width is a length on paper.
+const FONT_PT: f64 = 8.0;
+/// Size of words in figures whose width is a number of pixels, as a fraction of this width.
+const FONT_OF_WIDTH: f64 = 1.0 / 46.0;
+/// Size of words in figures without a fixed width, as a fraction of a panel's shorter side.
+const FONT_OF_PANEL: f64 = 0.032;
+/// Least size of words in pixels, unless it is given.
+const LEAST_FONT: f64 = 9.0;
+/// Share of a figure's width that panels are assumed to get, before the words are laid out.
+const PANELS_SHARE: f64 = 0.85;
+/// Smallest width of a panel in pixels.
+const LEAST_WIDTH: f64 = 16.0;
+/// Points per inch.
+const POINTS: f64 = 72.0;
+
+/// A panel and what it shows.
+pub(super) struct Cell {
+    row: usize,
+    column: usize,
+    subject: usize,
+    /// Index of the file within its subject.
+    member: usize,
+    is_error: bool,
+}
+
+/// The figure while its panels are drawn.
+pub(super) struct Panels<'a> {
+    request: &'a FigureRequest<'a>,
+    pub(super) figure: Figure,
+    pub(super) cells: Vec<Cell>,
+    size: [u32; 2],
+}
+
+/// Returns the width of the figure in pixels, if it is fixed.
+fn fixed_width(request: &FigureRequest<'_>) -> Option<f64> {
+    Some(match request.figure.width? {
+        Length::Pixels(pixels) => pixels,
+        Length::Inches(inches) => inches * request.dpi(),
+    })
+}
+
+/// Returns the size of a panel before the words are laid out. `given` is that of the options.
+pub(super) fn first_size(request: &FigureRequest<'_>, given: Option<[u32; 2]>) -> [u32; 2] {
+    let [width, height] = given.unwrap_or(PANEL);
+    let Some(whole) = fixed_width(request) else { return [width, height] };
+    let own = (PANELS_SHARE * whole / request.columns() as f64).max(LEAST_WIDTH);
+    sized(own, [width, height])
+}
+
+/// Returns a size of this width with the proportions of another.
+fn sized(width: f64, [w, h]: [u32; 2]) -> [u32; 2] {
+    let height = width * f64::from(h) / f64::from(w);
+    [width, height].map(|side| side.round().clamp(1.0, f64::from(MAX_IMAGE_SIDE)) as u32)
+}
+
+impl<'a> Panels<'a> {
+    /// Places empty panels, whose size follows from the width of the figure, if it is fixed.
+    pub(super) fn new(request: &'a FigureRequest<'a>, subjects: &[Subject<'_>], keys: Vec<Key>) -> Result<Self, Error> {
+        let size = subjects.first().map_or(PANEL, |subject| subject.resolved.file.camera.size);
+        let [r, g, b, a] = subjects.first().map_or([1.0; 4], |subject| subject.resolved.file.background);
+        let level = |value: f64| (255.0 * value.clamp(0.0, 1.0)).round() as u8;
+        let [r, g, b] = [r, g, b].map(|c| level(srgb::encode(c.clamp(0.0, 1.0))));
+        let style = Style { font: font(request, size), background: [r, g, b, level(a)], width: None };
+        let title = request.figure.title.clone();
+        let mut figure = Figure { title, keys, style, ..Figure::default() };
+        if subjects.len() > 1 && request.figure.titles.len() == request.columns() {
+            figure.headings.clone_from(&request.figure.titles);
+        }
+        let mut panels = Self { request, figure, cells: Vec::new(), size };
+        subjects.iter().enumerate().for_each(|(i, subject)| panels.add(i, subject, subjects.len()));
+        panels.fit()?;
+        Ok(panels)
+    }
+
+    /// Adds the rows of a subject.
+    fn add(&mut self, subject: usize, content: &Subject<'_>, subjects: usize) {
+        let (columns, options) = (self.request.columns(), self.request.figure);
+        let count = content.panels();
+        for first in (0..count).step_by(columns) {
+            let members = first..count.min(first + columns);
+            let row_title = options.row_titles.get(subject * count.div_ceil(columns) + first / columns).cloned();
+            let row = self.figure.rows.len();
+            let panels = members.clone().map(|member| {
+                let index = subject * count + member;
+                let of_file = || content.paths.get(member).filter(|_| count > 1 || subjects > 1).map(|path| stem(path));
+                let caption = match options.titles.len() {
+                    0 => of_file(),
+                    n if n == count && subjects > 1 => None,
+                    _ => options.titles.get(index).cloned(),
+                };
+                Some(Panel { caption: caption.filter(|text| !text.is_empty()), ..Panel::empty(self.size) })
+            });
+            self.figure.rows.push(Row { label: row_title, panels: panels.collect() });
+            let cell = |member: usize, row: usize, is_error: bool| Cell {
+                row,
+                column: member - first,
+                subject,
+                member,
+                is_error,
+            };
+            self.cells.extend(members.clone().map(|member| cell(member, row, false)));
+            if content.distances.is_empty() {
+                continue;
+            }
+            // The reference has no error, so that its place stays empty.
+            let panels = members.clone().map(|member| {
+                let distances = content.distances.get(member.checked_sub(1)?)?;
+                let unit = options.unit.as_ref().map(|unit| format!(" {unit}")).unwrap_or_default();
+                let caption = format!("mean {}{unit}", digits(errors::mean(distances)));
+                Some(Panel { caption: Some(caption), ..Panel::empty(self.size) })
+            });
+            self.figure.rows.push(Row { label: None, panels: panels.collect() });
+            self.cells.extend(members.filter(|member| *member > 0).map(|member| cell(member, row + 1, true)));
+        }
+    }
+
+    /// Chooses the size of the panels so that the figure has its fixed width.
+    fn fit(&mut self) -> Result<(), Error> {
+        let Some(whole) = fixed_width(self.request) else { return Ok(()) };
+        let proportions = self.size;
+        let columns = self.figure.rows.iter().map(|row| row.panels.len()).max().unwrap_or(1).max(1);
+        let mut width = f64::from(self.size[0]);
+        // The words depend a little on the size of the panels.
+        for _ in 0..4 {
+            let excess = f64::from(self.figure.layout().size[0]) - whole;
+            width = (width - (excess / columns as f64)).floor();
+            if width < LEAST_WIDTH {
+                let found = whole.round();
+                return Err(Error::Usage(format!(
+                    "--width leaves no room for {columns} panels: found {found} pixels, expected a larger width, or \
+                     fewer columns (--wrap), a smaller --font-size or --no-legend"
+                )));
+            }
+            self.resize(sized(width, proportions));
+        }
+        self.figure.style.width = Some(whole.round() as u32);
+        Ok(())
+    }
+
+    fn resize(&mut self, size: [u32; 2]) {
+        self.size = size;
+        self.figure.rows.iter_mut().flat_map(|row| &mut row.panels).flatten().for_each(|panel| panel.size = size);
+    }
+
+    /// Draws the image of a panel. `errors` are the colours of distances; `has_values` states that panels are coloured
+    /// by values.
+    pub(super) fn draw(
+        &mut self,
+        at: usize,
+        subjects: &[Subject<'_>],
+        (errors, has_values): (Option<&ErrorColors>, bool),
+        frusta: &[Camera],
+        backend: &mut Backend,
+    ) -> Result<(), Error> {
+        let cell = &self.cells[at];
+        let subject = &subjects[cell.subject];
+        let resolved = &subject.resolved;
+        let mut camera = resized(&resolved.file.camera, self.size);
+        if subject.is_framed {
+            camera = marks::including(&camera, frusta);
+        }
+        let view = crate::camera::view(&camera, self.request.render)?;
+        let mut settings = resolved.file.settings;
+        let mut scene = resolved.scene.clone();
+        if subject.is_split {
+            scene.objects = vec![resolved.scene.objects[cell.member].clone()];
+        }
+        let distances = errors.filter(|_| cell.is_error && subject.is_split);
+        let distances = distances.map(|colors| (colors, &subject.distances[cell.member - 1]));
+        let blended = match distances {
+            Some((colors, distances)) => values::split(&scene, distances, colors.end)?,
+            None => None,
+        };
+        match (&blended, distances) {
+            (Some(panel), _) => scene = panel.white.clone(),
+            (None, Some((colors, distances))) => {
+                scene.objects = vec![errors::painted(&scene.objects[0], distances, &colors.map, colors.end)?];
+            }
+            (None, None) => {}
+        }
+        if cell.is_error || has_values {
+            errors::make_readable(&mut scene, &mut settings, &view);
+        }
+        let planes = Planes::COLOR.with_depth(!frusta.is_empty());
+        let mut frame = self.frame(&scene, &view, &settings, planes, backend)?;
+        if let (Some(panel), Some((colors, _))) = (blended, distances) {
+            let settings = values::of_values(&settings);
+            let drawn = self.frame(&panel.values, &view, &settings, Planes::COLOR, backend)?;
+            values::color(frame.color_mut(), drawn.color(), &colors.map, resolved.scene.background);
+        }
+        let marks = marks::of_panel(&camera, &view, self.request.figure, frusta, frame.depth());
+        let rgba = surfel_io::to_srgb8(frame.color());
+        let place = self.figure.rows.get_mut(cell.row).and_then(|row| row.panels.get_mut(cell.column));
+        if let Some(panel) = place.and_then(Option::as_mut) {
+            (panel.picture, panel.marks) = (Some(Arc::new(Picture { size: self.size, rgba })), marks);
+        }
+        Ok(())
+    }
+
+    fn frame(
+        &self,
+        scene: &Scene,
+        view: &View,
+        settings: &Settings,
+        planes: Planes,
+        backend: &mut Backend,
+    ) -> Result<Frame, Error> {
+        let mut frame = Frame::default();
+        let resident = backend.upload(scene)?;
+        match self.request.render.samples {
+            Some(n) => backend.render_supersampled(&resident, view, settings, planes, n, &mut frame)?,
+            None => backend.render_into(&resident, view, settings, planes, &mut frame)?,
+        };
+        Ok(frame)
+    }
+}
+
+/// Returns the size of words in pixels.
+fn font(request: &FigureRequest<'_>, [width, height]: [u32; 2]) -> f64 {
+    let is_on_paper = matches!(request.figure.width, Some(Length::Inches(_)));
+    let points = request.figure.font_pt.or(is_on_paper.then_some(FONT_PT));
+    let of_panel = FONT_OF_PANEL * f64::from(width.min(height));
+    let own = fixed_width(request).map_or(of_panel, |whole| FONT_OF_WIDTH * whole);
+    points.map_or(own.max(LEAST_FONT), |points| points * request.dpi() / POINTS)
+}
+
+fn stem(path: &Path) -> String {
+    path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+}
+
+/// Formats a distance with three digits.
+fn digits(value: f64) -> String {
+    if value == 0.0 {
+        return "0".to_owned();
+    }
+    // The exponent after rounding: 0.009999 becomes 0.0100.
+    let rounded = format!("{value:.2e}");
+    let magnitude: i32 = rounded.split_once('e').and_then(|(_, exponent)| exponent.parse().ok()).unwrap_or(0);
+    if !(-4..=6).contains(&magnitude) {
+        return rounded;
+    }
+    format!("{value:.*}", (2 - magnitude).max(0) as usize)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::Projection;
+
+    #[test]
+    fn distances_have_three_digits() {
+        let all = [0.0, 1.0, 0.012_345, 0.009_999, 123.456, 98_765.4, 1.5e-7].map(digits);
+        assert_eq!(all, ["0", "1.00", "0.0123", "0.0100", "123", "98765", "1.50e-7"]);
+    }
+
+    #[test]
+    fn intrinsics_are_scaled_with_the_image() {
+        let mut camera = Camera::perspective([0.0; 3], [0.0, 0.0, 1.0], 45.0, [100, 50]);
+        camera.projection = Projection::Intrinsics { fx: 80.0, fy: 80.0, cx: 50.0, cy: 25.0 };
+        let Projection::Intrinsics { fx, cy, .. } = resized(&camera, [200, 100]).projection else { panic!() };
+        assert_eq!((fx, cy), (160.0, 50.0));
+    }
+}

@@ -1,0 +1,65 @@
+//! Options, requests and sessions: what the command line, the Python package, `surfel serve` and `surfel view` share.
+//! Only this package and the programs above it word messages for users as flags or keywords.
+//!
+//! Main types, in reading order:
+//!
+//! 1. [`options`]: the table of all options, a row each. From it come the flags of the command line, the keys of scene
+//!    files, Python's keywords, shell completions and the page on options; [`values`] parses their values;
+//! 2. [`request::RenderOptions`]: the options of an image as data;
+//! 3. [`request`]: from files and options to the scene, camera, settings and planes of an image;
+//! 4. [`session`]: a scene that is drawn many times with changing options;
+//! 5. [`figure`] and [`film`]: several images in one figure, and films;
+//! 6. [`splat_file`], [`ortho_request`] and [`copc_output`]: requests for other files than images;
+//! 7. [`info`], [`metadata`] and [`compare`]: descriptions of files, of how an image was made, and of differences.
+//!
+//! ```
+//! let mut options = surfel_app::request::RenderOptions::default();
+//! options.set("size", "640x480")?;
+//! assert!(options.set("size", "640").is_err());
+//! assert_eq!(options.size, Some([640, 480]));
+//! # Ok::<(), String>(())
+//! ```
+//!
+//! # Layer
+//! The crate lies between the programs and the packages that load (`surfel-load`), choose (`surfel-stage`) and draw
+//! (`surfel-backend`, `surfel-ortho`). It prints nothing and has no global state.
+//!
+//! # Features
+//!
+//! | feature | effect |
+//! | --- | --- |
+//! | `cpu`, `reference`, `wgpu`, `ash` | backends |
+//! | `ortho` | orthoimages as GeoTIFF |
+//! | `sharp` | splats clipped along sharp features of meshes and points |
+//! | `zstd` | SPZ files of version 4 |
+//! | `export` | the option `--export` of `surfel view` |
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod attributes;
+pub mod camera;
+mod color_bar;
+pub mod compare;
+pub mod copc_output;
+pub mod figure;
+mod figure_options;
+pub mod film;
+pub mod info;
+pub mod metadata;
+pub mod options;
+#[cfg(feature = "ortho")]
+pub mod ortho_request;
+pub mod progressive;
+mod render_options;
+pub mod request;
+pub mod session;
+mod sky;
+pub mod splat_file;
+pub mod splats;
+pub mod style;
+mod survey;
+pub mod unseen;
+pub mod values;
+
+pub use color_bar::save_color_bar;
+pub use render_options::RenderOptions;

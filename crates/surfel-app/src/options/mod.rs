@@ -1,0 +1,189 @@
+//! Options table: every option of the program in one place.
+//!
+//! A [`Row`] states an option's name, parser, default, task, readers, purpose, commands, kinds of files, scene-file key
+//! and Python type. The command line, its help and completions, [`RenderOptions::set`], Python's keywords and stubs,
+//! the check for options without effect, suggestions for misspelt options and `docs/options.md` follow from the
+//! [`Table`]. A new option is a row here and a field of [`Options`], or of the options in it.
+//!
+//! Values go one way: from text by [`Row::set`] to [`Options`], and from there to [`crate::request::Request`].
+//!
+//! ```
+//! use surfel_app::options::{Commands, Options, table};
+//! let mut options = Options::default();
+//! table().set(&mut options, Commands::RENDER, "cutoff", "3")?;
+//! assert_eq!(options.render.cutoff, Some(3.0));
+//! assert!(table().set(&mut options, Commands::ORTHO, "cutoff", "3").is_err());
+//! # Ok::<(), String>(())
+//! ```
+
+mod near;
+mod page;
+mod row;
+mod rows;
+mod stub;
+
+pub use near::Near;
+pub use row::{Audience, Commands, EXPERT, Group, Row, Setter};
+
+use crate::figure_options::FigureOptions;
+use crate::film::FrameRate;
+use crate::render_options::RenderOptions;
+use crate::values::{FrameRange, Part};
+use std::path::PathBuf;
+use std::sync::LazyLock;
+
+/// Values of the options of a command.
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Options {
+    /// Input files.
+    pub inputs: Vec<PathBuf>,
+    /// True if a missing output is named after the input, as for `surfel INPUT`.
+    pub names_output: bool,
+    /// Options for an image and for converting files to splats.
+    pub render: RenderOptions,
+    /// File to write.
+    pub output: Option<PathBuf>,
+    /// True if existing files are overwritten.
+    pub force: bool,
+    /// True if the colour bar is named after the output.
+    pub names_colorbar: bool,
+    /// True if the resolved scene file is printed.
+    pub print_scene: bool,
+    /// True if colours of EXR files are 32-bit floats.
+    pub exr_f32: bool,
+    /// True if PNG files have 16 bits per sample.
+    pub png16: bool,
+    /// True if images get no metadata.
+    pub no_metadata: bool,
+    /// True if a coarse image is written first.
+    pub progressive: bool,
+    /// True if times and counts are printed.
+    pub stats: bool,
+    /// Number of timed runs.
+    pub repeat: Option<u32>,
+    /// True if JSON is printed.
+    pub json: bool,
+    /// True if an octree is written.
+    pub hybrid: bool,
+    /// True if PLY files are written as text.
+    pub ascii: bool,
+    /// File or folder of cameras.
+    pub cameras: Option<PathBuf>,
+    /// Number of frames of a turntable or of a camera path.
+    pub frames: Option<u32>,
+    /// File of a camera path.
+    pub path: Option<PathBuf>,
+    /// True if the inputs are frames of a film.
+    pub sequence: bool,
+    /// Number of frames a second of films.
+    pub fps: Option<FrameRate>,
+    /// Frames or cameras to draw.
+    pub frame_range: Option<FrameRange>,
+    /// Shard of a job.
+    pub shard: Option<Part>,
+    /// True if existing images are skipped.
+    pub skip_existing: bool,
+    /// True if an interrupted conversion is continued.
+    pub resume: bool,
+    /// Name of the backend; `None`: selected automatically.
+    pub backend: Option<String>,
+    /// Part of the adapter's name.
+    pub adapter: Option<String>,
+    /// True if splats are stored in 16 bits per number.
+    pub quantised: bool,
+    /// Number of threads; `None`: one per CPU.
+    pub threads: Option<usize>,
+    /// True if only errors are printed.
+    pub quiet: bool,
+    /// True if additional information is printed.
+    pub verbose: bool,
+    /// True if no browser is opened.
+    pub no_open: bool,
+    /// Port of the page.
+    pub port: Option<u16>,
+    /// Address at which the page is served.
+    pub host: Option<String>,
+    /// HTML file that is written instead of serving the page.
+    pub export: Option<PathBuf>,
+    /// File with options.
+    pub config: Option<PathBuf>,
+    /// Side of an orthoimage's pixel in the units of x and y.
+    pub gsd: Option<f64>,
+    /// GeoTIFF of heights.
+    pub dsm: Option<PathBuf>,
+    /// GeoTIFF of normals.
+    pub normals: Option<PathBuf>,
+    /// Bounds of an orthoimage.
+    pub bounds: Option<[f64; 4]>,
+    /// Point at which a corner of an orthoimage's pixels lies.
+    pub origin: Option<[f64; 2]>,
+    /// Radius up to which gaps of an orthoimage are filled.
+    pub fill: Option<f64>,
+    /// EPSG code of an orthoimage's coordinate reference system.
+    pub crs: Option<u16>,
+    /// Panels and words of a figure.
+    pub figure: FigureOptions,
+}
+
+impl Options {
+    /// Returns the name of the backend, or `auto`.
+    pub fn backend_name(&self) -> &str {
+        self.backend.as_deref().unwrap_or("auto")
+    }
+}
+
+/// Table of options.
+#[derive(Clone, Debug)]
+pub struct Table {
+    rows: Vec<Row>,
+}
+
+/// Returns the table of all options.
+pub fn table() -> &'static Table {
+    static TABLE: LazyLock<Table> = LazyLock::new(|| {
+        let mut rows = rows::all();
+        // Experts' options come last, and otherwise a task's options are listed together.
+        rows.sort_by_key(|row| (row.audience == Audience::Expert, row.group));
+        Table { rows }
+    });
+    &TABLE
+}
+
+impl Table {
+    /// Adds a row.
+    #[must_use]
+    pub fn with(mut self, row: Row) -> Self {
+        self.rows.push(row);
+        self
+    }
+
+    /// Returns all rows in the order of help.
+    pub fn rows(&self) -> impl Iterator<Item = &Row> {
+        self.rows.iter()
+    }
+
+    /// Returns the rows of commands in the order of help.
+    pub fn of(&self, commands: Commands) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(move |row| row.commands.has(commands))
+    }
+
+    /// Returns the row of a command's option by its long name.
+    pub fn find(&self, commands: Commands, name: &str) -> Option<&Row> {
+        self.of(commands).find(|row| row.name == name)
+    }
+
+    /// Returns the rows that are keywords of Python functions.
+    pub fn keywords(&self, functions: Commands) -> impl Iterator<Item = &Row> {
+        self.rows.iter().filter(move |row| row.keyword.has(functions))
+    }
+
+    /// Sets an option of a command by its long name, from its text; a switch from `on` or `off`.
+    ///
+    /// # Errors
+    /// A description of the expected value, or that the command has no such option.
+    pub fn set(&self, options: &mut Options, command: Commands, name: &str, text: &str) -> Result<(), String> {
+        let row = self.find(command, name).ok_or_else(|| "there is no such flag here".to_owned())?;
+        row.set(options, text.as_ref())
+    }
+}

@@ -1,0 +1,522 @@
+//! Rows of the options table.
+
+use super::Options;
+use crate::values::switch;
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use surfel_load::effects::{self, Inputs};
+
+/// Set of commands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Commands(u16);
+
+impl Commands {
+    /// No command.
+    pub const NONE: Self = Self(0);
+    /// `surfel render`, and `surfel.render` in Python.
+    pub const RENDER: Self = Self(1);
+    /// `surfel convert`.
+    pub const CONVERT: Self = Self(2);
+    /// `surfel ortho`.
+    pub const ORTHO: Self = Self(4);
+    /// `surfel serve`.
+    pub const SERVE: Self = Self(8);
+    /// `surfel again`.
+    pub const AGAIN: Self = Self(16);
+    /// `surfel info`.
+    pub const INFO: Self = Self(32);
+    /// `surfel figure`.
+    pub const FIGURE: Self = Self(64);
+    /// `surfel view`.
+    pub const VIEW: Self = Self(128);
+    /// Every command, also those that have no rows of their own.
+    pub const ALL: Self = Self(u16::MAX);
+    /// Commands that write images of a scene: `render` and `serve`.
+    pub const IMAGE_FILES: Self = Self::RENDER.and(Self::SERVE);
+    /// Commands that draw images of a scene: `render`, `serve` and `view`.
+    pub const IMAGES: Self = Self::IMAGE_FILES.and(Self::VIEW);
+    /// Commands that draw a scene from a camera: `render`, `serve`, `view` and `figure`.
+    pub const DRAWN: Self = Self::IMAGES.and(Self::FIGURE);
+    /// Commands that make splats: `render`, `serve`, `view`, `figure`, `convert` and `ortho`.
+    pub const SPLATS: Self = Self::DRAWN.and(Self::CONVERT).and(Self::ORTHO);
+    /// Every command of the table, with its name.
+    pub const NAMED: [(&'static str, Self); 8] = [
+        ("render", Self::RENDER),
+        ("convert", Self::CONVERT),
+        ("ortho", Self::ORTHO),
+        ("serve", Self::SERVE),
+        ("again", Self::AGAIN),
+        ("info", Self::INFO),
+        ("figure", Self::FIGURE),
+        ("view", Self::VIEW),
+    ];
+
+    /// Returns the union of two sets.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Returns the commands of this set that `other` lacks.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+
+    /// Returns the commands of both sets.
+    #[must_use]
+    pub const fn common(self, other: Self) -> Self {
+        Self(self.0 & other.0)
+    }
+
+    /// True if both sets have a command in common.
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Returns the command of this name; [`Self::NONE`] if the table has none.
+    pub fn named(name: &str) -> Self {
+        Self::NAMED.iter().find(|(known, _)| *known == name).map_or(Self::NONE, |(_, command)| *command)
+    }
+
+    /// Returns the names of the commands.
+    pub fn names(self) -> impl Iterator<Item = &'static str> {
+        Self::NAMED.into_iter().filter(move |(_, command)| self.has(*command)).map(|(name, _)| name)
+    }
+}
+
+/// Task that an option belongs to; help lists the tasks in this order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Group {
+    /// Images and files to write.
+    Output,
+    /// Panels and words of a figure.
+    Figure,
+    /// Grid of an orthoimage.
+    Grid,
+    /// Camera.
+    Camera,
+    /// Shading, light and background.
+    Appearance,
+    /// Colours of points, meshes and values.
+    Colors,
+    /// Selection of points.
+    Points,
+    /// Conversion to splats.
+    Splats,
+    /// Reading of files.
+    Files,
+    /// Several images of a scene.
+    Series,
+    /// Shards of a job.
+    Jobs,
+    /// Rendering backend.
+    Backend,
+    /// The program itself.
+    Program,
+}
+
+impl Group {
+    /// Every group in order.
+    pub const ALL: [Self; 13] = [
+        Self::Output,
+        Self::Figure,
+        Self::Grid,
+        Self::Camera,
+        Self::Appearance,
+        Self::Colors,
+        Self::Points,
+        Self::Splats,
+        Self::Files,
+        Self::Series,
+        Self::Jobs,
+        Self::Backend,
+        Self::Program,
+    ];
+
+    /// Returns the heading above the group's options.
+    pub const fn heading(self) -> &'static str {
+        match self {
+            Self::Output => "Output",
+            Self::Figure => "Figure",
+            Self::Grid => "Grid",
+            Self::Camera => "Camera",
+            Self::Appearance => "Appearance",
+            Self::Colors => "Colours",
+            Self::Points => "Selection of points",
+            Self::Splats => "Conversion to splats",
+            Self::Files => "Reading files",
+            Self::Series => "Several images",
+            Self::Jobs => "Shards of a job",
+            Self::Backend => "Backend",
+            Self::Program => "Program",
+        }
+    }
+}
+
+/// Readers that an option is meant for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Audience {
+    /// Everybody: `-h` lists the option.
+    Everyday,
+    /// Readers of the whole list: `--help`.
+    All,
+    /// Experts: last in `--help`.
+    Expert,
+}
+
+/// Heading above the options for experts.
+pub const EXPERT: &str = "For experts";
+
+/// Function that parses an option's value and stores it.
+#[derive(Clone, Copy, Debug)]
+pub enum Setter {
+    /// Switch without a value.
+    Switch(fn(&mut Options, bool)),
+    /// Value that is text.
+    Text(fn(&mut Options, &str) -> Result<(), String>),
+    /// Value that is a path, which may be empty if [`Row::missing`] is.
+    Path(fn(&mut Options, PathBuf) -> Result<(), String>),
+}
+
+/// An option: everything that the command line, scene files, Python and the documentation state about it.
+#[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
+pub struct Row {
+    /// Long name without dashes. Two rows have the same name only for different commands.
+    pub name: &'static str,
+    /// Letter of the short form.
+    pub short: Option<char>,
+    /// Name of the value in help; empty for switches.
+    pub value: &'static str,
+    /// Parser and destination of the value.
+    pub set: Setter,
+    /// Default value, if it is a fixed text.
+    pub default: Option<&'static str>,
+    /// Value of the option if it is given without one; `None` if a value is required.
+    pub missing: Option<&'static str>,
+    /// Names that the value may have.
+    pub names: Option<fn() -> Vec<&'static str>>,
+    /// True if the value may be something else than one of [`Self::names`].
+    pub is_open: bool,
+    /// True if the option may be given several times.
+    pub is_repeated: bool,
+    /// True if the value is a list of names separated by commas.
+    pub is_list: bool,
+    /// True if the value may begin with a minus sign.
+    pub is_signed: bool,
+    /// Purpose in one sentence.
+    pub help: &'static str,
+    /// Details after that sentence; empty if there are none.
+    pub more: &'static str,
+    /// Task.
+    pub group: Group,
+    /// Readers.
+    pub audience: Audience,
+    /// Commands with this option.
+    pub commands: Commands,
+    /// Python functions with this keyword (`open`, `render` and the like count as [`Commands::RENDER`]).
+    pub keyword: Commands,
+    /// Type in Python's stubs; empty for switches and named values, whose type follows.
+    pub python: &'static str,
+    /// Text between a sequence's values in Python.
+    pub separator: &'static str,
+    /// True if the value is part of [`crate::request::RenderOptions`].
+    pub is_image: bool,
+    /// True if the value is stored in an image's metadata beside the scene, from where `surfel again` restores it.
+    pub is_drawn: bool,
+    /// Key in a scene file, such as `settings.cutoff` or `convert.crop`.
+    pub scene: Option<&'static str>,
+    /// Valid value other than the default, for tests and the documentation.
+    pub example: &'static str,
+    /// Options that can't be given together with this one.
+    pub conflicts: &'static [&'static str],
+    /// Options that must be given too.
+    pub requires: &'static [&'static str],
+    /// True if the option must be given, unless one of [`Self::unless`] is.
+    pub is_required: bool,
+    /// Options that replace a required one.
+    pub unless: &'static [&'static str],
+    /// Names of similar meaning in other programs.
+    pub synonyms: &'static [&'static str],
+    /// True if the option's Cargo feature is enabled.
+    pub is_built: bool,
+}
+
+impl Row {
+    const fn new(name: &'static str, value: &'static str, set: Setter) -> Self {
+        Self {
+            name,
+            short: None,
+            value,
+            set,
+            default: None,
+            missing: None,
+            names: None,
+            is_open: false,
+            is_repeated: false,
+            is_list: false,
+            is_signed: false,
+            help: "",
+            more: "",
+            group: Group::Output,
+            audience: Audience::All,
+            commands: Commands::RENDER,
+            keyword: Commands::NONE,
+            python: "",
+            separator: ",",
+            is_image: false,
+            is_drawn: false,
+            scene: None,
+            example: "",
+            conflicts: &[],
+            requires: &[],
+            is_required: false,
+            unless: &[],
+            synonyms: &[],
+            is_built: true,
+        }
+    }
+
+    /// Creates an option whose value is text.
+    pub const fn text(
+        name: &'static str,
+        value: &'static str,
+        set: fn(&mut Options, &str) -> Result<(), String>,
+    ) -> Self {
+        Self::new(name, value, Setter::Text(set))
+    }
+
+    /// Creates an option whose value is a path.
+    pub const fn path(
+        name: &'static str,
+        value: &'static str,
+        set: fn(&mut Options, PathBuf) -> Result<(), String>,
+    ) -> Self {
+        Self::new(name, value, Setter::Path(set))
+    }
+
+    /// Creates a switch.
+    pub const fn switch(name: &'static str, set: fn(&mut Options, bool)) -> Self {
+        Self::new(name, "", Setter::Switch(set))
+    }
+
+    /// Sets purpose and details.
+    #[must_use]
+    pub const fn help(self, help: &'static str, more: &'static str) -> Self {
+        Self { help, more, ..self }
+    }
+
+    /// Sets task and commands.
+    #[must_use]
+    pub const fn of(self, group: Group, commands: Commands) -> Self {
+        Self { group, commands, ..self }
+    }
+
+    /// Makes the value part of an image's options, and a keyword of the Python functions of its commands.
+    #[must_use]
+    pub const fn image(self) -> Self {
+        let functions = Commands::RENDER.and(Commands::CONVERT).and(Commands::ORTHO).and(Commands::FIGURE);
+        Self { is_image: true, keyword: self.commands.common(functions), ..self }
+    }
+
+    /// Lists the option in `-h`.
+    #[must_use]
+    pub const fn everyday(self) -> Self {
+        Self { audience: Audience::Everyday, ..self }
+    }
+
+    /// Lists the option last.
+    #[must_use]
+    pub const fn expert(self) -> Self {
+        Self { audience: Audience::Expert, ..self }
+    }
+
+    /// Limits the value to names.
+    #[must_use]
+    pub const fn names(self, names: fn() -> Vec<&'static str>) -> Self {
+        Self { names: Some(names), ..self }
+    }
+
+    /// Sets the names that the value may have, besides other forms.
+    #[must_use]
+    pub const fn names_or_other(self, names: fn() -> Vec<&'static str>) -> Self {
+        Self { names: Some(names), is_open: true, ..self }
+    }
+
+    /// Allows values that begin with a minus sign.
+    #[must_use]
+    pub const fn signed(self) -> Self {
+        Self { is_signed: true, ..self }
+    }
+
+    /// Sets Python's type.
+    #[must_use]
+    pub const fn python(self, python: &'static str) -> Self {
+        Self { python, ..self }
+    }
+
+    /// Sets the Python functions with this keyword.
+    #[must_use]
+    pub const fn keyword(self, keyword: Commands) -> Self {
+        Self { keyword, ..self }
+    }
+
+    /// Sets the key in a scene file.
+    #[must_use]
+    pub const fn scene(self, key: &'static str) -> Self {
+        Self { scene: Some(key), ..self }
+    }
+
+    /// Sets a valid value.
+    #[must_use]
+    pub const fn example(self, example: &'static str) -> Self {
+        Self { example, ..self }
+    }
+
+    /// Sets names of similar meaning in other programs.
+    #[must_use]
+    pub const fn synonyms(self, synonyms: &'static [&'static str]) -> Self {
+        Self { synonyms, ..self }
+    }
+
+    /// Sets the options that can't be given together with this one.
+    #[must_use]
+    pub const fn conflicts(self, conflicts: &'static [&'static str]) -> Self {
+        Self { conflicts, ..self }
+    }
+
+    /// Sets the options that must be given too.
+    #[must_use]
+    pub const fn requires(self, requires: &'static [&'static str]) -> Self {
+        Self { requires, ..self }
+    }
+
+    /// Sets the letter of the short form.
+    #[must_use]
+    pub const fn letter(self, letter: char) -> Self {
+        Self { short: Some(letter), ..self }
+    }
+
+    /// Sets the default value.
+    #[must_use]
+    pub const fn default_value(self, value: &'static str) -> Self {
+        Self { default: Some(value), ..self }
+    }
+
+    /// Sets the value of the option if it is given without one.
+    #[must_use]
+    pub const fn missing(self, value: &'static str) -> Self {
+        Self { missing: Some(value), ..self }
+    }
+
+    /// Allows the option several times.
+    #[must_use]
+    pub const fn repeated(self) -> Self {
+        Self { is_repeated: true, ..self }
+    }
+
+    /// Makes the value a list of names separated by commas.
+    #[must_use]
+    pub const fn list(self) -> Self {
+        Self { is_list: true, ..self }
+    }
+
+    /// Stores the value in an image's metadata.
+    #[must_use]
+    pub const fn drawn(self) -> Self {
+        Self { is_drawn: true, ..self }
+    }
+
+    /// Requires the option, unless one of the others is given.
+    #[must_use]
+    pub const fn required(self, unless: &'static [&'static str]) -> Self {
+        Self { is_required: true, unless, ..self }
+    }
+
+    /// Sets the text between a sequence's values in Python.
+    #[must_use]
+    pub const fn separator(self, separator: &'static str) -> Self {
+        Self { separator, ..self }
+    }
+
+    /// Hides the option from help if its Cargo feature is off.
+    #[must_use]
+    pub const fn built(self, is_built: bool) -> Self {
+        Self { is_built, ..self }
+    }
+
+    /// Returns the key in the `convert` of a scene file's object.
+    pub fn convert_key(&self) -> Option<&'static str> {
+        self.scene.and_then(|key| key.strip_prefix("convert."))
+    }
+
+    /// Returns the kinds of files that the option has an effect on.
+    pub fn inputs(&self) -> Inputs {
+        self.convert_key().and_then(effects::of).map_or(Inputs::ALL, |effect| effect.inputs)
+    }
+
+    /// True if a value is one of the option's names.
+    pub fn has_name(&self, value: &str) -> bool {
+        self.names.is_some_and(|names| names().contains(&value))
+    }
+
+    /// True for a switch.
+    pub fn is_switch(&self) -> bool {
+        matches!(self.set, Setter::Switch(_))
+    }
+
+    /// Returns purpose and details.
+    pub fn full_help(&self) -> String {
+        if self.more.is_empty() { self.help.to_owned() } else { format!("{} {}", self.help, self.more) }
+    }
+
+    /// Returns a valid value other than the default; `on` for a switch.
+    pub fn sample(&self) -> String {
+        match (self.names, self.example) {
+            _ if self.is_switch() => "on".to_owned(),
+            (Some(names), "") => names().last().copied().unwrap_or_default().to_owned(),
+            (_, example) => example.to_owned(),
+        }
+    }
+
+    /// Returns the flag with its value as help shows it, such as `--size <WxH>`.
+    pub fn usage(&self) -> String {
+        match (self.value, self.missing) {
+            ("", _) => format!("--{}", self.name),
+            (value, Some(_)) => format!("--{}[=<{value}>]", self.name),
+            (value, None) => format!("--{} <{value}>", self.name),
+        }
+    }
+
+    /// Parses a value and stores it in `options`.
+    ///
+    /// # Errors
+    /// A description of the expected value.
+    pub fn set(&self, options: &mut Options, value: &OsStr) -> Result<(), String> {
+        let text = || value.to_str().ok_or_else(|| "expected text in UTF-8".to_owned());
+        match self.set {
+            Setter::Switch(set) => switch(text()?).map(|on| set(options, on)),
+            Setter::Text(set) => set(options, text()?),
+            Setter::Path(_) if value.is_empty() && self.missing != Some("") => Err("expected a file's name".to_owned()),
+            Setter::Path(set) => set(options, value.into()),
+        }
+    }
+}
+
+/// Stores a parsed value.
+pub(super) fn put<T>(slot: &mut Option<T>, value: Result<T, String>) -> Result<(), String> {
+    *slot = Some(value?);
+    Ok(())
+}
+
+/// Stores a path.
+pub(super) fn put_path(slot: &mut Option<PathBuf>, path: PathBuf) -> Result<(), String> {
+    *slot = Some(path);
+    Ok(())
+}
+
+/// Returns the names of a table of named values.
+pub(super) fn names_of<T>(named: &[(&'static str, T)]) -> Vec<&'static str> {
+    named.iter().map(|(name, _)| *name).collect()
+}

@@ -1,0 +1,122 @@
+//! Progressive loading: a coarse scene soon, then finer ones up to the full scene.
+
+use crate::request::{Request, Resolved};
+use std::sync::Arc;
+use surfel_load::LoadedObjects;
+use surfel_load::{Error, levels};
+use surfel_sample::Progress;
+
+/// Largest number of points per file in the coarsest scene.
+pub const FIRST_POINTS: u32 = 100_000;
+/// Number of coarse scenes of files with levels of detail.
+const STEPS: u32 = 2;
+
+/// Level of detail of a progressively loaded scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Detail {
+    /// A coarse scene; a finer one follows.
+    Coarse,
+    /// The full scene as requested; the last one.
+    Full,
+}
+
+/// Loads and resolves a request as successively finer scenes, and passes each to `each` when it is ready. The last is
+/// the full scene, as [`Request::load`] and [`Request::resolve`] return it. Notes on the full scene are passed to
+/// `note`.
+///
+/// If files have levels of detail (COPC), two coarse scenes come first. They have at most 1/64 and 1/16 of the full
+/// scene's points, but no fewer than [`FIRST_POINTS`], and their splats are up to 16 and 4 times as large. All scenes
+/// have the same camera. If no file has levels and scans have more than [`FIRST_POINTS`], they are read twice. One
+/// coarse scene then shows [`FIRST_POINTS`] of each, evenly selected, and its own framed camera. In all other cases
+/// only the full scene is passed.
+///
+/// ```no_run
+/// # fn main() -> Result<(), surfel_load::Error> {
+/// use surfel_app::{progressive, request};
+/// use surfel_render::Renderer;
+/// use surfel_sample::NoProgress;
+/// let source = request::Source::of(&["scan.copc.laz".into()], None)?;
+/// let request = request::Request::new(source, &request::Pictures::One, &Default::default())?;
+/// let mut backend = surfel_backend::Backend::auto()?;
+/// progressive::resolve(request, None, &NoProgress, &mut |_| (), &mut |resolved, detail| {
+///     let resident = backend.upload(&resolved.scene)?;
+///     let frame = backend.render(&resident, &resolved.file.camera, &resolved.file.settings)?;
+///     println!("{detail:?}: {} pixels", frame.color().len());
+///     Ok::<_, surfel_load::Error>(())
+/// })
+/// # }
+/// ```
+///
+/// # Errors
+/// Errors of [`Request::load`] and [`Request::resolve`]; an error of `each` ends the loading.
+pub fn resolve<E: From<Error>>(
+    request: Request,
+    stdin: Option<Arc<[u8]>>,
+    progress: &dyn Progress,
+    note: &mut dyn FnMut(String),
+    each: &mut dyn FnMut(Resolved, Detail) -> Result<(), E>,
+) -> Result<(), E> {
+    let has_levels = request.files().any(|path| levels::has_levels(&path));
+    let mut loaded;
+    if has_levels {
+        loaded = request.load(stdin, progress)?;
+        if loaded.facts.iter().any(|facts| facts.partial) {
+            for step in (1..=STEPS).rev() {
+                let fewer = |most: Option<u32>| {
+                    let most = most.unwrap_or(levels::DEFAULT_MOST_POINTS as u32);
+                    (most >> (2 * (step + 1))).max(FIRST_POINTS).min(most)
+                };
+                let coarse = request.coarser(fewer, f64::from(1 << (2 * step)));
+                each(coarse.resolve(loaded.clone(), progress, &mut |_| ())?, Detail::Coarse)?;
+            }
+        }
+    } else {
+        let coarse = sample_of(&request);
+        loaded = coarse.load(stdin.clone(), progress)?;
+        if loaded.facts.iter().any(|facts| facts.thinned) {
+            each(coarse.resolve(loaded, progress, &mut |_| ())?, Detail::Coarse)?;
+            loaded = request.load(stdin, progress)?;
+        } else {
+            loaded = as_whole(&request, loaded);
+        }
+    }
+    each(request.resolve(loaded, progress, note)?, Detail::Full)
+}
+
+/// Returns the request for an even selection of [`FIRST_POINTS`] of each file, with estimates of its own.
+fn sample_of(request: &Request) -> Request {
+    let coarse = request.coarser(|most| most.map_or(FIRST_POINTS, |most| most.min(FIRST_POINTS)), 1.0);
+    coarse.with_estimates(Arc::default())
+}
+
+/// Returns the objects of a sample that has all points as those of the request.
+fn as_whole(request: &Request, mut loaded: LoadedObjects) -> LoadedObjects {
+    if !request.objects().iter().any(|object| object.convert.max_points.is_some()) {
+        // No option asks for fewer points.
+        loaded.unused.retain(|(_, option)| option.option != "max_points");
+    }
+    loaded
+}
+
+/// Result of the first step of loading a scene.
+pub(crate) enum First {
+    /// Nothing: the files have levels of detail.
+    Nothing,
+    /// A coarse selection of points, and its request.
+    Coarse(Box<Request>, LoadedObjects),
+    /// All points, because there are few.
+    Whole(LoadedObjects),
+}
+
+/// Loads a coarse selection of points of files without levels of detail.
+pub(crate) fn first(request: &Request, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<First, Error> {
+    if request.files().any(|path| levels::has_levels(&path)) {
+        return Ok(First::Nothing);
+    }
+    let coarse = sample_of(request);
+    let loaded = coarse.load(stdin, progress)?;
+    Ok(match loaded.facts.iter().any(|facts| facts.thinned) {
+        true => First::Coarse(Box::new(coarse), loaded),
+        false => First::Whole(as_whole(request, loaded)),
+    })
+}

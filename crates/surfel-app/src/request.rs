@@ -1,0 +1,838 @@
+//! Resolution of inputs and options into one scene. Precedence: option, scene-file key, preset, default.
+
+pub use crate::camera::Turntable;
+pub use crate::render_options::{RenderOptions, SplatOptions};
+
+use crate::camera::CameraSource;
+use crate::sky::SkyAndGround;
+use crate::{camera, splats};
+use glam::DVec3;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use surfel_framing::strays::Sphere;
+use surfel_framing::{ChosenView, LeftOut, NamedView, Upright, ViewChoice};
+use surfel_io::ShowPath as _;
+use surfel_load::coloring::together::Tallies;
+use surfel_load::coloring::{ColorScale, Coloring, Colorings};
+use surfel_load::labels::DEFAULT_LABEL;
+use surfel_load::levels::{Levels, Seen};
+use surfel_load::paths::{self, absolute, display, is_stdin};
+use surfel_load::steps::check_size;
+use surfel_load::{Error, LevelStore, LoadOptions};
+use surfel_load::{
+    LoadedObjects, ObjectNote,
+    scene::{
+        assemble, bare_object, is_scene_file, load_bare_objects, load_matcap, load_objects, parse_scene_file,
+        read_scene_file, refine_objects,
+    },
+};
+use surfel_math::gaussian;
+use surfel_model::{
+    Camera, Composite, Geometry, Light, MOST_LOD_ERROR_PX, Matcap, ModelError, ObjectFile, Scene, SceneFile, Settings,
+    Shader, Up,
+};
+use surfel_render::{Preset, Sight, View};
+use surfel_sample::Progress;
+use surfel_stage::Estimates;
+use surfel_stage::Lighting;
+use surfel_stage::scene_by;
+use surfel_stage::{
+    AutoOptions, DEFAULT_SIZE, auto_composite, auto_depth_tolerance, auto_points_as, auto_transparency, auto_up,
+};
+
+/// Source of an image.
+pub enum Source {
+    /// A scene file.
+    Scene(Box<SceneSource>),
+    /// Files of geometry that form one scene.
+    Geometry(Vec<PathBuf>),
+}
+
+/// A scene file that has been read.
+pub struct SceneSource {
+    /// Content of the scene file.
+    pub file: SceneFile,
+    /// Keys that its `settings` object has.
+    pub keys: BTreeSet<String>,
+    /// Name of the scene file in messages.
+    pub name: PathBuf,
+    /// Folder that the scene file's paths are relative to.
+    pub base: PathBuf,
+}
+
+impl Source {
+    /// Reads a scene file, or collects files of geometry.
+    ///
+    /// `stdin` is the content for the name `-`, if it is among the inputs.
+    ///
+    /// # Errors
+    /// [`Error::Io`] for a scene file that can't be read, [`Error::Usage`] for a scene file that isn't the only input.
+    pub fn of(inputs: &[PathBuf], stdin: Option<&[u8]>) -> Result<Self, Error> {
+        for path in inputs {
+            let scene = if is_stdin(path) {
+                let (bytes, name) = (stdin.unwrap_or_default(), Path::new("stdin"));
+                looks_like_scene(bytes).then(|| parse_scene_file(bytes, name)).transpose()?
+            } else if is_scene_file(path) && inputs.len() == 1 {
+                Some(read_scene_file(path)?)
+            } else {
+                None
+            };
+            if inputs.len() > 1 && (scene.is_some() || is_scene_file(path)) {
+                return Err(Error::Usage(format!(
+                    "{}: a scene file goes alone, expected one scene file or any number of splat, point and mesh files",
+                    display(path)
+                )));
+            }
+            if let Some((file, keys)) = scene {
+                let name = if is_stdin(path) { PathBuf::from("stdin") } else { path.clone() };
+                let base = path.parent().unwrap_or(Path::new("")).to_path_buf();
+                return Ok(Self::Scene(Box::new(SceneSource { file, keys, name, base })));
+            }
+        }
+        Ok(Self::Geometry(inputs.to_vec()))
+    }
+}
+
+/// True for JSON with the keys of a scene file; glTF has other keys.
+fn looks_like_scene(bytes: &[u8]) -> bool {
+    let json = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    if !json.trim_ascii_start().starts_with(b"{") {
+        return false;
+    }
+    let json: serde_json::Value = serde_json::from_slice(json).unwrap_or_default();
+    json.get("asset").is_none() && (json.get("camera").is_some() || json.get("objects").is_some())
+}
+
+/// A loaded scene, and the scene file that produces the same image. The file's paths are absolute, or `-` for stdin.
+#[derive(Clone, Debug)]
+pub struct Resolved {
+    /// The scene file.
+    pub file: SceneFile,
+    /// The scene, with all files loaded.
+    pub scene: Scene,
+    /// Axis and centre of a turntable movie.
+    pub turntable: Turntable,
+    /// Up axis of the scene: from the options, the scene file or its objects.
+    pub up: Up,
+    /// True if the camera comes from a scene file or a camera file, not from framing the scene.
+    pub has_own_camera: bool,
+    /// Absolute paths of files that the objects' files refer to, whether they exist or not.
+    pub beside: BTreeSet<PathBuf>,
+    /// Colourings by attribute, if the options or the scene file ask for any.
+    pub colorings: Colorings,
+    /// Default lights, which follow the camera; `None` if the scene has lights of its own.
+    pub(crate) lighting: Option<Lighting>,
+    /// True if stray points are framed, too ([`LoadedObjects::frames_all`]).
+    pub(crate) frames_all: bool,
+}
+
+impl Resolved {
+    /// Returns the camera for these options, starting from `given` or else the scene's own camera.
+    pub fn seen(&self, given: Option<&Camera>, options: &RenderOptions) -> Camera {
+        let given = given.unwrap_or(&self.file.camera);
+        let leaves_strays = options.view.is_some() && !self.frames_all;
+        let kept = if leaves_strays { surfel_framing::without_strays_of(&self.scene) } else { None };
+        let reframed = camera::reframe(given, &self.scene, kept, self.up, options);
+        let mut camera = reframed.unwrap_or_else(|| given.clone());
+        camera::apply_flags(&mut camera, &self.scene, self.up, false, options);
+        camera
+    }
+
+    /// Returns the camera of an image, by its index, and the scene if its lights differ from those of the first image.
+    pub fn picture(&self, pictures: &Pictures, index: u32) -> (Camera, Option<Scene>) {
+        let own = &self.file.camera;
+        match pictures {
+            Pictures::Turn(frames) => self.turned(index, *frames),
+            Pictures::Cameras(cameras) => {
+                let camera = cameras.get(index as usize).unwrap_or(own).clone();
+                (camera::with_near(camera, &self.scene), None)
+            }
+            Pictures::Path(cameras) => {
+                let camera = cameras.get(index as usize).unwrap_or(own).clone();
+                let moved = self.lighting.filter(|_| index > 0).map(|lighting| self.lit(lighting.lights(&camera)));
+                (camera, moved)
+            }
+            Pictures::One | Pictures::Any => (own.clone(), None),
+        }
+    }
+
+    /// Returns the scene with other lights, which cast shadows if its own lights do.
+    pub(crate) fn lit(&self, lights: Vec<Light>) -> Scene {
+        let has_shadows = self.scene.lights.iter().flatten().any(Light::casts_shadow);
+        let lights = if has_shadows { with_shadows(lights) } else { lights };
+        Scene { lights: Some(lights), ..self.scene.clone() }
+    }
+
+    /// Returns the camera of frame `index`, 0 to `frames` − 1, of a turn of `frames` frames, and the scene if its
+    /// lights move.
+    pub fn turned(&self, index: u32, frames: u32) -> (Camera, Option<Scene>) {
+        if index == 0 {
+            return (self.file.camera.clone(), None);
+        }
+        let lights = self.scene.lights.clone().unwrap_or_default();
+        let turn = f64::from(index) / f64::from(frames);
+        let (camera, lights) = self.turntable.at(turn, &self.file.camera, &lights);
+        let moved = (!lights.is_empty()).then(|| Scene { lights: Some(lights), ..self.scene.clone() });
+        (camera, moved)
+    }
+}
+
+/// Images to be drawn of a scene. From large COPC files ([`surfel_load::levels`]) only the nodes that these images need are
+/// read.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum Pictures {
+    /// One image, from the scene's camera.
+    #[default]
+    One,
+    /// One image from each of another program's cameras.
+    Cameras(Vec<Camera>),
+    /// A turn around the scene, with this number of images.
+    Turn(u32),
+    /// A film from a camera that moves along a path. Default lights follow the camera.
+    Path(Vec<Camera>),
+    /// Any number of images from cameras that aren't known yet, so all points are read. If nodes were selected for
+    /// other images before, only the coarsest levels remain.
+    Any,
+}
+
+impl Pictures {
+    fn first_camera(&self) -> Option<&Camera> {
+        if let Self::Cameras(cameras) | Self::Path(cameras) = self { cameras.first() } else { None }
+    }
+
+    /// Returns the views of all images, given the scene's camera.
+    fn views(&self, camera: &Camera, turntable: &Turntable, options: &RenderOptions) -> Result<Vec<View>, Error> {
+        let turned = |i: u32, frames: u32| turntable.at(f64::from(i) / f64::from(frames), camera, &[]).0;
+        match self {
+            Self::Cameras(cameras) | Self::Path(cameras) if !cameras.is_empty() => {
+                cameras.iter().map(|c| camera::view(c, options)).collect()
+            }
+            Self::Turn(n @ 2..) => (0..*n).map(|i| camera::view(&turned(i, *n), options)).collect(),
+            _ => Ok(vec![camera::view(camera, options)?]),
+        }
+    }
+}
+
+/// A request for images with its options applied, before anything is loaded.
+///
+/// ```no_run
+/// # fn main() -> Result<(), surfel_load::Error> {
+/// use surfel_app::request::{Pictures, Request, Source};
+/// let mut options = surfel_app::request::RenderOptions::default();
+/// options.set("view", "front").map_err(surfel_load::Error::Usage)?;
+/// let request = Request::new(Source::of(&["scan.ply".into()], None)?, &Pictures::One, &options)?;
+/// let loaded = request.load(None, &surfel_sample::NoProgress)?;
+/// let resolved = request.resolve(loaded, &surfel_sample::NoProgress, &mut |note| eprintln!("{note}"))?;
+/// # Ok(())
+/// # }
+/// ```
+#[derive(Clone)]
+pub struct Request {
+    options: RenderOptions,
+    pictures: Pictures,
+    camera: Option<Camera>,
+    settings: Settings,
+    objects: Vec<ObjectFile>,
+    /// Folder that the objects' paths are relative to.
+    base: PathBuf,
+    /// The scene file and its name, if there is one.
+    scene: Option<(SceneFile, PathBuf)>,
+    /// True if the scene file has lights but neither it nor the options choose a shader.
+    has_unused_lights: bool,
+    level_store: Arc<LevelStore>,
+    /// True if splats get their row numbers even if no plane needs them.
+    has_rows: bool,
+    /// Estimates of the loaded objects.
+    estimates: Arc<Estimates>,
+}
+
+impl Request {
+    /// Creates a request from a source and options.
+    ///
+    /// # Errors
+    /// [`Error::Usage`] for options that contradict each other, [`Error::Unsuitable`] for numbers of a scene file that
+    /// are out of range, [`Error::Io`] for a camera file that can't be read.
+    pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
+        options.check()?;
+        let mut styled = options.clone();
+        styled.apply_style();
+        let options = &styled;
+        let given = pictures.first_camera().cloned();
+        let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
+        match source {
+            Source::Scene(scene) => Self::of_scene_file(*scene, pictures, camera, options),
+            Source::Geometry(inputs) => {
+                let preset = options.preset.unwrap_or_default();
+                let settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), options);
+                let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| bare_object(path)).collect();
+                objects.iter_mut().try_for_each(|object| apply(options, object))?;
+                Ok(Self { camera, ..Self::bare(options, pictures, settings, objects) })
+            }
+        }
+    }
+
+    /// Returns a request without a scene file and a camera.
+    fn bare(options: &RenderOptions, pictures: &Pictures, settings: Settings, objects: Vec<ObjectFile>) -> Self {
+        Self {
+            options: options.clone(),
+            pictures: pictures.clone(),
+            camera: None,
+            settings,
+            objects,
+            base: PathBuf::new(),
+            scene: None,
+            has_unused_lights: false,
+            level_store: Arc::default(),
+            has_rows: false,
+            estimates: Arc::default(),
+        }
+    }
+
+    fn of_scene_file(
+        source: SceneSource,
+        pictures: &Pictures,
+        given: Option<Camera>,
+        options: &RenderOptions,
+    ) -> Result<Self, Error> {
+        let SceneSource { mut file, keys, name, base } = source;
+        file.settings = settings(preset_under(options.preset, file.settings, &keys), options);
+        if let Some(given) = &given {
+            file.camera = given.clone();
+        }
+        // Reports numbers out of range before minutes are spent loading.
+        let out_of_range = |e: ModelError| out_of_range(&name, &e);
+        file.settings.validate().map_err(out_of_range)?;
+        if options.view.is_none() {
+            file.camera.validate().map_err(out_of_range)?;
+        }
+        for (i, object) in file.objects.iter_mut().enumerate() {
+            object.world_from_object().map_err(out_of_range)?;
+            apply(options, object)?;
+            object.convert.validate(i).map_err(out_of_range)?;
+        }
+        let (settings, objects) = (file.settings, file.objects.clone());
+        let chooses_shader = keys.contains("shader") || options.shader.is_some() || options.matcap.is_some();
+        let has_unused_lights = !chooses_shader && file.lights.as_ref().is_some_and(|lights| !lights.is_empty());
+        let (camera, scene) = (given, Some((file, name)));
+        Ok(Self { camera, base, scene, has_unused_lights, ..Self::bare(options, pictures, settings, objects) })
+    }
+
+    /// Shares a cache of files with levels of detail between successive requests.
+    #[must_use]
+    pub fn with_level_store(self, level_store: Arc<LevelStore>) -> Self {
+        Self { level_store, ..self }
+    }
+
+    /// Numbers the splats by the rows of their files even if no plane needs the numbers.
+    #[must_use]
+    pub fn with_rows(self) -> Self {
+        Self { has_rows: true, ..self }
+    }
+
+    /// Returns the same request for other images.
+    #[must_use]
+    pub fn with_pictures(mut self, pictures: Pictures) -> Self {
+        if let Some(camera) = pictures.first_camera() {
+            self.camera = Some(camera.clone());
+            self.scene.iter_mut().for_each(|(file, _)| file.camera = camera.clone());
+        }
+        Self { pictures, ..self }
+    }
+
+    /// True if the points of some file don't fit into memory at once, so that each image needs its own selection of
+    /// levels.
+    pub fn exceeds_memory(&self) -> bool {
+        let options = self.load_options(None);
+        let exceeds = |object: &ObjectFile| {
+            let path = self.base.join(object.splats.as_ref()?);
+            check_size(&path, &options.clone().with_convert(&object.convert, &self.base)).err()
+        };
+        self.objects.iter().any(|object| exceeds(object).is_some())
+    }
+
+    /// Returns the objects, whose paths are relative to the scene file's folder.
+    pub fn objects(&self) -> &[ObjectFile] {
+        &self.objects
+    }
+
+    /// Shares estimates between requests with the same loaded objects.
+    pub(crate) fn with_estimates(self, estimates: Arc<Estimates>) -> Self {
+        Self { estimates, ..self }
+    }
+
+    /// True if the inputs are files without a scene file.
+    pub(crate) fn is_bare(&self) -> bool {
+        self.scene.is_none()
+    }
+
+    /// Returns the paths of point and splat files.
+    pub(crate) fn files(&self) -> impl Iterator<Item = PathBuf> {
+        let named = self.objects.iter().filter_map(|object| object.splats.as_ref());
+        named.filter(|path| !is_stdin(path)).map(|path| self.base.join(path))
+    }
+
+    /// Returns a coarser version of the request. `most` maps the current point limit to the coarser one, and the
+    /// largest projected splat size is multiplied by `times`.
+    pub(crate) fn coarser(&self, most: impl Fn(Option<u32>) -> u32, times: f64) -> Self {
+        let mut coarse = self.clone();
+        coarse.objects.iter_mut().filter(|object| object.splats.is_some()).for_each(|object| {
+            object.convert.max_points = Some(most(object.convert.max_points));
+            object.convert.all_levels = false;
+        });
+        let scene = coarse.scene.as_mut().map(|(file, _)| &mut file.settings);
+        let coarsen = |settings: &mut Settings| {
+            settings.lod_error_px = (settings.lod_error_px * times).min(MOST_LOD_ERROR_PX);
+        };
+        std::iter::once(&mut coarse.settings).chain(scene).for_each(coarsen);
+        // Only the full scene's colour bar is written.
+        coarse.options.splats.colorbar = None;
+        coarse
+    }
+
+    /// Returns the options for loading the objects. Of large COPC files they read an overview, enough to place a
+    /// camera. `stdin` is the content for the name `-`.
+    pub fn load_options(&self, stdin: Option<Arc<[u8]>>) -> LoadOptions {
+        // Verification compares with a preset that antialiases edges.
+        let options = LoadOptions::default().with_interior_weight(self.options.verify).for_settings(&self.settings);
+        let up = self.scene.as_ref().and_then(|(file, _)| file.up);
+        let label = self.options.label.clone().unwrap_or_else(|| DEFAULT_LABEL.to_owned());
+        let options = options.with_label(self.options.wants_label().then_some(label));
+        let options = options.with_rows(self.has_rows || self.options.wants_rows());
+        let gaussians = options.gaussians || self.tells_composite();
+        options
+            .with_gaussians(gaussians)
+            .with_stdin(stdin)
+            .with_memory(self.options.splats.memory)
+            .with_up(self.options.up.flatten().or(up))
+            .with_level_store(Some(self.level_store.clone()))
+            .with_levels((self.pictures != Pictures::Any).then_some(Levels::Overview))
+    }
+
+    /// Loads the objects.
+    ///
+    /// # Errors
+    /// Errors of [`load_objects`].
+    pub fn load(&self, stdin: Option<Arc<[u8]>>, progress: &dyn Progress) -> Result<LoadedObjects, Error> {
+        let options = self.load_options(stdin);
+        let bare = self.tells_composite();
+        let load = if bare { load_bare_objects } else { load_objects };
+        let loaded = load(&self.objects, &self.base, &options, progress)?;
+        let flag = if self.options.sort.is_some() { "--sort" } else { "--composite over" };
+        if (options.gaussians && !bare || self.options.sort.is_some()) && !loaded.has_gaussians() {
+            let first = self.objects.iter().find_map(|object| object.splats.clone().or(object.mesh.clone()));
+            let problem = format!(
+                "holds no trained Gaussians that are drawn over one another, which {flag} is for: expected a PLY of \
+                 2DGS or 3DGS, SPLAT, SPZ, SOG or glTF with KHR_gaussian_splatting; leave out {flag}"
+            );
+            return Err(Error::Unsuitable { path: first.unwrap_or_default(), problem });
+        }
+        Ok(loaded)
+    }
+
+    /// True if the files decide how Gaussians are drawn, not a scene file or an option.
+    fn tells_composite(&self) -> bool {
+        self.scene.is_none() && self.options.composite.is_none() && self.options.of_surfaces().is_none()
+    }
+
+    /// Assembles the scene from its objects, with automatic framing and lighting unless a scene file defines them.
+    /// Reads the levels of large files that its images need. Passes notes for the user to `note`, as sentences without
+    /// a full stop.
+    ///
+    /// # Errors
+    /// - [`Error::Usage`] for options without effect or for an invalid camera;
+    /// - [`Error::Model`] and [`Error::Unsuitable`] for objects that can't be framed and numbers out of range;
+    /// - [`Error::Io`] for a matcap that can't be read;
+    /// - otherwise as [`load_objects`].
+    pub fn resolve(
+        mut self,
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        if !is_partial(&loaded) {
+            tell(&loaded, &self.options, note)?;
+        }
+        match self.scene.take() {
+            Some(scene) => self.scene_of_file(scene, loaded, progress, note),
+            None => self.scene_of_geometry(loaded, progress, note),
+        }
+    }
+
+    /// Reads the levels of large files that the images need.
+    fn refine(
+        &self,
+        mut loaded: LoadedObjects,
+        (file, turntable): (&SceneFile, &Turntable),
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<LoadedObjects, Error> {
+        if is_partial(&loaded) && self.pictures != Pictures::Any {
+            let views = self.pictures.views(&file.camera, turntable, &self.options)?;
+            // Geometry outside the frustum may cast a shadow into it.
+            let casts_shadows = file.lights.iter().flatten().any(Light::casts_shadow);
+            let sight_px = (!casts_shadows).then(|| Sight::margin_px(&file.settings));
+            let seen = Seen { views: &views, error_px: file.settings.lod_error_px, sight_px };
+            refine_objects(&mut loaded, &self.objects, &self.base, &self.load_options(None), &seen, progress)?;
+            tell(&loaded, &self.options, note)?;
+        }
+        Ok(loaded)
+    }
+
+    fn scene_of_file(
+        self,
+        (mut file, name): (SceneFile, PathBuf),
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        let options = &self.options;
+        if self.has_unused_lights && file.settings.shader == Shader::Unlit {
+            note(format!(
+                "{}: has lights, but settings.shader is not given, so that it is drawn unlit: \"shader\": \"phong\" in \
+                 its settings lights it, and so does --shader phong",
+                name.display()
+            ));
+        }
+        if let Some(choice) = options.up {
+            file.up = choice.or(file.up);
+        }
+        if let Some(background) = options.background {
+            file.background = background;
+        }
+        if let Some(lights) = &options.lights {
+            file.lights = Some(lights.clone());
+        }
+        if options.shadows {
+            // Shadows of the default headlight are never visible.
+            file.lights = file.lights.take().map(with_shadows);
+        }
+        let up = file.up.or_else(|| loaded.facts.first().map(|f| f.up)).unwrap_or(Up::PlusY);
+        let objects_only = Scene { objects: self.estimates.framed(&loaded).objects, ..Scene::default() };
+        if options.view.is_some() {
+            let kept = self.estimates.kept(&loaded, &objects_only);
+            if let Some(framed) = camera::reframe(&file.camera, &objects_only, kept, up, options) {
+                file.camera = framed;
+                note_strays(&objects_only, kept, note);
+            }
+        }
+        file.camera.validate().map_err(|e| out_of_range(&name, &e))?;
+        camera::apply_flags(&mut file.camera, &objects_only, up, false, options);
+        let kept = self.estimates.kept(&loaded, &objects_only);
+        let given = SkyAndGround { sky: file.sky.take(), ground: file.ground.take() };
+        let found = (up.vector(), &file.camera);
+        SkyAndGround::of(given, file.settings.shader, options, (&objects_only, kept), found)?.put(&mut file);
+        cull(&mut file, options);
+        // A scene file's camera turns around its target, about the scene's up axis or else its own.
+        let axis = file.up.map_or(DVec3::from(file.camera.up).normalize_or(DVec3::Y), Up::vector);
+        let turntable = Turntable { center: file.camera.target.into(), axis };
+        let frames_all = loaded.frames_all();
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
+        let in_file = |e: Error| Error::Unsuitable { path: name.clone(), problem: e.to_string() };
+        loaded.draw_points(&file.objects).map_err(in_file)?;
+        let mut scene = assemble(&file, loaded.objects).map_err(in_file)?;
+        absolute_paths(&mut file, &self.base)?;
+        scene.matcap = matcap(&mut file, options)?;
+        note_near(&scene, &file.camera, note);
+        let has_own_camera = self.options.view.is_none();
+        let lighting = None;
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting, frames_all })
+    }
+
+    fn scene_of_geometry(
+        mut self,
+        loaded: LoadedObjects,
+        progress: &dyn Progress,
+        note: &mut dyn FnMut(String),
+    ) -> Result<Resolved, Error> {
+        let (mut settings, given_camera, mut objects) = (self.settings, self.camera.take(), self.objects.clone());
+        let options = &self.options;
+        let paths: Vec<&Path> = objects.iter().filter_map(|object| object.splats.as_deref()).collect();
+        if let Some((over, about)) = auto_composite(&loaded, &paths, settings) {
+            settings = of_gaussians(over, options);
+            if options.composite.is_none() {
+                note(format!("{}: {}", about.path.shown(), about.text));
+            }
+        }
+        if options.transparency.is_none()
+            && let Some((transparency, about)) = auto_transparency(&loaded, &paths)
+        {
+            settings.transparency = transparency;
+            note(format!("{}: {}", about.path.shown(), about.text));
+        }
+        for about in auto_points_as(&loaded, &mut objects) {
+            note(format!("{}: {}", about.path.shown(), about.text));
+        }
+        if options.depth_tolerance.is_none()
+            && let Some(tolerance) = auto_depth_tolerance(&loaded)
+        {
+            settings.depth_tolerance = tolerance;
+        }
+        let framed = self.estimates.framed(&loaded);
+        let up = options.up.flatten().unwrap_or_else(|| note_up(&framed, note));
+        let view = match options.view.unwrap_or_default() {
+            ViewChoice::Auto if given_camera.is_none() && options.eye.is_none() && options.target.is_none() => {
+                let ChosenView { angles, reason } = surfel_framing::choose_view(&framed.objects, up);
+                note(format!("seen from --view {angles} (azimuth and elevation; {reason})"));
+                ViewChoice::From(angles)
+            }
+            // If options give either eye or target, the other follows from the default view.
+            ViewChoice::Auto => ViewChoice::Named(NamedView::Iso),
+            given => given,
+        };
+        let own_near = given_camera.is_none();
+        let auto = AutoOptions::default()
+            .with_up(Some(up))
+            .with_view(view)
+            .with_projection(camera::projection(options))
+            .with_size(options.size.unwrap_or(DEFAULT_SIZE))
+            .with_camera(given_camera)
+            .with_background(options.background)
+            .with_settings(settings)
+            .with_turning(options.turntable)
+            .with_ground(options.light(true).2.is_some());
+        let mut file = scene_by(&self.estimates, objects, &framed, &auto)?;
+        let objects_only = Scene { objects: framed.objects.clone(), ..Scene::default() };
+        if own_near && options.eye.is_none() && options.target.is_none() {
+            note_strays(&objects_only, self.estimates.kept(&framed, &objects_only), note);
+        }
+        let center = self.estimates.center(&framed, &objects_only).unwrap_or_default();
+        if options.eye.is_some() && options.target.is_none() && own_near {
+            file.camera.target = center.into();
+        }
+        camera::apply_flags(&mut file.camera, &objects_only, up, own_near, options);
+        camera::view(&file.camera, options)?;
+        // The lights follow the camera, wherever the options have placed it.
+        let lighting = self.estimates.lighting(&framed, up);
+        let lights = match (&options.lights, options.cameras) {
+            (Some(lights), _) => Some(lights.clone()),
+            // All cameras share the light along the view, so that the scene doesn't change.
+            (None, true) => None,
+            (None, false) => Some(lighting.lights(&file.camera)),
+        };
+        let lighting = (options.lights.is_none() && !options.cameras).then_some(lighting);
+        file.lights = if options.shadows { lights.map(with_shadows) } else { lights };
+        let kept = self.estimates.kept(&framed, &objects_only);
+        let found = (up.vector(), &file.camera);
+        let none = SkyAndGround::default();
+        SkyAndGround::of(none, file.settings.shader, options, (&objects_only, kept), found)?.put(&mut file);
+        let lighting = lighting.filter(|_| file.sky.is_none());
+        drop((framed, objects_only));
+        cull(&mut file, options);
+        let turntable = Turntable { center, axis: up.vector() };
+        let frames_all = loaded.frames_all();
+        let mut loaded = self.refine(loaded, (&file, &turntable), progress, note)?;
+        let (beside, colorings) = (beside(&loaded)?, loaded.colorings.clone());
+        loaded.draw_points(&file.objects)?;
+        let mut scene = assemble(&file, loaded.objects)?;
+        absolute_paths(&mut file, Path::new(""))?;
+        scene.matcap = matcap(&mut file, options)?;
+        note_near(&scene, &file.camera, note);
+        let has_own_camera = !own_near;
+        Ok(Resolved { file, scene, turntable, up, has_own_camera, beside, colorings, lighting, frames_all })
+    }
+}
+
+/// Finds one colouring for the values of all sources, each of which is drawn by itself. Returns `None` if they aren't
+/// coloured by numbers. The sources are loaded one after another.
+///
+/// # Errors
+/// [`Error::Usage`] if the options name no attribute; otherwise as [`Request::new`] and [`Request::load`].
+pub fn shared_coloring(
+    sources: impl IntoIterator<Item = Result<Source, Error>>,
+    options: &RenderOptions,
+    stdin: Option<Arc<[u8]>>,
+    progress: &dyn Progress,
+) -> Result<Option<Coloring>, Error> {
+    let Some(attribute) = &options.splats.convert.color_by else {
+        return Err(Error::Usage("--range is for values: give --color-by ATTRIBUTE with it".to_owned()));
+    };
+    let mut tallies = Tallies::default();
+    for source in sources {
+        let request = Request::new(source?, &Pictures::One, options)?;
+        request.load(stdin.clone(), progress)?.tally(&mut tallies);
+    }
+    let found = tallies.coloring(attribute).map(|(coloring, _)| coloring);
+    Ok(found.filter(|coloring| coloring.scale != ColorScale::Direct))
+}
+
+/// Applies the options for converting an object's file to splats.
+fn apply(options: &RenderOptions, object: &mut ObjectFile) -> Result<(), Error> {
+    splats::apply(&options.splats, &mut object.convert)?;
+    object.convert.all_levels |= options.all_levels;
+    object.material.color = options.color.or(object.material.color);
+    Ok(())
+}
+
+fn is_partial(loaded: &LoadedObjects) -> bool {
+    loaded.facts.iter().any(|facts| facts.partial)
+}
+
+/// Reports the notes on files, and options without effect.
+fn tell(loaded: &LoadedObjects, options: &RenderOptions, note: &mut dyn FnMut(String)) -> Result<(), Error> {
+    for ObjectNote { path, text } in &loaded.notes {
+        note(format!("{}: {text}", display(path)));
+    }
+    splats::check_used(&options.splats, &loaded.unused, note)?;
+    splats::write_color_bar(&options.splats, loaded.colorings.iter(), note)
+}
+
+/// Notes how many stray points the framed camera leaves out.
+fn note_strays(scene: &Scene, kept: Option<Sphere>, note: &mut dyn FnMut(String)) {
+    if let Some(LeftOut { count, times }) = kept.and_then(|kept| surfel_framing::left_out(scene, &kept)) {
+        let points = if count == 1 { "1 stray point".to_owned() } else { format!("{count} stray points") };
+        note(format!(
+            "left {points} out of the frame, up to {times:.0} times as far out as the rest (--outliers drop removes \
+             isolated points; --eye and --target place the camera)"
+        ));
+    }
+}
+
+/// Notes if most trained Gaussians before the camera are closer than the near limit for drawing them.
+fn note_near(scene: &Scene, camera: &Camera, note: &mut dyn FnMut(String)) {
+    let Some(view) = View::new(camera).ok().filter(|view| view.projection.is_perspective()) else { return };
+    let (near, forward) = (gaussian::near(&view.projection), view.forward());
+    let (mut before, mut too_near) = (0, 0);
+    for object in &scene.objects {
+        let Geometry::Gaussians(cloud) = &object.geometry else { continue };
+        for i in 0..cloud.len() {
+            let depth = forward.dot(object.world_from_object.transform_point3(cloud.center(i)) - view.eye);
+            before += u64::from(depth > 0.0);
+            too_near += u64::from(depth > 0.0 && depth <= near);
+        }
+    }
+    if 2 * too_near > before {
+        note(format!(
+            "{too_near} of {before} Gaussians before the camera are nearer than {near} units, and such aren't drawn: \
+             --ortho shows them, and so does a scene file whose \"matrix\" makes them larger"
+        ));
+    }
+}
+
+fn beside(loaded: &LoadedObjects) -> Result<BTreeSet<PathBuf>, Error> {
+    loaded.beside.iter().map(|path| absolute(path)).collect()
+}
+
+fn out_of_range(name: &Path, e: &ModelError) -> Error {
+    Error::Unsuitable { path: name.to_path_buf(), problem: e.to_string() }
+}
+
+/// Determines the up axis from the files or their shape, and notes how to override it.
+fn note_up(loaded: &LoadedObjects, note: &mut dyn FnMut(String)) -> Up {
+    let found = auto_up(loaded);
+    note(up_note(found));
+    found.up
+}
+
+/// Returns the note on an up axis that no option states.
+pub(crate) fn up_note(Upright { up, reason }: Upright) -> String {
+    let other = if up == Up::PlusZ { Up::PlusY } else { Up::PlusZ };
+    format!("up is {up} ({reason}); if that is wrong: --up {other}")
+}
+
+fn camera_file(options: &RenderOptions) -> Result<Option<Camera>, Error> {
+    let path = match &options.camera {
+        Some(CameraSource::File(path)) => path,
+        Some(CameraSource::Given { camera, .. }) => return Ok(Some((**camera).clone())),
+        None => return Ok(None),
+    };
+    let camera = surfel_io::scene_file::read_camera(path)?;
+    camera.validate().map_err(|e| out_of_range(path, &e))?;
+    Ok(Some(camera))
+}
+
+/// Applies a preset, except to settings that the scene file states itself.
+fn preset_under(preset: Option<Preset>, file: Settings, keys: &BTreeSet<String>) -> Settings {
+    let Some(preset) = preset else { return file };
+    let mut settings = preset.apply(file);
+    let says = |key: &str| keys.contains(key);
+    if says("filter") {
+        settings.filter = file.filter;
+    }
+    if says("cutoff") {
+        settings.cutoff = file.cutoff;
+    }
+    if says("prefilter_radius_px") {
+        settings.prefilter_radius_px = file.prefilter_radius_px;
+    }
+    if says("mapping") {
+        settings.mapping = file.mapping;
+    }
+    if says("edge_aa") {
+        settings.edge_aa = file.edge_aa;
+    }
+    settings
+}
+
+/// Applies `--filter` to Gaussians if they are drawn over one another.
+fn of_gaussians(settings: Settings, options: &RenderOptions) -> Settings {
+    let over = options.filter.filter(|_| settings.composite == Composite::Over);
+    settings.with_gaussian_filter(over.unwrap_or(settings.gaussian_filter))
+}
+
+fn settings(base: Settings, options: &RenderOptions) -> Settings {
+    let settings = base
+        .with_filter(options.filter.unwrap_or(base.filter))
+        .with_cutoff(options.cutoff.unwrap_or(base.cutoff))
+        .with_prefilter_radius_px(options.prefilter.unwrap_or(base.prefilter_radius_px))
+        .with_mapping(options.mapping.unwrap_or(base.mapping))
+        .with_depth_tolerance(options.depth_tolerance.unwrap_or(base.depth_tolerance))
+        .with_shader(options.shader.or(options.matcap.as_ref().map(|_| Shader::Matcap)).unwrap_or(base.shader))
+        .with_edge_aa(options.edge_aa.unwrap_or(base.edge_aa))
+        .with_transparency(options.transparency.unwrap_or(base.transparency))
+        .with_clip(options.clip.unwrap_or(base.clip))
+        .with_accumulate(options.accumulate.unwrap_or(base.accumulate))
+        .with_composite(options.composite.unwrap_or(base.composite))
+        .with_sort(options.sort.unwrap_or(base.sort))
+        .with_lod_error_px(options.lod_error.unwrap_or(base.lod_error_px));
+    of_gaussians(settings, options)
+}
+
+pub(crate) fn with_shadows(mut lights: Vec<Light>) -> Vec<Light> {
+    for light in &mut lights {
+        if let Light::Directional { shadow, .. } | Light::Spot { shadow, .. } = light {
+            *shadow = true;
+        }
+    }
+    lights
+}
+
+/// Applies the culling option to all objects.
+fn cull(file: &mut SceneFile, options: &RenderOptions) {
+    if let Some(cull) = options.splats.cull {
+        file.objects.iter_mut().for_each(|object| object.material.cull = cull);
+    }
+}
+
+/// Makes all paths of a scene file absolute, except the name of stdin.
+fn absolute_paths(file: &mut SceneFile, base: &Path) -> Result<(), Error> {
+    paths::for_each(file, |path| {
+        *path = absolute(&base.join(&*path))?;
+        Ok(())
+    })
+}
+
+/// Loads the matcap that the option or else the file names, by absolute path. Returns `None` for the built-in matcap,
+/// and if none is asked for.
+fn matcap(file: &mut SceneFile, options: &RenderOptions) -> Result<Option<Arc<Matcap>>, Error> {
+    if let Some(given) = &options.matcap {
+        file.matcap = if given.as_os_str() == "builtin" { None } else { Some(absolute(given)?) };
+    }
+    load_matcap(file, Path::new(""))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use surfel_model::{Filter, Mapping};
+
+    #[test]
+    fn preset_changes_only_what_the_file_leaves_open() {
+        let file = Settings::default().with_filter(Filter::Ewa);
+        let keys = BTreeSet::from(["filter".to_owned()]);
+        let settings = preset_under(Some(Preset::Fastest), file, &keys);
+        assert_eq!((settings.filter, settings.mapping, settings.cutoff), (Filter::Ewa, Mapping::Affine, 2.0));
+        assert_eq!(preset_under(None, file, &keys), file);
+    }
+}

@@ -1,0 +1,703 @@
+//! Camera framing: places a camera so that all of a scene fills the image.
+
+use crate::patches::Patches;
+use crate::strays::{Kind, Sphere, without_strays};
+pub use crate::up_axis::{UpConvention, UpReason, Upright};
+use crate::{up_axis, viewpoint};
+use glam::{DQuat, DVec3};
+use rayon::prelude::*;
+use std::fmt;
+use std::ops::Range;
+use surfel_math::V2;
+use surfel_math::basis::unit;
+use surfel_math::clip::Clip;
+use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projection, Scene, Shape, SplatCloud, Up};
+
+/// Vertical field of view of automatic cameras, in degrees. It matches a short telephoto lens, which distorts little.
+pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
+
+/// Named views, relative to the scene's up axis. `Front` looks along −z if y is up and along +y if z is up.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NamedView {
+    /// View from 30° to the right of the front and 20° above it.
+    #[default]
+    Iso,
+    /// Front view.
+    Front,
+    /// Back view.
+    Back,
+    /// View from the left-hand side of the front view.
+    Left,
+    /// View from the right-hand side of the front view.
+    Right,
+    /// View from above.
+    Top,
+    /// View from below.
+    Bottom,
+}
+
+/// Direction from which a scene is viewed, as two angles; both are 0 for [`NamedView::Front`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewAngles {
+    /// Azimuth about the up axis toward the right of the front view, in degrees from −360 to 360: 90 is
+    /// [`NamedView::Right`].
+    pub azimuth_deg: f64,
+    /// Elevation above the horizon, in degrees from −90 to 90: 90 is [`NamedView::Top`].
+    pub elevation_deg: f64,
+}
+
+impl ViewAngles {
+    /// Angles of [`NamedView::Iso`].
+    pub const ISO: Self = Self { azimuth_deg: 30.0, elevation_deg: 20.0 };
+}
+
+impl fmt::Display for ViewAngles {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{},{}", self.azimuth_deg, self.elevation_deg)
+    }
+}
+
+/// Evidence that decided the automatic view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum ViewReason {
+    /// The view shows the most detail: positions, directions, colours and curvature.
+    Details,
+    /// The scene's semantic front faces the view.
+    Front,
+    /// The scene is open toward the view, which shows its inside.
+    Opening,
+    /// Nearly all surfaces face the view, as in a depth camera's capture or a relief.
+    Camera,
+    /// The scene has too few splats to judge, so the default view is used.
+    Convention,
+}
+
+impl fmt::Display for ViewReason {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Details => "it shows most",
+            Self::Front => "the front is there",
+            Self::Opening => "that side is open",
+            Self::Camera => "all faces that way",
+            Self::Convention => "the usual view",
+        })
+    }
+}
+
+/// A view and the evidence that decided it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ChosenView {
+    /// Direction from which the scene is viewed.
+    pub angles: ViewAngles,
+    /// The evidence that decided.
+    pub reason: ViewReason,
+}
+
+/// Selection of the side from which a scene is viewed.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub enum ViewChoice {
+    /// The view that shows most among a ring of candidates: [`best_view`].
+    #[default]
+    Auto,
+    /// A named view.
+    Named(NamedView),
+    /// A view given by its angles.
+    From(ViewAngles),
+}
+
+/// Camera axes of a view: unit vectors in world space.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ViewAxes {
+    /// Direction toward the right edge of the image.
+    pub right: DVec3,
+    /// Direction toward the upper edge of the image.
+    pub up: DVec3,
+    /// Viewing direction, into the image.
+    pub forward: DVec3,
+}
+
+impl ViewAxes {
+    /// Returns the axes of a camera.
+    pub fn of(camera: &Camera) -> Self {
+        let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
+        let right = unit(forward.cross(unit(DVec3::from(camera.up))));
+        Self { right, up: right.cross(forward), forward }
+    }
+
+    /// Returns the axes of the view of `objects` that `choice` names.
+    pub fn of_choice(choice: ViewChoice, objects: &[Object], up: Up) -> Self {
+        match choice {
+            ViewChoice::Auto => Self::turned(best_view(objects, up), up),
+            ViewChoice::Named(view) => Self::named(view, up),
+            ViewChoice::From(angles) => Self::turned(angles, up),
+        }
+    }
+
+    fn looking(forward: DVec3, up: DVec3) -> Self {
+        let right = unit(forward.cross(up));
+        Self { right, up: right.cross(forward), forward: unit(forward) }
+    }
+
+    /// Returns the axes of a view from these angles. In a view straight from above the front is at the lower edge of
+    /// the image, as in [`NamedView::Top`]; straight from below, at the upper edge.
+    pub fn turned(angles: ViewAngles, up: Up) -> Self {
+        let u = up.vector();
+        let front = front(up);
+        let right = front.cross(u);
+        let (azimuth, elevation) = (angles.azimuth_deg.to_radians(), angles.elevation_deg.to_radians());
+        let level = front * azimuth.cos() - right * azimuth.sin();
+        let upward = u * elevation.cos() + level * elevation.sin();
+        Self::looking(level * elevation.cos() - u * elevation.sin(), upward)
+    }
+
+    /// Returns the axes of a named view.
+    pub fn named(view: NamedView, up: Up) -> Self {
+        let u = up.vector();
+        let front = front(up);
+        let right = front.cross(u);
+        let looking = Self::looking;
+        match view {
+            NamedView::Front => looking(front, u),
+            NamedView::Back => looking(-front, u),
+            NamedView::Left => looking(right, u),
+            NamedView::Right => looking(-right, u),
+            NamedView::Top => looking(-u, front),
+            NamedView::Bottom => looking(u, -front),
+            NamedView::Iso => {
+                let ViewAngles { azimuth_deg, elevation_deg } = ViewAngles::ISO;
+                let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
+                let level = front * azimuth.cos() - right * azimuth.sin();
+                looking(level * elevation.cos() - u * elevation.sin(), u)
+            }
+        }
+    }
+}
+
+/// Returns the viewing direction of a front view, for each up axis. A y-up model faces +z and a z-up model −y. Gaussian
+/// splats face −z, since their cameras look along +z with y down.
+fn front(up: Up) -> DVec3 {
+    match up {
+        Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
+        Up::MinusY => DVec3::Z,
+        Up::PlusZ => DVec3::Y,
+        Up::MinusZ => DVec3::NEG_Y,
+    }
+}
+
+/// Projection of a framed view.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum FrameProjection {
+    /// Perspective projection with this vertical field of view, in degrees between 0 and 180.
+    Perspective(f64),
+    /// Parallel projection; framing chooses the view's height.
+    Orthographic,
+}
+
+/// Options for framing a scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameOptions {
+    /// Axes of the camera.
+    pub axes: ViewAxes,
+    /// Projection of the camera.
+    pub projection: FrameProjection,
+    /// Image width and height in pixels.
+    pub size: [u32; 2],
+    /// Fraction of the image's width or height that the scene fills, in (0, 1].
+    pub fill: f64,
+    /// Axis through the scene's middle, a unit vector in world space. The scene also fits the image while it turns
+    /// about this axis. `None`: it doesn't turn.
+    pub turning: Option<DVec3>,
+}
+
+/// Centring error at which iteration stops, as a fraction of half the image's height: one pixel of 1000.
+const CENTRED: f64 = 0.002;
+/// Largest number of centring steps.
+const STEPS: usize = 4;
+/// Number of angles at which a turning scene must fit.
+const TURNS: u32 = 24;
+
+/// Minima over the scene of several linear functions of position.
+#[derive(Clone)]
+struct Support {
+    /// Gradients and their lengths.
+    directions: Vec<(DVec3, f64)>,
+    least: Vec<f64>,
+}
+
+impl Support {
+    fn new(directions: Vec<DVec3>) -> Self {
+        let least = vec![f64::INFINITY; directions.len()];
+        Self { directions: directions.into_iter().map(|g| (g, g.length())).collect(), least }
+    }
+
+    /// Returns the minima over the splats whose centres `at` maps to a position; `None` skips a splat.
+    fn of(scene: &Scene, directions: Vec<DVec3>, at: impl Fn(DVec3) -> Option<DVec3> + Sync) -> Self {
+        let add = |support: &mut Self, p: DVec3, splat: &Extent| {
+            if at(p).is_none_or(|p| support.may_grow(p, splat)) {
+                splat.parts(p, &mut |p, part| at(p).into_iter().for_each(|p| support.add(p, part)));
+            }
+        };
+        let join = |mut a: Self, b: Self| {
+            a.least.iter_mut().zip(b.least).for_each(|(a, b)| *a = a.min(b));
+            a
+        };
+        gathered(scene, &Self::new(directions), add, join)
+    }
+
+    /// True if a splat at `p` may lower a minimum.
+    fn may_grow(&self, p: DVec3, splat: &Extent) -> bool {
+        let mut all = self.directions.iter().zip(&self.least);
+        all.any(|((g, length), least)| g.dot(p) - length * splat.reach < *least)
+    }
+
+    /// Lowers the minima by a splat at `p`.
+    fn add(&mut self, p: DVec3, splat: &Extent) {
+        for ((g, length), least) in self.directions.iter().zip(&mut self.least) {
+            let middle = g.dot(p);
+            // Skips splats too far inside to matter, which most are.
+            if middle - length * splat.reach < *least {
+                // An ellipse p + u·s + v·t reaches |(g·s, g·t)| to either side.
+                let (s, t) = (splat.axes)();
+                *least = least.min(middle - g.dot(s).hypot(g.dot(t)));
+            }
+        }
+    }
+}
+
+/// Extent of a splat about its centre, in world space.
+struct Extent<'a> {
+    /// Radius of a sphere about the centre that contains the splat.
+    reach: f64,
+    /// Half-axes of the splat; zero for a point.
+    axes: &'a dyn Fn() -> (DVec3, DVec3),
+    /// Points on the outline of a clipped splat, used instead of the ellipse. Computing them is slow, so they are
+    /// evaluated only if the splat may matter.
+    outline: Option<&'a Outline<'a>>,
+}
+
+/// Passes each point of an outline to a function.
+type Outline<'a> = dyn Fn(&mut dyn FnMut(DVec3)) + 'a;
+
+const POINT: Extent = Extent { reach: 0.0, axes: &|| (DVec3::ZERO, DVec3::ZERO), outline: None };
+
+impl Extent<'_> {
+    /// Calls `f` with the splat at `p` itself, or with each point of its outline if it is clipped.
+    fn parts(&self, p: DVec3, f: &mut dyn FnMut(DVec3, &Extent)) {
+        match self.outline {
+            Some(outline) => outline(&mut |q| f(q, &POINT)),
+            None => f(p, self),
+        }
+    }
+}
+
+/// Calls `f` with the centre and extent of each splat of an object, in world space. Mesh vertices have zero extent.
+/// `range` counts splats or vertices; an octree passes all its splats with the range that starts at 0. Gaussians are
+/// at most `longest` long.
+fn for_each_of(object: &Object, range: Range<usize>, longest: f64, f: &mut dyn FnMut(DVec3, &Extent)) {
+    let m = object.world_from_object;
+    // Upper bound of the matrix's 2-norm: √ of the 1-norm times the ∞-norm, slightly enlarged for rounding.
+    let columns = m.matrix3.to_cols_array_2d().map(|c| c.map(f64::abs));
+    let of_column = columns.map(|c| c.iter().sum::<f64>()).into_iter().fold(0.0, f64::max);
+    let of_row = (0..3).map(|k| columns.iter().map(|c| c[k]).sum::<f64>()).fold(0.0, f64::max);
+    let growth = (of_column * of_row).sqrt() * (1.0 + 1e-9);
+    let mut splat = |cloud: &SplatCloud, i: usize| {
+        let p = m.transform_point3(cloud.center(i));
+        let axes = || {
+            let (s, t) = cloud.axes(i);
+            (m.transform_vector3(s), m.transform_vector3(t))
+        };
+        let reach = match &cloud.data().shape {
+            Shape::Disks { .. } | Shape::Balls { .. } => cloud.radius_max(i),
+            Shape::Ellipses { s, t } => (s.get(i).length_squared() + t.get(i).length_squared()).sqrt(),
+        };
+        match cloud.data().clips.as_ref().filter(|clips| clips.is_clipped(i)) {
+            Some(clips) => {
+                let outline = |f: &mut dyn FnMut(DVec3)| {
+                    let (s, t) = axes();
+                    let clip = clips.clip(i, ClipPolicy::Exact);
+                    clip.iter().flat_map(outline).for_each(|d| f(p + s * d.x + t * d.y));
+                };
+                f(p, &Extent { reach: reach * growth * OUTSIDE, axes: &axes, outline: Some(&outline) });
+            }
+            None => f(p, &Extent { reach: reach * growth, axes: &axes, outline: None }),
+        }
+    };
+    match &object.geometry {
+        Geometry::Splats(cloud) => range.for_each(|i| splat(cloud, i)),
+        Geometry::Gaussians(gaussians) => {
+            let opacities = &gaussians.data().opacities;
+            let is_shown = |opacity: &f32| *opacity >= GaussianCloud::FAINT;
+            // If all Gaussians are faint, all of them count.
+            let are_faint = !opacities.iter().any(is_shown);
+            for i in range.filter(|i| are_faint || is_shown(&opacities[*i])) {
+                let (s, t) = gaussians.ellipse(i);
+                let reach = reach_of(gaussians, i);
+                let part = if reach > longest { longest / reach } else { 1.0 };
+                let axes = || (m.transform_vector3(s * part), m.transform_vector3(t * part));
+                let reach = reach * part * growth;
+                f(m.transform_point3(gaussians.center(i)), &Extent { reach, axes: &axes, outline: None });
+            }
+        }
+        Geometry::Octree(octree) if range.start == 0 => {
+            octree.finest().flatten().for_each(|i| splat(octree.cloud(), i as usize));
+        }
+        Geometry::Octree(_) => {}
+        Geometry::Mesh(mesh) => {
+            for i in range {
+                f(m.transform_point3(mesh.origin + mesh.positions.get(i)), &POINT);
+            }
+        }
+    }
+}
+
+/// Divisor of the number of Gaussians that gives the number of needles.
+const ONE_NEEDLE_IN: usize = 50;
+/// Largest number of Gaussians whose length is measured.
+const MEASURED: usize = 20_000;
+
+/// Returns the radius of a sphere about a Gaussian's centre that contains its ellipse.
+fn reach_of(gaussians: &GaussianCloud, i: usize) -> f64 {
+    let (s, t) = gaussians.ellipse(i);
+    (s.length_squared() + t.length_squared()).sqrt()
+}
+
+/// Returns the length of the Gaussians that are no needles. Needles are the longest 1 in 50. They would make the rest
+/// of a scene small, although they are seen only faintly far from their centres. Infinite for other geometry.
+fn longest(object: &Object) -> f64 {
+    let Geometry::Gaussians(gaussians) = &object.geometry else { return f64::INFINITY };
+    let step = gaussians.len().div_ceil(MEASURED).max(1);
+    let mut all: Vec<f64> = (0..gaussians.len()).step_by(step).map(|i| reach_of(gaussians, i)).collect();
+    let Some(rank) = all.len().checked_sub(1 + all.len() / ONE_NEEDLE_IN) else { return f64::INFINITY };
+    *all.select_nth_unstable_by(rank, f64::total_cmp).1
+}
+
+/// Folds all splats of a scene with `add`, in chunks on all threads. Each chunk starts with `none`, and `join` combines
+/// the chunk results in order.
+fn gathered<T: Clone + Send + Sync>(
+    scene: &Scene,
+    none: &T,
+    add: impl Fn(&mut T, DVec3, &Extent) + Sync,
+    join: impl Fn(T, T) -> T,
+) -> T {
+    const PART: usize = 1 << 15;
+    let part = |object: &Object, range: Range<usize>, longest: f64| {
+        let mut found = none.clone();
+        for_each_of(object, range, longest, &mut |p, splat| add(&mut found, p, splat));
+        found
+    };
+    let of_object = |object: &Object| {
+        let (count, longest) = (object.geometry.len(), longest(object));
+        let parts = (0..count.div_ceil(PART)).into_par_iter();
+        parts.map(|i| part(object, i * PART..count.min((i + 1) * PART), longest)).collect::<Vec<T>>()
+    };
+    scene.objects.iter().flat_map(of_object).fold(none.clone(), join)
+}
+
+/// Largest distance of an outline's points from the centre, relative to the ellipse (see [`outline`]).
+const OUTSIDE: f64 = 1.02;
+
+/// Returns points (u, v) just outside the kept part of a clip. On each of a set of rays from the centre, a point one
+/// step beyond the farthest kept position is moved outward by what neighbouring rays may miss. Empty if the clip keeps
+/// nothing.
+fn outline(clip: &Clip<f64>) -> impl Iterator<Item = V2<f64>> + '_ {
+    const RAYS: u32 = 16;
+    const STEPS: u32 = 16;
+    let between = (std::f64::consts::PI / f64::from(RAYS)).cos().recip();
+    (0..RAYS).filter_map(move |ray| {
+        let (y, x) = (std::f64::consts::TAU * f64::from(ray) / f64::from(RAYS)).sin_cos();
+        let at = |step: u32| V2::new(x, y) * (f64::from(step) / f64::from(STEPS));
+        let farthest = (0..=STEPS).rev().find(|step| clip.keeps(at(*step)))?;
+        Some(at((farthest + 1).min(STEPS)) * between)
+    })
+}
+
+fn bounds(scene: &Scene, keep: impl Fn(DVec3) -> bool + Sync) -> Option<(DVec3, DVec3)> {
+    let add = |bounds: &mut Option<(DVec3, DVec3)>, p: DVec3, splat: &Extent| {
+        let is_inside =
+            |(lo, hi): (DVec3, DVec3)| (p - splat.reach).cmpge(lo).all() && (p + splat.reach).cmple(hi).all();
+        if bounds.is_some_and(is_inside) {
+            return;
+        }
+        splat.parts(p, &mut |p, part| {
+            if keep(p) {
+                let (s, t) = (part.axes)();
+                let e = (s * s + t * t).map(f64::sqrt);
+                let (lo, hi) = bounds.unwrap_or((p - e, p + e));
+                *bounds = Some((lo.min(p - e), hi.max(p + e)));
+            }
+        });
+    };
+    let join = |a: Option<(DVec3, DVec3)>, b: Option<(DVec3, DVec3)>| {
+        a.zip(b).map(|(a, b)| (a.0.min(b.0), a.1.max(b.1))).or(a).or(b)
+    };
+    gathered(scene, &None, add, join).filter(|(lo, hi)| lo.is_finite() && hi.is_finite())
+}
+
+/// Returns the sphere around the scene without its stray points ([`without_strays`]); `None` if there are no stray
+/// points.
+pub fn without_strays_of(scene: &Scene) -> Option<Sphere> {
+    let mut sample = Vec::new();
+    let total: usize = scene.objects.iter().map(|o| o.geometry.len()).sum();
+    let step = (total / 20_000).max(1);
+    let mut index = 0_usize;
+    for object in &scene.objects {
+        let len = object.geometry.len();
+        if matches!(object.geometry, Geometry::Splats(_) | Geometry::Mesh(_)) {
+            // All splats count, so the ones between samples needn't be visited.
+            let first = index.next_multiple_of(step) - index;
+            (first..len)
+                .step_by(step)
+                .for_each(|i| for_each_of(object, i..i + 1, f64::INFINITY, &mut |p, _| sample.push(p)));
+            index += len;
+        } else {
+            for_each_of(object, 0..len, f64::INFINITY, &mut |p, _| {
+                if index.is_multiple_of(step) {
+                    sample.push(p);
+                }
+                index += 1;
+            });
+        }
+    }
+    let far = |middle: DVec3, limit: f64| {
+        let add = |found: &mut Vec<DVec3>, p: DVec3, _: &Extent| {
+            if p.distance(middle) > limit {
+                found.push(p);
+            }
+        };
+        gathered(scene, &Vec::new(), add, |a, b| [a, b].concat())
+    };
+    without_strays((&sample, total), Kind::of(&scene.objects), far)
+}
+
+/// Stray points that [`frame_camera`] leaves out of the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LeftOut {
+    /// Number of splats.
+    pub count: usize,
+    /// Distance of the farthest from the middle, relative to the radius of the framed sphere.
+    pub times: f64,
+}
+
+/// Counts the points outside of the sphere that is framed.
+pub fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
+    let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
+        let times = p.distance(kept.middle) / kept.radius;
+        if times > 1.0 {
+            *found = LeftOut { count: found.count + 1, times: found.times.max(times) };
+        }
+    };
+    let join = |a: LeftOut, b: LeftOut| LeftOut { count: a.count + b.count, times: a.times.max(b.times) };
+    Some(gathered(scene, &LeftOut { count: 0, times: 0.0 }, add, join)).filter(|found| found.count > 0)
+}
+
+trait Len {
+    fn len(&self) -> usize;
+}
+
+impl Len for Geometry {
+    fn len(&self) -> usize {
+        match self {
+            Self::Splats(cloud) => cloud.len(),
+            Self::Mesh(mesh) => mesh.positions.len(),
+            Self::Octree(octree) => octree.finest().map(|range| range.len()).sum(),
+            Self::Gaussians(gaussians) => gaussians.len(),
+        }
+    }
+}
+
+/// Places a camera that shows all of the scene, centred and as large as `options.fill` allows. It fits the ellipses
+/// themselves, not their bounding box. Returns `None` if the scene is empty.
+///
+/// Stray points are ignored. In clouds of splats these are isolated points, at most 1 in 25, farther out than all
+/// others, the farthest at least 1.5 times; at most 1 Gaussian in 50, 1.5 times as far out as the rest; in other
+/// geometry at most 1 in 200, four times as far out as the rest. The longest 1 Gaussian in 50 reaches no farther than
+/// the next.
+pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
+    frame_within(scene, without_strays_of(scene), options)
+}
+
+/// Places a camera like [`frame_camera`] that shows the part of the scene inside a sphere; all of it without one.
+pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions) -> Option<Camera> {
+    let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
+    let (lo, hi) = bounds(scene, keep)?;
+    let center = (lo + hi) * 0.5;
+    let ViewAxes { right, up, forward } = options.axes;
+    let [w, h] = options.size.map(f64::from);
+    let fill = options.fill.clamp(0.01, 1.0);
+
+    // Tangents of the half-angles that the scene may fill; 0 reduces the four functions below to plain bounds.
+    let slope = match options.projection {
+        FrameProjection::Perspective(fov_y_deg) => (0.5 * fov_y_deg.to_radians()).tan() * fill,
+        FrameProjection::Orthographic => 0.0,
+    };
+    let (kx, ky) = (slope * w / h, slope);
+    let local = [forward * kx - right, forward * kx + right, forward * ky - up, forward * ky + up, forward, -forward];
+    let rotations: Vec<DQuat> = match options.turning {
+        Some(axis) => {
+            let angle = |i: u32| std::f64::consts::TAU * f64::from(i) / f64::from(TURNS);
+            (0..TURNS).map(|i| DQuat::from_axis_angle(unit(axis), angle(i))).collect()
+        }
+        None => vec![DQuat::IDENTITY],
+    };
+    let directions = rotations.iter().flat_map(|r| local.map(|g| *r * g)).collect();
+    let support = Support::of(scene, directions, |p| keep(p).then(|| p - center));
+    let mut least = [f64::INFINITY; 6];
+    for values in support.least.chunks_exact(6) {
+        least.iter_mut().zip(values).for_each(|(l, v)| *l = l.min(*v));
+    }
+    let [a, b, c, d, z_first, z_last] = least;
+    let (z_first, z_last) = (z_first, -z_last);
+    // Flat or tiny scenes still need a distance.
+    let size = (hi - lo).length().max(f64::MIN_POSITIVE.sqrt());
+    let (x, y) = (0.5 * (b - a), 0.5 * (d - c));
+    let (z, projection) = match options.projection {
+        FrameProjection::Perspective(fov_y_deg) => {
+            // |x − x_eye| ≤ kx (z − z_eye) for all points: two planes per side, which meet at the eye (likewise for y).
+            let z = (0.5 * (a + b) / kx).min(0.5 * (c + d) / ky);
+            (z, Projection::Perspective { fov_y_deg })
+        }
+        FrameProjection::Orthographic => {
+            let (width, height) = (-(a + b), -(c + d));
+            let height = height.max(width * h / w).max(1e-9 * size) / fill;
+            (z_first - size, Projection::Orthographic { height })
+        }
+    };
+    let z = if z_first - z > 1e-6 * size { z } else { z_first - 1e-3 * size };
+    let mut eye = center + right * x + up * y + forward * z;
+    if matches!(projection, Projection::Perspective { .. }) && options.turning.is_none() {
+        let enough = CENTRED * slope / fill;
+        for _ in 0..STEPS {
+            let (moved, off) = centred(scene, eye, &options.axes, &keep);
+            eye = moved;
+            if off < enough {
+                break;
+            }
+        }
+    }
+    let target = eye + forward * (0.5 * (z_first + z_last) - z).max(1e-3 * size);
+    let far = matches!(projection, Projection::Orthographic { .. }).then(|| z_last - z + size);
+    let near = 0.5 * (z_first - z);
+    Some(Camera { eye: eye.into(), target: target.into(), up: up.into(), projection, near, far, size: options.size })
+}
+
+/// Largest extent of a scene toward one side of the image: its tangent, and the depth at which it occurs.
+#[derive(Clone, Copy)]
+struct Reach {
+    tangent: f64,
+    depth: f64,
+}
+
+/// Moves `eye` sideways so that the scene has nearly equal margins left and right, and above and below. The step
+/// assumes that the same splats stay outermost. Also returns the centring error before the step, as a tangent.
+///
+/// The step is needed because planes that meet at the eye fix only the two sides that limit its distance.
+fn centred(scene: &Scene, eye: DVec3, axes: &ViewAxes, keep: &(impl Fn(DVec3) -> bool + Sync)) -> (DVec3, f64) {
+    let ViewAxes { right, up, forward } = *axes;
+    let across = [-right, right, -up, up];
+    // Upper bound, since most splats are too far inside to matter.
+    let most = |direction: DVec3, q: DVec3, splat: &Extent| {
+        let tangent = q.dot(direction) / q.dot(forward);
+        tangent + splat.reach * (1.0 + tangent.abs()) / q.dot(forward)
+    };
+    let add_part = |reach: &mut [Reach; 4], p: DVec3, part: &Extent| {
+        let q = p - eye;
+        let depth = q.dot(forward);
+        if !keep(p) || depth <= part.reach {
+            return;
+        }
+        for (direction, farthest) in across.into_iter().zip(reach) {
+            if most(direction, q, part) <= farthest.tangent {
+                continue;
+            }
+            // Tangent of the plane through eye and centre, and the distance that an ellipse p + u·s + v·t extends
+            // beyond it.
+            let tangent = q.dot(direction) / depth;
+            let (beyond, (s, t)) = (direction - forward * tangent, (part.axes)());
+            let tangent = tangent + beyond.dot(s).hypot(beyond.dot(t)) / depth;
+            if tangent > farthest.tangent {
+                *farthest = Reach { tangent, depth };
+            }
+        }
+    };
+    let add = |reach: &mut [Reach; 4], p: DVec3, splat: &Extent| {
+        let q = p - eye;
+        let mut all = across.into_iter().zip(&*reach);
+        if q.dot(forward) <= splat.reach
+            || all.any(|(direction, farthest)| most(direction, q, splat) > farthest.tangent)
+        {
+            splat.parts(p, &mut |p, part| add_part(reach, p, part));
+        }
+    };
+    let farther = |a: Reach, b: Reach| if b.tangent > a.tangent { b } else { a };
+    let join = |a: [Reach; 4], b: [Reach; 4]| std::array::from_fn(|k| farther(a[k], b[k]));
+    let none = [Reach { tangent: f64::NEG_INFINITY, depth: 1.0 }; 4];
+    let [left, on_right, below, above] = gathered(scene, &none, add, join);
+    // A sideways step moves everything the other way, nearer points by more.
+    let step = |a: Reach, b: Reach| (b.tangent - a.tangent) / (1.0 / a.depth + 1.0 / b.depth);
+    let moved = eye + right * step(left, on_right) + up * step(below, above);
+    let off = (on_right.tangent - left.tangent).abs().max((above.tangent - below.tangent).abs());
+    if moved.is_finite() { (moved, off) } else { (eye, 0.0) }
+}
+
+/// Returns the middle of the bounds of a scene's part inside a sphere, as [`frame_within`] centres it. Without a sphere
+/// it is the middle of all of the scene. `None` without objects.
+pub fn center_within(scene: &Scene, kept: Option<Sphere>) -> Option<DVec3> {
+    let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
+    bounds(scene, keep).map(|(lo, hi)| (lo + hi) * 0.5)
+}
+
+/// Returns the least and largest coordinates of the scene's splats; `None` without objects.
+pub fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
+    bounds(scene, |_| true)
+}
+
+/// Returns the smallest and largest depth of the scene from `eye` along the unit vector `forward`, in world units.
+/// `None` without objects.
+pub fn depth_range(scene: &Scene, eye: DVec3, forward: DVec3) -> Option<(f64, f64)> {
+    let support = Support::of(scene, vec![forward, -forward], |p| Some(p - eye));
+    let (first, last) = (support.least[0], -support.least[1]);
+    (first.is_finite() && last.is_finite()).then_some((first, last))
+}
+
+/// Estimates the up axis of objects whose files don't state it, from their shape.
+///
+/// The evidence, in this order:
+/// - map coordinates: two of 1e5 to 3e7 m and a third of at most 1e4 m, which is up;
+/// - a base on which the objects rest stably, but not upside down;
+/// - terrain, a thin height field;
+/// - a mirror plane, in which the up axis lies.
+///
+/// Without evidence the convention decides. Only coordinate axes are considered, and negative ones and x only with
+/// strong evidence. At most 20,000 splats or triangles are sampled, always the same ones.
+///
+/// Source: Fu, Cohen-Or, Dror, Sheffer 2008, "Upright Orientation of Man-Made Objects", with our own evidence beside
+/// it.
+pub fn upright(objects: &[Object], convention: UpConvention) -> Upright {
+    up_axis::upright(Patches::of(objects), |all| all.one_of(objects), convention)
+}
+
+/// Returns the view that shows most of the objects: the one with the highest viewpoint entropy and visible curvature of
+/// twelve candidates.
+///
+/// The candidates are 30° apart around the objects and 20° above the horizon; the best one is also tried from 40°
+/// above. Objects lower than 0.4 of their smaller width are viewed from 40° above, and lower than 0.22 of it, from 50°
+/// above.
+///
+/// Three-quarter views win over slightly better straight ones, and front views over back views. The front is that of
+/// [`NamedView::Front`], unless the objects are a mirror-symmetric body on feet. Such a body's front is at its taller
+/// end, opposite to its tail, or away from its backrest. A room that is open to one side is viewed through the opening.
+/// Equal objects side by side are viewed as one of them would be. At most 20,000 splats or triangles are sampled,
+/// always the same ones; objects with fewer than 24 get [`ViewAngles::ISO`].
+///
+/// Sources: viewpoint entropy by Vázquez, Feixas, Sbert, Heidrich 2001; visible curvature after Lee, Varshney, Jacobs
+/// 2005; combined as by Secord, Lu, Finkelstein, Singh, Nealen 2011.
+pub fn best_view(objects: &[Object], up: Up) -> ViewAngles {
+    choose_view(objects, up).angles
+}
+
+/// Returns the view of [`best_view`] and the evidence that decided it.
+pub fn choose_view(objects: &[Object], up: Up) -> ChosenView {
+    viewpoint::choose_view(Patches::of(objects), |all| all.one_of(objects), up)
+}

@@ -1,0 +1,282 @@
+//! Detection of the semantic front of animals, seats and figures on two feet.
+//!
+//! Each entry of [`EVIDENCE`] votes for a direction with a weight. The direction with the largest total weight wins.
+
+use crate::patches::{Patch, Patches};
+use crate::up_axis::{axis_of, leads, mirror, others, standing};
+use glam::{DVec2, DVec3};
+use std::collections::BTreeMap;
+use surfel_model::Up;
+
+/// Least fraction of the surface that an animal's or seat's mirror plane maps onto surface.
+const MIRRORED: f64 = 0.9;
+/// Least ratio of length to width of an animal.
+const LONGER: f64 = 1.25;
+/// Distance from the middle at which an end of a body begins, as a fraction of the half length.
+const END: f64 = 0.4;
+/// Distance from the middle at which the tip of an end begins, as a fraction of the half length.
+const TIP: f64 = 0.8;
+/// Least lead in height of the head's end over the other, as a fraction of the body's height.
+const HIGHER: f64 = 0.15;
+/// Least height of the head's tip above the ground, as a fraction of the body's height.
+const CHIN: f64 = 0.35;
+/// Least ratio of length to width of a body with a tail.
+const SLENDER: f64 = 2.0;
+/// Distance from the middle at which the tail begins, as a fraction of the half length.
+const TAIL: f64 = 0.6;
+/// Largest height and width of a tail, as a fraction of the body's.
+const THIN_TAIL: f64 = 0.3;
+/// Height above which a seat has only its backrest, as a fraction of its height.
+const BACKREST: f64 = 0.65;
+/// Distance from the middle at which the backrest begins, as a fraction of the half length.
+const BEHIND: f64 = 0.3;
+/// Least ratio of height to length of a seat.
+const SEAT: f64 = 0.75;
+
+/// Stance of a standing figure.
+const STANDING: Stance = Stance { soles: 0.05, shins: (0.08, 0.16), off: 0.0 };
+/// Stance of a figure in mid-step.
+const STEPPING: Stance = Stance { soles: 0.11, shins: (0.14, 0.24), off: 0.35 };
+/// Largest gap between patches of one foot, as a fraction of the figure's height.
+const TOGETHER: f64 = 0.02;
+/// Largest length of a foot, as a fraction of the figure's height.
+const LONGEST_FOOT: f64 = 0.22;
+/// Least distance that toes extend forward, as a fraction of the figure's height.
+const TOES: f64 = 0.015;
+/// Least fraction of the ground contact that both feet together make up, and each foot alone.
+const FEET: (f64, f64) = (0.9, 0.1);
+/// Fewest patches of ground contact.
+const FEWEST: usize = 20;
+
+/// A weighted criterion for the direction that a shape faces.
+struct Piece {
+    weight: f64,
+    direction: fn(&Patches, Up) -> Option<DVec3>,
+}
+
+/// All evidence. A backrest outweighs a head, which outweighs a tail. Toes have the least weight, so they decide only
+/// if nothing else does.
+const EVIDENCE: [Piece; 4] = [
+    Piece { weight: 1.0, direction: away_from_backrest },
+    Piece { weight: 0.6, direction: toward_head },
+    Piece { weight: 0.3, direction: away_from_tail },
+    Piece { weight: 0.2, direction: toes },
+];
+/// Cosine from which two directions count as the same.
+const ALIKE: f64 = 0.7;
+
+/// Returns the horizontal unit vector toward which a shape faces; `None` if the shape gives no evidence.
+pub(crate) fn front(patches: &Patches, up: Up) -> Option<DVec3> {
+    let found: Vec<(f64, DVec3)> =
+        EVIDENCE.iter().filter_map(|piece| Some((piece.weight, (piece.direction)(patches, up)?))).collect();
+    let score = |direction: DVec3| -> f64 {
+        found.iter().filter(|(_, other)| direction.dot(*other) > ALIKE).map(|(weight, _)| weight).sum()
+    };
+    let directions = found.iter().map(|(_, direction)| *direction);
+    directions.rev().max_by(|a, b| score(*a).total_cmp(&score(*b)))
+}
+
+fn away_from_backrest(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, _) = Body::on_feet(patches, up)?;
+    body.backrest(forward, length)
+}
+
+fn toward_head(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, across) = Body::on_feet(patches, up)?;
+    let is_long = length > LONGER * patches.extent().dot(across);
+    if is_long { body.head(forward, length) } else { None }
+}
+
+fn away_from_tail(patches: &Patches, up: Up) -> Option<DVec3> {
+    let (body, forward, length, across) = Body::on_feet(patches, up)?;
+    body.tail(forward, length, across)
+}
+
+/// A body that may have a front: its surface, up direction and height.
+struct Body<'a> {
+    patches: &'a Patches,
+    up: DVec3,
+    height: f64,
+}
+
+impl<'a> Body<'a> {
+    /// Returns an animal or a seat: a shape on feet that is mirror-symmetric from left to right. Also returns the
+    /// direction of its length, that length, and the direction across.
+    fn on_feet(patches: &'a Patches, up: Up) -> Option<(Self, DVec3, f64, DVec3)> {
+        if !standing(patches, up).is_on_feet() {
+            return None;
+        }
+        let (mirror, extent) = (mirror(patches), patches.extent());
+        let is_mirror = |k: usize| leads(mirror, extent.to_array(), k) > 0.5 && mirror[k] > MIRRORED;
+        let [u, v] = others(axis_of(up));
+        let (across, along) = [(u, v), (v, u)].into_iter().find(|(across, _)| is_mirror(*across))?;
+        let body = Self { patches, up: up.vector(), height: extent[axis_of(up)] };
+        Some((body, DVec3::AXES[along], extent[along], DVec3::AXES[across]))
+    }
+
+    /// Returns the height above the ground, as a fraction of the whole height.
+    fn height(&self, patch: &Patch) -> f64 {
+        patch.position.dot(self.up) / self.height + 0.5
+    }
+
+    /// Returns the heights above the ground of the patches at one end of a body, beyond the fraction `from` of the half
+    /// length.
+    fn heights(&self, end: DVec3, length: f64, from: f64) -> impl Iterator<Item = f64> {
+        let there = self.patches.all.iter().filter(move |p| p.position.dot(end) > from * 0.5 * length);
+        there.map(|p| self.height(p))
+    }
+
+    /// Returns the direction away from the backrest of a seat: its high parts are all at one end.
+    fn backrest(&self, forward: DVec3, length: f64) -> Option<DVec3> {
+        let high = || self.patches.all.iter().filter(|p| self.height(p) > BACKREST);
+        let is_behind = |end: &DVec3| high().all(|p| p.position.dot(*end) > BEHIND * 0.5 * length);
+        let is_seat = self.height > SEAT * length;
+        [forward, -forward].into_iter().filter(|_| is_seat).find(is_behind).map(|back| -back)
+    }
+
+    /// Returns the direction toward the taller end, where animals have their heads.
+    fn head(&self, forward: DVec3, length: f64) -> Option<DVec3> {
+        let top = |end: DVec3| self.heights(end, length, END).fold(f64::NEG_INFINITY, f64::max);
+        let lead = top(forward) - top(-forward);
+        let end = forward * lead.signum();
+        // A head is held up; the tall end of a car extends down to the ground.
+        let chin = self.heights(end, length, TIP).fold(f64::INFINITY, f64::min);
+        (lead.abs() > HIGHER && chin > CHIN).then_some(end)
+    }
+
+    /// Returns the direction away from the end that is thin, if the other end isn't.
+    fn tail(&self, forward: DVec3, length: f64, across: DVec3) -> Option<DVec3> {
+        let span = |of: &dyn Fn(&Patch) -> f64, end: Option<DVec3>| {
+            let is_there = |p: &&Patch| end.is_none_or(|end| p.position.dot(end) > TAIL * 0.5 * length);
+            let values = self.patches.all.iter().filter(is_there).map(of);
+            let (least, most) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(a, b), v| (a.min(v), b.max(v)));
+            most - least
+        };
+        let (height, width) = (|p: &Patch| self.height(p), |p: &Patch| p.position.dot(across));
+        let whole = span(&width, None);
+        let is_thin = |end| span(&height, Some(end)) < THIN_TAIL && span(&width, Some(end)) < THIN_TAIL * whole;
+        let is_slender = length > (SLENDER * whole).max(self.height);
+        match [forward, -forward].map(is_thin) {
+            [true, false] if is_slender => Some(-forward),
+            [false, true] if is_slender => Some(forward),
+            _ => None,
+        }
+    }
+}
+
+/// A cluster of patches in the ground plane: its bounds and number of patches.
+#[derive(Clone, Copy)]
+struct Spot {
+    low: DVec2,
+    high: DVec2,
+    count: usize,
+}
+
+impl Spot {
+    const NONE: Self = Self { low: DVec2::INFINITY, high: DVec2::NEG_INFINITY, count: 0 };
+
+    fn with(self, o: Self) -> Self {
+        Self { low: self.low.min(o.low), high: self.high.max(o.high), count: self.count + o.count }
+    }
+
+    fn of(points: impl Iterator<Item = DVec2>) -> Self {
+        points.fold(Self::NONE, |spot, p| spot.with(Self { low: p, high: p, count: 1 }))
+    }
+
+    fn has(&self, p: DVec2, around: f64) -> bool {
+        p.cmpge(self.low - around).all() && p.cmple(self.high + around).all()
+    }
+
+    fn middle(&self) -> DVec2 {
+        0.5 * (self.low + self.high)
+    }
+}
+
+/// Dimensions of a figure on its feet, as fractions of its height.
+struct Stance {
+    /// Height of the soles.
+    soles: f64,
+    /// Range of heights of the shins.
+    shins: (f64, f64),
+    /// Largest horizontal distance of the centroid from the bounds of the feet.
+    off: f64,
+}
+
+impl Stance {
+    /// Returns the clusters that touch the ground with a sufficient fraction of all ground contact, and the number of
+    /// patches in contact.
+    fn feet(&self, figure: &Figure) -> (Vec<Spot>, usize) {
+        let soles = figure.between(0.0, self.soles);
+        let least = FEET.1 * soles.len() as f64;
+        (spots(&soles).into_iter().filter(|foot| foot.count as f64 > least).collect(), soles.len())
+    }
+}
+
+/// A shape that may be a figure on two feet; lengths are in units of its height.
+struct Figure<'a> {
+    body: Body<'a>,
+    /// The two horizontal axes.
+    axes: [usize; 2],
+}
+
+impl Figure<'_> {
+    fn level(&self, p: DVec3) -> DVec2 {
+        DVec2::new(p[self.axes[0]], p[self.axes[1]]) / self.body.height
+    }
+
+    /// Returns the horizontal positions of patches at heights between `low` and `high`.
+    fn between(&self, low: f64, high: f64) -> Vec<DVec2> {
+        let there = self.body.patches.all.iter().filter(|p| (low..high).contains(&self.body.height(p)));
+        there.map(|p| self.level(p.position)).collect()
+    }
+}
+
+/// Returns the direction in which the toes of a figure on two feet point. Toes extend farther forward of the shins than
+/// heels extend backward.
+fn toes(patches: &Patches, up: Up) -> Option<DVec3> {
+    let body = Body { patches, up: up.vector(), height: patches.extent()[axis_of(up)] };
+    let figure = Figure { body, axes: others(axis_of(up)) };
+    // In mid-step only one foot is on the ground.
+    let stance = if STANDING.feet(&figure).0.len() == 1 { STEPPING } else { STANDING };
+    let (feet, total) = stance.feet(&figure);
+    let [left, right] = feet.try_into().ok()?;
+    let both = left.with(right);
+    let is_most = total >= FEWEST && both.count as f64 > FEET.0 * total as f64;
+    if !is_most || !both.has(figure.level(patches.centroid), stance.off) {
+        return None;
+    }
+    let shins = figure.between(stance.shins.0, stance.shins.1);
+    let forward = |foot: Spot| {
+        let shin = Spot::of(shins.iter().copied().filter(|p| foot.has(*p, stance.soles)));
+        let is_foot = (foot.high - foot.low).max_element() < LONGEST_FOOT && shin.count > 0;
+        is_foot.then(|| foot.middle() - shin.middle())
+    };
+    let forward = 0.5 * (forward(left)? + forward(right)?);
+    let [u, v] = figure.axes;
+    let toward = DVec3::AXES[u] * forward.x + DVec3::AXES[v] * forward.y;
+    (forward.length() > TOES).then(|| toward.normalize())
+}
+
+/// Clusters points: points in the same or adjacent grid cells belong together.
+fn spots(points: &[DVec2]) -> Vec<Spot> {
+    let mut cells = BTreeMap::new();
+    for &p in points {
+        let cell = p.to_array().map(|c| (c / TOGETHER).floor() as i64);
+        let spot = cells.entry(cell).or_insert(Spot::NONE);
+        *spot = spot.with(Spot { low: p, high: p, count: 1 });
+    }
+    let mut all = Vec::new();
+    while let Some((cell, mut spot)) = cells.pop_first() {
+        let mut left = vec![cell];
+        while let Some([x, y]) = left.pop() {
+            for next in (-1..=1).flat_map(|j| (-1..=1).map(move |i| [x + i, y + j])) {
+                if let Some(found) = cells.remove(&next) {
+                    spot = spot.with(found);
+                    left.push(next);
+                }
+            }
+        }
+        all.push(spot);
+    }
+    all
+}

@@ -1,0 +1,38 @@
+//! Up axis, semantic front, best view and camera of objects, estimated from their shape.
+//!
+//! Main functions and types, in reading order:
+//!
+//! 1. [`patches::Patches`]: samples of the surfaces of all objects, on which every estimate is based;
+//! 2. [`strays`]: the sphere without stray points;
+//! 3. [`upright()`]: the up axis, with its [`UpReason`];
+//! 4. [`ViewChoice`] and [`ViewAxes`]: the side from which a scene is viewed, stated or chosen ([`ViewReason`]);
+//! 5. [`frame_camera`]: the camera ([`FrameOptions`]) that fills an image with the scene.
+//!
+//! ```
+//! use surfel_framing::{FrameOptions, FrameProjection, ViewAxes, ViewChoice, frame_camera};
+//! use surfel_model::{Scene, SplatCloud, Up};
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! let scene = Scene::from(SplatCloud::disks(&[[1.0, 2.0, 3.0]], &[[0.0, 0.0, 1.0]], &[0.5])?);
+//! let axes = ViewAxes::of_choice(ViewChoice::default(), &scene.objects, Up::PlusZ);
+//! let projection = FrameProjection::Perspective(35.0);
+//! let camera = frame_camera(&scene, &FrameOptions { axes, projection, size: [640, 480], fill: 0.9, turning: None });
+//! assert_eq!(camera.map(|camera| camera.target), Some([1.0, 2.0, 3.0]));
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate lies between `surfel-model`, whose objects it looks at, and `surfel-load`, which needs the up axis to
+//! colour by height. It opens no file and draws no image.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod equal;
+mod framing;
+mod front;
+pub mod patches;
+pub mod strays;
+mod up_axis;
+pub mod viewpoint;
+
+pub use framing::*;

@@ -1,0 +1,412 @@
+//! Selection of the side from which a scene shows most.
+//!
+//! Views on a ring are compared by the functions in [`EVIDENCE`], each with a weight:
+//! - Viewpoint entropy (Vázquez, Feixas, Sbert, Heidrich 2001, "Viewpoint Selection using Viewpoint Entropy") is
+//!   measured over cells of equal size, direction and colour. A mesh's faces aren't used, so that tessellation has no
+//!   influence.
+//! - Visible curvature follows Lee, Varshney, Jacobs 2005, "Mesh Saliency".
+//! - Views from slightly above are preferred.
+//!
+//! All three are terms of the goodness that Secord, Lu, Finkelstein, Singh, Nealen 2011, "Perceptual Models of
+//! Viewpoint Preference" (ACM TOG 30:5), fit to people's choices.
+//!
+//! A front is preferred over a back that shows little more, since file contents face the front by convention. A scene
+//! that is open to one side is viewed through the opening.
+
+use crate::framing::{ChosenView, ViewAngles, ViewAxes, ViewReason};
+use crate::front::front;
+use crate::patches::{Patch, Patches};
+use crate::up_axis::{axis_of, depth_camera, others};
+use glam::{DVec2, DVec3};
+use surfel_model::Up;
+
+/// Side of a thumbnail in pixels.
+const SIDE: usize = 64;
+/// Largest number of patches drawn in a thumbnail.
+const DRAWN: usize = 8000;
+/// Cells per half diagonal for entropy.
+const ENTROPY_CELLS: f64 = 3.0;
+/// Cells per half diagonal for curvature.
+const CURVATURE_CELLS: f64 = 18.0;
+/// Azimuths of the ring in degrees, preferred ones first: three-quarter views, as [`ViewAngles::ISO`] is.
+const RING: [f64; 12] = [30.0, 330.0, 60.0, 300.0, 0.0, 90.0, 270.0, 150.0, 210.0, 120.0, 240.0, 180.0];
+/// Elevation of the ring.
+const ELEVATION_DEG: f64 = ViewAngles::ISO.elevation_deg;
+/// Elevation of the additional view that is tried above the ring's best.
+const HIGH_DEG: f64 = 40.0;
+/// Elevation of the ring around flat shapes.
+const FLAT_DEG: f64 = 50.0;
+/// Height over smaller width below which a shape is flat.
+const FLAT: f64 = 0.22;
+/// Elevation of the ring around low shapes.
+const LOW_DEG: f64 = HIGH_DEG;
+/// Height over smaller width below which a shape is low.
+const LOW: f64 = 0.4;
+/// Elevation of the ring around a room that is open to one side: from higher up the roof hides more.
+const ROOM_DEG: f64 = 10.0;
+/// Cosine up to which views count equally as front views.
+const FRONT_COS: f64 = 0.8;
+/// Score difference below which views are equally good and the preferred one is chosen.
+const TIE: f64 = 0.03;
+/// Fraction of visible surface facing away, over the whole ring, from which the facing direction is meaningless. An
+/// exception is a room: some side where at most [`OPENING`] faces away.
+const MEANINGLESS: f64 = 0.6;
+/// Largest fraction facing away at the opening of a room.
+const OPENING: f64 = 0.5;
+/// Fraction of visible surface facing away, over the whole ring, up to which it is merely the rims of a watertight
+/// surface.
+const RIMS: f64 = 0.3;
+/// Least reduction of the fraction facing away, relative to all views, for which an opening is reported as the reason.
+const OPENS: f64 = 0.2;
+
+/// Slope of a depth camera's steepest ray to its axis.
+const WIDEST: f64 = 1.5;
+/// Least fraction of a captured surface that faces the camera; rims face anywhere.
+const SEEN: f64 = 0.95;
+
+/// A weighted criterion for or against a view.
+struct Piece {
+    reason: ViewReason,
+    weight: f64,
+    measure: fn(&Compared, &Candidate) -> f64,
+}
+
+/// All evidence. A view scores the sum of the measurements times their weights. Entropy and curvature are 1 for the
+/// best views of the ring.
+const EVIDENCE: [Piece; 6] = {
+    const fn piece(reason: ViewReason, weight: f64, measure: fn(&Compared, &Candidate) -> f64) -> Piece {
+        Piece { reason, weight, measure }
+    }
+    [
+        piece(ViewReason::Details, 0.5, entropy),
+        piece(ViewReason::Details, 0.5, curvature_shown),
+        piece(ViewReason::Front, 0.2, frontal),
+        piece(ViewReason::Opening, 0.4, open),
+        piece(ViewReason::Details, -0.05, straight),
+        piece(ViewReason::Details, -0.1, from_high),
+    ]
+};
+
+/// Returns the viewpoint entropy relative to the ring's best view.
+fn entropy(compared: &Compared, view: &Candidate) -> f64 {
+    compared.shown(&view.seen).entropy / compared.best.entropy
+}
+
+/// Returns the visible curvature relative to the ring's best view.
+fn curvature_shown(compared: &Compared, view: &Candidate) -> f64 {
+    compared.shown(&view.seen).curvature / compared.best.curvature
+}
+
+/// Returns the cosine of the angle to the front, at most [`FRONT_COS`].
+fn frontal(compared: &Compared, view: &Candidate) -> f64 {
+    let level = ViewAngles { elevation_deg: 0.0, ..view.angles };
+    (-ViewAxes::turned(level, compared.up).forward.dot(compared.front)).min(FRONT_COS)
+}
+
+/// Returns the reduction of the fraction facing away, relative to all views; 0 if the facing direction is meaningless.
+fn open(compared: &Compared, view: &Candidate) -> f64 {
+    if compared.two_sided || compared.away < RIMS { 0.0 } else { (compared.away - view.seen.share_away()).max(0.0) }
+}
+
+/// Returns 1 if the view is straight from the front, the back or a side.
+fn straight(_: &Compared, view: &Candidate) -> f64 {
+    f64::from(u8::from(view.angles.azimuth_deg % 90.0 == 0.0))
+}
+
+/// Returns 1 for a view from above the ring, which must show clearly more to win.
+fn from_high(compared: &Compared, view: &Candidate) -> f64 {
+    f64::from(u8::from(view.angles.elevation_deg > compared.elevation_deg))
+}
+
+/// A candidate view.
+struct Candidate {
+    angles: ViewAngles,
+    seen: Seen,
+}
+
+/// Scene properties that views are compared by.
+struct Compared {
+    up: Up,
+    /// Unit vector toward which the scene's front faces.
+    front: DVec3,
+    /// True if the front was detected from the shape.
+    has_front: bool,
+    /// Elevation of the ring, in degrees.
+    elevation_deg: f64,
+    /// True if the facing direction is meaningless.
+    two_sided: bool,
+    /// Fraction of visible surface that faces away, over the ring.
+    away: f64,
+    /// Largest values over the views of the ring, each by itself.
+    best: Shown,
+}
+
+impl Compared {
+    fn shown<'a>(&self, seen: &'a Seen) -> &'a Shown {
+        if self.two_sided { &seen.all } else { &seen.facing }
+    }
+
+    fn score(&self, view: &Candidate) -> f64 {
+        EVIDENCE.iter().map(|piece| piece.weight * (piece.measure)(self, view)).sum()
+    }
+
+    /// Returns the evidence by which a view leads most over the mean of the ring. An opening takes precedence, since
+    /// entropy also measures what only the opening shows.
+    fn reason(&self, view: &Candidate, ring: &[Candidate]) -> ViewReason {
+        if open(self, view) >= OPENS {
+            return ViewReason::Opening;
+        }
+        let lead = |reason: ViewReason| {
+            let of = |view: &Candidate| -> f64 {
+                let pieces = EVIDENCE.iter().filter(|piece| piece.reason == reason);
+                pieces.map(|piece| piece.weight * (piece.measure)(self, view)).sum()
+            };
+            of(view) - ring.iter().map(of).sum::<f64>() / ring.len() as f64
+        };
+        let is_from_front = self.has_front && lead(ViewReason::Front) > lead(ViewReason::Details);
+        if is_from_front { ViewReason::Front } else { ViewReason::Details }
+    }
+}
+
+/// Chooses the view with the highest score for the part of a scene that `one_of` selects. The elevation of the ring
+/// depends on the whole scene. Deterministic, and its time doesn't grow with the data.
+pub(crate) fn choose_view(all: Option<Patches>, one_of: impl FnOnce(Patches) -> Patches, up: Up) -> ChosenView {
+    let Some(all) = all else {
+        return ChosenView { angles: ViewAngles::ISO, reason: ViewReason::Convention };
+    };
+    let mut elevation_deg = elevation(&all, up);
+    let patches = &one_of(all);
+    let level = ViewAngles { azimuth_deg: 0.0, elevation_deg: 0.0 };
+    let ahead = match up {
+        Up::MinusY => DVec3::Z,
+        Up::PlusY => DVec3::NEG_Z,
+        _ => DVec3::ZERO,
+    };
+    let is_captured = ahead != DVec3::ZERO && depth_camera(patches, ahead.z) > 0.5;
+    if is_captured || is_seen_along(ahead, patches) {
+        return ChosenView { angles: level, reason: ViewReason::Camera };
+    }
+    let judge = Judge::new(patches);
+    let candidate = |angles: ViewAngles| Candidate { angles, seen: judge.look(&ViewAxes::turned(angles, up)) };
+    let ring_at = |elevation_deg: f64| RING.map(|azimuth_deg| candidate(ViewAngles { azimuth_deg, elevation_deg }));
+    let away = |ring: &[Candidate]| {
+        let sum = |f: fn(&Seen) -> f64| ring.iter().map(|view| f(&view.seen)).sum::<f64>();
+        sum(|s| s.away) / (sum(|s| s.away) + sum(|s| s.toward)).max(1.0)
+    };
+    let mut ring = ring_at(elevation_deg);
+    let mut two_sided = away(&ring) > MEANINGLESS;
+    if two_sided {
+        let lower = ring_at(ROOM_DEG);
+        if lower.iter().any(|view| view.seen.share_away() < OPENING) {
+            (ring, elevation_deg, two_sided) = (lower, ROOM_DEG, false);
+        }
+    }
+    let away = away(&ring);
+    let found = front(patches, up);
+    let front = found.unwrap_or(-ViewAxes::turned(level, up).forward);
+    let has_front = found.is_some();
+    let mut compared = Compared { up, front, has_front, elevation_deg, two_sided, away, best: Shown::default() };
+    let best =
+        |f: fn(&Shown) -> f64| ring.iter().map(|view| f(compared.shown(&view.seen))).fold(f64::MIN_POSITIVE, f64::max);
+    compared.best = Shown { entropy: best(|s| s.entropy), curvature: best(|s| s.curvature) };
+    let mut chosen = (f64::NEG_INFINITY, &ring[0]);
+    for view in &ring {
+        let score = compared.score(view);
+        if score > chosen.0 + TIE {
+            chosen = (score, view);
+        }
+    }
+    let (score, mut view) = chosen;
+    let high = candidate(ViewAngles { elevation_deg: HIGH_DEG, ..view.angles });
+    if elevation_deg <= ELEVATION_DEG && compared.score(&high) > score {
+        view = &high;
+    }
+    ChosenView { angles: view.angles, reason: compared.reason(view, &ring) }
+}
+
+/// Returns the elevation of the ring in degrees. Low shapes would appear as a line, or be hidden by their own rim.
+fn elevation(patches: &Patches, up: Up) -> f64 {
+    let extent = patches.extent();
+    let [u, v] = others(axis_of(up));
+    let height = extent[axis_of(up)] / extent[u].min(extent[v]);
+    match height {
+        _ if height < FLAT => FLAT_DEG,
+        _ if height < LOW => LOW_DEG,
+        _ => ELEVATION_DEG,
+    }
+}
+
+/// True if the surface was captured by a depth camera that looks along `ahead` from the origin or from far away; from
+/// elsewhere such a surface looks torn. Reliefs and drawings also match. A zero vector never matches.
+fn is_seen_along(ahead: DVec3, patches: &Patches) -> bool {
+    let is_seen = |p: &&Patch| {
+        let at = patches.middle + p.position * patches.scale;
+        let is_before_origin = at.x.abs().max(at.y.abs()) < WIDEST * at.dot(ahead);
+        p.normal.dot(if is_before_origin { at } else { ahead }) < 0.0
+    };
+    patches.all.iter().filter(is_seen).count() as f64 > SEEN * patches.all.len() as f64
+}
+
+impl Seen {
+    /// Returns the fraction of visible surface that faces away.
+    fn share_away(&self) -> f64 {
+        self.away / (self.away + self.toward).max(1.0)
+    }
+}
+
+/// Measurements of one view.
+#[derive(Clone, Copy, Debug, Default)]
+struct Shown {
+    /// Viewpoint entropy in bits; the background is one of the cells.
+    entropy: f64,
+    /// Curvature, summed over pixels.
+    curvature: f64,
+}
+
+/// Measurements of a thumbnail.
+#[derive(Clone, Copy, Debug, Default)]
+struct Seen {
+    /// Measurements of all surface.
+    all: Shown,
+    /// Measurements of surface that faces the eye; the rest counts as background.
+    facing: Shown,
+    /// Number of pixels whose surface faces the eye.
+    toward: f64,
+    /// Number of pixels whose surface faces away.
+    away: f64,
+}
+
+/// A scene whose views are compared.
+struct Judge<'a> {
+    patches: &'a Patches,
+    /// Cell of each patch, by position, direction and colour.
+    cells: Vec<u32>,
+    /// Curvature around each patch, from 0 (flat) to 1.
+    curvature: Vec<f64>,
+}
+
+impl<'a> Judge<'a> {
+    fn new(patches: &'a Patches) -> Self {
+        let mut cells: Vec<u64> = patches.all.iter().map(cell).collect();
+        let mut distinct = cells.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        for cell in &mut cells {
+            *cell = distinct.partition_point(|d| d < cell) as u64;
+        }
+        let cells = cells.into_iter().map(|c| c as u32).collect();
+        Self { patches, cells, curvature: curvature(patches) }
+    }
+
+    fn look(&self, axes: &ViewAxes) -> Seen {
+        let mut counts = vec![[0u32; 2]; self.cells.len()];
+        let mut seen = Seen::default();
+        let all = &self.patches.all;
+        let step = all.len().div_ceil(DRAWN);
+        let drawn = all.iter().enumerate().step_by(step.max(1));
+        for (_, number) in draw(drawn, (step as f64).sqrt(), axes, SIDE) {
+            let Some(patch) = all.get(number) else { continue };
+            let facing = !patch.has_sides || patch.normal.dot(axes.forward) <= 0.0;
+            let count = &mut counts[self.cells[number] as usize];
+            count[0] += 1;
+            seen.all.curvature += self.curvature[number];
+            if facing {
+                count[1] += 1;
+                seen.toward += 1.0;
+                seen.facing.curvature += self.curvature[number];
+            } else {
+                seen.away += 1.0;
+            }
+        }
+        let total = (SIDE * SIDE) as f64;
+        let term = |pixels: f64| if pixels > 0.0 { -pixels / total * (pixels / total).log2() } else { 0.0 };
+        let entropy =
+            |k: usize, covered: f64| term(total - covered) + counts.iter().map(|c| term(f64::from(c[k]))).sum::<f64>();
+        seen.all.entropy = entropy(0, seen.toward + seen.away);
+        seen.facing.entropy = entropy(1, seen.toward);
+        seen
+    }
+}
+
+/// Returns the cell of a patch: its position in the scene, one of 54 directions, and its approximate sRGB colour in
+/// quarters.
+fn cell(patch: &Patch) -> u64 {
+    let index = |digits: [u64; 3], base: u64| (digits[0] * base + digits[1]) * base + digits[2];
+    let place = ((patch.position + 1.0) * ENTROPY_CELLS).to_array().map(|c| c as u64);
+    let n = patch.normal;
+    let k = n.abs().max_position();
+    let side = |c: f64| (((c / n[k].abs() + 1.0) * 1.5) as u64).min(2);
+    let face = 2 * k as u64 + u64::from(n[k] < 0.0);
+    let direction = (face * 3 + side(n[(k + 1) % 3])) * 3 + side(n[(k + 2) % 3]);
+    let color = patch.color.map(|c| ((f64::from(c.clamp(0.0, 1.0)).sqrt() * 4.0) as u64).min(3));
+    (index(place, 8) * 54 + direction) * 64 + index(color, 4)
+}
+
+/// Measures how much the normals around each patch differ: 1 − the length of their mean. Normals of arbitrary sign give
+/// no such measure, so their patches all count 1.
+fn curvature(patches: &Patches) -> Vec<f64> {
+    const SIDE: usize = 2 * CURVATURE_CELLS as usize + 3;
+    let index = |p: DVec3| {
+        let [x, y, z] = ((p + 1.0) * CURVATURE_CELLS + 1.0).to_array().map(|c| c as usize);
+        (z * SIDE + y) * SIDE + x
+    };
+    let mut sums = vec![[0.0f32; 4]; SIDE * SIDE * SIDE];
+    for p in &patches.all {
+        let n = p.normal * p.area;
+        let added = [n.x, n.y, n.z, p.area].map(|v| v as f32);
+        sums[index(p.position)].iter_mut().zip(added).for_each(|(s, v)| *s += v);
+    }
+    let around = |p: &Patch| {
+        if !p.has_sides {
+            return 1.0;
+        }
+        let middle = index(p.position);
+        let mut sum = [0.0f32; 4];
+        for z in [middle - SIDE * SIDE, middle, middle + SIDE * SIDE] {
+            for y in [z - SIDE, z, z + SIDE] {
+                for cell in &sums[y - 1..=y + 1] {
+                    sum.iter_mut().zip(cell).for_each(|(s, v)| *s += v);
+                }
+            }
+        }
+        let [x, y, z, area] = sum.map(f64::from);
+        (1.0 - DVec3::new(x, y, z).length() / area.max(f64::MIN_POSITIVE)).clamp(0.0, 1.0)
+    };
+    patches.all.iter().map(around).collect()
+}
+
+/// Draws numbered patches as ellipses by parallel projection, the nearest in front, with radii scaled by `growth`. A
+/// length of 1 is half the image, which has `side` × `side` pixels. Returns depth and patch number per pixel, row by
+/// row; background pixels have +∞ and the largest number.
+pub fn draw<'a>(
+    patches: impl Iterator<Item = (usize, &'a Patch)>,
+    growth: f64,
+    axes: &ViewAxes,
+    side: usize,
+) -> Vec<(f64, usize)> {
+    let mut pixels = vec![(f64::INFINITY, usize::MAX); side * side];
+    let scale = 0.5 * side as f64;
+    let to_image = |v: DVec3| DVec2::new(v.dot(axes.right), -v.dot(axes.up)) * scale;
+    for (number, patch) in patches {
+        let center = to_image(patch.position) + DVec2::splat(scale);
+        let [s, t] = patch.axes.map(|axis| to_image(axis * growth));
+        let inverse = 1.0 / s.perp_dot(t);
+        // Half a pixel more, so that edge-on patches are visible too.
+        let reach = (s * s + t * t).map(f64::sqrt).max(DVec2::splat(0.5));
+        let depth = patch.position.dot(axes.forward);
+        let pixel = |v: f64| (v.max(0.0) as usize).min(side);
+        let [x0, y0] = (center - reach).to_array().map(pixel);
+        let [x1, y1] = (center + reach).to_array().map(|v| pixel(v + 1.0));
+        for y in y0..y1 {
+            for x in x0..x1 {
+                let d = DVec2::new(x as f64 + 0.5, y as f64 + 0.5) - center;
+                let (u, v) = (d.perp_dot(t) * inverse, s.perp_dot(d) * inverse);
+                let found = &mut pixels[y * side + x];
+                if depth < found.0 && (u * u + v * v <= 1.0 || d.abs().max_element() <= 0.5) {
+                    *found = (depth, number);
+                }
+            }
+        }
+    }
+    pixels
+}

@@ -1,0 +1,132 @@
+//! Effects of loading options: the kinds of files that each option has an effect on.
+
+use crate::LoadOptions;
+use std::borrow::Cow;
+use surfel_io::Content;
+use surfel_model::{Outliers, PointColors};
+use surfel_sample::MeshMethod;
+
+/// Set of kinds of input files.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inputs(u8);
+
+impl Inputs {
+    /// Point clouds.
+    pub const POINTS: Self = Self(1);
+    /// Meshes.
+    pub const MESHES: Self = Self(2);
+    /// Files of splats.
+    pub const SPLATS: Self = Self(4);
+    /// Octrees of splats and polygons (`.surfel`).
+    pub const OCTREES: Self = Self(8);
+    /// Trained Gaussians.
+    pub const GAUSSIANS: Self = Self(16);
+    /// Every kind.
+    pub const ALL: Self = Self(31);
+    /// Every kind, with its name in messages.
+    const NAMED: [(&'static str, Self); 5] = [
+        ("points", Self::POINTS),
+        ("splats", Self::SPLATS),
+        ("a mesh", Self::MESHES),
+        ("an octree", Self::OCTREES),
+        ("Gaussians", Self::GAUSSIANS),
+    ];
+
+    /// Returns the union of two sets.
+    #[must_use]
+    pub const fn and(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// True if both sets have a kind in common.
+    pub const fn has(self, other: Self) -> bool {
+        self.0 & other.0 != 0
+    }
+
+    /// Returns the kinds as words, such as "points or a mesh".
+    pub fn words(self) -> String {
+        let names: Vec<&str> = Self::NAMED.into_iter().filter(|(_, kind)| self.has(*kind)).map(|(n, _)| n).collect();
+        match names.split_last() {
+            Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+            _ => names.concat(),
+        }
+    }
+}
+
+/// Kinds of files that an option of loading has an effect on.
+#[derive(Clone, Copy, Debug)]
+pub struct Effect {
+    /// Key of the option in the `convert` of a scene file's object.
+    pub option: &'static str,
+    /// Kinds of files.
+    pub inputs: Inputs,
+    /// True if the options have this one set.
+    pub given: fn(&LoadOptions) -> bool,
+}
+
+/// Files of rows.
+const ROWS: Inputs = Inputs::POINTS.and(Inputs::SPLATS);
+/// Files whose values can be colours.
+const VALUES: Inputs = ROWS.and(Inputs::MESHES);
+
+/// Effects of the options that don't affect every file, and of those that only some files need.
+pub const EFFECTS: [Effect; 20] = [
+    effect("color_by", VALUES, |o| o.color_by.is_some()),
+    effect("labels", VALUES, |o| o.labels.is_some()),
+    effect("colors", Inputs::POINTS, |o| o.colors != PointColors::AsIs),
+    effect("texture", Inputs::MESHES.and(Inputs::OCTREES), |o| o.texture_sampling.is_some()),
+    effect("crop", ROWS, |o| o.crop.is_some()),
+    effect("classes", ROWS, |o| o.classes.is_some()),
+    effect("returns", ROWS, |o| o.returns.is_some()),
+    effect("where", ROWS, |o| o.condition.is_some()),
+    effect("every", ROWS, |o| o.every.is_some()),
+    effect("max_points", Inputs::POINTS, |o| o.max_points.is_some()),
+    effect("all_points", Inputs::POINTS, |o| o.all_points),
+    effect("outliers", Inputs::POINTS, |o| o.outliers != Outliers::Keep),
+    effect("points_as", Inputs::POINTS, |o| o.points_as.is_some()),
+    effect("columns", Inputs::ALL, |o| o.columns.is_some()),
+    effect("splats", Inputs::MESHES, |o| matches!(o.method, Some(MeshMethod::Count(_) | MeshMethod::Detail))),
+    effect("per_vertex", Inputs::MESHES.and(Inputs::POINTS), |o| o.method == Some(MeshMethod::PerVertex)),
+    effect("per_face", Inputs::MESHES, |o| o.method == Some(MeshMethod::PerFace)),
+    effect("radius_scale", VALUES, |o| o.radius_scale != 1.0),
+    effect("sharp", Inputs::POINTS.and(Inputs::MESHES), |o| o.sharp),
+    effect("error", Inputs::MESHES, |o| o.sharp_error.is_some()),
+];
+
+const fn effect(option: &'static str, inputs: Inputs, given: fn(&LoadOptions) -> bool) -> Effect {
+    Effect { option, inputs, given }
+}
+
+/// Returns the effect of the option with this key; `None` if the option affects every file.
+pub fn of(option: &str) -> Option<Effect> {
+    EFFECTS.into_iter().find(|effect| effect.option == option)
+}
+
+/// Option that has no effect on a file's content.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct UnusedOption {
+    /// Key of the option in a scene file's `convert`: "splats", "max_points", …
+    pub option: &'static str,
+    /// Content of the file: "splats", "points", "a mesh" or "an octree"; or its attributes.
+    pub holds: Cow<'static, str>,
+    /// Content that the option applies to.
+    pub expected: Cow<'static, str>,
+}
+
+/// Returns the options that have no effect on a file's content.
+pub fn unused(content: &Content, options: &LoadOptions) -> Vec<UnusedOption> {
+    let (holds, kind) = match content {
+        Content::Splats(_) => ("splats", Inputs::SPLATS),
+        Content::Points(_) => ("points", Inputs::POINTS),
+        Content::Mesh(_) => ("a mesh", Inputs::MESHES),
+        Content::Octree(_) => ("an octree", Inputs::OCTREES),
+        Content::Gaussians(_) => ("Gaussians", Inputs::GAUSSIANS),
+    };
+    let unused = EFFECTS.into_iter().filter(|effect| !effect.inputs.has(kind) && (effect.given)(options));
+    let described = |Effect { option, inputs, .. }: Effect| UnusedOption {
+        option,
+        holds: holds.into(),
+        expected: inputs.words().into(),
+    };
+    unused.map(described).collect()
+}

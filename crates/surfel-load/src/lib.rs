@@ -1,0 +1,63 @@
+//! Loading of files as the objects of a scene: splats as they are, points and meshes converted to splats.
+//!
+//! Main functions and types, in reading order:
+//!
+//! 1. [`load()`]: one file as a [`LoadedCloud`], by [`LoadOptions`];
+//! 2. [`load_scene`] and [`scene`]: scene files, and all files of a scene, each of them once, as [`LoadedObjects`] with
+//!    [`ObjectFacts`];
+//! 3. [`coloring`]: colours by an attribute, on a scale that files share; [`labels`]: its values as labels;
+//! 4. [`levels`] and [`LevelStore`]: the levels of detail of COPC files that a view needs;
+//! 5. [`memory`]: the memory that a file's points need, estimated before they are read;
+//! 6. [`effects`]: the kinds of files that an option has an effect on;
+//! 7. [`Error`]: errors of this package and of all packages below it.
+//!
+//! ```no_run
+//! use surfel_load::{LoadOptions, load};
+//! # fn main() -> Result<(), surfel_load::Error> {
+//! let options = LoadOptions::default().with_color_by(Some("height".into()));
+//! let loaded = load("scan.laz".as_ref(), &options, &surfel_sample::NoProgress)?;
+//! println!("{} splats, up {}", loaded.cloud.len(), loaded.up);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate combines `surfel-io`, which reads files, and `surfel-sample`, which converts points and meshes to splats.
+//! It chooses no camera and no light: `surfel-stage` does. It prints nothing and has no global state.
+//!
+//! # Features
+//! `sharp` clips splats along sharp features of meshes and points; `zstd` reads SPZ files of version 4.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+pub mod coloring;
+mod convert;
+pub mod effects;
+mod error;
+pub mod labels;
+mod level_store;
+pub mod levels;
+mod load;
+mod loaded_objects;
+pub mod memory;
+mod mesh_columns;
+pub mod noise;
+pub mod octree;
+pub mod paths;
+pub mod points_as;
+pub mod scene;
+mod single_sided;
+pub mod words;
+
+/// Single steps of loading, for callers that load a file in parts.
+pub mod steps {
+    pub use crate::convert::{chosen_points, splats_of_points};
+    pub use crate::load::{check_size, io_options, read, splats_of, without_attribute};
+}
+
+pub use error::Error;
+pub use level_store::LevelStore;
+pub use load::{Conversion, LoadOptions, LoadedCloud, STDIN, load, up_reason};
+pub use loaded_objects::{ColorJobs, LoadedObjects, ObjectFacts, ObjectNote};
+pub use points_as::SparseReason;
+pub use scene::load_scene;

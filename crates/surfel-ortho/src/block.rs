@@ -1,0 +1,356 @@
+//! Drawing of one block of an orthoimage, by parallel projection from above.
+//!
+//! Splats extend past the edge of a surface by up to a radius, so the nearest surface alone would make every roof too
+//! large. Each pixel is therefore drawn twice: with all splats, and with those behind the surface found. At pixels that
+//! both cover, the points around the pixel determine which side of the edge it is on (`sides.rs`).
+
+use super::fill::Has;
+use super::grid::Grid;
+use super::layout::Layout;
+use super::sides::{Edge, Near, Sides};
+use super::source::splats_kept;
+use glam::{DAffine3, DMat3, DVec3};
+use rayon::prelude::*;
+use std::sync::Arc;
+use surfel_backend::Backend;
+use surfel_load::Error;
+use surfel_math::projection::{Projection, ProjectionKind};
+use surfel_model::{Geometry, Material, Object, Scene, Settings, SplatCloud};
+use surfel_render::{Frame, Planes, Region, Renderer, View};
+
+/// Σw inside a surface, if its cloud states no interior weight.
+const WEIGHT: f64 = 4.0;
+/// Factor on the interior Σw from which on nothing behind the surface contributes. The contribution would be below 1 %,
+/// since the weights of two surfaces that meet at an edge sum to about 1 there.
+const FULL: f64 = 1.5;
+/// Side in pixels of the squares that share one edge search.
+const SQUARE_PX: usize = 4;
+/// Distances from a splat's centre, in radii, at which it is compared with the surface.
+const RINGS: [f64; 2] = [0.5, 0.95];
+/// Number of directions on each ring.
+const DIRECTIONS: usize = 8;
+/// Least |n_z| for the depth tolerance, as in the rendering model.
+const LEAST_SLOPE: f64 = 0.02;
+/// Width in pixels over which a slope adds to the depth tolerance.
+const SLOPE_PX: f64 = 1.4;
+
+/// Pixels of a block with its margin, row by row from the top.
+pub(crate) struct BlockPixels {
+    /// Pixels along a side.
+    pub(crate) side: usize,
+    /// Premultiplied linear RGBA; alpha 0 at empty pixels. The list is empty if colours aren't needed.
+    pub(crate) color: Vec<[f32; 4]>,
+    /// Height z; NaN at empty pixels.
+    pub(crate) height: Vec<f32>,
+    /// Unit normals, turned upward; NaN at empty pixels. The list is empty if normals aren't needed.
+    pub(crate) normal: Vec<[f32; 3]>,
+}
+
+/// Splats drawn in a block.
+#[derive(Default)]
+pub(crate) struct BlockSplats {
+    pub(crate) clouds: Vec<SplatCloud>,
+    /// Flag per splat of the last cloud, true if it was made from a foliage point. Empty if the cloud wasn't made from
+    /// points.
+    pub(crate) leaves: Vec<bool>,
+}
+
+/// Frames reused from block to block.
+#[derive(Default)]
+pub(crate) struct Frames {
+    nearest: Frame,
+    behind: Frame,
+}
+
+/// Draws a block.
+pub(crate) fn draw(
+    splats: BlockSplats,
+    grid: &Grid,
+    layout: &Layout,
+    block: [i64; 2],
+    has: Has,
+    backend: &mut Backend,
+    frames: &mut Frames,
+) -> Result<BlockPixels, Error> {
+    let BlockSplats { clouds, leaves } = splats;
+    let view = view(&clouds, grid, layout, block);
+    let planes = Planes::COLOR.with_depth(true).with_weight(true).with_normal(has.normal);
+    let settings = Settings::default();
+    let clouds: Vec<Arc<SplatCloud>> = clouds.into_iter().map(Arc::new).collect();
+    render(&clouds, &view, &settings, planes, backend, &mut frames.nearest)?;
+    let own_weight = |cloud: &Arc<SplatCloud>| cloud.data().interior_weight.unwrap_or(WEIGHT);
+    let full_weight = (FULL * clouds.iter().map(own_weight).fold(0.0, f64::max)) as f32;
+    let surface = Surface { frame: &frames.nearest, view: &view, gsd: grid.gsd, full_weight };
+    let hidden_of = |cloud: &Arc<SplatCloud>| -> Vec<bool> {
+        (0..cloud.len()).into_par_iter().with_min_len(1024).map(|i| surface.hides(cloud, i)).collect()
+    };
+    let mut keep: Vec<Vec<bool>> = clouds.iter().map(hidden_of).collect();
+    let mut behind = None;
+    if keep.iter().any(|keep| keep.contains(&true)) {
+        let within = layout.drawn(block, layout.halo);
+        // Splats that are certainly beneath a surface aren't visible at its edges.
+        let is_leaf = |cloud: usize, i: usize| cloud + 1 == clouds.len() && leaves.get(i).is_some_and(|leaf| *leaf);
+        let of_block = clouds.iter().map(|cloud| &**cloud);
+        let sides = Sides::new(of_block, is_leaf, within, |cloud, i| keep[cloud][i] = false);
+        // Foliage isn't a surface: the lower foliage of a crown belongs to the upper foliage.
+        for (cloud, keep) in clouds.iter().zip(&mut keep) {
+            let is_behind = |(i, keep): (usize, &mut bool)| {
+                if *keep {
+                    let p = cloud.center(i);
+                    *keep = !sides.is_among_leaves([p.x, p.y], p.z as f32, cloud.radius_max(i));
+                }
+            };
+            keep.par_iter_mut().enumerate().with_min_len(1024).for_each(is_behind);
+        }
+        let mut hidden = Vec::new();
+        for (cloud, keep) in clouds.iter().zip(&keep) {
+            hidden.extend(splats_kept(cloud, keep)?.map(Arc::new));
+        }
+        if !hidden.is_empty() {
+            render(&hidden, &view, &settings, planes, backend, &mut frames.behind)?;
+            let [left, _, _, top] = layout.drawn(block, 0.0);
+            behind = Some(Behind { frame: &frames.behind, sides, left_top: [left, top] });
+        }
+    }
+    Ok(blend(&surface, behind.as_ref(), has))
+}
+
+fn render(
+    clouds: &[Arc<SplatCloud>],
+    view: &View,
+    settings: &Settings,
+    planes: Planes,
+    backend: &mut Backend,
+    frame: &mut Frame,
+) -> Result<(), Error> {
+    // Surfaces never show their backs from above, so both sides of a splat count as front.
+    let material = Material { oriented: Some(false), ..Material::default() };
+    let object = |cloud: &Arc<SplatCloud>| Object {
+        geometry: Geometry::Splats(cloud.clone()),
+        world_from_object: DAffine3::IDENTITY,
+        material,
+    };
+    let scene = Scene { objects: clouds.iter().map(object).collect(), ..Scene::default() };
+    let resident = backend.upload(&scene)?;
+    backend.render_into(&resident, view, settings, planes, frame)?;
+    Ok(())
+}
+
+/// Returns the block's view: north up, with the eye above the highest splat.
+fn view(clouds: &[SplatCloud], grid: &Grid, layout: &Layout, block: [i64; 2]) -> View {
+    let side = (layout.block_px + 2 * layout.margin_px) as u32;
+    let [x0, y0, ..] = layout.drawn(block, 0.0);
+    let half = 0.5 * f64::from(side);
+    let (lowest, highest) = clouds
+        .iter()
+        .filter_map(SplatCloud::bounds)
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), (min, max)| (lo.min(min.z), hi.max(max.z)));
+    let height = f64::from(side) * grid.gsd;
+    // Splats extend past their centres by less than a block's side.
+    let above = 1.0 + height;
+    let kind = ProjectionKind::Orthographic { height, far: highest - lowest + 2.0 * above };
+    View {
+        eye: DVec3::new(x0 + half * grid.gsd, y0 + half * grid.gsd, highest + above),
+        view_from_world: DMat3::from_diagonal(DVec3::new(1.0, -1.0, -1.0)),
+        projection: Projection { kind, focal_px: [1.0 / grid.gsd; 2], principal_px: [half; 2], near: 0.5 },
+        size: [side; 2],
+        region: Region { x: 0, y: 0, width: side, height: side },
+    }
+}
+
+/// The nearest surface of a block.
+struct Surface<'a> {
+    frame: &'a Frame,
+    view: &'a View,
+    gsd: f64,
+    /// Σw from which on nothing behind the surface contributes.
+    full_weight: f32,
+}
+
+impl Surface<'_> {
+    /// True if a part of a splat lies behind the surface where the surface may end.
+    fn hides(&self, cloud: &SplatCloud, i: usize) -> bool {
+        let ((s, t), center) = (cloud.axes(i), cloud.center(i));
+        let n = s.cross(t);
+        let length = n.length();
+        let slope = n.truncate().length() / n.z.abs().max(LEAST_SLOPE * length);
+        let tolerance = s.length().max(t.length()) + SLOPE_PX * self.gsd * slope;
+        let behind = |u: f64, v: f64| self.is_behind(center + u * s + v * t, tolerance);
+        let on_ring = |k: usize| {
+            let angle = (k % DIRECTIONS) as f64 * std::f64::consts::TAU / DIRECTIONS as f64;
+            let (sin, cos) = angle.sin_cos();
+            let radius = RINGS[k / DIRECTIONS];
+            behind(radius * cos, radius * sin)
+        };
+        behind(0.0, 0.0) || (0..RINGS.len() * DIRECTIONS).any(on_ring)
+    }
+
+    fn is_behind(&self, p: DVec3, tolerance: f64) -> bool {
+        let p = p - self.view.eye;
+        let [cx, cy] = self.view.projection.principal_px;
+        let (x, y) = ((p.x / self.gsd + cx).floor(), (cy - p.y / self.gsd).floor());
+        let [width, height] = self.view.size.map(f64::from);
+        if !(x >= 0.0 && x < width && y >= 0.0 && y < height) {
+            return false;
+        }
+        let at = y as usize * self.view.size[0] as usize + x as usize;
+        let weight = self.frame.weight()[at];
+        weight > 0.0 && weight < self.full_weight && -p.z > f64::from(self.frame.depth()[at]) + tolerance
+    }
+}
+
+/// The second surface, behind the nearest one.
+struct Behind<'a> {
+    frame: &'a Frame,
+    sides: Sides,
+    /// x of the left edge and y of the upper edge.
+    left_top: [f64; 2],
+}
+
+/// Returns the fraction of the first surface at each pixel; `None` at empty pixels.
+fn shares(surface: &Surface<'_>, behind: Option<&Behind<'_>>) -> Vec<Option<f32>> {
+    let (frame, side) = (surface.frame, surface.frame.width() as usize);
+    let is_there = |i: usize| frame.weight()[i] > 0.0 && frame.depth()[i].is_finite();
+    let mut shares: Vec<Option<f32>> =
+        (0..side * side).into_par_iter().with_min_len(4096).map(|i| is_there(i).then_some(1.0)).collect();
+    let Some(behind) = behind else { return shares };
+    let rows = shares.par_chunks_mut(SQUARE_PX * side).enumerate();
+    rows.for_each_init(Near::default, |near, (row, shares)| {
+        let first = row * SQUARE_PX;
+        let rows = Square { left: 0, top: first, width: side, height: shares.len() / side };
+        for square in rows.parts(SQUARE_PX) {
+            behind.each_share(surface, square, near, &mut |x, y, share| shares[(y - first) * side + x] = Some(share));
+        }
+    });
+    shares
+}
+
+/// A rectangle of pixels.
+#[derive(Clone, Copy)]
+struct Square {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+}
+
+impl Square {
+    /// Iterates over the pixels as column and row.
+    fn pixels(self) -> impl Iterator<Item = (usize, usize)> {
+        let columns = self.left..self.left + self.width;
+        (self.top..self.top + self.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
+    /// Splits the rectangle into squares with a side of `px` pixels; those at the right and bottom may be smaller.
+    fn parts(self, px: usize) -> impl Iterator<Item = Self> {
+        let (right, bottom) = (self.left + self.width, self.top + self.height);
+        (self.top..bottom).step_by(px).flat_map(move |top| {
+            let part = move |left| Self { left, top, width: px.min(right - left), height: px.min(bottom - top) };
+            (self.left..right).step_by(px).map(part)
+        })
+    }
+}
+
+impl Behind<'_> {
+    /// Passes the first surface's fraction to `each` for every pixel of a square that both surfaces cover.
+    fn each_share(
+        &self,
+        surface: &Surface<'_>,
+        square: Square,
+        near: &mut Near,
+        each: &mut dyn FnMut(usize, usize, f32),
+    ) {
+        let (first, second, side) = (surface.frame, self.frame, surface.frame.width() as usize);
+        let is_between = |(x, y): &(usize, usize)| {
+            let i = y * side + x;
+            let (w1, z1, w2, z2) = (first.weight()[i], first.depth()[i], second.weight()[i], second.depth()[i]);
+            w1 > 0.0 && z1.is_finite() && w2 > 0.0 && w1 < surface.full_weight && z2 > z1 && z2.is_finite()
+        };
+        if !square.pixels().any(|pixel| is_between(&pixel)) {
+            return;
+        }
+        let at = |x: f64, y: f64| self.place(surface, [x, y]);
+        let middle = |s: Square| {
+            let half = |first: usize, length: usize| first as f64 + 0.5 * length as f64;
+            at(half(s.left, s.width), half(s.top, s.height))
+        };
+        let mut edge_of = |part: Square| {
+            let between = || part.pixels().filter(is_between);
+            let count = between().count();
+            let height = |frame: &Frame| {
+                let depths = between().map(|(x, y)| f64::from(frame.depth()[y * side + x]));
+                surface.view.eye.z - depths.sum::<f64>() / count as f64
+            };
+            let [x, y] = middle(part);
+            if count > 0 { self.sides.edge(x, y, height(first), height(second), near) } else { None }
+        };
+        let mut set = |part: Square, edge: Option<Edge>| {
+            let [x, y] = middle(part);
+            for (px, py) in part.pixels().filter(is_between) {
+                let i = py * side + px;
+                let by_weight = if first.weight()[i] < second.weight()[i] { 0.0 } else { 1.0 };
+                let [of_x, of_y] = at(px as f64 + 0.5, py as f64 + 0.5);
+                each(px, py, edge.map_or(by_weight, |edge| edge.share(of_x - x, of_y - y) as f32));
+            }
+        };
+        let px_of = |s: Square, found: Option<Edge>| {
+            let [x, y] = middle(s);
+            self.sides.square_px(x, y, surface.gsd, found)
+        };
+        for part in square.parts(px_of(square, None)) {
+            let edge = edge_of(part);
+            let px = px_of(part, edge);
+            if px >= part.width.max(part.height) {
+                set(part, edge);
+            } else {
+                part.parts(px).for_each(|smaller| set(smaller, edge_of(smaller)));
+            }
+        }
+    }
+
+    /// Returns x and y of a position in the image.
+    fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [left, top] = self.left_top;
+        [left + x * surface.gsd, top - y * surface.gsd]
+    }
+}
+
+/// Blends both surfaces at each pixel by their fractions.
+fn blend(surface: &Surface<'_>, behind: Option<&Behind<'_>>, has: Has) -> BlockPixels {
+    let frame = surface.frame;
+    let eye = surface.view.eye.z;
+    let side = frame.width() as usize;
+    let shares = shares(surface, behind);
+    let mix = |share: f32, of: &dyn Fn(&Frame) -> f64| match behind.filter(|_| share < 1.0) {
+        Some(behind) => f64::from(share) * of(frame) + f64::from(1.0 - share) * of(behind.frame),
+        None => of(frame),
+    };
+    let color = |(i, share): (usize, &Option<f32>)| {
+        share.map_or([0.0; 4], |share| [0, 1, 2, 3].map(|k| mix(share, &|f| f64::from(f.color()[i][k])) as f32))
+    };
+    let height = |(i, share): (usize, &Option<f32>)| {
+        share.map_or(f32::NAN, |share| (eye - mix(share, &|f| f64::from(f.depth()[i]))) as f32)
+    };
+    let normal = |(i, share): (usize, &Option<f32>)| {
+        // Normals of two surfaces aren't blended: the larger fraction determines the normal.
+        let of = |share: f32| if share < 0.5 { behind.map_or(frame, |b| b.frame) } else { frame }.normal()[i];
+        share.map_or([f32::NAN; 3], |share| {
+            let n = of(share);
+            if n[2] < 0.0 { n.map(|v| -v) } else { n }
+        })
+    };
+    BlockPixels {
+        side,
+        color: if has.color {
+            shares.par_iter().enumerate().with_min_len(4096).map(color).collect()
+        } else {
+            Vec::new()
+        },
+        height: shares.par_iter().enumerate().with_min_len(4096).map(height).collect(),
+        normal: if has.normal {
+            shares.par_iter().enumerate().with_min_len(4096).map(normal).collect()
+        } else {
+            Vec::new()
+        },
+    }
+}

@@ -1,0 +1,168 @@
+//! Checks of the extent: coordinates in degrees, and strays that make an image excessively large.
+
+use super::OrthoOptions;
+use super::grid::Grid;
+use super::source::{Holds, Source};
+use glam::DVec3;
+use std::path::PathBuf;
+use surfel_io::Crs;
+use surfel_load::Error;
+use surfel_load::paths::display;
+use surfel_model::Outliers;
+
+/// Score from which coordinates without a stated reference system count as degrees.
+const ENOUGH: u32 = 3;
+/// Largest extent of a file in degrees. Files with larger extents are rare, and local coordinates are mostly wider.
+const WIDEST_DEG: f64 = 5.0;
+/// Finest step of coordinates in lengths; a degree value of this size is about a metre.
+const FINE: f64 = 1e-5;
+/// Number of pixels up to which an image is never excessively large.
+const ABSURD_PX: f64 = 4e6;
+/// Factor by which strays may enlarge an image.
+const ABSURD_TIMES: f64 = 100.0;
+/// Divisor of the point count that gives the largest number of strays.
+const STRAY_OF: usize = 1000;
+/// Number of strays that is allowed in any case.
+const FEW: usize = 3;
+/// Largest number of points from which the middle of a cloud is estimated.
+const SAMPLE: usize = 1 << 16;
+
+/// Refuses files whose x and y are degrees according to their reference system, column names or numbers.
+pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Error> {
+    let (lo, hi) = source.bounds;
+    let is_on_earth = lo.x >= -180.0 && hi.x <= 360.0 && lo.y >= -90.0 && hi.y <= 90.0;
+    let is_in_turn = lo.abs().max(hi.abs()).truncate().max_element() <= 360.0;
+    let crs = source.crs.as_ref().filter(|crs| crs.is_geographic());
+    let why = match crs {
+        Some(crs) if is_in_turn => crs.words(),
+        _ if is_stated || !is_on_earth => return Ok(()),
+        _ if source.is_named_degrees => "by the names or the steps of its columns".to_owned(),
+        _ if score(source) >= ENOUGH => "by its numbers: they are as fine and as narrow as degrees are".to_owned(),
+        _ => return Ok(()),
+    };
+    let middle = 0.5 * (lo + hi);
+    let from = if crs.is_some() { "" } else { " --filters.reprojection.in_srs=EPSG:4326" };
+    let out = Crs::utm_at(middle.x, middle.y);
+    let problem = format!(
+        "its x and y are degrees ({why}), expected lengths: project it first, as by pdal translate IN OUT \
+         reprojection{from} --filters.reprojection.out_srs=EPSG:{out}; or give --crs if it is projected"
+    );
+    Err(Error::Unsuitable { path: source.path.clone(), problem })
+}
+
+/// Returns the score of the evidence that coordinates without a reference system are degrees.
+fn score(source: &Source) -> u32 {
+    let Holds::Points(points) = &source.holds else { return 0 };
+    let (lo, hi) = source.bounds;
+    let (extent, middle) = (hi - lo, 0.5 * (lo + hi));
+    let widest = extent.x.max(extent.y);
+    if widest >= WIDEST_DEG || widest <= 0.0 {
+        return 0;
+    }
+    // Steps of lengths are equal on all axes; steps of degrees are a hundred thousand times finer.
+    let [x, y, z] = points.canonical.steps();
+    let is_fine = |step: Option<f64>| step.is_none_or(|step| step <= FINE);
+    let is_coarse = |step: Option<f64>| step.is_some_and(|z| z >= 100.0 * FINE && z >= 100.0 * x.unwrap_or(FINE));
+    if !(is_fine(x) && is_fine(y)) {
+        return 0;
+    }
+    let steps = if is_coarse(z) { 2 } else { 0 };
+    // Degrees make heights look steep: a metre of height beside 0.001 degrees of width.
+    let steep = u32::from(extent.z >= 10.0 * widest) + u32::from(extent.z >= 1000.0 * widest);
+    // Local coordinates begin near 0.
+    let far = u32::from(middle.abs().truncate().min_element() >= 20.0 * widest);
+    steps + steep + far
+}
+
+/// Stray points that enlarge an image.
+struct Strays {
+    count: usize,
+    farthest: DVec3,
+    /// Distance of the farthest stray from the bounds of the other points.
+    distance: f64,
+    path: PathBuf,
+    /// Bounds of the other points in the plane.
+    others: [f64; 4],
+}
+
+/// Returns the grid for the points' own bounds. Refuses an image that is too large for a file, or that a few strays
+/// make excessively large.
+pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: &[Source]) -> Result<Grid, Error> {
+    let (gsd, origin, outliers) = (options.gsd, options.origin, options.load.outliers);
+    let side = |low: f64, high: f64| ((high - low) / gsd).ceil().max(1.0);
+    let pixels = |b: [f64; 4]| [side(b[0], b[2]), side(b[1], b[3])];
+    let area = |b: [f64; 4]| pixels(b).iter().product::<f64>();
+    let found = if area(bounds) > ABSURD_PX { strays(sources) } else { None };
+    if let Some(strays) = found.filter(|strays| area(bounds) > ABSURD_TIMES * area(strays.others)) {
+        let Strays { count, farthest: p, distance, path, others } = strays;
+        let ([width, height], drop) = (pixels(bounds), outliers != Outliers::Drop);
+        let what = if count == 1 { "a stray point lies" } else { "stray points lie" };
+        let number = if count == 1 { String::new() } else { format!("{count} ") };
+        let others = others.map(|v| (v * 1e3).round() / 1e3);
+        let remedy = if drop { "--outliers drop leaves strays out, and " } else { "" };
+        let problem = format!(
+            "{number}{what} {distance:.0} units from all other points, at {},{},{}{}: the image would have {width} x \
+             {height} pixels; {remedy}--bounds {},{},{},{} draws the others",
+            p.x,
+            p.y,
+            p.z,
+            if count > 1 { " the farthest" } else { "" },
+            others[0],
+            others[1],
+            others[2],
+            others[3]
+        );
+        return Err(Error::Unsuitable { path, problem });
+    }
+    Grid::of_bounds(gsd, origin, bounds).map_err(|fault| fault.of_points(bounds))
+}
+
+/// Finds the few points that are farther from the middle of all points than their extent, in the plane.
+fn strays(sources: &[Source]) -> Option<Strays> {
+    let clouds = || sources.iter().filter_map(|source| Some((source, source.positions()?)));
+    let total: usize = clouds().map(|(_, (count, _))| count).sum();
+    let step = total.div_ceil(SAMPLE).max(1);
+    let mut sample: [Vec<f64>; 2] = Default::default();
+    for (_, (count, at)) in clouds() {
+        for p in (0..count).step_by(step).map(at) {
+            sample[0].push(p.x);
+            sample[1].push(p.y);
+        }
+    }
+    // Extent of the middle 96 % of points, enlarged by its own size on all sides.
+    let core = sample.map(|mut values| {
+        values.sort_unstable_by(f64::total_cmp);
+        let last = values.len().checked_sub(1)?;
+        Some((values[last / 50], values[last - last / 50]))
+    });
+    let [x, y] = [core[0]?, core[1]?];
+    let reach = (x.1 - x.0).max(y.1 - y.0);
+    let is_core = |p: DVec3| p.x >= x.0 - reach && p.x <= x.1 + reach && p.y >= y.0 - reach && p.y <= y.1 + reach;
+    let none = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    let (mut others, mut out) = (none, Vec::new());
+    for (source, (count, at)) in clouds() {
+        for p in (0..count).map(at) {
+            if is_core(p) {
+                others = [others[0].min(p.x), others[1].min(p.y), others[2].max(p.x), others[3].max(p.y)];
+            } else {
+                out.push((p, source));
+            }
+            // If there are many, they aren't strays.
+            if out.len() > (total / STRAY_OF).max(FEW) {
+                return None;
+            }
+        }
+    }
+    let distance = |p: DVec3| {
+        let beyond = |v: f64, low: f64, high: f64| (low - v).max(v - high).max(0.0);
+        beyond(p.x, others[0], others[2]).hypot(beyond(p.y, others[1], others[3]))
+    };
+    let farthest = out.iter().max_by(|a, b| distance(a.0).total_cmp(&distance(b.0)))?;
+    Some(Strays {
+        count: out.len(),
+        farthest: farthest.0,
+        distance: distance(farthest.0),
+        path: PathBuf::from(display(&farthest.1.path).to_string()),
+        others,
+    })
+}

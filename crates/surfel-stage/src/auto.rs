@@ -1,0 +1,321 @@
+//! Automatic scenes for files without a scene file: camera, lights, materials and settings that suit their data.
+
+use crate::closed;
+use crate::estimates::Estimates;
+use crate::sheets;
+use std::path::Path;
+use surfel_framing::patches::Patches;
+use surfel_framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes, ViewChoice};
+use surfel_framing::{UpConvention, UpReason, Upright, upright};
+use surfel_load::SparseReason;
+use surfel_load::scene::{assemble, bare_object, is_scene_file, load_bare_objects, load_scene, read_scene_file};
+use surfel_load::{Error, LoadOptions};
+use surfel_load::{LoadedObjects, ObjectFacts, ObjectNote};
+use surfel_model::{
+    Camera, Composite, Cull, DepthTolerance, Geometry, Material, Object, ObjectFile, PointsAs, Scene, SceneFile,
+    Settings, Shader, Transparency, Up,
+};
+use surfel_render::{Preset, View};
+use surfel_sample::Progress;
+
+/// Size of an automatic image, in pixels.
+pub const DEFAULT_SIZE: [u32; 2] = [1024, 1024];
+/// Fraction of an automatic image's width or height that the scene fills.
+const FILL: f64 = 0.9;
+/// The same fraction if shadows need room around the scene.
+const FILL_ABOVE_GROUND: f64 = 0.8;
+/// Layers of transparent splats in automatic images. Two panes of glass have four surfaces; everything behind the third
+/// is blended as one layer.
+const LAYERS: u32 = 4;
+/// Depth tolerance for flat parts and sharp splats, in radii: their splats lie exactly in the surface and need hardly
+/// any.
+const FLAT_TOLERANCE: f64 = 0.1;
+/// Depth tolerance for splats as fine as their mesh, in radii: with a larger one, close surfaces behind would shine
+/// through.
+const FINE_TOLERANCE: f64 = 0.3;
+/// Ambient light of automatic scenes, linear RGB; bright enough that shadows stay readable.
+const AMBIENT: [f64; 3] = [0.13, 0.135, 0.145];
+
+/// Options for an automatic scene.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct AutoOptions {
+    /// Up axis; `None`: as a file or its format states, else estimated from the objects' shape ([`auto_up`]).
+    pub up: Option<Up>,
+    /// Side from which the scene is viewed.
+    pub view: ViewChoice,
+    /// Projection of the camera.
+    pub projection: FrameProjection,
+    /// Image width and height in pixels.
+    pub size: [u32; 2],
+    /// Camera to use instead of a framed one.
+    pub camera: Option<Camera>,
+    /// Background, linear RGB and straight alpha in [0, 1]. `None`: white, or grey if most of the scene is white and
+    /// drawn by `unlit` or `edl`.
+    pub background: Option<[f64; 4]>,
+    /// Settings of the renderer.
+    pub settings: Settings,
+    /// True if the framed camera leaves room for the scene to turn about its up axis.
+    pub turning: bool,
+    /// True if the framed camera leaves room for shadows on the ground.
+    pub ground: bool,
+}
+
+impl AutoOptions {
+    surfel_model::setters! {
+        with_up up: Option<Up>,
+        with_view view: ViewChoice,
+        with_projection projection: FrameProjection,
+        with_size size: [u32; 2],
+        with_camera camera: Option<Camera>,
+        with_background background: Option<[f64; 4]>,
+        with_settings settings: Settings,
+        with_turning turning: bool,
+        with_ground ground: bool,
+    }
+}
+
+impl Default for AutoOptions {
+    fn default() -> Self {
+        Self {
+            up: None,
+            view: ViewChoice::Auto,
+            projection: FrameProjection::Perspective(DEFAULT_FOV_Y_DEG),
+            size: DEFAULT_SIZE,
+            camera: None,
+            background: None,
+            settings: Preset::Balanced.apply(Settings::default().with_shader(Shader::Phong)),
+            turning: false,
+            ground: false,
+        }
+    }
+}
+
+/// Returns the transparency method for files without a scene file, and a note about it. `None` if no splat is
+/// transparent, and for Gaussians, which [`ObjectFacts::transparent`] excludes. `paths` are the objects' paths.
+pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Transparency, ObjectNote)> {
+    let (_, path) = loaded.facts.iter().zip(paths).find(|(facts, _)| facts.transparent)?;
+    let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
+    let text = format!("some splats are transparent: drawn as --transparency {transparency} (off draws them opaque)");
+    Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
+}
+
+/// Returns the settings for files of trained Gaussians without a scene file, and a note about them; `None` for
+/// surfaces. `paths` are the objects' paths.
+pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
+    let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
+    let text = "drawn as trained, Gaussian over Gaussian (--composite over; surface draws them as opaque surfaces)";
+    let settings = settings.with_composite(Composite::Over).with_shader(Shader::Unlit);
+    Some((settings, ObjectNote { path, text: text.to_owned() }))
+}
+
+/// Returns the depth tolerance for files without a scene file; `None` for the default. Objects of flat parts, such as
+/// buildings, and sharp splats need next to none, and splats as fine as their mesh little. With the default a floor
+/// would shine through the wall that it ends at, and skin through eyebrows.
+pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
+    let needed = loaded.facts.iter().map(|facts| match facts {
+        ObjectFacts { flat: true, .. } => Some(FLAT_TOLERANCE),
+        ObjectFacts { fine: true, .. } => Some(FINE_TOLERANCE),
+        _ => None,
+    });
+    let largest = needed.reduce(|a, b| Some(a?.max(b?)));
+    largest.flatten().map(DepthTolerance::Relative)
+}
+
+/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind
+/// of splat. If one has them because its points are few and rough, others with few points have them, too: files that
+/// are compared look alike. Returns a note for each. `objects` are those of `loaded`, in order.
+pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
+    let any_few = loaded.facts.iter().any(|facts| facts.sparse == Some(SparseReason::Few));
+    let mut notes = Vec::new();
+    for (object, facts) in objects.iter_mut().zip(&loaded.facts) {
+        let reason = facts.sparse.or((any_few && facts.few).then_some(SparseReason::Others));
+        let Some(reason) = reason.filter(|_| object.convert.points_as.is_none()) else { continue };
+        object.convert.points_as = Some(PointsAs::Balls(None));
+        let path = object.splats.clone().unwrap_or_default();
+        let text =
+            format!("its points are drawn as balls, because {} (--points-as surface draws a surface)", reason.words());
+        if !notes.iter().any(|note: &ObjectNote| note.path == path) {
+            notes.push(ObjectNote { path, text });
+        }
+    }
+    notes
+}
+
+/// Determines the up axis of objects without a scene file, and the reason. The first file whose content or format
+/// states it decides; otherwise the objects' shape does ([`upright`]).
+pub fn auto_up(loaded: &LoadedObjects) -> Upright {
+    let known = loaded.facts.iter().find_map(|facts| Some(Upright { up: facts.up, reason: facts.up_reason? }));
+    known.unwrap_or_else(|| match loaded.facts.first() {
+        Some(first) => upright(&loaded.objects, UpConvention::of(first.points, first.up)),
+        None => Upright { up: Up::PlusY, reason: UpReason::Convention },
+    })
+}
+
+/// Creates the scene file of objects without one, with suitable camera, lights and materials.
+///
+/// # Errors
+/// [`Error::Model`] for objects without a finite extent that can be framed. The camera and settings of the options are
+/// checked when they are used, not here.
+pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &AutoOptions) -> Result<SceneFile, Error> {
+    scene_by(&Estimates::default(), objects, loaded, options)
+}
+
+/// Creates a scene file like [`auto_scene`], by cached estimates of the loaded objects.
+pub fn scene_by(
+    estimates: &Estimates,
+    objects: Vec<ObjectFile>,
+    loaded: &LoadedObjects,
+    options: &AutoOptions,
+) -> Result<SceneFile, Error> {
+    let up = options.up.unwrap_or_else(|| auto_up(loaded).up);
+    let scene = Scene { objects: loaded.objects.clone(), ..Scene::default() };
+    let camera = match &options.camera {
+        Some(camera) => camera.clone(),
+        None => {
+            let framing = FrameOptions {
+                axes: ViewAxes::of_choice(options.view, &loaded.objects, up),
+                projection: options.projection,
+                size: options.size,
+                fill: if options.ground { FILL_ABOVE_GROUND } else { FILL },
+                turning: options.turning.then(|| up.vector()),
+            };
+            let nothing = || {
+                let problem = "the objects have no finite extent to look at: give a camera (--camera, --eye)";
+                Error::Model(surfel_model::ModelError::Conflict(problem.to_owned()))
+            };
+            estimates.camera(loaded, &scene, framing).ok_or_else(nothing)?
+        }
+    };
+    let mut objects = objects;
+    // A camera that can't be drawn is refused where it is.
+    let (whites, view) = (estimates.whites(loaded), View::new(&camera).ok());
+    let all = || loaded.facts.iter().zip(&loaded.objects);
+    let closed = estimates.closed(|| all().map(|(facts, drawn)| hides_its_back(facts, drawn)).collect());
+    for ((object, (facts, drawn)), is_closed) in objects.iter_mut().zip(all()).zip(closed) {
+        let covers = |view| sheets::covers_other_surfaces(drawn, view);
+        let is_culled = *is_closed && (facts.each_side || !view.as_ref().is_some_and(covers));
+        let color = object.material.color;
+        object.material = Material { color, ..material(facts, is_culled, whites.exposure()) };
+    }
+    Ok(SceneFile {
+        up: Some(up),
+        lights: Some(estimates.lighting(loaded, up).lights(&camera)),
+        camera,
+        background: options.background.unwrap_or_else(|| whites.background(options.settings.shader)),
+        ambient: AMBIENT,
+        sky: None,
+        ground: None,
+        matcap: None,
+        objects,
+        settings: options.settings,
+    })
+}
+
+/// True if the splats cover a closed surface from outside: stated by their file, derived from their mesh, or detected
+/// in a cloud.
+fn hides_its_back(facts: &ObjectFacts, object: &Object) -> bool {
+    let is_cloud = matches!(object.geometry, Geometry::Splats(_));
+    let is_judged = is_cloud && !facts.sides_known && !facts.partial && !facts.transparent;
+    let looks_closed = || Patches::of(std::slice::from_ref(object)).is_some_and(|patches| closed::is_closed(&patches));
+    facts.closed || is_judged && looks_closed()
+}
+
+/// Returns an object's material. Colours are shown as bright as they are, with white ones slightly darkened. Objects
+/// without colours appear as light grey clay, which leaves room for highlights.
+///
+/// The backs of watertight objects are culled: their splats extend slightly past the silhouette and would fringe it.
+/// Backs are drawn only where thin sheets lie over other surfaces, which would shine through without them.
+fn material(facts: &ObjectFacts, hides_its_back: bool, exposure: f64) -> Material {
+    let cull = if hides_its_back { Cull::Back } else { Cull::None };
+    if facts.colored {
+        let (ambient, diffuse) = (1.3 * exposure, 0.95 * exposure);
+        Material { ambient, diffuse, specular: 0.06 * exposure, shininess: 24.0, cull, ..Material::default() }
+    } else {
+        Material { ambient: 0.55, diffuse: 0.66, specular: 0.14, shininess: 32.0, cull, ..Material::default() }
+    }
+}
+
+/// A scene and the scene file that describes it.
+#[derive(Clone, Debug)]
+pub struct LoadedScene {
+    /// The scene file, as read or as created for bare geometry. Paths are as given.
+    pub file: SceneFile,
+    /// The scene, with all files loaded.
+    pub scene: Scene,
+    /// Notes on what was dropped, assumed or estimated, per file.
+    pub notes: Vec<ObjectNote>,
+}
+
+/// Opens one scene file (`.json`), or any number of geometry files as one scene that is framed and lit automatically.
+///
+/// # Errors
+/// - [`Error::Io`] for a file that can't be read or is damaged;
+/// - [`Error::Sample`] and [`Error::Unsuitable`] for content that can't be converted to splats, and if no path is
+///   given;
+/// - [`Error::Model`] for numbers of a scene file that are out of range, and for geometry without a finite extent.
+pub fn open(paths: &[&Path], progress: &dyn Progress) -> Result<LoadedScene, Error> {
+    let options = LoadOptions::default();
+    match paths {
+        [] => Err(Error::Unsuitable { path: "".into(), problem: "no file is given, expected at least one".into() }),
+        [path] if is_scene_file(path) => {
+            let (file, _) = read_scene_file(path)?;
+            let base = path.parent().unwrap_or(Path::new(""));
+            let (scene, notes) = load_scene(&file, base, &options, progress)?;
+            Ok(LoadedScene { file, scene, notes })
+        }
+        paths => {
+            let mut objects = paths.iter().map(|path| bare_object(path)).collect::<Vec<_>>();
+            let mut loaded = load_bare_objects(&objects, Path::new(""), &options, progress)?;
+            let about_points = auto_points_as(&loaded, &mut objects);
+            loaded.notes.extend(about_points);
+            let mut auto = AutoOptions::default();
+            if let Some((settings, note)) = auto_composite(&loaded, paths, auto.settings) {
+                auto.settings = settings;
+                loaded.notes.push(note);
+            }
+            if let Some((transparency, note)) = auto_transparency(&loaded, paths) {
+                auto.settings.transparency = transparency;
+                loaded.notes.push(note);
+            }
+            if let Some(tolerance) = auto_depth_tolerance(&loaded) {
+                auto.settings.depth_tolerance = tolerance;
+            }
+            let file = auto_scene(objects, &loaded.framed(), &auto)?;
+            loaded.draw_points(&file.objects)?;
+            let scene = assemble(&file, loaded.objects)?;
+            Ok(LoadedScene { file, scene, notes: loaded.notes })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_object_that_needs_most_depth_tolerance_decides() {
+        let any = ObjectFacts::default();
+        let [flat, fine] = [ObjectFacts { flat: true, ..any }, ObjectFacts { fine: true, ..any }];
+        let of = |all: &[ObjectFacts]| {
+            auto_depth_tolerance(&LoadedObjects { facts: all.to_vec(), ..LoadedObjects::default() })
+        };
+        assert_eq!((of(&[]), of(&[flat, any]), of(&[any, fine])), (None, None, None));
+        assert_eq!(of(&[flat, flat]), Some(DepthTolerance::Relative(0.1)));
+        assert_eq!(of(&[flat, fine]), Some(DepthTolerance::Relative(0.3)));
+    }
+
+    #[test]
+    fn transparency_is_chosen_for_the_first_file_that_has_some() {
+        let facts = |transparent| ObjectFacts { colored: true, transparent, ..ObjectFacts::default() };
+        let loaded = |all: &[bool]| LoadedObjects {
+            facts: all.iter().map(|&transparent| facts(transparent)).collect(),
+            ..LoadedObjects::default()
+        };
+        let paths = [Path::new("wall.ply"), Path::new("glass.glb")];
+        assert_eq!(auto_transparency(&loaded(&[false, false]), &paths), None);
+        let (transparency, note) = auto_transparency(&loaded(&[false, true]), &paths).unwrap();
+        assert_eq!((transparency.to_string().as_str(), note.path.as_path()), ("peel:4", paths[1]));
+        assert!(note.text.contains("--transparency peel:4"), "{}", note.text);
+    }
+}

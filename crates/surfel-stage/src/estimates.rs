@@ -1,0 +1,74 @@
+//! Estimates of loaded objects that don't depend on the camera, computed once for all images of a session.
+
+use crate::lights::Lighting;
+use crate::whites::Whites;
+use glam::DVec3;
+use std::sync::{Mutex, OnceLock, PoisonError};
+use surfel_framing::FrameOptions;
+use surfel_framing::strays::Sphere;
+use surfel_load::LoadedObjects;
+use surfel_model::{Camera, Scene, Up};
+
+/// Cache of estimates. All requests that share it must have the same loaded objects.
+#[derive(Debug, Default)]
+pub struct Estimates {
+    framed: OnceLock<LoadedObjects>,
+    kept: OnceLock<Option<Sphere>>,
+    center: OnceLock<Option<DVec3>>,
+    whites: OnceLock<Whites>,
+    closed: OnceLock<Vec<bool>>,
+    lighting: Mutex<Option<(Up, Lighting)>>,
+    camera: Mutex<Option<(FrameOptions, Option<Camera>)>>,
+}
+
+/// Returns the value of a key, computed again only if the key differs from the last one.
+fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: impl FnOnce(&K) -> V) -> V {
+    let mut known = known.lock().unwrap_or_else(PoisonError::into_inner);
+    match &*known {
+        Some((of, value)) if *of == key => value.clone(),
+        _ => {
+            let value = compute(&key);
+            *known = Some((key, value.clone()));
+            value
+        }
+    }
+}
+
+impl Estimates {
+    /// Returns [`LoadedObjects::framed`].
+    pub fn framed(&self, loaded: &LoadedObjects) -> LoadedObjects {
+        let framed = self.framed.get_or_init(|| loaded.framed()).clone();
+        LoadedObjects { facts: loaded.facts.clone(), ..framed }
+    }
+
+    /// Returns the sphere that is framed: without stray points, unless the options ask for all classes. `None` if all
+    /// points are framed.
+    pub fn kept(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<Sphere> {
+        let find = || if loaded.frames_all() { None } else { surfel_framing::without_strays_of(scene) };
+        *self.kept.get_or_init(find)
+    }
+
+    /// Returns [`surfel_framing::center_within`] the sphere that is framed.
+    pub fn center(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<DVec3> {
+        *self.center.get_or_init(|| surfel_framing::center_within(scene, self.kept(loaded, scene)))
+    }
+
+    pub(crate) fn whites(&self, loaded: &LoadedObjects) -> &Whites {
+        self.whites.get_or_init(|| Whites::of(loaded))
+    }
+
+    /// Returns for each object whether it hides its back.
+    pub fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
+        self.closed.get_or_init(estimate)
+    }
+
+    /// Returns the properties of the objects that determine their lights, for this up axis.
+    pub fn lighting(&self, loaded: &LoadedObjects, up: Up) -> Lighting {
+        last(&self.lighting, up, |up| Lighting::of(loaded, *up))
+    }
+
+    /// Returns [`surfel_framing::frame_within`] the sphere that is framed.
+    pub fn camera(&self, loaded: &LoadedObjects, scene: &Scene, options: FrameOptions) -> Option<Camera> {
+        last(&self.camera, options, |options| surfel_framing::frame_within(scene, self.kept(loaded, scene), options))
+    }
+}

@@ -1,0 +1,36 @@
+//! Scenes of files that state none: camera, lights, materials, background and settings, chosen from the loaded objects.
+//!
+//! Main functions and types, in reading order:
+//!
+//! 1. [`open`]: a scene file, or any number of geometry files, as a [`LoadedScene`];
+//! 2. [`auto_up`], [`auto_composite`], [`auto_transparency`], [`auto_depth_tolerance`] and [`auto_points_as`]: single
+//!    choices, each with a note that gives the reason;
+//! 3. [`auto_scene`]: the scene file of objects without one, by [`AutoOptions`];
+//! 4. [`studio_lights`]: three lights that follow the camera; [`NamedLight`]: the skies of named lights.
+//!
+//! ```no_run
+//! # fn main() -> Result<(), surfel_load::Error> {
+//! let loaded = surfel_stage::open(&["scan.ply".as_ref()], &surfel_sample::NoProgress)?;
+//! println!("seen from {:?}", loaded.file.camera.eye);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! # Layer
+//! The crate lies above `surfel-load`, whose objects it looks at, and `surfel-framing`, which estimates views and
+//! cameras. It draws no image.
+
+#![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
+
+mod auto;
+mod closed;
+mod estimates;
+mod lights;
+mod named_light;
+mod sheets;
+mod whites;
+
+pub use auto::*;
+pub use estimates::Estimates;
+pub use lights::{Lighting, studio_lights};
+pub use named_light::NamedLight;

@@ -1,0 +1,97 @@
+//! Skies of named lights.
+
+use glam::DVec3;
+use surfel_framing::ViewAxes;
+use surfel_model::{Camera, Sky, SkyArea};
+
+/// A named light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NamedLight {
+    /// Lights that follow the camera, without shadows.
+    Headlight,
+    /// A sky, and a large soft light from the upper left in front.
+    Studio,
+    /// An evenly bright sky.
+    Sky,
+    /// A sky, and a small strong light from the upper left.
+    Sun,
+}
+
+/// Share of even light, so that what no direction reaches isn't black: splats inside of a body that show through gaps,
+/// and the inside of foliage.
+const EVEN: f64 = 0.08;
+
+/// Strengths of a named light's sky, and its area.
+struct Parts {
+    above: f64,
+    below: f64,
+    /// Direction along the camera's right, the horizontal direction toward the camera, and up; half-angle in degrees;
+    /// strength.
+    area: Option<(DVec3, f64, f64)>,
+}
+
+impl NamedLight {
+    /// Returns the name in the flag `--light`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Headlight => "headlight",
+            Self::Studio => "studio",
+            Self::Sky => "sky",
+            Self::Sun => "sun",
+        }
+    }
+
+    fn parts(self) -> Option<Parts> {
+        match self {
+            Self::Headlight => None,
+            Self::Studio => {
+                Some(Parts { above: 0.55, below: 0.2, area: Some((DVec3::new(-0.55, 0.6, 0.9), 15.0, 0.6)) })
+            }
+            Self::Sky => Some(Parts { above: 1.0, below: 0.3, area: None }),
+            Self::Sun => Some(Parts { above: 0.4, below: 0.15, area: Some((DVec3::new(-0.7, 0.45, 0.8), 3.0, 0.85)) }),
+        }
+    }
+
+    /// Returns the sky of the light for a scene with this up axis, seen first from `camera`; `None` for lights that
+    /// follow the camera. The light stands still when the camera moves.
+    pub fn sky(self, up: DVec3, camera: &Camera) -> Option<Sky> {
+        let Parts { above, below, area } = self.parts()?;
+        let ViewAxes { right, .. } = ViewAxes::of(camera);
+        // A view along the up axis has a right axis that is horizontal, too.
+        let level = (right - up * up.dot(right)).normalize_or(up.any_orthonormal_vector());
+        let toward_camera = level.cross(up);
+        let areas = area.map(|(from, half_angle_deg, strength)| SkyArea {
+            toward: (level * from.x + toward_camera * from.y + up * from.z).normalize().into(),
+            half_angle_deg,
+            strength,
+        });
+        Some(Sky { above, below, even: EVEN, areas: areas.into_iter().collect(), ..Sky::new(up.into()) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lights_stand_upper_left_of_the_first_camera_whatever_is_up() {
+        for (up, eye) in [
+            (DVec3::Z, [0.0, -5.0, 1.0]),
+            (DVec3::Y, [0.0, 1.0, 5.0]),
+            (DVec3::Z, [0.0, -1e-9, 5.0]),
+            (DVec3::NEG_Y, [4.0, 0.0, 1.0]),
+        ] {
+            let camera = Camera { up: up.into(), ..Camera::perspective(eye, [0.0; 3], 45.0, [10, 10]) };
+            let sky = NamedLight::Studio.sky(up, &camera).unwrap();
+            sky.validate().unwrap();
+            let toward = DVec3::from(sky.areas[0].toward);
+            let axes = ViewAxes::of(&camera);
+            assert!(toward.dot(axes.right) < -0.3 && toward.dot(up) > 0.6, "{up}: {toward}");
+            let back = axes.right.cross(up);
+            assert!(toward.dot(back) > 0.3, "{up}: {toward}");
+        }
+        let camera = Camera::perspective([0.0, 0.0, 5.0], [0.0; 3], 45.0, [10, 10]);
+        assert!(NamedLight::Headlight.sky(DVec3::Y, &camera).is_none());
+        assert!(NamedLight::Sky.sky(DVec3::Y, &camera).unwrap().areas.is_empty());
+    }
+}

@@ -1,0 +1,85 @@
+//! Thin sheets over other surfaces, such as a roof over walls. There back faces are drawn, since only the underside of
+//! a sheet separates its top from what lies below (rendering model §5).
+
+use glam::DVec3;
+use std::collections::HashMap;
+use surfel_framing::patches::{Patch, Patches};
+use surfel_model::Object;
+use surfel_render::View;
+
+/// Cosine of the angle between two normals from which they face the same way, or opposite ways (60°).
+const ALIKE: f64 = 0.5;
+/// Share of the patches, and number of them, that lie on a sheet over another surface at least.
+const LEAST: (f64, usize) = (0.001, 4);
+/// Pixels that the depth tolerance reaches behind a surface, along its normal, beside a splat's radius: its slope term
+/// at a grazing angle.
+const REACH_PX: f64 = 1.5;
+/// Depths of surfaces in contact differ by less than this share.
+const CONTACT: f64 = 1e-3;
+
+/// True if a thin sheet of an object lies over another of its surfaces, so near that the depth tolerance of a view
+/// reaches through the sheet.
+pub(crate) fn covers_other_surfaces(object: &Object, view: &View) -> bool {
+    let Some(patches) = Patches::of(std::slice::from_ref(object)) else { return false };
+    let middle = view.view_from_world * (patches.middle - view.eye);
+    let distance = if view.projection.is_perspective() { middle.z.max(view.projection.near) } else { 1.0 };
+    let pixel = distance / view.projection.focal_px[0] / patches.scale;
+    let (grid, growth) = (Grid::new(&patches), Patches::growth(object));
+    let lies_over = |patch: &&Patch| grid.lies_over_others(patch, radius(patch) / growth + REACH_PX * pixel);
+    let count = patches.all.iter().filter(lies_over).count();
+    count >= LEAST.1 && count as f64 >= LEAST.0 * patches.all.len() as f64
+}
+
+fn radius(patch: &Patch) -> f64 {
+    patch.axes[0].length().max(patch.axes[1].length())
+}
+
+/// Returns the cell of a grid that a position is in.
+fn cell_of(position: DVec3, cell: f64) -> [i32; 3] {
+    (position / cell).floor().to_array().map(|index| index as i32)
+}
+
+/// Patches by the cell of a grid.
+struct Grid<'a> {
+    cell: f64,
+    cells: HashMap<[i32; 3], Vec<&'a Patch>>,
+}
+
+impl<'a> Grid<'a> {
+    fn new(patches: &'a Patches) -> Self {
+        // About as large as the patches are on average.
+        let cell = 2.0 * (patches.area / patches.all.len() as f64).sqrt();
+        let mut cells: HashMap<[i32; 3], Vec<&Patch>> = HashMap::new();
+        for patch in &patches.all {
+            cells.entry(cell_of(patch.position, cell)).or_default().push(patch);
+        }
+        Self { cell, cells }
+    }
+
+    /// True if below a patch, within a depth, there is first a surface that faces away and then one that doesn't.
+    fn lies_over_others(&self, patch: &Patch, reach: f64) -> bool {
+        let lateral = radius(patch);
+        let (mut underside, mut other) = (f64::INFINITY, f64::NEG_INFINITY);
+        let extent = DVec3::splat(lateral.max(reach).min(2.0 * self.cell));
+        let [low, high] = [patch.position - extent, patch.position + extent].map(|p| cell_of(p, self.cell));
+        for x in low[0]..=high[0] {
+            for y in low[1]..=high[1] {
+                for z in low[2]..=high[2] {
+                    for below in self.cells.get(&[x, y, z]).into_iter().flatten() {
+                        let offset = below.position - patch.position;
+                        let depth = -patch.normal.dot(offset);
+                        let is_below = depth > 0.0 && depth <= reach;
+                        if !is_below || (offset + patch.normal * depth).length_squared() > lateral * lateral {
+                            continue;
+                        }
+                        match below.normal.dot(patch.normal) < -ALIKE {
+                            true => underside = underside.min(depth),
+                            false => other = other.max(depth),
+                        }
+                    }
+                }
+            }
+        }
+        other >= underside * (1.0 - CONTACT)
+    }
+}
