@@ -27,8 +27,9 @@ use std::process::{Command, ExitCode};
 
 use suites::Gpu;
 
-/// Features that no package enables by default but that are tested: the program's GPU backends, and `surfel mcp`.
-const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash,surfel-cli/mcp";
+/// Features that no package enables by default but that are tested: GPU backends, `surfel mcp`, all of the facade's.
+const FEATURES: &str = "surfel-cli/wgpu,surfel-cli/ash,surfel-cli/mcp,\
+                        surfel/wgpu,surfel/ash,surfel/reference,surfel/sharp";
 
 const HELP: &str = "\
 The project's chores.

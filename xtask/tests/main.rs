@@ -3,3 +3,4 @@
 mod dependencies;
 mod imports;
 mod packages;
+mod wording;

@@ -1,36 +1,15 @@
 //! The camera that options ask for, and its rotation in a turntable movie.
 
-use crate::render_options::RenderOptions;
+use crate::render_options::{CameraSource, RenderOptions};
 use glam::{DQuat, DVec3};
 use std::collections::HashSet;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use surfel_framing::strays::Sphere;
 use surfel_framing::{DEFAULT_FOV_Y_DEG, FrameOptions, FrameProjection, ViewAxes};
 use surfel_io::cameras::NamedCamera;
 use surfel_load::Error;
 use surfel_model::{Camera, Light, Projection, Scene, Up};
 use surfel_render::View;
-
-/// Source of the camera that the options state.
-#[derive(Clone, Debug, PartialEq)]
-pub enum CameraSource {
-    /// A file that holds only a scene file's camera object.
-    File(PathBuf),
-    /// A camera given as a value.
-    Given {
-        /// The camera.
-        camera: Box<Camera>,
-        /// True if its near and far planes are replaced by ones fitted to the scene.
-        fits_depth: bool,
-    },
-}
-
-impl CameraSource {
-    /// True if the camera's near and far planes are replaced by ones fitted to the scene.
-    pub fn fits_depth(&self) -> bool {
-        matches!(self, Self::Given { fits_depth: true, .. })
-    }
-}
 
 /// Fraction of the image that the scene fills with `--view`.
 const FILL: f64 = 0.9;

@@ -1,8 +1,10 @@
 //! Summary of a file's content without converting all of it.
 
 use crate::attributes;
+use crate::radii::{ALL, Radii, bytes_of_points, radii_of_mesh, radii_of_points};
 use crate::survey::{Survey, survey};
 use crate::values::json_number;
+use crate::wording::as_flags;
 use glam::DVec3;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
@@ -14,35 +16,9 @@ use surfel_load::Error;
 use surfel_load::paths::is_stdin;
 use surfel_load::scene::is_scene_file;
 use surfel_load::up_reason;
-use surfel_model::{Column3, Mesh, PointCloud, SplatCloud};
-use surfel_sample::NoProgress;
+use surfel_model::{Column3, Mesh};
 #[cfg(feature = "sharp")]
 use surfel_sample::SharpErrors;
-use surfel_sample::{MeshMethod, MeshOptions, PointOptions};
-
-/// Largest number of points for which radii are estimated from all of them.
-const ALL: usize = 12_000;
-/// Number of patches from which the radii of larger clouds are estimated.
-pub(crate) const PATCHES: usize = 16;
-/// Points around each patch's centre that are converted, and the ones nearest to it whose radii are used. The others
-/// are near the rim, where neighbours are missing.
-pub(crate) const PATCH: (usize, usize) = (600, 200);
-
-/// Statistics of splat radii, in object units.
-pub(crate) struct Radii {
-    median: f64,
-    min: f64,
-    max: f64,
-    how: &'static str,
-}
-
-impl Radii {
-    pub(crate) fn of(mut radii: Vec<f64>, how: &'static str) -> Option<Self> {
-        radii.sort_unstable_by(f64::total_cmp);
-        let (min, max) = (*radii.first()?, *radii.last()?);
-        Some(Self { median: *radii.get(radii.len() / 2)?, min, max, how })
-    }
-}
 
 /// Describes a file's content without converting all of it, as the object that `surfel info --json` prints. It contains
 /// format, counts (`points`, `splats`, `vertices`, `triangles`, …), `bounds` (least and largest coordinates), up axis,
@@ -111,7 +87,7 @@ fn facts(path: &Path, loaded: &Loaded, file_bytes: u64) -> Value {
         "file_bytes": file_bytes,
         "up": loaded.up.name(),
         "up_reason": reason,
-        "notes": loaded.notes,
+        "notes": loaded.notes.iter().map(|note| as_flags(note)).collect::<Vec<_>>(),
     });
     let (kind, counts, bounds, radii, memory, interior_weight) = match &loaded.content {
         Content::Splats(cloud) => {
@@ -185,14 +161,6 @@ fn bounds(origin: DVec3, positions: &Column3) -> Option<(DVec3, DVec3)> {
     }))
 }
 
-pub(crate) fn bytes_of_points(p: &PointCloud) -> usize {
-    p.positions.bytes()
-        + p.normals.as_ref().map_or(0, Column3::bytes)
-        + p.colors.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
-        + p.alphas.as_ref().map_or(0, |c| size_of_val(c.as_slice()))
-        + p.extras.iter().map(|e| e.values.bytes()).sum::<usize>()
-}
-
 fn bytes_of_mesh(m: &Mesh) -> usize {
     m.positions.bytes()
         + size_of_val(m.triangles.as_slice())
@@ -209,71 +177,4 @@ fn bytes_of_mesh(m: &Mesh) -> usize {
 fn bytes_of_textures(m: &Mesh) -> usize {
     let textures: BTreeMap<_, _> = m.textures().map(|t| (Arc::as_ptr(t), size_of_val(t.srgba8.as_slice()))).collect();
     textures.values().sum()
-}
-
-fn radii_of(cloud: &SplatCloud, count: usize) -> impl Iterator<Item = f64> {
-    (0..count.min(cloud.len())).map(|i| cloud.radius_max(i))
-}
-
-/// Estimates the radii of the first `count` points; true if they are the file's.
-fn radii_among(points: &PointCloud, count: usize) -> (Vec<f64>, bool) {
-    let made = surfel_sample::splats_from_points(points, &PointOptions::default(), &NoProgress);
-    made.map(|(cloud, report)| (radii_of(&cloud, count).collect(), report.radii_given > 0)).unwrap_or_default()
-}
-
-/// Estimates the radii of the points nearest to a patch's centre. `near` holds the points around it, nearest first.
-pub(crate) fn radii_of_patch(near: &PointCloud) -> Vec<f64> {
-    radii_among(near, PATCH.1).0
-}
-
-/// Estimates the radii that a render would give the points, from all points or from patches of a large cloud.
-fn radii_of_points(points: &PointCloud) -> Option<Radii> {
-    if points.len() <= ALL {
-        let (radii, are_given) = radii_among(points, points.len());
-        return Radii::of(radii, if are_given { "given" } else { "estimated from neighbours" });
-    }
-    let positions = points.positions.high();
-    let (mut radii, mut are_given) = (Vec::new(), false);
-    for patch in 0..PATCHES {
-        let middle = positions[(2 * patch + 1) * points.len() / (2 * PATCHES)];
-        let mut near: Vec<(f32, u32)> =
-            (0..points.len() as u32).map(|i| (positions[i as usize].distance_squared(middle), i)).collect();
-        let order = |a: &(f32, u32), b: &(f32, u32)| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1));
-        near.select_nth_unstable_by(PATCH.0, order);
-        near.truncate(PATCH.0);
-        near.sort_unstable_by(order);
-        let indices: Vec<u32> = near.iter().map(|n| n.1).collect();
-        let local = PointCloud {
-            positions: points.positions.select(&indices),
-            normals: points.normals.as_ref().map(|n| n.select(&indices)),
-            radii: points.radii.as_ref().map(|radii| indices.iter().map(|i| radii[*i as usize]).collect()),
-            ..PointCloud::default()
-        };
-        let (of_patch, given) = radii_among(&local, PATCH.1);
-        are_given |= given;
-        radii.extend(of_patch);
-    }
-    Radii::of(radii, if are_given { "given" } else { "estimated from neighbours, on a sample of the points" })
-}
-
-/// Estimates the radii that a render would give a mesh's splats. If splats are spread over the surface, fewer of them
-/// are used.
-fn radii_of_mesh(mesh: &Mesh) -> Option<Radii> {
-    let options = MeshOptions::auto(mesh);
-    match options.method {
-        MeshMethod::Adaptive(count) => {
-            let few = count.min(4000);
-            let options = MeshOptions { method: MeshMethod::Count(few), ..options };
-            let (cloud, _) = surfel_sample::splats_from_mesh(mesh, &options, &NoProgress).ok()?;
-            // The spacing of n samples is proportional to 1/√n.
-            let scale = (few as f64 / count as f64).sqrt();
-            let radii = radii_of(&cloud, cloud.len()).map(|r| r * scale).collect();
-            Radii::of(radii, "estimated for splats spread over the surface, from fewer of them")
-        }
-        _ => {
-            let points = surfel_sample::points_from_mesh(mesh).ok()?;
-            let radii = radii_of_points(&points)?;
-            Some(Radii { how: "estimated for one splat a vertex, on a sample of them", ..radii })
-        }
-    }
 }

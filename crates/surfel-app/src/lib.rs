@@ -10,7 +10,8 @@
 //! 4. [`session`]: a scene that is drawn many times with changing options;
 //! 5. [`figure`] and [`film`]: several images in one figure, and films;
 //! 6. [`splat_file`], [`ortho_request`] and [`copc_output`]: requests for other files than images;
-//! 7. [`info`], [`metadata`] and [`compare`]: descriptions of files, of how an image was made, and of differences.
+//! 7. [`info`], [`metadata`] and [`compare`]: descriptions of files, of how an image was made, and of differences;
+//! 8. [`wording`]: options in messages as flags, or as Python's keywords.
 //!
 //! ```
 //! let mut options = surfel_app::request::RenderOptions::default();
@@ -50,7 +51,8 @@ pub mod options;
 #[cfg(feature = "ortho")]
 pub mod ortho_request;
 pub mod progressive;
-mod render_options;
+mod radii;
+pub mod render_options;
 pub mod request;
 pub mod session;
 mod sky;
@@ -60,6 +62,7 @@ pub mod style;
 mod survey;
 pub mod unseen;
 pub mod values;
+pub mod wording;
 
 pub use color_bar::save_color_bar;
 pub use render_options::RenderOptions;

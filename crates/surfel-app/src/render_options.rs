@@ -1,7 +1,5 @@
 //! Options for an image and the files in it: the flags of `surfel render` as data.
 
-use crate::camera::CameraSource;
-use crate::options::{self, Commands, Options};
 use crate::style::{Choices, Style};
 use crate::values::{self, Part, RangeChoice};
 use std::path::PathBuf;
@@ -15,6 +13,27 @@ use surfel_model::{
 };
 use surfel_render::{Planes, Preset, Region};
 use surfel_stage::NamedLight;
+
+/// Source of the camera that the options state.
+#[derive(Clone, Debug, PartialEq)]
+pub enum CameraSource {
+    /// A file that holds only a scene file's camera object.
+    File(PathBuf),
+    /// A camera given as a value.
+    Given {
+        /// The camera.
+        camera: Box<Camera>,
+        /// True if its near and far planes are replaced by ones fitted to the scene.
+        fits_depth: bool,
+    },
+}
+
+impl CameraSource {
+    /// True if the camera's near and far planes are replaced by ones fitted to the scene.
+    pub fn fits_depth(&self) -> bool {
+        matches!(self, Self::Given { fits_depth: true, .. })
+    }
+}
 
 /// The flags of `surfel render` that determine an image. Values that aren't set come from the scene file, the preset
 /// and the defaults, in this order ([`crate::request`]).
@@ -145,21 +164,6 @@ pub struct SplatOptions {
 const OF_GAUSSIANS: [Filter; 2] = [Filter::Clamp, Filter::Principal];
 
 impl SplatOptions {
-    /// Sets an option of `surfel convert` by its long name without dashes, from its text; a switch from `on` or `off`.
-    /// Returns false if no such option exists here.
-    ///
-    /// # Errors
-    /// A message that states the expected values, if the text isn't a valid value of the flag.
-    pub fn set(&mut self, flag: &str, text: &str) -> Result<bool, String> {
-        if options::table().find(Commands::CONVERT, flag).is_none_or(|row| !row.is_image) {
-            return Ok(false);
-        }
-        let mut render = RenderOptions { splats: std::mem::take(self), ..RenderOptions::default() };
-        let set = render.set(flag, text);
-        *self = render.splats;
-        set.map(|()| true)
-    }
-
     /// Sets the value of `--range`.
     pub fn set_range(&mut self, choice: RangeChoice) {
         (self.shared_range, self.convert.range) = match choice {
@@ -320,23 +324,6 @@ impl RenderOptions {
         let others = others.with_depth(others.depth || self.asks_for("depth"));
         let others = others.with_normal(others.normal || self.asks_for("normal"));
         others.with_position(others.position || self.asks_for("position"))
-    }
-
-    /// Sets a flag by its long name without dashes, from its text; a switch from `on` or `off`.
-    ///
-    /// # Errors
-    /// A message that states the expected values, if the text isn't a valid value of the flag, or no such flag exists
-    /// here. Flags for backends and output files are handled by the caller.
-    pub fn set(&mut self, flag: &str, text: &str) -> Result<(), String> {
-        let row = options::table().find(Commands::RENDER, flag).filter(|row| row.is_image);
-        let row = row.ok_or_else(|| "there is no such flag here".to_owned())?;
-        if text.is_empty() && row.missing.is_some() {
-            return Err("expected a value".to_owned());
-        }
-        let mut all = Options { render: std::mem::take(self), ..Options::default() };
-        let set = row.set(&mut all, text.as_ref());
-        *self = all.render;
-        set
     }
 
     /// Refuses flags that contradict each other or need another flag.

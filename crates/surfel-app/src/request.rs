@@ -3,7 +3,7 @@
 pub use crate::camera::Turntable;
 pub use crate::render_options::{RenderOptions, SplatOptions};
 
-use crate::camera::CameraSource;
+use crate::render_options::CameraSource;
 use crate::sky::SkyAndGround;
 use crate::{camera, splats};
 use glam::DVec3;
@@ -178,8 +178,8 @@ impl Resolved {
     }
 }
 
-/// Images to be drawn of a scene. From large COPC files ([`surfel_load::levels`]) only the nodes that these images need are
-/// read.
+/// Images to be drawn of a scene. From large COPC files ([`surfel_load::levels`]) only the nodes that these images
+/// need are read.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Pictures {
     /// One image, from the scene's camera.

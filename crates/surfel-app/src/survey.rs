@@ -2,7 +2,7 @@
 //! all points, then for the neighbourhoods of a few.
 
 use crate::attributes;
-use crate::info::{PATCH, PATCHES, Radii, radii_of_patch};
+use crate::radii::{PATCH, PATCHES, Radii, bytes_of_points, radii_of_patch};
 use glam::DVec3;
 use serde_json::{Map, Value};
 use std::path::Path;
@@ -70,7 +70,7 @@ impl Whole {
         }
         let zeros_before = self.points > 0;
         self.points += cloud.len();
-        self.bytes += crate::info::bytes_of_points(&cloud);
+        self.bytes += bytes_of_points(&cloud);
         if let Some(counts) = attributes::class_counts(&cloud.extras) {
             let all = self.classes.get_or_insert([0; 256]);
             if self.points > cloud.len() && all.iter().sum::<u64>() == 0 {

@@ -9,11 +9,11 @@
 
 pub use surfel_stage::NamedLight;
 
-use crate::film::FrameRate;
 use crate::style::Style;
 use serde_json::Value;
 use std::ops::Range;
 use surfel_framing::{NamedView, ViewAngles, ViewChoice};
+use surfel_io::film::FrameRate;
 use surfel_math::srgb;
 use surfel_model::{
     Accumulate, Classes, ClipPolicy, Color, Colormap, Composite, Condition, Cull, DepthTolerance, EdgeAa, Filter,

@@ -45,7 +45,7 @@ impl From<AllocationError> for Failure {
 impl From<Failure> for RenderError {
     fn from(failure: Failure) -> Self {
         let message = match failure {
-            Failure::OutOfMemory => "the device is out of memory; render by --region or draw fewer splats".to_owned(),
+            Failure::OutOfMemory => "the device is out of memory; render by `region` or draw fewer splats".to_owned(),
             Failure::Other(message) => message,
         };
         Self::Backend { backend: NAME, message }
@@ -60,7 +60,7 @@ mod tests {
     fn lost_devices_and_ended_memory_are_errors_that_say_what_to_do() {
         let text = |result: vk::Result| RenderError::from(Failure::from(result)).to_string();
         for result in [vk::Result::ERROR_OUT_OF_DEVICE_MEMORY, vk::Result::ERROR_OUT_OF_HOST_MEMORY] {
-            assert!(text(result).contains("out of memory; render by --region"), "{}", text(result));
+            assert!(text(result).contains("out of memory; render by `region`"), "{}", text(result));
         }
         assert!(text(vk::Result::ERROR_DEVICE_LOST).contains("device was lost; start"));
         assert!(matches!(Failure::from(AllocationError::OutOfMemory), Failure::OutOfMemory));

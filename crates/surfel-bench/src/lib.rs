@@ -29,8 +29,8 @@
 //! ```
 //!
 //! # Layer
-//! The package draws through the facade `surfel`, as any program does; only the conformance tests and `cargo xtask` use
-//! it. No test times anything.
+//! The package draws by `surfel-backend`, as any program does; only the conformance tests and `cargo xtask` use it.
+//! No test times anything.
 //!
 //! # Features
 //! `wgpu` and `ash` build the GPU backends in.

@@ -5,6 +5,7 @@ use std::fmt;
 use std::io::{IsTerminal, Write};
 use std::sync::Mutex;
 use std::time::Duration;
+use surfel_app::wording::as_flags;
 use surfel_io::is_obeyed;
 use surfel_sample::Progress;
 
@@ -26,14 +27,14 @@ impl Console {
     /// Prints a note for the user.
     pub(crate) fn note(&self, text: &str) {
         if !self.quiet {
-            to_stderr(&format!("note: {}\n", harmless(text)));
+            to_stderr(&format!("note: {}\n", harmless(&as_flags(text))));
         }
     }
 
     /// Prints a detail, only with `-v`.
     pub(crate) fn detail(&self, text: &str) {
         if self.verbose && !self.quiet {
-            to_stderr(&format!("{}\n", harmless(text)));
+            to_stderr(&format!("{}\n", harmless(&as_flags(text))));
         }
     }
 

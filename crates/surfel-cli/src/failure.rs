@@ -1,12 +1,13 @@
 //! Failures of a run, with their exit codes.
 
+use surfel_app::wording::as_flags;
 use surfel_backend::BackendError;
 use surfel_io::IoError;
 use surfel_load::Error;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
 
-/// A failed run: an exit code and a message of at most four lines.
+/// A failed run: an exit code and a message of at most four lines, which names options as flags.
 #[derive(Debug)]
 pub(crate) struct Failure {
     code: u8,
@@ -16,32 +17,32 @@ pub(crate) struct Failure {
 impl Failure {
     /// Creates a failure with exit code 1.
     pub(crate) fn other(message: impl Into<String>) -> Self {
-        Self { code: 1, message: message.into() }
+        Self::with_code(1, message)
     }
 
     /// Creates a failure with exit code 2: the command line is at fault.
     pub(crate) fn usage(message: impl Into<String>) -> Self {
-        Self { code: 2, message: message.into() }
+        Self::with_code(2, message)
     }
 
     /// Creates a failure with exit code 3: the input is at fault.
     pub(crate) fn input(message: impl Into<String>) -> Self {
-        Self { code: 3, message: message.into() }
+        Self::with_code(3, message)
     }
 
     /// Creates a failure with exit code 4: the backend isn't available, or doesn't support what it should draw.
     pub(crate) fn backend(message: impl Into<String>) -> Self {
-        Self { code: 4, message: message.into() }
+        Self::with_code(4, message)
     }
 
     /// Creates a failure with exit code 5: a comparison exceeds its threshold.
     pub(crate) fn threshold(message: impl Into<String>) -> Self {
-        Self { code: 5, message: message.into() }
+        Self::with_code(5, message)
     }
 
     /// Creates a failure with the exit code of an earlier failure.
     pub(crate) fn with_code(code: u8, message: impl Into<String>) -> Self {
-        Self { code, message: message.into() }
+        Self { code, message: as_flags(&message.into()).into_owned() }
     }
 
     /// Creates a failure for writing to stdout. A closed pipe isn't a failure: the reader has read enough.

@@ -29,7 +29,7 @@
 //! Latin and Greek letters and mathematical signs. `fonts/subset.py` made it.
 //!
 //! # Layer
-//! The crate has no terms of splatting, opens no file and depends on no other crate of Surfel. The facade `surfel`
+//! The crate has no terms of splatting, opens no file and depends on no other crate of Surfel. `surfel-app`
 //! fills its figures.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]

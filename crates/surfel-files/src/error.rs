@@ -19,7 +19,7 @@ pub enum IoError {
         source: std::io::Error,
     },
     /// A file of that name already exists.
-    #[error("{}: already exists\n  help: --force overwrites it; or choose another name", .path.shown())]
+    #[error("{}: already exists\n  help: `force` overwrites it; or choose another name", .path.shown())]
     Exists {
         /// The file.
         path: PathBuf,

@@ -88,7 +88,7 @@ pub enum Siblings {
 }
 
 /// Reason why a reference isn't followed.
-const OUTSIDE: &str = "it is outside of the file's folder, where only --allow-outside reads";
+const OUTSIDE: &str = "it is outside of the file's folder, where only `allow_outside` reads";
 
 /// True if a relative path leads out of the folder that it starts in.
 fn leaves_folder(reference: &Path) -> bool {
@@ -198,7 +198,7 @@ mod tests {
         }
         for outside in ["../secret", "..\\secret", "sub/../../secret", "/etc/passwd", "../in/a", absolute] {
             let (result, asked) = read(false, outside);
-            assert!(result.unwrap_err().contains("--allow-outside"), "{outside}");
+            assert!(result.unwrap_err().contains("`allow_outside`"), "{outside}");
             assert_eq!(asked, 0, "{outside}: what isn't read isn't an input");
         }
         assert_eq!(read(true, "../secret"), (Ok(b"secret".to_vec()), 1));
@@ -208,7 +208,7 @@ mod tests {
         {
             use std::os::unix::fs::symlink;
             symlink(root.join("secret"), root.join("in/link")).unwrap();
-            assert!(read(false, "link").0.unwrap_err().contains("--allow-outside"));
+            assert!(read(false, "link").0.unwrap_err().contains("`allow_outside`"));
             assert!(read(true, "link").0.is_ok());
             // If the named file is a link, the folder that it leads to may be read, too.
             std::fs::create_dir_all(root.join("named")).unwrap();

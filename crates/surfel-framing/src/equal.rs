@@ -2,9 +2,10 @@
 
 use crate::patches::Patches;
 use glam::DVec3;
+use surfel_model::Object;
 
 /// Largest number of objects, or parts of an object, that are compared.
-pub(crate) const MOST: usize = 33;
+const MOST: usize = 33;
 /// Largest nesting of parts within parts: rows of rows of rows.
 const DEPTH: usize = 3;
 /// Least width of a gap between two parts, as a fraction of half the diagonal of the whole.
@@ -21,6 +22,24 @@ const SAME: f64 = 0.95;
 const CELLS: f64 = 16.0;
 /// Patches per cell that the grid aims at; small samples get fewer cells.
 const PATCHES_OF_CELLS: f64 = 6.0;
+
+impl Patches {
+    /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
+    /// equal things are then judged as one of them would be.
+    pub fn one_of(self, objects: &[Object]) -> Self {
+        if let [first, others @ ..] = objects
+            && !others.is_empty()
+            && others.len() < MOST
+            && let Some(one) = Self::of(std::slice::from_ref(first))
+        {
+            let is_equal = |other| Self::of(std::slice::from_ref(other)).is_some_and(|o| are_equal(&one, &o));
+            if others.iter().all(is_equal) {
+                return one;
+            }
+        }
+        one_part(&self).unwrap_or(self)
+    }
+}
 
 /// Returns one of a shape's parts, if they are equal and separated by gaps along an axis; `None` otherwise.
 pub(crate) fn one_part(patches: &Patches) -> Option<Patches> {

@@ -2,11 +2,11 @@
 
 use crate::patches::Patches;
 use crate::strays::{Kind, Sphere, without_strays};
-pub use crate::up_axis::{UpConvention, UpReason, Upright};
+use crate::up_axis::{UpConvention, Upright};
+use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewChoice};
 use crate::{up_axis, viewpoint};
 use glam::{DQuat, DVec3};
 use rayon::prelude::*;
-use std::fmt;
 use std::ops::Range;
 use surfel_math::V2;
 use surfel_math::basis::unit;
@@ -16,116 +16,7 @@ use surfel_model::{Camera, ClipPolicy, GaussianCloud, Geometry, Object, Projecti
 /// Vertical field of view of automatic cameras, in degrees. It matches a short telephoto lens, which distorts little.
 pub const DEFAULT_FOV_Y_DEG: f64 = 35.0;
 
-/// Named views, relative to the scene's up axis. `Front` looks along −z if y is up and along +y if z is up.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum NamedView {
-    /// View from 30° to the right of the front and 20° above it.
-    #[default]
-    Iso,
-    /// Front view.
-    Front,
-    /// Back view.
-    Back,
-    /// View from the left-hand side of the front view.
-    Left,
-    /// View from the right-hand side of the front view.
-    Right,
-    /// View from above.
-    Top,
-    /// View from below.
-    Bottom,
-}
-
-/// Direction from which a scene is viewed, as two angles; both are 0 for [`NamedView::Front`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ViewAngles {
-    /// Azimuth about the up axis toward the right of the front view, in degrees from −360 to 360: 90 is
-    /// [`NamedView::Right`].
-    pub azimuth_deg: f64,
-    /// Elevation above the horizon, in degrees from −90 to 90: 90 is [`NamedView::Top`].
-    pub elevation_deg: f64,
-}
-
-impl ViewAngles {
-    /// Angles of [`NamedView::Iso`].
-    pub const ISO: Self = Self { azimuth_deg: 30.0, elevation_deg: 20.0 };
-}
-
-impl fmt::Display for ViewAngles {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{},{}", self.azimuth_deg, self.elevation_deg)
-    }
-}
-
-/// Evidence that decided the automatic view.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum ViewReason {
-    /// The view shows the most detail: positions, directions, colours and curvature.
-    Details,
-    /// The scene's semantic front faces the view.
-    Front,
-    /// The scene is open toward the view, which shows its inside.
-    Opening,
-    /// Nearly all surfaces face the view, as in a depth camera's capture or a relief.
-    Camera,
-    /// The scene has too few splats to judge, so the default view is used.
-    Convention,
-}
-
-impl fmt::Display for ViewReason {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Details => "it shows most",
-            Self::Front => "the front is there",
-            Self::Opening => "that side is open",
-            Self::Camera => "all faces that way",
-            Self::Convention => "the usual view",
-        })
-    }
-}
-
-/// A view and the evidence that decided it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ChosenView {
-    /// Direction from which the scene is viewed.
-    pub angles: ViewAngles,
-    /// The evidence that decided.
-    pub reason: ViewReason,
-}
-
-/// Selection of the side from which a scene is viewed.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub enum ViewChoice {
-    /// The view that shows most among a ring of candidates: [`best_view`].
-    #[default]
-    Auto,
-    /// A named view.
-    Named(NamedView),
-    /// A view given by its angles.
-    From(ViewAngles),
-}
-
-/// Camera axes of a view: unit vectors in world space.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ViewAxes {
-    /// Direction toward the right edge of the image.
-    pub right: DVec3,
-    /// Direction toward the upper edge of the image.
-    pub up: DVec3,
-    /// Viewing direction, into the image.
-    pub forward: DVec3,
-}
-
 impl ViewAxes {
-    /// Returns the axes of a camera.
-    pub fn of(camera: &Camera) -> Self {
-        let forward = unit(DVec3::from(camera.target) - DVec3::from(camera.eye));
-        let right = unit(forward.cross(unit(DVec3::from(camera.up))));
-        Self { right, up: right.cross(forward), forward }
-    }
-
     /// Returns the axes of the view of `objects` that `choice` names.
     pub fn of_choice(choice: ViewChoice, objects: &[Object], up: Up) -> Self {
         match choice {
@@ -133,56 +24,6 @@ impl ViewAxes {
             ViewChoice::Named(view) => Self::named(view, up),
             ViewChoice::From(angles) => Self::turned(angles, up),
         }
-    }
-
-    fn looking(forward: DVec3, up: DVec3) -> Self {
-        let right = unit(forward.cross(up));
-        Self { right, up: right.cross(forward), forward: unit(forward) }
-    }
-
-    /// Returns the axes of a view from these angles. In a view straight from above the front is at the lower edge of
-    /// the image, as in [`NamedView::Top`]; straight from below, at the upper edge.
-    pub fn turned(angles: ViewAngles, up: Up) -> Self {
-        let u = up.vector();
-        let front = front(up);
-        let right = front.cross(u);
-        let (azimuth, elevation) = (angles.azimuth_deg.to_radians(), angles.elevation_deg.to_radians());
-        let level = front * azimuth.cos() - right * azimuth.sin();
-        let upward = u * elevation.cos() + level * elevation.sin();
-        Self::looking(level * elevation.cos() - u * elevation.sin(), upward)
-    }
-
-    /// Returns the axes of a named view.
-    pub fn named(view: NamedView, up: Up) -> Self {
-        let u = up.vector();
-        let front = front(up);
-        let right = front.cross(u);
-        let looking = Self::looking;
-        match view {
-            NamedView::Front => looking(front, u),
-            NamedView::Back => looking(-front, u),
-            NamedView::Left => looking(right, u),
-            NamedView::Right => looking(-right, u),
-            NamedView::Top => looking(-u, front),
-            NamedView::Bottom => looking(u, -front),
-            NamedView::Iso => {
-                let ViewAngles { azimuth_deg, elevation_deg } = ViewAngles::ISO;
-                let (azimuth, elevation) = (azimuth_deg.to_radians(), elevation_deg.to_radians());
-                let level = front * azimuth.cos() - right * azimuth.sin();
-                looking(level * elevation.cos() - u * elevation.sin(), u)
-            }
-        }
-    }
-}
-
-/// Returns the viewing direction of a front view, for each up axis. A y-up model faces +z and a z-up model −y. Gaussian
-/// splats face −z, since their cameras look along +z with y down.
-fn front(up: Up) -> DVec3 {
-    match up {
-        Up::PlusX | Up::MinusX | Up::PlusY => DVec3::NEG_Z,
-        Up::MinusY => DVec3::Z,
-        Up::PlusZ => DVec3::Y,
-        Up::MinusZ => DVec3::NEG_Y,
     }
 }
 

@@ -33,6 +33,9 @@ mod front;
 pub mod patches;
 pub mod strays;
 mod up_axis;
+mod view;
 pub mod viewpoint;
 
 pub use framing::*;
+pub use up_axis::{UpConvention, UpReason, Upright};
+pub use view::{ChosenView, NamedView, ViewAngles, ViewAxes, ViewChoice, ViewReason};

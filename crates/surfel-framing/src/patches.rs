@@ -1,6 +1,5 @@
 //! Bounded sample of a scene's surface, from which up axis and view are estimated. Its cost doesn't grow with the data.
 
-use crate::equal;
 use crate::strays::{Kind, without_strays_of};
 use glam::DVec3;
 use surfel_math::{gaussian, srgb};
@@ -96,22 +95,6 @@ impl Patches {
             first = last;
         }
         Self::normalised(all, Kind::of(objects))
-    }
-
-    /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
-    /// equal things are then judged as one of them would be.
-    pub fn one_of(self, objects: &[Object]) -> Self {
-        if let [first, others @ ..] = objects
-            && !others.is_empty()
-            && others.len() < equal::MOST
-            && let Some(one) = Self::of(std::slice::from_ref(first))
-        {
-            let is_equal = |other| Self::of(std::slice::from_ref(other)).is_some_and(|o| equal::are_equal(&one, &o));
-            if others.iter().all(is_equal) {
-                return one;
-            }
-        }
-        equal::one_part(&self).unwrap_or(self)
     }
 
     /// Returns a sample of some of the patches, by their indices.

@@ -13,10 +13,10 @@
 //! A front is preferred over a back that shows little more, since file contents face the front by convention. A scene
 //! that is open to one side is viewed through the opening.
 
-use crate::framing::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use crate::front::front;
 use crate::patches::{Patch, Patches};
 use crate::up_axis::{axis_of, depth_camera, others};
+use crate::view::{ChosenView, ViewAngles, ViewAxes, ViewReason};
 use glam::{DVec2, DVec3};
 use surfel_model::Up;
 

@@ -38,7 +38,7 @@ impl TextureDecoder {
         let reduced = self.reduced.map(|(count, [w, h, to_w, to_h])| {
             let which = if count == 1 { "a texture".to_owned() } else { format!("{count} textures, the first") };
             let limit = self.max_side;
-            format!("reduced {which} of {w}x{h} texels to {to_w}x{to_h} (--max-texture {limit} texels a side)")
+            format!("reduced {which} of {w}x{h} texels to {to_w}x{to_h} (`max_texture={limit}` texels a side)")
         });
         let cut = self.cut.as_ref().map(|(count, name)| match count {
             1 => format!("the texture {} is cut off: the rest of it is filled up", quote(name)),

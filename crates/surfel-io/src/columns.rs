@@ -156,21 +156,9 @@ pub(crate) fn f32_is_enough(min: DVec3, max: DVec3) -> bool {
     min.abs().max(max.abs()).max_element() <= 32.0 * (max - min).max_element()
 }
 
-/// Converts an IEEE 754 half-precision value.
-pub(crate) fn f32_of_half(half: u16) -> f32 {
-    let magnitude = u32::from(half & 0x7fff);
-    let value = match magnitude >> 10 {
-        // Subnormals are multiples of 2⁻²⁴.
-        0 => magnitude as f32 * f32::from_bits((127 - 24) << 23),
-        31 => f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13),
-        _ => f32::from_bits((magnitude << 13) + ((127 - 15) << 23)),
-    };
-    if half >> 15 == 1 { -value } else { value }
-}
-
 #[cfg(all(test, feature = "exr", feature = "npy"))]
 mod tests {
-    use super::*;
+    use crate::strided::f32_of_half;
 
     #[test]
     fn halves_agree_with_the_crate_half() {

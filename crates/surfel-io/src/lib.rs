@@ -42,7 +42,7 @@
 //!
 //! # Layer
 //! The crate depends on `surfel-model`, whose types it returns, and on `surfel-files` and `surfel-images`, which it
-//! re-exports. It converts no points to splats: `surfel-sample` does, and the `surfel` crate combines the two.
+//! re-exports. It converts no points to splats: `surfel-sample` does, and `surfel-load` combines the two.
 //!
 //! # Features
 //! Each family of formats is a Cargo feature. PLY, octrees, PNG and scene files need none. A file of a format that
@@ -95,6 +95,7 @@ mod gzip;
 #[cfg(feature = "las")]
 mod las;
 mod load;
+mod loaded;
 #[cfg(any(feature = "obj", feature = "gltf"))]
 mod materials;
 #[cfg(feature = "npy")]
@@ -108,6 +109,8 @@ mod off;
 mod pcd;
 mod ply;
 mod point_columns;
+#[cfg(feature = "las")]
+mod point_count;
 #[cfg(feature = "points")]
 mod points;
 mod polygons;
@@ -143,11 +146,14 @@ pub use geotiff::{GeoImage, GeoSamples, GeoTiles, write_geotiffs};
 #[cfg(feature = "laz")]
 pub use las::copc;
 #[cfg(feature = "las")]
-pub use las::{PointCount, survey_points};
-pub use load::{Loaded, PointSurvey, load, load_bytes, names_geometry, survey};
+pub use las::survey_points;
+pub use load::{PointSurvey, load, load_bytes, names_geometry, survey};
+pub use loaded::Loaded;
 pub use octree::{save_octree, write_octree};
 pub use ply::encoding::PlyEncoding;
 pub use ply::write::{save_splat_ply, write_splat_ply};
+#[cfg(feature = "las")]
+pub use point_count::PointCount;
 #[cfg(any(feature = "laz", feature = "npy", feature = "pcd", feature = "points"))]
 pub use raw_rows::check_columns;
 pub use surfel_files::{HostFile, RegularFile, set_host_file};

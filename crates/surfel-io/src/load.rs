@@ -19,6 +19,7 @@ use crate::gltf;
 use crate::gzip;
 #[cfg(feature = "las")]
 use crate::las;
+use crate::loaded::{Loaded, run};
 #[cfg(feature = "npy")]
 use crate::npy;
 #[cfg(feature = "obj")]
@@ -42,29 +43,8 @@ use crate::{octree, ply, scene_file};
 use crate::{sog, splat_rows, spz};
 use glam::DVec3;
 use std::io::{Read, Seek};
-use std::path::{Path, PathBuf};
-use surfel_model::{PointCloud, Up};
-
-/// A loaded file.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Loaded {
-    /// Geometry of the file.
-    pub content: Content,
-    /// Format of the file.
-    pub format: Format,
-    /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
-    /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
-    /// hence −y.
-    pub up: Up,
-    /// True if the splats are Gaussians.
-    pub gaussian: bool,
-    /// Messages for the user, as sentences without a full stop: what was dropped, ignored or assumed.
-    pub notes: Vec<String>,
-    /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
-    pub beside: Vec<PathBuf>,
-    /// Attributes found: "position", "normal", "colour", … and the names of those that Surfel doesn't interpret.
-    pub attributes: Vec<String>,
-}
+use std::path::Path;
+use surfel_model::PointCloud;
 
 /// Loads splats, points or a mesh from a file. The first bytes and the extension decide the format. Textures, materials
 /// and buffers are searched in the file's folder and below ([`LoadOptions::allow_outside`]).
@@ -101,7 +81,7 @@ fn load_whole(
         && let Some(columns) = raw_rows::detected(name, bytes)
         && recognise(bytes, hint, name, options).is_err()
     {
-        let note = format!("has no header: read as rows of {columns}, which its values fit; --columns names others");
+        let note = format!("has no header: read as rows of {columns}, which its values fit; `columns` names others");
         let options = LoadOptions { columns: Some(columns), ..options.clone() };
         let mut loaded = run(|context| read_bytes(bytes, hint, name, context), name, siblings, &options)?;
         loaded.notes.insert(0, note);
@@ -198,16 +178,6 @@ pub fn load_bytes(bytes: &[u8], hint: Option<Format>, name: &Path, options: &Loa
     load_whole(bytes, hint, name, Siblings::None, options)
 }
 
-/// Runs a reader without access to other files.
-#[cfg(feature = "laz")]
-pub(crate) fn run_plain(
-    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
-    name: &Path,
-    options: &LoadOptions,
-) -> Result<Loaded, IoError> {
-    run(read, name, Siblings::None, options)
-}
-
 fn read_bytes(
     bytes: &[u8],
     hint: Option<Format>,
@@ -228,27 +198,6 @@ fn read_bytes(
     let bytes = decoded.as_deref().unwrap_or(bytes);
     let format = recognise(bytes, hint, name, context.options)?;
     Ok((format, read_as(format, bytes, context)?))
-}
-
-fn run(
-    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
-    name: &Path,
-    siblings: Siblings,
-    options: &LoadOptions,
-) -> Result<Loaded, IoError> {
-    let mut context = Context::new(options, siblings);
-    let (format, content) = read(&mut context).map_err(|fault| fault.of(name))?;
-    let is_table = matches!(format, Format::Xyz | Format::Pts | Format::Npy | Format::Npz | Format::Raw);
-    if options.columns.is_some() && !is_table {
-        context
-            .note(format!("--columns has no effect: it names the columns of tables of numbers, and this is {format}"));
-    }
-    let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
-    let attributes = content.attributes();
-    let beside = context.siblings.asked();
-    let mut notes = context.take_notes();
-    notes.extend(context.textures.told());
-    Ok(Loaded { content, format, up, gaussian: context.gaussian, notes, beside, attributes })
 }
 
 /// Detects the format from the first bytes if they are conclusive, else from `hint`, else from the content.

@@ -371,7 +371,7 @@ fn no_position(columns: &[Named<'_>]) -> Problem {
 fn renamed<'a>(columns: Vec<Named<'a>>, names: &TableColumns) -> Result<(Vec<Named<'a>>, Roles), Fault> {
     raw_rows::check(names)?;
     if names.is_typed() {
-        let problem = Problem::new("states the types of its numbers, and --columns gives types");
+        let problem = Problem::new("states the types of its numbers, and `columns` gives types");
         return Err(problem.expected("names alone, such as x,y,z,intensity").into());
     }
     if names.columns().len() != columns.len() {

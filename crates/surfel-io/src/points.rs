@@ -118,7 +118,7 @@ const PTS_COLUMNS: [&str; 7] = ["x", "y", "z", "intensity", "red", "green", "blu
 /// Expected columns, for messages about text files.
 const EXPECTED: &str = "x y z [intensity] [r g b] [nx ny nz], as numbers";
 /// Help text for a table whose columns Surfel doesn't recognise.
-const NAME_THEM: &str = "--columns x,y,z,_,r,g,b names the columns; _ leaves one out";
+const NAME_THEM: &str = "`columns=x,y,z,_,r,g,b` names the columns; _ leaves one out";
 
 /// Writes the numbers of all points to `data`.
 pub(crate) fn unpack(
@@ -131,7 +131,7 @@ pub(crate) fn unpack(
     let named = context.options.columns.clone();
     named.as_ref().map_or(Ok(()), raw_rows::check)?;
     if named.as_ref().is_some_and(TableColumns::is_typed) {
-        let problem = Problem::new("is text, and --columns gives types, as of binary numbers");
+        let problem = Problem::new("is text, and `columns` gives types, as of binary numbers");
         return Err(problem.expected("names alone, such as x,y,z,intensity").into());
     }
     let plan = Plan::of(&head, head.len() == bytes.len(), named.as_ref())?;
@@ -189,7 +189,7 @@ pub(crate) fn unpack(
         if let Some(word) = bad {
             if table.rows > 0 {
                 let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
-                let help = "if the whole column holds words, leave it out by _, as in --columns x,y,z,_";
+                let help = "if the whole column holds words, leave it out by _, as in `columns=x,y,z,_`";
                 return Err(problem.help(help).into());
             }
             before += 1;

@@ -83,7 +83,7 @@ pub(crate) fn check(columns: &TableColumns) -> Result<(), Problem> {
 pub(crate) fn wrong_count(found: usize, columns: &TableColumns) -> Problem {
     let expected = format!("{found}, as its rows have; _ leaves a column out");
     let named = counted(columns.columns().len() as u64, "columns");
-    Problem::new(format!("has {} and --columns names {named}", counted(found as u64, "columns"))).expected(expected)
+    Problem::new(format!("has {} and `columns` names {named}", counted(found as u64, "columns"))).expected(expected)
 }
 
 /// True if `--columns` states types, and neither the file's name nor its start shows another format.
@@ -122,7 +122,7 @@ pub(crate) fn columns_in<'a>(bytes: Bytes<'a>, columns: &TableColumns) -> Result
     if row_bytes == 0 || bytes.len() == 0 || !bytes.len().is_multiple_of(row_bytes) {
         let found = format!("has {}, which are no whole rows of {row_bytes}", counted(bytes.len() as u64, "bytes"));
         let expected = format!("the {row_bytes} bytes of {columns} in each row");
-        let help = "name all columns of a row by --columns: _ leaves one out";
+        let help = "name all columns of a row by `columns`: _ leaves one out";
         return Err(Problem::new(found).expected(expected).help(help).into());
     }
     let rows = bytes.len() / row_bytes;
@@ -155,7 +155,7 @@ fn check_coordinates(position: [&Named<'_>; 3], columns: &TableColumns) -> Resul
     }
     let Some((row, value, name)) = first.filter(|_| wrong * 20 > seen) else { return Ok(()) };
     let problem = Problem::new(format!("its rows don't hold {columns}: {name} of row {} is {value:e}", row + 1));
-    Err(problem.expected("coordinates").help("check the types, and that --columns names all columns of a row"))
+    Err(problem.expected("coordinates").help("check the types, and that `columns` names all columns of a row"))
 }
 
 /// Reads a binary file without a header.
@@ -169,4 +169,4 @@ pub(crate) fn read(bytes: Bytes<'_>, context: &mut Context<'_>) -> Result<Conten
 
 /// Help text for a binary file without a header.
 pub(crate) const RAW_HELP: &str =
-    "--columns f4:x,y,z,intensity reads numbers without a header, here float32 as in KITTI's files";
+    "`columns=f4:x,y,z,intensity` reads numbers without a header, here float32 as in KITTI's files";

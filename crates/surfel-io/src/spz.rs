@@ -1,11 +1,11 @@
 //! Reader of SPZ: Gaussians in few bits each. Versions 1 to 3 are a gzip stream, version 4 has several Zstandard
 //! streams.
 
-use crate::columns::f32_of_half;
 use crate::content::Content;
 use crate::context::Context;
 use crate::error::{Fault, Location, Problem, quote};
 use crate::gaussians::{Gaussians, Harmonics, Kind, SH_C0};
+use crate::strided::f32_of_half;
 use glam::{DQuat, DVec3};
 use surfel_model::Column3;
 

@@ -4,7 +4,6 @@
 #![cfg_attr(not(all(feature = "npy", feature = "pcd")), allow(dead_code))]
 
 use crate::bytes::Bytes;
-use crate::columns::f32_of_half;
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 use std::ops::Range;
@@ -335,6 +334,18 @@ pub(crate) fn vectors_f32(columns: [Strided<'_>; 3]) -> Vec<Vec3> {
 /// Converts arrays to vectors, which have the same layout, so that the memory is reused.
 fn vectors(arrays: Vec<[f32; 3]>) -> Vec<Vec3> {
     arrays.into_iter().map(Vec3::from_array).collect()
+}
+
+/// Converts an IEEE 754 half-precision value.
+pub(crate) fn f32_of_half(half: u16) -> f32 {
+    let magnitude = u32::from(half & 0x7fff);
+    let value = match magnitude >> 10 {
+        // Subnormals are multiples of 2⁻²⁴.
+        0 => magnitude as f32 * f32::from_bits((127 - 24) << 23),
+        31 => f32::from_bits(0x7f80_0000 | (magnitude & 0x3ff) << 13),
+        _ => f32::from_bits((magnitude << 13) + ((127 - 15) << 23)),
+    };
+    if half >> 15 == 1 { -value } else { value }
 }
 
 #[cfg(test)]

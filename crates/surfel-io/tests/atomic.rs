@@ -32,7 +32,7 @@ fn atomic_refuses_what_exists_unless_told_to_overwrite() {
     let path = folder.0.join("a.txt");
     atomic::write(&path, false, |out| out.write_all(b"one")).unwrap();
     let error = atomic::write(&path, false, |out| out.write_all(b"two")).unwrap_err();
-    assert!(matches!(error, IoError::Exists { .. }) && error.to_string().contains("--force"), "{error}");
+    assert!(matches!(error, IoError::Exists { .. }) && error.to_string().contains("`force`"), "{error}");
     assert_eq!(fs::read(&path).unwrap(), b"one");
     atomic::write(&path, true, |out| out.write_all(b"two")).unwrap();
     assert_eq!(fs::read(&path).unwrap(), b"two");

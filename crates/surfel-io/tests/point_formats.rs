@@ -411,7 +411,7 @@ fn text_headers_of_other_programs_are_obeyed() {
     let loaded = load("a.xyz", "x y z i\n1 2 3 0.5 0.5 0.5\n");
     let expected =
         "took the columns as x y z red green blue: the line of names has 4, columns 4 to 6 share a range, 0 to 1";
-    assert_eq!(loaded.notes[0], format!("{expected}; --columns names them otherwise"));
+    assert_eq!(loaded.notes[0], format!("{expected}; `columns` names them otherwise"));
     // Whole numbers beyond f32, such as times, keep their digits.
     let cloud = points(load("a.csv", "x,y,z,t\n1,2,3,123456789.25\n"));
     assert_eq!(cloud.extras[0].values, ExtraValues::F64(vec![123_456_789.25]));

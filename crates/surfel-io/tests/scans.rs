@@ -619,7 +619,7 @@ fn damaged_e57_is_read_up_to_its_damage_if_asked() {
     let page = 200;
     damaged[page * 1024 + 77] ^= 4;
     let error = try_read(&damaged).unwrap_err();
-    assert!(error.contains("--repair") && error.contains("scan 1, 20000 points"), "{error}");
+    assert!(error.contains("`repair`") && error.contains("scan 1, 20000 points"), "{error}");
     let loaded = repaired(&damaged).unwrap();
     let Content::Points(points) = &loaded.content else { panic!("{:?}", loaded.content) };
     let first = points.len() - 20_000;

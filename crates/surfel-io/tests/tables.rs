@@ -258,7 +258,7 @@ fn the_note_says_what_decided() {
         ("utm i255 returns", "columns 5 and 6 hold small numbers, one never above the other"),
     ] {
         let note = note(layout);
-        assert!(note.contains(reasons) && note.ends_with("--columns names them otherwise"), "{note}");
+        assert!(note.contains(reasons) && note.ends_with("`columns` names them otherwise"), "{note}");
     }
 }
 
@@ -267,7 +267,7 @@ fn comment_that_names_other_columns_is_said_to_be_passed_over() {
     let notes = |text: &str| load("a.txt", text).notes;
     let note = |names: &str, comment: &str| {
         format!(
-            "took the columns as {names}: the comment above them, '{comment}', doesn't name x, y and z; --columns \
+            "took the columns as {names}: the comment above them, '{comment}', doesn't name x, y and z; `columns` \
              names them otherwise"
         )
     };
@@ -362,7 +362,7 @@ fn columns_of_words_are_left_out() {
     // A single word among numbers is damage, and a line of words isn't column names.
     refused("a.csv", "x,y,z\n1,2,3\n1,2,oak\n4,5,6\n", "found 'oak' (line 3)");
     refused("a.csv", "1,2,3,4\n1,2,3,oak\n4,5,6,7\n", "found 'oak' (line 2)");
-    refused("a.csv", "one,two,three\n1,2,3\n4,5,6\n", "--columns x,y,z,_,r,g,b names the columns");
+    refused("a.csv", "one,two,three\n1,2,3\n4,5,6\n", "`columns=x,y,z,_,r,g,b` names the columns");
     refused("a.csv", "one,two\nA,B\n", "where points were expected");
     // A row with an empty cell is dropped, also the first one, without shifting columns.
     let loaded = load("a.csv", "x,y,z,intensity\n1,,3,4\n1,2,3,4\n5,6,7,NA\n2,3,4,5\n");
@@ -531,8 +531,8 @@ fn columns_name_those_of_text_and_arrays() {
         let error = try_named(name, bytes, columns).map(|l| l.attributes).unwrap_err();
         assert!(error.contains(says), "{error}");
     };
-    wrong("a.txt", text(&rows, " ").as_bytes(), "x,y,z", "has 8 columns and --columns names 3 columns");
-    wrong("a.npy", &array(&rows, "'<f8'"), "x,y,z,_", "has 8 columns and --columns names 4 columns");
+    wrong("a.txt", text(&rows, " ").as_bytes(), "x,y,z", "has 8 columns and `columns` names 3 columns");
+    wrong("a.npy", &array(&rows, "'<f8'"), "x,y,z,_", "has 8 columns and `columns` names 4 columns");
     wrong("a.txt", text(&rows, " ").as_bytes(), "a,b,c,d,e,f,g,h", "no position among the columns a b c");
     wrong("a.txt", text(&rows, " ").as_bytes(), "f4:x,y,z", "is text");
     wrong("a.npy", &array(&rows, "'<f8'"), "f4:x,y,z", "states the types");
@@ -567,7 +567,7 @@ fn usual_rows_without_a_header_are_detected_by_their_values() {
         // Another name, too few rows, and a cut row are refused.
         assert!(load("a.raw", &bytes).is_err() && load("a.bin", &bytes[..bytes.len() - 4]).is_err(), "{layout}");
     }
-    let refused = |bytes: &[u8]| assert!(load("a.bin", bytes).unwrap_err().to_string().contains("--columns"));
+    let refused = |bytes: &[u8]| assert!(load("a.bin", bytes).unwrap_err().to_string().contains("`columns="));
     refused(&rows(99, &kitti));
     // Values that fit two layouts; a fourth column that is no intensity; a number that isn't finite.
     refused(&rows(500, &|i| vec![0.5 + 0.1 * (i % 3.0); 4 * 5 * 6]));
@@ -579,9 +579,9 @@ fn usual_rows_without_a_header_are_detected_by_their_values() {
 #[test]
 fn columns_with_types_read_files_without_a_header() {
     let kitti = le(&[1.0, 2.0, 3.0, 0.5, 4.0, 5.0, 6.0, 0.25]);
-    refused("000000.bin", &kitti, "--columns f4:x,y,z,intensity");
+    refused("000000.bin", &kitti, "`columns=f4:x,y,z,intensity`");
     // A first byte that is a brace, as in a JSON file.
-    refused("000001.bin", le(&[f32::from_le_bytes(*b"{FXB"), 2.0, 3.0, 0.5]), "--columns f4:x,y,z,intensity");
+    refused("000001.bin", le(&[f32::from_le_bytes(*b"{FXB"), 2.0, 3.0, 0.5]), "`columns=f4:x,y,z,intensity`");
     let loaded = named("000000.bin", &kitti, "f4:x,y,z,intensity");
     assert_eq!((loaded.format, loaded.attributes.join(" ")), (Format::Raw, "position intensity".to_owned()));
     assert_eq!(places(&points(loaded)), [DVec3::new(1.0, 2.0, 3.0), DVec3::new(4.0, 5.0, 6.0)]);

@@ -221,7 +221,7 @@ fn what_cannot_be_read_is_told_and_left_out_on_request() {
     let root = json!({"refine": "ADD", "contents": [{"uri": "a.pnts"}, {"uri": "gone.pnts"}]});
     let files = [("a.pnts", plain(&[[1.0; 3]])), ("tileset.json", tileset(root))];
     let error = read(&files, false).unwrap_err();
-    assert!(error.contains("can't read the tile 'gone.pnts'") && error.contains("--repair"), "{error}");
+    assert!(error.contains("can't read the tile 'gone.pnts'") && error.contains("`repair`"), "{error}");
     let loaded = read(&files, true).unwrap();
     assert_eq!(cloud(&loaded).len(), 1);
     assert!(loaded.notes.iter().any(|n| n.contains("left out 1 tiles that can't be read")), "{:?}", loaded.notes);
@@ -231,8 +231,8 @@ fn what_cannot_be_read_is_told_and_left_out_on_request() {
         read(&[("t", bytes), ("tileset.json", tileset(root))], false).map(|l| l.content).unwrap_err()
     };
     for (uri, bytes, expected) in [
-        ("../../secret", vec![], "--allow-outside"),
-        ("/etc/passwd", vec![], "--allow-outside"),
+        ("../../secret", vec![], "`allow_outside`"),
+        ("/etc/passwd", vec![], "`allow_outside`"),
         ("https://example.org/t", vec![], "only files"),
         ("tileset.json", vec![], "32 tilesets"),
         ("t", glb(&[[0.0; 3], [1.0; 3], [2.0, 0.0, 0.0]], true), "no points"),

@@ -29,8 +29,8 @@
 //! `buried.rs`, splats that take their neighbours' light; [`LitGround`].
 //!
 //! # Layer
-//! The crate lies above `surfel-model` and `surfel-render`, and below the facade `surfel`, whose backends call it when
-//! a scene is uploaded.
+//! The crate lies above `surfel-model` and `surfel-render`, and below `surfel-backend`, which calls it when a scene is
+//! uploaded.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

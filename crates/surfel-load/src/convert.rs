@@ -1,6 +1,6 @@
 //! Conversion of points and meshes to splats according to the options, with notes about what was done.
 
-use crate::load::Conversion;
+use crate::loaded_cloud::Conversion;
 use crate::noise::{noise_points, water};
 use crate::words::{counted, number};
 use crate::{Error, LoadOptions, levels, memory};
@@ -113,18 +113,18 @@ fn chosen_points_of_levels(
     {
         let words = found.words();
         if !found.flags.contains(&false) {
-            let problem = format!("holds no surface but {words}: --classes all draws all points");
+            let problem = format!("holds no surface but {words}: `classes=all` draws all points");
             return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
         }
         points.retain(&found.flags.iter().map(|flag| !flag).collect::<Vec<_>>());
-        notes.push(format!("left out {words}, which are no surface (--classes all keeps them)"));
+        notes.push(format!("left out {words}, which are no surface (`classes=all` keeps them)"));
     }
     let total = points.len();
     let dropped = if options.all_points { 0 } else { points.drop_at_origin(COINCIDENT) };
     if dropped > 0 {
         notes.push(format!(
             "left out {dropped} of {total} points at exactly 0,0,0, where sensors write that nothing came back \
-             (--all-points keeps them)"
+             (`all_points` keeps them)"
         ));
     }
     if options.outliers == Outliers::Drop {
@@ -164,7 +164,7 @@ pub(crate) fn points(
     let dropped = if is_direct { points.drop_coincident(COINCIDENT) } else { 0 };
     if dropped > 0 {
         notes.push(format!(
-            "left out {}, because {CROWDED} (--all-points keeps them)",
+            "left out {}, because {CROWDED} (`all_points` keeps them)",
             counted(dropped as u64, "points")
         ));
     }
@@ -296,7 +296,7 @@ pub(crate) fn mesh(
     let is_spread = !options.sharp && method.is_spread();
     if mesh.has_normal_maps() && !is_spread {
         notes
-            .push("left out the normal maps: they shade splats that are spread over the mesh, as --splats does".into());
+            .push("left out the normal maps: they shade splats that are spread over the mesh, as `splats` does".into());
     }
     if options.sharp {
         let (cloud, conversion) = sharp(mesh, path, options, notes, progress)?;
@@ -419,12 +419,12 @@ fn points_note(report: &PointReport) -> String {
     }
     if report.isolated > 0 {
         let points = counted(report.isolated as u64, "isolated points");
-        note += &format!("; {points} (drawn small; --outliers drop leaves out what stands alone)");
+        note += &format!("; {points} (drawn small; `outliers=drop` leaves out what stands alone)");
     }
     if report.left_out > 0 {
         note += &format!(
-            "; {} left out, because {CROWDED}, to a billionth of the cloud's size (--all-points keeps them; --outliers \
-             drop makes a cloud with a stray point smaller)",
+            "; {} left out, because {CROWDED}, to a billionth of the cloud's size (`all_points` keeps them; \
+             `outliers=drop` makes a cloud with a stray point smaller)",
             counted(report.left_out as u64, "points")
         );
     }

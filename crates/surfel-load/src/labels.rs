@@ -19,7 +19,7 @@ pub(crate) fn label(cloud: &mut SplatCloud, attribute: &str, path: &Path) -> Res
         if value < 0.0 || value >= f64::from(NO_LABEL) || value.fract() != 0.0 {
             let problem = format!(
                 "its attribute {} is {value} at point {i}, expected whole numbers from 0 to 4294967294, or -1 for \
-                 none: choose another by --label",
+                 none: choose another by `label`",
                 column.name.escape_debug()
             );
             return Err(Error::Unsuitable { path: path.to_path_buf(), problem });

@@ -1,12 +1,13 @@
 //! Levels of detail for points: reading what a view needs of a COPC file, and writing COPC files.
 
-use crate::load::io_options;
+pub use crate::level_choice::{Levels, Seen};
+
+use crate::options::io_options;
 use crate::words::counted;
 use crate::{Error, LoadOptions, memory};
 use glam::{DAffine3, DVec3, Vec3};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
 use surfel_io::atomic::Temporary;
 pub use surfel_io::copc::resume_folder;
 use surfel_io::copc::{
@@ -43,45 +44,6 @@ const SPACING: &str = "surfel_level_spacing";
 /// Internal column with the fade-in radius of each point relative to its final radius. It exists if the file states no
 /// radii, until splats are made.
 const GROWTH: &str = "surfel_level_growth";
-
-/// Selection of the nodes that are read from a COPC file.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Levels {
-    /// The coarsest levels, enough to place a camera. Their splats have gaps, so that the area they cover is no larger
-    /// than that of all points.
-    Overview,
-    /// The nodes that one or more views need.
-    Views {
-        /// The views: all of one image, or of one movie.
-        views: Arc<[View]>,
-        /// Transformation from the file's coordinates to world space.
-        world_from_object: DAffine3,
-        /// Largest projected splat size in pixels, more than 0; finer points are skipped.
-        error_px: f64,
-        /// Margin in pixels around the view frustum; points whose splats are farther outside are skipped. This applies
-        /// only if the file states radii and normals and only their image is asked for. `None` skips no points.
-        sight_px: Option<f64>,
-    },
-}
-
-/// View parameters that select levels of detail, for all objects.
-#[derive(Clone, Copy, Debug)]
-pub struct Seen<'a> {
-    /// Views of one image, or of all images of a movie, so that the selection doesn't change between them.
-    pub views: &'a [View],
-    /// Largest projected splat size in pixels, as in [`Levels::Views`].
-    pub error_px: f64,
-    /// Margin around the view frustum in pixels, as in [`Levels::Views`].
-    pub sight_px: Option<f64>,
-}
-
-impl Seen<'_> {
-    /// Returns the selection for an object with this transformation.
-    pub(crate) fn levels(&self, world_from_object: DAffine3) -> Levels {
-        let Self { views, error_px, sight_px } = *self;
-        Levels::Views { views: views.into(), world_from_object, error_px, sight_px }
-    }
-}
 
 /// Report of what was read from a COPC file.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -205,9 +167,9 @@ pub(crate) fn read(
     }
     if is_partial {
         let limit = match options.max_points {
-            Some(_) => "--max-points ends it",
-            None if most < DEFAULT_MOST_POINTS => "--memory ends it",
-            None => "--max-points raises the limit that ends it",
+            Some(_) => "`max_points` ends it",
+            None if most < DEFAULT_MOST_POINTS => "`memory` ends it",
+            None => "`max_points` raises the limit that ends it",
         };
         found.loaded.notes.push(note(&report, limit));
     }
@@ -252,14 +214,14 @@ fn rows(copc: &Copc, nodes: &[u32], read: &PointCloud, path: &Path) -> Result<Ve
 /// Describes which nodes a selection omits, why, and the option that changes it.
 fn note(report: &LevelReport, limit: &str) -> String {
     let mebibytes = report.bytes.map(|bytes| bytes as f64 / f64::from(1 << 20));
-    let (error_px, finer) = (report.error_px, "--lod-error draws finer ones");
+    let (error_px, finer) = (report.error_px, "`lod_error` draws finer ones");
     let why = match report.end {
         LevelEnd::Points => format!("{limit} at splats of {error_px:.1} px"),
         LevelEnd::Enough => format!("more than 5 points a pixel at splats of {error_px:.2} px; {finer}"),
         LevelEnd::Error => format!("splats of {error_px:.2} px at most; {finer}"),
     };
     format!(
-        "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; --all-levels draws all points)",
+        "drawn by levels: {} of {} nodes, {:.1} of {:.1} MiB read ({why}; `all_levels` draws all points)",
         report.nodes[0], report.nodes[1], mebibytes[0], mebibytes[1]
     )
 }
@@ -633,7 +595,7 @@ pub fn save_copc(
     progress: &dyn Progress,
 ) -> Result<CopcReport, Error> {
     if let Some(bytes) = request.memory.filter(|bytes| *bytes < LEAST_MEMORY) {
-        let problem = format!("--memory {bytes}: writing by levels takes at least {LEAST_MEMORY} bytes (200M)");
+        let problem = format!("`memory={bytes}`: writing by levels takes at least {LEAST_MEMORY} bytes (200M)");
         return Err(Error::Usage(problem));
     }
     let options = CopcOptions {

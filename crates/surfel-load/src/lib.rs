@@ -35,14 +35,17 @@ mod convert;
 pub mod effects;
 mod error;
 pub mod labels;
+mod level_choice;
 mod level_store;
 pub mod levels;
 mod load;
+mod loaded_cloud;
 mod loaded_objects;
 pub mod memory;
 mod mesh_columns;
 pub mod noise;
 pub mod octree;
+mod options;
 pub mod paths;
 pub mod points_as;
 pub mod scene;
@@ -52,12 +55,15 @@ pub mod words;
 /// Single steps of loading, for callers that load a file in parts.
 pub mod steps {
     pub use crate::convert::{chosen_points, splats_of_points};
-    pub use crate::load::{check_size, io_options, read, splats_of, without_attribute};
+    pub use crate::load::{check_size, read, splats_of, without_attribute};
+    pub use crate::options::io_options;
 }
 
 pub use error::Error;
 pub use level_store::LevelStore;
-pub use load::{Conversion, LoadOptions, LoadedCloud, STDIN, load, up_reason};
+pub use load::{load, up_reason};
+pub use loaded_cloud::{Conversion, LoadedCloud};
 pub use loaded_objects::{ColorJobs, LoadedObjects, ObjectFacts, ObjectNote};
+pub use options::{LoadOptions, STDIN};
 pub use points_as::SparseReason;
 pub use scene::load_scene;

@@ -1,347 +1,23 @@
 //! Loading of files as splats: splats are read directly, points and meshes are converted.
 
+use crate::coloring::Colorings;
 use crate::coloring::together::{ColorJob, Colors, Lacking, Member};
-use crate::coloring::{Coloring, Colorings};
 use crate::effects::{self, UnusedOption};
-use crate::levels::{self, LevelReport, Levels};
+use crate::levels::{self, LevelReport};
+use crate::loaded_cloud::{Conversion, LoadedCloud};
 use crate::mesh_columns::MeshColumns;
+use crate::options::{LoadOptions, STDIN, io_options};
 use crate::single_sided::{states_sides, with_each_side};
 use crate::words::counted;
-use crate::{Error, LevelStore, convert, labels, memory};
+use crate::{Error, convert, labels, memory};
 use glam::DVec3;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use surfel_framing::{UpConvention, UpReason};
 use surfel_io::{Content, Format, Loaded};
-use surfel_model::{
-    Classes, Colormap, Composite, ConvertOptions, EdgeAa, Mesh, Octree, Outliers, PointColors, PointsAs, Returns,
-    Settings, SplatCloud, SplatCount, TableColumns, TextureSampling, Transparency, Up,
-};
-use surfel_sample::{MeshMethod, MeshReport, PointReport, Progress};
-
-/// The file name that refers to [`LoadOptions::stdin`].
-pub const STDIN: &str = "-";
-
-/// Options for loading files and converting them to splats.
-#[derive(Clone, Debug, PartialEq)]
-#[non_exhaustive]
-pub struct LoadOptions {
-    /// True if damaged files are read as far as possible. Invalid splats and the missing end of a cut-off LAZ file are
-    /// then skipped and counted in a note.
-    pub repair: bool,
-    /// Texture file (PNG, JPEG or WebP) for meshes with texture coordinates that name no texture themselves.
-    pub texture: Option<PathBuf>,
-    /// Sampling of mesh textures by splats ([`surfel_sample::fit_to_mesh`]); `None`: [`TextureSampling::Point`].
-    pub texture_sampling: Option<TextureSampling>,
-    /// Colours of splats made from points: as they are, or fitted ([`surfel_sample::fit_point_colors`]).
-    pub colors: PointColors,
-    /// Kind of splat that each point is drawn as, when a scene is assembled; `None` for the default.
-    pub points_as: Option<PointsAs>,
-    /// Method for converting meshes to splats; `None`: chosen by mesh ([`surfel_sample::MeshOptions::auto`]).
-    pub method: Option<MeshMethod>,
-    /// Factor on every radius, greater than 0. Unless it is 1, the interior weight of splat files is estimated again.
-    pub radius_scale: f64,
-    /// Largest number of points of a point cloud that become splats, at least 1 ([`surfel_model::PointCloud::thin`]);
-    /// `None`: no limit.
-    pub max_points: Option<usize>,
-    /// True if splats are clipped along the creases of meshes and points (Cargo feature `sharp`). A mesh then gets at
-    /// most [`MeshMethod::Count`] splats.
-    pub sharp: bool,
-    /// Angle from which an edge is a crease, in degrees from 1 to 179, if `sharp` is set; `None`: 40.
-    pub crease_angle_deg: Option<f64>,
-    /// Largest deviation from the mesh that simplification may cause, in object units, if `sharp` is set. `None`: no
-    /// limit, and no simplification unless a number of splats is given.
-    pub sharp_error: Option<f64>,
-    /// True if missing interior weights of splat files are estimated; edge antialiasing needs them.
-    pub interior_weight: bool,
-    /// True if the object's material states its interior weight, so that none is estimated for points.
-    pub has_stated_weight: bool,
-    /// Attribute that splats are coloured by: `rgb`, `height`, `normal`, or a property of the file. `None`: their own
-    /// colours.
-    pub color_by: Option<String>,
-    /// Colour map for that attribute. `None`: class colours for classes, tab20 for other integers with at most 20
-    /// distinct values, grey for intensity, and viridis for the rest.
-    pub colormap: Option<Colormap>,
-    /// File with the colours of a colour map, which takes precedence.
-    pub colormap_file: Option<PathBuf>,
-    /// File with the names, and optionally the colours, of categories.
-    pub labels: Option<PathBuf>,
-    /// Attribute values at the ends of the colour map, the first less than the second; `None`: the 2nd and the 98th
-    /// percentile.
-    pub range: Option<[f64; 2]>,
-    /// True if all properties of a mesh's vertices and faces are transferred to its splats, not only those needed for
-    /// colours and labels.
-    pub mesh_columns: bool,
-    /// True if each splat stores its row in the file, counted before any row was dropped; the planes `index` and
-    /// `label` need it.
-    pub rows: bool,
-    /// Attribute for the plane `label` ([`crate::labels::DEFAULT_LABEL`], or another one of the file); `None`: no
-    /// labels.
-    pub label: Option<String>,
-    /// Axis along which `height` is measured; `None`: as the file states, else estimated from the shape.
-    pub up: Option<Up>,
-    /// Box of points and splats that are read, in the file's coordinates: least x, y, z, then largest.
-    pub crop: Option<[f64; 6]>,
-    /// Classes of points that are read; `None`: all.
-    pub classes: Option<Classes>,
-    /// Returns of a pulse that are read; `None`: all.
-    pub returns: Option<Returns>,
-    /// Condition on points that are read ([`surfel_model::Condition`]).
-    pub condition: Option<String>,
-    /// Step of decimation, at least 1: every n-th point is used, after all other selections. `None`: every point.
-    pub every: Option<u32>,
-    /// True if points are used that are otherwise dropped: more than 16 at exactly (0, 0, 0), and more than 16 at one
-    /// place.
-    pub all_points: bool,
-    /// True if points that their file flags as withheld are read too.
-    pub withheld: bool,
-    /// True if points that belong to no surface are dropped, as surface models need: noise (classes 7 and 18) and
-    /// withheld points, unless `classes` or `condition` select them by class.
-    pub surface: bool,
-    /// Treatment of isolated points ([`surfel_sample::outliers`]). If they are dropped, COPC files are read whole.
-    pub outliers: Outliers,
-    /// Selection of the levels of detail read from a COPC file; `None`: all points.
-    pub levels: Option<Levels>,
-    /// Cache of files with levels of detail, shared between images. With it and `levels`, LAS and LAZ files that don't
-    /// fit into memory are drawn with levels of detail too.
-    pub level_store: Option<Arc<LevelStore>>,
-    /// Memory budget for points in bytes, by estimate; `None`: [`crate::memory::default_budget`].
-    pub memory: Option<u64>,
-    /// True if trained Gaussians are loaded as Gaussians, not as a surface; only [`crate::scene::load_objects`]
-    /// supports this.
-    pub gaussians: bool,
-    /// True if the file may refer to files outside its own folder.
-    pub allow_outside: bool,
-    /// Longest side of a texture in texels, 1 to 32,768; larger textures are reduced. `None`: 8192.
-    pub max_texture: Option<u32>,
-    /// Column names of tables: text, NumPy arrays and, with types, binary files without a header.
-    pub columns: Option<TableColumns>,
-    /// Bytes that the name `-` ([`STDIN`]) refers to, in any format, which is detected from the content. `None`: a file
-    /// of that name.
-    pub stdin: Option<Arc<[u8]>>,
-}
-
-impl LoadOptions {
-    surfel_model::setters! {
-        with_repair repair: bool,
-        with_texture texture: Option<PathBuf>,
-        with_texture_sampling texture_sampling: Option<TextureSampling>,
-        with_colors colors: PointColors,
-        with_points_as points_as: Option<PointsAs>,
-        with_method method: Option<MeshMethod>,
-        with_radius_scale radius_scale: f64,
-        with_max_points max_points: Option<usize>,
-        with_sharp sharp: bool,
-        with_crease_angle_deg crease_angle_deg: Option<f64>,
-        with_sharp_error sharp_error: Option<f64>,
-        with_interior_weight interior_weight: bool,
-        with_has_stated_weight has_stated_weight: bool,
-        with_color_by color_by: Option<String>,
-        with_colormap colormap: Option<Colormap>,
-        with_colormap_file colormap_file: Option<PathBuf>,
-        with_labels labels: Option<PathBuf>,
-        with_range range: Option<[f64; 2]>,
-        with_mesh_columns mesh_columns: bool,
-        with_rows rows: bool,
-        with_label label: Option<String>,
-        with_up up: Option<Up>,
-        with_crop crop: Option<[f64; 6]>,
-        with_classes classes: Option<Classes>,
-        with_returns returns: Option<Returns>,
-        with_condition condition: Option<String>,
-        with_every every: Option<u32>,
-        with_all_points all_points: bool,
-        with_withheld withheld: bool,
-        with_surface surface: bool,
-        with_outliers outliers: Outliers,
-        with_levels levels: Option<Levels>,
-        with_level_store level_store: Option<Arc<LevelStore>>,
-        with_memory memory: Option<u64>,
-        with_gaussians gaussians: bool,
-        with_allow_outside allow_outside: bool,
-        with_max_texture max_texture: Option<u32>,
-        with_columns columns: Option<TableColumns>,
-        with_stdin stdin: Option<Arc<[u8]>>,
-    }
-
-    /// Applies an object's conversion options; its texture path is relative to `base_dir`.
-    #[must_use]
-    pub fn with_convert(mut self, convert: &ConvertOptions, base_dir: &Path) -> Self {
-        let method = match convert.splats {
-            Some(SplatCount::Count(n)) => Some(MeshMethod::Count(n as usize)),
-            Some(SplatCount::Auto) => Some(MeshMethod::Detail),
-            None if convert.per_face => Some(MeshMethod::PerFace),
-            None if convert.per_vertex => Some(MeshMethod::PerVertex),
-            None => None,
-        };
-        self.repair |= convert.repair;
-        self.texture = convert.texture.file.as_ref().map(|file| base_dir.join(file)).or(self.texture);
-        self.texture_sampling = convert.texture.sampling.or(self.texture_sampling);
-        self.colors = convert.colors.unwrap_or(self.colors);
-        self.points_as = convert.points_as.or(self.points_as);
-        self.method = method.or(self.method);
-        self.radius_scale = convert.radius_scale.unwrap_or(self.radius_scale);
-        self.max_points = convert.max_points.map(|n| n as usize).or(self.max_points);
-        self.sharp |= convert.sharp;
-        self.crease_angle_deg = convert.crease_angle.or(self.crease_angle_deg);
-        self.sharp_error = convert.error.or(self.sharp_error);
-        if convert.color_by.is_some() {
-            (self.color_by, self.colormap) = (convert.color_by.clone(), convert.colormap);
-            self.colormap_file = convert.colormap_file.as_ref().map(|file| base_dir.join(file));
-            self.labels = convert.labels.as_ref().map(|file| base_dir.join(file));
-            self.range = convert.range;
-        }
-        self.crop = convert.crop.or(self.crop);
-        self.classes = convert.classes.clone().or(self.classes);
-        self.returns = convert.returns.or(self.returns);
-        self.condition = convert.condition.clone().or(self.condition);
-        self.every = convert.every.or(self.every);
-        self.all_points |= convert.all_points;
-        self.outliers = convert.outliers.unwrap_or(self.outliers);
-        // A camera is placed by the coarsest levels even if all levels are drawn, unless a selection may exclude all
-        // their points.
-        if convert.all_levels && (self.levels != Some(Levels::Overview) || self.chooses_points()) {
-            self.levels = None;
-        }
-        self.allow_outside |= convert.allow_outside;
-        self.max_texture = convert.max_texture.or(self.max_texture);
-        self.columns = convert.columns.clone().or(self.columns);
-        self
-    }
-}
-
-impl LoadOptions {
-    /// True if the options exclude some classes.
-    pub(crate) fn chooses_classes(&self) -> bool {
-        self.classes.as_ref().is_some_and(|classes| *classes != Classes::All)
-    }
-
-    /// True if the options select points by place, class, return, attribute or step.
-    pub(crate) fn chooses_points(&self) -> bool {
-        self.crop.is_some()
-            || self.chooses_classes()
-            || self.returns.is_some()
-            || self.condition.is_some()
-            || self.every.is_some()
-    }
-
-    /// Adds what these settings may need from a file: Gaussians as trained, and interior weights for A-buffers and
-    /// edges antialiased by coverage. Once a scene is loaded, [`surfel_render::needs_interior_weight`] returns whether
-    /// it does need the latter.
-    #[must_use]
-    pub fn for_settings(self, settings: &Settings) -> Self {
-        let coverage = settings.edge_aa == EdgeAa::Coverage;
-        let needed = coverage || matches!(settings.transparency, Transparency::ABuffer { .. });
-        let interior_weight = self.interior_weight || needed;
-        let gaussians = self.gaussians || settings.composite == Composite::Over;
-        self.with_interior_weight(interior_weight).with_gaussians(gaussians)
-    }
-}
-
-impl Default for LoadOptions {
-    fn default() -> Self {
-        Self {
-            repair: false,
-            texture: None,
-            texture_sampling: None,
-            colors: PointColors::AsIs,
-            points_as: None,
-            method: None,
-            radius_scale: 1.0,
-            max_points: None,
-            sharp: false,
-            crease_angle_deg: None,
-            sharp_error: None,
-            interior_weight: false,
-            has_stated_weight: false,
-            color_by: None,
-            colormap: None,
-            colormap_file: None,
-            labels: None,
-            range: None,
-            mesh_columns: false,
-            rows: false,
-            label: None,
-            up: None,
-            crop: None,
-            classes: None,
-            returns: None,
-            condition: None,
-            every: None,
-            all_points: false,
-            withheld: false,
-            surface: false,
-            outliers: Outliers::Keep,
-            levels: None,
-            level_store: None,
-            memory: None,
-            gaussians: false,
-            allow_outside: false,
-            max_texture: None,
-            columns: None,
-            stdin: None,
-        }
-    }
-}
-
-/// Conversion that made splats from a file's content.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Conversion {
-    /// The file held splats.
-    None,
-    /// The file held points.
-    Points(PointReport),
-    /// The file held a mesh.
-    Mesh(MeshReport),
-    /// The file held a mesh, and the splats are clipped along its creases.
-    #[cfg(feature = "sharp")]
-    SharpMesh(Box<surfel_sample::SharpReport>),
-}
-
-/// A file loaded as splats.
-#[derive(Clone, Debug)]
-pub struct LoadedCloud {
-    /// The splats; at least one.
-    pub cloud: SplatCloud,
-    /// Format of the file.
-    pub format: Format,
-    /// Up axis stated in the file, else the format's default.
-    pub up: Up,
-    /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
-    pub up_reason: Option<UpReason>,
-    /// True if the splats cover a closed mesh from outside, so that their backs are never visible.
-    pub closed: bool,
-    /// True if the splats were Gaussians, whose alphas are opacities of a volume.
-    pub gaussian: bool,
-    /// Conversion that made the splats.
-    pub conversion: Conversion,
-    /// Colouring by an attribute, if the options ask for one.
-    pub coloring: Option<Coloring>,
-    /// Octree of the file, if it is one; `cloud` then holds its finest splats.
-    pub octree: Option<Arc<Octree>>,
-    /// Report of the nodes read from a COPC file, if some weren't.
-    pub levels: Option<LevelReport>,
-    /// Notes for the user on what was dropped, assumed or estimated: sentences without a full stop.
-    pub notes: Vec<String>,
-    /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
-    pub beside: Vec<PathBuf>,
-    /// Options without effect on what the file holds.
-    pub unused: Vec<UnusedOption>,
-}
-
-/// Returns the options that readers use.
-pub fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
-    surfel_io::LoadOptions {
-        repair: options.repair,
-        texture: options.texture.clone(),
-        gaussians: options.gaussians,
-        allow_outside: options.allow_outside,
-        max_texture: options.max_texture,
-        columns: options.columns.clone(),
-        withheld: options.withheld || options.classes == Some(Classes::All),
-    }
-}
+use surfel_model::{Mesh, Octree, SplatCloud, Up};
+use surfel_sample::Progress;
 
 /// Reads a file, or the bytes of stdin for the name [`STDIN`].
 pub fn read(path: &Path, options: &LoadOptions) -> Result<Loaded, Error> {
@@ -426,18 +102,29 @@ pub fn check_size(path: &Path, options: &LoadOptions) -> Result<(), Error> {
     memory::check(path, points, bytes, options.memory, remedy)
 }
 
-/// Makes splats from a file's content, and returns how they are to be coloured.
-pub fn splats_of(
-    loaded: Loaded,
+/// Splats of a file's content.
+struct Converted {
+    cloud: SplatCloud,
+    conversion: Conversion,
+    /// True if the splats cover a closed mesh from outside.
+    closed: bool,
+    /// The octree, if the file holds one; the splats are its finest ones.
+    octree: Option<Box<Octree>>,
+    /// Columns of the mesh that the splats were made of.
+    on_mesh: Option<MeshColumns>,
+}
+
+/// Converts a file's content to splats. `up` is the up axis if it is certain.
+fn converted(
+    content: Content,
+    up: Option<Up>,
     path: &Path,
     options: &LoadOptions,
+    notes: &mut Vec<String>,
     progress: &dyn Progress,
-) -> Result<(LoadedCloud, Option<ColorJob>), Error> {
-    let up_reason = up_reason(&loaded);
-    let mut notes = loaded.notes;
-    let unused = effects::unused(&loaded.content, options);
+) -> Result<Converted, Error> {
     let (mut closed, mut octree, mut on_mesh) = (false, None, None);
-    let (mut cloud, conversion) = match loaded.content {
+    let (cloud, conversion) = match content {
         Content::Octree(found) => {
             closed = surfel_sample::is_closed(found.mesh());
             let cloud = found.cloud_of(&found.finest().collect::<Vec<_>>())?;
@@ -446,15 +133,15 @@ pub fn splats_of(
         }
         Content::Splats(cloud) => {
             closed = cloud.data().comments.iter().any(|c| c == surfel_sample::CLOSED_MESH);
-            let cloud = convert::chosen_splats(cloud, path, options, &mut notes)?;
+            let cloud = convert::chosen_splats(cloud, path, options, notes)?;
             let scaled = options.radius_scale != 1.0;
             (if scaled { convert::scaled(cloud, options.radius_scale)? } else { cloud }, Conversion::None)
         }
         Content::Gaussians(_) => return Err(not_splats(path)),
         Content::Points(mut points) => {
             // Ground faces up where the format says which way that is.
-            points.up = points.up.or(up_reason.map(|_| loaded.up));
-            convert::points(points, path, options, &mut notes, progress)?
+            points.up = points.up.or(up);
+            convert::points(points, path, options, notes, progress)?
         }
         Content::Mesh(mut mesh) => {
             // An inverted mesh may be a room seen from inside, so its backs are drawn.
@@ -463,12 +150,12 @@ pub fn splats_of(
             if !states_sides(&mesh) && surfel_sample::turn_outward(&mut mesh) {
                 notes.push("turned its triangles around: they are wound inside out".to_owned());
             }
-            let mut made = convert::mesh(&mesh, path, options, &mut notes, progress)?;
+            let mut made = convert::mesh(&mesh, path, options, notes, progress)?;
             if !closed && let Some(each_side) = with_each_side(&mesh, &made.0)? {
                 let doubled = counted((each_side.len() - made.0.len()) as u64, "splats");
                 notes.push(format!(
                     "some materials are double-sided, others not: back faces are culled, and {doubled} of double-sided \
-                     ones are there for each side (--cull none shows all back faces)"
+                     ones are there for each side (`cull=none` shows all back faces)"
                 ));
                 (made.0, closed) = (each_side, true);
             }
@@ -480,19 +167,21 @@ pub fn splats_of(
         let problem = "holds no splat, expected at least one: check that the file is complete".to_owned();
         return Err(Error::Unsuitable { path: path.to_path_buf(), problem });
     }
-    if let Some(columns) = &mut on_mesh {
-        if options.mesh_columns {
-            cloud = columns.all(cloud)?;
-        }
-        if let Some(attribute) = &options.label {
-            cloud = columns.labels(cloud, attribute)?;
-        }
-    }
-    let of_mesh = on_mesh.as_ref().map(MeshColumns::names).unwrap_or_default();
+    Ok(Converted { cloud, conversion, closed, octree, on_mesh })
+}
+
+/// Adds labels and row numbers as the options ask for. `of_mesh` are the names of the mesh's columns.
+fn numbered(
+    mut cloud: SplatCloud,
+    of_mesh: &[String],
+    path: &Path,
+    options: &LoadOptions,
+    notes: &mut Vec<String>,
+) -> Result<SplatCloud, Error> {
     if let Some(attribute) = &options.label
         && !labels::label(&mut cloud, attribute, path)?
     {
-        let mut known = of_mesh.clone();
+        let mut known = of_mesh.to_vec();
         known.extend(cloud.data().extras.iter().map(|e| e.name.escape_debug().to_string()));
         let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
         notes.push(format!("no attribute {attribute}, so its splats have no label (attributes: {known})"));
@@ -502,6 +191,32 @@ pub fn splats_of(
     } else {
         cloud.discard_rows();
     }
+    Ok(cloud)
+}
+
+/// Makes splats from a file's content, and returns how they are to be coloured.
+pub fn splats_of(
+    loaded: Loaded,
+    path: &Path,
+    options: &LoadOptions,
+    progress: &dyn Progress,
+) -> Result<(LoadedCloud, Option<ColorJob>), Error> {
+    let up_reason = up_reason(&loaded);
+    let certain_up = up_reason.map(|_| loaded.up);
+    let mut notes = loaded.notes;
+    let unused = effects::unused(&loaded.content, options);
+    let Converted { mut cloud, conversion, closed, mut octree, mut on_mesh } =
+        converted(loaded.content, certain_up, path, options, &mut notes, progress)?;
+    if let Some(columns) = &mut on_mesh {
+        if options.mesh_columns {
+            cloud = columns.all(cloud)?;
+        }
+        if let Some(attribute) = &options.label {
+            cloud = columns.labels(cloud, attribute)?;
+        }
+    }
+    let of_mesh = on_mesh.as_ref().map(MeshColumns::names).unwrap_or_default();
+    cloud = numbered(cloud, &of_mesh, path, options, &mut notes)?;
     let colors = options.color_by.as_ref().map(|_| Colors::of(options)).transpose()?.unwrap_or_default();
     if let (Some(columns), Some(attribute)) = (&mut on_mesh, &options.color_by) {
         cloud = columns.values(cloud, attribute, &colors)?;
@@ -512,9 +227,9 @@ pub fn splats_of(
         path: path.to_path_buf(),
         attribute: attribute.clone(),
         colors,
-        up: options.up.or_else(|| up_reason.map(|_| loaded.up)),
+        up: options.up.or(certain_up),
         convention: UpConvention::of(is_of_points, loaded.up),
-        others: of_mesh.clone(),
+        others: of_mesh,
     });
     if options.interior_weight
         && cloud.data().interior_weight.is_none()
@@ -526,7 +241,6 @@ pub fn splats_of(
         }
         notes.push(format!("the file says no interior weight: estimated {weight:.3}"));
     }
-    let octree = octree.map(Arc::from);
     let made = LoadedCloud {
         cloud,
         format: loaded.format,
@@ -536,7 +250,7 @@ pub fn splats_of(
         gaussian: loaded.gaussian,
         conversion,
         coloring: None,
-        octree,
+        octree: octree.map(Arc::from),
         levels: None,
         notes,
         beside: loaded.beside,
@@ -547,7 +261,7 @@ pub fn splats_of(
 
 /// Returns the error for Gaussians where splats are expected.
 fn not_splats(path: &Path) -> Error {
-    let problem = "holds trained Gaussians, expected splats: leave out --composite over".to_owned();
+    let problem = "holds trained Gaussians, expected splats: leave out `composite=over`".to_owned();
     Error::Unsuitable { path: path.to_path_buf(), problem }
 }
 

@@ -119,7 +119,7 @@ pub(crate) fn check(
 ) -> Result<(), Error> {
     let needed = points.saturating_mul(point_bytes);
     let Some(budget) = budget.or_else(default_budget).filter(|budget| needed > *budget) else { return Ok(()) };
-    let fewer = format!("draw at most {} points (--max-points)", budget / point_bytes);
+    let fewer = format!("draw at most {} points (`max_points`)", budget / point_bytes);
     let remedy = match remedy {
         Remedy::Levels => {
             "write it by levels (surfel convert FILE -o FILE.copc.laz, with 200M at least) and draw that".to_owned()
@@ -130,7 +130,7 @@ pub(crate) fn check(
     let gigabytes = |bytes: u64| format!("{:.1} GB", gigabytes(bytes));
     let problem = format!(
         "has {points} points to draw, which take some {} of memory at {point_bytes} bytes each, and {} may be used: \
-         {remedy}, or allow more (--memory)",
+         {remedy}, or allow more (`memory`)",
         gigabytes(needed),
         gigabytes(budget),
     );
@@ -146,7 +146,7 @@ mod tests {
         let checked = |points, budget| check(Path::new("a.laz"), points, 300, Some(budget), Remedy::Levels);
         assert!(checked(1_000_000, 300_000_000).is_ok());
         let error = checked(1_000_001, 300_000_000).unwrap_err().to_string();
-        assert!(error.contains("0.3 GB") && error.contains("surfel convert") && error.contains("--memory"), "{error}");
+        assert!(error.contains("0.3 GB") && error.contains("surfel convert") && error.contains("`memory`"), "{error}");
         assert!(checked(u64::MAX, u64::MAX).is_ok());
     }
 

@@ -1,7 +1,7 @@
 //! Paths in scene files: absolute in memory, relative in written files.
 
 use crate::Error;
-use crate::load::STDIN;
+use crate::options::STDIN;
 use std::path::{Component, Path, PathBuf};
 use surfel_io::IoError;
 use surfel_io::{ShowPath as _, ShownPath};

@@ -4,10 +4,11 @@ use crate::coloring::linear;
 use crate::coloring::together::{ColorJob, Member, Tallies};
 use crate::effects::{self, UnusedOption};
 use crate::levels::Seen;
+use crate::load::up_reason;
 use crate::load::{LoadedMesh, load_mesh, read_needed, splats_of, without_attribute};
-use crate::load::{STDIN, up_reason};
 use crate::loaded_objects::{LoadedObjects, ObjectFacts, ObjectNote};
 use crate::noise::{noise_points, surface_of};
+use crate::options::STDIN;
 use crate::points_as;
 use crate::points_as::SparseReason;
 use crate::single_sided::EACH_SIDE;
@@ -271,7 +272,7 @@ fn is_colored(geometry: &Geometry) -> bool {
 fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geometry, Error> {
     let color = levels.map(|level| linear(f64::from(level) / 255.0));
     let unsuitable = |holds: &str| {
-        let problem = format!("holds {holds}, expected splats, points or a mesh for --color and material.color");
+        let problem = format!("holds {holds}, expected splats, points or a mesh for `color` and material.color");
         Error::Unsuitable { path: path.to_path_buf(), problem }
     };
     match geometry {
@@ -290,6 +291,136 @@ fn painted(geometry: Geometry, Color(levels): Color, path: &Path) -> Result<Geom
     }
 }
 
+/// File of an object, and what distinguishes the ways of loading it besides the conversion options.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+struct FileUse {
+    path: PathBuf,
+    as_mesh: bool,
+    /// True if the interior weight is estimated.
+    interior_weight: bool,
+    /// True if the object's material states the interior weight.
+    has_stated_weight: bool,
+}
+
+impl FileUse {
+    /// Returns the use that an object makes of its file; `None` for an object without one. Splats among meshes need
+    /// their interior weight, since they are blended over polygons by their coverage (rendering model §6).
+    fn of(object: &ObjectFile, base_dir: &Path, options: &LoadOptions, among_meshes: bool) -> Option<Self> {
+        let (file, as_mesh) = match (&object.splats, &object.mesh) {
+            (Some(file), _) => (file, false),
+            (None, Some(file)) => (file, true),
+            (None, None) => return None,
+        };
+        let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
+        let path = if from_stdin { file.clone() } else { base_dir.join(file) };
+        // A material's own interior weight takes precedence, so none needs to be estimated.
+        let has_stated_weight = object.material.interior_weight.is_some();
+        let interior_weight = (options.interior_weight || among_meshes) && !has_stated_weight;
+        Some(Self { path, as_mesh, interior_weight, has_stated_weight })
+    }
+
+    /// Returns the options with the weights of this use.
+    fn options(&self, options: &LoadOptions) -> LoadOptions {
+        options.clone().with_interior_weight(self.interior_weight).with_has_stated_weight(self.has_stated_weight)
+    }
+}
+
+/// Loaded file, with what else belongs to it.
+struct LoadedFile {
+    known: Known,
+    notes: Vec<String>,
+    beside: BTreeSet<PathBuf>,
+}
+
+/// Loads a file as geometry for an object.
+fn load_file(file: &FileUse, options: &LoadOptions, progress: &dyn Progress) -> Result<LoadedFile, Error> {
+    progress.stage("reading", 0);
+    let path = &file.path;
+    let mut beside = BTreeSet::new();
+    if file.as_mesh {
+        let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(path, options, &mut beside)?;
+        let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
+        let known = Known { geometry: Geometry::Mesh(mesh), facts, unused: Vec::new(), color_job: None };
+        return Ok(LoadedFile { known, notes, beside });
+    }
+    let (read, levels) = read_needed(path, options, progress)?;
+    if let Content::Gaussians(cloud) = &read.content {
+        let (known, notes) = gaussians(cloud, &read, path, options)?;
+        return Ok(LoadedFile { known, notes, beside });
+    }
+    let most = options.max_points.unwrap_or(usize::MAX);
+    let thinned = matches!(&read.content, Content::Points(points) if points.len() > most);
+    let (made, color_job) = splats_of(read, path, options, progress)?;
+    let (facts, about_noise) = facts_of(&made, options);
+    let facts = ObjectFacts { partial: levels.is_some(), thinned, ..facts };
+    let LoadedCloud { cloud, octree, notes, beside: asked, unused, .. } = made;
+    beside.extend(asked);
+    let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
+    let notes = notes.into_iter().chain(about_noise).collect();
+    Ok(LoadedFile { known: Known { geometry, facts, unused, color_job }, notes, beside })
+}
+
+/// Returns facts about splats, and a note on those that don't count for up axis and view.
+fn facts_of(made: &LoadedCloud, options: &LoadOptions) -> (ObjectFacts, Option<String>) {
+    let cloud = made.octree.is_none().then_some(&made.cloud);
+    let says = |comment: &str| cloud.is_some_and(|cloud| cloud.data().comments.iter().any(|c| c == comment));
+    let (sparse, few) = match &made.conversion {
+        Conversion::Points(report) => (SparseReason::of(report, &made.cloud), SparseReason::may_be_few(report)),
+        _ => (None, false),
+    };
+    let transparent = match &made.octree {
+        Some(octree) => octree.cloud().is_transparent(),
+        None => made.cloud.is_transparent() && !made.gaussian,
+    };
+    let points = matches!(made.conversion, Conversion::Points(_)) || says(surfel_sample::OF_POINTS);
+    let of_mesh = !points && !matches!(made.conversion, Conversion::None);
+    let noise = cloud.and_then(|cloud| noise_points(&cloud.data().extras, cloud.len(), options));
+    let about_noise = noise
+        .as_ref()
+        .map(|noise| format!("up and view don't count {} (`classes=all` makes them count)", noise.words()));
+    let facts = ObjectFacts {
+        up: made.up,
+        up_reason: made.up_reason,
+        points,
+        sparse,
+        few,
+        sides_known: of_mesh || made.closed || says(surfel_sample::BOTH_SIDES),
+        closed: made.closed,
+        flat: says(surfel_sample::FLAT_PARTS),
+        fine: says(surfel_sample::FINE_SPLATS),
+        each_side: says(EACH_SIDE),
+        all_classes: options.classes == Some(Classes::All),
+        noise: noise.is_some(),
+        transparent,
+        ..ObjectFacts::default()
+    };
+    (facts, about_noise)
+}
+
+/// Options without effect on the splat objects of a scene.
+#[derive(Default)]
+struct Useless {
+    /// Number of splat objects.
+    objects: usize,
+    /// For each option, the number of objects that it has no effect on, and the first of them.
+    options: BTreeMap<&'static str, (usize, (PathBuf, UnusedOption))>,
+}
+
+impl Useless {
+    fn add(&mut self, path: &Path, unused: Vec<UnusedOption>) {
+        self.objects += 1;
+        for option in unused {
+            self.options.entry(option.option).or_insert((0, (path.to_path_buf(), option))).0 += 1;
+        }
+    }
+
+    /// Returns the options that have no effect on any object.
+    fn everywhere(self) -> impl Iterator<Item = (PathBuf, UnusedOption)> {
+        let Self { objects, options } = self;
+        options.into_values().filter(move |(times, _)| *times == objects).map(|(_, first)| first)
+    }
+}
+
 /// Loads objects like [`load_objects`], but with the files' own colours.
 fn load_uncolored(
     objects: &[ObjectFile],
@@ -298,121 +429,30 @@ fn load_uncolored(
     progress: &dyn Progress,
 ) -> Result<LoadedObjects, Error> {
     let mut loaded = LoadedObjects::default();
-    // Splats are blended over polygons by their coverage (rendering model §6).
     let among_meshes = objects.iter().any(|o| o.mesh.is_some());
-    let mut known: BTreeMap<(PathBuf, bool, [bool; 2], String), Known> = BTreeMap::new();
-    // Number of splat objects, and for each option the number of them that it has no effect on.
-    let mut converted = 0;
-    let mut useless: BTreeMap<&str, (usize, (PathBuf, UnusedOption))> = BTreeMap::new();
+    // Files that were loaded, by their use and conversion options.
+    let mut known: BTreeMap<FileUse, Vec<(&ConvertOptions, Known)>> = BTreeMap::new();
+    let mut useless = Useless::default();
     for (i, object) in objects.iter().enumerate() {
         object.convert.validate(i)?;
         let world_from_object = object.world_from_object()?;
-        let (file, as_mesh) = match (&object.splats, &object.mesh) {
-            (Some(file), _) => (file, false),
-            (None, Some(file)) => (file, true),
-            (None, None) => continue,
-        };
-        let from_stdin = options.stdin.is_some() && file.as_os_str() == STDIN;
-        let path = if from_stdin { file.clone() } else { base_dir.join(file) };
-        // A material's own interior weight takes precedence, so none needs to be estimated.
-        let is_stated = object.material.interior_weight.is_some();
-        let interior_weight = (options.interior_weight || among_meshes) && !is_stated;
-        let options = options.clone().with_interior_weight(interior_weight).with_has_stated_weight(is_stated);
-        let options = &options.with_convert(&object.convert, base_dir);
-        // Floats have no total order, but their text has.
-        let key = (path.clone(), as_mesh, [interior_weight, is_stated], format!("{:?}", object.convert));
-        let Known { geometry, facts, unused, color_job } = match known.get(&key) {
-            Some(found) => found.clone(),
+        let Some(file) = FileUse::of(object, base_dir, options, among_meshes) else { continue };
+        let (path, as_mesh) = (file.path.clone(), file.as_mesh);
+        let same_file = known.entry(file.clone()).or_default();
+        let found = same_file.iter().find(|(convert, _)| **convert == object.convert).map(|(_, found)| found.clone());
+        let Known { geometry, facts, unused, color_job } = match found {
+            Some(found) => found,
             None => {
-                progress.stage("reading", 0);
-                let (found, notes) = if as_mesh {
-                    let LoadedMesh { mesh, up, up_reason, notes } = load_mesh(&path, options, &mut loaded.beside)?;
-                    let facts = ObjectFacts { up, up_reason, ..ObjectFacts::default() };
-                    let geometry = Geometry::Mesh(mesh);
-                    (Known { geometry, facts, unused: Vec::new(), color_job: None }, notes)
-                } else {
-                    let (read, levels) = read_needed(&path, options, progress)?;
-                    if let Content::Gaussians(cloud) = &read.content {
-                        gaussians(cloud, &read, &path, options)?
-                    } else {
-                        let most = options.max_points.unwrap_or(usize::MAX);
-                        let thinned = matches!(&read.content, Content::Points(points) if points.len() > most);
-                        let (made, color_job) = splats_of(read, &path, options, progress)?;
-                        let LoadedCloud {
-                            cloud,
-                            up,
-                            up_reason,
-                            closed,
-                            gaussian,
-                            conversion,
-                            octree,
-                            mut notes,
-                            beside,
-                            unused,
-                            ..
-                        } = made;
-                        loaded.beside.extend(beside);
-                        let is_of_points = matches!(conversion, Conversion::Points(_));
-                        let (sparse, few) = match &conversion {
-                            Conversion::Points(report) => {
-                                (SparseReason::of(report, &cloud), SparseReason::may_be_few(report))
-                            }
-                            _ => (None, false),
-                        };
-                        let geometry = octree.map_or_else(|| cloud.into(), Geometry::Octree);
-                        let transparent = match &geometry {
-                            Geometry::Splats(cloud) => cloud.is_transparent() && !gaussian,
-                            Geometry::Octree(octree) => octree.cloud().is_transparent(),
-                            Geometry::Mesh(_) | Geometry::Gaussians(_) => false,
-                        };
-                        let says = |comment: &str| match &geometry {
-                            Geometry::Splats(cloud) => cloud.data().comments.iter().any(|c| c == comment),
-                            _ => false,
-                        };
-                        let points = is_of_points || says(surfel_sample::OF_POINTS);
-                        let of_mesh = !points && !matches!(conversion, Conversion::None);
-                        let sides_known = of_mesh || closed || says(surfel_sample::BOTH_SIDES);
-                        let noise = match &geometry {
-                            Geometry::Splats(cloud) => noise_points(&cloud.data().extras, cloud.len(), options),
-                            _ => None,
-                        };
-                        if let Some(noise) = &noise {
-                            let words = noise.words();
-                            notes.push(format!("up and view don't count {words} (--classes all makes them count)"));
-                        }
-                        let (flat, fine) = (says(surfel_sample::FLAT_PARTS), says(surfel_sample::FINE_SPLATS));
-                        let partial = levels.is_some();
-                        let facts = ObjectFacts {
-                            up,
-                            up_reason,
-                            points,
-                            sparse,
-                            few,
-                            sides_known,
-                            closed,
-                            flat,
-                            fine,
-                            each_side: says(EACH_SIDE),
-                            partial,
-                            thinned,
-                            all_classes: options.classes == Some(Classes::All),
-                            noise: noise.is_some(),
-                            transparent,
-                            colored: false,
-                        };
-                        (Known { geometry, facts, unused, color_job }, notes)
-                    }
-                };
+                let options = file.options(options).with_convert(&object.convert, base_dir);
+                let LoadedFile { known, notes, beside } = load_file(&file, &options, progress)?;
+                loaded.beside.extend(beside);
                 loaded.notes.extend(notes.into_iter().map(|text| ObjectNote { path: path.clone(), text }));
-                known.insert(key, found.clone());
-                found
+                same_file.push((&object.convert, known.clone()));
+                known
             }
         };
         if !as_mesh {
-            converted += 1;
-            for option in unused {
-                useless.entry(option.option).or_insert((0, (path.clone(), option))).0 += 1;
-            }
+            useless.add(&path, unused);
         }
         loaded.facts.push(facts);
         loaded.color_jobs.0.push(color_job);
@@ -428,11 +468,10 @@ fn load_uncolored(
         && !loaded.objects.iter().any(labelled)
     {
         let first = objects.iter().find_map(|o| o.splats.clone().or(o.mesh.clone())).unwrap_or_default();
-        let problem = format!("no file has the attribute {attribute} for labels: choose another by --label ATTRIBUTE");
+        let problem = format!("no file has the attribute {attribute} for labels: choose another by `label=ATTRIBUTE`");
         return Err(Error::Unsuitable { path: first, problem });
     }
-    let useless = useless.into_values().filter(|(times, _)| *times == converted);
-    loaded.unused.extend(useless.map(|(_, first)| first));
+    loaded.unused.extend(useless.everywhere());
     Ok(loaded)
 }
 

@@ -25,7 +25,7 @@
 //!
 //! # Layer
 //! The crate is at the bottom of the workspace: it depends on `surfel-math` alone, for sRGB, and has no notion of
-//! splats. The `surfel` crate compares image files by it, and the conformance tests compare backends. It has no Cargo
+//! splats. `surfel-app` compares image files by it, and the conformance tests compare backends. It has no Cargo
 //! features.
 //!
 //! # Values that aren't finite

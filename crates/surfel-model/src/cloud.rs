@@ -493,7 +493,7 @@ impl SplatCloud {
                     problem: problem.clone(),
                     count: repaired.dropped,
                     total,
-                    advice: "--repair drops them",
+                    advice: "`repair` drops them",
                 });
             }
             (Some(_), OnInvalid::Drop) => data.retain(&keep),
@@ -686,7 +686,7 @@ mod tests {
         assert_eq!(short, "column 'normals' has 1 values, expected 2: one for each element");
         let wrong = text(SplatCloud::disks(&centers, &normals, &[1.0, -1.0]));
         assert!(wrong.starts_with("splat 1 is invalid: its radius is -1, expected a finite number"), "{wrong}");
-        assert!(wrong.contains("OnInvalid::Drop") && !wrong.contains("--repair"), "{wrong}");
+        assert!(wrong.contains("OnInvalid::Drop") && !wrong.contains("`repair`"), "{wrong}");
         assert!(text(cloud.clone().with_colors(&[Vec3::ONE])).contains("'colors' has 1 values, expected 2"));
         assert!(text(cloud.clone().with_alphas(&[1.0, 2.0])).contains("its alpha is 2, expected a number in [0, 1]"));
         assert!(text(cloud.clone().with_shading_normals(&[Vec3::ZERO; 2])).contains("shading normal"));

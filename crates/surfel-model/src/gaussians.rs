@@ -135,7 +135,7 @@ impl GaussianCloud {
                     problem: problem.clone(),
                     count: problems.len(),
                     total,
-                    advice: "--repair drops them",
+                    advice: "`repair` drops them",
                 });
             }
             (Some(_), OnInvalid::Drop) => {

@@ -4,10 +4,10 @@
 //! large. Each pixel is therefore drawn twice: with all splats, and with those behind the surface found. At pixels that
 //! both cover, the points around the pixel determine which side of the edge it is on (`sides.rs`).
 
-use super::fill::Has;
+use super::edge::Edge;
 use super::grid::Grid;
 use super::layout::Layout;
-use super::sides::{Edge, Near, Sides};
+use super::sides::{Near, Sides};
 use super::source::splats_kept;
 use glam::{DAffine3, DMat3, DVec3};
 use rayon::prelude::*;
@@ -312,6 +312,20 @@ impl Behind<'_> {
     fn place(&self, surface: &Surface<'_>, [x, y]: [f64; 2]) -> [f64; 2] {
         let [left, top] = self.left_top;
         [left + x * surface.gsd, top - y * surface.gsd]
+    }
+}
+
+/// Flags of the planes stored beside the heights.
+#[derive(Clone, Copy)]
+pub(crate) struct Has {
+    pub(crate) color: bool,
+    pub(crate) normal: bool,
+}
+
+impl Has {
+    /// Returns the number of floats stored per pixel.
+    pub(super) fn numbers(self) -> usize {
+        1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
     }
 }
 

@@ -45,7 +45,7 @@ pub(crate) fn refuse_degrees(source: &Source, is_stated: bool) -> Result<(), Err
     let out = Crs::utm_at(middle.x, middle.y);
     let problem = format!(
         "its x and y are degrees ({why}), expected lengths: project it first, as by pdal translate IN OUT \
-         reprojection{from} --filters.reprojection.out_srs=EPSG:{out}; or give --crs if it is projected"
+         reprojection{from} --filters.reprojection.out_srs=EPSG:{out}; or give `crs` if it is projected"
     );
     Err(Error::Unsuitable { path: source.path.clone(), problem })
 }
@@ -99,10 +99,10 @@ pub(crate) fn grid_of_points(options: &OrthoOptions, bounds: [f64; 4], sources: 
         let what = if count == 1 { "a stray point lies" } else { "stray points lie" };
         let number = if count == 1 { String::new() } else { format!("{count} ") };
         let others = others.map(|v| (v * 1e3).round() / 1e3);
-        let remedy = if drop { "--outliers drop leaves strays out, and " } else { "" };
+        let remedy = if drop { "`outliers=drop` leaves strays out, and " } else { "" };
         let problem = format!(
             "{number}{what} {distance:.0} units from all other points, at {},{},{}{}: the image would have {width} x \
-             {height} pixels; {remedy}--bounds {},{},{},{} draws the others",
+             {height} pixels; {remedy}`bounds={},{},{},{}` draws the others",
             p.x,
             p.y,
             p.z,

@@ -11,7 +11,7 @@
 //! Pixels are stored in an unnamed file, block by block, so that a gap may extend over several blocks. Pixels with data
 //! are the same as without filling.
 
-use super::block::BlockPixels;
+use super::block::{BlockPixels, Has};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -65,20 +65,6 @@ impl Planes {
             normal: if has.normal { vec![[f32::NAN; 3]; count] } else { Vec::new() },
             filled: Vec::new(),
         }
-    }
-}
-
-/// Flags of the planes stored beside the heights.
-#[derive(Clone, Copy)]
-pub(crate) struct Has {
-    pub(crate) color: bool,
-    pub(crate) normal: bool,
-}
-
-impl Has {
-    /// Returns the number of floats stored per pixel.
-    fn numbers(self) -> usize {
-        1 + if self.color { 4 } else { 0 } + if self.normal { 3 } else { 0 }
     }
 }
 

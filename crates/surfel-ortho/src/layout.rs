@@ -4,7 +4,6 @@
 //! therefore agree where they overlap.
 
 use super::grid::Grid;
-use super::source::{Holds, Source};
 use std::ops::RangeInclusive;
 
 /// Largest and smallest side of a block, in pixels.
@@ -22,6 +21,17 @@ const MOST_MARGIN_PX: i64 = 1024;
 /// Number of bins along a block's side.
 const BINS: i64 = 4;
 
+/// Sampling of the plane by the points and splats of all files, in the units of x and y.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Sampling {
+    /// Largest number of points per square unit.
+    pub(crate) density: f64,
+    /// Largest mean distance between the points of a file; 0 without points.
+    pub(crate) spacing: f64,
+    /// Largest radius of a splat.
+    pub(crate) reach: f64,
+}
+
 /// Blocks of an image, and bins of points.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Layout {
@@ -37,29 +47,8 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    pub(crate) fn new(grid: Grid, sources: &[Source]) -> Self {
-        let gsd = grid.gsd;
-        let (mut density, mut spacing, mut reach) = (0.0_f64, 0.0_f64, 0.0_f64);
-        let own_density = |source: &Source| match &source.holds {
-            Holds::Points(points) if points.density.is_finite() => points.density,
-            _ => 0.0,
-        };
-        for source in sources {
-            if let Holds::Splats(cloud) = &source.holds {
-                reach = (0..cloud.len()).map(|i| cloud.radius_max(i)).fold(reach, f64::max);
-            }
-            let own = own_density(source);
-            if own > 0.0 {
-                let middle = 0.5 * (source.bounds.0 + source.bounds.1);
-                let at = [middle.x, middle.y, middle.x, middle.y];
-                // Overlapping files have the sum of their densities; adjacent files don't.
-                let mut all: Vec<f64> = sources.iter().filter(|other| other.meets(at)).map(own_density).collect();
-                // Sorted, so that the sum doesn't depend on the order of files.
-                all.sort_unstable_by(f64::total_cmp);
-                density = density.max(all.iter().sum());
-                spacing = spacing.max(own.sqrt().recip());
-            }
-        }
+    pub(crate) fn new(grid: Grid, sampling: Sampling) -> Self {
+        let (gsd, Sampling { density, mut spacing, reach }) = (grid.gsd, sampling);
         // Rounded to steps, so that the same points divided into other files get the same layout.
         if spacing > 0.0 {
             spacing = ((2.0 * spacing.log2()).ceil() / 2.0).exp2();

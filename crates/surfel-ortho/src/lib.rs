@@ -24,14 +24,15 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above `surfel-load`, which reads the points, and `surfel-backend`, which draws. `surfel-io` writes the
-//! GeoTIFF.
+//! The crate lies above `surfel-load`, which reads the points, and `surfel-backend`, which draws. `surfel-io` writes
+//! the GeoTIFF.
 //!
 //! # Features
 //! `cpu`, on by default, builds the CPU backend; any other backend of `surfel-backend` does as well.
 
 mod block;
 mod canonical;
+mod edge;
 mod extent;
 mod fill;
 mod grid;
@@ -49,7 +50,7 @@ use glam::DVec3;
 use grid::Grid;
 use layout::Layout;
 use output::{Out, Shown, Sink, unwritable};
-use source::{Gathered, Holds, Source, Told, splats_within};
+use source::{Gathered, Holds, Source, Told, sampling_of, splats_within};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -192,8 +193,9 @@ impl Ortho {
     /// Loads files of points, splats and meshes; z is up.
     ///
     /// # Errors
-    /// Errors of [`surfel_load::load`]; also [`Error::Model`] for a grid that is out of range, and [`Error::Unsuitable`] for
-    /// files in degrees, files with different coordinate reference systems, and bounds without data.
+    /// Errors of [`surfel_load::load()`]; also [`Error::Model`] for a grid that is out of range, and
+    /// [`Error::Unsuitable`] for files in degrees, files with different coordinate reference systems, and bounds
+    /// without data.
     pub fn open(inputs: &[&Path], options: &OrthoOptions, progress: &dyn Progress) -> Result<Self, Error> {
         let mut options = options.clone();
         let asked = asked(&options)?;
@@ -245,7 +247,7 @@ impl Ortho {
             let problem = format!("nothing lies within the bounds {}, but within {}", words(asked), words(bounds));
             return Err(Error::Unsuitable { path: first, problem });
         }
-        let layout = Layout::new(grid, &sources);
+        let layout = Layout::new(grid, sampling_of(&sources));
         options.load.color_by = None;
         Ok(Self { sources, grid, layout, options, color_by, crs, notes, unused, coloring })
     }

@@ -9,7 +9,7 @@
 //! result is the weighted fraction of edges that have the place inside. As a mean over all possible edges it has the
 //! least mean square error. A hole that fits into a window is tested with a smaller window.
 
-use super::sides::Edge;
+use super::edge::Edge;
 use std::sync::LazyLock;
 
 /// Radius of the window, in radii of the splats in it. It is wide enough that half a window is never empty by chance,

@@ -2,7 +2,8 @@
 
 use super::OrthoStats;
 use super::block::BlockPixels;
-use super::fill::{BlockStore, Has, Planes};
+use super::block::Has;
+use super::fill::{BlockStore, Planes};
 use super::grid::Grid;
 use super::layout::Layout;
 use std::path::Path;

@@ -9,6 +9,7 @@
 //! Points beneath a surface, such as a road under a bridge, carry no information about its edges. There the upper
 //! points alone locate the edge (`outline.rs`).
 
+use super::edge::Edge;
 use super::outline::{self, WINDOW};
 use rayon::prelude::*;
 use surfel_model::SplatCloud;
@@ -282,36 +283,6 @@ impl Sides {
             }
         }
         found
-    }
-}
-
-/// Fraction of the upper surface near an edge, as a function of the position.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Edge {
-    value: f64,
-    slopes: [f64; 2],
-    /// True if the fraction is the logistic function of the linear function; otherwise it is the linear function plus
-    /// ½.
-    is_logistic: bool,
-}
-
-impl Edge {
-    fn linear([value, along_x, along_y]: [f64; 3]) -> Self {
-        Self { value, slopes: [along_x, along_y], is_logistic: false }
-    }
-
-    pub(crate) fn logistic(value: f64, slopes: [f64; 2]) -> Self {
-        Self { value, slopes, is_logistic: true }
-    }
-
-    pub(crate) fn constant(share: f64) -> Self {
-        Self::linear([share - 0.5, 0.0, 0.0])
-    }
-
-    /// Returns the fraction at an offset from the position for which the edge was located.
-    pub(crate) fn share(&self, dx: f64, dy: f64) -> f64 {
-        let linear = self.value + self.slopes[0] * dx + self.slopes[1] * dy;
-        if self.is_logistic { 1.0 / (1.0 + (-linear).exp()) } else { (0.5 + linear).clamp(0.0, 1.0) }
     }
 }
 

@@ -1,7 +1,7 @@
 //! Points and splats that an orthoimage is drawn from, sorted into bins by position.
 
 use super::canonical::Canonical;
-use super::layout::Layout;
+use super::layout::{Layout, Sampling};
 use super::lone::lone;
 use glam::{DVec2, DVec3};
 use rayon::prelude::*;
@@ -34,6 +34,32 @@ pub(crate) struct Source {
     pub(crate) crs: Option<Crs>,
     /// True if the names or the steps of x and y indicate degrees.
     pub(crate) is_named_degrees: bool,
+}
+
+/// Returns the sampling of the plane by all files.
+pub(crate) fn sampling_of(sources: &[Source]) -> Sampling {
+    let mut sampling = Sampling::default();
+    let own_density = |source: &Source| match &source.holds {
+        Holds::Points(points) if points.density.is_finite() => points.density,
+        _ => 0.0,
+    };
+    for source in sources {
+        if let Holds::Splats(cloud) = &source.holds {
+            sampling.reach = (0..cloud.len()).map(|i| cloud.radius_max(i)).fold(sampling.reach, f64::max);
+        }
+        let own = own_density(source);
+        if own > 0.0 {
+            let middle = 0.5 * (source.bounds.0 + source.bounds.1);
+            let at = [middle.x, middle.y, middle.x, middle.y];
+            // Overlapping files have the sum of their densities; adjacent files don't.
+            let mut all: Vec<f64> = sources.iter().filter(|other| other.meets(at)).map(own_density).collect();
+            // Sorted, so that the sum doesn't depend on the order of files.
+            all.sort_unstable_by(f64::total_cmp);
+            sampling.density = sampling.density.max(all.iter().sum());
+            sampling.spacing = sampling.spacing.max(own.sqrt().recip());
+        }
+    }
+    sampling
 }
 
 /// Function that returns the position of a point or splat by its index.

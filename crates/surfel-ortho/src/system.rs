@@ -36,14 +36,14 @@ pub(super) fn crs_of(
             Some((other, known)) => {
                 let (other, known) = (other.path.shown(), known.words());
                 return Err(unsuitable(format!(
-                    "has {}, but {other} has {known}: project one of them, or give --crs if they are the same",
+                    "has {}, but {other} has {known}: project one of them, or give `crs` if they are the same",
                     crs.words()
                 )));
             }
         }
     }
     match first {
-        None => notes.push((None, "no coordinate reference system is known: --crs EPSG:N gives one".into())),
+        None => notes.push((None, "no coordinate reference system is known: `crs=EPSG:N` gives one".into())),
         Some((known, crs)) => {
             for source in sources.iter().filter(|source| source.crs.is_none()) {
                 let note = format!("has no CRS: taken to be as in {}, {}", known.path.shown(), crs.words());

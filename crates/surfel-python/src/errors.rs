@@ -1,10 +1,10 @@
 //! Conversion of errors to Python exceptions, with Python's argument names.
 
-use crate::interrupt;
 use pyo3::exceptions::{PyMemoryError, PyRuntimeError};
 use pyo3::prelude::*;
 use std::io::ErrorKind;
 use std::path::PathBuf;
+use surfel_app::wording::as_keywords;
 use surfel_backend::BackendError;
 use surfel_io::IoError;
 use surfel_io::ShowPath as _;
@@ -12,10 +12,15 @@ use surfel_load::Error;
 use surfel_render::RenderError;
 use surfel_sample::SampleError;
 
-/// Converts a message about flags to one about keyword arguments: `--depth-tolerance` becomes `depth_tolerance`.
+/// Message of [`defect`].
+pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
+
+/// Converts a message about options to one about keyword arguments: `--depth-tolerance` of `surfel-app` becomes
+/// `depth_tolerance`, and options that packages below it name become keywords ([`as_keywords`]).
 pub(crate) fn in_python(message: &str) -> String {
+    let message = as_keywords(message);
     let mut text = String::with_capacity(message.len());
-    let mut rest = message;
+    let mut rest = message.as_ref();
     while let Some(at) = rest.find("--") {
         let (before, after) = (&rest[..at], &rest[at + 2..]);
         // Dashes within a file name aren't flags.
@@ -105,13 +110,13 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
     let class = match error {
         Error::Io(IoError::System { source, .. }) => {
             // Built-in exception classes, which scripts catch.
-            let message = error.to_string();
+            let message = in_python(&error.to_string());
             return match source.kind() {
                 ErrorKind::NotFound => pyo3::exceptions::PyFileNotFoundError::new_err(message),
                 ErrorKind::PermissionDenied => pyo3::exceptions::PyPermissionError::new_err(message),
                 ErrorKind::IsADirectory => pyo3::exceptions::PyIsADirectoryError::new_err(message),
                 ErrorKind::NotADirectory => pyo3::exceptions::PyNotADirectoryError::new_err(message),
-                ErrorKind::OutOfMemory => PyMemoryError::new_err(in_python(&message)),
+                ErrorKind::OutOfMemory => PyMemoryError::new_err(message),
                 _ => pyo3::exceptions::PyOSError::new_err(message),
             };
         }
@@ -119,7 +124,7 @@ pub(crate) fn raise(py: Python<'_>, error: &Error) -> PyErr {
             let message = format!("{}: already exists: force=True overwrites it; or choose another name", path.shown());
             return pyo3::exceptions::PyFileExistsError::new_err(message);
         }
-        Error::Input(text) if text == interrupt::DEFECT => "Error",
+        Error::Input(text) if text == DEFECT => "Error",
         Error::Usage(_) | Error::Sample { source: SampleError::Option { .. }, .. } => "UsageError",
         Error::Backend(BackendError::NotBuilt { name, feature, available }) => {
             // The message has flags of pip, which aren't keyword arguments.

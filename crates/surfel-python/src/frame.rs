@@ -3,7 +3,7 @@
 use crate::draw::{Drawn, Recipe};
 use crate::errors;
 use crate::memory;
-use crate::scene::py_bytes;
+use crate::memory::py_bytes;
 use numpy::{Element, PyArray1, PyReadonlyArrayDyn, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict, PySlice};

@@ -43,12 +43,9 @@ impl Reporter {
     }
 }
 
-/// Message of [`defect`].
-pub(crate) const DEFECT: &str = "this is a defect of surfel, not of your input: please report it";
-
 /// Returns the error of a panic, which becomes `surfel.Error` in Python.
 pub(crate) fn defect() -> Error {
-    Error::Input(DEFECT.to_owned())
+    Error::Input(errors::DEFECT.to_owned())
 }
 
 /// Runs `work` on another thread and waits for it. Ctrl-C ends the waiting at once; the work runs to its end and its

@@ -16,8 +16,8 @@
 //! ```
 //!
 //! # Layer
-//! The package lies above the facade `surfel`, as the command line does, and draws the same bits. Its Cargo features
-//! `cpu`, `reference`, `sharp` (all on by default), `zstd` and `gpu` are those of the facade.
+//! The package lies above `surfel-app`, as the command line does, and draws the same bits. Its Cargo features `cpu`,
+//! `reference`, `sharp` (all on by default), `zstd` and `gpu` are those of `surfel-app`.
 
 mod camera_path;
 mod draw;

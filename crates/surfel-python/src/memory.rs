@@ -1,6 +1,8 @@
 //! Checks of the memory that arguments require. A failed allocation would end the process, and Python with it, so an
 //! error that becomes a `MemoryError` is returned before.
 
+use pyo3::prelude::*;
+use pyo3::types::PyBytes;
 use std::fmt::Display;
 use std::io::ErrorKind;
 use surfel_app::request::SplatOptions;
@@ -117,4 +119,12 @@ pub(crate) fn check_image(
     let drawn = pixels.saturating_mul(u64::from(samples).pow(2)).saturating_mul(pixel_bytes);
     let texels = shadow_maps as u64 * u64::from(SHADOW_MAP_SIDE).pow(2);
     check("size", drawn.saturating_add(texels.saturating_mul(TEXEL_BYTES)), threads, budget)
+}
+
+/// Copies bytes to a Python object; raises `MemoryError` if that fails.
+pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
+    PyBytes::new_with(py, bytes.len(), |copy| {
+        copy.copy_from_slice(bytes);
+        Ok(())
+    })
 }

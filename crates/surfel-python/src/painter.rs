@@ -2,7 +2,8 @@
 
 use crate::errors;
 use crate::interrupt;
-use crate::scene::{Flags, NativeScene, py_bytes};
+use crate::memory::py_bytes;
+use crate::scene::{Flags, NativeScene};
 use pyo3::prelude::*;
 use std::sync::{Arc, Mutex, PoisonError};
 use surfel_load::Error;

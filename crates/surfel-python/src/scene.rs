@@ -7,13 +7,15 @@ use crate::frame::NativeFrame;
 use crate::interrupt;
 use crate::many::{NativeMany, Views};
 use crate::memory;
+use crate::memory::py_bytes;
 use crate::pool::Who;
 use numpy::PyReadonlyArray1;
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use surfel_app::camera::{self, CameraSource};
+use surfel_app::camera;
+use surfel_app::render_options::CameraSource;
 use surfel_app::request::{Pictures, RenderOptions};
 use surfel_app::values;
 use surfel_backend::BackendOptions;
@@ -23,14 +25,6 @@ use surfel_render::Planes;
 
 /// Maximum number of lights, each of which may need a shadow map.
 const MOST_LIGHTS: usize = 256;
-
-/// Copies bytes to a Python object; raises `MemoryError` if that fails.
-pub(crate) fn py_bytes<'py>(py: Python<'py>, bytes: &[u8]) -> PyResult<Bound<'py, PyBytes>> {
-    PyBytes::new_with(py, bytes.len(), |copy| {
-        copy.copy_from_slice(bytes);
-        Ok(())
-    })
-}
 
 /// Flags: name and value as text.
 pub(crate) type Flags = Vec<(String, String)>;

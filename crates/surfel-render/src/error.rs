@@ -40,7 +40,7 @@ pub enum RenderError {
         object: usize,
     },
     /// The frame needs more memory than the limit.
-    #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by --region")]
+    #[error("the frame needs {needed} bytes, more than the {limit} allowed; render it by `region`")]
     TooLarge {
         /// Number of bytes needed.
         needed: u64,
@@ -50,7 +50,7 @@ pub enum RenderError {
     /// The device's memory is too small for the scene.
     #[error(
         "{backend}: the scene needs {needed} bytes of device memory, and {available} are there: {} too few; store it \
-         in 16 bits (--storage 16), draw fewer splats, or choose --backend cpu",
+         in 16 bits (`storage=16`), draw fewer splats, or choose `backend=cpu`",
         needed.saturating_sub(*available)
     )]
     SceneTooLarge {

@@ -331,27 +331,27 @@ fn plan_of_gaussians(
         return match planes.alpha || planes.median_depth || planes.distortion {
             true => conflict(
                 "the planes alpha, median_depth and distortion are of Gaussians, and the scene shows surfaces: leave \
-                 them out, or draw a file of Gaussians with --composite over",
+                 them out, or draw a file of Gaussians with `composite=over`",
             ),
             false => Ok(None),
         };
     }
     if summary.surfaces {
         return conflict(
-            "the scene has Gaussians and surfaces, expected one or the other: --composite surface draws Gaussians as \
+            "the scene has Gaussians and surfaces, expected one or the other: `composite=surface` draws Gaussians as \
              surfaces, too",
         );
     }
     if summary.gaussians == Some(GaussianColors::Mixed) {
         return conflict(
             "the scene has Gaussians of linear colours and of displayed ones, expected one kind: they blend with each \
-             other; --composite surface draws both",
+             other; `composite=surface` draws both",
         );
     }
     if planes.index {
         return conflict(
             "the planes index, object and label are of surfaces, and Gaussians are drawn over one another: leave them \
-             out, or --composite surface",
+             out, or `composite=surface`",
         );
     }
     Ok(Some(FramePlan {
@@ -435,30 +435,30 @@ fn describe(feature: Feature) -> (&'static str, &'static str, &'static str) {
             "give it as \"splats\" to have it converted",
         ),
         Feature::Clips => {
-            ("clipping of splats", "is in the scene (clip properties)", "--clip off draws the whole splats")
+            ("clipping of splats", "is in the scene (clip properties)", "`clip=off` draws the whole splats")
         }
-        Feature::Peel => ("depth-peeled transparency", setting, "--transparency off draws every splat opaque"),
-        Feature::ABuffer => ("A-buffer transparency", setting, "choose --backend cpu, or --transparency peel:4"),
+        Feature::Peel => ("depth-peeled transparency", setting, "`transparency=off` draws every splat opaque"),
+        Feature::ABuffer => ("A-buffer transparency", setting, "choose `backend=cpu`, or `transparency=peel:4`"),
         Feature::Shadows => ("a shadow", "is in the scene (a light with \"shadow\": true)", "set \"shadow\": false"),
         Feature::Toon => ("shader 'toon'", setting, OTHER_SHADERS),
         Feature::Matcap => ("shader 'matcap'", setting, OTHER_SHADERS),
         Feature::EyeDome => ("shader 'edl'", setting, OTHER_SHADERS),
-        Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose --backend cpu, or --edge-aa=off"),
+        Feature::EdgeAntialiasing => ("edge antialiasing", setting, "choose `backend=cpu`, or `edge_aa=off`"),
         Feature::EdgeSamples => {
-            ("edges by samples", setting, "choose --backend cpu, or edges by coverage or none (--edge-aa=on, off)")
+            ("edges by samples", setting, "choose `backend=cpu`, or edges by coverage or none (`edge_aa=on`, off)")
         }
         Feature::Gaussians => (
             "Gaussians drawn one over another",
             "are in the scene (\"composite\": \"over\")",
-            "choose --backend cpu, or --composite surface",
+            "choose `backend=cpu`, or `composite=surface`",
         ),
         Feature::Balls => (
             "a ball or dot",
             "is in the scene (\"points_as\")",
-            "choose --backend cpu, or --points-as surface or disks",
+            "choose `backend=cpu`, or `points_as=surface` or disks",
         ),
         Feature::Sky => ("a sky", "is in the scene", "store its light first (surfel_light::light_scene)"),
-        Feature::Margin => ("the decision margin plane", setting, "choose --backend reference"),
+        Feature::Margin => ("the decision margin plane", setting, "choose `backend=reference`"),
     }
 }
 

@@ -16,7 +16,7 @@ pub enum SampleError {
     },
     /// Every triangle of a mesh has zero area.
     #[error(
-        "all {triangles} triangles have zero area, expected a surface: convert the vertices (--per-vertex) instead"
+        "all {triangles} triangles have zero area, expected a surface: convert the vertices (`per_vertex`) instead"
     )]
     NoArea {
         /// Number of triangles.

@@ -32,7 +32,7 @@
 //! ```
 //!
 //! # Layer
-//! The crate lies above `surfel-model` and `surfel-math`; the facade `surfel` calls it between `surfel-io` and the
+//! The crate lies above `surfel-model` and `surfel-math`; `surfel-load` calls it between `surfel-io` and the
 //! backends. It opens no file. Work runs in the rayon pool that the caller installed; results don't depend on the
 //! number of threads.
 //!
@@ -73,6 +73,7 @@ mod progress;
 mod radii;
 #[cfg(feature = "sharp")]
 mod sharp;
+mod size;
 mod sorted;
 mod tree;
 

@@ -4,7 +4,6 @@
 use crate::eigen::{Symmetric3, smallest3, symmetric3};
 use crate::lanes::LANES;
 use crate::nearest::{MOST_NEIGHBOURS, Search};
-use crate::orient::offset;
 use crate::sorted::SortedPoints;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x16};
@@ -119,6 +118,13 @@ pub(crate) fn covariance(points: &SortedPoints, slot: usize, neighbours: &[u32])
         yz - y * z / count,
         zz - z * z / count,
     ]
+}
+
+/// Returns the vector between two points, in steps.
+#[inline]
+pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
+    let (p, q) = (points.at(a), points.at(b));
+    Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
 /// Sums the offsets of `neighbours` from a point, and their products xx xy xz yy yz zz.

@@ -10,7 +10,7 @@
 use crate::class::ROUGH;
 use crate::median::spread;
 use crate::nearest::Search;
-use crate::normals::{WIDE, estimate, laid, wider};
+use crate::normals::{WIDE, estimate, laid, offset, wider};
 use crate::parallel::{for_chunks, map_tasks};
 use crate::progress::Progress;
 use crate::sorted::{RUN, SortedPoints};
@@ -161,13 +161,6 @@ fn relation(points: &SortedPoints, (a, n): (usize, Vec3), (b, m): (usize, Vec3))
     let (above, other) = (n.dot(d), m.dot(d));
     let mirrored = n.dot(m) - 2.0 * above * other * scale;
     mirrored * (1.0 - (above * above).max(other * other) * scale)
-}
-
-/// Returns the vector between two points, in steps.
-#[inline]
-pub(crate) fn offset(points: &SortedPoints, a: usize, b: usize) -> Vec3 {
-    let (p, q) = (points.at(a), points.at(b));
-    Vec3::new((q[0] - p[0]) as f32, (q[1] - p[1]) as f32, (q[2] - p[2]) as f32)
 }
 
 /// True if the neighbours of a point with this normal form no plane.

@@ -18,6 +18,7 @@ use crate::median::median_of;
 use crate::orient::Oriented;
 use crate::parallel::{for_chunks, map_each};
 use crate::progress::{NoProgress, Progress};
+use crate::size::{Ellipse, STRETCHED, Size};
 use crate::sorted::{RUN, SortedPoints};
 use crate::tree::{KdTree, Nearest};
 use glam::{DVec2, DVec3};
@@ -35,10 +36,7 @@ const FEW_REACH: f64 = 5.0;
 const LARGE: f64 = 2.5;
 /// Fraction of points in surfaces from which only these determine the typical spacing.
 const IN_SURFACES: f64 = 0.1;
-/// Axis ratio from which sampling counts as anisotropic.
-pub(crate) const STRETCHED: f64 = 1.5;
-/// Axis ratio of the longest ellipse.
-pub(crate) const MOST_STRETCHED: f64 = 48.0;
+
 /// Share of stretched points from which a cloud gets ellipses: random samplings have about 5 % by chance.
 const STRETCHED_SHARE: f64 = 0.1;
 /// Number of points in a task. Points around the block are measured too, and measured again by their own task; for
@@ -57,46 +55,6 @@ pub(crate) struct Sizes {
     pub(crate) stretched: usize,
     /// True if the spacing was given, not measured.
     is_known: bool,
-}
-
-/// Size of one point as estimated from its neighbourhood, and the evidence for its class.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Size {
-    /// Radius of a disk; 0 if there are no neighbours.
-    pub(crate) radius: f32,
-    /// Square root of the area per point.
-    pub(crate) spacing: f32,
-    pub(crate) evidence: Evidence,
-}
-
-/// Ellipse that fits a point better than its disk, in 64 bits; a ratio of 0 means that there is none.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Ellipse {
-    /// Square root of the product of the half-axes.
-    mean: f32,
-    /// Angle of the long axis in the normal's tangent frame, as a fraction of half a turn.
-    angle: u16,
-    /// Axis ratio (long to short), as a fraction of [`MOST_STRETCHED`].
-    ratio: u16,
-}
-
-impl Ellipse {
-    /// Number of steps in half a turn, and in the range of ratios.
-    const STEPS: f64 = 65_535.0;
-
-    pub(crate) fn new(mean: f32, angle: f64, ratio: f64) -> Self {
-        let turn = (angle / std::f64::consts::PI).rem_euclid(1.0);
-        let ratio = (ratio / MOST_STRETCHED * Self::STEPS).round() as u16;
-        Self { mean, angle: (turn * Self::STEPS).round() as u16, ratio }
-    }
-
-    fn angle(self) -> f64 {
-        f64::from(self.angle) / Self::STEPS * std::f64::consts::PI
-    }
-
-    fn ratio(self) -> f64 {
-        f64::from(self.ratio) / Self::STEPS * MOST_STRETCHED
-    }
 }
 
 impl Sizes {

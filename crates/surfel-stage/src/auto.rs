@@ -96,7 +96,7 @@ impl Default for AutoOptions {
 pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Transparency, ObjectNote)> {
     let (_, path) = loaded.facts.iter().zip(paths).find(|(facts, _)| facts.transparent)?;
     let transparency = Transparency::Peel { layers: LAYERS, drop_last: false };
-    let text = format!("some splats are transparent: drawn as --transparency {transparency} (off draws them opaque)");
+    let text = format!("some splats are transparent: drawn as `transparency={transparency}` (off draws them opaque)");
     Some((transparency, ObjectNote { path: path.to_path_buf(), text }))
 }
 
@@ -104,7 +104,7 @@ pub fn auto_transparency(loaded: &LoadedObjects, paths: &[&Path]) -> Option<(Tra
 /// surfaces. `paths` are the objects' paths.
 pub fn auto_composite(loaded: &LoadedObjects, paths: &[&Path], settings: Settings) -> Option<(Settings, ObjectNote)> {
     let path = paths.first().filter(|_| loaded.all_gaussians())?.to_path_buf();
-    let text = "drawn as trained, Gaussian over Gaussian (--composite over; surface draws them as opaque surfaces)";
+    let text = "drawn as trained, Gaussian over Gaussian (`composite=over`; surface draws them as opaque surfaces)";
     let settings = settings.with_composite(Composite::Over).with_shader(Shader::Unlit);
     Some((settings, ObjectNote { path, text: text.to_owned() }))
 }
@@ -134,7 +134,7 @@ pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec
         object.convert.points_as = Some(PointsAs::Balls(None));
         let path = object.splats.clone().unwrap_or_default();
         let text =
-            format!("its points are drawn as balls, because {} (--points-as surface draws a surface)", reason.words());
+            format!("its points are drawn as balls, because {} (`points_as=surface` draws a surface)", reason.words());
         if !notes.iter().any(|note: &ObjectNote| note.path == path) {
             notes.push(ObjectNote { path, text });
         }
@@ -181,7 +181,7 @@ pub fn scene_by(
                 turning: options.turning.then(|| up.vector()),
             };
             let nothing = || {
-                let problem = "the objects have no finite extent to look at: give a camera (--camera, --eye)";
+                let problem = "the objects have no finite extent to look at: give a camera (`camera`, `eye`)";
                 Error::Model(surfel_model::ModelError::Conflict(problem.to_owned()))
             };
             estimates.camera(loaded, &scene, framing).ok_or_else(nothing)?
@@ -316,6 +316,6 @@ mod tests {
         assert_eq!(auto_transparency(&loaded(&[false, false]), &paths), None);
         let (transparency, note) = auto_transparency(&loaded(&[false, true]), &paths).unwrap();
         assert_eq!((transparency.to_string().as_str(), note.path.as_path()), ("peel:4", paths[1]));
-        assert!(note.text.contains("--transparency peel:4"), "{}", note.text);
+        assert!(note.text.contains("`transparency=peel:4`"), "{}", note.text);
     }
 }

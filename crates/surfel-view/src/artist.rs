@@ -6,6 +6,7 @@ use serde_json::{Value, json};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 use surfel_app::session::{Loaded, Loader};
+use surfel_app::wording::as_flags;
 use surfel_load::Error;
 use surfel_sample::Progress;
 
@@ -92,10 +93,10 @@ impl Artist {
 
     /// Answers a request, or sends its error.
     fn reply(&mut self, job: &Job) {
-        if let Err(problem) = self.answer(job) {
+        if let Err(problem) = &self.answer(job) {
             let request = &job.request;
             let (id, layer, of) = (&request["id"], &request["layer"], &request["do"]);
-            let answer = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": problem });
+            let answer = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": as_flags(problem) });
             job.outbox.push(Outgoing::Text(answer.to_string()));
         }
     }

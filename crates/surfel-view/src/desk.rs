@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use surfel_app::options::{Commands, Options, Setter, table};
 use surfel_app::request::Resolved;
 use surfel_app::session::Session;
+use surfel_app::wording::as_flags;
 use surfel_backend::BackendOptions;
 use surfel_io::{JpegOptions, to_srgb8, write_jpeg};
 use surfel_render::clock::Instant;
@@ -191,7 +192,9 @@ impl Desk {
     fn show(&mut self, asked: &Asked, progress: &dyn Progress) -> Result<Vec<String>, String> {
         let session = self.session(&asked.key)?;
         let mut notes = Vec::new();
-        session.show(&asked.options.render, progress, &mut |text| notes.push(text)).map_err(|e| e.to_string())?;
+        session
+            .show(&asked.options.render, progress, &mut |text| notes.push(as_flags(&text).into_owned()))
+            .map_err(|e| e.to_string())?;
         self.remember(asked, None);
         Ok(notes)
     }

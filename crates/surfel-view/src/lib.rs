@@ -25,8 +25,8 @@
 //! - `page/` has the page: HTML, CSS and JavaScript, without a build step.
 //!
 //! # Layer
-//! The crate lies between `surfel`, which loads and draws, and `surfel-cli`, whose commands `view` and `mcp` it
-//! implements.
+//! The crate lies between `surfel-app`, whose sessions load and draw, and `surfel-cli`, whose commands `view` and `mcp`
+//! it implements.
 
 #![cfg_attr(not(test), deny(clippy::unwrap_used, clippy::expect_used, clippy::panic))]
 

@@ -3,6 +3,7 @@
 use crate::Config;
 use crate::desk::{Answer, Desk};
 use serde_json::{Value, json};
+use surfel_app::wording::as_flags;
 use surfel_sample::NoProgress;
 
 /// A message to the page.
@@ -53,7 +54,7 @@ impl Painter {
             Ok(Answer::Image(file) | Answer::File(file)) => Message::Binary(file),
             Err(problem) => {
                 let (id, layer, of) = (&request["id"], &request["layer"], &request["do"]);
-                let error = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": problem });
+                let error = json!({ "do": "error", "id": id, "layer": layer, "of": of, "message": as_flags(&problem) });
                 Message::Text(error.to_string())
             }
         }

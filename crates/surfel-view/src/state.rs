@@ -196,7 +196,8 @@ pub(crate) fn welcome(fixed: &Fixed, initial: &State) -> Value {
     };
     let inputs: Vec<String> = fixed.names.iter().map(|path| name_of(path)).collect();
     let rows: Vec<Value> = rows.map(row).collect();
-    json!({ "do": "welcome", "version": surfel_app::metadata::VERSION, "inputs": inputs, "rows": rows, "state": initial })
+    let version = surfel_app::metadata::VERSION;
+    json!({ "do": "welcome", "version": version, "inputs": inputs, "rows": rows, "state": initial })
 }
 
 /// Returns a file's name without its folder.

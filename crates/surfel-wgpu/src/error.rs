@@ -50,7 +50,7 @@ pub(crate) enum ScopedError {
 impl From<ScopedError> for RenderError {
     fn from(caught: ScopedError) -> Self {
         match caught {
-            ScopedError::OutOfMemory => failed("the device is out of memory; render by --region or draw fewer splats"),
+            ScopedError::OutOfMemory => failed("the device is out of memory; render by `region` or draw fewer splats"),
             ScopedError::Other(message) => failed(message),
         }
     }

@@ -96,8 +96,8 @@
 //! # Layer
 //! The crate has no code of its own. Programs depend on it, or on the packages behind it: `surfel-io` reads files,
 //! `surfel-sample` converts them to splats, `surfel-load` combines the two, `surfel-framing` estimates views,
-//! `surfel-stage` chooses scenes, `surfel-backend` draws, `surfel-ortho` draws orthoimages, and `surfel-app` has options
-//! and requests. What the program can do, a library user can do.
+//! `surfel-stage` chooses scenes, `surfel-backend` draws, `surfel-ortho` draws orthoimages, and `surfel-app` has
+//! options and requests. What the program can do, a library user can do.
 //!
 //! # Features
 //!

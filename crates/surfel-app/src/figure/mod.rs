@@ -10,7 +10,8 @@
 //! let (render, mut figure) = (surfel_app::request::RenderOptions::default(), FigureOptions::default());
 //! figure.title = Some("Completion".to_owned());
 //! let request = FigureRequest { inputs: &files, render: &render, figure: &figure, stdin: None };
-//! let image = request.draw(&mut surfel_backend::Backend::auto()?, &surfel_sample::NoProgress, &mut |note| eprintln!("{note}"))?;
+//! let mut backend = surfel_backend::Backend::auto()?;
+//! let image = request.draw(&mut backend, &surfel_sample::NoProgress, &mut |note| eprintln!("{note}"))?;
 //! image.save("figure.pdf".as_ref(), false)?;
 //! # Ok(())
 //! # }

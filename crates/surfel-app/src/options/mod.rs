@@ -20,6 +20,7 @@ mod near;
 mod page;
 mod row;
 mod rows;
+mod set;
 mod stub;
 
 pub use near::Near;

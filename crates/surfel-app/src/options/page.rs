@@ -8,8 +8,8 @@ const INTRODUCTION: &str = "\
 # Options
 
 This page lists the options of `surfel render`, `figure`, `convert`, `ortho`, `serve`, `view`, `again` and `info`, by
-task. It is generated from the options table (`crates/surfel/src/options`). `surfel COMMAND -h` lists the options that
-are used every day, in **bold** here, and `surfel COMMAND --help` lists all of them.
+task. It is generated from the options table (`crates/surfel-app/src/options`). `surfel COMMAND -h` lists the options
+that are used every day, in **bold** here, and `surfel COMMAND --help` lists all of them.
 
 - A flag on the command line takes precedence over a key of the scene file, this over `--preset`, and this over the
   default.

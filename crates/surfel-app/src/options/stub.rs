@@ -39,7 +39,7 @@ impl Table {
     /// Returns the module `_table.py`, which has the keywords' names.
     pub fn python(&self) -> String {
         let mut text =
-            "\"\"\"Keywords, generated from the options table in crates/surfel/src/options.\"\"\"\n\n".to_owned();
+            "\"\"\"Keywords, generated from the options table in crates/surfel-app/src/options.\"\"\"\n\n".to_owned();
         let name = |row: &Row| row.name.replace('-', "_");
         let is_splat = |row: &&Row| row.is_image && row.keyword.has(Commands::CONVERT);
         let sets: [(&str, Vec<&Row>); 5] = [

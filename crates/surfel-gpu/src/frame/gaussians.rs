@@ -113,7 +113,7 @@ impl TooMany {
         let (count, bytes, most) = (self.count, self.bytes, limits.buffer_bytes.min(limits.memory_bytes));
         format!(
             "{count} Gaussians before {CELL}x{CELL} pixels need {bytes} bytes, expected at most {most}; choose \
-             --backend cpu"
+             `backend=cpu`"
         )
     }
 }

@@ -308,7 +308,7 @@ impl TileData {
             let (count, most) = (self.ball_members.len(), limits.buffer_bytes);
             return Err(format!(
                 "{count} balls in view need {balls} bytes, expected at most {most} and {MOST_BALLS} balls; render by \
-                 --region, or choose --backend cpu"
+                 `region`, or choose `backend=cpu`"
             ));
         }
         let bytes = 4 * self.polygons.len() as u64;
@@ -318,7 +318,7 @@ impl TileData {
         let (count, most) = (self.polygon_count, limits.buffer_bytes);
         Err(format!(
             "{count} polygons in view need {bytes} bytes, expected at most {most} and {MOST_POLYGONS} polygons; render \
-             by --region, or have the mesh converted to splats"
+             by `region`, or have the mesh converted to splats"
         ))
     }
 

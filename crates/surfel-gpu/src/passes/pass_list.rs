@@ -59,8 +59,8 @@ pub fn with_more_layers(plan: &FramePlan, least: impl FnOnce() -> usize) -> Resu
     let layers = peeled_layers(plan);
     if layers >= MOST_LAYERS || (layers == FIRST_LAYERS && least() > MOST_LAYERS) {
         return Err(format!(
-            "a pixel has more transparent surfaces than the {MOST_LAYERS} that a GPU draws: choose --backend cpu, or \
-             --transparency peel:4"
+            "a pixel has more transparent surfaces than the {MOST_LAYERS} that a GPU draws: choose `backend=cpu`, or \
+             `transparency=peel:4`"
         ));
     }
     let more = (4 * layers).min(MOST_LAYERS) - plan.peeled_layers();

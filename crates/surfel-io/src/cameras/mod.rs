@@ -55,7 +55,7 @@ impl NamedCamera {
     pub fn camera(&self, size: Option<[u32; 2]>) -> Result<Camera, Problem> {
         let Some([width, height]) = size.or(self.size) else {
             let problem = Problem::new(format!("camera {} has no image size", self.name));
-            return Err(problem.expected("a file with width and height").help("give the images' size: --size WxH"));
+            return Err(problem.expected("a file with width and height").help("give the images' size: `size=WxH`"));
         };
         let (focal, principal) = match self.lens {
             Lens::Pixels { focal, principal } => {
@@ -251,7 +251,7 @@ fn lens(focal: [f64; 2], principal: [f64; 2]) -> Result<Lens, Problem> {
 fn distorted(what: String) -> Problem {
     Problem::new(what).expected("a pinhole camera").help(
         "undistort the images first: colmap image_undistorter --image_path IMAGES --input_path SPARSE --output_path \
-         OUT, then --cameras OUT",
+         OUT, then `cameras=OUT`",
     )
 }
 

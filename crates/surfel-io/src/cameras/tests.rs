@@ -190,7 +190,7 @@ fn transforms_reproject_known_points() {
           "transform_matrix": matrix, "fl_x": 610.0, "fl_y": 610.0, "cx": 1.0, "cy": 2.0 } ] });
     let path = folder.write("transforms_train.json", file.to_string());
     let cameras = read(&path).unwrap();
-    assert!(cameras[0].camera(None).unwrap_err().to_string().contains("--size"));
+    assert!(cameras[0].camera(None).unwrap_err().to_string().contains("`size=WxH`"));
     let centred = Truth { focal: [600.0; 2], principal: [320.0, 240.0], ..truth };
     centred.agrees(&cameras[0].camera(Some(SIZE)).unwrap(), 0.0);
     let own = Truth { focal: [610.0; 2], principal: [1.0, 2.0], ..centred };

@@ -127,7 +127,7 @@ pub(crate) fn choose(columns: &[Strided<'_>], numbers: &[usize]) -> Result<Layou
 /// Returns a note with the decisive reasons, and how to choose other roles.
 pub(crate) fn as_note(what: &str, reasons: &[String]) -> String {
     let reasons: String = reasons.iter().map(|reason| format!(", {reason}")).collect();
-    format!("{what}{reasons}; --columns names them otherwise")
+    format!("{what}{reasons}; `columns` names them otherwise")
 }
 
 /// True if the first column is an index, judging from all columns.

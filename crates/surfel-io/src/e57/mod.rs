@@ -310,7 +310,7 @@ impl<'a> File<'a> {
                 }
                 end => end.map_err(|error| {
                     problem(format!("scan {scan}, {all} points: {error} after {read}"))
-                        .help("copy the file again; --repair takes the points before the damage")
+                        .help("copy the file again; `repair` takes the points before the damage")
                 })?,
             }
         }

@@ -51,7 +51,7 @@ pub(super) fn read(
                 }
                 // Repair works for the same two kinds.
                 Err(problem) if layered || !vlr.uses_variable_size_chunks() => {
-                    return Err(problem.help("the file is cut off: copy it again, or --repair takes the whole chunks"));
+                    return Err(problem.help("the file is cut off: copy it again, or `repair` takes the whole chunks"));
                 }
                 table => table?,
             };

@@ -20,6 +20,7 @@ use crate::context::Context;
 use crate::crs::IN_DEGREES;
 use crate::error::{Fault, Problem};
 use crate::format::Format;
+use crate::point_count::PointCount;
 use crate::survey::{Source, extent_words};
 use crate::words::counted;
 use glam::DVec3;
@@ -90,21 +91,6 @@ fn read_records(
     }
     #[cfg(not(feature = "laz"))]
     Err(Problem::not_built("LAZ", "laz"))
-}
-
-/// Number of points and memory per point, estimated from the start of a file.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PointCount {
-    /// Number of points; an estimate for text files.
-    pub points: u64,
-    /// True if points have splat radii, which Surfel adds to LAS files.
-    pub has_radii: bool,
-    /// True if points have normals, as far as the start of the file shows.
-    pub has_normals: bool,
-    /// True if points have colours, or may have them.
-    pub has_colors: bool,
-    /// Bytes per point of reading: those in the file, or, for LAS, those of the columns other than colour in memory.
-    pub row_bytes: u64,
 }
 
 /// Number of points at the start of a file of which the memory per point is estimated. Columns that are zero everywhere
@@ -240,7 +226,7 @@ fn tell(mut header: Header, format: Format, told: Told, context: &mut Context<'_
     }
     if withheld > 0 {
         let points = counted(withheld, "points");
-        notes.push(format!("left out {points} flagged as withheld (--classes all reads them)"));
+        notes.push(format!("left out {points} flagged as withheld (`classes=all` reads them)"));
     }
     if matches!(header.format, 4 | 5 | 9 | 10) {
         notes.push("left out its waveforms".into());

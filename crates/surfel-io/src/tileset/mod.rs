@@ -217,7 +217,7 @@ impl Walk<'_, '_> {
         }
         let path = format!("{}{}", place.folder, uri.split(['?', '#']).next().unwrap_or(uri));
         let read = uri::read(&path, &self.context.siblings).map_err(|why| {
-            let help = "keep its tiles where they are; --repair leaves out what is missing";
+            let help = "keep its tiles where they are; `repair` leaves out what is missing";
             Fault::from(Problem::new(format!("can't read the tile {}: {why}", quote(&path))).help(help))
         });
         let result =

@@ -150,7 +150,7 @@ pub(crate) fn words(name: &str, scale: &ColorScale, is_given: bool, files: usize
                 if files > 1 {
                     note += &format!(" of all {files} files");
                 }
-                note += ": --range says others";
+                note += ": `range` says others";
             }
         }
         ColorScale::Categories(categories) => {

@@ -80,7 +80,7 @@ pub fn confusions(categories: &[Category]) -> Option<String> {
     }
     (!parts.is_empty()).then(|| {
         let parts = parts.join("; ");
-        format!("colours of categories look alike for {parts}: --labels FILE gives other colours")
+        format!("colours of categories look alike for {parts}: `labels=FILE` gives other colours")
     })
 }
 

@@ -1,4 +1,4 @@
-"""Keywords, generated from the options table in crates/surfel/src/options."""
+"""Keywords, generated from the options table in crates/surfel-app/src/options."""
 
 SPLATS = frozenset((
     "color_by",

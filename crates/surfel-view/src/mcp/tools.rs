@@ -8,6 +8,7 @@ use serde_json::{Map, Value, json};
 use std::path::PathBuf;
 use surfel_app::options::Options;
 use surfel_app::session::Session;
+use surfel_app::wording::as_flags;
 use surfel_backend::BackendOptions;
 use surfel_figure::{Figure, Panel, Picture, Row, Style};
 use surfel_io::{LoadOptions, to_srgb8};
@@ -251,7 +252,8 @@ impl Tools {
             "compare" => self.compare(&arguments),
             _ => return Err(format!("there is no tool {name}, expected inspect, render, pick or compare")),
         };
-        let failed = |problem: String| json!({ "content": [{ "type": "text", "text": problem }], "isError": true });
+        let failed =
+            |problem: String| json!({ "content": [{ "type": "text", "text": as_flags(&problem) }], "isError": true });
         Ok(called.unwrap_or_else(failed))
     }
 
@@ -276,7 +278,8 @@ impl Tools {
     fn show(&mut self, asked: &Asked) -> Result<Vec<String>, String> {
         let mut notes = Vec::new();
         let session = self.sessions.of(&asked.key)?;
-        let shown = session.show(&asked.options.render, &NoProgress, &mut |text| notes.push(text));
+        let shown =
+            session.show(&asked.options.render, &NoProgress, &mut |text| notes.push(as_flags(&text).into_owned()));
         shown.map(|_| ()).map_err(|e| e.to_string())?;
         notes.truncate(MAX_NOTES);
         Ok(notes)

@@ -201,7 +201,7 @@ fn what_cannot_be_drawn_is_one_clear_error() {
     let other = folder.write("other.ply", &points(), "comment crs EPSG:32633\n");
     let first = folder.write("first.ply", &points(), "comment crs EPSG:32632\n");
     let opened = Ortho::open(&[&first, &other], &OrthoOptions::new(0.5), &NoProgress);
-    assert!(opened.err().unwrap().to_string().contains("--crs"));
+    assert!(opened.err().unwrap().to_string().contains("`crs`"));
 }
 
 #[test]

@@ -161,7 +161,7 @@ fn noise_and_birds_are_no_surface() {
     // A note states their number.
     let ortho = Ortho::open(&[&classified], &options(), &NoProgress).unwrap();
     let said = |text: &str| ortho.notes.iter().any(|(_, note)| note.contains(text));
-    assert!(said("left out 40 points of noise (classes 7 and 18)") && said("--classes all"), "{:?}", ortho.notes);
+    assert!(said("left out 40 points of noise (classes 7 and 18)") && said("`classes=all`"), "{:?}", ortho.notes);
     // Neither surface points nor the sparse returns of the lake were classified as birds.
     let clean = write(&folder, "clean.las", las(&survey(0, None)));
     let (stats, _, of_clean) = model(&clean, &options(), &folder);
@@ -324,7 +324,7 @@ fn strays_that_make_an_image_absurdly_large_are_named() {
         let [x, y, z] = stray;
         assert!(found.contains("a stray point lies") && found.contains(&format!("at {x},{y},{z}")), "{found}");
         assert!(
-            found.contains("--outliers drop") && found.contains("--bounds 500000,4000000,500029,4000029"),
+            found.contains("`outliers=drop`") && found.contains("`bounds=500000,4000000,500029,4000029`"),
             "{found}"
         );
         // The suggested remedies work.

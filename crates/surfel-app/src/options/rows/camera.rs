@@ -1,7 +1,7 @@
 //! Options for the camera.
 
-use crate::camera::CameraSource;
 use crate::options::row::{Commands, Group, Row, names_of, put};
+use crate::render_options::CameraSource;
 use crate::values;
 
 const fn camera(row: Row) -> Row {

@@ -1,7 +1,7 @@
 //! Options for the files that commands write, for several images and for jobs.
 
 use crate::options::row::{Commands, Group, Row, put, put_path};
-use crate::request::RenderOptions;
+use crate::render_options::RenderOptions;
 use crate::values;
 
 const fn output(row: Row) -> Row {

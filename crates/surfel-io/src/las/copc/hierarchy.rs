@@ -11,7 +11,7 @@ use crate::RegularFile;
 use crate::content::{Content, LoadOptions};
 use crate::error::{IoError, Location, Problem, READ};
 use crate::format::Format;
-use crate::load::{self, Loaded};
+use crate::loaded::{self, Loaded};
 use crate::survey::Source;
 use ::laz::{DecompressionSelection, LazVlr};
 use glam::DVec3;
@@ -247,7 +247,7 @@ impl Copc {
         let system = |source| IoError::System { path: path.clone(), action: READ, source };
         let not_regular = || system(io::Error::other("it is no regular file"));
         let mut file = RegularFile::open(path).map_err(system)?.ok_or_else(not_regular)?;
-        let loaded = load::run_plain(
+        let loaded = loaded::run_plain(
             |context| {
                 let mut header = Header::read(&mut file, self.file.bytes)?;
                 header.reads_withheld = context.options.withheld;

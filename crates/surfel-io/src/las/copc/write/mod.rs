@@ -682,7 +682,7 @@ impl<'a> Writer<'a> {
             let what =
                 format!("has {points} points in about one place, with the other inputs, which don't fit into memory");
             let problem = Problem::new(what).expected(format!("at most {}", self.limits.most_in_place));
-            let problem = problem.help("allow more (--memory), or leave out equal points before");
+            let problem = problem.help("allow more (`memory`), or leave out equal points before");
             return Err(self
                 .inputs
                 .first()

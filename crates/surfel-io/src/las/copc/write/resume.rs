@@ -70,7 +70,7 @@ impl Manifest {
             _ if self.version != other.version => format!("Surfel {}", m.version),
             _ if self.splats != other.splats => format!("splats: {}", m.splats),
             _ if self.columns != other.columns => format!("columns: {}", m.columns.as_deref().unwrap_or("none")),
-            Some([index, count]) if self.shard != other.shard => format!("--shard {index}/{count}"),
+            Some([index, count]) if self.shard != other.shard => format!("`shard={index}/{count}`"),
             None if self.shard != other.shard => "all of it".to_owned(),
             _ if self.inputs.len() != other.inputs.len() => format!("{} inputs", m.inputs.len()),
             _ => {
@@ -107,13 +107,13 @@ impl Kept {
         let system = |source| IoError::System { path: folder.clone(), action: WRITE, source };
         make_private(&folder).map_err(system)?;
         if let Some(what) = unsafe_content(&folder).map_err(system)? {
-            let problem = Problem::new(what).help("rename or delete it: its name is that of what --resume keeps");
+            let problem = Problem::new(what).help("rename or delete it: its name is that of what `resume` keeps");
             return Err(IoError::Invalid { path: folder, problem: Box::new(problem) });
         }
         let lock = open_own(&folder.join(LOCK), OpenOptions::new().create(true).truncate(false).write(true));
         let lock = lock.map_err(system)?;
         if matches!(lock.try_lock(), Err(TryLockError::WouldBlock)) {
-            return Err(system(io::Error::other("another run with --resume is writing it")));
+            return Err(system(io::Error::other("another run with `resume` is writing it")));
         }
         let kept = Self { folder: folder.clone(), _lock: lock };
         match kept.load::<Manifest>(MANIFEST)? {

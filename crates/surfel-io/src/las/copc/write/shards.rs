@@ -118,7 +118,7 @@ pub(super) fn done(inputs: &[PathBuf], output: &Path, shard: [u32; 2]) -> Result
         None => return Ok(report(summary, chunks, Vec::new())),
     };
     let problem = Problem::new(what).expected(format!("share {} of {} of these inputs", shard[0], shard[1]));
-    let help = "delete it, or give --force, to write it again";
+    let help = "delete it, or give `force`, to write it again";
     Err(IoError::Invalid { path: output.to_path_buf(), problem: Box::new(problem.help(help)) })
 }
 
@@ -146,7 +146,7 @@ impl Shard {
         (&mut file).take(HEAD_BYTES).read_to_end(&mut begin).map_err(system)?;
         if !begin.starts_with(&SIGNATURE) {
             let problem = Problem::new("is no share of a conversion").expected("shares only, as others of the inputs");
-            return Err(invalid(problem.help("put all that --shard wrote together, and nothing else")));
+            return Err(invalid(problem.help("put all that `shard` wrote together, and nothing else")));
         }
         let head_bytes = if begin.len() < 16 { u64::MAX } else { u64::from_le_bytes(field(&begin, 8)) };
         let start = HEAD_BYTES.saturating_add(head_bytes);
@@ -337,7 +337,7 @@ pub(super) fn merge(
     written.map(|()| {
         let is_wider = [summary.low, summary.high] != *ends;
         let note = "the inputs' headers have wider bounds than their points: the octree is as large as they say, and \
-                    may be smaller without --shard";
+                    may be smaller without `shard`";
         report(&summary, &chunks, if is_wider { vec![note.to_owned()] } else { Vec::new() })
     })
 }

@@ -166,7 +166,7 @@ impl Share {
             return Ok(());
         }
         let problem = Problem::new("has a point outside of the bounds in its header, which say who converts what");
-        Err(problem.help("convert without --shard, which asks no header; or mend the header"))
+        Err(problem.help("convert without `shard`, which asks no header; or mend the header"))
     }
 
     /// Completes the point counts of octants above the parts that other shards have parts of, too. Counts are exact up

@@ -588,7 +588,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     assert!(run(&inputs, &resume, true).is_err());
     let told = refused(&inputs[..2], &resume);
     assert!(told.contains("3 inputs") && told.contains("2 inputs") && told.contains("delete this folder"), "{told}");
-    assert!(refused(&inputs, &CopcOptions { shard: Some([0, 2]), ..resume.clone() }).contains("--shard 0/2"));
+    assert!(refused(&inputs, &CopcOptions { shard: Some([0, 2]), ..resume.clone() }).contains("`shard=0/2`"));
     let bytes = std::fs::read(&inputs[1]).unwrap();
     std::fs::write(&inputs[1], &bytes).unwrap();
     let time = std::time::SystemTime::UNIX_EPOCH + std::time::Duration::from_secs(77);
@@ -614,7 +614,7 @@ fn what_an_interrupted_conversion_left_is_of_that_conversion_only() {
     assert!(refused(&inputs, &resume).contains("holds thesis.txt"));
     std::fs::remove_dir_all(resume_folder(&output)).unwrap();
     let held = Kept::open(&output, &Manifest::new(&inputs, false, &CopcOptions::default()).unwrap()).unwrap();
-    assert!(refused(&inputs, &resume).contains("another run with --resume is writing it"));
+    assert!(refused(&inputs, &resume).contains("another run with `resume` is writing it"));
     // A run that was killed after the output appeared but before its folder was removed counts as done.
     let report = run(&inputs, &CopcOptions::default(), false).unwrap().unwrap();
     held.written(std::fs::metadata(&output).unwrap().len(), &report).unwrap();

@@ -1,0 +1,90 @@
+//! Wording of options in messages: as flags, or as Python's keywords.
+//!
+//! Packages below this one know neither flags nor keywords. Their messages name an option in a code span, by its name
+//! in the table with underscores, and with a value if it helps: `` `max_points` `` or `` `classes=all` ``. Programs
+//! word the spans. `xtask/tests/wording.rs` tests that no package below has a flag in its messages, and that each span
+//! is an option.
+
+use crate::options::{Row, table};
+use std::borrow::Cow;
+
+/// Returns a message with its options as flags: `` `classes=all` `` becomes `--classes all`.
+pub fn as_flags(message: &str) -> Cow<'_, str> {
+    worded(message, |row, value| match value {
+        None => format!("--{}", row.name),
+        Some(value) if row.missing.is_some() => format!("--{}={value}", row.name),
+        Some(value) => format!("--{} {value}", row.name),
+    })
+}
+
+/// Returns a message with its options as Python's keywords: `` `classes=all` `` becomes `classes="all"`, and a switch
+/// `repair=True`. Numbers and placeholders in capitals have no quotes.
+pub fn as_keywords(message: &str) -> Cow<'_, str> {
+    worded(message, |row, value| {
+        let name = row.name.replace('-', "_");
+        match value {
+            None if row.is_switch() => format!("{name}=True"),
+            None => name,
+            Some(value) if value.parse::<f64>().is_ok() || value.starts_with(char::is_uppercase) => {
+                format!("{name}={value}")
+            }
+            Some(value) => format!("{name}=\"{value}\""),
+        }
+    })
+}
+
+/// Replaces every code span that is an option.
+fn worded(message: &str, word: impl Fn(&Row, Option<&str>) -> String) -> Cow<'_, str> {
+    let mut text = String::new();
+    let mut rest = message;
+    while let Some(start) = rest.find('`') {
+        let after = &rest[start + 1..];
+        let Some(length) = after.find('`') else { break };
+        match option(&after[..length]) {
+            Some((row, value)) => {
+                text.push_str(&rest[..start]);
+                text.push_str(&word(row, value));
+                rest = &after[length + 1..];
+            }
+            // The second backquote may begin a span.
+            None => {
+                text.push_str(&rest[..=start]);
+                rest = after;
+            }
+        }
+    }
+    if text.is_empty() { message.into() } else { (text + rest).into() }
+}
+
+/// Returns the option that a span names, and its value.
+fn option(span: &str) -> Option<(&'static Row, Option<&str>)> {
+    let (name, value) = span.split_once('=').map_or((span, None), |(name, value)| (name, Some(value)));
+    let is_row = |row: &&Row| row.name.len() == name.len() && row.name.replace('-', "_") == name;
+    Some((table().rows().find(is_row)?, value))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn options_become_flags_and_keywords() {
+        for (message, flags, keywords) in [
+            ("no option", "no option", "no option"),
+            (
+                "left out (`all_points` keeps them)",
+                "left out (--all-points keeps them)",
+                "left out (all_points=True keeps them)",
+            ),
+            ("`classes=all`, or `max_points`", "--classes all, or --max-points", "classes=\"all\", or max_points"),
+            ("`edge_aa=off` and `size=WxH`", "--edge-aa=off and --size WxH", "edge_aa=\"off\" and size=WxH"),
+            (
+                "`storage=16`: `surfel convert` `repair` `",
+                "--storage 16: `surfel convert` --repair `",
+                "storage=16: `surfel convert` repair=True `",
+            ),
+        ] {
+            assert_eq!((as_flags(message).as_ref(), as_keywords(message).as_ref()), (flags, keywords));
+        }
+    }
+}

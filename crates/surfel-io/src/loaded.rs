@@ -1,0 +1,62 @@
+//! A loaded file, and the running of its reader.
+
+use crate::content::{Content, LoadOptions};
+use crate::context::Context;
+use crate::error::{Fault, IoError};
+use crate::files::Siblings;
+use crate::format::Format;
+use std::path::{Path, PathBuf};
+use surfel_model::Up;
+
+/// A loaded file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Loaded {
+    /// Geometry of the file.
+    pub content: Content,
+    /// Format of the file.
+    pub format: Format,
+    /// Up axis: as stated in the file, else the format's default. Defaults are +z for STL and point formats, −y for
+    /// Gaussian-splat PLY, SPLAT and SOG, and +y for all others. Cameras of Gaussian splats have +z forward and y down,
+    /// hence −y.
+    pub up: Up,
+    /// True if the splats are Gaussians.
+    pub gaussian: bool,
+    /// Messages for the user, as sentences without a full stop: what was dropped, ignored or assumed.
+    pub notes: Vec<String>,
+    /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
+    pub beside: Vec<PathBuf>,
+    /// Attributes found: "position", "normal", "colour", … and the names of those that Surfel doesn't interpret.
+    pub attributes: Vec<String>,
+}
+
+/// Runs a reader without access to other files.
+#[cfg(feature = "laz")]
+pub(crate) fn run_plain(
+    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
+    name: &Path,
+    options: &LoadOptions,
+) -> Result<Loaded, IoError> {
+    run(read, name, Siblings::None, options)
+}
+
+/// Runs a reader, and gathers its content and notes.
+pub(crate) fn run(
+    read: impl FnOnce(&mut Context<'_>) -> Result<(Format, Content), Fault>,
+    name: &Path,
+    siblings: Siblings,
+    options: &LoadOptions,
+) -> Result<Loaded, IoError> {
+    let mut context = Context::new(options, siblings);
+    let (format, content) = read(&mut context).map_err(|fault| fault.of(name))?;
+    let is_table = matches!(format, Format::Xyz | Format::Pts | Format::Npy | Format::Npz | Format::Raw);
+    if options.columns.is_some() && !is_table {
+        context
+            .note(format!("`columns` has no effect: it names the columns of tables of numbers, and this is {format}"));
+    }
+    let up = content.own_up().unwrap_or(format.default_up(context.gaussian));
+    let attributes = content.attributes();
+    let beside = context.siblings.asked();
+    let mut notes = context.take_notes();
+    notes.extend(context.textures.told());
+    Ok(Loaded { content, format, up, gaussian: context.gaussian, notes, beside, attributes })
+}

@@ -1,0 +1,16 @@
+//! Number of points of a file, and the memory that each needs.
+
+/// Number of points and memory per point, estimated from the start of a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PointCount {
+    /// Number of points; an estimate for text files.
+    pub points: u64,
+    /// True if points have splat radii, which Surfel adds to LAS files.
+    pub has_radii: bool,
+    /// True if points have normals, as far as the start of the file shows.
+    pub has_normals: bool,
+    /// True if points have colours, or may have them.
+    pub has_colors: bool,
+    /// Bytes per point of reading: those in the file, or, for LAS, those of the columns other than colour in memory.
+    pub row_bytes: u64,
+}
