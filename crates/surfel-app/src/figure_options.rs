@@ -34,13 +34,15 @@ pub struct FigureOptions {
     pub titles: Vec<String>,
     /// Titles to the left of the rows.
     pub row_titles: Vec<String>,
-    /// Number of things that the files show, with equally many files each; at least 1.
+    /// Number of subjects, at least 1: the files are divided, in their order, into this many groups of equal size.
+    /// `None`: 1.
     pub subjects: Option<u32>,
     /// Largest number of panels side by side; at least 1.
     pub wrap: Option<u32>,
-    /// Colour map of a row of distances to the first file.
+    /// Colour map for an additional row of panels, coloured by the distance to the first file. `None` adds no such row.
     pub error_row: Option<Colormap>,
-    /// Distance at the end of the error row's colour map; more than 0.
+    /// Distance at the end of the error row's colour map, in the units of the coordinates, more than 0. `None`: the
+    /// 98th percentile.
     pub error_max: Option<f64>,
     /// Marks over the panels.
     pub marks: Vec<MarkKind>,

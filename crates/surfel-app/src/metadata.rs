@@ -125,8 +125,8 @@ fn digits(hash: Sha256) -> String {
     hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect()
 }
 
-/// Returns the drawing options of a camera's image besides its scene, as flags of `render` by their long names. Options
-/// of the file format are added by the caller.
+/// Returns the options that determine an image in addition to its scene, by the long names of `surfel render`'s flags.
+/// The caller adds the options of the file format.
 ///
 /// # Errors
 /// Errors of [`RenderOptions::region_of`].

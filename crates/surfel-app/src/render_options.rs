@@ -106,7 +106,7 @@ pub struct RenderOptions {
     pub shader: Option<Shader>,
     /// Image of a lit sphere, which selects the shader matcap; `builtin` is the built-in image.
     pub matcap: Option<PathBuf>,
-    /// Largest projected splat size in pixels, more than 0, for octrees and COPC files.
+    /// Largest projected splat radius in pixels, more than 0, for octrees and COPC files.
     pub lod_error: Option<f64>,
     /// True if all points of COPC files are drawn, not only those that the view needs.
     pub all_levels: bool,
@@ -120,7 +120,7 @@ pub struct RenderOptions {
     pub bounce: Option<bool>,
     /// Ground below the scene; `Some(None)` for no ground.
     pub ground: Option<Option<GroundStyle>>,
-    /// Choices that other options leave open.
+    /// Named set of defaults for options that aren't set.
     pub style: Option<Style>,
     /// Colour of all objects, instead of those of their files.
     pub color: Option<Color>,
@@ -136,7 +136,8 @@ pub struct RenderOptions {
     pub label: Option<String>,
     /// True if the framed camera leaves room for the scene to turn about its up axis.
     pub turntable: bool,
-    /// True if interior weights are estimated for verifying the image against a preset.
+    /// True if the image is checked against the error that its preset promises (`--verify`). Interior weights are then
+    /// estimated when files are loaded.
     pub verify: bool,
 }
 
@@ -313,7 +314,7 @@ impl RenderOptions {
         given.into_iter().find_map(|(is_given, flag)| is_given.then_some(flag))
     }
 
-    /// Adds the planes that the options ask for to `others`.
+    /// Returns `others` with the planes added that these options request.
     #[must_use]
     pub fn planes_besides(&self, others: Planes) -> Planes {
         let others = others.with_index(others.index || self.wants_rows());

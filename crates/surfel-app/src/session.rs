@@ -216,8 +216,8 @@ impl Session {
 
     /// Shows a coarse selection of the points if the files aren't loaded yet and have many points.
     ///
-    /// Returns the loader of all points, whose result [`Session::adopt`] takes. Returns `None` if nothing was shown:
-    /// [`Session::show`] then shows the files, which are loaded already if they have few points.
+    /// Returns a loader of all points; pass its result to [`Session::adopt`]. Returns `None` if nothing was shown. Then
+    /// call [`Session::show`]; files with few points are already loaded.
     ///
     /// # Errors
     /// Errors of [`Session::show`].
@@ -245,7 +245,7 @@ impl Session {
         Ok(Some(Loader { request, stdin: self.stdin.clone() }))
     }
 
-    /// Stores what a loader has loaded, in place of a coarse selection.
+    /// Replaces the coarse selection of points by the files that a [`Loader`] has loaded.
     pub fn adopt(&mut self, loaded: Loaded) {
         self.loaded.retain(|loaded| !loaded.is_coarse);
         self.loaded.insert(0, loaded.0);
@@ -402,8 +402,8 @@ impl Session {
         self.backend.release_memory();
     }
 
-    /// Draws the scene shown last from the camera of these options, faster and less accurately than [`Session::draw`]:
-    /// for images between two still ones. All other options are ignored. Returns the camera.
+    /// Draws a preview of the scene shown last, faster and less accurate than [`Session::draw`], for use while the
+    /// camera moves. All options except those of the camera are ignored. Returns the camera and statistics.
     ///
     /// # Errors
     /// Errors of [`Session::draw`].

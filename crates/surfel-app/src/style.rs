@@ -3,7 +3,7 @@
 use surfel_model::{EdgeAa, GroundStyle};
 use surfel_stage::NamedLight;
 
-/// A named set of choices.
+/// Named set of defaults for options that aren't set.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Style {
     /// An image for a paper.

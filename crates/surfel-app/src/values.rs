@@ -30,10 +30,10 @@ fn by_name<T: Copy>(named: &[(&str, T)], text: &str) -> Result<T, String> {
 /// Defines a table of named values and its parser.
 macro_rules! named {
     ($function:ident, $all:ident, $type:ty, [$($name:literal => $value:expr),+ $(,)?]) => {
-        #[doc = concat!("Every [`", stringify!($type), "`] by its name.")]
+        #[doc = concat!("Names and values of every [`", stringify!($type), "`].")]
         pub const $all: &[(&str, $type)] = &[$(($name, $value)),+];
 
-        #[doc = concat!("A [`", stringify!($type), "`] by its name.")]
+        #[doc = concat!("Parses the name of a [`", stringify!($type), "`].")]
         pub fn $function(text: &str) -> Result<$type, String> {
             by_name($all, text)
         }

@@ -208,7 +208,7 @@ pub fn backends() -> Vec<BackendInfo> {
 pub struct Chosen {
     /// The backend.
     pub backend: Backend,
-    /// Name and rejection reason of each faster backend that is built in, one per line.
+    /// Name and rejection reason of each faster backend that is built in, one entry per backend.
     pub rejected: Vec<String>,
 }
 

@@ -216,7 +216,7 @@ impl<'a> Session<'a> {
         Ok(())
     }
 
-    /// True for an image that exists already, with `--skip-existing`.
+    /// True if the image exists already and `--skip-existing` is set.
     fn skips(&self, path: &Path) -> bool {
         self.args.skip_existing && path.is_file()
     }

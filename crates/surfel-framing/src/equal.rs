@@ -24,8 +24,8 @@ const CELLS: f64 = 16.0;
 const PATCHES_OF_CELLS: f64 = 6.0;
 
 impl Patches {
-    /// Returns this sample, or that of one object if all objects are equal, or that of one of its equal parts. Two
-    /// equal things are then judged as one of them would be.
+    /// Returns the sample of the first object if all objects have equal shapes, or of one of several equal parts, else
+    /// `self`. A row of equal shapes then gets the same up axis and view as one of them.
     pub fn one_of(self, objects: &[Object]) -> Self {
         if let [first, others @ ..] = objects
             && !others.is_empty()

@@ -321,7 +321,7 @@ pub struct LeftOut {
     pub times: f64,
 }
 
-/// Counts the points outside of the sphere that is framed.
+/// Counts the stray points outside the framed sphere `kept`. Returns `None` if there are none.
 pub fn left_out(scene: &Scene, kept: &Sphere) -> Option<LeftOut> {
     let add = |found: &mut LeftOut, p: DVec3, _: &Extent| {
         let times = p.distance(kept.middle) / kept.radius;
@@ -359,7 +359,8 @@ pub fn frame_camera(scene: &Scene, options: &FrameOptions) -> Option<Camera> {
     frame_within(scene, without_strays_of(scene), options)
 }
 
-/// Places a camera like [`frame_camera`] that shows the part of the scene inside a sphere; all of it without one.
+/// Places a camera like [`frame_camera`], for the part of the scene inside the sphere `kept`. `None` frames the whole
+/// scene.
 pub fn frame_within(scene: &Scene, kept: Option<Sphere>, options: &FrameOptions) -> Option<Camera> {
     let keep = |p: DVec3| kept.is_none_or(|sphere| sphere.contains(p));
     let (lo, hi) = bounds(scene, keep)?;

@@ -38,7 +38,7 @@ pub struct Patches {
     pub all: Vec<Patch>,
     /// World position that the patches' positions are relative to: the middle of their bounds.
     pub middle: DVec3,
-    /// World length of one unit here: half the diagonal of the patches' bounds.
+    /// World units per unit of the patches' lengths: half the diagonal of the bounds of their centres.
     pub scale: f64,
     /// Sum of the patches' areas.
     pub area: f64,
@@ -70,7 +70,8 @@ fn growth(total: usize) -> f64 {
 }
 
 impl Patches {
-    /// Returns the factor by which the axes of a sample of one object are grown.
+    /// Returns the factor by which the half-axes of an object's sampled patches are enlarged, so that the sample covers
+    /// the surface. It is 1 if every splat or triangle is sampled.
     pub fn growth(object: &Object) -> f64 {
         growth(count(&object.geometry))
     }
@@ -141,7 +142,7 @@ impl Patches {
         self.all.iter().map(|p| of(p) * p.area).sum::<DVec3>() / self.area
     }
 
-    /// Returns the lengths of the bounds.
+    /// Returns the size of the bounds of the patches' centres along x, y and z, in units of `scale`.
     pub fn extent(&self) -> DVec3 {
         let fold = |f: fn(DVec3, DVec3) -> DVec3| self.all.iter().map(|p| p.position).reduce(f).unwrap_or_default();
         fold(DVec3::max) - fold(DVec3::min)

@@ -47,7 +47,8 @@ impl Kind {
     }
 }
 
-/// Enlargement of the sphere around the rest of a sample, for points that aren't in the sample.
+/// Factor on the radius of the sphere around the sampled points that aren't strays, so that the sphere also contains
+/// points that weren't sampled.
 const SLACK: f64 = 1.1;
 /// Number of points below which none is a stray.
 const FEWEST: usize = 200;
@@ -116,7 +117,7 @@ pub fn without_strays(
     (farthest > kind.farther() * radius).then_some(Sphere { middle, radius })
 }
 
-/// Returns [`without_strays`] of a scene of which all points are known.
+/// Returns the result of [`without_strays`] for a scene whose points are `all`.
 pub fn without_strays_of(all: &[DVec3], kind: Kind) -> Option<Sphere> {
     let far = |middle: DVec3, limit: f64| all.iter().copied().filter(|p| p.distance(middle) > limit).collect();
     without_strays((all, all.len()), kind, far)

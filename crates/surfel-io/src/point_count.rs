@@ -11,6 +11,7 @@ pub struct PointCount {
     pub has_normals: bool,
     /// True if points have colours, or may have them.
     pub has_colors: bool,
-    /// Bytes per point of reading: those in the file, or, for LAS, those of the columns other than colour in memory.
+    /// Memory in bytes for reading one point: its record in the file or, for LAS, its columns in memory without
+    /// colours.
     pub row_bytes: u64,
 }

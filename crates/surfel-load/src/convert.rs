@@ -185,7 +185,8 @@ pub(crate) fn points(
     finished((cloud, true), report, path, options, notes, progress)
 }
 
-/// Converts selected points to splats. With `above`, a place far above, normals face that place.
+/// Converts points to splats without selecting among them. If `above` is a position far above the points, estimated
+/// normals face it.
 pub fn splats_of_points(
     points: &PointCloud,
     above: Option<DVec3>,

@@ -60,7 +60,7 @@ pub struct Effect {
     pub option: &'static str,
     /// Kinds of files.
     pub inputs: Inputs,
-    /// True if the options have this one set.
+    /// Function that returns true if the option is set.
     pub given: fn(&LoadOptions) -> bool,
 }
 
@@ -69,7 +69,7 @@ const ROWS: Inputs = Inputs::POINTS.and(Inputs::SPLATS);
 /// Files whose values can be colours.
 const VALUES: Inputs = ROWS.and(Inputs::MESHES);
 
-/// Effects of the options that don't affect every file, and of those that only some files need.
+/// Kinds of files that loading options have an effect on. Options that aren't listed affect every file.
 pub const EFFECTS: [Effect; 20] = [
     effect("color_by", VALUES, |o| o.color_by.is_some()),
     effect("labels", VALUES, |o| o.labels.is_some()),

@@ -16,10 +16,10 @@ pub enum Levels {
         views: Arc<[View]>,
         /// Transformation from the file's coordinates to world space.
         world_from_object: DAffine3,
-        /// Largest projected splat size in pixels, more than 0; finer points are skipped.
+        /// Largest projected splat radius in pixels, more than 0. Points of finer levels are skipped.
         error_px: f64,
-        /// Margin in pixels around the view frustum; points whose splats are farther outside are skipped. This applies
-        /// only if the file states radii and normals and only their image is asked for. `None` skips no points.
+        /// Margin in pixels around the view frustum. Points whose splats are farther outside are skipped, if the file
+        /// stores radii and normals and nothing but an image is needed. `None` skips no points.
         sight_px: Option<f64>,
     },
 }
@@ -29,7 +29,7 @@ pub enum Levels {
 pub struct Seen<'a> {
     /// Views of one image, or of all images of a movie, so that the selection doesn't change between them.
     pub views: &'a [View],
-    /// Largest projected splat size in pixels, as in [`Levels::Views`].
+    /// Largest projected splat radius in pixels, as in [`Levels::Views`].
     pub error_px: f64,
     /// Margin around the view frustum in pixels, as in [`Levels::Views`].
     pub sight_px: Option<f64>,

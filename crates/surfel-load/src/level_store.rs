@@ -43,8 +43,8 @@ impl Default for LevelStore {
 }
 
 impl LevelStore {
-    /// Creates a store with decoded nodes, for images that each select their own nodes. The nodes use the part of
-    /// [`LoadOptions::memory`] that an image's points don't need.
+    /// Creates a store that also caches decoded nodes, for images that each select their own nodes. The cache uses the
+    /// part of [`LoadOptions::memory`] that an image's points don't need.
     pub fn keeping_nodes() -> Self {
         Self { nodes: Some(Arc::default()), ..Self::default() }
     }
@@ -55,7 +55,8 @@ impl LevelStore {
         Self { least_memory, ..self }
     }
 
-    /// Returns the path of the temporary COPC file that was written of a file without stated column names.
+    /// Returns the path of the temporary COPC copy of a file that was loaded without stated column names; `None` if
+    /// there is none.
     pub fn converted(&self, path: &Path) -> Option<PathBuf> {
         let slot = lock(&self.converted).get(&(path.to_path_buf(), None))?.clone();
         let converted = lock(&slot);

@@ -574,7 +574,7 @@ pub struct CopcRequest {
     pub columns: Option<TableColumns>,
 }
 
-/// Describes what was written.
+/// Formats the numbers of points, nodes and levels of a written COPC file for a message.
 pub fn summary(report: &CopcReport) -> String {
     let [points, nodes, levels] =
         [(report.points, "points"), (report.nodes as u64, "nodes"), (report.levels as u64, "levels")]

@@ -57,7 +57,8 @@ fn color(made: &mut LoadedCloud, job: &ColorJob) -> Result<(), Error> {
     Ok(())
 }
 
-/// Describes a file that lacks the attribute it is to be coloured by.
+/// Converts a missing attribute to the report that the option `color_by` has no effect on the file. The report lists
+/// the attributes that the file has.
 pub fn without_attribute(job: &ColorJob, lacking: &Lacking) -> UnusedOption {
     let holds = format!("no attribute '{}' but {}", job.attribute.escape_debug(), lacking.known.join(", "));
     UnusedOption { option: "color_by", holds: holds.into(), expected: "one of these".into() }
@@ -194,7 +195,8 @@ fn numbered(
     Ok(cloud)
 }
 
-/// Makes splats from a file's content, and returns how they are to be coloured.
+/// Converts a file's content to splats. Also returns the request for colouring them by an attribute; `None` if they
+/// aren't coloured by one.
 pub fn splats_of(
     loaded: Loaded,
     path: &Path,

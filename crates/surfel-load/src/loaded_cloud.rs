@@ -35,7 +35,7 @@ pub struct LoadedCloud {
     pub up: Up,
     /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
     pub up_reason: Option<UpReason>,
-    /// True if the splats cover a closed mesh from outside, so that their backs are never visible.
+    /// True if the splats cover a watertight mesh from outside, so that their backs are never visible.
     pub closed: bool,
     /// True if the splats were Gaussians, whose alphas are opacities of a volume.
     pub gaussian: bool,
@@ -51,6 +51,6 @@ pub struct LoadedCloud {
     pub notes: Vec<String>,
     /// Files that the file refers to, such as textures and buffers, whether they exist or not; sorted.
     pub beside: Vec<PathBuf>,
-    /// Options without effect on what the file holds.
+    /// Loading options that have no effect on the file's content.
     pub unused: Vec<UnusedOption>,
 }

@@ -68,25 +68,25 @@ pub struct ObjectFacts {
     pub up: Up,
     /// Reason why the up axis is certain; `None` for the default of a format whose files occur with any axis up.
     pub up_reason: Option<UpReason>,
-    /// True if the file held points, without extent or polygons.
+    /// True if the splats were made from points.
     pub points: bool,
-    /// Reason why the file's points tell no surface, if they don't.
+    /// Reason why the file's points don't suffice to estimate a surface; `None` if they do.
     pub sparse: Option<SparseReason>,
-    /// True if the file's points are so few that they may tell no surface.
+    /// True if the file has so few points that they may not suffice to estimate a surface.
     pub few: bool,
-    /// True if the file determines whether the splats cover a closed surface from outside, by a mesh's edges or a
-    /// comment.
+    /// True if a mesh's edges or a comment of the file determine whether the surface is watertight, so that this isn't
+    /// estimated.
     pub sides_known: bool,
     /// True if the object has colours.
     pub colored: bool,
-    /// True if the file or its mesh states that the splats cover a closed surface from outside.
+    /// True if the file or its mesh states that the splats cover a watertight surface from outside.
     pub closed: bool,
     /// True if overlapping splats hardly differ in depth: they were made from a mesh of flat parts, or clipped by
     /// `sharp`.
     pub flat: bool,
     /// True if overlapping splats differ little in depth: they are at least as many as the triangles of their mesh.
     pub fine: bool,
-    /// True if the splats are there for each side that is visible, so that back faces are always culled.
+    /// True if the cloud has separate splats for each visible side of the surface. Back faces are then always culled.
     pub each_side: bool,
     /// True if only coarse levels of the file were read ([`refine_objects`](crate::scene::refine_objects)).
     pub partial: bool,

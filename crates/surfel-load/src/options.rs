@@ -81,8 +81,8 @@ pub struct LoadOptions {
     pub condition: Option<String>,
     /// Step of decimation, at least 1: every n-th point is used, after all other selections. `None`: every point.
     pub every: Option<u32>,
-    /// True if points are used that are otherwise dropped: more than 16 at exactly (0, 0, 0), and more than 16 at one
-    /// place.
+    /// True if coincident points are used. By default, points are dropped if more than 16 are at exactly (0, 0, 0), or
+    /// at any other position.
     pub all_points: bool,
     /// True if points that their file flags as withheld are read too.
     pub withheld: bool,
@@ -216,9 +216,9 @@ impl LoadOptions {
             || self.every.is_some()
     }
 
-    /// Adds what these settings may need from a file: Gaussians as trained, and interior weights for A-buffers and
-    /// edges antialiased by coverage. Once a scene is loaded, [`surfel_render::needs_interior_weight`] returns whether
-    /// it does need the latter.
+    /// Enables the loading options that these render settings may need: trained Gaussians for [`Composite::Over`], and
+    /// interior weights for A-buffers and coverage antialiasing. For a loaded scene,
+    /// [`surfel_render::needs_interior_weight`] returns whether interior weights are needed.
     #[must_use]
     pub fn for_settings(self, settings: &Settings) -> Self {
         let coverage = settings.edge_aa == EdgeAa::Coverage;
@@ -275,7 +275,7 @@ impl Default for LoadOptions {
     }
 }
 
-/// Returns the options that readers use.
+/// Converts loading options to the options of `surfel-io`'s readers.
 pub fn io_options(options: &LoadOptions) -> surfel_io::LoadOptions {
     surfel_io::LoadOptions {
         repair: options.repair,

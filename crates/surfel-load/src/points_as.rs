@@ -93,7 +93,7 @@ pub fn spacing(cloud: &SplatCloud) -> f64 {
     *median / surfel_sample::DENSITY
 }
 
-/// Reason for which no surface is estimated from the points of a file.
+/// Reason why the points of a file don't suffice to estimate a surface, so that they are drawn as balls by default.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SparseReason {
@@ -102,7 +102,7 @@ pub enum SparseReason {
     Few,
     /// Many points lie on lines, or are isolated.
     Loose,
-    /// Other files that are drawn with it are few and rough, and its own points are few, without normals and radii.
+    /// The file has few points, without normals and radii, and another file drawn with it has too few and rough points.
     Others,
 }
 

@@ -179,7 +179,7 @@ impl LoadedObjects {
         Ok(())
     }
 
-    /// Adds the values of the attributes that these objects are to be coloured by.
+    /// Adds the attribute values of these objects to `tallies`, for a colouring that several scenes share.
     pub fn tally(mut self, tallies: &mut Tallies) {
         let jobs = std::mem::take(&mut self.color_jobs.0);
         let mut clouds: Vec<Shared> = Vec::new();

@@ -13,7 +13,7 @@
 use crate::mapping::{Footprint, Linear};
 use crate::{Real, V2};
 
-/// Turn of a curve's control polygon below which the curve is replaced by its chord (§7).
+/// Absolute [`Curve::turn`] (twice the area of the control polygon) below which a curve is replaced by its chord (§7).
 const STRAIGHT: f64 = 1e-9;
 /// Weight beyond which the curve equals its control polygon, up to far below f32's precision.
 const MOST_WEIGHT: f64 = 1e12;

@@ -6,7 +6,7 @@
 macro_rules! setters {
     ($($with:ident $field:ident: $type:ty,)*) => {
         $(
-            #[doc = concat!("With another [`", stringify!($field), "`](Self::", stringify!($field), ").")]
+            #[doc = concat!("Sets [`", stringify!($field), "`](Self::", stringify!($field), ").")]
             #[must_use]
             pub fn $with(mut self, $field: $type) -> Self {
                 self.$field = $field;

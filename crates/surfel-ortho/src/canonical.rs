@@ -28,7 +28,7 @@ enum Axis {
     Decimal { numerator: f64, denominator: f64 },
     /// Rounds to the nearest 32-bit float.
     F32,
-    /// Doesn't round.
+    /// No rounding.
     Exact,
 }
 

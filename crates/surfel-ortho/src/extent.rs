@@ -14,7 +14,8 @@ use surfel_model::Outliers;
 const ENOUGH: u32 = 3;
 /// Largest extent of a file in degrees. Files with larger extents are rare, and local coordinates are mostly wider.
 const WIDEST_DEG: f64 = 5.0;
-/// Finest step of coordinates in lengths; a degree value of this size is about a metre.
+/// Largest decimal step of x and y that suggests degrees: 1e-5° is about a metre. Coordinates that are lengths usually
+/// have coarser steps.
 const FINE: f64 = 1e-5;
 /// Number of pixels up to which an image is never excessively large.
 const ABSURD_PX: f64 = 4e6;

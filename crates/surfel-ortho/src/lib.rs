@@ -166,7 +166,7 @@ pub struct Ortho {
     pub crs: Option<Crs>,
     /// Notes for the user, as sentences without a full stop, with the file that each is about; `None` for the image.
     pub notes: Vec<(Option<PathBuf>, String)>,
-    /// Options without effect on what the files hold.
+    /// Loading options that have no effect on a file's content, with the path of the file.
     pub unused: Vec<(PathBuf, UnusedOption)>,
     /// Colouring by values, and the first file coloured by it.
     pub coloring: Option<(PathBuf, Coloring)>,

@@ -101,7 +101,7 @@ struct Outline {
     /// Least offset of an edge that has all points inside, by curvature and direction.
     least: [[f32; DIRECTIONS]; CURVATURES.len()],
     is_empty: bool,
-    /// Radius of the window.
+    /// Radius of the window, in the units of x and y.
     window: f64,
     /// Index of the window's size in `SIZES`.
     size: usize,

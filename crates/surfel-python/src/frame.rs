@@ -250,7 +250,7 @@ impl NativeFrame {
         text.map_err(|error| errors::raise(py, &error))
     }
 
-    /// Returns the recipe, from which `frame_of` recreates the image together with its planes.
+    /// Returns the recipe as JSON: the scene and options from which `frame_of` draws the image and its planes again.
     fn recipe(&self, py: Python<'_>) -> PyResult<Option<String>> {
         let recipe = self.recipe.as_ref();
         let text = py.detach(|| recipe.map(Recipe::to_json).transpose());

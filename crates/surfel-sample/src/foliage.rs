@@ -32,9 +32,10 @@ const FOREST_SAMPLE: usize = 4096;
 const STEEP: f64 = 0.5;
 /// Weight of the direction toward the outside in a normal, relative to the spread of the neighbours.
 const OUTSIDE: f64 = 0.5;
-/// Two limits, in units of the density radius for the typical spacing: the largest radius of a tangled point (`MOST`),
-/// and the radius above which a point in a surface is tested for foliage (`LARGE`).
+/// Largest radius of a point whose neighbours form no plane ([`Evidence::TANGLED`]), in units of the density radius for
+/// the typical spacing.
 const MOST: f64 = 1.3;
+/// Radius above which a surface point is tested for foliage, in the same units.
 const LARGE: f64 = 2.0;
 
 /// Reclassifies foliage points without stored normals, and assigns them normals of the crown. Their disks reach to the

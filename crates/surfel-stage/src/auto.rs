@@ -122,9 +122,10 @@ pub fn auto_depth_tolerance(loaded: &LoadedObjects) -> Option<DepthTolerance> {
     largest.flatten().map(DepthTolerance::Relative)
 }
 
-/// Chooses balls for the objects without a scene file whose points tell no surface, unless their options state a kind
-/// of splat. If one has them because its points are few and rough, others with few points have them, too: files that
-/// are compared look alike. Returns a note for each. `objects` are those of `loaded`, in order.
+/// Selects balls for objects whose points don't suffice to estimate a surface ([`ObjectFacts::sparse`]), unless their
+/// options state a kind of splat. If one object gets balls because its points are few and rough, all objects with few
+/// points get balls, so that compared files look alike. `objects` are those of `loaded`, in order. Returns a note for
+/// each changed file.
 pub fn auto_points_as(loaded: &LoadedObjects, objects: &mut [ObjectFile]) -> Vec<ObjectNote> {
     let any_few = loaded.facts.iter().any(|facts| facts.sparse == Some(SparseReason::Few));
     let mut notes = Vec::new();
@@ -161,7 +162,7 @@ pub fn auto_scene(objects: Vec<ObjectFile>, loaded: &LoadedObjects, options: &Au
     scene_by(&Estimates::default(), objects, loaded, options)
 }
 
-/// Creates a scene file like [`auto_scene`], by cached estimates of the loaded objects.
+/// Creates a scene file like [`auto_scene`], and reuses cached estimates of the loaded objects.
 pub fn scene_by(
     estimates: &Estimates,
     objects: Vec<ObjectFile>,

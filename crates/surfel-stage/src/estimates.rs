@@ -35,7 +35,7 @@ fn last<K: PartialEq, V: Clone>(known: &Mutex<Option<(K, V)>>, key: K, compute: 
 }
 
 impl Estimates {
-    /// Returns [`LoadedObjects::framed`].
+    /// Returns the objects with only the splats that influence the camera ([`LoadedObjects::framed`]).
     pub fn framed(&self, loaded: &LoadedObjects) -> LoadedObjects {
         let framed = self.framed.get_or_init(|| loaded.framed()).clone();
         LoadedObjects { facts: loaded.facts.clone(), ..framed }
@@ -48,7 +48,7 @@ impl Estimates {
         *self.kept.get_or_init(find)
     }
 
-    /// Returns [`surfel_framing::center_within`] the sphere that is framed.
+    /// Returns the middle of the framed part of the scene ([`surfel_framing::center_within`]).
     pub fn center(&self, loaded: &LoadedObjects, scene: &Scene) -> Option<DVec3> {
         *self.center.get_or_init(|| surfel_framing::center_within(scene, self.kept(loaded, scene)))
     }
@@ -57,7 +57,8 @@ impl Estimates {
         self.whites.get_or_init(|| Whites::of(loaded))
     }
 
-    /// Returns for each object whether it hides its back.
+    /// Returns a flag per object, true if its back is never visible because it is watertight. `estimate` computes the
+    /// flags on the first call.
     pub fn closed(&self, estimate: impl FnOnce() -> Vec<bool>) -> &[bool] {
         self.closed.get_or_init(estimate)
     }
@@ -67,7 +68,7 @@ impl Estimates {
         last(&self.lighting, up, |up| Lighting::of(loaded, *up))
     }
 
-    /// Returns [`surfel_framing::frame_within`] the sphere that is framed.
+    /// Returns the camera that frames the scene without its stray points ([`surfel_framing::frame_within`]).
     pub fn camera(&self, loaded: &LoadedObjects, scene: &Scene, options: FrameOptions) -> Option<Camera> {
         last(&self.camera, options, |options| surfel_framing::frame_within(scene, self.kept(loaded, scene), options))
     }

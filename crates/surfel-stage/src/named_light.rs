@@ -52,8 +52,8 @@ impl NamedLight {
         }
     }
 
-    /// Returns the sky of the light for a scene with this up axis, seen first from `camera`; `None` for lights that
-    /// follow the camera. The light stands still when the camera moves.
+    /// Returns the light's sky for a scene with this up axis, oriented by the first `camera`. The sky stays fixed when
+    /// the camera moves. `None` for lights that follow the camera.
     pub fn sky(self, up: DVec3, camera: &Camera) -> Option<Sky> {
         let Parts { above, below, area } = self.parts()?;
         let ViewAxes { right, .. } = ViewAxes::of(camera);

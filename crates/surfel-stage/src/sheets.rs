@@ -7,7 +7,7 @@ use surfel_framing::patches::{Patch, Patches};
 use surfel_model::Object;
 use surfel_render::View;
 
-/// Cosine of the angle between two normals from which they face the same way, or opposite ways (60°).
+/// Cosine of 60°: a surface whose normal is within 60° of the reverse of a patch's normal is the underside of a sheet.
 const ALIKE: f64 = 0.5;
 /// Share of the patches, and number of them, that lie on a sheet over another surface at least.
 const LEAST: (f64, usize) = (0.001, 4);

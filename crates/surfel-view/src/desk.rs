@@ -235,7 +235,7 @@ impl Desk {
         Ok((PIXELS, session.frame().rgba8().as_flattened().to_vec(), stats))
     }
 
-    /// Draws an image while something moves.
+    /// Draws a preview, faster and less accurate, while the camera moves.
     fn glance(&mut self, client: usize, request: &Value, progress: &dyn Progress) -> Result<Answer, String> {
         let start = Instant::now();
         let asked = self.asked(request, MAX_PIXELS)?;

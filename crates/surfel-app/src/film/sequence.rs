@@ -1,8 +1,9 @@
 //! Sequences: files that are the frames of one film.
 //!
-//! A sample of the files is loaded first, and thinned. All its files together are framed, lit and coloured as one
-//! scene of several objects is. The resulting scene file has one object, whose file changes from frame to frame. A
-//! frame so depends on nothing but its own file and these choices, and the scene file of each frame draws it again.
+//! [`Sequence::survey`] loads a sample of the files and thins it. The sample is framed, lit and coloured as one scene
+//! of several objects. The result is one scene file with a single object, whose file changes from frame to frame. Each
+//! frame therefore depends only on its own file and on the choices made for all frames. The scene file of a frame
+//! ([`Sequence::scene`]) is enough to draw that frame again.
 
 use crate::render_options::{RenderOptions, SplatOptions};
 use crate::request::{Pictures, Request, Resolved, SceneSource, Source, Turntable, up_note, with_shadows};

@@ -115,11 +115,11 @@ pub struct Options {
     pub dsm: Option<PathBuf>,
     /// GeoTIFF of normals.
     pub normals: Option<PathBuf>,
-    /// Bounds of an orthoimage.
+    /// Bounds of an orthoimage in the units of x and y: least x and y, then largest.
     pub bounds: Option<[f64; 4]>,
     /// Point at which a corner of an orthoimage's pixels lies.
     pub origin: Option<[f64; 2]>,
-    /// Radius up to which gaps of an orthoimage are filled.
+    /// Radius of the largest circle that fits into gaps to be filled, in the units of x and y; `None` fills no gaps.
     pub fill: Option<f64>,
     /// EPSG code of an orthoimage's coordinate reference system.
     pub crs: Option<u16>,

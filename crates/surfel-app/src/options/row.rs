@@ -195,7 +195,7 @@ pub struct Row {
     pub default: Option<&'static str>,
     /// Value of the option if it is given without one; `None` if a value is required.
     pub missing: Option<&'static str>,
-    /// Names that the value may have.
+    /// Function that returns the names that are valid values; `None` if the value isn't a name.
     pub names: Option<fn() -> Vec<&'static str>>,
     /// True if the value may be something else than one of [`Self::names`].
     pub is_open: bool,
@@ -209,9 +209,9 @@ pub struct Row {
     pub help: &'static str,
     /// Details after that sentence; empty if there are none.
     pub more: &'static str,
-    /// Task.
+    /// Task under which help lists the option.
     pub group: Group,
-    /// Readers.
+    /// Readers that the option is meant for; help lists options for experts last.
     pub audience: Audience,
     /// Commands with this option.
     pub commands: Commands,
@@ -219,7 +219,7 @@ pub struct Row {
     pub keyword: Commands,
     /// Type in Python's stubs; empty for switches and named values, whose type follows.
     pub python: &'static str,
-    /// Text between a sequence's values in Python.
+    /// Separator that joins the values of a Python sequence to the option's text.
     pub separator: &'static str,
     /// True if the value is part of [`crate::request::RenderOptions`].
     pub is_image: bool,
@@ -410,7 +410,7 @@ impl Row {
         Self { missing: Some(value), ..self }
     }
 
-    /// Allows the option several times.
+    /// Allows the option to be given several times.
     #[must_use]
     pub const fn repeated(self) -> Self {
         Self { is_repeated: true, ..self }

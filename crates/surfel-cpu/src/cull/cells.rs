@@ -60,7 +60,8 @@ struct PartInView {
     part: Part,
     /// Number of splats or triangles; both cost about the same.
     splats: f64,
-    /// Memory of the part's records, in records.
+    /// Memory that the part's records and their tile entries need, as a number of records of splats that touch one tile
+    /// each.
     load: f64,
     /// Total area of the part's splats, in pixels.
     area_px: f64,

@@ -23,16 +23,19 @@ pub(crate) struct BallRecord {
     pub anchor: [f32; 2],
     /// Centre of the outline, relative to `base`.
     pub middle: [f32; 2],
-    /// The outline.
+    /// Half extents of the outline along x and y, in pixels.
     pub extent: [f32; 2],
+    /// Correlation of x and y in the outline, in (−1, 1).
     pub skew: f32,
+    /// √(1 − skew²).
     pub width: f32,
     /// p_xy/p_z of the centre (perspective only).
     pub slope: [f32; 2],
     /// Radius over p_z (perspective), or radius (orthographic).
     pub size: f32,
-    /// Depth of the centre, and a lower bound of the depth of fragments.
+    /// Depth of the centre.
     pub z: f32,
+    /// Lower bound of the depth of fragments.
     pub z_min: f32,
     pub color: [f32; 3],
     /// Opacity; 1 if alphas don't count.

@@ -172,7 +172,7 @@ impl<'a> Layout<'a> {
         i.is_some_and(|i| self.value(row, i) != 0.0)
     }
 
-    /// False if the point is flagged as invalid.
+    /// True unless the point is flagged as invalid.
     pub(super) fn is_valid(&self, row: &[RecordValue]) -> bool {
         !self.is_flagged(row, self.invalid)
     }

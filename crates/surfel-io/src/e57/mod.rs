@@ -130,7 +130,7 @@ impl Typed {
 /// Points read so far.
 #[derive(Default)]
 struct Points {
-    /// Maximum number of points.
+    /// Number of points that the file states, limited by the file's size.
     expected: usize,
     origin: Option<DVec3>,
     high: Vec<Vec3>,

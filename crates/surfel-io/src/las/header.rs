@@ -22,8 +22,9 @@ pub(super) struct Header {
     pub(super) compressed: bool,
     /// Bytes of a point record, with extra bytes.
     pub(super) record_bytes: usize,
-    /// Byte offsets of the first point and of the end of the points, at most.
+    /// Byte offset of the first point.
     pub(super) start: u64,
+    /// Upper bound of the byte offset at which the points end.
     pub(super) end: u64,
     /// Number of points that the header states.
     pub(super) count: u64,

@@ -11,7 +11,7 @@ use surfel_framing::{UpConvention, upright};
 use surfel_model::PointCloud;
 use surfel_model::{Colormap, ExtraColumn, Geometry, Material, ModelError, Object, SplatCloud, Up};
 
-/// Choice of the colours of values.
+/// Options for colouring by an attribute: colour map, names of categories, and range of values.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Colors {
     /// The colour map; `None`: chosen by the values.
@@ -51,7 +51,7 @@ pub struct ColorJob {
     pub up: Option<Up>,
     /// Conventional up axis for files of this kind.
     pub convention: UpConvention,
-    /// Names of attributes that the file has besides those of the splats.
+    /// Names of the mesh's attributes that may not have been transferred to the splats, for messages.
     pub others: Vec<String>,
 }
 
@@ -80,7 +80,7 @@ pub struct Colorings {
     axis: Option<Up>,
 }
 
-/// Splats that are coloured together with others.
+/// Splats of one file that share a colour scale with other files.
 pub struct Member<'a> {
     /// The request.
     pub job: &'a ColorJob,
@@ -90,7 +90,7 @@ pub struct Member<'a> {
     pub is_colored: bool,
 }
 
-/// Splats that lack the attribute and become grey.
+/// Member whose file lacks the requested attribute; its splats become grey.
 pub struct Lacking {
     /// Index of the member.
     pub member: usize,

@@ -329,7 +329,7 @@ impl Block {
     }
 }
 
-/// Returns the weight in the lower half of the bits.
+/// Decodes the weight, a bfloat16 in the lower 16 bits.
 fn weight(bits: u32) -> f32 {
     f32::from_bits(bits << 16)
 }

@@ -26,7 +26,7 @@ pub(crate) struct EdgeSplat {
     pub(crate) color: [f32; 4],
 }
 
-/// Edge between two leaves.
+/// Mesh edge between faces that belong to two different leaves of the octree.
 struct LeafEdge {
     /// The leaves, the lower one first.
     leaves: [u32; 2],

@@ -82,7 +82,7 @@ pub enum LevelValues {
 }
 
 impl NodeColumns<'_> {
-    /// Returns what is decoded of a node's points.
+    /// Returns the fields to decode for the points of a node.
     fn of(self, node: u32) -> Decoded {
         match self {
             Self::All => Decoded::All,
