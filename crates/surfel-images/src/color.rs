@@ -44,6 +44,22 @@ pub fn nearest_16_bit(linear: f32) -> u16 {
     (srgb::encode(f64::from(linear).clamp(0.0, 1.0)) * 65_535.0 + 0.5) as u16
 }
 
+/// Converts a texel of 8-bit levels to a linear premultiplied colour.
+pub(crate) fn linear_8_bit([r, g, b, a]: [u8; 4]) -> [f32; 4] {
+    let table = linear_of_8_bit();
+    premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 255.0)
+}
+
+/// Converts a texel of 16-bit levels to a linear premultiplied colour.
+pub(crate) fn linear_16_bit([r, g, b, a]: [u16; 4]) -> [f32; 4] {
+    let table = linear_of_16_bit();
+    premultiply([r, g, b].map(|c| table[usize::from(c)]), f32::from(a) / 65_535.0)
+}
+
+fn premultiply([r, g, b]: [f32; 3], a: f32) -> [f32; 4] {
+    [r * a, g * a, b * a, a]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -49,20 +49,17 @@ mod decode;
 mod exr;
 pub mod film;
 #[cfg(feature = "jpeg")]
-mod jpeg;
-#[cfg(feature = "jpeg")]
 mod jpeg_writer;
 #[cfg(feature = "npz")]
 mod npz;
 mod planes;
 mod png;
 mod read;
+mod reduce;
 pub mod stitch;
 pub mod texture;
 #[cfg(feature = "tiff")]
 mod tiff;
-#[cfg(feature = "webp")]
-mod webp;
 
 #[cfg(feature = "exr")]
 pub use exr::{ExrOptions, save_exr, write_exr};

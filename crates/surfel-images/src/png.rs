@@ -1,9 +1,10 @@
-//! Writing of PNG: sRGB-encoded with straight alpha, 8 or 16 bits.
+//! Writing of PNG, sRGB-encoded with straight alpha, 8 or 16 bits; and reading of its texts.
 
 use crate::color::nearest_16_bit;
+use crate::decode::is_png;
 use crate::planes::PlanesView;
 use std::borrow::Cow;
-use std::io::{self, Write};
+use std::io::{self, Cursor, Write};
 use std::path::Path;
 use surfel_files::atomic;
 use surfel_files::error::IoError;
@@ -92,4 +93,23 @@ fn to_16_bit(color: [f32; 4]) -> [u8; 8] {
     let [r, g, b] = [r, g, b].map(|c| nearest_16_bit(c).to_be_bytes());
     let a = ((a * 65_535.0 + 0.5) as u16).to_be_bytes();
     [r[0], r[1], g[0], g[1], b[0], b[1], a[0], a[1]]
+}
+
+/// Returns keywords and texts of a PNG's `tEXt` and `iTXt` chunks before its pixels, in order of keyword; nothing for
+/// other formats.
+pub(super) fn texts(bytes: &[u8]) -> Vec<(String, String)> {
+    if !is_png(bytes) {
+        return Vec::new();
+    }
+    let Ok(reader) = png::Decoder::new(Cursor::new(bytes)).read_info() else { return Vec::new() };
+    texts_of(reader.info())
+}
+
+/// Returns the texts of a PNG that has been read up to its pixels.
+pub(super) fn texts_of(info: &png::Info<'_>) -> Vec<(String, String)> {
+    let latin = info.uncompressed_latin1_text.iter().map(|c| (c.keyword.clone(), c.text.clone()));
+    let utf8 = info.utf8_text.iter().filter_map(|c| Some((c.keyword.clone(), c.get_text().ok()?)));
+    let mut texts: Vec<_> = latin.chain(utf8).collect();
+    texts.sort();
+    texts
 }

@@ -1,6 +1,7 @@
 //! Reading of images.
 
-use crate::decode::{self, Samples, can_hold, decode, size_of};
+use crate::color::{linear_8_bit, linear_16_bit};
+use crate::decode::{Samples, can_hold, decode, is_image, size_of};
 use crate::planes::Planes;
 use std::path::Path;
 use surfel_files::error::{Fault, IoError, Problem, quote};
@@ -33,7 +34,7 @@ pub fn read_image_bytes(bytes: &[u8], name: &Path) -> Result<Planes, IoError> {
             return crate::exr::read(bytes);
             #[cfg(not(feature = "exr"))]
             return Err(Problem::not_built("OpenEXR", "exr"));
-        } else if decode::is_image(bytes) {
+        } else if is_image(bytes) {
             read_color(bytes)
         } else {
             let found = quote(&bytes[..bytes.len().min(12)]);
@@ -62,9 +63,9 @@ fn read_color(bytes: &[u8]) -> Result<Planes, Problem> {
     }
     let image = decode(bytes, MAX_DECODED_BYTES).map_err(problem)?;
     let color = match image.samples {
-        Samples::Eight(texels) => texels.into_iter().map(decode::linear_8_bit).collect(),
-        Samples::Sixteen(texels) => texels.into_iter().map(decode::linear_16_bit).collect(),
+        Samples::Eight(texels) => texels.into_iter().map(linear_8_bit).collect(),
+        Samples::Sixteen(texels) => texels.into_iter().map(linear_16_bit).collect(),
     };
-    let metadata = decode::texts(bytes);
+    let metadata = crate::png::texts(bytes);
     Ok(Planes { width: image.width, height: image.height, color: Some(color), metadata, ..Planes::default() })
 }

@@ -326,7 +326,7 @@ fn open_png(file: BufReader<File>) -> Result<(ImageHeader, Rows), Problem> {
         }
     };
     check_side(info.width, info.height)?;
-    let metadata = super::decode::texts_of(info);
+    let metadata = super::png::texts_of(info);
     let header = ImageHeader { width: info.width, height: info.height, samples: Samples::Png(depth), metadata };
     Ok((header, Rows::Png(Box::new(reader))))
 }

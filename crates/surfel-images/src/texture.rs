@@ -1,6 +1,7 @@
 //! Base-colour textures and matcaps: PNG, JPEG or WebP decoded to 8-bit texels.
 
-use crate::decode::{can_hold, decode_reduced, is_cut_jpeg, size_of};
+use crate::decode::{can_hold, is_cut_jpeg, size_of};
+use crate::reduce::decode_reduced;
 use std::path::Path;
 use surfel_files::error::{Fault, IoError, Problem, quote};
 use surfel_files::input;

@@ -5,7 +5,7 @@
 use flate2::Compression;
 use flate2::write::GzEncoder;
 use glam::DVec3;
-use image_webp::{ColorType, WebPEncoder};
+use image::{ExtendedColorType, codecs::webp::WebPEncoder};
 use std::io::Write;
 use std::path::Path;
 use surfel_io::{Content, Format, LoadOptions, Loaded, load_bytes};
@@ -220,7 +220,7 @@ fn zip(members: &[(&str, Vec<u8>)]) -> Vec<u8> {
 /// Builds an image of one row of two pixels, the second one beyond the splat count.
 fn picture(texel: [u8; 4]) -> Vec<u8> {
     let mut bytes = Vec::new();
-    WebPEncoder::new(&mut bytes).encode(&[texel, [7; 4]].concat(), 2, 1, ColorType::Rgba8).unwrap();
+    WebPEncoder::new_lossless(&mut bytes).encode(&[texel, [7; 4]].concat(), 2, 1, ExtendedColorType::Rgba8).unwrap();
     bytes
 }
 

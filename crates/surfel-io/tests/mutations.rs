@@ -523,8 +523,8 @@ fn mutations_of_gzip_and_sog() {
     damage(&[encoder.finish().unwrap()], 20_000, load_as(None));
     // The description of a SOG file; mutations of its WebP images are a separate test.
     let mut picture = Vec::new();
-    let encoder = image_webp::WebPEncoder::new(&mut picture);
-    encoder.encode(&[9, 99, 199, 252], 1, 1, image_webp::ColorType::Rgba8).unwrap();
+    let encoder = image::codecs::webp::WebPEncoder::new_lossless(&mut picture);
+    encoder.encode(&[9, 99, 199, 252], 1, 1, image::ExtendedColorType::Rgba8).unwrap();
     let part = |name: &str| format!(r#""{name}":{{"mins":[-2,-2,-2,0],"maxs":[2,2,2,1],"files":["p","p"]}}"#);
     let meta = format!(r#"{{"count":1,{},{},{},{}}}"#, part("means"), part("scales"), part("quats"), part("sh0"));
     let zip = zip(&[("meta.json", meta.as_bytes()), ("p", &picture)]);
