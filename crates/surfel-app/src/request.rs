@@ -255,49 +255,42 @@ impl Request {
     /// are out of range, [`Error::Io`] for a camera file that can't be read.
     pub fn new(source: Source, pictures: &Pictures, options: &RenderOptions) -> Result<Self, Error> {
         options.check()?;
-        let mut styled = options.clone();
-        styled.apply_style();
-        let options = &styled;
+        let mut options = options.clone();
+        options.apply_style();
         let given = pictures.first_camera().cloned();
-        let camera = given.map_or_else(|| camera_file(options), |camera| Ok(Some(camera)))?;
-        match source {
-            Source::Scene(scene) => Self::of_scene_file(*scene, pictures, camera, options),
-            Source::Geometry(inputs) => {
-                let preset = options.preset.unwrap_or_default();
-                let settings = settings(preset.apply(Settings::default().with_shader(Shader::Phong)), options);
-                let mut objects: Vec<ObjectFile> = inputs.iter().map(|path| bare_object(path)).collect();
-                objects.iter_mut().try_for_each(|object| apply(options, object))?;
-                Ok(Self { camera, ..Self::bare(options, pictures, settings, objects) })
-            }
-        }
-    }
-
-    /// Returns a request without a scene file and a camera.
-    fn bare(options: &RenderOptions, pictures: &Pictures, settings: Settings, objects: Vec<ObjectFile>) -> Self {
-        Self {
-            options: options.clone(),
+        let camera = given.map_or_else(|| camera_file(&options), |camera| Ok(Some(camera)))?;
+        let mut request = Self {
+            options,
             pictures: pictures.clone(),
-            camera: None,
-            settings,
-            objects,
+            camera,
+            settings: Settings::default(),
+            objects: Vec::new(),
             base: PathBuf::new(),
             scene: None,
             has_unused_lights: false,
             level_store: Arc::default(),
             has_rows: false,
             estimates: Arc::default(),
+        };
+        match source {
+            Source::Scene(scene) => request.set_scene(*scene)?,
+            Source::Geometry(inputs) => {
+                let preset = request.options.preset.unwrap_or_default();
+                let base = preset.apply(Settings::default().with_shader(Shader::Phong));
+                request.settings = settings(base, &request.options);
+                request.objects = inputs.iter().map(|path| bare_object(path)).collect();
+                request.objects.iter_mut().try_for_each(|object| apply(&request.options, object))?;
+            }
         }
+        Ok(request)
     }
 
-    fn of_scene_file(
-        source: SceneSource,
-        pictures: &Pictures,
-        given: Option<Camera>,
-        options: &RenderOptions,
-    ) -> Result<Self, Error> {
+    /// Sets settings, objects and camera of a scene file, with the options applied.
+    fn set_scene(&mut self, source: SceneSource) -> Result<(), Error> {
         let SceneSource { mut file, keys, name, base } = source;
+        let options = &self.options;
         file.settings = settings(preset_under(options.preset, file.settings, &keys), options);
-        if let Some(given) = &given {
+        if let Some(given) = &self.camera {
             file.camera = given.clone();
         }
         // Reports numbers out of range before minutes are spent loading.
@@ -311,11 +304,11 @@ impl Request {
             apply(options, object)?;
             object.convert.validate(i).map_err(out_of_range)?;
         }
-        let (settings, objects) = (file.settings, file.objects.clone());
         let chooses_shader = keys.contains("shader") || options.shader.is_some() || options.matcap.is_some();
-        let has_unused_lights = !chooses_shader && file.lights.as_ref().is_some_and(|lights| !lights.is_empty());
-        let (camera, scene) = (given, Some((file, name)));
-        Ok(Self { camera, base, scene, has_unused_lights, ..Self::bare(options, pictures, settings, objects) })
+        self.has_unused_lights = !chooses_shader && file.lights.as_ref().is_some_and(|lights| !lights.is_empty());
+        (self.settings, self.objects, self.base) = (file.settings, file.objects.clone(), base);
+        self.scene = Some((file, name));
+        Ok(())
     }
 
     /// Shares a cache of files with levels of detail between successive requests.

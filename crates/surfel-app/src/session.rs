@@ -11,16 +11,14 @@ use std::cell::OnceCell;
 use std::path::PathBuf;
 use std::sync::Arc;
 use surfel_backend::{Backend, BackendOptions, BackendScene};
-use surfel_backend::{Chosen, summary_of};
+use surfel_backend::{Chosen, refusals};
 use surfel_framing::ViewAxes;
 use surfel_load::LoadedObjects;
 use surfel_load::coloring::{Category, ColorScale, Coloring};
 use surfel_load::{Error, LevelStore, LoadOptions, levels};
 use surfel_math::srgb::nearest_8_bit;
 use surfel_model::{Camera, EdgeAa, ExtraColumn, Geometry, Object, ObjectFile, Projection, Scene, Settings};
-use surfel_render::{
-    Capabilities, Frame, Planes, Preset, Region, Renderer as _, SceneSummary, Stats, View, unsupported,
-};
+use surfel_render::{Frame, Planes, Preset, Region, Renderer as _, SceneSummary, Stats, View};
 use surfel_sample::NoProgress;
 use surfel_sample::Progress;
 use surfel_stage::Estimates;
@@ -337,9 +335,8 @@ impl Session {
     /// Starts another backend if the current one was selected automatically and can't draw the scene. Returns true if
     /// another backend was started, in which no scene is resident yet.
     fn settle_backend(&mut self, resolved: &Resolved, note: &mut dyn FnMut(String)) -> Result<bool, Error> {
-        let (summary, settings) = (summary_of(&resolved.scene), &resolved.file.settings);
         let planes = if self.is_for_any_camera { Planes::ALL } else { Planes::COLOR };
-        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
+        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
         if self.backend_name != "auto" || refuses(&self.backend.info().capabilities).is_none() {
             return Ok(false);
         }

@@ -243,9 +243,7 @@ impl Backend {
         planes: Planes,
         options: &BackendOptions,
     ) -> Result<Self, BackendError> {
-        let summary = summary_of(scene);
-        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|missing| missing.to_string());
-        Ok(Self::choose(options, refuses)?.backend)
+        Ok(Self::choose(options, refusals(scene, settings, planes))?.backend)
     }
 
     /// Starts the fastest backend that works here and that `refuses` gives no reason against. A GPU backend that runs
@@ -451,6 +449,17 @@ impl BackendScene {
 /// Returns the summary of a scene as a [`Backend`] stores it, with the light of its sky.
 pub fn summary_of(scene: &Scene) -> SceneSummary {
     SceneSummary { has_sky: false, ..SceneSummary::of(scene) }
+}
+
+/// Returns a function for [`Backend::choose`]: the reason why a backend of these capabilities can't draw a scene with the
+/// settings and planes; `None` if it can.
+pub fn refusals(
+    scene: &Scene,
+    settings: &Settings,
+    planes: Planes,
+) -> impl Fn(&Capabilities) -> Option<String> + use<> {
+    let (summary, settings) = (summary_of(scene), *settings);
+    move |capabilities| unsupported(&summary, &settings, planes, capabilities).map(|missing| missing.to_string())
 }
 
 /// Returns the capabilities of a backend, if they are known before it starts.

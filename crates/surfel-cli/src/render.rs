@@ -23,13 +23,13 @@ use surfel_app::progressive::Detail;
 use surfel_app::request::{self, RenderOptions};
 use surfel_app::{camera, metadata, unseen};
 use surfel_backend::{Backend, BackendOptions, BackendScene};
-use surfel_backend::{Chosen, summary_of};
+use surfel_backend::{Chosen, refusals};
 use surfel_io::ShowPath as _;
 use surfel_io::atomic::target;
 use surfel_load::paths;
 use surfel_model::SceneFile;
 use surfel_model::{Camera, Scene};
-use surfel_render::{Capabilities, RendererInfo, unsupported};
+use surfel_render::{Capabilities, RendererInfo};
 use surfel_render::{Frame, Planes, Preset, Renderer, Stats};
 use surfel_sample::Progress as _;
 
@@ -323,9 +323,7 @@ impl<'a> Session<'a> {
         }
         let Some(mut backend) = self.backend.take() else { return Ok(Drawn::default()) };
         let planes = planes(&args.render, args.render.verify, self.output.as_ref());
-        let summary = summary_of(&resolved.scene);
-        let settings = &resolved.file.settings;
-        let refuses = |c: &Capabilities| unsupported(&summary, settings, planes, c).map(|e| e.to_string());
+        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
         let mut other = None;
         if args.backend_name() == "auto" && refuses(&backend.info().capabilities).is_some() {
             other = Some(choose(args, self.threads, console, refuses)?);

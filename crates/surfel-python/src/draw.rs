@@ -300,7 +300,7 @@ pub(crate) fn draw_prepared(prepared: &Prepared, job: &Job, from: &From) -> Resu
 impl Prepared {
     /// Wraps a scene that is drawn once.
     pub(crate) fn alone(resolved: Resolved, notes: Vec<String>) -> Self {
-        let summary = SceneSummary::of(&resolved.scene);
+        let summary = summary_of(&resolved.scene);
         let files = Arc::new(Files { beside: resolved.beside.clone(), ..Files::default() });
         let (options, resident, notes) = (RenderOptions::default(), Mutex::default(), notes.into());
         Self { options, read_for: None, resolved, summary, notes, resident, files }

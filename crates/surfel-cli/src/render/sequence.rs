@@ -9,8 +9,8 @@ use surfel_app::film::Sequence;
 use surfel_app::progressive::Detail;
 use surfel_app::request::Resolved;
 use surfel_backend::Backend;
+use surfel_backend::refusals;
 use surfel_load::Error;
-use surfel_render::{Capabilities, SceneSummary, unsupported};
 use surfel_render::{Planes, Renderer as _};
 use surfel_sample::{NoProgress, Progress as _};
 
@@ -102,8 +102,7 @@ impl Session<'_> {
 
     /// Returns another backend if the current one was selected automatically and can't draw the scene.
     fn suitable(&self, backend: &Backend, resolved: &Resolved, planes: Planes) -> Result<Option<Backend>, Failure> {
-        let (summary, settings) = (SceneSummary::of(&resolved.scene), resolved.file.settings);
-        let refuses = |c: &Capabilities| unsupported(&summary, &settings, planes, c).map(|e| e.to_string());
+        let refuses = refusals(&resolved.scene, &resolved.file.settings, planes);
         if self.args.backend_name() != "auto" || refuses(&backend.info().capabilities).is_none() {
             return Ok(None);
         }
