@@ -451,8 +451,8 @@ pub fn summary_of(scene: &Scene) -> SceneSummary {
     SceneSummary { has_sky: false, ..SceneSummary::of(scene) }
 }
 
-/// Returns a function for [`Backend::choose`]: the reason why a backend of these capabilities can't draw a scene with the
-/// settings and planes; `None` if it can.
+/// Returns a function for [`Backend::choose`]: the reason why a backend of these capabilities can't draw a scene with
+/// the settings and planes; `None` if it can.
 pub fn refusals(
     scene: &Scene,
     settings: &Settings,

@@ -1,8 +1,8 @@
 //! Decoding of PNG, JPEG and WebP to RGBA texels by the crate `image`, within a memory limit.
 //!
 //! Palettes, greys and samples of fewer than eight bits are expanded; 16-bit samples stay. No colour profile is
-//! applied: samples are interpreted as sRGB-encoded, and alpha as straight. Of an animated WebP, only the first frame is
-//! decoded.
+//! applied: samples are interpreted as sRGB-encoded, and alpha as straight. Of an animated WebP, only the first frame
+//! is decoded.
 
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 use std::error::Error as _;
