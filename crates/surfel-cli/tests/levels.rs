@@ -98,6 +98,8 @@ fn rows_and_tiles_are_those_of_all_whatever_levels_are_read() {
         }
         assert!(seen > 1000, "{flags}: {seen}");
     }
+    // Columns that selections add while they load are none of the file's attributes.
+    folder.run(&format!("{view} --lod-error 3 --where surfel_level_spacing>0 -o b.png")).fails(3, "has no attribute");
     // The selection for tiles is that of the whole image.
     folder.run(&format!("{view} --lod-error 3 -o whole.png")).code(0);
     let whole = folder.image("whole.png").color.unwrap();

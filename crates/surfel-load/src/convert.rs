@@ -45,7 +45,7 @@ fn chosen(
         ..ConvertOptions::default()
     };
     let unsuitable = |problem| Error::Unsuitable { path: path.to_path_buf(), problem };
-    let found = surfel_model::choose(&convert, count, position, extras).map_err(unsuitable)?;
+    let found = surfel_model::choose(&convert, count, position, levels::own_columns(extras)).map_err(unsuitable)?;
     let Some((_, left)) = found.left.last() else { return Ok(None) };
     let steps: Vec<String> = found.left.iter().map(|(key, left)| format!("`{key}` leaves {left}")).collect();
     let steps = steps.join(", ");

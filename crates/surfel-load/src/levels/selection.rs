@@ -1,0 +1,175 @@
+//! Selection of the nodes of a COPC file that a view needs.
+
+use super::{LevelReport, Levels};
+use crate::LoadOptions;
+use std::path::Path;
+use surfel_io::copc::{Copc, CopcNode, LevelValues};
+use surfel_model::{Outliers, PointColors};
+use surfel_render::{FADE_OCTAVES, LevelEnd, LevelNode, Magnification, Sight, select_levels};
+
+/// Largest number of points in an overview.
+const OVERVIEW_POINTS: u64 = 100_000;
+
+/// Ratio of splat radius to point spacing at which a level's splats cover the surface without gaps. A level's points
+/// are those nearest to the centres of grid cells, so no place is farther from the nearest point than the diagonal of a
+/// cell's face.
+pub(super) const CLOSING: f32 = std::f32::consts::SQRT_2;
+
+/// Nodes selected from a COPC file.
+pub(super) struct Selection {
+    /// Indices of the nodes.
+    pub(super) nodes: Vec<u32>,
+    pub(super) cut: Cut,
+    /// Fading between levels, for a single view.
+    pub(super) fade: Option<Fade>,
+    pub(super) report: LevelReport,
+}
+
+impl Selection {
+    /// True if a view lacks some points of the file, or shows some that fade in.
+    pub(super) fn is_partial(&self, levels: &Levels) -> bool {
+        *levels != Levels::Overview && (!self.report.is_whole() || self.cut.fades)
+    }
+}
+
+/// Selects the nodes that an overview or views need, with at most `most` points.
+pub(super) fn select(copc: &Copc, levels: &Levels, options: &LoadOptions, most: u64) -> Selection {
+    let mut fade = None;
+    let (nodes, error_px, end) = match levels {
+        Levels::Overview => (overview(copc.nodes()), 0.0, LevelEnd::Error),
+        Levels::Views { views, world_from_object, error_px, .. } => {
+            let nodes: Vec<LevelNode> = copc.nodes().iter().map(|node| level_node(copc, node)).collect();
+            // A level begins to fade in before its error is reached, and finishes as much later.
+            let from_px = if views.len() == 1 { error_px * (-0.5 * FADE_OCTAVES).exp2() } else { *error_px };
+            let found = select_levels(&nodes, world_from_object, views, from_px, most);
+            // Images that share a selection never switch to another, so they don't fade.
+            if let [view] = &views[..] {
+                let magnification = Magnification::new(world_from_object, view);
+                fade = Some(Fade { magnification, error_px: from_px.max(found.error_px) });
+            }
+            (found.nodes, found.error_px, found.end)
+        }
+    };
+    let cut = match levels {
+        Levels::Overview => Cut::default(),
+        Levels::Views { .. } => {
+            let keeps = options.level_store.as_ref().is_some_and(|store| store.keeps_nodes());
+            Cut::new(copc, &nodes, fade.as_ref(), keeps)
+        }
+    };
+    let all = copc.nodes();
+    let chosen = || nodes.iter().map(|i| &all[*i as usize]);
+    let report = LevelReport {
+        points: [chosen().map(|n| n.points).sum(), copc.points()],
+        nodes: [nodes.len(), all.len()],
+        bytes: [chosen().map(|n| n.bytes).sum(), all.iter().map(|n| n.bytes).sum()],
+        error_px: fade.as_ref().filter(|_| cut.fades).map_or(error_px, |fade| fade.error_px),
+        end,
+    };
+    Selection { nodes, cut, fade, report }
+}
+
+/// Returns the selection that the options state for a file; `None` reads all points.
+pub(crate) fn chosen<'a>(path: &Path, options: &'a LoadOptions) -> Option<&'a Levels> {
+    // Without its finer neighbours, a coarse level's points would count as isolated.
+    let is_by_levels = options.outliers == Outliers::Keep && (options.stdin.is_none() || path != Path::new("-"));
+    options.levels.as_ref().filter(|_| is_by_levels)
+}
+
+/// Returns the visibility test for points, if skipping points outside the frustum changes neither the estimates for
+/// other points nor the row numbers.
+pub(super) fn sight<'a>(levels: &'a Levels, copc: &Copc, options: &LoadOptions) -> Option<Sight<'a>> {
+    let Levels::Views { views, world_from_object, sight_px: Some(margin_px), .. } = levels else { return None };
+    let is_of_all = options.interior_weight || options.sharp || options.colors != PointColors::AsIs;
+    let has_rows = options.rows || options.label.is_some() || options.chooses_points();
+    let is_alone = copc.has_splats() && !is_of_all && !has_rows;
+    is_alone.then(|| Sight::new(world_from_object, views, *margin_px))
+}
+
+/// Selects whole levels from the root down, as many as fit [`OVERVIEW_POINTS`].
+fn overview(nodes: &[CopcNode]) -> Vec<u32> {
+    let (mut chosen, mut points) = (0, 0);
+    for level in nodes.chunk_by(|a, b| a.level == b.level) {
+        points += level.iter().map(|node| node.points).sum::<u64>();
+        // At least the first level with points is selected.
+        if points > OVERVIEW_POINTS && nodes[..chosen].iter().any(|node| node.points > 0) {
+            break;
+        }
+        chosen += level.len();
+    }
+    (0..chosen as u32).collect()
+}
+
+fn level_node(copc: &Copc, node: &CopcNode) -> LevelNode {
+    let (center, half) = copc.cube(node);
+    let splat_radius = f64::from(CLOSING) * copc.spacing(node.level);
+    LevelNode { center, half, splat_radius, points: node.points, children: node.children.clone() }
+}
+
+/// Fading between levels while a view approaches, so that nothing pops.
+///
+/// The fade begins where splats of the level above measure the error, and ends where they measure √2 of it. Meanwhile
+/// the area of each new splat grows linearly from 0 to its own, and the areas of the existing splats shrink linearly to
+/// the new level's, a quarter. On a surface a level has three times as many points as all levels above it together.
+/// Hence the covered area stays constant, and the new splats' fraction of it grows linearly too.
+pub(super) struct Fade {
+    pub(super) magnification: Magnification,
+    error_px: f64,
+}
+
+impl Fade {
+    /// Returns the radius of splats that cover a level with point spacing 1, in units of the error.
+    pub(super) fn errors(&self, pixels: f64) -> f64 {
+        f64::from(CLOSING) * pixels / self.error_px
+    }
+
+    /// True if all points of a node have faded in, and the level above is no longer drawn.
+    fn is_done(&self, copc: &Copc, node: &CopcNode) -> bool {
+        let (center, half) = copc.cube(node);
+        let above = node.level.checked_sub(1).map(|above| copc.spacing(above));
+        above.is_none_or(|above| self.errors(self.magnification.least_in(center, half)) * above >= FADE_OCTAVES.exp2())
+    }
+}
+
+/// Boundary of a selection of nodes; the lists have an entry per node of the file.
+#[derive(Default)]
+pub(super) struct Cut {
+    pub(super) is_chosen: Vec<bool>,
+    /// Values of each node's points: their own, averages for unselected children, or both. Averages are needed where
+    /// children are missing or fade in; both, where only some are.
+    pub(super) values: Vec<LevelValues>,
+    /// True if the node and all nodes below it are drawn as if there were no levels.
+    pub(super) is_complete: Vec<bool>,
+    /// True if some selected nodes fade in.
+    fades: bool,
+}
+
+impl Cut {
+    /// Computes the boundary of a selection. With `keeps`, nodes that stay cached have all values that later selections
+    /// may need.
+    fn new(copc: &Copc, chosen: &[u32], fade: Option<&Fade>, keeps: bool) -> Self {
+        let all = copc.nodes();
+        let mut is_chosen = vec![false; all.len()];
+        chosen.iter().for_each(|i| is_chosen[*i as usize] = true);
+        let mut is_done = vec![false; all.len()];
+        let done = |i: &u32| fade.is_none_or(|fade| fade.is_done(copc, &all[*i as usize]));
+        chosen.iter().for_each(|i| is_done[*i as usize] = done(i));
+        let fades = chosen.iter().any(|i| !is_done[*i as usize] && all[*i as usize].points > 0);
+        let missing = |node: &CopcNode| node.children.clone().any(|child| !is_done[child as usize]);
+        // The first nodes with points decide whether the cloud has colours and normals at all.
+        let first = chosen.iter().map(|i| &all[*i as usize]).find(|node| node.points > 0).map_or(0, |node| node.level);
+        let value =
+            |node: &CopcNode| match (missing(node), node.children.clone().any(|child| is_chosen[child as usize])) {
+                (false, _) => LevelValues::Without,
+                (true, false) if node.level > first && !keeps => LevelValues::Alone,
+                (true, _) => LevelValues::With,
+            };
+        let values: Vec<LevelValues> = all.iter().map(value).collect();
+        let mut is_complete = is_done;
+        for (i, node) in all.iter().enumerate().rev() {
+            is_complete[i] &=
+                values[i] == LevelValues::Without && node.children.clone().all(|child| is_complete[child as usize]);
+        }
+        Self { is_chosen, values, is_complete, fades }
+    }
+}
