@@ -232,92 +232,141 @@ pub fn plan(
     if let Some(of_gaussians) = plan_of_gaussians(summary, settings, planes)? {
         return Ok(of_gaussians);
     }
-    if needs_interior_weight(summary, settings)
-        && let Some(object) = summary.without_interior_weight
-    {
-        return Err(RenderError::NoInteriorWeight { object });
-    }
-    if let Some(object) = summary.without_rows.filter(|_| planes.index) {
-        return Err(RenderError::NoRows { object });
-    }
-    let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
-    let exact = settings.mapping == Mapping::Exact;
+    check_data(summary, settings, planes)?;
     let needs = if planes.color { ShaderNeeds::of(settings.shader) } else { ShaderNeeds::default() };
-    let splats = summary.splats > 0 || !(summary.meshes || summary.balls > 0);
     let shadows = summary.shadows.as_ref().filter(|_| needs.lights);
     let shadow_maps = shadows.map_or_else(Vec::new, |s| s.maps(settings.cutoff));
-    let mut passes = vec![Pass::ShadowMap; shadow_maps.len()];
-    passes.extend(splats.then_some(Pass::Visibility));
-    passes.extend(summary.meshes.then_some(Pass::Polygons));
-    passes.extend(splats.then_some(Pass::Attributes));
-    passes.push(Pass::Shade);
-    // Balls need neither: their shading and their outlines are closed forms.
-    let surfaces = splats || summary.meshes;
-    passes.extend(needs.pass.filter(|_| surfaces));
-    let edges = if planes.color && surfaces { settings.edge_aa } else { EdgeAa::Off };
-    passes.extend((edges == EdgeAa::Coverage).then_some(Pass::EdgeAntialiasing));
-    passes.extend((summary.balls > 0).then_some(Pass::Balls));
-    let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
-    let mut abuffer_surfaces = 0;
-    match transparency {
-        Transparency::Off => {}
-        Transparency::Peel { layers, drop_last } => {
-            passes.extend((1..layers).map(|_| Pass::PeelLayer));
-            passes.extend((!drop_last).then_some(Pass::RemainingLayer));
-        }
-        Transparency::ABuffer { layers } => {
-            passes.push(Pass::ABuffer);
-            abuffer_surfaces = layers;
-        }
-    }
-    passes.extend(planes.index.then_some(Pass::Nearest));
-    // Edge samples need the whole image's colour, with transparent layers.
-    passes.extend((edges == EdgeAa::Samples).then_some(Pass::EdgeSamples));
-    let separates_transparent = transparency != Transparency::Off;
-    // The direction of a light and its shadow depend on the position. So does the choice, behind an edge, between
-    // splats and polygons.
-    let light_needs_depth = needs.lights && (summary.lights_nearby || !shadow_maps.is_empty());
-    let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && splats;
+    let passes = SurfacePasses::of(summary, settings, planes, &needs, shadow_maps.len());
     Ok(FramePlan {
-        splat_filter: SplatFilter {
-            filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
-            radius_px,
-            cutoff: settings.cutoff,
-            projective: exact && view.projection.is_perspective(),
-            drop_before_near: !exact,
-            tolerance: match settings.depth_tolerance {
-                DepthTolerance::Relative(k) => Tolerance::Relative(k),
-                DepthTolerance::Absolute(d) => Tolerance::Absolute(d),
-            },
-        },
+        splat_filter: splat_filter(view, settings),
         clip: if summary.clips { settings.clip } else { ClipPolicy::Off },
-        attributes: Attributes {
-            color: needs.albedo && summary.colors,
-            normal: planes.normal || needs.normal,
-            depth: planes.depth
-                || needs.depth
-                || light_needs_depth
-                || edges_need_depth
-                || separates_transparent
-                || summary.balls > 0,
-            material: needs.lights && summary.materials_differ,
-            coverage: edges == EdgeAa::Coverage || abuffer_surfaces > 0 || (summary.meshes && splats),
-            alpha: separates_transparent,
-        },
-        separates_transparent,
-        keeps_facings: summary.both_facings && splats,
+        attributes: attributes(summary, planes, &needs, &passes, !shadow_maps.is_empty()),
+        separates_transparent: passes.separates_transparent,
+        keeps_facings: summary.both_facings && passes.draw_splats,
         shadow_maps,
         octrees,
         splats: summary.splats + summary.balls,
         ball_alphas: summary.balls > 0 && settings.transparency != Transparency::Off,
         ball_pixel: summary.has_balls_in_pixels.then(|| BallPixel::of(view)),
-        abuffer_surfaces,
-        passes,
+        abuffer_surfaces: passes.abuffer_surfaces,
+        passes: passes.list,
         accumulate: settings.accumulate,
         shader: settings.shader,
         sort: Sort::Center,
         planes,
     })
+}
+
+/// Checks that objects have the data that the settings and planes need.
+fn check_data(summary: &SceneSummary, settings: &Settings, planes: Planes) -> Result<(), RenderError> {
+    if needs_interior_weight(summary, settings)
+        && let Some(object) = summary.without_interior_weight
+    {
+        return Err(RenderError::NoInteriorWeight { object });
+    }
+    match summary.without_rows.filter(|_| planes.index) {
+        Some(object) => Err(RenderError::NoRows { object }),
+        None => Ok(()),
+    }
+}
+
+/// Passes of a frame of surfaces, and the decisions that they follow from.
+struct SurfacePasses {
+    /// Passes in order.
+    list: Vec<Pass>,
+    /// True if splats are drawn.
+    draw_splats: bool,
+    edges: EdgeAa,
+    /// True if transparent splats are drawn apart from opaque ones.
+    separates_transparent: bool,
+    /// Number of fragments per pixel of the A-buffer, or 0.
+    abuffer_surfaces: u32,
+}
+
+impl SurfacePasses {
+    fn of(
+        summary: &SceneSummary,
+        settings: &Settings,
+        planes: Planes,
+        needs: &ShaderNeeds,
+        shadow_maps: usize,
+    ) -> Self {
+        let draw_splats = summary.splats > 0 || !(summary.meshes || summary.balls > 0);
+        let mut list = vec![Pass::ShadowMap; shadow_maps];
+        list.extend(draw_splats.then_some(Pass::Visibility));
+        list.extend(summary.meshes.then_some(Pass::Polygons));
+        list.extend(draw_splats.then_some(Pass::Attributes));
+        list.push(Pass::Shade);
+        // Balls need neither: their shading and their outlines are closed forms.
+        let surfaces = draw_splats || summary.meshes;
+        list.extend(needs.pass.filter(|_| surfaces));
+        let edges = if planes.color && surfaces { settings.edge_aa } else { EdgeAa::Off };
+        list.extend((edges == EdgeAa::Coverage).then_some(Pass::EdgeAntialiasing));
+        list.extend((summary.balls > 0).then_some(Pass::Balls));
+        let transparency = if summary.transparent { settings.transparency } else { Transparency::Off };
+        let mut abuffer_surfaces = 0;
+        match transparency {
+            Transparency::Off => {}
+            Transparency::Peel { layers, drop_last } => {
+                list.extend((1..layers).map(|_| Pass::PeelLayer));
+                list.extend((!drop_last).then_some(Pass::RemainingLayer));
+            }
+            Transparency::ABuffer { layers } => {
+                list.push(Pass::ABuffer);
+                abuffer_surfaces = layers;
+            }
+        }
+        list.extend(planes.index.then_some(Pass::Nearest));
+        // Edge samples need the whole image's colour, with transparent layers.
+        list.extend((edges == EdgeAa::Samples).then_some(Pass::EdgeSamples));
+        let separates_transparent = transparency != Transparency::Off;
+        Self { list, draw_splats, edges, separates_transparent, abuffer_surfaces }
+    }
+}
+
+/// Returns the filter of splats and the mapping to their planes.
+fn splat_filter(view: &View, settings: &Settings) -> SplatFilter {
+    let radius_px = if settings.filter == Filter::None { 0.0 } else { settings.prefilter_radius_px };
+    let exact = settings.mapping == Mapping::Exact;
+    SplatFilter {
+        filter: if radius_px == 0.0 { Filter::None } else { settings.filter },
+        radius_px,
+        cutoff: settings.cutoff,
+        projective: exact && view.projection.is_perspective(),
+        drop_before_near: !exact,
+        tolerance: match settings.depth_tolerance {
+            DepthTolerance::Relative(k) => Tolerance::Relative(k),
+            DepthTolerance::Absolute(d) => Tolerance::Absolute(d),
+        },
+    }
+}
+
+/// Returns the attributes that the planes, the shader and the passes need.
+fn attributes(
+    summary: &SceneSummary,
+    planes: Planes,
+    needs: &ShaderNeeds,
+    passes: &SurfacePasses,
+    has_shadow_maps: bool,
+) -> Attributes {
+    let &SurfacePasses { draw_splats, edges, separates_transparent, abuffer_surfaces, .. } = passes;
+    // The direction of a light and its shadow depend on the position. So does the choice, behind an edge, between
+    // splats and polygons.
+    let light_needs_depth = needs.lights && (summary.lights_nearby || has_shadow_maps);
+    let edges_need_depth = edges == EdgeAa::Coverage && summary.meshes && draw_splats;
+    Attributes {
+        color: needs.albedo && summary.colors,
+        normal: planes.normal || needs.normal,
+        depth: planes.depth
+            || needs.depth
+            || light_needs_depth
+            || edges_need_depth
+            || separates_transparent
+            || summary.balls > 0,
+        material: needs.lights && summary.materials_differ,
+        coverage: edges == EdgeAa::Coverage || abuffer_surfaces > 0 || (summary.meshes && draw_splats),
+        alpha: separates_transparent,
+    }
 }
 
 /// Plans a scene of Gaussians, which ignores all settings of surfaces; `None` for surfaces.
