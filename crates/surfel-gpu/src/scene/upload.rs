@@ -44,6 +44,69 @@ struct PlannedChunk {
     end: usize,
 }
 
+/// Objects of a scene by kind of geometry.
+#[derive(Default)]
+struct Geometries {
+    objects: Vec<UploadedObject>,
+    meshes: Vec<UploadedMesh>,
+    textures: TextureBuffer,
+    gaussians: Vec<UploadedGaussians>,
+    balls: Vec<UploadedBalls>,
+}
+
+impl Geometries {
+    /// Sorts a scene's objects by kind.
+    ///
+    /// # Errors
+    /// [`RenderError::Model`] if a mesh is invalid.
+    fn of(scene: &Scene) -> Result<Self, RenderError> {
+        let mut sorted = Self::default();
+        // Of equally near polygons the first is drawn, so octrees come after all meshes.
+        let mut octrees = Vec::new();
+        for (index, object) in scene.objects.iter().enumerate() {
+            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
+            match &object.geometry {
+                Geometry::Splats(cloud) if cloud.is_balls() => {
+                    sorted.balls.push(UploadedBalls { source, cloud: cloud.clone(), world_from_object, material });
+                }
+                Geometry::Splats(cloud) => {
+                    let cloud = cloud.clone();
+                    sorted.objects.push(UploadedObject { source, cloud, octree: None, world_from_object, material });
+                }
+                Geometry::Mesh(mesh) => {
+                    mesh.validate()?;
+                    for mesh in mesh.by_texture() {
+                        let texture_at = sorted.textures.add(&mesh);
+                        sorted.meshes.push(UploadedMesh {
+                            source,
+                            mesh,
+                            octree: None,
+                            world_from_object,
+                            material,
+                            texture_at,
+                        });
+                    }
+                }
+                Geometry::Gaussians(cloud) => {
+                    sorted.gaussians.push(UploadedGaussians { source, cloud: cloud.clone(), world_from_object });
+                }
+                Geometry::Octree(octree) => {
+                    let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
+                    sorted.objects.push(UploadedObject { source, cloud, octree: parts, world_from_object, material });
+                    octrees.push((index, octree.shared_mesh(), object));
+                }
+            }
+        }
+        for (index, mesh, object) in octrees {
+            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
+            let texture_at = sorted.textures.add(&mesh);
+            let octree = Some(index);
+            sorted.meshes.push(UploadedMesh { source, mesh, octree, world_from_object, material, texture_at });
+        }
+        Ok(sorted)
+    }
+}
+
 impl Upload {
     /// Starts an upload.
     ///
@@ -59,54 +122,7 @@ impl Upload {
             let most = limits.buffer_bytes;
             return refused(format!("the device's storage buffers hold {most} bytes, too few to draw from"));
         }
-        let (mut objects, mut meshes) = (Vec::new(), Vec::new());
-        let mut textures = TextureBuffer::default();
-        // Of equally near polygons the first is drawn, so octrees come after all meshes.
-        let (mut octrees, mut gaussians, mut balls) = (Vec::new(), Vec::new(), Vec::new());
-        for (index, object) in scene.objects.iter().enumerate() {
-            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
-            match &object.geometry {
-                Geometry::Splats(cloud) if cloud.is_balls() => {
-                    balls.push(UploadedBalls { source, cloud: cloud.clone(), world_from_object, material });
-                }
-                Geometry::Splats(cloud) => {
-                    objects.push(UploadedObject {
-                        source,
-                        cloud: cloud.clone(),
-                        octree: None,
-                        world_from_object,
-                        material,
-                    });
-                }
-                Geometry::Mesh(mesh) => {
-                    mesh.validate()?;
-                    for mesh in mesh.by_texture() {
-                        let texture_at = textures.add(&mesh);
-                        meshes.push(UploadedMesh {
-                            source,
-                            mesh,
-                            octree: None,
-                            world_from_object,
-                            material,
-                            texture_at,
-                        });
-                    }
-                }
-                Geometry::Gaussians(cloud) => {
-                    gaussians.push(UploadedGaussians { source, cloud: cloud.clone(), world_from_object });
-                }
-                Geometry::Octree(octree) => {
-                    let (cloud, parts) = (octree.shared_cloud(), Some((index, octree.clone())));
-                    objects.push(UploadedObject { source, cloud, octree: parts, world_from_object, material });
-                    octrees.push((index, octree.shared_mesh(), object));
-                }
-            }
-        }
-        for (index, mesh, object) in octrees {
-            let (world_from_object, material, source) = (object.world_from_object, object.material, index as u32);
-            let texture_at = textures.add(&mesh);
-            meshes.push(UploadedMesh { source, mesh, octree: Some(index), world_from_object, material, texture_at });
-        }
+        let Geometries { objects, meshes, mut textures, gaussians, balls } = Geometries::of(scene)?;
         let texel_bytes = 4 * textures.words.len() as u64;
         if texel_bytes > limits.buffer_bytes.min(4 * u64::from(u32::MAX)) {
             let most = limits.buffer_bytes;
