@@ -135,147 +135,246 @@ pub(crate) fn unpack(
         return Err(problem.expected("names alone, such as x,y,z,intensity").into());
     }
     let plan = Plan::of(&head, head.len() == bytes.len(), named.as_ref())?;
-    let (dialect, kept) = (plan.dialect, plan.kept.as_deref());
-    let (mut said, mut before) = (0_u64, 0_u64);
-    let (mut incomplete, mut first_incomplete) = (0_usize, 0);
-    let (mut others, mut first_other) = (0_u64, 0);
-    let mut table = Table::default();
-    // Number of cells in a row, the same in all rows; only some are read.
-    let mut cells = kept.map_or(0, <[bool]>::len);
-    let mut header: Option<Vec<String>> = None;
-    let mut last_comment = String::new();
-    let mut row: Vec<f64> = Vec::with_capacity(MAX_COLUMNS);
-    // True while the last three of seven columns are bytes, as the colours of a PTS file are.
-    let mut ends_in_bytes = true;
-    each_line(bytes, |line_number, line| {
+    let mut lines = PointLines {
+        // Only some of the cells may be read.
+        cells: plan.kept.as_ref().map_or(0, Vec::len),
+        plan,
+        named: named.is_some(),
+        pts,
+        table: Table::default(),
+        header: None,
+        last_comment: String::new(),
+        row: Vec::with_capacity(MAX_COLUMNS),
+        ends_in_bytes: true,
+        stated_points: 0,
+        lines_before: 0,
+        incomplete: LeftOut::default(),
+        others: LeftOut::default(),
+    };
+    each_line(bytes, |number, line| lines.line(number, line, data))?;
+    if lines.table.rows == 0 {
+        return Err(Problem::new("holds no point").expected("lines of x y z [intensity] [r g b] [nx ny nz]").into());
+    }
+    lines.name_columns(named.as_ref(), context);
+    lines.note(context);
+    Ok(lines.table)
+}
+
+/// Lines that are left out.
+#[derive(Default)]
+struct LeftOut {
+    count: u64,
+    /// Number of the first line.
+    first: usize,
+}
+
+impl LeftOut {
+    fn add(&mut self, line_number: usize) {
+        self.first = if self.count == 0 { line_number } else { self.first };
+        self.count += 1;
+    }
+}
+
+/// Reader of the lines of a text file of points.
+struct PointLines {
+    plan: Plan,
+    /// True if the user named the columns.
+    named: bool,
+    /// True for PTS files.
+    pts: bool,
+    table: Table,
+    /// Number of cells in a row, the same in all rows; 0 before the first.
+    cells: usize,
+    header: Option<Vec<String>>,
+    last_comment: String,
+    /// Numbers of the current row.
+    row: Vec<f64>,
+    /// True while the last three of seven columns are bytes, as the colours of a PTS file are.
+    ends_in_bytes: bool,
+    /// Number of points that the file states.
+    stated_points: u64,
+    /// Number of lines before the points that are neither comments nor points.
+    lines_before: u64,
+    /// Rows with an empty cell.
+    incomplete: LeftOut,
+    /// Lines of other records.
+    others: LeftOut,
+}
+
+/// Words of a line.
+struct Cells<'a> {
+    count: usize,
+    /// Number that the first word is.
+    first: Option<f64>,
+    /// First word that is no number; the words after it aren't read.
+    bad: Option<&'a [u8]>,
+    /// True if a cell that is read has no value.
+    is_incomplete: bool,
+}
+
+impl PointLines {
+    /// Reads a line, and writes the numbers of its point to `data`.
+    fn line(&mut self, line_number: usize, line: &[u8], data: &mut dyn Write) -> Result<(), Fault> {
         if is_comment(line) {
-            if table.rows == 0 && table.comments.len() < 1000 {
-                let text = String::from_utf8_lossy(line.trim_ascii());
-                let text = text.trim_start_matches(['#', '/']).trim();
-                // The last comment before the points that contains column names.
-                header = names(text.as_bytes(), dialect).or(header.take());
-                if !text.is_empty() {
-                    text.clone_into(&mut last_comment);
-                    table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
-                }
-            }
+            self.comment(line);
             return Ok(());
         }
-        if plan.is_other_record(line) {
-            first_other = if others == 0 { line_number } else { first_other };
-            others += 1;
+        if self.plan.is_other_record(line) {
+            self.others.add(line_number);
             return Ok(());
         }
         let at = Location::Line(line_number);
-        row.clear();
-        let (mut count, mut bad, mut is_incomplete) = (0, None, false);
-        let first = dialect.words(line).next().and_then(|word| dialect.number(word));
-        for word in dialect.words(line) {
-            let is_kept = kept.is_none_or(|kept| kept.get(count).copied().unwrap_or(true));
-            count += 1;
-            if count > MAX_COLUMNS {
-                return Err(Problem::new(format!("more than {MAX_COLUMNS} columns")).at(at).into());
-            }
-            match dialect.number(word) {
-                _ if !is_kept => {}
-                Some(value) => row.push(value),
-                None if is_missing(word) => is_incomplete = true,
-                None => {
-                    bad = Some(word);
-                    break;
-                }
-            }
-        }
+        let Cells { count, first, bad, is_incomplete } = self.parse(line, at)?;
         if let Some(word) = bad {
-            if table.rows > 0 {
-                let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
-                let help = "if the whole column holds words, leave it out by _, as in `columns=x,y,z,_`";
-                return Err(problem.help(help).into());
-            }
-            before += 1;
-            if named.is_some() {
-                return Ok(());
-            }
-            header = Some(names(line, dialect).ok_or_else(|| {
-                let found = format!("found {} where points were expected", quote(word));
-                let is_grid = word.eq_ignore_ascii_case(b"ncols") && table.rows == 0;
-                let help = if is_grid { "gdal2xyz.py writes the points of an Esri ASCII grid" } else { NAME_THEM };
-                Problem::new(found).at(at).expected(EXPECTED).help(help)
-            })?);
-            return Ok(());
+            return self.words(line, word, at);
         }
         // A PTS file states the number of points before each scan.
-        if let Some(points) = first.filter(|_| count == 1 && (pts || table.rows == 0)) {
-            said = said.saturating_add(points.max(0.0) as u64);
+        if let Some(points) = first.filter(|_| count == 1 && (self.pts || self.table.rows == 0)) {
+            self.stated_points = self.stated_points.saturating_add(points.max(0.0) as u64);
             return Ok(());
         }
-        if is_incomplete && count == cells || count < cells && dialect.has_empty_cell(line) {
-            first_incomplete = if incomplete == 0 { line_number } else { first_incomplete };
-            incomplete += 1;
+        let dialect = self.plan.dialect;
+        if is_incomplete && count == self.cells || count < self.cells && dialect.has_empty_cell(line) {
+            self.incomplete.add(line_number);
             return Ok(());
         }
-        if cells == 0 {
-            cells = count;
+        if self.cells == 0 {
+            self.cells = count;
         }
-        if count != cells && named.is_some() && table.rows == 0 {
-            before += 1;
+        if count != self.cells && self.named && self.table.rows == 0 {
+            self.lines_before += 1;
             return Ok(());
         }
-        if table.width == 0 {
-            table.width = row.len();
-            if table.width < 3 {
-                let problem = Problem::new(format!("found {} numbers", table.width)).at(at);
+        if self.table.width == 0 {
+            self.table.width = self.row.len();
+            if self.table.width < 3 {
+                let problem = Problem::new(format!("found {} numbers", self.table.width)).at(at);
                 return Err(problem.expected("at least x y z").into());
             }
         }
-        if count != cells || row.len() != table.width {
+        if count != self.cells || self.row.len() != self.table.width {
             let mut problem = Problem::new(format!("found {count} numbers")).at(at);
             if !dialect.has_decimal_commas && line.contains(&b',') {
                 problem =
                     problem.help("if its commas are decimal points, write points instead: they also divide columns");
             }
-            return Err(problem.expected(format!("{cells}, as in the lines before")).into());
+            return Err(problem.expected(format!("{}, as in the lines before", self.cells)).into());
         }
         let is_byte = |level: &f64| (0.0..=255.0).contains(level) && level.fract() == 0.0;
-        ends_in_bytes &= row.len() == PTS_COLUMNS.len() && row[4..].iter().all(is_byte);
-        table.push(&row, data)
-    })?;
-    if table.rows == 0 {
-        return Err(Problem::new("holds no point").expected("lines of x y z [intensity] [r g b] [nx ny nz]").into());
+        self.ends_in_bytes &= self.row.len() == PTS_COLUMNS.len() && self.row[4..].iter().all(is_byte);
+        self.table.push(&self.row, data)
     }
-    table.numbers = plan.numbers(cells);
-    if let Some(columns) = &named {
-        table.names = Some(
-            columns.columns().iter().filter_map(|column| column.name.as_deref().map(raw_rows::usual_name)).collect(),
-        );
-    } else {
-        let has_word_per_column =
-            |text: &String| [dialect.words(text.as_bytes()).count(), text.split_whitespace().count()].contains(&cells);
+
+    /// Stores a comment before the points, which may name the columns.
+    fn comment(&mut self, line: &[u8]) {
+        if self.table.rows > 0 || self.table.comments.len() >= 1000 {
+            return;
+        }
+        let text = String::from_utf8_lossy(line.trim_ascii());
+        let text = text.trim_start_matches(['#', '/']).trim();
+        // The last comment before the points that contains column names.
+        self.header = names(text.as_bytes(), self.plan.dialect).or(self.header.take());
+        if !text.is_empty() {
+            text.clone_into(&mut self.last_comment);
+            self.table.comments.push(text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect());
+        }
+    }
+
+    /// Parses the cells of a line; the numbers that are read become the current row.
+    fn parse<'a>(&mut self, line: &'a [u8], at: Location) -> Result<Cells<'a>, Fault> {
+        let (dialect, kept) = (self.plan.dialect, self.plan.kept.as_deref());
+        self.row.clear();
+        let first = dialect.words(line).next().and_then(|word| dialect.number(word));
+        let mut cells = Cells { count: 0, first, bad: None, is_incomplete: false };
+        for word in dialect.words(line) {
+            let is_kept = kept.is_none_or(|kept| kept.get(cells.count).copied().unwrap_or(true));
+            cells.count += 1;
+            if cells.count > MAX_COLUMNS {
+                return Err(Problem::new(format!("more than {MAX_COLUMNS} columns")).at(at).into());
+            }
+            match dialect.number(word) {
+                _ if !is_kept => {}
+                Some(value) => self.row.push(value),
+                None if is_missing(word) => cells.is_incomplete = true,
+                None => {
+                    cells.bad = Some(word);
+                    break;
+                }
+            }
+        }
+        Ok(cells)
+    }
+
+    /// Reads a line with a word that is no number: before the points it names the columns.
+    fn words(&mut self, line: &[u8], word: &[u8], at: Location) -> Result<(), Fault> {
+        if self.table.rows > 0 {
+            let problem = Problem::new(format!("found {}", quote(word))).at(at).expected("a number");
+            let help = "if the whole column holds words, leave it out by _, as in `columns=x,y,z,_`";
+            return Err(problem.help(help).into());
+        }
+        self.lines_before += 1;
+        if self.named {
+            return Ok(());
+        }
+        self.header = Some(names(line, self.plan.dialect).ok_or_else(|| {
+            let found = format!("found {} where points were expected", quote(word));
+            let is_grid = word.eq_ignore_ascii_case(b"ncols") && self.table.rows == 0;
+            let help = if is_grid { "gdal2xyz.py writes the points of an Esri ASCII grid" } else { NAME_THEM };
+            Problem::new(found).at(at).expected(EXPECTED).help(help)
+        })?);
+        Ok(())
+    }
+
+    /// Names the table's columns by the user's names, the file's header, or the format.
+    fn name_columns(&mut self, named: Option<&TableColumns>, context: &mut Context<'_>) {
+        let (plan, table, cells) = (&self.plan, &mut self.table, self.cells);
+        table.numbers = plan.numbers(cells);
+        if let Some(columns) = named {
+            table.names = Some(
+                columns
+                    .columns()
+                    .iter()
+                    .filter_map(|column| column.name.as_deref().map(raw_rows::usual_name))
+                    .collect(),
+            );
+            return;
+        }
+        let header = self.header.take();
+        let has_word_per_column = |text: &String| {
+            [plan.dialect.words(text.as_bytes()).count(), text.split_whitespace().count()].contains(&cells)
+        };
+        let last_comment = std::mem::take(&mut self.last_comment);
         table.comment = Some(last_comment).filter(|text| header.is_none() && has_word_per_column(text));
         plan.notes(header.as_deref().filter(|names| names.len() == cells)).into_iter().for_each(|n| context.note(n));
-        table.names = header.map(|names| chosen(names, kept));
-        if pts && ends_in_bytes && table.names.is_none() {
+        table.names = header.map(|names| chosen(names, plan.kept.as_deref()));
+        if self.pts && self.ends_in_bytes && table.names.is_none() {
             table.names = Some(PTS_COLUMNS.map(str::to_owned).to_vec());
         }
     }
-    if dialect.has_decimal_commas {
-        context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
+
+    /// Reports how lines were read, and those that were left out.
+    fn note(&self, context: &mut Context<'_>) {
+        if self.plan.dialect.has_decimal_commas {
+            context.note("took commas as decimal points: blanks or semicolons divide the columns".into());
+        }
+        if self.named && self.lines_before > 1 {
+            context.note(format!("left out {} before the points", counted(self.lines_before, "lines")));
+        }
+        let LeftOut { count, first } = self.incomplete;
+        if count > 0 {
+            let rows = counted(count, "rows");
+            context.note(format!("left out {rows} with an empty cell, the first in line {first}"));
+        }
+        let LeftOut { count, first } = self.others;
+        if let Some(word) = self.plan.point_word.filter(|_| count > 0) {
+            let (lines, word) = (counted(count, "lines"), quote(word));
+            context.note(format!("left out {lines} that don't begin with {word}, the first in line {first}"));
+        }
+        let (stated, found) = (self.stated_points, self.table.rows);
+        if stated > 0 && stated != found as u64 {
+            context.note(format!("the file says that it has {}, and has {found}", counted(stated, "points")));
+        }
     }
-    if named.is_some() && before > 1 {
-        context.note(format!("left out {} before the points", counted(before, "lines")));
-    }
-    if incomplete > 0 {
-        let rows = counted(incomplete as u64, "rows");
-        context.note(format!("left out {rows} with an empty cell, the first in line {first_incomplete}"));
-    }
-    if let Some(word) = plan.point_word.filter(|_| others > 0) {
-        let (lines, word) = (counted(others, "lines"), quote(word));
-        context.note(format!("left out {lines} that don't begin with {word}, the first in line {first_other}"));
-    }
-    if said > 0 && said != table.rows as u64 {
-        context.note(format!("the file says that it has {}, and has {}", counted(said, "points"), table.rows));
-    }
-    Ok(table)
 }
 
 /// Returns the names of the columns that are read, if each column has a name.
