@@ -203,42 +203,73 @@ impl ObjectView<'_> {
         self.project(simd, &splats, group, out);
     }
 
+    /// Appends the records of a group.
     #[inline(always)]
     fn project<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, group: Group<'_>, out: &mut SetupOutput<'_>) {
-        let GroupLanes { splat, radius, area, shading, color } = *splats;
-        let Group { chunk, at, active } = group;
+        let classes = self.classify(simd, splats, group.active);
+        if classes.near != 0 {
+            self.push_near(simd, group.chunk, group.at, classes.near, out);
+        }
+        if classes.ordinary == 0 {
+            return;
+        }
+        let Some(footprints) = self.filter(simd, splats.area, &classes) else { return };
+        let Some(bounds) = self.bounds(simd, &classes, &footprints, out) else { return };
+        let depths = self.depth_lanes(simd, &classes, &footprints, bounds.inverse_z);
+        let evaluation = self.evaluation(simd, &classes, &footprints, &depths, bounds.inverse_z);
+        let stages = Stages { classes, footprints, bounds, depths, evaluation };
+        let records = self.records(simd, splats, group.at, &stages, out.segment);
+        self.emit(simd, records, group.at, &stages, out);
+    }
+
+    /// Classifies splats by their depth range: outside, at the near plane, or ordinary.
+    #[inline(always)]
+    fn classify<S: Simd>(&self, simd: S, splats: &GroupLanes<S>, active: usize) -> DepthClasses<S> {
+        let GroupLanes { splat, radius, .. } = *splats;
         let projection = &self.view.projection;
-        let settings = &self.plan.splat_filter;
-        let material = &self.material;
         let k = |v: f64| Lanes::splat(simd, v as f32);
-        let (zero, one) = (k(0.0), k(1.0));
-        let perspective = projection.is_perspective();
         let near = k(projection.near);
         let z = splat.p.z;
         let extent = splat.s.z.mul_add(splat.s.z, splat.t.z * splat.t.z).sqrt();
         let inside = near.le(z + extent) & (z - extent).le(k(projection.far().min(f64::from(f32::MAX))));
         let before_near = z.lt(near);
-        let close = if perspective { before_near | (z * k(0.5)).le(extent) } else { before_near };
+        let close = if projection.is_perspective() { before_near | (z * k(0.5)).le(extent) } else { before_near };
         let size = match radius {
             Some(radius) => radius,
             None => splat.s.max_abs().max(splat.t.max_abs()),
         };
         let close = close | is_vast(size, z, projection);
         let live = (1u64 << active) - 1;
-        let to_near = (inside & close).bits() & live;
-        if to_near != 0 {
-            self.push_near(simd, chunk, at, to_near, out);
-        }
-        let ordinary = (inside & !close).bits() & live;
-        if ordinary == 0 {
-            return;
-        }
         // Lanes of splats that aren't ordinary continue with a harmless depth; their results are never read.
         let z = Lanes::select(inside & !close, z, k(projection.near * 4.0));
-        let splat = &ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..splat };
+        DepthClasses {
+            near: (inside & close).bits() & live,
+            ordinary: (inside & !close).bits() & live,
+            splat: ViewSplat { p: V3::new(splat.p.x, splat.p.y, z), ..splat },
+            radius,
+            extent,
+        }
+    }
+
+    /// Projects and filters splats; returns `None` if no ordinary splat faces the eye.
+    #[inline(always)]
+    fn filter<S: Simd>(
+        &self,
+        simd: S,
+        area: Option<Area<Lanes<S>>>,
+        classes: &DepthClasses<S>,
+    ) -> Option<FootprintLanes<S>> {
+        let DepthClasses { splat, radius, ordinary, .. } = classes;
+        let projection = &self.view.projection;
+        let settings = &self.plan.splat_filter;
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let (zero, one) = (k(0.0), k(1.0));
         let h = k(settings.radius_px);
-        let (adjusted, visible_turn) =
-            if settings.filter == Filter::Adjust { adjust_axes(splat, perspective) } else { (*splat, Turn::none(one)) };
+        let (adjusted, visible_turn) = if settings.filter == Filter::Adjust {
+            adjust_axes(splat, projection.is_perspective())
+        } else {
+            (*splat, Turn::none(one))
+        };
         let area = match area {
             Some(area) => area,
             None => Area::of(&adjusted),
@@ -246,20 +277,20 @@ impl ObjectView<'_> {
         let projected = Projected::with_area(&adjusted, area, projection);
         let back_facing = zero.le(projected.facing);
         let mut keep = !projected.is_edge_on();
-        if material.cull == Cull::Back {
+        if self.material.cull == Cull::Back {
             keep &= !back_facing;
         }
         if keep.bits() & ordinary == 0 {
-            return;
+            return None;
         }
         let radius = match radius {
-            Some(radius) => radius,
+            Some(radius) => *radius,
             None => radius_max(splat.s, splat.t),
         };
-        let epsilon = projected_tolerance(z, &projected, radius, h, settings.tolerance, projection);
+        let epsilon = projected_tolerance(splat.p.z, &projected, radius, h, settings.tolerance, projection);
         let visible = Footprint::unfiltered(&projected, settings.projective);
         let mut extent_px = bounds::unfiltered(&projected, settings.projective);
-        let clips = self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off);
+        let is_clipped = self.clips().is_some();
         // If no splat of the group is small, the filter isn't computed.
         let acts = match settings.filter {
             Filter::Principal => !filter::is_surely_wide(&projected, h) & keep,
@@ -275,16 +306,31 @@ impl ObjectView<'_> {
             Filter::Adjust => filter::adjust(&projected, h, settings.projective),
             Filter::Ewa => filter::ewa(&projected, h),
             // `Filter::Principal`, the default, also serves filters that may be added to the enum.
-            _ => filter::principal_or_unturned(&projected, h, settings.projective, clips.is_some()),
+            _ => filter::principal_or_unturned(&projected, h, settings.projective, is_clipped),
         };
-        if clips.is_none() {
+        if !is_clipped {
             filtered.turn = Turn::none(one);
         }
         if !matches!(settings.filter, Filter::None | Filter::Clamp) && acts.bits() & ordinary != 0 {
             extent_px = extent_px.union(bounds::footprint(&filtered.footprint));
         }
-        let extent_px = extent_px.grow(k(BOX_SLACK_PX));
-        let inverse_z = if perspective { one / z } else { one };
+        Some(FootprintLanes { projected, back_facing, keep, epsilon, visible, visible_turn, filtered, extent_px })
+    }
+
+    /// Bounds splats in pixels, and counts those that are drawn; returns `None` if none touches the region.
+    #[inline(always)]
+    fn bounds<S: Simd>(
+        &self,
+        simd: S,
+        classes: &DepthClasses<S>,
+        footprints: &FootprintLanes<S>,
+        out: &mut SetupOutput<'_>,
+    ) -> Option<PixelBounds<S>> {
+        let splat = &classes.splat;
+        let projection = &self.view.projection;
+        let one = Lanes::splat(simd, 1.0);
+        let extent_px = footprints.extent_px.grow(Lanes::splat(simd, BOX_SLACK_PX as f32));
+        let inverse_z = if projection.is_perspective() { one / splat.p.z } else { one };
         let base = V2::new(
             pixel_of(splat.p.x * inverse_z, projection.focal_px[0], projection.principal_px[0]),
             pixel_of(splat.p.y * inverse_z, projection.focal_px[1], projection.principal_px[1]),
@@ -295,34 +341,60 @@ impl ObjectView<'_> {
             pixel_range(base.x, fraction.x + extent_px.min.x, fraction.x + extent_px.max.x, region.x, region.width);
         let rows =
             pixel_range(base.y, fraction.y + extent_px.min.y, fraction.y + extent_px.max.y, region.y, region.height);
-        let keep = (keep & columns.0.lt(columns.1) & rows.0.lt(rows.1)).bits() & ordinary;
+        let keep = (footprints.keep & columns.0.lt(columns.1) & rows.0.lt(rows.1)).bits() & classes.ordinary;
         if keep == 0 {
-            return;
+            return None;
         }
         // A splat that several cells draw counts in the cell that contains its centre, clamped to the view.
         let (whole, counted) = (self.view.region, out.counted);
         let here = moved_inside(base.x, (whole.x, whole.width), (counted.x, counted.width))
             & moved_inside(base.y, (whole.y, whole.height), (counted.y, counted.height));
         out.segment.drawn += u64::from((here.bits() & keep).count_ones());
-        let (gradient, range) = if settings.projective {
+        Some(PixelBounds { inverse_z, base, fraction, ranges: [columns.0, columns.1, rows.0, rows.1], keep })
+    }
+
+    /// Computes the depths of splats over the image.
+    #[inline(always)]
+    fn depth_lanes<S: Simd>(
+        &self,
+        simd: S,
+        classes: &DepthClasses<S>,
+        footprints: &FootprintLanes<S>,
+        inverse_z: Lanes<S>,
+    ) -> DepthLanes<S> {
+        let (z, extent, slope) = (classes.splat.p.z, classes.extent, footprints.projected.depth_gradient);
+        let one = Lanes::splat(simd, 1.0);
+        let (gradient, range) = if self.plan.splat_filter.projective {
             // 1/(1 + e) and 1/(1 − e).
             let e = extent * inverse_z;
             let q = one / ((one - e) * (one + e));
-            (-projected.depth_gradient, [(one - e) * q, (one + e) * q])
-        } else if perspective {
-            (projected.depth_gradient * z, [z - extent, z + extent])
+            (-slope, [(one - e) * q, (one + e) * q])
+        } else if self.view.projection.is_perspective() {
+            (slope * z, [z - extent, z + extent])
         } else {
-            (projected.depth_gradient, [z - extent, z + extent])
+            (slope, [z - extent, z + extent])
         };
-        if self.keeps_facings() {
-            let kept = Lanes::select(mask32x16::from_bitmask(simd, keep), epsilon, zero);
-            out.segment.largest_epsilon = out.segment.largest_epsilon.max(largest(kept));
-        }
-        let shown = self.shown_normal(simd, splat.p, shading, (back_facing, projected.facing_cosine), keep);
+        DepthLanes { gradient, range, z_min: z - extent, z_max: z + extent }
+    }
+
+    /// Chooses how splats are evaluated, and the gradients of their footprints.
+    #[inline(always)]
+    fn evaluation<S: Simd>(
+        &self,
+        simd: S,
+        classes: &DepthClasses<S>,
+        footprints: &FootprintLanes<S>,
+        depths: &DepthLanes<S>,
+        inverse_z: Lanes<S>,
+    ) -> Evaluation<S> {
+        let FootprintLanes { visible, filtered, .. } = footprints;
+        let (projection, settings) = (&self.view.projection, &self.plan.splat_filter);
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let (one, h) = (k(1.0), k(settings.radius_px));
+        let (z, extent) = (classes.splat.p.z, classes.extent);
         let f = &filtered.footprint;
-        let (z_min, z_max) = (z - extent, z + extent);
-        let unclipped = near.lt(z_min * k(1.0 - RANGE_SLACK))
-            & (z_max * k(1.0 + RANGE_SLACK)).lt(k(projection.far().min(f64::from(f32::MAX))));
+        let unclipped = k(projection.near).lt(depths.z_min * k(1.0 - RANGE_SLACK))
+            & (depths.z_max * k(1.0 + RANGE_SLACK)).lt(k(projection.far().min(f64::from(f32::MAX))));
         let one_footprint = match settings.filter {
             Filter::None => one.le(one),
             // If both axes keep their length, the footprint is the same ellipse, turned within the disk, with the same
@@ -330,7 +402,7 @@ impl ObjectView<'_> {
             Filter::Principal => one.le(filtered.weight_scale),
             _ => one.lt(one),
         };
-        let steepness = gradient.x.abs() + gradient.y.abs();
+        let steepness = depths.gradient.x.abs() + depths.gradient.y.abs();
         let constant_depth = match settings.projective {
             true => extent.le(z * k(CHEAP_DEPTH)) & steepness.le(k(CHEAP_STEEPNESS)),
             false => one.lt(one),
@@ -342,18 +414,44 @@ impl ObjectView<'_> {
             V2::select(unfiltered, gradient_of(&visible.w), gradient_of(&f.w)),
         );
         // The filtered disk reaches at most h beyond the unfiltered one.
-        let is_clamp = settings.filter == Filter::Clamp;
         let filtered_steepness = w.x.abs() + w.y.abs();
         let slow = h.mul_add(filtered_steepness, extent * inverse_z).le(k(CHEAP_FILTERED_DEPTH))
             & filtered_steepness.le(k(CHEAP_STEEPNESS))
             & h.le(k(CHEAP_RADIUS_PX));
+        let is_clamp = settings.filter == Filter::Clamp;
         let cheap = if is_clamp { one.lt(one) } else { constant_depth & slow & unclipped };
+        Evaluation { unfiltered, cheap, u, v, w }
+    }
+
+    /// Assembles the records of a group.
+    #[inline(always)]
+    fn records<S: Simd>(
+        &self,
+        simd: S,
+        splats: &GroupLanes<S>,
+        at: usize,
+        stages: &Stages<S>,
+        segment: &mut Segment,
+    ) -> RecordLanes<S> {
+        let Stages { classes, footprints, bounds, depths, evaluation } = stages;
+        let FootprintLanes { projected, back_facing, epsilon, visible, filtered, .. } = footprints;
+        let PixelBounds { base, fraction, keep, .. } = bounds;
+        let Evaluation { unfiltered, cheap, u, v, w } = *evaluation;
+        let (splat, color) = (&classes.splat, splats.color);
+        let settings = &self.plan.splat_filter;
+        let k = |v: f64| Lanes::splat(simd, v as f32);
+        let (zero, one, half) = (k(0.0), k(1.0), k(0.5));
+        if self.keeps_facings() {
+            let kept = Lanes::select(mask32x16::from_bitmask(simd, *keep), *epsilon, zero);
+            segment.largest_epsilon = segment.largest_epsilon.max(largest(kept));
+        }
+        let shown = self.shown_normal(simd, splat.p, splats.shading, (*back_facing, projected.facing_cosine), *keep);
         // Splats evaluated in one batch need their range in the same form: of e, and unlimited if the footprint is the
         // disk.
         let unlimited = k(f64::from(f32::MAX));
+        let range = depths.range;
         let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
-        let half = k(0.5);
-        let records = RecordLanes {
+        RecordLanes {
             base_x: base.x,
             base_y: base.y,
             offset_x: half - fraction.x,
@@ -362,13 +460,13 @@ impl ObjectView<'_> {
             u_y: u.y,
             v_x: v.x,
             v_y: v.y,
-            depth_x: gradient.x,
-            depth_y: gradient.y,
-            z,
+            depth_x: depths.gradient.x,
+            depth_y: depths.gradient.y,
+            z: splat.p.z,
             range_min: Lanes::select(unfiltered, -unlimited, Lanes::select(cheap, range[0] - one, range[0])),
             range_max: Lanes::select(unfiltered, unlimited, Lanes::select(cheap, range[1] - one, range[1])),
-            epsilon,
-            nearest: z_min - z_max.abs() * k(RANGE_SLACK),
+            epsilon: *epsilon,
+            nearest: depths.z_min - depths.z_max.abs() * k(RANGE_SLACK),
             class_bits: Lanes::select(
                 unfiltered,
                 bits(UNFILTERED),
@@ -388,56 +486,78 @@ impl ObjectView<'_> {
             w_y: w.y,
             weight_scale: filtered.weight_scale,
             coverage_scale: if settings.filter == Filter::Clamp {
-                filter::area_ratio(&projected, h)
+                filter::area_ratio(projected, k(settings.radius_px))
             } else {
                 filtered.coverage_scale
             },
-            object_bits: match (self.first_number, self.keeps_facings()) {
-                (Some(first), keeps_facings) => {
-                    let with = |facing: Facing| {
-                        let number = |lane: usize| f32::from_bits(facing.with_object(first + (at + lane) as u32));
-                        Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(number))
-                    };
-                    let [none, front, back] = [Facing::Undeclared, Facing::Front, Facing::Back].map(with);
-                    if keeps_facings { Lanes::select(back_facing, back, front) } else { none }
-                }
-                (None, true) => {
-                    let [front, back] = [false, true].map(|back| Facing::of(back).with_object(self.index));
-                    Lanes::select(back_facing, bits(back), bits(front))
-                }
-                (None, false) => bits(self.index),
-            },
+            object_bits: self.object_bits(simd, at, *back_facing),
             clip_bits: bits(0),
-        };
+        }
+    }
+
+    /// Returns the bits of records that hold the object's or the splat's number, and the facing.
+    #[inline(always)]
+    fn object_bits<S: Simd>(&self, simd: S, at: usize, back_facing: mask32x16<S>) -> Lanes<S> {
+        let bits = |value: u32| Lanes::splat(simd, f32::from_bits(value));
+        match (self.first_number, self.keeps_facings()) {
+            (Some(first), keeps_facings) => {
+                let with = |facing: Facing| {
+                    let number = |lane: usize| f32::from_bits(facing.with_object(first + (at + lane) as u32));
+                    Lanes::load(simd, &std::array::from_fn::<f32, LANES, _>(number))
+                };
+                let [none, front, back] = [Facing::Undeclared, Facing::Front, Facing::Back].map(with);
+                if keeps_facings { Lanes::select(back_facing, back, front) } else { none }
+            }
+            (None, true) => {
+                let [front, back] = [false, true].map(|back| Facing::of(back).with_object(self.index));
+                Lanes::select(back_facing, bits(back), bits(front))
+            }
+            (None, false) => bits(self.index),
+        }
+    }
+
+    /// Appends records, their clips, and their entries in blocks.
+    #[inline(always)]
+    fn emit<S: Simd>(
+        &self,
+        simd: S,
+        records: RecordLanes<S>,
+        at: usize,
+        stages: &Stages<S>,
+        out: &mut SetupOutput<'_>,
+    ) {
+        let Stages { classes, footprints, bounds, depths, evaluation } = stages;
+        let PixelBounds { base, fraction, ranges, keep, .. } = *bounds;
+        let settings = &self.plan.splat_filter;
+        let half = Lanes::splat(simd, 0.5);
         let whole_box = settings.filter == Filter::Clamp;
         let form = MaskForm { drawn: out.drawn, linear_depth: !settings.projective, whole_box };
         let wide = MaskForms {
             offset: V2::new(half - fraction.x, half - fraction.y),
             base,
-            u,
-            v,
+            u: evaluation.u,
+            v: evaluation.v,
             // Every filter's footprint contains the unfiltered one, and its w changes no more.
-            w: if settings.projective { range[1] } else { one },
+            w: if settings.projective { depths.range[1] } else { Lanes::splat(simd, 1.0) },
         };
-        let mut masks = mask::masks(&wide, [columns.0, columns.1, rows.0, rows.1], keep, &out.grid, form);
-        let clips = clips.map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0).map(
-            |(clips, clipped)| Clips {
-                clips,
-                at,
-                clipped,
-                policy: self.plan.clip,
-                projective: settings.projective,
-                oriented: self.object.oriented,
-                visible: turns(&visible_turn),
-                filtered: turns(&visible_turn.after(&filtered.turn)),
-            },
-        );
+        let mut masks = mask::masks(&wide, ranges, keep, &out.grid, form);
+        let clips = self.clips().map(|clips| (clips, clips.clipped(at) & keep)).filter(|(_, clipped)| *clipped != 0);
+        let clips = clips.map(|(clips, clipped)| Clips {
+            clips,
+            at,
+            clipped,
+            policy: self.plan.clip,
+            projective: settings.projective,
+            oriented: self.object.oriented,
+            visible: turns(&footprints.visible_turn),
+            filtered: turns(&footprints.visible_turn.after(&footprints.filtered.turn)),
+        });
         if !self.is_transparent() {
             let clipped = clips.as_ref().map_or(0, |clips| clips.clipped);
             let keep = keep & masks.touching() & masks.drawn(form.drawn, &out.grid);
             let SetupOutput { grid, tiny, segment, entries, .. } = out;
             let tiny = match tiny {
-                Some(tiny) if clipped == 0 => tiny.find(&records, keep, [columns.0, columns.1, rows.0, rows.1]),
+                Some(tiny) if clipped == 0 => tiny.find(&records, keep, ranges),
                 _ => None,
             };
             if let Some(tiny) = &tiny {
@@ -454,7 +574,8 @@ impl ObjectView<'_> {
             return;
         }
         let records = records.transposed();
-        let [x, y, z] = [splat.p.x.to_array(), splat.p.y.to_array(), splat.p.z.to_array()];
+        let p = classes.splat.p;
+        let [x, y, z] = [p.x.to_array(), p.y.to_array(), p.z.to_array()];
         for i in lanes_of(keep) {
             let mut part = out.part(self.transparent(at + i, || [x[i], y[i], z[i]]));
             let index = part.push(simd, &records[i], (&masks, i), form);
@@ -462,6 +583,12 @@ impl ObjectView<'_> {
                 clips.clip(i, index, part.segment);
             }
         }
+    }
+
+    /// Returns the object's clips, unless the plan ignores them.
+    #[inline(always)]
+    fn clips(&self) -> Option<&StoredClips> {
+        self.object.clips.as_ref().filter(|_| self.plan.clip != ClipPolicy::Off)
     }
 }
 
@@ -514,6 +641,83 @@ struct GroupLanes<S: Simd> {
     /// Shading normals, in world space.
     shading: V3<Lanes<S>>,
     color: V3<Lanes<S>>,
+}
+
+/// A group's splats in view space, with their classes by depth range.
+struct DepthClasses<S: Simd> {
+    /// Bits of the splats at the near plane, which are projected in f64.
+    near: u64,
+    /// Bits of the splats that are projected here.
+    ordinary: u64,
+    /// The splats; those that aren't ordinary have a harmless depth.
+    splat: ViewSplat<Lanes<S>>,
+    /// Radii, if the splats are disks and the transform is a similarity.
+    radius: Option<Lanes<S>>,
+    /// Half the range of each splat's depths.
+    extent: Lanes<S>,
+}
+
+/// A group's splats in the image, with and without the filter.
+struct FootprintLanes<S: Simd> {
+    projected: Projected<Lanes<S>>,
+    back_facing: mask32x16<S>,
+    /// Mask of the splats that are neither edge-on nor culled.
+    keep: mask32x16<S>,
+    /// Depth tolerances.
+    epsilon: Lanes<S>,
+    /// Footprints of the unfiltered splats.
+    visible: Footprint<Lanes<S>>,
+    /// Turns from the stored half-axes to those of `visible`.
+    visible_turn: Turn<Lanes<S>>,
+    filtered: Filtered<Lanes<S>>,
+    /// Boxes of the footprints around the projected centres, in pixels.
+    extent_px: Extent<Lanes<S>>,
+}
+
+/// Pixels that a group's splats may touch.
+struct PixelBounds<S: Simd> {
+    /// Reciprocal depths; 1 for orthographic views.
+    inverse_z: Lanes<S>,
+    /// Pixels that contain the projected centres.
+    base: V2<Lanes<S>>,
+    /// Projected centres relative to `base`.
+    fraction: V2<Lanes<S>>,
+    /// First column, end of the columns, first row, end of the rows.
+    ranges: [Lanes<S>; 4],
+    /// Bits of the splats that touch the region.
+    keep: u64,
+}
+
+/// Depths of a group's splats over the image, in the form of the plan's mapping.
+struct DepthLanes<S: Simd> {
+    /// Change of depth per pixel.
+    gradient: V2<Lanes<S>>,
+    /// Range of the fragments' depths.
+    range: [Lanes<S>; 2],
+    /// Least depth in view space.
+    z_min: Lanes<S>,
+    /// Largest depth in view space.
+    z_max: Lanes<S>,
+}
+
+/// Evaluators of a group's splats, and the gradients of the footprints that they evaluate.
+struct Evaluation<S: Simd> {
+    /// Mask of splats whose filtered footprint is the unfiltered one.
+    unfiltered: mask32x16<S>,
+    /// Mask of splats whose depth may be taken as constant.
+    cheap: mask32x16<S>,
+    u: V2<Lanes<S>>,
+    v: V2<Lanes<S>>,
+    w: V2<Lanes<S>>,
+}
+
+/// Results of the stages before a group's records.
+struct Stages<S: Simd> {
+    classes: DepthClasses<S>,
+    footprints: FootprintLanes<S>,
+    bounds: PixelBounds<S>,
+    depths: DepthLanes<S>,
+    evaluation: Evaluation<S>,
 }
 
 /// Clips of a group.
