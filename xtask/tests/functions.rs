@@ -9,9 +9,7 @@ use std::path::{Path, PathBuf};
 const MAX_LINES: usize = 100;
 
 /// Longer functions by name, with the reason. A name alone matches in any file; a name after a path only there.
-const LONGER: [(&str, &str); 6] = [
-    ("load_uncolored", "is to be split"),
-    ("splats_of", "is to be split"),
+const LONGER: [(&str, &str); 4] = [
     ("crates/surfel-bench/src/tradeoff/page.rs page", "a straight list of sections and their texts"),
     (
         "crates/surfel-ash/src/execute.rs new",

@@ -196,6 +196,7 @@ impl Radii {
             up: points.up,
             extras: points.extras,
             comments: points.comments,
+            rows: points.rows,
             ..CloudData::new(points.origin, points.positions, Shape::Disks { normals, radii })
         };
         let (mut splats, _) = SplatCloud::new(data, OnInvalid::Refuse)?;
