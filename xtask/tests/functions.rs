@@ -108,9 +108,11 @@ fn no_function_is_longer_than_a_hundred_lines() {
 
 #[test]
 fn functions_are_found_with_their_lengths() {
-    let source = "pub(crate) const fn a(b: u32) -> u32 {\n    b\n}\n\nimpl B {\n    fn c(\n        &self,\n    ) {\n        \
-                  if d {\n        }\n    }\n\n    fn e() {}\n}\n\ntrait F {\n    fn g();\n}\n\n#[cfg(test)]\nmod tests \
-                  {\n    fn h() {\n    }\n}\n";
+    let source = concat!(
+        "pub(crate) const fn a(b: u32) -> u32 {\n    b\n}\n\n",
+        "impl B {\n    fn c(\n        &self,\n    ) {\n        if d {\n        }\n    }\n\n    fn e() {}\n}\n\n",
+        "trait F {\n    fn g();\n}\n\n#[cfg(test)]\nmod tests {\n    fn h() {\n    }\n}\n",
+    );
     let found: Vec<(String, usize, usize)> =
         functions(source).into_iter().map(|f| (f.name, f.line, f.length)).collect();
     assert_eq!(found, [("a".to_owned(), 1, 3), ("c".to_owned(), 6, 6)]);
