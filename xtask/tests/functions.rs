@@ -9,15 +9,7 @@ use std::path::{Path, PathBuf};
 const MAX_LINES: usize = 100;
 
 /// Longer functions by name, with the reason. A name alone matches in any file; a name after a path only there.
-const LONGER: [(&str, &str); 4] = [
-    ("crates/surfel-bench/src/tradeoff/page.rs page", "a straight list of sections and their texts"),
-    (
-        "crates/surfel-ash/src/execute.rs new",
-        "fills the descriptor sets of a tile, one after the other; is to be split",
-    ),
-    ("crates/surfel-wgpu/src/execute.rs new", "fills the bind groups of a tile, one after the other; is to be split"),
-    ("crates/surfel-io/src/las/copc/write/mod.rs new", "sets 29 fields; is to become sorter, builder and finisher"),
-];
+const LONGER: [(&str, &str); 0] = [];
 
 /// A function of a source.
 #[derive(Debug, PartialEq, Eq)]

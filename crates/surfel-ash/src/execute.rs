@@ -90,6 +90,96 @@ struct RecordDraw {
     index: usize,
 }
 
+/// Returns the images of targets that a shader reads, by their bindings.
+fn bound<'t>(targets: &'t Targets, reads: &[(u32, Target)]) -> Vec<(u32, Resource<'t>)> {
+    targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
+}
+
+/// Creates the descriptor set of records, with their clips if the variant has clips.
+fn records_set(
+    sets: &Sets,
+    pipelines: &Pipelines,
+    records: &Buffer,
+    clips: Option<&Buffer>,
+    variant: Variant,
+) -> Result<vk::DescriptorSet, Failure> {
+    let clips = clips.filter(|_| variant == Variant::Clipped);
+    sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
+}
+
+/// Creates the descriptor sets of each segment of splats; `None` for segments outside of the tile. Both counters count
+/// drawn splats, the second those that are drawn again. New buffers are added to `buffers`.
+fn segment_sets(
+    device: &Arc<Device>,
+    sets: &Sets,
+    inputs: &TileInputs<'_>,
+    counters: [&Buffer; 2],
+    buffers: &mut Vec<Buffer>,
+) -> Result<Vec<Option<SegmentSets>>, Failure> {
+    let TileInputs { scene, pipelines, targets, data, .. } = *inputs;
+    let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+    let mut segments = Vec::with_capacity(scene.segments.len());
+    for (index, (segment, data)) in scene.segments.iter().zip(&data.segments).enumerate() {
+        if data.is_outside {
+            segments.push(None);
+            continue;
+        }
+        let chunks = Buffer::filled(device, "chunks", &data.chunks, storage)?;
+        let near_bits = Buffer::filled(device, "near bits", &data.near_bits, storage)?;
+        let setup = |counter| {
+            let records = &*segment.records;
+            let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
+            let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
+            let mut all = numbered(all.into_iter().chain(clips));
+            all.extend(bound(targets, &[(SETUP_STEPS_BINDING, Target::Steps)]));
+            sets.set(&pipelines.splats(data.variant)?.setup_set, "segment", &all)
+        };
+        let setup = [setup(counters[0])?, setup(counters[1])?];
+        let (variant, is_transparent, runs) = (data.variant, data.is_transparent, data.runs.clone());
+        let records = records_set(sets, pipelines, &segment.records.records, segment.records.clips.as_ref(), variant)?;
+        let drawn = RecordDraw { variant, is_transparent, records, lit: None, runs, index };
+        segments.push(Some(SegmentSets { setup, drawn }));
+        buffers.extend([chunks, near_bits]);
+    }
+    Ok(segments)
+}
+
+/// Creates the draws of records at the near plane. New buffers are added to `buffers`.
+fn near_draws(
+    device: &Arc<Device>,
+    sets: &Sets,
+    inputs: &TileInputs<'_>,
+    buffers: &mut Vec<Buffer>,
+) -> Result<Vec<RecordDraw>, Failure> {
+    let TileInputs { scene, pipelines, data, .. } = *inputs;
+    let storage = vk::BufferUsageFlags::STORAGE_BUFFER;
+    let mut near = Vec::with_capacity(data.near.len());
+    for (i, of_variant) in data.near.iter().enumerate() {
+        let clips = match of_variant.variant {
+            Variant::Whole => None,
+            Variant::Clipped => Some(Buffer::filled(device, "clips of near records", &of_variant.clips, storage)?),
+        };
+        let records = Buffer::filled(device, "near records", &of_variant.records, storage)?;
+        let lit = match of_variant.lit.is_empty() {
+            true => None,
+            false => Some(Buffer::filled(device, "lit near records", &of_variant.lit, storage)?),
+        };
+        let (variant, is_transparent) = (of_variant.variant, of_variant.is_transparent);
+        let set = |records| records_set(sets, pipelines, records, clips.as_ref(), variant);
+        let lit_set = lit.as_ref().map(set).transpose()?;
+        near.push(RecordDraw {
+            variant,
+            is_transparent,
+            records: set(&records)?,
+            lit: lit_set,
+            runs: of_variant.runs(),
+            index: scene.segments.len() + i,
+        });
+        buffers.extend([Some(records), lit, clips].into_iter().flatten());
+    }
+    Ok(near)
+}
+
 impl<'a> Tile<'a> {
     pub(crate) fn new(device: &Arc<Device>, inputs: &TileInputs<'a>) -> Result<Self, Failure> {
         let TileInputs { scene, pipelines, targets, queries, frame, data, pixel_passes, .. } = *inputs;
@@ -112,60 +202,9 @@ impl<'a> Tile<'a> {
         let (drawn, again) = (counter("drawn")?, counter("drawn again")?);
         let to_host = vk::BufferUsageFlags::TRANSFER_DST;
         let drawn_readback = Buffer::new(device, "drawn to read", 4, to_host, MemoryLocation::GpuToCpu)?;
-        let records_set = |records: &Buffer, clips: Option<&Buffer>, variant: Variant| {
-            let clips = clips.filter(|_| variant == Variant::Clipped);
-            sets.set(&pipelines.splats(variant)?.records_set, "records", &numbered([records].into_iter().chain(clips)))
-        };
-        let bound = |reads: &[(u32, Target)]| -> Vec<(u32, Resource<'_>)> {
-            targets.images(reads).into_iter().map(|(binding, image)| (binding, Resource::Image(image))).collect()
-        };
-        let mut segments = Vec::with_capacity(scene.segments.len());
-        for (index, (segment, data)) in scene.segments.iter().zip(&data.segments).enumerate() {
-            if data.is_outside {
-                segments.push(None);
-                continue;
-            }
-            let chunks = Buffer::filled(device, "chunks", &data.chunks, storage)?;
-            let near_bits = Buffer::filled(device, "near bits", &data.near_bits, storage)?;
-            let setup = |counter| {
-                let records = &*segment.records;
-                let all = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
-                let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
-                let mut all = numbered(all.into_iter().chain(clips));
-                all.extend(bound(&[(SETUP_STEPS_BINDING, Target::Steps)]));
-                sets.set(&pipelines.splats(data.variant)?.setup_set, "segment", &all)
-            };
-            let setup = [setup(&drawn)?, setup(&again)?];
-            let (variant, is_transparent, runs) = (data.variant, data.is_transparent, data.runs.clone());
-            let records = records_set(&segment.records.records, segment.records.clips.as_ref(), variant)?;
-            let drawn = RecordDraw { variant, is_transparent, records, lit: None, runs, index };
-            segments.push(Some(SegmentSets { setup, drawn }));
-            buffers.extend([chunks, near_bits]);
-        }
-        let mut near = Vec::with_capacity(data.near.len());
-        for (i, of_variant) in data.near.iter().enumerate() {
-            let clips = match of_variant.variant {
-                Variant::Whole => None,
-                Variant::Clipped => Some(Buffer::filled(device, "clips of near records", &of_variant.clips, storage)?),
-            };
-            let records = Buffer::filled(device, "near records", &of_variant.records, storage)?;
-            let lit = match of_variant.lit.is_empty() {
-                true => None,
-                false => Some(Buffer::filled(device, "lit near records", &of_variant.lit, storage)?),
-            };
-            let (variant, is_transparent) = (of_variant.variant, of_variant.is_transparent);
-            let set = |records| records_set(records, clips.as_ref(), variant);
-            let lit_set = lit.as_ref().map(set).transpose()?;
-            near.push(RecordDraw {
-                variant,
-                is_transparent,
-                records: set(&records)?,
-                lit: lit_set,
-                runs: of_variant.runs(),
-                index: scene.segments.len() + i,
-            });
-            buffers.extend([Some(records), lit, clips].into_iter().flatten());
-        }
+        let bound = |reads: &[(u32, Target)]| bound(targets, reads);
+        let segments = segment_sets(device, &sets, inputs, [&drawn, &again], &mut buffers)?;
+        let near = near_draws(device, &sets, inputs, &mut buffers)?;
         buffers.push(again);
         let mut reads = HashMap::new();
         for &draw in draws.iter().filter(|draw| draw.has_reads() && !draw.binds_as_pixel_pass()) {

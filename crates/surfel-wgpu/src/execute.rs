@@ -78,6 +78,59 @@ struct RecordDraw {
     index: usize,
 }
 
+/// Creates the bind groups of each segment of splats; `None` for segments outside of the tile. Both counters count
+/// drawn splats, the second those that are drawn again.
+fn segment_groups(
+    device: &wgpu::Device,
+    queue: &wgpu::Queue,
+    inputs: &TileInputs<'_>,
+    counters: [&wgpu::Buffer; 2],
+) -> Vec<Option<SegmentGroups>> {
+    let TileInputs { scene, pipelines, targets, data, .. } = *inputs;
+    let storage = wgpu::BufferUsages::STORAGE;
+    let sampled = targets.entries(&[(SETUP_STEPS_BINDING, Target::Steps)]);
+    let groups = scene.segments.iter().zip(&data.segments).enumerate().map(|(index, (segment, data))| {
+        let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
+        let chunks = filled(device, queue, "chunks", &data.chunks, storage);
+        let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
+        let setup = counters.map(|counter| {
+            let records = &segment.records;
+            let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
+            let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
+            let buffers: Vec<&wgpu::Buffer> = buffers.into_iter().chain(clips).collect();
+            bind_with(device, "segment", &pipeline.setup_group, &buffers, &sampled)
+        });
+        let group = segment.records.group(device, pipeline, data.variant);
+        let (variant, is_transparent) = (data.variant, data.is_transparent);
+        let runs = data.runs.clone();
+        let drawn = RecordDraw { variant, is_transparent, group, lit_group: None, runs, index };
+        Some(SegmentGroups { setup, drawn })
+    });
+    groups.collect()
+}
+
+/// Creates the draws of records at the near plane.
+fn near_draws(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'_>) -> Vec<RecordDraw> {
+    let TileInputs { scene, pipelines, data, .. } = *inputs;
+    let storage = wgpu::BufferUsages::STORAGE;
+    let draws = data.near.iter().enumerate().filter_map(|(i, near)| {
+        let records = filled(device, queue, "near records", &near.records, storage);
+        let clipped = near.variant == Variant::Clipped;
+        let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
+        let pipeline = pipelines.splats(near.variant)?;
+        let lit_group = (!near.lit.is_empty()).then(|| {
+            let records = filled(device, queue, "lit near records", &near.lit, storage);
+            Records { records, clips: clips.clone() }.group(device, pipeline, near.variant)
+        });
+        let group = Records { records, clips }.group(device, pipeline, near.variant);
+        let (variant, is_transparent) = (near.variant, near.is_transparent);
+        let index = scene.segments.len() + i;
+        let runs = near.runs();
+        Some(RecordDraw { variant, is_transparent, group, lit_group, runs, index })
+    });
+    draws.collect()
+}
+
 impl<'a> Tile<'a> {
     pub(crate) fn new(device: &wgpu::Device, queue: &wgpu::Queue, inputs: &TileInputs<'a>) -> Self {
         let TileInputs { scene, pipelines, targets, frame, data, .. } = *inputs;
@@ -99,41 +152,8 @@ impl<'a> Tile<'a> {
         let setup_frame_group = bind(device, "frame of setup", &pipelines.setup_frame_group, &[uniform, objects]);
         let counter = |label| filled(device, queue, label, &[0], storage | wgpu::BufferUsages::COPY_SRC);
         let (drawn, again) = (counter("drawn"), counter("drawn again"));
-        let sampled = targets.entries(&[(SETUP_STEPS_BINDING, Target::Steps)]);
-        let segments = scene.segments.iter().zip(&data.segments).enumerate().map(|(index, (segment, data))| {
-            let pipeline = pipelines.splats(data.variant).filter(|_| !data.is_outside)?;
-            let chunks = filled(device, queue, "chunks", &data.chunks, storage);
-            let near_bits = filled(device, queue, "near bits", &data.near_bits, storage);
-            let setup = [&drawn, &again].map(|counter| {
-                let records = &segment.records;
-                let buffers = [&segment.uniform, &segment.splats, &chunks, &near_bits, &records.records, counter];
-                let clips = records.clips.iter().filter(|_| data.variant == Variant::Clipped);
-                let buffers: Vec<&wgpu::Buffer> = buffers.into_iter().chain(clips).collect();
-                bind_with(device, "segment", &pipeline.setup_group, &buffers, &sampled)
-            });
-            let group = segment.records.group(device, pipeline, data.variant);
-            let (variant, is_transparent) = (data.variant, data.is_transparent);
-            let runs = data.runs.clone();
-            let drawn = RecordDraw { variant, is_transparent, group, lit_group: None, runs, index };
-            Some(SegmentGroups { setup, drawn })
-        });
-        let segments = segments.collect();
-        let near = data.near.iter().enumerate().filter_map(|(i, near)| {
-            let records = filled(device, queue, "near records", &near.records, storage);
-            let clipped = near.variant == Variant::Clipped;
-            let clips = clipped.then(|| filled(device, queue, "clips of near records", &near.clips, storage));
-            let pipeline = pipelines.splats(near.variant)?;
-            let lit_group = (!near.lit.is_empty()).then(|| {
-                let records = filled(device, queue, "lit near records", &near.lit, storage);
-                Records { records, clips: clips.clone() }.group(device, pipeline, near.variant)
-            });
-            let group = Records { records, clips }.group(device, pipeline, near.variant);
-            let (variant, is_transparent) = (near.variant, near.is_transparent);
-            let index = scene.segments.len() + i;
-            let runs = near.runs();
-            Some(RecordDraw { variant, is_transparent, group, lit_group, runs, index })
-        });
-        let near = near.collect();
+        let segments = segment_groups(device, queue, inputs, [&drawn, &again]);
+        let near = near_draws(device, queue, inputs);
         let polygons = filled(device, queue, "polygons", &data.polygons, storage);
         let polygons_group = bind(device, "polygons", &pipelines.polygons_group, &[&polygons]);
         let balls = filled(device, queue, "balls", &data.balls, storage);

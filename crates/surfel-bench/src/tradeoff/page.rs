@@ -10,8 +10,19 @@ use super::verdict;
 
 /// Returns a self-contained page.
 pub(crate) fn page(findings: &Findings) -> String {
-    let Findings { figures, values, features, planes, formulas, textures, scans, normals, light, others } = findings;
     let mut page = Page::new("Speed against accuracy");
+    introduction(&mut page, &findings.figures);
+    settings(&mut page, findings);
+    options(&mut page, findings);
+    light(&mut page, findings);
+    other_backends(&mut page, findings);
+    subjects(&mut page, &findings.figures);
+    errors(&mut page, &findings.figures);
+    page.html()
+}
+
+/// Writes what the page compares, and the machine.
+fn introduction(page: &mut Page, figures: &Figures) {
     page.paragraph(
         "Surfel draws surfaces as overlapping disks (splats). Its settings trade speed for accuracy. Each image below \
          was drawn with one setting changed and all others as they are by default, timed, and compared twice.",
@@ -37,6 +48,11 @@ pub(crate) fn page(findings: &Findings) -> String {
     if !figures.left_out.is_empty() {
         page.paragraph(&format!("Left out: {}.", figures.left_out.join("; ")));
     }
+}
+
+/// Writes the presets, the settings and the papers' claims.
+fn settings(page: &mut Page, findings: &Findings) {
+    let Findings { figures, values, .. } = findings;
     page.section("Which preset?");
     page.paragraph(
         "A preset is a named choice of settings. Times and errors are over the defaults', geometric means over the \
@@ -55,6 +71,11 @@ pub(crate) fn page(findings: &Findings) -> String {
     page.table(&verdict::levels_of_detail(values));
     page.section("What the papers claim");
     page.table(&verdict::claims(figures));
+}
+
+/// Writes the costs of features, planes and options, and of formulas that no setting chooses.
+fn options(page: &mut Page, findings: &Findings) {
+    let Findings { features, planes, formulas, textures, scans, normals, .. } = findings;
     page.section("What a scene's features cost");
     page.paragraph(&format!(
         "Each feature alone, added to {} white, unlit, opaque disks. Passes, sums (what is added up for a pixel, four \
@@ -100,14 +121,22 @@ pub(crate) fn page(findings: &Findings) -> String {
          colour changes by no more than the angle in radians, and a step of 8-bit colour is 4e-3.",
     );
     page.table(normals);
+}
+
+/// Writes the cost and error of stored light.
+fn light(page: &mut Page, findings: &Findings) {
     page.section("Light of a sky");
     page.paragraph(
         "Light on a floor below a ball of 6000 disks, against the closed form of the ball's form factor. The first row \
          is the default; 'light-directions' sets the number of directions. Times are those of storing the light, once \
          for all images.",
     );
-    page.table(light);
-    for (backend, table) in others {
+    page.table(&findings.light);
+}
+
+/// Writes the fidelity of the other backends.
+fn other_backends(page: &mut Page, findings: &Findings) {
+    for (backend, table) in &findings.others {
         page.section(&format!("Fidelity of {} ({})", backend.name, backend.adapter));
         let software = if backend.is_software {
             " This is software Vulkan: the CPU computes what a graphics card would, so that errors are those of \
@@ -122,6 +151,10 @@ pub(crate) fn page(findings: &Findings) -> String {
         ));
         page.table(table);
     }
+}
+
+/// Writes a chart of each subject.
+fn subjects(page: &mut Page, figures: &Figures) {
     page.section("Subjects");
     page.paragraph(
         "A point is a setting, all others being the defaults': to the left is faster, below is closer to the truth. \
@@ -138,6 +171,10 @@ pub(crate) fn page(findings: &Findings) -> String {
             page.chart(&chart);
         }
     }
+}
+
+/// Writes the model errors of all subjects.
+fn errors(page: &mut Page, figures: &Figures) {
     page.section("Model errors (RMSE)");
     page.table(&verdict::errors(figures, |r| r.model));
     page.section("Model errors without rims (RMSE)");
@@ -146,7 +183,6 @@ pub(crate) fn page(findings: &Findings) -> String {
          by up to its radius, which outweighs all else in whole images; what it is for shows here.",
     );
     page.table(&verdict::errors(figures, |r| r.model_inside));
-    page.html()
 }
 
 /// Index of the palette's black.

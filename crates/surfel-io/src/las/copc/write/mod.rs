@@ -351,19 +351,21 @@ struct Writer<'a> {
     notes: Vec<String>,
 }
 
-impl<'a> Writer<'a> {
-    fn new(
-        inputs: Sources<'_>,
-        folder: &Path,
-        (kept, shard): (Option<&'a Kept>, Option<[u32; 2]>),
-        prepare: Option<Prepare<'a>>,
-        progress: &'a dyn Fn(&'static str, u64, u64),
-        limits: Limits,
-    ) -> Result<Self, Stop> {
-        let opened = open_all(inputs, folder, progress)?;
-        let Some((first, raw)) = opened.first() else {
-            return Err(Stop::Disk(io::Error::other("no input is given")));
-        };
+/// Layout of the records that are sorted and written.
+struct Layout {
+    template: Template,
+    /// Bytes of a sorted record: the standard's fields and the inputs' extra bytes.
+    sorted_bytes: usize,
+    /// Normal components in the inputs' extra bytes: byte offset, type, scale and offset of each.
+    normals: Option<[(usize, u8, f64, f64); 3]>,
+    /// True if Surfel's extra bytes include normals.
+    adds_normals: bool,
+}
+
+impl Layout {
+    /// Returns the layout for inputs like the first one, with the bytes `raw` of its header. With `prepares`, Surfel's
+    /// extra bytes are added.
+    fn of(first: &Input, raw: &[u8], prepares: bool) -> Result<Self, Stop> {
         let records = first.records(raw)?;
         let format = records::target(first.header.format);
         let after = POINT_BYTES[usize::from(first.header.format)];
@@ -379,9 +381,9 @@ impl<'a> Writer<'a> {
             })),
             _ => None,
         };
-        let adds_normals = prepare.is_some() && normals.is_none();
+        let adds_normals = prepares && normals.is_none();
         let described = records.iter().find(|r| r.is("LASF_Spec", 4)).map(|r| r.data.clone()).unwrap_or_default();
-        let (descriptions, added) = descriptions(&described, kept_bytes, prepare.is_some(), adds_normals, format >= 7);
+        let (descriptions, added) = descriptions(&described, kept_bytes, prepares, adds_normals, format >= 7);
         let mut records: Vec<Record> = records.into_iter().filter(|r| !r.is("LASF_Spec", 4)).collect();
         if !descriptions.is_empty() {
             records.push(Record::new("LASF_Spec", 4, descriptions));
@@ -392,42 +394,82 @@ impl<'a> Writer<'a> {
             let problem = Problem::new(what).expected(format!("at most {}, to be written by levels", u16::MAX));
             return Err(invalid(&first.path, problem));
         }
-        let limits = limits.of_points((POINT_BYTES[usize::from(format)] + kept_bytes) as u64);
-        let mut header = raw.clone();
+        let mut header = raw.to_vec();
         header.resize(375, 0);
         let (scale, offset) = (first.header.scale, first.header.offset);
         let extra_bytes = kept_bytes + added;
         let template =
             Template { header, records, format, extra_bytes, scale: scale.to_array(), offset: offset.to_array() };
-        let mut notes = Vec::new();
-        let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
-        let mut inputs: Vec<Input> = Vec::with_capacity(opened.len());
-        for (mut input, raw) in opened {
-            if let Some(first) = inputs.first() {
-                check_alike(first, &input).map_err(|problem| invalid(&input.path, problem))?;
-            }
-            let shifted = shift(scale, offset, input.header.offset);
-            input.shift = shifted.map_err(|problem| invalid(&input.path, problem))?;
-            for k in 0..3 {
-                // Bounds from the header; points outside of them only make the octree larger.
-                let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
-                let ends = ends.map(|v| if v.is_finite() { v - offset[k] } else { 0.0 });
-                (input.low[k], input.high[k]) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
-                if input.header.count > 0 {
-                    (low[k], high[k]) = (low[k].min(input.low[k]), high[k].max(input.high[k]));
-                }
-            }
-            count = count.saturating_add(input.header.count);
-            if matches!(input.header.format, 4 | 5 | 9 | 10) {
-                notes.push(format!("{}: left out its waveforms", input.path.shown()));
-            }
-            inputs.push(input);
-        }
-        if count == 0 {
-            (low, high) = ([0.0; 3], [0.0; 3]);
-        }
-        let mut grid = Grid::new(scale, [low, high], count, (limits.cell_points, limits.most_cells));
         let sorted_bytes = POINT_BYTES[usize::from(format)] + kept_bytes;
+        Ok(Self { template, sorted_bytes, normals, adds_normals })
+    }
+}
+
+/// Inputs, and their extent by their headers.
+struct Gathered {
+    inputs: Vec<Input>,
+    /// Least and largest coordinates relative to the offset of the written file.
+    low: [f64; 3],
+    high: [f64; 3],
+    /// Number of points.
+    count: u64,
+}
+
+/// Checks that the inputs are alike, and finds their shifts and extent.
+fn gather(
+    opened: Vec<(Input, Vec<u8>)>,
+    scale: DVec3,
+    offset: DVec3,
+    notes: &mut Vec<String>,
+) -> Result<Gathered, Stop> {
+    let (mut low, mut high, mut count) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3], 0_u64);
+    let mut inputs: Vec<Input> = Vec::with_capacity(opened.len());
+    for (mut input, raw) in opened {
+        if let Some(first) = inputs.first() {
+            check_alike(first, &input).map_err(|problem| invalid(&input.path, problem))?;
+        }
+        let shifted = shift(scale, offset, input.header.offset);
+        input.shift = shifted.map_err(|problem| invalid(&input.path, problem))?;
+        for k in 0..3 {
+            // Bounds from the header; points outside of them only make the octree larger.
+            let ends = [179, 187].map(|at| f64::from_le_bytes(field(&raw, at + 16 * k)));
+            let ends = ends.map(|v| if v.is_finite() { v - offset[k] } else { 0.0 });
+            (input.low[k], input.high[k]) = (ends[0].min(ends[1]), ends[0].max(ends[1]));
+            if input.header.count > 0 {
+                (low[k], high[k]) = (low[k].min(input.low[k]), high[k].max(input.high[k]));
+            }
+        }
+        count = count.saturating_add(input.header.count);
+        if matches!(input.header.format, 4 | 5 | 9 | 10) {
+            notes.push(format!("{}: left out its waveforms", input.path.shown()));
+        }
+        inputs.push(input);
+    }
+    if count == 0 {
+        (low, high) = ([0.0; 3], [0.0; 3]);
+    }
+    Ok(Gathered { inputs, low, high, count })
+}
+
+impl<'a> Writer<'a> {
+    fn new(
+        inputs: Sources<'_>,
+        folder: &Path,
+        (kept, shard): (Option<&'a Kept>, Option<[u32; 2]>),
+        prepare: Option<Prepare<'a>>,
+        progress: &'a dyn Fn(&'static str, u64, u64),
+        limits: Limits,
+    ) -> Result<Self, Stop> {
+        let opened = open_all(inputs, folder, progress)?;
+        let Some((first, raw)) = opened.first() else {
+            return Err(Stop::Disk(io::Error::other("no input is given")));
+        };
+        let Layout { template, sorted_bytes, normals, adds_normals } = Layout::of(first, raw, prepare.is_some())?;
+        let (scale, offset) = (first.header.scale, first.header.offset);
+        let limits = limits.of_points(sorted_bytes as u64);
+        let mut notes = Vec::new();
+        let Gathered { inputs, low, high, count } = gather(opened, scale, offset, &mut notes)?;
+        let mut grid = Grid::new(scale, [low, high], count, (limits.cell_points, limits.most_cells));
         let laz = template.laz()?;
         let share = shard.map(|shard| Share::new(shard, &inputs, grid, scale));
         let (mut sorted, mut built) = (None, None);
