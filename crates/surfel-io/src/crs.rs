@@ -16,8 +16,19 @@ pub struct Crs {
     pub(crate) wkt: Option<String>,
     /// An EPSG code, if the file states nothing else.
     pub(crate) code: Option<u32>,
-    /// GeoTIFF keys: the key directory, then the doubles and the text that it refers to.
-    pub(crate) geotiff: Option<(Vec<u16>, Vec<f64>, String)>,
+    /// GeoTIFF keys.
+    pub(crate) geotiff: Option<GeoKeys>,
+}
+
+/// GeoTIFF keys of a coordinate reference system.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct GeoKeys {
+    /// Key directory, with its header.
+    pub(crate) directory: Vec<u16>,
+    /// Numbers that keys refer to.
+    pub(crate) doubles: Vec<f64>,
+    /// Text that keys refer to.
+    pub(crate) text: String,
 }
 
 impl Crs {
@@ -39,7 +50,8 @@ impl Crs {
             code: after("crs EPSG:").and_then(|code| code.trim().parse().ok()),
             geotiff: (directory.len() >= 8).then(|| {
                 let doubles = after("crs_geotiff_doubles ").map(numbers).unwrap_or_default();
-                (directory, doubles, after("crs_geotiff_text ").unwrap_or_default().to_owned())
+                let text = after("crs_geotiff_text ").unwrap_or_default().to_owned();
+                GeoKeys { directory, doubles, text }
             }),
         };
         (crs != Self::default()).then_some(crs)
@@ -57,7 +69,7 @@ impl Crs {
 
     /// Returns the value of a GeoTIFF key that is stored in the directory itself.
     fn key(&self, key: u16) -> Option<u16> {
-        let (directory, ..) = self.geotiff.as_ref()?;
+        let directory = &self.geotiff.as_ref()?.directory;
         directory.get(4..)?.chunks_exact(4).find(|e| e[0] == key && e[1] == 0).map(|e| e[3])
     }
 
@@ -65,8 +77,8 @@ impl Crs {
         if let Some(wkt) = &self.wkt {
             return wkt.split('"').nth(1).map(str::to_owned);
         }
-        let (_, _, texts) = self.geotiff.as_ref()?;
-        texts.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
+        let text = &self.geotiff.as_ref()?.text;
+        text.split('|').map(str::trim).find(|text| !text.is_empty()).map(str::to_owned)
     }
 
     /// True if x and y are degrees. EPSG codes alone are recognised if they are in common use.
@@ -119,7 +131,7 @@ impl Crs {
     /// Returns the GeoTIFF 1.1 key directory of an image whose pixels are areas, with the doubles and text that it
     /// refers to. A system that only WKT states is converted to its parameters, or else stored as text as Esri's
     /// programs do.
-    pub(crate) fn image_keys(&self) -> (Vec<u16>, Vec<f64>, String) {
+    pub(crate) fn image_keys(&self) -> GeoKeys {
         let code = |value: Option<u32>| value.and_then(|code| u16::try_from(code).ok()).filter(|code| *code < 32_767);
         let stated = match (&self.wkt, &self.geotiff) {
             (Some(wkt), _) => code(code_of_wkt(wkt, &SYSTEMS)),
@@ -144,7 +156,7 @@ impl Crs {
         made.keys.sort_unstable();
         let mut directory = vec![1, 1, 0, made.keys.len() as u16];
         directory.extend(made.keys.iter().flatten());
-        (directory, made.doubles, made.text)
+        GeoKeys { directory, doubles: made.doubles, text: made.text }
     }
 
     /// Returns a short description: "CRS 'NAD83 / UTM zone 10N' (EPSG:26910)", "no CRS".
@@ -169,13 +181,13 @@ impl Crs {
         if let Some(wkt) = &self.wkt {
             comments.push(format!("crs_wkt {wkt}"));
         }
-        if let Some((directory, doubles, texts)) = &self.geotiff {
+        if let Some(GeoKeys { directory, doubles, text }) = &self.geotiff {
             comments.push(format!("crs_geotiff_keys {}", join(directory.iter().map(u16::to_string).collect())));
             if !doubles.is_empty() {
                 comments.push(format!("crs_geotiff_doubles {}", join(doubles.iter().map(f64::to_string).collect())));
             }
-            if !texts.is_empty() {
-                comments.push(format!("crs_geotiff_text {texts}"));
+            if !text.is_empty() {
+                comments.push(format!("crs_geotiff_text {text}"));
             }
         }
         comments
@@ -256,8 +268,8 @@ fn as_text(wkt: &str) -> Option<Keys> {
 
 /// Returns a GeoTIFF directory with the raster type set to pixel-is-area and the rest unchanged. Keys that refer to
 /// missing values are dropped.
-fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, String) {
-    let (directory, doubles, text) = whole;
+fn pixel_is_area(whole: &GeoKeys) -> GeoKeys {
+    let GeoKeys { directory, doubles, text } = whole;
     let text = wkt::printable(text);
     let fits = |key: &[u16; 4]| {
         let end = usize::from(key[3]) + usize::from(key[2]);
@@ -275,7 +287,7 @@ fn pixel_is_area(whole: &(Vec<u16>, Vec<f64>, String)) -> (Vec<u16>, Vec<f64>, S
     keys.dedup_by_key(|key| key[0]);
     let mut made = vec![1, 1, 0, keys.len() as u16];
     made.extend(keys.iter().flatten());
-    (made, doubles.clone(), text)
+    GeoKeys { directory: made, doubles: doubles.clone(), text }
 }
 
 /// Returns the EPSG code of WKT: `AUTHORITY["EPSG","26910"]` or `ID["EPSG",26910]` of the whole, else of the first part
@@ -323,6 +335,10 @@ fn code_of_wkt(wkt: &str, parts: &[&str]) -> Option<u32> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn geo_keys(directory: Vec<u16>, doubles: Vec<f64>, text: &str) -> GeoKeys {
+        GeoKeys { directory, doubles, text: text.to_owned() }
+    }
 
     #[test]
     fn degrees_are_told_with_where_to_project_them() {
@@ -381,7 +397,7 @@ mod tests {
         let of_keys = |keys: &[[u16; 4]]| {
             let mut directory = vec![1, 1, 0, keys.len() as u16];
             directory.extend(keys.iter().flatten());
-            Crs { geotiff: Some((directory, vec![], String::new())), ..Crs::default() }.is_geographic()
+            Crs { geotiff: Some(geo_keys(directory, vec![], "")), ..Crs::default() }.is_geographic()
         };
         assert!(of_keys(&[[1024, 0, 1, 2]]) && of_keys(&[[2048, 0, 1, 4326]]));
         assert!(
@@ -418,11 +434,11 @@ mod tests {
             PARAMETER["central_meridian",15],UNIT["metre",1]]"#;
         let of_wkt = |text: String| Crs { wkt: Some(text), ..Crs::default() };
         let keys = vec![1, 1, 0, 1, 3073, 34_737, 6, 0];
-        let of_keys = Crs { geotiff: Some((keys, vec![], "a\0\u{e9}\nb|".into())), ..Crs::default() };
+        let of_keys = Crs { geotiff: Some(geo_keys(keys, vec![], "a\0\u{e9}\nb|")), ..Crs::default() };
         let parts = of_wkt(named.replace("UTM 33", "a\0\u{e9}\nb"));
         let whole = of_wkt(named.replace("UTM 33", "a\0\u{e9}\nb").replace("Transverse_Mercator", "Own"));
         for crs in [of_keys, parts, whole] {
-            let (_, _, text) = crs.image_keys();
+            let GeoKeys { text, .. } = crs.image_keys();
             assert!(text.contains("a?? b") && text.chars().all(|c| matches!(c, ' '..='~')), "{text:?}");
         }
     }
@@ -430,12 +446,12 @@ mod tests {
     #[test]
     fn keys_name_the_projected_system() {
         let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 26_915];
-        let crs = Crs { code: None, wkt: None, geotiff: Some((keys, vec![], "NAD83 / UTM 15|".into())) };
+        let crs = Crs { code: None, wkt: None, geotiff: Some(geo_keys(keys, vec![], "NAD83 / UTM 15|")) };
         assert_eq!((crs.epsg(), crs.words().as_str()), (Some(26_915), "CRS 'NAD83 / UTM 15' (EPSG:26915)"));
         assert_eq!(Crs::default().words(), "no CRS");
         // A user-defined projection isn't its geographic base.
         let keys = vec![1, 1, 0, 3, 1024, 0, 1, 1, 2048, 0, 1, 4269, 3072, 0, 1, 32_767];
-        assert_eq!(Crs { geotiff: Some((keys, vec![], String::new())), ..Crs::default() }.epsg(), None);
+        assert_eq!(Crs { geotiff: Some(geo_keys(keys, vec![], "")), ..Crs::default() }.epsg(), None);
     }
 
     #[test]
@@ -444,7 +460,7 @@ mod tests {
         let all = Crs {
             wkt: Some(r#"PROJCS["a b",AUTHORITY["EPSG","26915"]]"#.into()),
             code: Some(26_915),
-            geotiff: Some((keys, vec![0.1, 1e-300], "NAD83 / UTM 15|".into())),
+            geotiff: Some(geo_keys(keys, vec![0.1, 1e-300], "NAD83 / UTM 15|")),
         };
         assert_eq!(Crs::of_comments(&all.comments()), Some(all));
         assert_eq!(Crs::of_comments(&["crs EPSG:x".into(), "other".into()]), None);
@@ -453,8 +469,8 @@ mod tests {
     #[test]
     fn keys_of_images_say_code_model_and_that_pixels_are_areas() {
         let projected = vec![1, 1, 0, 3, 1024, 0, 1, 1, 1025, 0, 1, 1, 3072, 0, 1, 2056];
-        assert_eq!(Crs::of_epsg(2056).image_keys(), (projected, vec![], String::new()));
-        let (geographic, ..) = Crs::of_epsg(4326).image_keys();
+        assert_eq!(Crs::of_epsg(2056).image_keys(), geo_keys(projected, vec![], ""));
+        let geographic = Crs::of_epsg(4326).image_keys().directory;
         assert_eq!(geographic[4..], [1024, 0, 1, 2, 1025, 0, 1, 1, 2048, 0, 1, 4326]);
         // The code of the whole isn't that of a horizontal system, so the codes of its parts are written.
         let wkt = concat!(
@@ -464,24 +480,24 @@ mod tests {
         );
         let crs = Crs { wkt: Some(wkt.into()), ..Crs::default() };
         assert_eq!(crs.epsg(), Some(7415));
-        assert_eq!(crs.image_keys().0[12..], [3072, 0, 1, 28_992, 4096, 0, 1, 5709]);
+        assert_eq!(crs.image_keys().directory[12..], [3072, 0, 1, 28_992, 4096, 0, 1, 5709]);
         // Without a code, the text itself is written.
         let crs = Crs { wkt: Some(r#"PROJCS["mine",GEOGCS["g"]]"#.into()), ..Crs::default() };
-        let (keys, _, text) = crs.image_keys();
+        let GeoKeys { directory: keys, text, .. } = crs.image_keys();
         assert_eq!(text, r#"ESRI PE String = PROJCS["mine",GEOGCS["g"]]|"#);
         assert_eq!(keys[4..8], [1024, 0, 1, 32_767]);
         assert_eq!(keys[12..], [3072, 0, 1, 32_767, 3073, 34_737, text.len() as u16, 0]);
         // Geocentric coordinates have no place in an image.
         let crs = Crs { wkt: Some(r#"GEOCCS["unnamed"]"#.into()), ..Crs::default() };
-        assert_eq!(crs.image_keys(), (vec![1, 1, 0, 1, 1025, 0, 1, 1], vec![], String::new()));
+        assert_eq!(crs.image_keys(), geo_keys(vec![1, 1, 0, 1, 1025, 0, 1, 1], vec![], ""));
     }
 
     #[test]
     fn keys_of_a_file_are_kept_but_for_those_that_point_nowhere() {
         let keys =
             vec![1, 1, 0, 5, 1024, 0, 1, 1, 1025, 0, 1, 2, 3073, 34_737, 4, 0, 3075, 34_737, 9, 0, 3080, 34_736, 1, 0];
-        let crs = Crs { geotiff: Some((keys, vec![500_000.0], "abc|".into())), ..Crs::default() };
+        let crs = Crs { geotiff: Some(geo_keys(keys, vec![500_000.0], "abc|")), ..Crs::default() };
         let expected = vec![1, 1, 0, 4, 1024, 0, 1, 1, 1025, 0, 1, 1, 3073, 34_737, 4, 0, 3080, 34_736, 1, 0];
-        assert_eq!(crs.image_keys(), (expected, vec![500_000.0], "abc|".to_owned()));
+        assert_eq!(crs.image_keys(), geo_keys(expected, vec![500_000.0], "abc|"));
     }
 }

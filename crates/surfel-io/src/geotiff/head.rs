@@ -210,7 +210,7 @@ impl Head<'_> {
         entries.push(Entry::double(33_550, &[image.pixel, image.pixel, 0.0]));
         entries.push(Entry::double(33_922, &[0.0, 0.0, 0.0, left, top, 0.0]));
         let Some(crs) = &image.crs else { return };
-        let (keys, doubles, text) = crs.image_keys();
+        let crate::crs::GeoKeys { directory: keys, doubles, text } = crs.image_keys();
         entries.push(Entry::short(34_735, &keys));
         if !doubles.is_empty() {
             entries.push(Entry::double(34_736, &doubles));

@@ -1,7 +1,7 @@
 //! The public header block and the variable length records of LAS (ASPRS LAS 1.4 R15). Versions 1.0 to 1.3 have fewer
 //! fields. The fields that 1.5 adds after byte 375 don't affect where points are.
 
-use crate::crs::Crs;
+use crate::crs::{Crs, GeoKeys};
 use crate::error::{Location, Problem};
 use crate::survey::{Source, one_line};
 use glam::DVec3;
@@ -256,7 +256,7 @@ impl Header {
             }
         }
         if let Some(keys) = keys {
-            self.crs.geotiff = Some((keys, doubles, texts));
+            self.crs.geotiff = Some(GeoKeys { directory: keys, doubles, text: texts });
         }
         Ok(found)
     }

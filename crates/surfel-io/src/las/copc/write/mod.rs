@@ -451,6 +451,17 @@ fn gather(
     Ok(Gathered { inputs, low, high, count })
 }
 
+/// Octant whose points are built together.
+#[derive(Clone, Copy)]
+struct Octant {
+    /// Level below the root.
+    depth: u32,
+    /// Morton code of the octant at its depth.
+    code: u64,
+    /// Level of a leaf above the octant, if there is one.
+    leaf_at: Option<u32>,
+}
+
 impl<'a> Writer<'a> {
     fn new(
         inputs: Sources<'_>,
@@ -629,7 +640,8 @@ impl<'a> Writer<'a> {
             let leaf_at = (0..frame.depth).find(is_leaf);
             let lists = cells.iter().map(|cell| sorted.take(*cell)).collect();
             let around = cells.iter().map(|cell| margins.take(*cell)).collect();
-            self.part(&frame, (frame.depth, code, leaf_at), (&mut sorted, lists), (&mut margins, around))?;
+            let octant = Octant { depth: frame.depth, code, leaf_at };
+            self.part(&frame, octant, (&mut sorted, lists), (&mut margins, around))?;
         }
         drop((sorted, margins));
         self.make_waiting(&frame)?;
@@ -677,10 +689,11 @@ impl<'a> Writer<'a> {
     fn part<K: Copy + Eq + Hash>(
         &mut self,
         frame: &Frame,
-        (depth, octant, leaf_at): (u32, u64, Option<u32>),
+        octant: Octant,
         (spill, lists): (&mut Spill<K>, Vec<List>),
         (margins, around): (&mut Spill<K>, Vec<List>),
     ) -> Result<(), Stop> {
+        let Octant { depth, code: octant, leaf_at } = octant;
         let size = self.sorted_bytes;
         let bytes = |lists: &[List]| lists.iter().map(|list| list.bytes).sum::<u64>();
         let points = bytes(&lists) / size as u64;
@@ -716,7 +729,8 @@ impl<'a> Writer<'a> {
             octants.sort_unstable();
             for octant in octants {
                 let (lists, around) = (vec![apart.take(octant)], vec![beside.take(octant)]);
-                self.part(frame, (depth + 1, octant, None), (&mut apart, lists), (&mut beside, around))?;
+                let child = Octant { depth: depth + 1, code: octant, leaf_at: None };
+                self.part(frame, child, (&mut apart, lists), (&mut beside, around))?;
             }
             return Ok(());
         }
